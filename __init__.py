@@ -1,0 +1,13 @@
+"""Mirror Scan: a closed, coloured avatar from one depth camera, mirrors and one snapshot."""
+
+
+def register() -> None:
+    from . import mirror_scan_addon
+
+    mirror_scan_addon.register()
+
+
+def unregister() -> None:
+    from . import mirror_scan_addon
+
+    mirror_scan_addon.unregister()
