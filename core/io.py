@@ -1,0 +1,535 @@
+"""Meshes to and from PLY, OBJ and STL files, without Blender.
+
+Whatever is written appears under its name only when it is complete (:func:`replacing`). Whatever is read is taken for
+hostile: a header may promise anything, so counts are held against the bytes that are there before arrays are made.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import secrets
+import shutil
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .errors import CaptureError, MirrorScanError, OutputError
+from .mesh import KIND_NAMES, Mesh
+
+MAX_HEADER_BYTES = 1 << 16
+
+
+@contextlib.contextmanager
+def replacing(path: str | os.PathLike) -> Iterator[Path]:
+    """Name of a temporary file beside ``path`` that takes its place when the block ends well.
+
+    The temporary name keeps the suffix, for writers that go by it. When the block raises, ``path`` keeps what it
+    held and the temporary file is removed. A symbolic link stays a link: the file it names is replaced.
+
+    Raises
+    ------
+    OutputError
+        When the folder is missing or cannot be written to, ``path`` is not a regular file, or the disk is full.
+    """
+    path = Path(path)
+    target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_file():
+        raise OutputError(f"{path}: is not a regular file; give the name of a file to write")
+    if not target.parent.is_dir():
+        raise OutputError(f"{path}: the folder {target.parent} does not exist; create it first")
+    temporary = target.with_name(f".{target.stem[:100]}.{secrets.token_hex(6)}{target.suffix}")
+    try:
+        yield temporary
+        if not temporary.is_file():
+            raise OutputError(f"{path}: its writer made no file")
+        if target.exists():
+            shutil.copymode(target, temporary)
+        os.replace(temporary, target)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_mesh(path: str | os.PathLike, mesh: Mesh) -> None:
+    """Write ``mesh`` as .ply (binary), .obj (with vertex colours) or .stl (binary, geometry only), by suffix.
+
+    PLY holds all a :class:`Mesh` has: ``red green blue`` (uchar) and ``view`` (char) per vertex, ``kind`` (uchar)
+    per face. Coordinates are float32 in PLY and STL (0.1 µm at 2 m), micrometres in OBJ.
+
+    Raises
+    ------
+    OutputError
+        Unknown suffix, coordinates that are not finite, or a file that cannot be written.
+    """
+    path = Path(path)
+    writer = _WRITERS.get(path.suffix.lower())
+    if writer is None:
+        raise OutputError(f"{path}: unknown mesh format “{path.suffix}”; use one of {', '.join(_WRITERS)}")
+    if not np.isfinite(mesh.vertices).all():
+        bad = int((~np.isfinite(mesh.vertices).all(axis=1)).sum())
+        raise OutputError(f"{path}: {bad} of {len(mesh.vertices)} vertices are not finite; nothing was written")
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        file.writelines(writer(mesh))
+
+
+def read_mesh(path: str | os.PathLike) -> Mesh:
+    """Read a .ply (ascii or binary), .obj or .stl (ascii or binary) file; polygons become triangle fans.
+
+    Returns
+    -------
+    Mesh
+        ``colors``, ``view`` and ``kind`` where the file has them. STL vertices that coincide exactly are merged.
+        No triangles when the file holds a point cloud.
+
+    Raises
+    ------
+    CaptureError
+        Missing or malformed file, counts the file cannot hold, indices out of range, coordinates that are not finite.
+    """
+    path = Path(path)
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise CaptureError(f"{path}: unknown mesh format “{path.suffix}”; use one of {', '.join(_READERS)}")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise CaptureError(f"{path}: cannot be read: {error.strerror or error}") from error
+    try:
+        mesh = reader(data)
+    except MirrorScanError as error:
+        raise CaptureError(f"{path}: {error}") from error
+    if not len(mesh.vertices):
+        raise CaptureError(f"{path}: holds no vertices")
+    if not np.isfinite(mesh.vertices).all():
+        bad = int((~np.isfinite(mesh.vertices).all(axis=1)).sum())
+        raise CaptureError(f"{path}: {bad} of {len(mesh.vertices)} vertices are not finite numbers; repair the mesh")
+    return mesh
+
+
+# --- PLY -------------------------------------------------------------------------------------------------------------
+
+_PLY_TYPES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
+    "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
+    "float32": "f4", "float64": "f8",
+}  # fmt: skip
+_STRUCT_CODES = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I"}
+
+
+@dataclass
+class _Property:
+    name: str
+    type: str  # numpy code without byte order
+    count_type: str | None = None  # of a list; None for a scalar
+
+
+@dataclass
+class _Element:
+    name: str
+    count: int
+    properties: list[_Property]
+
+
+# A list property as read: row lengths (N,) and, for each length, (rows, values (len(rows), length)).
+_Lists = tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]
+
+
+def _write_ply(mesh: Mesh) -> Iterator[bytes | memoryview]:
+    vertex_fields: list[tuple] = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+    if mesh.colors is not None:
+        vertex_fields += [("red", "u1"), ("green", "u1"), ("blue", "u1")]
+    if mesh.view is not None:
+        vertex_fields += [("view", "i1")]
+    face_fields: list[tuple] = [("count", "u1"), ("vertex_indices", "<i4", (3,))]
+    if mesh.kind is not None:
+        face_fields += [("kind", "u1")]
+    names = {"<f4": "float", "u1": "uchar", "i1": "char"}
+    header = ["ply", "format binary_little_endian 1.0", "comment Mirror Scan, metres"]
+    if mesh.view is not None:
+        header.append("comment view: 0 seen directly, N seen through mirror N, -1 made up")
+    if mesh.kind is not None:
+        header.append("comment kind: " + ", ".join(f"{i} {name}" for i, name in enumerate(KIND_NAMES)))
+    header.append(f"element vertex {len(mesh.vertices)}")
+    header += [f"property {names[kind]} {name}" for name, kind in vertex_fields]
+    header += [f"element face {len(mesh.triangles)}", "property list uchar int vertex_indices"]
+    header += ["property uchar kind"] if mesh.kind is not None else []
+    yield ("\n".join(header) + "\nend_header\n").encode("ascii")
+
+    vertices = np.empty(len(mesh.vertices), dtype=vertex_fields)
+    for axis, name in enumerate("xyz"):
+        vertices[name] = mesh.vertices[:, axis]
+    if mesh.colors is not None:
+        for channel, name in enumerate(("red", "green", "blue")):
+            vertices[name] = mesh.colors[:, channel]
+    if mesh.view is not None:
+        vertices["view"] = mesh.view
+    yield vertices.tobytes()
+
+    faces = np.empty(len(mesh.triangles), dtype=face_fields)
+    faces["count"] = 3
+    faces["vertex_indices"] = mesh.triangles
+    if mesh.kind is not None:
+        faces["kind"] = mesh.kind
+    yield faces.tobytes()
+
+
+def _read_ply(data: bytes) -> Mesh:
+    layout, elements, start = _parse_ply_header(data)
+    vertices = faces = None
+    if layout == "ascii":
+        source: _AsciiBody | _BinaryBody = _AsciiBody(data[start:])
+    else:
+        source = _BinaryBody(data, start, "<" if layout == "binary_little_endian" else ">")
+    for element in elements:
+        content = source.read(element)
+        if element.name == "vertex" and vertices is None:
+            vertices = content
+        elif element.name == "face" and faces is None:
+            faces = content
+    if vertices is None:
+        raise CaptureError("has no element “vertex”; this is not a mesh")
+    missing = [axis for axis in "xyz" if not isinstance(vertices.get(axis), np.ndarray)]
+    if missing:
+        raise CaptureError(f"vertices have no property {', '.join(missing)}")
+    points = np.stack([vertices[axis] for axis in "xyz"], axis=1).astype(np.float64)
+
+    triangles, kind = np.empty((0, 3), np.int32), None
+    if faces:
+        polygons = faces.get("vertex_indices", faces.get("vertex_index"))
+        if not isinstance(polygons, tuple):
+            raise CaptureError("faces have no list property “vertex_indices”")
+        triangles, rows = _triangulate(polygons, len(points))
+        if isinstance(faces.get("kind"), np.ndarray):
+            kind = faces["kind"][rows].astype(np.int8)
+    view = vertices.get("view")
+    return Mesh(
+        points, triangles, colors=_ply_colors(vertices), kind=kind,
+        view=view.astype(np.int8) if isinstance(view, np.ndarray) else None,
+    )  # fmt: skip
+
+
+def _parse_ply_header(data: bytes) -> tuple[str, list[_Element], int]:
+    """Layout, elements and where the body starts."""
+    head = data[:MAX_HEADER_BYTES]
+    if not re.match(rb"ply[ \t]*\r?\n", head):
+        raise CaptureError("is not a PLY file: it does not begin with “ply”")
+    end = re.search(rb"\nend_header[ \t]*(\r\n|\n|\r)", head)
+    if end is None:
+        raise CaptureError("PLY header has no “end_header”; the file is truncated or damaged")
+    layout, elements = "", []
+    for number, line in enumerate(head[: end.start()].decode("latin-1").splitlines(), start=1):
+        words = line.split()
+        match words:
+            case [] | ["ply"] | ["comment", *_] | ["obj_info", *_]:
+                continue
+            case ["format", ("ascii" | "binary_little_endian" | "binary_big_endian") as layout, "1.0"]:
+                continue
+            case ["element", name, count] if count.isascii() and count.isdigit() and len(count) <= 18:
+                elements.append(_Element(name, int(count), []))
+            case ["property", "list", count_type, value_type, name] if elements and value_type in _PLY_TYPES:
+                code = _PLY_TYPES.get(count_type, "")
+                if code not in _STRUCT_CODES:
+                    raise CaptureError(f"PLY header line {number}: a list cannot be counted in “{count_type}”")
+                elements[-1].properties.append(_Property(name, _PLY_TYPES[value_type], code))
+            case ["property", value_type, name] if elements and value_type in _PLY_TYPES:
+                elements[-1].properties.append(_Property(name, _PLY_TYPES[value_type]))
+            case _:
+                raise CaptureError(f"PLY header line {number} is not understood: “{line.strip()[:80]}”")
+    if not layout:
+        raise CaptureError("PLY header has no “format” line")
+    for element in elements:
+        names = [p.name for p in element.properties]
+        if len(set(names)) != len(names):
+            raise CaptureError(f"PLY element “{element.name}” has two properties of one name")
+        if element.count and not names:
+            raise CaptureError(f"PLY element “{element.name}” has no properties")
+    return layout, elements, end.end()
+
+
+class _BinaryBody:
+    """Reads elements one after another from the bytes behind the header."""
+
+    def __init__(self, data: bytes, start: int, order: str) -> None:
+        self.data, self.position, self.order = data, start, order
+
+    def _dtype(self, element: _Element, lengths: tuple[int, ...]) -> np.dtype:
+        """Row of ``element`` when its lists have these lengths."""
+        fields, rest = [], iter(lengths)
+        for i, prop in enumerate(element.properties):
+            if prop.count_type is None:
+                fields.append((f"p{i}", self.order + prop.type))
+            else:
+                fields.append((f"n{i}", self.order + prop.count_type))
+                fields.append((f"p{i}", self.order + prop.type, (next(rest),)))
+        return np.dtype(fields)
+
+    def read(self, element: _Element) -> dict[str, np.ndarray | _Lists]:
+        lists = [i for i, p in enumerate(element.properties) if p.count_type is not None]
+        if not element.count:
+            return {}
+        least = self._dtype(element, (0,) * len(lists)).itemsize
+        if element.count * least > len(self.data) - self.position:
+            raise CaptureError(
+                f"header promises {element.count} of “{element.name}”, but the file is too short for them; "
+                "it is truncated or damaged"
+            )
+        if not lists:
+            rows = np.frombuffer(self.data, self._dtype(element, ()), element.count, self.position)
+            self.position += rows.nbytes
+            return {p.name: rows[f"p{i}"] for i, p in enumerate(element.properties)}
+        return self._read_uniform(element, lists) or self._read_ragged(element, lists)
+
+    def _read_uniform(self, element: _Element, lists: list[int]) -> dict | None:
+        """All rows at once when every row's lists are as long as the first row's; None when they are not."""
+        lengths = self._row_lengths(element, self.position)[0]
+        dtype = self._dtype(element, lengths)
+        if element.count * dtype.itemsize > len(self.data) - self.position:
+            return None
+        rows = np.frombuffer(self.data, dtype, element.count, self.position)
+        if any((rows[f"n{i}"] != length).any() for i, length in zip(lists, lengths, strict=True)):
+            return None
+        self.position += rows.nbytes
+        content: dict = {}
+        for i, prop in enumerate(element.properties):
+            content[prop.name] = rows[f"p{i}"]
+            if prop.count_type is not None:
+                everything = np.arange(element.count)
+                content[prop.name] = (rows[f"n{i}"].astype(np.int64), [(everything, rows[f"p{i}"])])
+        return content
+
+    def _row_lengths(self, element: _Element, position: int) -> tuple[tuple[int, ...], int]:
+        """List lengths of the row at ``position``, and where the next row starts."""
+        lengths = []
+        for prop in element.properties:
+            if prop.count_type is not None:
+                code = self.order + _STRUCT_CODES[prop.count_type]
+                if position + struct.calcsize(code) > len(self.data):
+                    raise CaptureError(f"ends within “{element.name}”; it is truncated or damaged")
+                length = struct.unpack_from(code, self.data, position)[0]
+                if length < 0:
+                    raise CaptureError(f"“{element.name}” has a list of {length} values; the file is damaged")
+                lengths.append(length)
+                position += struct.calcsize(code) + length * int(prop.type[1])
+            else:
+                position += int(prop.type[1])
+        if position > len(self.data):
+            raise CaptureError(f"ends within “{element.name}”; it is truncated or damaged")
+        return tuple(lengths), position
+
+    def _read_ragged(self, element: _Element, lists: list[int]) -> dict:
+        """Walk the rows for their starts, then gather rows of like lengths together."""
+        groups: dict[tuple[int, ...], list[tuple[int, int]]] = {}
+        position = self.position
+        for row in range(element.count):
+            lengths, following = self._row_lengths(element, position)
+            groups.setdefault(lengths, []).append((row, position))
+            position = following
+        self.position = position
+
+        content: dict = {}
+        for prop in element.properties:
+            if prop.count_type is None:
+                content[prop.name] = np.empty(element.count, self.order + prop.type)
+            else:
+                content[prop.name] = (np.empty(element.count, np.int64), [])
+        octets = np.frombuffer(self.data, np.uint8)
+        for lengths, where in groups.items():
+            rows, starts = np.array(where).T
+            dtype = self._dtype(element, lengths)
+            packed = octets[starts[:, None] + np.arange(dtype.itemsize)].view(dtype)[:, 0]
+            for i, prop in enumerate(element.properties):
+                if prop.count_type is None:
+                    content[prop.name][rows] = packed[f"p{i}"]
+                else:
+                    content[prop.name][0][rows] = lengths[lists.index(i)]
+                    content[prop.name][1].append((rows, packed[f"p{i}"]))
+        return content
+
+
+class _AsciiBody:
+    """Reads elements one after another from whitespace-separated numbers."""
+
+    def __init__(self, text: bytes) -> None:
+        try:
+            self.values = np.array(list(map(float, text.split())))
+        except ValueError as error:
+            raise CaptureError("ascii PLY holds something that is not a number") from error
+        self.position = 0
+
+    def read(self, element: _Element) -> dict[str, np.ndarray | _Lists]:
+        rows, width = element.count, len(element.properties)
+        if not rows:
+            return {}
+        if rows * width > len(self.values) - self.position:
+            raise CaptureError(
+                f"header promises {rows} of “{element.name}”, but the file is too short for them; "
+                "it is truncated or damaged"
+            )
+        if all(p.count_type is None for p in element.properties):
+            table = self.values[self.position : self.position + rows * width].reshape(rows, width)
+            self.position += table.size
+            return {p.name: table[:, i] for i, p in enumerate(element.properties)}
+
+        columns: list[list[int]] = [[] for _ in element.properties]  # where each value, or each list's count, stands
+        position, numbers = self.position, self.values
+        for _ in range(rows):
+            for column, prop in zip(columns, element.properties, strict=True):
+                column.append(position)
+                if position >= len(numbers):
+                    raise CaptureError(f"ends within “{element.name}”; it is truncated or damaged")
+                if prop.count_type is not None:
+                    length = numbers[position]
+                    if not 0 <= length <= len(numbers) - position - 1:
+                        raise CaptureError(f"“{element.name}” has a list longer than the file, or of negative length")
+                    position += int(length)
+                position += 1
+        self.position = position
+        content: dict = {}
+        for column, prop in zip(columns, element.properties, strict=True):
+            starts = np.array(column)
+            content[prop.name] = numbers[starts]
+            if prop.count_type is not None:
+                lengths = numbers[starts].astype(np.int64)
+                groups = [(r := np.flatnonzero(lengths == n), numbers[starts[r, None] + 1 + np.arange(n)])
+                          for n in np.unique(lengths)]  # fmt: skip
+                content[prop.name] = (lengths, groups)
+        return content
+
+
+def _ply_colors(vertices: dict) -> np.ndarray | None:
+    for names in (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b")):
+        if all(isinstance(vertices.get(name), np.ndarray) for name in names):
+            channels = np.stack([vertices[name] for name in names], axis=1)
+            # Types tell the range; ascii values come as float64 whatever was declared, so look at them.
+            if channels.dtype.kind == "f" and channels.size and np.nanmax(channels) <= 1:
+                channels = channels * 255.0
+            elif channels.dtype.itemsize == 2:
+                channels = channels / 257.0
+            return np.rint(np.clip(np.nan_to_num(channels), 0, 255)).astype(np.uint8)
+    return None
+
+
+def _triangulate(polygons: _Lists, n_vertices: int) -> tuple[np.ndarray, np.ndarray]:
+    """Fans of polygons, in the order of the file: triangles (T, 3) int32 and the row each came from (T,)."""
+    fans, origins = [], []
+    for rows, indices in polygons[1]:
+        sides = indices.shape[1]
+        if sides and (~(indices >= 0) | ~(indices < n_vertices)).any():
+            raise CaptureError(f"a face names a vertex outside 0…{n_vertices - 1}; the file is damaged")
+        if sides < 3:
+            continue
+        corners = np.arange(1, sides - 1)
+        fan = np.empty((len(rows), sides - 2, 3), np.int32)
+        fan[..., 0] = indices[:, :1]
+        fan[..., 1] = indices[:, corners]
+        fan[..., 2] = indices[:, corners + 1]
+        fans.append(fan.reshape(-1, 3))
+        origins.append(np.repeat(rows, sides - 2))
+    if not fans:
+        return np.empty((0, 3), np.int32), np.empty(0, np.int64)
+    origin = np.concatenate(origins)
+    order = np.argsort(origin, kind="stable")
+    return np.concatenate(fans)[order], origin[order]
+
+
+# --- OBJ -------------------------------------------------------------------------------------------------------------
+
+
+def _write_obj(mesh: Mesh) -> Iterator[bytes]:
+    yield b"# Mirror Scan, metres; vertex colours behind the coordinates, 0..1\no Avatar\n"
+    table, line = mesh.vertices, "v %.6f %.6f %.6f\n"
+    if mesh.colors is not None:
+        table, line = np.hstack((mesh.vertices, mesh.colors / 255.0)), "v %.6f %.6f %.6f %.4f %.4f %.4f\n"
+    yield from _format_rows(line, table)
+    yield from _format_rows("f %d %d %d\n", mesh.triangles.astype(np.int64) + 1)
+
+
+def _format_rows(line: str, table: np.ndarray, block: int = 20_000) -> Iterator[bytes]:
+    """Rows of ``table`` through one format string, a block at a time."""
+    for start in range(0, len(table), block):
+        rows = table[start : start + block]
+        yield ((line * len(rows)) % tuple(rows.ravel().tolist())).encode("ascii")
+
+
+def _read_obj(data: bytes) -> Mesh:
+    lines = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines()
+    vertex_lines = [i for i, line in enumerate(lines) if line.startswith((b"v ", b"v\t"))]
+    face_lines = [i for i, line in enumerate(lines) if line.startswith((b"f ", b"f\t"))]
+    words = [lines[i].split() for i in vertex_lines]
+    widths = np.array([len(row) - 1 for row in words], dtype=np.int64)
+    if len(widths) and widths.min() < 3:
+        raise CaptureError(f"line {vertex_lines[int(widths.argmin())] + 1}: a vertex needs three coordinates")
+    try:
+        points = np.array([float(w) for row in words for w in row[1:4]]).reshape(-1, 3)
+        colors = None
+        if len(widths) and widths.min() >= 6:
+            shades = np.array([float(w) for row in words for w in row[4:7]]).reshape(-1, 3)
+            colors = np.rint(np.clip(np.nan_to_num(shades), 0, 1) * 255).astype(np.uint8)
+        corners = [lines[i].split()[1:] for i in face_lines]
+        flat = np.array([int(w.partition(b"/")[0]) for row in corners for w in row], dtype=np.int64)
+    except (ValueError, OverflowError) as error:
+        raise CaptureError("a vertex or face line of the OBJ file holds something that is not a number") from error
+
+    lengths = np.array([len(row) for row in corners], dtype=np.int64)
+    starts = np.concatenate(([0], np.cumsum(lengths)))[:-1].astype(np.int64)
+    # Positive indices count from 1; negative ones back from the last vertex above the face.
+    seen = np.searchsorted(np.array(vertex_lines, dtype=np.int64), np.array(face_lines, dtype=np.int64))
+    flat = np.where(flat < 0, flat + np.repeat(seen, lengths), np.where(flat == 0, -1, flat - 1))
+    groups = [(r := np.flatnonzero(lengths == n), flat[starts[r, None] + np.arange(n)]) for n in np.unique(lengths)]
+    return Mesh(points, _triangulate((lengths, groups), len(points))[0], colors=colors)
+
+
+# --- STL -------------------------------------------------------------------------------------------------------------
+
+_STL_ROW = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+def _write_stl(mesh: Mesh) -> Iterator[bytes]:
+    corners = mesh.vertices[mesh.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    rows = np.zeros(len(corners), _STL_ROW)
+    rows["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+    rows["corners"] = corners
+    yield b"Mirror Scan, metres".ljust(80) + struct.pack("<I", len(corners))
+    yield rows.tobytes()
+
+
+def _read_stl(data: bytes) -> Mesh:
+    count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else -1
+    if count >= 0 and len(data) >= 84 + count * _STL_ROW.itemsize and not _is_ascii_stl(data):
+        corners = np.frombuffer(data, _STL_ROW, count, 84)["corners"].reshape(-1, 3)
+    elif _is_ascii_stl(data):
+        words = data.split()
+        at = [i for i, word in enumerate(words) if word == b"vertex"]
+        try:
+            corners = np.array([float(w) for i in at for w in words[i + 1 : i + 4]], np.float32)
+        except ValueError as error:
+            raise CaptureError("a vertex of the ascii STL file holds something that is not a number") from error
+        if corners.size != 3 * len(at) or len(at) % 3:
+            raise CaptureError("ascii STL ends within a facet; it is truncated or damaged")
+        corners = corners.reshape(-1, 3)
+    else:
+        raise CaptureError("is no STL file, or it is truncated: its length does not fit the number of triangles in it")
+    if not np.isfinite(corners).all():
+        raise CaptureError("some coordinates are not finite numbers; repair the mesh")
+    keys = np.ascontiguousarray(corners + np.float32(0)).view("V12").ravel()  # + 0 makes -0 and 0 one vertex
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    triangles = inverse.reshape(-1, 3).astype(np.int32)
+    a, b, c = triangles.T
+    return Mesh(corners[first].astype(np.float64), triangles[(a != b) & (b != c) & (c != a)])
+
+
+def _is_ascii_stl(data: bytes) -> bool:
+    return data[:5] == b"solid" and re.search(rb"\bfacet\s+normal\b|\bendsolid\b", data[:4096]) is not None
+
+
+_WRITERS = {".ply": _write_ply, ".obj": _write_obj, ".stl": _write_stl}
+_READERS = {".ply": _read_ply, ".obj": _read_obj, ".stl": _read_stl}
+MESH_SUFFIXES = tuple(_WRITERS)
