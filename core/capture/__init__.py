@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from ..camera import Intrinsics
+from ..errors import CaptureError
 
 
 @dataclass(frozen=True)
@@ -47,3 +50,32 @@ class Capture:
     mirrors: tuple[MirrorPicks, ...] = field(default=())
     name: str = "capture"
     format: str = "unknown"
+
+
+def open_capture(path: str | os.PathLike, frames: int | None = None) -> Capture:
+    """Read what a depth camera wrote, whatever the format; the content decides, not the name.
+
+    Parameters
+    ----------
+    path : path
+        An RGB-D folder (:mod:`.rgbd_folder`).
+    frames : int or None
+        Read only that many depth frames from the start of a burst; None reads all.
+
+    Raises
+    ------
+    CaptureError, MirrorError
+        When nothing is there, no reader knows it, or its content is at fault.
+    """
+    from . import rgbd_folder  # readers import this module for its types
+
+    readers = (rgbd_folder,)  # a reader has recognises(path) and read(path, frames)
+    path = Path(path)
+    if frames is not None and frames < 1:
+        raise CaptureError(f"{path}: at least one frame must be read, not {frames}")
+    if not path.exists():
+        raise CaptureError(f"{path}: there is no such file or folder")
+    for reader in readers:
+        if reader.recognises(path):
+            return reader.read(path, frames)
+    raise CaptureError(f"{path}: is not a capture; give a folder that holds intrinsic.json and depth/*.png")

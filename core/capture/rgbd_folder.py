@@ -1,0 +1,324 @@
+"""RGB-D folder (the convention of Open3D's recorders): ``intrinsic.json``, ``depth/``, ``color/``, ``mirrors.json``.
+
+Every check answers in one line that names the file, what is wrong with it and what to do.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ..camera import Intrinsics
+from ..errors import CaptureError, MirrorError, MirrorScanError
+from ..images import read_image
+from . import Capture, MirrorPicks
+
+FORMAT = "RGB-D folder"
+INTRINSIC_NAMES = ("intrinsic.json", "camera_intrinsic.json")
+COLOR_SUFFIXES = (".png", ".jpg", ".jpeg")
+DEFAULT_DEPTH_SCALE = 1000.0  # depth units per metre
+MAX_BURST_PIXELS = 256_000_000  # 1 GB as float32; about 800 frames of 640 x 480
+MAX_JSON_BYTES = 16_000_000
+MAX_MIRRORS = 100  # a view is numbered by an int8
+
+
+def recognises(path: Path) -> bool:
+    """Whether ``path`` is a folder that holds any part of an RGB-D capture."""
+    return path.is_dir() and ((path / "depth").is_dir() or any((path / name).is_file() for name in INTRINSIC_NAMES))
+
+
+def read(path: Path, frames: int | None = None) -> Capture:
+    """Read an RGB-D folder.
+
+    Parameters
+    ----------
+    path : Path
+        The folder.
+    frames : int or None
+        Read only that many depth frames from the start; None reads all.
+
+    Returns
+    -------
+    Capture
+        ``mirrors`` as ``mirrors.json`` has them, empty without that file.
+
+    Raises
+    ------
+    CaptureError, MirrorError
+        See the module's first line.
+    """
+    intrinsics, scale = read_intrinsics(_intrinsic_file(path))
+    depth_files = _images(path / "depth", (".png",))
+    if not depth_files:
+        raise CaptureError(f"{path / 'depth'}: holds no PNG; put the depth frames there (16 bit, millimetres)")
+    depth = _read_depth(depth_files[:frames], intrinsics, scale)
+    color_files = _images(path / "color", COLOR_SUFFIXES)
+    color = _read_color(color_files[0], intrinsics) if color_files else None
+    mirror_file = path / "mirrors.json"
+    mirrors = read_mirrors(mirror_file, intrinsics) if mirror_file.exists() else ()
+    return Capture(depth, color, intrinsics, mirrors, name=path.resolve().name, format=FORMAT)
+
+
+def read_intrinsics(path: str | os.PathLike) -> tuple[Intrinsics, float]:
+    """Intrinsics and depth units per metre (key ``depth_scale``, default 1000) of an ``intrinsic.json``.
+
+    ``intrinsic_matrix`` is nine numbers column by column, as Open3D writes it, or three rows of three.
+
+    Raises
+    ------
+    CaptureError
+        Unreadable JSON, a missing key, or values no pinhole camera has.
+    """
+    path = Path(path)
+    content = _load_json(path, CaptureError)
+    if not isinstance(content, dict):
+        raise CaptureError(f"{path}: must be a JSON object with width, height and intrinsic_matrix")
+    missing = [key for key in ("width", "height", "intrinsic_matrix") if key not in content]
+    if missing:
+        raise CaptureError(f"{path}: {', '.join(missing)} missing; write the values your camera's software gives")
+    size = []
+    for key in ("width", "height"):
+        value = _number(content[key])
+        if not (value >= 1 and value == int(value)):
+            raise CaptureError(f"{path}: {key} must be a positive whole number of pixels, not {_short(content[key])}")
+        size.append(int(value))
+    fx, fy, cx, cy = _pinhole(path, content["intrinsic_matrix"])
+    _check_plausible(path, size[0], size[1], fx, fy, cx, cy)
+    scale = _number(content.get("depth_scale", DEFAULT_DEPTH_SCALE))
+    if not 0 < scale < math.inf:
+        raise CaptureError(
+            f"{path}: depth_scale must be a positive number of depth units per metre (1000 for millimetres), "
+            f"not {_short(content['depth_scale'])}"
+        )
+    return Intrinsics(size[0], size[1], fx, fy, cx, cy), scale
+
+
+def read_mirrors(path: str | os.PathLike, intrinsics: Intrinsics | None = None) -> tuple[MirrorPicks, ...]:
+    """What a ``mirrors.json`` says of the mirrors; with ``intrinsics``, picks are held against the image size.
+
+    Raises
+    ------
+    MirrorError
+        Unreadable JSON, wrong structure, values that are not finite numbers, fewer than three different picks on a
+        mirror, picks outside the image, or a plane without a direction.
+    """
+    path = Path(path)
+    content = _load_json(path, MirrorError)
+    entries = content.get("mirrors") if isinstance(content, dict) else None
+    if not isinstance(entries, list):
+        raise MirrorError(f'{path}: must be a JSON object with a list: {{"mirrors": [...]}}')
+    if len(entries) > MAX_MIRRORS:
+        raise MirrorError(f"{path}: names {len(entries)} mirrors; at most {MAX_MIRRORS} can be told apart")
+    mirrors = tuple(_mirror(path, i, entry, intrinsics) for i, entry in enumerate(entries, start=1))
+    names = [mirror.name for mirror in mirrors]
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise MirrorError(f"{path}: two mirrors are named “{repeated[0]}”; give each its own name")
+    return mirrors
+
+
+def _intrinsic_file(folder: Path) -> Path:
+    for name in INTRINSIC_NAMES:
+        if (folder / name).is_file():
+            return folder / name
+    raise CaptureError(
+        f"{folder / INTRINSIC_NAMES[0]}: is missing; it gives width, height and intrinsic_matrix of the depth camera"
+    )
+
+
+def _images(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
+    """Image files of a folder in natural order (2 before 10); none when there is no such folder."""
+    if not folder.is_dir():
+        return []
+    try:
+        files = [p for p in folder.iterdir() if p.suffix.lower() in suffixes and not p.name.startswith(".")]
+    except OSError as error:
+        raise CaptureError(f"{folder}: cannot be listed: {error.strerror or error}") from error
+    return sorted(files, key=lambda p: [(int(s), "") if s.isdecimal() else (-1, s) for s in re.split(r"(\d+)", p.name)])
+
+
+def _read_depth(files: list[Path], intrinsics: Intrinsics, scale: float) -> np.ndarray:
+    """Frames (F, H, W) float32 [m]."""
+    width, height = intrinsics.width, intrinsics.height
+    depth = None
+    for i, file in enumerate(files):
+        frame = read_image(file)
+        if frame.ndim != 2 or frame.dtype != np.uint16:
+            bits = {"uint8": 8, "uint16": 16}.get(frame.dtype.name, 32)
+            channels = "gray" if frame.ndim == 2 else f"{frame.shape[2]}-channel"
+            raise CaptureError(
+                f"{file}: is a {bits}-bit {channels} image; depth must be 16-bit gray, in millimetres. "
+                "Save the frame again without converting it"
+            )
+        if frame.shape != (height, width):
+            other = f"{files[0].name} and intrinsic.json have" if i else "intrinsic.json says"
+            raise CaptureError(
+                f"{file}: is {frame.shape[1]}×{frame.shape[0]} pixels, but {other} {width}×{height}; "
+                + ("keep frames of one size only" if i else "give the intrinsics of this resolution")
+            )
+        if depth is None:
+            if len(files) * width * height > MAX_BURST_PIXELS:
+                raise CaptureError(
+                    f"{file.parent}: {len(files)} frames of {width}×{height} are more than memory should hold; "
+                    f"keep the first {max(1, MAX_BURST_PIXELS // (width * height))} or fewer"
+                )
+            depth = np.empty((len(files), height, width), np.float32)
+        np.divide(frame, np.float32(scale), out=depth[i])
+    if depth is None or not depth.any():
+        raise CaptureError(
+            f"{files[0].parent}: no pixel of {len(files)} frame{'s' if len(files) > 1 else ''} has a depth reading; "
+            "check that the depth stream was on and record again"
+        )
+    return depth
+
+
+def _read_color(file: Path, intrinsics: Intrinsics) -> np.ndarray:
+    """Colour (H, W, 3) uint8; gray is repeated, alpha dropped, 16 bit cut to 8."""
+    color = read_image(file)
+    if color.shape[:2] != (intrinsics.height, intrinsics.width):
+        raise CaptureError(
+            f"{file}: is {color.shape[1]}×{color.shape[0]} pixels, but depth has "
+            f"{intrinsics.width}×{intrinsics.height}; align colour to depth when recording, "
+            "or remove the color folder to go without"
+        )
+    if color.dtype == np.uint16:
+        color = (color >> 8).astype(np.uint8)
+    elif color.dtype != np.uint8:
+        raise CaptureError(f"{file}: colour must have 8 or 16 bits a channel; save it as an ordinary PNG or JPEG")
+    if color.ndim == 2 or color.shape[2] < 3:
+        color = np.repeat((color if color.ndim == 2 else color[..., 0])[..., None], 3, axis=2)
+    return np.ascontiguousarray(color[..., :3])
+
+
+def _load_json(path: Path, error_type: type[MirrorScanError]) -> object:
+    try:
+        if path.stat().st_size > MAX_JSON_BYTES:
+            raise error_type(f"{path}: is far too large for what it should hold; is it the right file?")
+        return json.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise error_type(f"{path}: cannot be read: {error.strerror or error}") from error
+    except json.JSONDecodeError as error:
+        raise error_type(f"{path}: is not valid JSON (line {error.lineno}: {error.msg}); correct that line") from error
+    except (ValueError, RecursionError) as error:  # not UTF-8, endless digits, endless nesting
+        raise error_type(f"{path}: is not valid JSON ({type(error).__name__}); write it again") from error
+
+
+def _number(value: object) -> float:
+    """``value`` as float; NaN for what is no number (JSON's true is none either)."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return math.nan
+    try:
+        number = float(value)
+    except OverflowError:
+        return math.nan
+    return number if math.isfinite(number) else math.nan
+
+
+def _numbers(value: object, count: int) -> np.ndarray | None:
+    """``value`` as ``count`` finite numbers, or None."""
+    if not isinstance(value, list) or len(value) != count:
+        return None
+    numbers = np.array([_number(v) for v in value])
+    return numbers if np.isfinite(numbers).all() else None
+
+
+def _short(value: object) -> str:
+    text = json.dumps(value, ensure_ascii=True)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _pinhole(path: Path, value: object) -> tuple[float, float, float, float]:
+    """fx, fy, cx, cy of ``intrinsic_matrix`` as it stands in the file."""
+    nested = isinstance(value, list) and len(value) == 3 and all(isinstance(row, list) for row in value)
+    flat = _numbers([v for row in value for v in row] if nested else value, 9)
+    if flat is None:
+        raise CaptureError(
+            f"{path}: intrinsic_matrix must be nine finite numbers [fx,0,0, 0,fy,0, cx,cy,1], not {_short(value)}"
+        )
+    matrix = flat.reshape(3, 3) if nested else flat.reshape(3, 3).T
+    if matrix[:2, 2].tolist() == [0, 0] and matrix[2, :2].any():
+        order, wanted = ("column by column", matrix.T.tolist()) if nested else ("row by row", matrix.ravel().tolist())
+        raise CaptureError(f"{path}: intrinsic_matrix is written {order}; write it as {json.dumps(wanted)}")
+    fx, fy, cx, cy = (float(matrix[i]) for i in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    if fx <= 0 or fy <= 0:
+        raise CaptureError(f"{path}: focal lengths must be positive, got fx={fx:g}, fy={fy:g}; enter your camera's")
+    skew = max(abs(matrix[0, 1]), abs(matrix[1, 0]))
+    if skew > 1e-6 * fx or abs(matrix[2] - (0, 0, 1)).max() > 1e-9:
+        raise CaptureError(
+            f"{path}: intrinsic_matrix is not that of a pinhole camera; it must be [fx,0,0, 0,fy,0, cx,cy,1]"
+        )
+    return fx, fy, cx, cy
+
+
+def _check_plausible(path: Path, width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> None:
+    """Refuse intrinsics in other units or of another resolution: they would bend the avatar without a word."""
+    for axis, focal, length in (("fx", fx, width), ("fy", fy, height)):
+        if not 0.1 * length <= focal <= 50 * length:
+            raise CaptureError(
+                f"{path}: {axis}={focal:g} cannot be for {length} pixels (a field of view of "
+                f"{2 * math.degrees(math.atan2(length, 2 * focal)):.3g}°); focal lengths are in pixels"
+            )
+    for axis, centre, length in (("cx", cx, width), ("cy", cy, height)):
+        if centre == 0 or not -0.5 * length <= centre <= 1.5 * length:
+            raise CaptureError(
+                f"{path}: {axis}={centre:g} cannot be the image centre of {length} pixels; "
+                "it is in pixels, near half the size, for this resolution"
+            )
+
+
+def _mirror(path: Path, index: int, entry: object, intrinsics: Intrinsics | None) -> MirrorPicks:
+    if not isinstance(entry, dict):
+        raise MirrorError(f"{path}: mirror {index} must be a JSON object, not {_short(entry)}")
+    name = entry.get("name", f"mirror {index}")
+    if not isinstance(name, str) or not name.strip() or len(name) > 64 or not name.isprintable():
+        raise MirrorError(f"{path}: the name of mirror {index} must be a short printable text, not {_short(name)}")
+    where = f"{path}: mirror “{name}”"
+    if ("frame_pixels" in entry) == ("plane" in entry):
+        raise MirrorError(f"{where} needs either frame_pixels or plane, and not both")
+    if "plane" in entry:
+        return MirrorPicks(name, **_plane(where, entry["plane"]))
+    return MirrorPicks(name, frame_pixels=_frame_pixels(where, entry["frame_pixels"], intrinsics))
+
+
+def _plane(where: str, plane: object) -> dict[str, np.ndarray]:
+    """Point and unit normal."""
+    point = _numbers(plane.get("point"), 3) if isinstance(plane, dict) else None
+    normal = _numbers(plane.get("normal"), 3) if isinstance(plane, dict) else None
+    if point is None or normal is None:
+        raise MirrorError(f'{where}: plane must be {{"point": [x,y,z], "normal": [x,y,z]}} with finite numbers')
+    longest = np.abs(normal).max()
+    if longest == 0:
+        raise MirrorError(f"{where}: the plane's normal is zero; it must point somewhere")
+    normal = normal / longest  # first, so that squares neither overflow nor vanish
+    return {"point": point, "normal": normal / np.linalg.norm(normal)}
+
+
+def _frame_pixels(where: str, picks: object, intrinsics: Intrinsics | None) -> np.ndarray:
+    if not isinstance(picks, list):
+        raise MirrorError(f"{where}: frame_pixels must be a list of [u, v], not {_short(picks)}")
+    pixels = np.empty((len(picks), 2))
+    for i, pick in enumerate(picks):
+        pixel = _numbers(pick, 2)
+        if pixel is None:
+            raise MirrorError(f"{where}: pick {i + 1} must be two finite numbers [u, v], not {_short(pick)}")
+        pixels[i] = pixel
+    different = len(np.unique(pixels, axis=0))
+    if different < 3:
+        raise MirrorError(
+            f"{where} has {different} different pick{'' if different == 1 else 's'}; pick at least 3 points on its frame"
+        )
+    if intrinsics is not None:
+        size = np.array((intrinsics.width, intrinsics.height))
+        outside = np.flatnonzero(((pixels < -0.5) | (pixels > size - 0.5)).any(axis=1))
+        if len(outside):
+            u, v = pixels[outside[0]]
+            raise MirrorError(
+                f"{where}: pick {outside[0] + 1} at ({u:g}, {v:g}) lies outside the {size[0]}×{size[1]} image; "
+                "pick on the depth image of this capture"
+            )
+    return pixels
