@@ -161,17 +161,18 @@ def _split(bounds, order, first, end, bin_box, bin_count, right_cost):
     middle = (first + end) // 2
     if not extent > 0:
         return middle
-    scale = np.float32(_BINS * 0.999999) / extent
+    bins = _BINS if end - first > 64 else _BINS // 2  # few triangles do not repay the sweep over many bins
+    scale = np.float32(bins * 0.999999) / extent
     if not np.isfinite(scale):
         return middle
 
-    for b in range(_BINS):
+    for b in range(bins):
         bin_count[b] = 0
         for k in range(3):
             bin_box[b, k] = np.inf
             bin_box[b, k + 3] = -np.inf
     for i in range(first, end):
-        b = min(np.int32((bounds[i, axis] + bounds[i, axis + 3] - low) * scale), np.int32(_BINS - 1))
+        b = min(np.int32((bounds[i, axis] + bounds[i, axis + 3] - low) * scale), np.int32(bins - 1))
         bin_count[b] += 1
         for k in range(3):
             bin_box[b, k] = min(bin_box[b, k], bounds[i, k])
@@ -180,7 +181,7 @@ def _split(bounds, order, first, end, bin_box, bin_count, right_cost):
     l0 = l1 = l2 = np.float32(np.inf)
     h0 = h1 = h2 = np.float32(-np.inf)
     held = 0
-    for b in range(_BINS - 1, 0, -1):
+    for b in range(bins - 1, 0, -1):
         l0, l1, l2 = min(l0, bin_box[b, 0]), min(l1, bin_box[b, 1]), min(l2, bin_box[b, 2])
         h0, h1, h2 = max(h0, bin_box[b, 3]), max(h1, bin_box[b, 4]), max(h2, bin_box[b, 5])
         held += bin_count[b]
@@ -189,7 +190,7 @@ def _split(bounds, order, first, end, bin_box, bin_count, right_cost):
     l0 = l1 = l2 = np.float32(np.inf)
     h0 = h1 = h2 = np.float32(-np.inf)
     held, best, cut = 0, np.float32(np.inf), -1
-    for b in range(_BINS - 1):
+    for b in range(bins - 1):
         l0, l1, l2 = min(l0, bin_box[b, 0]), min(l1, bin_box[b, 1]), min(l2, bin_box[b, 2])
         h0, h1, h2 = max(h0, bin_box[b, 3]), max(h1, bin_box[b, 4]), max(h2, bin_box[b, 5])
         held += bin_count[b]
@@ -204,7 +205,7 @@ def _split(bounds, order, first, end, bin_box, bin_count, right_cost):
 
     i, j = first, end - 1
     while i <= j:
-        if min(np.int32((bounds[i, axis] + bounds[i, axis + 3] - low) * scale), np.int32(_BINS - 1)) <= cut:
+        if min(np.int32((bounds[i, axis] + bounds[i, axis + 3] - low) * scale), np.int32(bins - 1)) <= cut:
             i += 1
         else:
             order[i], order[j] = order[j], order[i]
@@ -630,44 +631,75 @@ def _triangles_meet(s, t):
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _edge_pierces(t, i, s):
-    """Whether the edge of ``t`` opposite its corner i goes through the inside of ``s``."""
-    p, q = t[(i + 1) % 3], t[(i + 2) % 3]
-    n0, n1, n2 = _normal(s[0], s[1], s[2])
-    u, v = _side(n0, n1, n2, s[0], p), _side(n0, n1, n2, s[0], q)
-    if not ((u > 0.0 and v < 0.0) or (u < 0.0 and v > 0.0)):
-        return False
-    return _pierces(p, q, s[0], s[1], s[2], True)
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _height(corners, normals, i, j, k):
+    """Distance of corner k of triangle j from the plane of triangle i, times the length of i's normal."""
+    return (
+        normals[i, 0] * (corners[j, k, 0] - corners[i, 0, 0])
+        + normals[i, 1] * (corners[j, k, 1] - corners[i, 0, 1])
+        + normals[i, 2] * (corners[j, k, 2] - corners[i, 0, 2])
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _folded(s, i, t, j):
-    """Whether triangles with a common edge, opposite corners i and j, lie flat on the same side of it."""
-    a, b, p, q = s[(i + 1) % 3], s[(i + 2) % 3], s[i], t[j]
-    n0, n1, n2 = _normal(a, b, p)
-    if _side(n0, n1, n2, a, q) != 0.0:
+def _apart(corners, normals, i, j):
+    """Whether triangle j lies wholly on one side of the plane of triangle i."""
+    u, v = _height(corners, normals, i, j, 0), _height(corners, normals, i, j, 1)
+    if not ((u > 0.0 and v > 0.0) or (u < 0.0 and v < 0.0)):
         return False
-    m0, m1, m2 = _normal(a, b, q)
+    w = _height(corners, normals, i, j, 2)
+    return (u > 0.0 and w > 0.0) or (u < 0.0 and w < 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fan_meets(corners, normals, i, i_at, j, j_at):
+    """Whether triangles with a common vertex, corner i_at of one and j_at of the other, meet in more than it.
+
+    They then share a piece of the line their planes meet in, which runs from the vertex to the opposite edge of
+    the one or the other; so that edge goes through the inside of the other triangle.
+    """
+    j0, j1, i0, i1 = (j_at + 1) % 3, (j_at + 2) % 3, (i_at + 1) % 3, (i_at + 2) % 3
+    if _height(corners, normals, i, j, j0) * _height(corners, normals, i, j, j1) >= 0.0:
+        return False
+    if _height(corners, normals, j, i, i0) * _height(corners, normals, j, i, i1) >= 0.0:
+        return False
+    s, t = corners[i], corners[j]
+    return _pierces(t[j0], t[j1], s[0], s[1], s[2], True) or _pierces(s[i0], s[i1], t[0], t[1], t[2], True)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _folded(corners, normals, i, i_at, j, j_at):
+    """Whether triangles with a common edge, opposite corners i_at and j_at, lie flat on the same side of it."""
+    if _height(corners, normals, i, j, j_at) != 0.0:
+        return False
+    a, b = corners[i, (i_at + 1) % 3], corners[i, (i_at + 2) % 3]
+    n0, n1, n2 = _normal(a, b, corners[i, i_at])
+    m0, m1, m2 = _normal(a, b, corners[j, j_at])
     return n0 * m0 + n1 * m1 + n2 * m2 > 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _pair_meets(s, s_index, t, t_index):
-    """Whether two triangles of a mesh meet anywhere but in what they share by index."""
-    common, s_free, t_free, s_at, t_at = 0, 3, 3, 0, 0
-    for i in range(3):
-        for j in range(3):
-            if s_index[i] == t_index[j]:
+def _pair_meets(corners, normals, index, i, j):
+    """Whether two triangles of a mesh meet anywhere but in what they share by index.
+
+    Most pairs are neighbours on a smooth surface, so the plane tests come first and touch no slices.
+    """
+    common, i_free, j_free, i_at, j_at = 0, 3, 3, 0, 0
+    for k in range(3):
+        vertex = index[i, k]
+        for m in range(3):
+            if vertex == index[j, m]:
                 common += 1
-                s_at, t_at = i, j
-                s_free, t_free = s_free - i, t_free - j
+                i_at, j_at = k, m
+                i_free, j_free = i_free - k, j_free - m
     if common == 0:
-        return _triangles_meet(s, t)
+        if _apart(corners, normals, i, j) or _apart(corners, normals, j, i):
+            return False
+        return _triangles_meet(corners[i], corners[j])
     if common == 1:
-        return _edge_pierces(s, s_at, t) or _edge_pierces(t, t_at, s)
+        return _fan_meets(corners, normals, i, i_at, j, j_at)
     if common == 2:
-        return 0 <= s_free <= 2 and 0 <= t_free <= 2 and _folded(s, s_free, t, t_free)
+        return 0 <= i_free <= 2 and 0 <= j_free <= 2 and _folded(corners, normals, i, i_free, j, j_free)
     return True
 
 
@@ -676,13 +708,14 @@ def _self_intersection_kernel(bvh, triangles, tasks, pairs, found):
     """Write each task's pairs to ``pairs[task]`` as far as they fit, and how many there are to ``found[task]``."""
     boxes, child, count, corners, order = bvh.boxes, bvh.child, bvh.count, bvh.corners, bvh.order
     nodes, total = boxes.shape[0], order.shape[0]
-    box = np.empty((total, 6))
+    box, normals = np.empty((total, 6)), np.empty((total, 3))
     index = np.empty((total, 3), dtype=np.int32)
     for i in prange(total):
         for k in range(3):
             index[i, k] = triangles[order[i], k]
             a, b, c = corners[i, 0, k], corners[i, 1, k], corners[i, 2, k]
             box[i, k], box[i, k + 3] = min(a, b, c), max(a, b, c)
+        normals[i, 0], normals[i, 1], normals[i, 2] = _normal(corners[i, 0], corners[i, 1], corners[i, 2])
     end = np.empty(nodes, dtype=np.int32)  # where the places of each subtree end
     for node in range(nodes - 1, -1, -1):
         end[node] = child[node] + count[node] if count[node] > 0 else end[child[node] + 1]
@@ -719,7 +752,7 @@ def _self_intersection_kernel(bvh, triangles, tasks, pairs, found):
                             or box[j, 0] > box[i, 3] or box[j, 1] > box[i, 4] or box[j, 2] > box[i, 5]
                         ):
                             continue
-                        if _pair_meets(corners[i], index[i], corners[j], index[j]):
+                        if _pair_meets(corners, normals, index, i, j):
                             if held < pairs.shape[1]:
                                 pairs[task, held, 0] = min(order[i], order[j])
                                 pairs[task, held, 1] = max(order[i], order[j])
