@@ -310,7 +310,7 @@ def _frame_pixels(where: str, picks: object, intrinsics: Intrinsics | None) -> n
     different = len(np.unique(pixels, axis=0))
     if different < 3:
         raise MirrorError(
-            f"{where} has {different} different pick{'' if different == 1 else 's'}; pick at least 3 points on its frame"
+            f"{where} has {different} unlike pick{'' if different == 1 else 's'}; pick 3 or more points on its frame"
         )
     if intrinsics is not None:
         size = np.array((intrinsics.width, intrinsics.height))
