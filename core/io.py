@@ -1,16 +1,13 @@
 """Meshes to and from PLY, OBJ and STL files, without Blender.
 
-Whatever is written appears under its name only when it is complete (:func:`replacing`). Whatever is read is taken for
+Whatever is written appears under its name only when it is complete (:func:`.files.replacing`). Whatever is read is taken for
 hostile: a header may promise anything, so counts are held against the bytes that are there before arrays are made.
 """
 
 from __future__ import annotations
 
-import contextlib
 import os
 import re
-import secrets
-import shutil
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,41 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from .errors import CaptureError, MirrorScanError, OutputError
+from .files import replacing
 from .mesh import KIND_NAMES, Mesh
 
 MAX_HEADER_BYTES = 1 << 16
-
-
-@contextlib.contextmanager
-def replacing(path: str | os.PathLike) -> Iterator[Path]:
-    """Name of a temporary file beside ``path`` that takes its place when the block ends well.
-
-    The temporary name keeps the suffix, for writers that go by it. When the block raises, ``path`` keeps what it
-    held and the temporary file is removed. A symbolic link stays a link: the file it names is replaced.
-
-    Raises
-    ------
-    OutputError
-        When the folder is missing or cannot be written to, ``path`` is not a regular file, or the disk is full.
-    """
-    path = Path(path)
-    target = Path(os.path.realpath(path))
-    if target.exists() and not target.is_file():
-        raise OutputError(f"{path}: is not a regular file; give the name of a file to write")
-    if not target.parent.is_dir():
-        raise OutputError(f"{path}: the folder {target.parent} does not exist; create it first")
-    temporary = target.with_name(f".{target.stem[:100]}.{secrets.token_hex(6)}{target.suffix}")
-    try:
-        yield temporary
-        if not temporary.is_file():
-            raise OutputError(f"{path}: its writer made no file")
-        if target.exists():
-            shutil.copymode(target, temporary)
-        os.replace(temporary, target)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def write_mesh(path: str | os.PathLike, mesh: Mesh) -> None:

@@ -1,0 +1,514 @@
+"""The command line, one parser for ``mirror-scan …`` and ``blender --command mirror_scan …``.
+
+Heavy modules are imported inside the commands, so that ``--help`` answers at once. Formats that need Blender come in
+from outside as ``writers``; nothing here knows bpy.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import math
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .errors import CaptureError, MirrorScanError, OutputError
+
+if TYPE_CHECKING:
+    from .capture import Capture
+    from .pipeline import Progress, Reconstruction
+
+Writers = Mapping[str, Callable[["Path", "Reconstruction"], object]]
+
+BLENDER_SUFFIXES = (".blend", ".glb", ".fbx")
+PLAIN_SUFFIXES = (".ply", ".obj", ".stl")
+SENSORS = ("ideal", "kinect_v1", "azure_kinect", "femto_bolt", "realsense_d455")
+DEMO_FOLDER = "mirror_scan_demo"
+SIMULATION_ENTRIES = {"intrinsic.json", "mirrors.json", "depth", "color", "truth"}
+
+
+def main(argv: Sequence[str] | None = None, *, prog: str = "mirror-scan", writers: Writers | None = None) -> int:
+    """Run one command.
+
+    Parameters
+    ----------
+    argv : sequence of str or None
+        Arguments after the program's name; None takes them from the process.
+    prog : str
+        How the user called it, for help and usage.
+    writers : mapping or None
+        Suffix (".blend") → ``function(path, reconstruction)`` for formats core cannot write; looking one up may raise
+        :class:`OutputError` to say why it cannot be had.
+
+    Returns
+    -------
+    int
+        0 done; 1 the input or the scene is at fault, told in one line on stderr; 2 usage; 130 interrupted.
+    """
+    try:
+        options = build_parser(prog).parse_args(argv)
+    except SystemExit as stop:  # argparse has said what there is to say
+        return stop.code if isinstance(stop.code, int) else 2
+    try:
+        options.run(options, writers or {})
+    except MirrorScanError as error:
+        _complain("error", str(error))
+        return 1
+    except KeyboardInterrupt:
+        _complain("error", "interrupted; nothing was written")
+        return 130
+    return 0
+
+
+def build_parser(prog: str) -> argparse.ArgumentParser:
+    """The parser of all commands; each sets ``run`` to its function."""
+    parser = argparse.ArgumentParser(
+        prog=prog, description="One depth camera, two mirrors, one snapshot: a closed, coloured avatar."
+    )
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+
+    command = commands.add_parser("reconstruct", help="make an avatar of a capture")
+    command.add_argument("capture", metavar="CAPTURE", type=Path, help="folder with intrinsic.json and depth/*.png")
+    command.add_argument(
+        "-o", dest="outputs", metavar="OUT", type=Path, action="append", required=True,
+        help="file to write, by suffix: .ply .obj .stl, with Blender also .blend .glb .fbx; may be given several times",
+    )  # fmt: skip
+    command.add_argument("--mirrors", metavar="FILE", type=Path, help="mirrors.json to use instead of the capture's")
+    command.add_argument("--report", metavar="FILE", type=Path, help="write what was found and measured, as JSON")
+    command.add_argument("--frame", choices=("avatar", "camera"), default="avatar", help="coordinates (default avatar)")
+    command.add_argument("--single-frame", action="store_true", help="use only the first depth frame of a burst")
+    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    command.set_defaults(run=_reconstruct)
+
+    command = commands.add_parser("demo", help="scan a virtual person and reconstruct it")
+    command.add_argument(
+        "folder", metavar="DIR", type=Path, nargs="?", default=Path(DEMO_FOLDER),
+        help=f"where to put everything (default {DEMO_FOLDER})",
+    )  # fmt: skip
+    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    command.set_defaults(run=_demo)
+
+    command = commands.add_parser("simulate", help="write an RGB-D folder of a virtual scan, with its truth")
+    command.add_argument("folder", metavar="DIR", type=Path, help="folder to write; an earlier simulation is replaced")
+    command.add_argument("--sensor", choices=SENSORS, default="azure_kinect", help="depth camera, default azure_kinect")
+    command.add_argument("--frames", metavar="N", type=_whole(1, 300), default=10, help="length of the burst, default 10")
+    command.add_argument("--seed", metavar="N", type=_whole(0, 2**32 - 1), default=0, help="of the noise, default 0")
+    command.add_argument("--mirrors", metavar="N", type=_whole(0, 8), default=2, help="number of mirrors, default 2")
+    command.add_argument("--body", metavar="FILE", type=Path, help="mesh to scan, Z up, in metres; default a mannequin")
+    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    command.set_defaults(run=_simulate)
+
+    command = commands.add_parser("inspect", help="say what a capture holds")
+    command.add_argument("capture", metavar="CAPTURE", type=Path, help="folder with intrinsic.json and depth/*.png")
+    command.add_argument("-o", dest="preview", metavar="PNG", type=Path, help="write a picture of depth and colour")
+    command.set_defaults(run=_inspect)
+
+    command = commands.add_parser("evaluate", help="measure a mesh against the true one")
+    command.add_argument("mesh", metavar="MESH", type=Path, help=".ply, .obj or .stl")
+    command.add_argument("truth", metavar="TRUTH", type=Path, help="the true surface, in the same frame and unit")
+    command.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    command.set_defaults(run=_evaluate)
+    return parser
+
+
+# --- commands --------------------------------------------------------------------------------------------------------
+
+
+def _reconstruct(options: argparse.Namespace, writers: Writers) -> None:
+    outputs = _plan_outputs(options.outputs, writers)
+    _check_targets([*options.outputs, *([options.report] if options.report else [])])
+
+    from .capture import open_capture
+    from .capture.rgbd_folder import read_mirrors
+    from .pipeline import reconstruct
+
+    started = time.perf_counter()
+    capture = open_capture(options.capture, frames=1 if options.single_frame else None)
+    mirrors = read_mirrors(options.mirrors, capture.intrinsics) if options.mirrors else None
+    read_ms = (time.perf_counter() - started) * 1e3
+    with _progress(options.quiet) as progress:
+        result = reconstruct(capture, mirrors, progress=progress, frame=options.frame)
+    for warning in result.warnings:
+        _complain("warning", warning)
+    _write_outputs(result, outputs, options.report, read_ms)
+    if not options.quiet:
+        _say(_summary(result))
+        for path, _ in outputs:
+            _say(f"  {path}")
+
+
+def _demo(options: argparse.Namespace, writers: Writers) -> None:
+    folder: Path = options.folder
+    _make_folder(folder)
+    targets, left_out = [folder / "avatar.ply"], ""
+    for name in ("avatar.blend", "avatar.glb"):
+        try:
+            _writer(folder / name, writers)
+            targets.append(folder / name)
+        except OutputError as error:
+            left_out = str(error)
+    outputs = _plan_outputs(targets, writers)
+    report = folder / "report.json"
+    _check_targets([*targets, report, folder / "preview.png"])
+
+    from .capture import open_capture
+    from .io import read_mesh
+    from .metrics import evaluate
+    from .pipeline import reconstruct
+    from .preview import render_preview
+
+    with _progress(options.quiet) as progress:
+        _advance(progress, 0.0, "making a mannequin and scanning it")
+        capture_folder = folder / "capture"
+        _write_simulation(capture_folder, sensor="azure_kinect", frames=10, seed=0, mirrors=2, body=None)
+        started = time.perf_counter()
+        capture = open_capture(capture_folder)
+        read_ms = (time.perf_counter() - started) * 1e3
+        result = reconstruct(capture, progress=_part(progress, 0.3, 0.8))
+        _advance(progress, 0.8, "writing")
+        _write_outputs(result, outputs, report, read_ms)
+        render_preview(result.mesh, folder / "preview.png")
+        _advance(progress, 0.95, "comparing with the truth")
+        truth = read_mesh(capture_folder / "truth" / "body.ply").transformed(result.camera_to_avatar)
+        distances = evaluate(result.mesh, truth)
+    for warning in result.warnings:
+        _complain("warning", warning)
+    if options.quiet:
+        return
+    _say(_summary(result))
+    for line in _distance_lines(distances):
+        _say(line)
+    _say(f"written to {folder}{os.sep}")
+    for path in (*targets, folder / "preview.png", report, capture_folder):
+        _say(f"  {path.name}{os.sep if path.is_dir() else ''}")
+    if left_out:
+        _say(f"  without .blend and .glb: {left_out}")
+
+
+def _simulate(options: argparse.Namespace, writers: Writers) -> None:
+    parent = options.folder.absolute().parent
+    if not parent.is_dir():
+        raise OutputError(f"{options.folder}: the folder {parent} does not exist; create it first")
+    with _progress(options.quiet) as progress:
+        _advance(progress, 0.0, "scanning a virtual body")
+        _write_simulation(
+            options.folder, sensor=options.sensor, frames=options.frames, seed=options.seed, mirrors=options.mirrors,
+            body=options.body,
+        )  # fmt: skip
+    if not options.quiet:
+        _say(f"{options.folder}: {options.sensor}, {options.frames} frames, {options.mirrors} mirrors, truth in truth/")
+
+
+def _inspect(options: argparse.Namespace, writers: Writers) -> None:
+    if options.preview:
+        if options.preview.suffix.lower() != ".png":
+            raise OutputError(f"{options.preview}: the preview is a PNG; give a name that ends in .png")
+        _check_targets([options.preview])
+
+    from .capture import open_capture
+
+    capture = open_capture(options.capture)
+    if options.preview:
+        from .images import write_png
+
+        write_png(options.preview, capture_picture(capture))
+    for line in describe_capture(capture):
+        _say(line)
+    if options.preview:
+        _say(f"  {options.preview}")
+
+
+def _evaluate(options: argparse.Namespace, writers: Writers) -> None:
+    from .io import read_mesh
+    from .metrics import evaluate
+
+    mesh, truth = read_mesh(options.mesh), read_mesh(options.truth)
+    for path, surface in ((options.mesh, mesh), (options.truth, truth)):
+        if not len(surface.triangles):
+            raise CaptureError(f"{path}: holds points but no faces; distances need surfaces")
+    distances = evaluate(mesh, truth)
+    if options.json:
+        _say(json.dumps(_plain(distances), indent=1))
+    else:
+        for line in _distance_lines(distances):
+            _say(line)
+
+
+# --- outputs ---------------------------------------------------------------------------------------------------------
+
+
+def _writer(path: Path, writers: Writers) -> Callable[[Path, Reconstruction], object]:
+    """What writes ``path``, by its suffix."""
+    suffix = path.suffix.lower()
+    if suffix in PLAIN_SUFFIXES:
+        from .io import write_mesh
+
+        return lambda target, result: write_mesh(target, result.mesh)
+    if suffix in writers:
+        return writers[suffix]
+    if suffix in BLENDER_SUFFIXES:
+        raise OutputError(
+            f"{path}: {suffix} needs Blender's Python module; “pip install bpy==5.0.1” (Python 3.11), bpy==5.2.3 "
+            f"(Python 3.13) or bpy 4.5 LTS (Python 3.11); this is Python {sys.version_info[0]}.{sys.version_info[1]}. "
+            "Without it, write .ply, .obj or .stl"
+        )
+    known = ", ".join((*PLAIN_SUFFIXES, *BLENDER_SUFFIXES))
+    raise OutputError(f"{path}: unknown format “{path.suffix}”; use one of {known}")
+
+
+def _plan_outputs(paths: Iterable[Path], writers: Writers) -> list[tuple[Path, Callable]]:
+    return [(path, _writer(path, writers)) for path in paths]
+
+
+def _check_targets(paths: Sequence[Path]) -> None:
+    """Refuse, before any work is done, what could not be written at its end."""
+    seen: dict[str, Path] = {}
+    for path in paths:
+        parent = path.absolute().parent
+        if not parent.is_dir():
+            raise OutputError(f"{path}: the folder {parent} does not exist; create it first")
+        if path.exists() and not path.is_file():
+            raise OutputError(f"{path}: is not a regular file; give the name of a file to write")
+        if not os.access(parent, os.W_OK | os.X_OK):
+            raise OutputError(f"{path}: the folder {parent} cannot be written to; choose another")
+        real = os.path.realpath(path)
+        if real in seen:
+            raise OutputError(f"{path}: is to be written twice; give each output its own name")
+        seen[real] = path
+
+
+def _write_outputs(
+    result: Reconstruction, outputs: list[tuple[Path, Callable]], report: Path | None, read_ms: float
+) -> None:
+    """Write all files under temporary names, then put them in place together."""
+    from .files import replacing
+
+    started = time.perf_counter()
+    with contextlib.ExitStack() as stack:
+        temporaries = [stack.enter_context(replacing(path)) for path, _ in outputs]
+        report_temporary = stack.enter_context(replacing(report)) if report else None
+        for (path, write), temporary in zip(outputs, temporaries, strict=True):
+            with _blaming(path):
+                write(temporary, result)
+        if report and report_temporary:
+            timings = {"read": read_ms, **result.report.get("timings_ms", {})}
+            timings["write"] = (time.perf_counter() - started) * 1e3
+            text = json.dumps(_plain({**result.report, "timings_ms": timings}), indent=1, ensure_ascii=False)
+            with _blaming(report):
+                report_temporary.write_text(text + "\n", encoding="utf-8")
+
+
+@contextlib.contextmanager
+def _blaming(path: Path) -> Iterator[None]:
+    """Name the file an :class:`OSError` is about by the name the user gave it."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made a folder: {error.strerror or error}") from error
+
+
+def _write_simulation(folder: Path, *, sensor: str, frames: int, seed: int, mirrors: int, body: Path | None) -> None:
+    """Simulate into a folder beside ``folder``, then swap; only a simulation may be replaced, never a recording."""
+    from .io import read_mesh
+    from .simulation import default_rig, mannequin, simulate, write_simulation
+
+    if folder.exists():
+        entries = {entry.name for entry in folder.iterdir()} if folder.is_dir() else None
+        if entries is None or (entries and not ("truth" in entries and entries <= SIMULATION_ENTRIES)):
+            raise OutputError(f"{folder}: exists and is not an earlier simulation; choose another name or remove it")
+    subject = read_mesh(body) if body else mannequin()
+    simulation = simulate(subject, default_rig(sensor=sensor, mirrors=mirrors), frames=frames, seed=seed)
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.absolute().parent) as temporary:
+            fresh, stale = Path(temporary) / "new", Path(temporary) / "old"
+            write_simulation(simulation, fresh)
+            if folder.exists():
+                os.replace(folder, stale)
+            shutil.move(fresh, folder)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written: {error.strerror or error}") from error
+
+
+# --- what a capture holds --------------------------------------------------------------------------------------------
+
+
+def describe_capture(capture: Capture) -> Iterator[str]:
+    """Lines for a person: sizes, range, coverage, noise, mirrors, and a histogram of the range."""
+    import numpy as np
+
+    depth, camera = capture.depth, capture.intrinsics
+    frames = len(depth)
+    valid = depth > 0
+    z = depth[valid]
+    near, far = (float(v) for v in np.percentile(z, (0.5, 99.5)))
+    fov = [2 * math.degrees(math.atan2(n, 2 * f)) for n, f in ((camera.width, camera.fx), (camera.height, camera.fy))]
+    yield f"{capture.name}: {capture.format}"
+    count = f"{frames} frames" if frames > 1 else "1 frame"
+    yield f"  depth    {camera.width}×{camera.height}, {count}, {near:.2f} to {far:.2f} m"
+    yield (
+        f"  camera   fx {camera.fx:.1f}, fy {camera.fy:.1f}, cx {camera.cx:.1f}, cy {camera.cy:.1f} px; "
+        f"view {fov[0]:.0f}° × {fov[1]:.0f}°"
+    )
+    coverage = f"  readings at {valid.mean():.0%} of the pixels"
+    if frames > 1:
+        coverage += f"; {valid.all(axis=0).mean():.0%} in every frame, {valid.any(axis=0).mean():.0%} in any"
+    yield coverage
+    if frames > 1:
+        steady = valid[0] & valid[1]
+        if steady.any():
+            noise = np.median(np.abs(depth[1][steady] - depth[0][steady])) / (math.sqrt(2) * 0.6745)
+            yield f"  noise    {noise * 1e3:.1f} mm from frame to frame (median over the pixels)"
+    yield "  colour   " + ("none" if capture.color is None else f"{capture.color.shape[1]}×{capture.color.shape[0]}")
+    if not capture.mirrors:
+        yield "  mirrors  none in the file; they will be looked for"
+    for mirror in capture.mirrors:
+        known = f"{len(mirror.frame_pixels)} points on its frame" if mirror.frame_pixels is not None else "known plane"
+        yield f"  mirror   {mirror.name}: {known}"
+    yield "  range    share of the readings"
+    edges = np.linspace(near, far, 11) if far > near else np.array((near - 0.05, near + 0.05))
+    shares = np.histogram(np.clip(z, edges[0], edges[-1]), edges)[0] / z.size
+    for low, high, share in zip(edges, edges[1:], shares, strict=False):
+        bar = "#" * round(40 * share / shares.max())
+        yield f"    {low:5.2f} to {high:5.2f} m {share:6.1%} {bar}"
+
+
+def capture_picture(capture: Capture):
+    """First frame's depth in colours (near yellow, far violet, no reading black) beside the colour image.
+
+    Picks on the mirrors' frames are marked by red crosses.
+
+    Returns
+    -------
+    np.ndarray [shape=(H, W or 2 W, 3), dtype=uint8]
+    """
+    import numpy as np
+
+    depth = capture.depth[0] if capture.depth[0].any() else capture.depth.max(axis=0)
+    valid = depth > 0
+    near, far = np.percentile(depth[valid], (1, 99))
+    shade = np.clip((far - depth) / max(far - near, 1e-6), 0, 1)
+    stops = np.linspace(0, 1, 6)
+    anchors = ((68, 1, 84), (65, 68, 135), (42, 120, 142), (34, 168, 132), (122, 209, 81), (253, 231, 37))
+    colored = np.stack([np.interp(shade, stops, channel) for channel in np.transpose(anchors)], axis=-1)
+    colored[~valid] = 0
+    picture = np.rint(colored).astype(np.uint8)
+    if capture.color is not None:
+        picture = np.hstack((picture, capture.color))
+    height, width = depth.shape
+    for mirror in capture.mirrors:
+        for u, v in np.rint(mirror.frame_pixels if mirror.frame_pixels is not None else []).astype(int):
+            for shift in range(-4, 5):
+                for x, y in ((u + shift, v), (u, v + shift)):
+                    if 0 <= x < width and 0 <= y < height:
+                        picture[y, x::width] = (255, 40, 40)
+    return picture
+
+
+# --- words -----------------------------------------------------------------------------------------------------------
+
+
+def _summary(result: Reconstruction) -> str:
+    mesh = result.report["mesh"]
+    closed = "watertight" if mesh["watertight"] else "NOT watertight"
+    return (
+        f"avatar: {mesh['height_m']:.2f} m tall, {mesh['volume_l']:.1f} l, {mesh['vertices']} vertices, "
+        f"{mesh['triangles']} triangles, {closed}"
+    )
+
+
+def _distance_lines(distances: dict) -> Iterator[str]:
+    """The figures of :func:`metrics.evaluate` as a table."""
+    for name, value in distances.items():
+        if isinstance(value, dict):
+            yield f"{name}: " + ", ".join(f"{key} {_figure(number)}" for key, number in value.items())
+        else:
+            yield f"{name}: {_figure(value)}"
+
+
+def _figure(value: object) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def _plain(value: object) -> object:
+    """Values JSON can hold: numpy scalars unwrapped, not-a-number as null."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(v) for key, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _say(text: str) -> None:
+    _print(text, sys.stdout)
+
+
+def _complain(kind: str, text: str) -> None:
+    """One line on stderr, whatever line breaks the text has."""
+    _print(f"{kind}: {' '.join(text.split())}", sys.stderr)
+
+
+def _print(text: str, stream) -> None:
+    """Print what the stream's encoding has, and ``?`` for the rest."""
+    encoding = getattr(stream, "encoding", None) or "utf-8"
+    print(text.encode(encoding, "replace").decode(encoding), file=stream, flush=True)
+
+
+@contextlib.contextmanager
+def _progress(quiet: bool) -> Iterator[Progress | None]:
+    """A progress bar on a terminal; None elsewhere, or where tqdm is not (Blender's own Python)."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        yield None
+        return
+    with tqdm(total=100, leave=False, bar_format="{desc:<36.36}|{bar}| {percentage:3.0f} %  {elapsed}") as bar:
+
+        def show(fraction: float, message: str) -> None:
+            bar.set_description_str(message, refresh=False)
+            bar.update(100 * min(max(fraction, 0.0), 1.0) - bar.n)
+            bar.refresh()
+
+        yield show
+
+
+def _advance(progress: Progress | None, fraction: float, message: str) -> None:
+    if progress:
+        progress(fraction, message)
+
+
+def _part(progress: Progress | None, start: float, end: float) -> Progress | None:
+    """``progress`` for a stage that is only part of the whole."""
+    if progress is None:
+        return None
+    return lambda fraction, message: progress(start + (end - start) * fraction, message)
+
+
+def _whole(low: int, high: int) -> Callable[[str], int]:
+    """argparse type: a whole number within bounds."""
+
+    def whole_number(text: str) -> int:
+        value = int(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"must be from {low} to {high}, not {value}")
+        return value
+
+    return whole_number
