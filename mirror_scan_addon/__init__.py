@@ -1,0 +1,35 @@
+"""The Blender side of Mirror Scan: everything that touches bpy.
+
+Importing this package imports nothing: :mod:`.command` must work in a Python that has no bpy, and Blender's start must
+not wait for what only a pressed button needs. numba is first imported inside an operator's job (:mod:`.kernels`).
+"""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+
+def _modules() -> tuple[ModuleType, ...]:
+    """Modules with something to register, in the order of their needs."""
+    from . import command, operators, panels, properties
+
+    return properties, operators, panels, command
+
+
+def register() -> None:
+    """Add properties, operators, panels and the command-line command; on failure what was added is taken out again."""
+    done: list[ModuleType] = []
+    try:
+        for module in _modules():
+            module.register()
+            done.append(module)
+    except Exception:
+        for module in reversed(done):
+            module.unregister()
+        raise
+
+
+def unregister() -> None:
+    """Take out what :func:`register` added, last first."""
+    for module in reversed(_modules()):
+        module.unregister()

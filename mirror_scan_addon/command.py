@@ -1,0 +1,96 @@
+"""The command line: pip's ``mirror-scan`` and ``blender --command mirror_scan`` share one parser, core's.
+
+What this adds to core is the formats that need Blender. bpy is imported when the first of them is asked for; a Python
+that has no bpy writes all the others.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+BLENDER_FORMATS = {".blend": "write_blend", ".glb": "write_glb", ".fbx": "write_fbx"}
+BPY_PYTHONS = {(3, 11): "bpy 4.5 and 5.0", (3, 13): "bpy 5.1 and later"}
+
+_handles: list[object] = []  # Blender takes a command back only by the handle it gave
+
+
+class BlenderWriters(Mapping):
+    """Suffix → ``function(path, reconstruction)``; looking a writer up imports bpy.
+
+    Raises
+    ------
+    OutputError
+        From the look-up, when bpy cannot be imported: it names the Pythons that have it.
+    """
+
+    def __getitem__(self, suffix: str) -> Callable:
+        name = BLENDER_FORMATS[suffix]
+        _require_bpy(suffix)
+        from . import export
+
+        if suffix == ".blend":
+            return lambda path, reconstruction: export.write_blend(path, reconstruction, own_process=True)
+        return getattr(export, name)
+
+    def __contains__(self, suffix: object) -> bool:
+        return suffix in BLENDER_FORMATS
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(BLENDER_FORMATS)
+
+    def __len__(self) -> int:
+        return len(BLENDER_FORMATS)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point of pip's script ``mirror-scan``; returns the exit code."""
+    from ..core import cli
+
+    return cli.main(argv, writers=BlenderWriters())
+
+
+def blender_main(argv: Sequence[str]) -> int:
+    """Entry point of ``blender --command mirror_scan``; returns the exit code."""
+    from ..core import cli
+    from ..core.errors import MirrorScanError
+    from .kernels import prepare_kernels
+
+    try:
+        prepare_kernels()
+    except MirrorScanError as error:
+        if not {"-h", "--help"}.intersection(argv):
+            print(f"error: {error}", file=sys.stderr)
+            return 1
+    return cli.main(argv, prog="blender --command mirror_scan", writers=BlenderWriters())
+
+
+def register() -> None:
+    import bpy
+
+    _handles.append(bpy.utils.register_cli_command("mirror_scan", blender_main))
+
+
+def unregister() -> None:
+    import bpy
+
+    while _handles:
+        bpy.utils.unregister_cli_command(_handles.pop())
+
+
+def _require_bpy(suffix: str) -> None:
+    from ..core.errors import OutputError
+
+    try:
+        import bpy  # noqa: F401
+    except ImportError as error:
+        have = " and ".join(f"Python {major}.{minor} ({what})" for (major, minor), what in BPY_PYTHONS.items())
+        here = f"Python {sys.version_info.major}.{sys.version_info.minor}"
+        if sys.version_info[:2] in BPY_PYTHONS:
+            remedy = "install it with “pip install bpy”"
+        else:
+            remedy = f"there is none for this {here}, only for {have}; use one of those"
+        raise OutputError(
+            f"writing {suffix} needs Blender's Python module bpy, which cannot be imported ({error}): {remedy}, "
+            "or write .ply, .obj or .stl"
+        ) from error

@@ -1,0 +1,241 @@
+"""A reconstruction to .blend, .glb and .fbx, for the command line and for scripts.
+
+Each writer builds its own scene and takes it away again: what is open in this Blender is neither saved nor changed.
+Files appear under their name only when they are complete.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import os
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import addon_utils
+import bpy
+import numpy as np
+from mathutils import Matrix, Vector
+
+from ..core.errors import OutputError
+from ..core.io import replacing
+from . import scene as avatar_scene
+
+if TYPE_CHECKING:
+    from ..core.pipeline import Reconstruction
+
+VIEW_ANGLE = math.radians(25)  # the camera stands that far to the side of the person's front
+CAMERA_LENS, VIEWPORT_LENS = 50.0, 50.0  # [mm]
+
+
+def write_blend(path: str | os.PathLike, reconstruction: Reconstruction, *, own_process: bool = False) -> None:
+    """Write a .blend with the avatar, a camera and a light.
+
+    Parameters
+    ----------
+    path : path
+        Ends in .blend.
+    reconstruction : Reconstruction
+        Its report is kept with the object.
+    own_process : bool
+        True says that nobody works in this Blender (the command line): the file then starts from factory settings, so
+        that it opens with the avatar framed and coloured in every 3D viewport. What was open in this process is gone
+        afterwards. False leaves it alone and writes the scene without windows, which open as the reader's own.
+
+    Raises
+    ------
+    OutputError
+        When the file cannot be written or the mesh is none.
+    """
+    with replacing(path) as temporary:
+        if own_process:
+            bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+            target = bpy.context.scene
+            avatar = _stage(target, reconstruction)
+            for viewport in _viewports():
+                _frame_viewport(viewport, avatar)
+            with _quiet():
+                bpy.ops.wm.save_as_mainfile(filepath=str(temporary), copy=True, compress=True)
+        else:
+            with _temporary_scene() as target:
+                _stage(target, reconstruction)
+                bpy.data.libraries.write(str(temporary), {target}, compress=True)
+
+
+def write_glb(path: str | os.PathLike, reconstruction: Reconstruction) -> None:
+    """Write binary glTF 2.0: metres, Y up, colours as ``COLOR_0`` (linear, as glTF wants them).
+
+    Raises
+    ------
+    OutputError
+        When the file cannot be written, or Blender's glTF exporter is missing or fails.
+    """
+    with replacing(path) as temporary, _temporary_scene() as target:
+        _add_avatar(target, reconstruction)
+        _export(
+            target,
+            "io_scene_gltf2",
+            "gltf",
+            filepath=str(temporary),
+            export_format="GLB",
+            use_active_scene=True,
+            export_yup=True,
+            export_vertex_color="MATERIAL",
+            export_animations=False,
+            export_extras=False,
+        )
+
+
+def write_fbx(path: str | os.PathLike, reconstruction: Reconstruction) -> None:
+    """Write FBX in metres, with sRGB vertex colours.
+
+    The unit goes into the file's unit factor, not into a scale of the object, so that programs that know metres and
+    programs that count centimetres both show a person of the right height.
+
+    Raises
+    ------
+    OutputError
+        When the file cannot be written, or Blender's FBX exporter is missing or fails.
+    """
+    with replacing(path) as temporary, _temporary_scene() as target:
+        _add_avatar(target, reconstruction)
+        _export(
+            target,
+            "io_scene_fbx",
+            "fbx",
+            filepath=str(temporary),
+            object_types={"MESH"},
+            apply_scale_options="FBX_SCALE_ALL",
+            colors_type="SRGB",
+            prioritize_active_color=True,
+            bake_anim=False,
+        )
+
+
+def _add_avatar(target: bpy.types.Scene, reconstruction: Reconstruction) -> bpy.types.Object:
+    avatar = avatar_scene.create_avatar(
+        reconstruction.mesh, collection=target.collection, report=reconstruction.report
+    )
+    layer = target.view_layers[0]
+    layer.update()
+    avatar.select_set(True, view_layer=layer)
+    layer.objects.active = avatar
+    return avatar
+
+
+def _stage(target: bpy.types.Scene, reconstruction: Reconstruction) -> bpy.types.Object:
+    """Avatar, camera and sun in an empty scene, ready to render."""
+    avatar = _add_avatar(target, reconstruction)
+    center, radius = _bounds(avatar)
+
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    camera.data.lens = CAMERA_LENS
+    target.collection.objects.link(camera)
+    target.render.resolution_x, target.render.resolution_y = 1080, 1920
+    rotation = _view_rotation()
+    # The sensor is fitted to the longer side of the picture, here its height; a little air around the sphere.
+    distance = 1.1 * radius / math.sin(camera.data.angle / 2)
+    camera.matrix_world = Matrix.Translation(center + rotation @ Vector((0, 0, distance))) @ rotation.to_4x4()
+    camera.data.clip_end = max(camera.data.clip_end, 4 * distance)
+    target.camera = camera
+
+    sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
+    sun.data.energy, sun.data.angle = 3.0, math.radians(20)
+    sun.matrix_world = Matrix.Translation(center) @ Matrix.Rotation(math.radians(55), 4, "X")
+    sun.location = center + Vector((0, -2, 2)) * radius
+    target.collection.objects.link(sun)
+    return avatar
+
+
+def _bounds(avatar: bpy.types.Object) -> tuple[Vector, float]:
+    """Centre of the bounding box and half its diagonal [m]; the object is not moved from the origin."""
+    corners = np.array(avatar.bound_box)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    return Vector((low + high) / 2), float(np.linalg.norm(high - low) / 2)
+
+
+def _view_rotation() -> Matrix:
+    """Camera axes of a look at the front (the avatar faces −Y), from the side by ``VIEW_ANGLE``, level."""
+    return Matrix.Rotation(VIEW_ANGLE, 3, "Z") @ Matrix.Rotation(math.radians(90), 3, "X")
+
+
+def _viewports() -> Iterator[bpy.types.SpaceView3D]:
+    for screen in bpy.data.screens:
+        for area in screen.areas:
+            if area.type == "VIEW_3D":
+                yield area.spaces.active
+
+
+def _frame_viewport(viewport: bpy.types.SpaceView3D, avatar: bpy.types.Object) -> None:
+    center, radius = _bounds(avatar)
+    viewport.shading.color_type = "VERTEX"
+    viewport.lens = VIEWPORT_LENS
+    region = viewport.region_3d
+    region.view_perspective = "PERSP"
+    region.view_rotation = _view_rotation().to_quaternion()
+    region.view_location = center
+    region.view_distance = 2.6 * radius
+
+
+@contextlib.contextmanager
+def _temporary_scene() -> Iterator[bpy.types.Scene]:
+    """A scene of our own in the open file; it and all that was added meanwhile are removed at the end."""
+    collections = (bpy.data.objects, bpy.data.meshes, bpy.data.materials, bpy.data.cameras, bpy.data.lights)
+    before = {block for blocks in collections for block in blocks}
+    target = bpy.data.scenes.new("Mirror Scan")
+    try:
+        yield target
+    finally:
+        bpy.data.scenes.remove(target)
+        bpy.data.batch_remove([block for blocks in collections for block in blocks if block not in before])
+
+
+def _export(target: bpy.types.Scene, module: str, operator: str, **options) -> None:
+    """Call one of the exporters that come with Blender as add-ons, in the scene ``target``."""
+    with _enabled(module), _shown(target), _quiet() as said:
+        try:
+            getattr(bpy.ops.export_scene, operator)(**options)
+        except RuntimeError as error:  # what an operator reports as an error reaches scripts so
+            raise OutputError(f"Blender's {module} failed: {error}\n{said.getvalue()}".strip()) from error
+
+
+@contextlib.contextmanager
+def _enabled(module: str) -> Iterator[None]:
+    """Have an add-on that Blender ships registered, without writing that into the user's preferences."""
+    _, loaded = addon_utils.check(module)
+    if not loaded and addon_utils.enable(module, default_set=False) is None:
+        raise OutputError(f"Blender's add-on {module} cannot be enabled; this Blender lacks it or it is broken")
+    try:
+        yield
+    finally:
+        if not loaded:
+            addon_utils.disable(module, default_set=False)
+
+
+@contextlib.contextmanager
+def _shown(target: bpy.types.Scene) -> Iterator[None]:
+    """Make ``target`` the context's scene; exporters read it from there, and glTF's switches the window to it too."""
+    windows = [window for manager in bpy.data.window_managers for window in manager.windows]
+    window = bpy.context.window or next(iter(windows), None)
+    if window is None:
+        raise OutputError("Blender has no window to export from; open a file first")
+    shown, layer = window.scene, window.view_layer
+    try:
+        with bpy.context.temp_override(window=window):
+            # Not by overriding the context's scene: Blender 5.0 crashes when its view layer is updated then.
+            window.scene = target
+            if bpy.context.scene != target:
+                raise OutputError("Cannot export inside a context override of the scene; leave it first")
+            yield
+    finally:
+        window.scene = shown
+        window.view_layer = layer
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[io.StringIO]:
+    """Keep what exporters print from the terminal; the yielded buffer has it, for when something goes wrong."""
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        yield said

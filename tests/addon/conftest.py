@@ -1,0 +1,87 @@
+"""A clean Blender file for each test, the add-on registered once, and a small mesh that has everything."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture(scope="session")
+def addon():
+    """The package, registered in the bpy module."""
+    pytest.importorskip("bpy")
+    import mirror_scan
+
+    mirror_scan.register()
+    yield mirror_scan
+    mirror_scan.unregister()
+
+
+@pytest.fixture
+def bpy(addon):
+    """bpy with an empty factory file."""
+    import bpy
+
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    return bpy
+
+
+@pytest.fixture(scope="session")
+def capsule():
+    """A closed capsule 1.70 m tall on z = 0, with all colour values, views and kinds: not one of the arrays is constant."""
+    return _make_capsule(48, 32)
+
+
+@pytest.fixture(scope="session")
+def capsule_60k():
+    return _make_capsule(300, 200)
+
+
+def _make_capsule(around: int, along: int):
+    from mirror_scan.core.mesh import Mesh
+
+    radius, height = 0.2, 1.7
+    angle = np.linspace(0, np.pi, along + 2)[1:-1]
+    profile_z = -np.cos(angle) * radius + np.where(angle > np.pi / 2, height - radius, radius)
+    turn = np.arange(around) * (2 * np.pi / around)
+    rings = np.stack(
+        (
+            np.sin(angle)[:, None] * radius * np.cos(turn),
+            np.sin(angle)[:, None] * radius * np.sin(turn),
+            np.broadcast_to(profile_z[:, None], (along, around)),
+        ),
+        axis=-1,
+    ).reshape(-1, 3)
+    vertices = np.concatenate((rings, [[0, 0, 0], [0, 0, height]]))
+    here = np.arange(around)
+    there = (here + 1) % around
+    triangles = [np.stack((there, here, np.full(around, len(rings))), axis=1)]
+    for ring in range(along - 1):
+        low, high = ring * around, (ring + 1) * around
+        triangles.append(np.stack((low + here, low + there, high + there), axis=1))
+        triangles.append(np.stack((low + here, high + there, high + here), axis=1))
+    top = (along - 1) * around
+    triangles.append(np.stack((top + here, top + there, np.full(around, len(rings) + 1)), axis=1))
+    triangles = np.concatenate(triangles).astype(np.int32)
+    index = np.arange(len(vertices))
+    colors = np.stack((index % 256, (index * 7) % 256, 255 - index % 256), axis=1).astype(np.uint8)
+    return Mesh(
+        vertices,
+        triangles,
+        colors,
+        (index % 4 - 1).astype(np.int8),
+        (np.arange(len(triangles)) % 3).astype(np.int8),
+    )
+
+
+@pytest.fixture
+def reconstruction(capsule):
+    from mirror_scan.core.pipeline import Reconstruction
+
+    report = {
+        "mirrors": [{"name": "left", "residual_mm": 0.8}],
+        "mesh": {"vertices": len(capsule.vertices), "watertight": True, "height_m": 1.7, "volume_l": 200.0},
+        "timings_ms": {"mirrors": 10.0, "closing": 20.0},
+        "warnings": [],
+    }
+    return Reconstruction(capsule, "avatar", np.eye(4), report)
