@@ -374,24 +374,25 @@ def raycast(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _segment_nearest(px, py, pz, a, b):
-    """Nearest point of segment ab and its squared distance; a segment of no length is its first end."""
-    dx, dy, dz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+def _segment_nearest(px, py, pz, corners, i, j, k):
+    """Nearest point of the edge j-k of triangle i and its squared distance; without length it is its first end."""
+    ax, ay, az = corners[i, j, 0], corners[i, j, 1], corners[i, j, 2]
+    dx, dy, dz = corners[i, k, 0] - ax, corners[i, k, 1] - ay, corners[i, k, 2] - az
     length = dx * dx + dy * dy + dz * dz
     s = 0.0
     if length > 0.0:
-        s = min(1.0, max(0.0, ((px - a[0]) * dx + (py - a[1]) * dy + (pz - a[2]) * dz) / length))
-    x, y, z = a[0] + s * dx, a[1] + s * dy, a[2] + s * dz
+        s = min(1.0, max(0.0, ((px - ax) * dx + (py - ay) * dy + (pz - az) * dz) / length))
+    x, y, z = ax + s * dx, ay + s * dy, az + s * dz
     return (x - px) ** 2 + (y - py) ** 2 + (z - pz) ** 2, x, y, z
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _triangle_nearest(px, py, pz, corner):
-    """Nearest point of a triangle and its squared distance; degenerate triangles are their edges."""
-    a, b, c = corner[0], corner[1], corner[2]
-    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    wx, wy, wz = px - a[0], py - a[1], pz - a[2]
+def _triangle_nearest(px, py, pz, corners, i):
+    """Nearest point of triangle i and its squared distance; a triangle without area is its edges."""
+    ax, ay, az = corners[i, 0, 0], corners[i, 0, 1], corners[i, 0, 2]
+    ux, uy, uz = corners[i, 1, 0] - ax, corners[i, 1, 1] - ay, corners[i, 1, 2] - az
+    vx, vy, vz = corners[i, 2, 0] - ax, corners[i, 2, 1] - ay, corners[i, 2, 2] - az
+    wx, wy, wz = px - ax, py - ay, pz - az
     uu, uv, vv = ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz
     wu, wv = wx * ux + wy * uy + wz * uz, wx * vx + wy * vy + wz * vz
     area = uu * vv - uv * uv
@@ -399,24 +400,24 @@ def _triangle_nearest(px, py, pz, corner):
     # the foot of the perpendicular, where it falls inside and the triangle has an area to speak of
     if s >= 0.0 and t >= 0.0 and s + t <= area and area > 1e-14 * uu * vv:
         s, t = s / area, t / area
-        x, y, z = a[0] + s * ux + t * vx, a[1] + s * uy + t * vy, a[2] + s * uz + t * vz
+        x, y, z = ax + s * ux + t * vx, ay + s * uy + t * vy, az + s * uz + t * vz
         return (x - px) ** 2 + (y - py) ** 2 + (z - pz) ** 2, x, y, z
-    best, x, y, z = _segment_nearest(px, py, pz, a, b)
-    d, qx, qy, qz = _segment_nearest(px, py, pz, b, c)
+    best, x, y, z = _segment_nearest(px, py, pz, corners, i, 0, 1)
+    d, qx, qy, qz = _segment_nearest(px, py, pz, corners, i, 1, 2)
     if d < best:
         best, x, y, z = d, qx, qy, qz
-    d, qx, qy, qz = _segment_nearest(px, py, pz, c, a)
+    d, qx, qy, qz = _segment_nearest(px, py, pz, corners, i, 2, 0)
     if d < best:
         best, x, y, z = d, qx, qy, qz
     return best, x, y, z
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _box_distance(box, px, py, pz):
-    """Squared distance from a point to a box, 0 inside."""
-    x = max(box[0] - px, px - box[3], 0.0)
-    y = max(box[1] - py, py - box[4], 0.0)
-    z = max(box[2] - pz, pz - box[5], 0.0)
+def _box_distance(boxes, node, px, py, pz):
+    """Squared distance from a point to a node's box, 0 inside."""
+    x = max(boxes[node, 0] - px, px - boxes[node, 3], 0.0)
+    y = max(boxes[node, 1] - py, py - boxes[node, 4], 0.0)
+    z = max(boxes[node, 2] - pz, pz - boxes[node, 5], 0.0)
     return x * x + y * y + z * z
 
 
@@ -442,18 +443,19 @@ def closest_one(bvh, px, py, pz, max_squared, stack):
     best, found, x, y, z = max_squared, -1, np.nan, np.nan, np.nan
     if bvh.boxes.shape[0] == 0 or not np.isfinite(px + py + pz):
         return np.inf, -1, np.nan, np.nan, np.nan
+    boxes, child, count, corners = bvh.boxes, bvh.child, bvh.count, bvh.corners
     node, depth = 0, 0
     while True:
-        if bvh.count[node] > 0:
-            first = bvh.child[node]
-            for i in range(first, first + bvh.count[node]):
-                d, qx, qy, qz = _triangle_nearest(px, py, pz, bvh.corners[i])
+        if count[node] > 0:
+            first = child[node]
+            for i in range(first, first + count[node]):
+                d, qx, qy, qz = _triangle_nearest(px, py, pz, corners, i)
                 if d < best:
                     best, found, x, y, z = d, i, qx, qy, qz
         else:
-            left = bvh.child[node]
+            left = child[node]
             right = left + 1
-            d0, d1 = _box_distance(bvh.boxes[left], px, py, pz), _box_distance(bvh.boxes[right], px, py, pz)
+            d0, d1 = _box_distance(boxes, left, px, py, pz), _box_distance(boxes, right, px, py, pz)
             if d1 < d0:
                 left, right, d0, d1 = right, left, d1, d0
             if d1 < best:
@@ -463,7 +465,7 @@ def closest_one(bvh, px, py, pz, max_squared, stack):
                 node = left
                 continue
         # what waits may have been overtaken by a nearer triangle found since
-        while depth > 0 and _box_distance(bvh.boxes[stack[depth - 1]], px, py, pz) >= best:
+        while depth > 0 and _box_distance(boxes, stack[depth - 1], px, py, pz) >= best:
             depth -= 1
         if depth == 0:
             break
