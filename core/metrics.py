@@ -1,0 +1,378 @@
+"""How far apart two surfaces are (Metro) and how sound a mesh is.
+
+Distances follow Cignoni, Rocchini and Scopigno, "Metro: measuring error on simplified surfaces",
+Computer Graphics Forum 17(2), 1998.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from .bvh import Bvh, build_bvh, closest_point, self_intersections
+from .errors import MirrorScanError
+from .mesh import Mesh, edge_keys, triangle_normals
+
+ALIGNMENT_REACH = (0.08, 0.03, 0.015)
+"""Radii [m] within which :func:`rigid_alignment` pairs points, coarse to fine."""
+
+
+@dataclass(frozen=True)
+class SurfaceDistance:
+    """One-sided distances from one surface to another [m].
+
+    ``mean``, ``rms`` and ``p95`` weigh the surface by its area; ``max`` looks at its vertices as well, where a
+    distance to a coarser surface is mostly largest.
+    """
+
+    mean: float
+    rms: float
+    p95: float
+    max: float
+    samples: int
+
+
+def sample_surface(mesh: Mesh, samples: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Points spread uniformly by area over a mesh, one at random in each of ``samples`` equal strips of area.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    samples : int
+        How many.
+    seed : int
+        Of the random numbers; the same seed gives the same points.
+
+    Returns
+    -------
+    points : np.ndarray [shape=(samples, 3), dtype=float64]
+        In the order of the triangles, so that neighbours in the array are mostly neighbours in space.
+    triangle : np.ndarray [shape=(samples,), dtype=int64]
+        The triangle each lies on.
+
+    Raises
+    ------
+    MirrorScanError
+        When the mesh has no area, or is not finite.
+    """
+    if samples < 1:
+        raise MirrorScanError(f"surface samples: their number must be positive, got {samples}")
+    area = np.cumsum(np.linalg.norm(triangle_normals(mesh.vertices, mesh.triangles), axis=1))
+    if not len(area) or not np.isfinite(area[-1]) or area[-1] <= 0:
+        raise MirrorScanError(
+            f"surface samples: a mesh of {len(mesh.triangles)} triangles has no finite, positive area to sample"
+        )
+    rng = np.random.default_rng(seed)
+    strip = (np.arange(samples) + rng.random(samples)) * (area[-1] / samples)
+    triangle = np.minimum(np.searchsorted(area, strip, side="right"), np.searchsorted(area, area[-1]))
+    u, v = rng.random(samples), rng.random(samples)
+    outside = u + v > 1
+    u[outside], v[outside] = 1 - u[outside], 1 - v[outside]
+    a, b, c = (mesh.vertices[mesh.triangles[triangle, k]] for k in range(3))
+    return a + u[:, None] * (b - a) + v[:, None] * (c - a), triangle
+
+
+def surface_distance(a: Mesh, b: Mesh, samples: int = 100_000, seed: int = 0) -> SurfaceDistance:
+    """Distances from the surface of ``a`` to the surface of ``b`` (one-sided, Metro style).
+
+    Time O((samples + V) log T), memory about 100 bytes a sample and 300 bytes a triangle.
+
+    Parameters
+    ----------
+    a : Mesh
+        Sampled: uniformly by area, and at its vertices.
+    b : Mesh
+        The surface distances are measured to.
+    samples : int
+        Points on ``a`` besides its vertices.
+    seed : int
+        Of the sampling.
+
+    Raises
+    ------
+    MirrorScanError
+        When either mesh has no surface, or is not finite.
+    """
+    return _distance_to(a, _tree(b), samples, seed)
+
+
+def hausdorff(a: Mesh, b: Mesh, samples: int = 100_000, seed: int = 0) -> float:
+    """Two-sided Hausdorff distance of two surfaces [m]: the larger of the one-sided maxima.
+
+    Parameters and errors as for :func:`surface_distance`.
+    """
+    return max(surface_distance(a, b, samples, seed).max, surface_distance(b, a, samples, seed).max)
+
+
+def _tree(mesh: Mesh) -> Bvh:
+    if not len(mesh.triangles):
+        raise MirrorScanError("surface distance: a mesh has no triangles to measure to")
+    return build_bvh(np.ascontiguousarray(mesh.vertices, np.float64), np.ascontiguousarray(mesh.triangles, np.int32))
+
+
+def _distance_to(mesh: Mesh, tree: Bvh, samples: int, seed: int) -> SurfaceDistance:
+    distance = closest_point(tree, sample_surface(mesh, samples, seed)[0])[0]
+    corners = closest_point(tree, mesh.vertices[np.unique(mesh.triangles)])[0]
+    return SurfaceDistance(
+        mean=float(distance.mean()),
+        rms=float(np.sqrt(np.mean(distance**2))),
+        p95=float(np.percentile(distance, 95)),
+        max=float(max(distance.max(), corners.max())),
+        samples=samples,
+    )
+
+
+def rigid_alignment(
+    source: Mesh,
+    target: Mesh,
+    samples: int = 20_000,
+    reach: tuple[float, ...] = ALIGNMENT_REACH,
+    iterations: int = 30,
+    seed: int = 0,
+) -> np.ndarray:
+    """Small rigid motion that lays ``source`` on ``target``: trimmed point-to-plane ICP (Chen and Medioni 1992).
+
+    Points of ``source`` farther from ``target`` than the reach take no part, so that what only one of the two
+    has does not pull. The meshes must nearly lie on each other already.
+
+    Parameters
+    ----------
+    source, target : Mesh
+        In the same frame, but for a motion smaller than the first reach.
+    samples : int
+        Points on ``source``.
+    reach : tuple of float
+        Pairing radii, one a round [m].
+    iterations : int
+        At most, each round; a round ends when a step moves the points by less than a micrometre.
+    seed : int
+        Of the sampling.
+
+    Returns
+    -------
+    np.ndarray [shape=(4, 4), dtype=float64]
+        Maps ``source`` onto ``target``.
+
+    Raises
+    ------
+    MirrorScanError
+        When fewer than six points of ``source`` have ``target`` within reach.
+    """
+    return _align(source, target, _tree(target), samples, reach, iterations, seed)
+
+
+def _align(source, target, tree, samples, reach, iterations, seed) -> np.ndarray:
+    points = sample_surface(source, samples, seed)[0]
+    normals = triangle_normals(target.vertices, target.triangles)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+    centre = points.mean(axis=0)
+    radius = np.sqrt(np.mean(np.sum((points - centre) ** 2, axis=1)))
+    moved = np.eye(4)
+    for limit in reach:
+        for _ in range(iterations):
+            at = points @ moved[:3, :3].T + moved[:3, 3]
+            distance, triangle, nearest = closest_point(tree, at, limit)
+            paired = np.isfinite(distance)
+            if np.count_nonzero(paired) < 6:
+                raise MirrorScanError(
+                    f"alignment: the meshes lie more than {limit * 1000:.0f} mm apart; "
+                    "bring them into the same frame, or compare them without alignment"
+                )
+            middle = moved[:3, :3] @ centre + moved[:3, 3]
+            arm, normal = (at[paired] - middle) / radius, normals[triangle[paired]]
+            # unknowns: rotation vector times radius, and translation, so that all six are metres
+            rows = np.concatenate((np.cross(arm, normal), normal), axis=1)
+            gap = np.sum(normal * (nearest[paired] - at[paired]), axis=1)
+            # a sphere leaves its rotation free, a plane its sliding: those directions stay where they are
+            step = np.linalg.lstsq(rows.T @ rows, rows.T @ gap, rcond=1e-6)[0]
+            turn = np.eye(4)
+            turn[:3, :3] = _rotation(step[:3] / radius)
+            turn[:3, 3] = middle + step[3:] - turn[:3, :3] @ middle
+            moved = turn @ moved
+            if np.linalg.norm(step) < 1e-6:
+                break
+    return moved
+
+
+def _rotation(vector: np.ndarray) -> np.ndarray:
+    """Rotation matrix (3, 3) of a rotation vector [rad] (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = vector / angle
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+
+
+@njit(cache=True, nogil=True)
+def _root(parent, i):
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@njit(cache=True, nogil=True)
+def _fans_and_components(triangles, pairs, vertex_count):
+    """Vertices whose triangles are more than one fan, and triangles connected over edges: how many of each.
+
+    ``pairs`` (P, 2): the corners (3 * triangle + k) from which the two triangles of each inner edge see it.
+    """
+    total = triangles.shape[0]
+    corner = np.arange(3 * total)
+    piece = np.arange(total)
+    for p in range(pairs.shape[0]):
+        e, f = pairs[p, 0], pairs[p, 1]
+        t, s = e // 3, f // 3
+        a, b = _root(piece, t), _root(piece, s)
+        piece[max(a, b)] = min(a, b)
+        for i in (e, 3 * t + (e + 1) % 3):
+            for j in (f, 3 * s + (f + 1) % 3):
+                if triangles[t, i % 3] == triangles[s, j % 3]:
+                    a, b = _root(corner, i), _root(corner, j)
+                    corner[max(a, b)] = min(a, b)
+    components = 0
+    for t in range(total):
+        if piece[t] == t:
+            components += 1
+    fans = np.zeros(vertex_count, np.int32)
+    for i in range(3 * total):
+        if corner[i] == i:
+            fans[triangles[i // 3, i % 3]] += 1
+    return np.count_nonzero(fans > 1), components
+
+
+def _connectivity(mesh: Mesh) -> dict:
+    """Counts that need the edges only; see :func:`mesh_report`."""
+    triangles, count = np.ascontiguousarray(mesh.triangles, np.int32), len(mesh.vertices)
+    keys = edge_keys(triangles, count).ravel()
+    order = np.argsort(keys, kind="stable")
+    begin = np.flatnonzero(np.concatenate(([True], np.diff(keys[order]) != 0))) if len(keys) else np.empty(0, np.int64)
+    uses = np.diff(np.concatenate((begin, [len(keys)])))
+    first = begin[uses == 2]
+    pairs = np.column_stack((order[first], order[first + 1]))
+    split, components = _fans_and_components(triangles, pairs, count)
+    tails = triangles.ravel()[pairs]
+    # (a, a) is no edge: a triangle that names a vertex twice makes the mesh non-manifold
+    repeated = np.any(triangles == np.roll(triangles, 1, axis=1), axis=1)
+    boundary, crowded = int(np.sum(uses == 1)), int(np.sum(uses > 2))
+    consistent = bool(np.all(tails[:, 0] != tails[:, 1]))
+    return {
+        "vertices": count,
+        "triangles": len(triangles),
+        "watertight": bool(len(triangles)) and boundary == 0 and crowded == 0 and consistent,
+        "manifold": crowded == 0 and int(split) == 0 and not repeated.any(),
+        "winding_consistent": consistent,
+        "components": int(components),
+        "boundary_edges": boundary,
+        "nonmanifold_edges": crowded,
+        "nonmanifold_vertices": int(split),
+        "euler_characteristic": len(np.unique(triangles)) - len(begin) + len(triangles),
+    }
+
+
+def volume(mesh: Mesh) -> float:
+    """Signed volume of a closed mesh [m³], positive when its triangles face outwards; of no meaning for an open one."""
+    a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def mesh_report(mesh: Mesh) -> dict:
+    """What a mesh is, as a plain dict ready for JSON.
+
+    Time O(T log T), memory about 400 bytes a triangle.
+
+    Returns
+    -------
+    dict
+        ``vertices``, ``triangles``;
+        ``watertight``: every edge has exactly two triangles, wound in opposite senses along it;
+        ``manifold``: no edge has more than two triangles, and each vertex's triangles are a single fan;
+        ``winding_consistent``: of edges with two triangles;
+        ``components`` (connected over edges of two triangles), ``boundary_edges``, ``nonmanifold_edges``,
+        ``nonmanifold_vertices`` (more than one fan), ``euler_characteristic`` (of used vertices);
+        ``volume_m3`` (None unless watertight), ``area_m2``;
+        ``self_intersections``: triangles that run through another one;
+        ``min_angle_deg``: quantiles ``p0``, ``p1``, ``p5``, ``p50`` of each triangle's smallest angle, None for no
+        triangles.
+
+    Raises
+    ------
+    MirrorScanError
+        When a used vertex is not finite, or a triangle names a vertex that does not exist.
+    """
+    crossing = np.unique(self_intersections(mesh.vertices, mesh.triangles))  # also checks the indices
+    report = _connectivity(mesh)
+    report["volume_m3"] = volume(mesh) if report["watertight"] else None
+    twice_area = np.linalg.norm(triangle_normals(mesh.vertices, mesh.triangles), axis=1)
+    report["area_m2"] = float(twice_area.sum() / 2)
+    report["self_intersections"] = len(crossing)
+    report["min_angle_deg"] = None
+    if len(twice_area):
+        p = mesh.vertices[mesh.triangles]
+        sides = np.sort(np.linalg.norm(p - np.roll(p, -1, axis=1), axis=2), axis=1)
+        # the smallest angle lies between the two longest sides
+        sine = twice_area / np.maximum(sides[:, 1] * sides[:, 2], np.finfo(float).tiny)
+        angle = np.degrees(np.arcsin(np.clip(sine, 0.0, 1.0)))
+        quantiles = np.percentile(angle, (0, 1, 5, 50))
+        report["min_angle_deg"] = dict(zip(("p0", "p1", "p5", "p50"), quantiles.tolist(), strict=True))
+    return report
+
+
+def evaluate(mesh: Mesh, truth: Mesh, align: bool = True, samples: int = 100_000, seed: int = 0) -> dict:
+    """Compare a reconstruction with the true surface; distances in mm.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The reconstruction.
+    truth : Mesh
+        What it should be, in the same frame.
+    align : bool
+        Take out a small rigid motion first (:func:`rigid_alignment`).
+    samples : int
+        On each surface.
+    seed : int
+        Of the sampling.
+
+    Returns
+    -------
+    dict
+        ``vertices``, ``faces``; ``accuracy_mean``, ``_p95``, ``_max`` from the reconstruction to the truth and
+        ``complete_mean``, ``_p95``, ``_max`` from the truth to the reconstruction [mm]; ``hausdorff`` [mm], the larger
+        of the maxima; ``boundary_edges``, ``nonmanifold_edges``, ``watertight``, ``self_intersecting_faces``,
+        ``components`` as in :func:`mesh_report`; ``volume_error_pct``, None unless watertight;
+        ``icp_shift_mm``, length of the alignment's translation, 0 without one.
+
+    Raises
+    ------
+    MirrorScanError
+        When either mesh has no surface or is not finite, or they lie too far apart to be aligned.
+    """
+    tree = _tree(truth)
+    moved = _align(mesh, truth, tree, 20_000, ALIGNMENT_REACH, 30, seed) if align else np.eye(4)
+    placed = mesh.transformed(moved)
+    there = _distance_to(placed, tree, samples, seed + 1)
+    back = _distance_to(truth, _tree(placed), samples, seed + 2)
+    report = _connectivity(mesh)
+    true_volume = volume(truth)
+    return {
+        "vertices": report["vertices"],
+        "faces": report["triangles"],
+        "accuracy_mean": there.mean * 1000,
+        "accuracy_p95": there.p95 * 1000,
+        "accuracy_max": there.max * 1000,
+        "complete_mean": back.mean * 1000,
+        "complete_p95": back.p95 * 1000,
+        "complete_max": back.max * 1000,
+        "hausdorff": max(there.max, back.max) * 1000,
+        "boundary_edges": report["boundary_edges"],
+        "nonmanifold_edges": report["nonmanifold_edges"],
+        "watertight": report["watertight"],
+        "self_intersecting_faces": len(np.unique(self_intersections(mesh.vertices, mesh.triangles))),
+        "components": report["components"],
+        "volume_error_pct": (volume(mesh) / true_volume - 1) * 100 if report["watertight"] and true_volume else None,
+        "icp_shift_mm": float(np.linalg.norm(moved[:3, 3]) * 1000),
+    }
