@@ -98,7 +98,7 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     command = commands.add_parser("simulate", help="write an RGB-D folder of a virtual scan, with its truth")
     command.add_argument("folder", metavar="DIR", type=Path, help="folder to write; an earlier simulation is replaced")
     command.add_argument("--sensor", choices=SENSORS, default="azure_kinect", help="depth camera, default azure_kinect")
-    command.add_argument("--frames", metavar="N", type=_whole(1, 300), default=10, help="length of the burst, default 10")
+    command.add_argument("--frames", metavar="N", type=_whole(1, 300), default=10, help="of the burst, default 10")
     command.add_argument("--seed", metavar="N", type=_whole(0, 2**32 - 1), default=0, help="of the noise, default 0")
     command.add_argument("--mirrors", metavar="N", type=_whole(0, 8), default=2, help="number of mirrors, default 2")
     command.add_argument("--body", metavar="FILE", type=Path, help="mesh to scan, Z up, in metres; default a mannequin")

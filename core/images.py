@@ -119,7 +119,7 @@ def write_png(path: str | os.PathLike, array: np.ndarray) -> None:
 
 
 def _check_png(path: Path) -> None:
-    """Refuse a PNG whose chunks are cut or altered; libpng would complain on the terminal by itself."""
+    """Refuse a PNG whose chunks are cut or altered or whose size is absurd; libpng would complain on the terminal by itself."""
     data = path.read_bytes()
     if not data.startswith(PNG_SIGNATURE):
         if path.suffix.lower() == ".png":
@@ -135,6 +135,10 @@ def _check_png(path: Path) -> None:
             raise CaptureError(f"{path}: the PNG is truncated; copy or record it again")
         if zlib.crc32(data[position + 4 : end]) != struct.unpack_from(">I", data, end)[0]:
             raise CaptureError(f"{path}: the PNG is damaged (checksum of {kind.decode('latin-1')}); copy it again")
+        if kind == b"IHDR" and length == 13:
+            width, height = struct.unpack_from(">II", data, position + 8)
+            if not 0 < width * height <= MAX_PIXELS:
+                raise CaptureError(f"{path}: {width}×{height} pixels is no size an image here can have")
         position = end + 4
 
 

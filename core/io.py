@@ -1,6 +1,6 @@
 """Meshes to and from PLY, OBJ and STL files, without Blender.
 
-Whatever is written appears under its name only when it is complete (:func:`.files.replacing`). Whatever is read is taken for
+A file appears under its name only when it is complete (:func:`.files.replacing`). Whatever is read is taken for
 hostile: a header may promise anything, so counts are held against the bytes that are there before arrays are made.
 """
 
@@ -160,6 +160,8 @@ def _read_ply(data: bytes) -> Mesh:
             faces = content
     if vertices is None:
         raise CaptureError("has no element “vertex”; this is not a mesh")
+    if not vertices:
+        raise CaptureError("holds no vertices")
     missing = [axis for axis in "xyz" if not isinstance(vertices.get(axis), np.ndarray)]
     if missing:
         raise CaptureError(f"vertices have no property {', '.join(missing)}")
