@@ -19,7 +19,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ..core.errors import OutputError
-from ..core.io import replacing
+from ..core.files import replacing
 from . import scene as avatar_scene
 
 if TYPE_CHECKING:

@@ -32,8 +32,8 @@ def create_avatar(
     """A Blender object from a mesh, smooth shaded, with a material that shows its colours.
 
     Colours become the point attribute ``Color`` (sRGB bytes, exact), ``view`` an integer point attribute and ``kind``
-    an integer face attribute. Blender's validation drops faces no mesh may have (a vertex used twice, the same face
-    twice); a warning is logged then. 60 000 vertices take about 60 ms.
+    an integer face attribute. Faces no Blender mesh may have (a vertex used twice, the same face twice) are
+    dropped, and a warning is logged.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def _check(mesh: Mesh) -> None:
         )
     if len(vertices) == 0 or len(triangles) == 0:
         raise OutputError("mesh: has no triangles, so there is nothing to show")
-    if not np.isfinite(vertices).all():
+    if not (np.abs(vertices) < np.finfo(np.float32).max).all():  # false for NaN too
         raise OutputError("mesh: some vertex coordinates are not finite numbers")
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise OutputError(f"mesh: a triangle names a vertex that is not there (there are {len(vertices)})")
@@ -174,10 +174,27 @@ def _fill(data: bpy.types.Mesh, mesh: Mesh) -> None:
         attribute.data.foreach_set("color_srgb", rgba.ravel())
         data.color_attributes.active_color = attribute
         data.color_attributes.render_color_index = data.color_attributes.active_color_index
-    # Adding the edges first costs a few ms and spares validate() from finding all of them missing.
-    data.update(calc_edges=True)
-    if data.validate():
+    if _has_impossible_faces(mesh):
+        data.validate()
         log.warning(
             "%s: Blender removed %d faces that were degenerate or doubled", data.name, n_triangles - len(data.polygons)
         )
-        data.update()
+    data.update(calc_edges=True)
+
+
+def _has_impossible_faces(mesh: Mesh) -> bool:
+    """Whether a triangle names a vertex twice, or two triangles are the same.
+
+    With what :func:`_check` refuses, these are all that Blender's ``validate()`` looks for in a mesh of triangles;
+    asking ourselves takes 10 ms for 120 000 triangles instead of 30 to 60.
+    """
+    a, b, c = np.sort(mesh.triangles, axis=1).astype(np.int64).T
+    if ((a == b) | (b == c)).any():
+        return True
+    n = len(mesh.vertices)
+    if n > 1_000_000:  # too many for three indices in one int64
+        _, ab = np.unique(a * n + b, return_inverse=True)
+        key = np.sort(ab * n + c)
+    else:
+        key = np.sort((a * n + b) * n + c)
+    return bool((key[1:] == key[:-1]).any())

@@ -28,7 +28,7 @@ def bpy(addon):
 
 @pytest.fixture(scope="session")
 def capsule():
-    """A closed capsule 1.70 m tall on z = 0, with all colour values, views and kinds: not one of the arrays is constant."""
+    """A closed capsule 1.70 m tall on z = 0, with all colour values, views and kinds."""
     return _make_capsule(48, 32)
 
 
