@@ -432,15 +432,19 @@ def _summary(result: Reconstruction) -> str:
 
 def _distance_lines(distances: dict) -> Iterator[str]:
     """The figures of :func:`metrics.evaluate` as a table."""
-    for name, value in distances.items():
-        if isinstance(value, dict):
-            yield f"{name}: " + ", ".join(f"{key} {_figure(number)}" for key, number in value.items())
-        else:
-            yield f"{name}: {_figure(value)}"
-
-
-def _figure(value: object) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    yield "distances in mm        mean     95 %      max"
+    for title, key in (("mesh to truth", "accuracy"), ("truth to mesh", "complete")):
+        mean, p95, largest = (distances[f"{key}_{column}"] for column in ("mean", "p95", "max"))
+        yield f"{title:<18}{mean:9.2f}{p95:9.2f}{largest:9.2f}"
+    closed = "watertight" if distances["watertight"] else f"{distances['boundary_edges']} open edges"
+    yield (
+        f"mesh: {distances['vertices']} vertices, {distances['faces']} faces in {distances['components']} piece"
+        f"{'' if distances['components'] == 1 else 's'}, {closed}, {distances['nonmanifold_edges']} non-manifold edges, "
+        f"{distances['self_intersecting_faces']} faces that intersect others"
+    )
+    if distances["volume_error_pct"] is not None:
+        yield f"volume {distances['volume_error_pct']:+.1f} %"
+    yield f"measured after moving the mesh {distances['icp_shift_mm']:.1f} mm to where it fits best"
 
 
 def _plain(value: object) -> object:

@@ -119,7 +119,7 @@ def write_png(path: str | os.PathLike, array: np.ndarray) -> None:
 
 
 def _check_png(path: Path) -> None:
-    """Refuse a PNG whose chunks are cut or altered or whose size is absurd; libpng would complain on the terminal by itself."""
+    """Refuse a PNG that is cut, altered or of absurd size; libpng itself would complain on the terminal."""
     data = path.read_bytes()
     if not data.startswith(PNG_SIGNATURE):
         if path.suffix.lower() == ".png":

@@ -309,9 +309,8 @@ def _frame_pixels(where: str, picks: object, intrinsics: Intrinsics | None) -> n
         pixels[i] = pixel
     different = len(np.unique(pixels, axis=0))
     if different < 3:
-        raise MirrorError(
-            f"{where} has {different} unlike pick{'' if different == 1 else 's'}; pick 3 or more points on its frame"
-        )
+        picked = f"{different} different pick{'' if different == 1 else 's'}"
+        raise MirrorError(f"{where} has {picked}; a plane needs at least 3 points on the frame")
     if intrinsics is not None:
         size = np.array((intrinsics.width, intrinsics.height))
         outside = np.flatnonzero(((pixels < -0.5) | (pixels > size - 0.5)).any(axis=1))
