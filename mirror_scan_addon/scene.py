@@ -113,11 +113,15 @@ def avatar_material(attribute: str) -> bpy.types.Material:
 
 
 def select_only(context: bpy.types.Context, target: bpy.types.Object) -> None:
-    """Make ``target`` the one selected and the active object of the context's view layer."""
-    for selected in context.view_layer.objects.selected.values():
-        selected.select_set(False)
-    target.select_set(True)
-    context.view_layer.objects.active = target
+    """Make ``target`` the one selected and the active object, unless its collection is not in the view layer."""
+    layer = context.view_layer
+    layer.update()  # a view layer does not know an object before this
+    if target.name not in layer.objects:
+        return
+    for selected in list(layer.objects.selected):
+        selected.select_set(False, view_layer=layer)
+    target.select_set(True, view_layer=layer)
+    layer.objects.active = target
 
 
 @contextlib.contextmanager

@@ -50,10 +50,10 @@ class MIRRORSCAN_OT_build_avatar(jobs.JobOperator, bpy.types.Operator):
 
     def start(self, context: bpy.types.Context) -> jobs.Job:
         settings = context.scene.mirror_scan
-        path = bpy.path.abspath(self.filepath or settings.capture_path)
+        path = _absolute(self.filepath or settings.capture_path)
         if not path:
             raise CaptureError("No capture chosen; set the capture folder in the Mirror Scan tab of the sidebar")
-        mirrors_path = bpy.path.abspath(self.mirrors_filepath or settings.mirrors_path)
+        mirrors_path = _absolute(self.mirrors_filepath or settings.mirrors_path)
         frames = self.frames if self.properties.is_property_set("frames") else settings.frames
         return build_steps(path, mirrors_path, frames)
 
@@ -64,7 +64,7 @@ class MIRRORSCAN_OT_build_avatar(jobs.JobOperator, bpy.types.Operator):
         if not collection.is_editable or (here and context.layer_collection.exclude):
             collection = target.collection
         avatar = scene.create_avatar(result.mesh, collection=collection, report=result.report)
-        if here and avatar.name in context.view_layer.objects:
+        if here:
             scene.select_only(context, avatar)
         dropped = len(result.mesh.triangles) - len(avatar.data.polygons)
         if dropped:
@@ -74,15 +74,23 @@ class MIRRORSCAN_OT_build_avatar(jobs.JobOperator, bpy.types.Operator):
         self.report({"INFO"}, f"{avatar.name}: {len(avatar.data.vertices):,} vertices")
 
 
+def _absolute(path: str) -> str:
+    """A path as the user typed it, made absolute; “//” stands for the .blend's folder."""
+    if path.startswith("//") and not bpy.data.filepath:
+        raise CaptureError(f"{path}: is relative to the .blend file, which has no place yet; save it first")
+    return bpy.path.abspath(path)
+
+
 def build_steps(path: str, mirrors_path: str, frames: int) -> jobs.Job:
     """The job: read, then reconstruct; core's heavy modules are imported here, when somebody asks for them."""
     yield 0.0, "Preparing (compiles once, at the first use)"
     kernels.prepare_kernels()
     from ...core.capture import open_capture
     from ...core.capture.rgbd_folder import read_mirrors
-    from ...core.pipeline import reconstruction_steps
 
     yield 0.02, "Reading the capture"
     capture = open_capture(path, frames or None)
     mirrors = read_mirrors(mirrors_path, capture.intrinsics) if mirrors_path else None
+    from ...core.pipeline import reconstruction_steps
+
     return (yield from reconstruction_steps(capture, mirrors))

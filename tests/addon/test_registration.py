@@ -1,0 +1,110 @@
+"""What registering adds, unregistering takes away; and neither costs a start of Blender anything."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("bpy")
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def run_fresh(code: str, **environment: str) -> str:
+    """Standard output of ``code`` in a new Python that has the checkout as ``mirror_scan``."""
+    import os
+
+    preamble = f"import sys, runpy; runpy.run_path({str(ROOT / 'tests' / 'conftest.py')!r})\n"
+    done = subprocess.run(
+        [sys.executable, "-c", preamble + code],
+        capture_output=True, text=True, timeout=120, env={**os.environ, **environment},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_start_is_cheap():
+    """CPU time, since other things may run; numba and the stages of core must not be there."""
+    figures = json.loads(
+        run_fresh(
+            """
+import json, time
+start = time.process_time(); import mirror_scan; imported = time.process_time() - start
+import bpy
+start = time.process_time(); mirror_scan.register(); registered = time.process_time() - start
+heavy = [name for name in sys.modules if name.split(".")[0] in ("numba", "llvmlite", "scipy", "tqdm")]
+print(json.dumps({"import": imported, "register": registered, "heavy": heavy}))
+"""
+        ).splitlines()[-1]
+    )
+    assert figures["heavy"] == []
+    assert figures["import"] < 0.05 and figures["register"] < 0.05, figures
+
+
+def test_importing_needs_no_bpy():
+    assert run_fresh(
+        """
+sys.modules["bpy"] = None  # a Python without it
+import mirror_scan.mirror_scan_addon.command as command
+print(sorted(command.BlenderWriters()), ".glb" in command.BlenderWriters(), ".ply" in command.BlenderWriters())
+"""
+    ) == "['.blend', '.fbx', '.glb'] True False\n"
+
+
+def test_cycles_leave_nothing(bpy, addon):
+    def look():
+        return (
+            sorted(name for name in dir(bpy.types) if name.startswith("MIRRORSCAN_")),
+            sorted(dir(bpy.ops.mirror_scan)),
+            "mirror_scan" in bpy.types.Scene.bl_rna.properties,
+            "mirror_scan" in bpy.types.WindowManager.bl_rna.properties,
+            {name: len(getattr(bpy.app.handlers, name)) for name in dir(bpy.app.handlers)
+             if isinstance(getattr(bpy.app.handlers, name), list)},
+            len(bpy.types.Operator.__subclasses__()),
+        )  # fmt: skip
+
+    registered = look()
+    assert "build_avatar" in registered[1]
+    addon.unregister()
+    bare = look()
+    assert bare[0] == [] and bare[1] == [] and not bare[2] and not bare[3]
+    for _ in range(5):
+        addon.register()
+        assert look() == registered
+        addon.unregister()
+        assert look() == bare
+    addon.register()
+
+
+def test_a_failing_registration_takes_back_what_it_added(bpy, addon, monkeypatch):
+    from mirror_scan.mirror_scan_addon import panels
+
+    def fail():
+        raise RuntimeError("no room")
+
+    addon.unregister()
+    with monkeypatch.context() as patch:
+        patch.setattr(panels, "register", fail)
+        with pytest.raises(RuntimeError, match="no room"):
+            addon.register()
+    assert dir(bpy.ops.mirror_scan) == [] and not hasattr(bpy.types.Scene, "mirror_scan")
+    addon.register()
+
+
+def test_texts_follow_the_house_style(addon, bpy):
+    """Every operator and property has a name and a description without a full stop at its end."""
+    described = [getattr(bpy.types, name).bl_rna for name in dir(bpy.types) if name.startswith("MIRRORSCAN_")]
+    assert described
+    for rna in described:
+        if "_OT_" in rna.identifier:
+            assert rna.description and not rna.description.endswith("."), rna.identifier
+        if "_PT_" in rna.identifier:
+            continue
+        for prop in rna.properties:
+            if prop.is_runtime:
+                assert prop.name and not prop.description.endswith("."), (rna.identifier, prop.identifier)
+                assert prop.description or "_PG_progress" in rna.identifier, (rna.identifier, prop.identifier)
