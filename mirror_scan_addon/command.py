@@ -85,7 +85,7 @@ def _require_bpy(suffix: str) -> None:
         import bpy  # noqa: F401
     except ImportError as error:
         have = " and ".join(f"Python {major}.{minor} ({what})" for (major, minor), what in BPY_PYTHONS.items())
-        here = f"Python {sys.version_info.major}.{sys.version_info.minor}"
+        here = f"Python {sys.version_info[0]}.{sys.version_info[1]}"
         if sys.version_info[:2] in BPY_PYTHONS:
             remedy = "install it with “pip install bpy”"
         else:
