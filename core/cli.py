@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING
 from .errors import CaptureError, MirrorScanError, OutputError
 
 if TYPE_CHECKING:
-    from .capture import Capture
     from .pipeline import Progress, Reconstruction
 
 Writers = Mapping[str, Callable[["Path", "Reconstruction"], object]]
@@ -50,7 +49,8 @@ def main(argv: Sequence[str] | None = None, *, prog: str = "mirror-scan", writer
     Returns
     -------
     int
-        0 done; 1 the input or the scene is at fault, told in one line on stderr; 2 usage; 130 interrupted.
+        0 done; 1 the input or the scene is at fault, told in one line on stderr; 2 usage; 130 interrupted; 141 its
+        reader went away.
     """
     try:
         options = build_parser(prog).parse_args(argv)
@@ -64,6 +64,9 @@ def main(argv: Sequence[str] | None = None, *, prog: str = "mirror-scan", writer
     except KeyboardInterrupt:
         _complain("error", "interrupted; nothing was written")
         return 130
+    except BrokenPipeError:  # the reader of a pipe had enough; keep Python from stumbling over it again at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
     return 0
 
 
@@ -127,12 +130,14 @@ def _reconstruct(options: argparse.Namespace, writers: Writers) -> None:
 
     from .capture import open_capture
     from .capture.rgbd_folder import read_mirrors
-    from .pipeline import reconstruct
 
     started = time.perf_counter()
     capture = open_capture(options.capture, frames=1 if options.single_frame else None)
     mirrors = read_mirrors(options.mirrors, capture.intrinsics) if options.mirrors else None
     read_ms = (time.perf_counter() - started) * 1e3
+
+    from .pipeline import reconstruct  # brings numba; a capture that cannot be read is told before that
+
     with _progress(options.quiet) as progress:
         result = reconstruct(capture, mirrors, progress=progress, frame=options.frame)
     for warning in result.warnings:
@@ -213,13 +218,13 @@ def _inspect(options: argparse.Namespace, writers: Writers) -> None:
         _check_targets([options.preview])
 
     from .capture import open_capture
+    from .capture.describe import picture, words
+    from .images import write_png
 
     capture = open_capture(options.capture)
     if options.preview:
-        from .images import write_png
-
-        write_png(options.preview, capture_picture(capture))
-    for line in describe_capture(capture):
+        write_png(options.preview, picture(capture))
+    for line in words(capture):
         _say(line)
     if options.preview:
         _say(f"  {options.preview}")
@@ -343,81 +348,6 @@ def _write_simulation(folder: Path, *, sensor: str, frames: int, seed: int, mirr
         raise OutputError(f"{folder}: cannot be written: {error.strerror or error}") from error
 
 
-# --- what a capture holds --------------------------------------------------------------------------------------------
-
-
-def describe_capture(capture: Capture) -> Iterator[str]:
-    """Lines for a person: sizes, range, coverage, noise, mirrors, and a histogram of the range."""
-    import numpy as np
-
-    depth, camera = capture.depth, capture.intrinsics
-    frames = len(depth)
-    valid = depth > 0
-    z = depth[valid]
-    near, far = (float(v) for v in np.percentile(z, (0.5, 99.5)))
-    fov = [2 * math.degrees(math.atan2(n, 2 * f)) for n, f in ((camera.width, camera.fx), (camera.height, camera.fy))]
-    yield f"{capture.name}: {capture.format}"
-    count = f"{frames} frames" if frames > 1 else "1 frame"
-    yield f"  depth    {camera.width}×{camera.height}, {count}, {near:.2f} to {far:.2f} m"
-    yield (
-        f"  camera   fx {camera.fx:.1f}, fy {camera.fy:.1f}, cx {camera.cx:.1f}, cy {camera.cy:.1f} px; "
-        f"view {fov[0]:.0f}° × {fov[1]:.0f}°"
-    )
-    coverage = f"  readings at {valid.mean():.0%} of the pixels"
-    if frames > 1:
-        coverage += f"; {valid.all(axis=0).mean():.0%} in every frame, {valid.any(axis=0).mean():.0%} in any"
-    yield coverage
-    if frames > 1:
-        steady = valid[0] & valid[1]
-        if steady.any():
-            noise = np.median(np.abs(depth[1][steady] - depth[0][steady])) / (math.sqrt(2) * 0.6745)
-            yield f"  noise    {noise * 1e3:.1f} mm from frame to frame (median over the pixels)"
-    yield "  colour   " + ("none" if capture.color is None else f"{capture.color.shape[1]}×{capture.color.shape[0]}")
-    if not capture.mirrors:
-        yield "  mirrors  none in the file; they will be looked for"
-    for mirror in capture.mirrors:
-        known = f"{len(mirror.frame_pixels)} points on its frame" if mirror.frame_pixels is not None else "known plane"
-        yield f"  mirror   {mirror.name}: {known}"
-    yield "  range    share of the readings"
-    edges = np.linspace(near, far, 11) if far > near else np.array((near - 0.05, near + 0.05))
-    shares = np.histogram(np.clip(z, edges[0], edges[-1]), edges)[0] / z.size
-    for low, high, share in zip(edges, edges[1:], shares, strict=False):
-        bar = "#" * round(40 * share / shares.max())
-        yield f"    {low:5.2f} to {high:5.2f} m {share:6.1%} {bar}"
-
-
-def capture_picture(capture: Capture):
-    """First frame's depth in colours (near yellow, far violet, no reading black) beside the colour image.
-
-    Picks on the mirrors' frames are marked by red crosses.
-
-    Returns
-    -------
-    np.ndarray [shape=(H, W or 2 W, 3), dtype=uint8]
-    """
-    import numpy as np
-
-    depth = capture.depth[0] if capture.depth[0].any() else capture.depth.max(axis=0)
-    valid = depth > 0
-    near, far = np.percentile(depth[valid], (1, 99))
-    shade = np.clip((far - depth) / max(far - near, 1e-6), 0, 1)
-    stops = np.linspace(0, 1, 6)
-    anchors = ((68, 1, 84), (65, 68, 135), (42, 120, 142), (34, 168, 132), (122, 209, 81), (253, 231, 37))
-    colored = np.stack([np.interp(shade, stops, channel) for channel in np.transpose(anchors)], axis=-1)
-    colored[~valid] = 0
-    picture = np.rint(colored).astype(np.uint8)
-    if capture.color is not None:
-        picture = np.hstack((picture, capture.color))
-    height, width = depth.shape
-    for mirror in capture.mirrors:
-        for u, v in np.rint(mirror.frame_pixels if mirror.frame_pixels is not None else []).astype(int):
-            for shift in range(-4, 5):
-                for x, y in ((u + shift, v), (u, v + shift)):
-                    if 0 <= x < width and 0 <= y < height:
-                        picture[y, x::width] = (255, 40, 40)
-    return picture
-
-
 # --- words -----------------------------------------------------------------------------------------------------------
 
 
@@ -437,9 +367,10 @@ def _distance_lines(distances: dict) -> Iterator[str]:
         mean, p95, largest = (distances[f"{key}_{column}"] for column in ("mean", "p95", "max"))
         yield f"{title:<18}{mean:9.2f}{p95:9.2f}{largest:9.2f}"
     closed = "watertight" if distances["watertight"] else f"{distances['boundary_edges']} open edges"
+    pieces = f"{distances['components']} component{'' if distances['components'] == 1 else 's'}"
+    yield f"mesh: {distances['vertices']} vertices, {distances['faces']} faces, {pieces}, {closed}"
     yield (
-        f"mesh: {distances['vertices']} vertices, {distances['faces']} faces in {distances['components']} piece"
-        f"{'' if distances['components'] == 1 else 's'}, {closed}, {distances['nonmanifold_edges']} non-manifold edges, "
+        f"{distances['nonmanifold_edges']} non-manifold edges, "
         f"{distances['self_intersecting_faces']} faces that intersect others"
     )
     if distances["volume_error_pct"] is not None:

@@ -1,0 +1,267 @@
+"""The command line: exit codes, one line on stderr, nothing written when something is wrong."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mirror_scan.core import cli
+from mirror_scan.core.errors import OutputError, ReconstructionError
+from mirror_scan.core.images import read_image, write_png
+from mirror_scan.core.io import read_mesh, write_mesh
+from mirror_scan.core.mesh import Mesh
+
+ROOT = Path(__file__).resolve().parents[2]
+WIDTH, HEIGHT = 64, 48
+PICKS = [[5, 5], [5, 40], [20, 22]]
+TETRAHEDRON = Mesh(
+    np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]),
+    np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32),
+)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A small capture of a flat wall, with one mirror's picks."""
+    path = tmp_path / "scan"
+    (path / "depth").mkdir(parents=True)
+    write_png(path / "depth" / "000000.png", np.full((HEIGHT, WIDTH), 2000, np.uint16))
+    write_json(path / "intrinsic.json", intrinsic())
+    write_json(path / "mirrors.json", {"mirrors": [{"name": "right", "frame_pixels": PICKS}]})
+    return path
+
+
+def intrinsic(fx=60.0, width=WIDTH):
+    return {"width": width, "height": HEIGHT, "intrinsic_matrix": [fx, 0, 0, 0, 60, 0, 31.5, 23.5, 1]}
+
+
+def write_json(path, content):
+    path.write_text(json.dumps(content))
+
+
+def picks(folder, pixels):
+    write_json(folder / "mirrors.json", {"mirrors": [{"name": "right", "frame_pixels": pixels}]})
+
+
+def refused(capsys, arguments, words):
+    """The command ends with 1, says one line on stderr and nothing on stdout."""
+    assert cli.main([str(a) for a in arguments]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert re.fullmatch(r"error: [^\n]+\n", err), err
+    assert re.search(words, err), err
+
+
+def listing(path):
+    return sorted((p.relative_to(path), p.stat().st_mtime_ns) for p in path.rglob("*") if p.is_file())
+
+
+def remove(folder, name):
+    (folder / name).unlink()
+
+
+def truncate(folder):
+    path = folder / "depth" / "000000.png"
+    path.write_bytes(path.read_bytes()[:-20])
+
+
+def depth(folder, image):
+    write_png(folder / "depth" / "000000.png", image)
+
+
+BAD_CAPTURES = {
+    "intrinsics missing": (lambda f: remove(f, "intrinsic.json"), r"intrinsic\.json: is missing"),
+    "intrinsics zero": (lambda f: write_json(f / "intrinsic.json", intrinsic(fx=0)), "focal lengths must be positive"),
+    "depth missing": (lambda f: remove(f, "depth/000000.png"), "holds no PNG"),
+    "truncated": (truncate, "truncated"),
+    "8 bit": (lambda f: depth(f, np.full((HEIGHT, WIDTH), 90, np.uint8)), "16-bit"),
+    "sizes disagree": (lambda f: depth(f, np.full((24, 32), 2000, np.uint16)), "32×24"),
+    "no depth anywhere": (lambda f: depth(f, np.zeros((HEIGHT, WIDTH), np.uint16)), "no pixel"),
+    "mirrors malformed": (lambda f: (f / "mirrors.json").write_text('{"mirrors": ['), "not valid JSON"),
+    "two picks": (lambda f: picks(f, PICKS[:2]), "at least 3"),
+    "picks outside": (lambda f: picks(f, [*PICKS, [64, 3]]), "outside the 64×48 image"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_CAPTURES)
+def test_a_bad_capture_is_refused_and_nothing_written(folder, capsys, case):
+    damage, words = BAD_CAPTURES[case]
+    damage(folder)
+    (folder.parent / "a.ply").write_text("old")
+    before = listing(folder.parent)
+    arguments = ["reconstruct", folder, "-o", folder.parent / "a.ply", "--report", folder.parent / "r.json"]
+    refused(capsys, arguments, words)
+    assert listing(folder.parent) == before
+
+
+def test_a_missing_capture_is_refused_by_every_command(tmp_path, capsys):
+    nowhere = tmp_path / "nowhere"
+    for arguments in (
+        ["reconstruct", nowhere, "-o", tmp_path / "a.ply"],
+        ["inspect", nowhere, "-o", tmp_path / "a.png"],
+        ["evaluate", nowhere / "a.ply", nowhere / "b.ply"],
+    ):
+        refused(capsys, arguments, "no such file|No such file")
+    assert listing(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    "outputs, words",
+    [
+        (["-o", "a.xyz"], "unknown format “.xyz”"),
+        (["-o", "a"], "unknown format"),
+        (["-o", "nowhere/a.ply"], "does not exist"),
+        (["-o", "scan"], "unknown format"),
+        (["-o", "folder.ply"], "not a regular file"),
+        (["-o", "a.ply", "-o", "./a.ply"], "written twice"),
+        (["-o", "a.ply", "--report", "nowhere/r.json"], "does not exist"),
+        (["-o", "a.blend"], "pip install bpy==5.0.1.*3.11.*5.2.3.*3.13"),
+    ],
+)
+def test_outputs_are_checked_before_anything_is_read(folder, capsys, monkeypatch, outputs, words):
+    monkeypatch.chdir(folder.parent)
+    Path("folder.ply").mkdir()
+    remove(folder, "intrinsic.json")  # would be told if it were looked at first
+    refused(capsys, ["reconstruct", "scan", *outputs], words)
+
+
+@pytest.fixture
+def pipeline(monkeypatch):
+    """Stands in for the reconstruction, to look at what the command line does with its answer or its error."""
+    from mirror_scan.core import pipeline
+
+    def reconstruct(capture, mirrors=None, progress=None, frame="avatar"):
+        if mirrors:
+            raise ReconstructionError("nobody stands\nbetween camera and mirrors")
+        report = {
+            "mesh": {"vertices": 4, "triangles": 4, "watertight": True, "height_m": 1.0, "volume_l": 166.7},
+            "timings_ms": {"total": 1.5},
+            "frames": len(capture.depth),
+            "quality": float("nan"),
+        }
+        return pipeline.Reconstruction(TETRAHEDRON, frame, np.eye(4), report, ("the left mirror shows nobody",))
+
+    monkeypatch.setattr(pipeline, "reconstruct", reconstruct, raising=False)
+
+
+def test_reconstruct_writes_all_outputs_and_the_report(folder, capsys, pipeline):
+    for i in (1, 2):
+        write_png(folder / "depth" / f"{i}.png", np.full((HEIGHT, WIDTH), 2000, np.uint16))
+    here = folder.parent
+    arguments = ["reconstruct", folder, *(x for s in ("ply", "obj", "stl") for x in ("-o", here / f"a.{s}"))]
+    assert cli.main([*map(str, arguments), "--report", str(here / "r.json")]) == 0
+    out, err = capsys.readouterr()
+    assert "1.00 m tall" in out and "watertight" in out
+    assert err == "warning: the left mirror shows nobody\n"
+    for suffix in ("ply", "obj", "stl"):
+        assert len(read_mesh(here / f"a.{suffix}").triangles) == 4
+    report = json.loads((here / "r.json").read_text())
+    assert report["frames"] == 3
+    assert report["quality"] is None
+    assert set(report["timings_ms"]) == {"read", "total", "write"}
+
+    assert cli.main([*map(str, arguments), "--report", str(here / "r.json"), "--single-frame", "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
+    assert json.loads((here / "r.json").read_text())["frames"] == 1
+
+
+def test_an_error_of_the_pipeline_is_one_line(folder, capsys, pipeline):
+    arguments = ["reconstruct", folder, "--mirrors", folder / "mirrors.json", "-o", folder.parent / "a.ply"]
+    refused(capsys, arguments, "nobody stands between camera and mirrors")
+    assert not (folder.parent / "a.ply").exists()
+
+
+def test_a_writer_that_fails_leaves_every_output_as_it_was(folder, capsys, pipeline):
+    here = folder.parent
+    (here / "a.ply").write_text("old")
+    before = listing(here)
+
+    def full_disk(path, reconstruction):
+        Path(path).write_text("half")
+        raise OSError(28, "No space left on device")
+
+    arguments = ["reconstruct", str(folder), "-o", str(here / "a.ply"), "-o", str(here / "b.blend")]
+    assert cli.main([*arguments, "--report", str(here / "r.json")], writers={".blend": full_disk}) == 1
+    assert re.search(r"error: .*b\.blend: cannot be written: No space left", capsys.readouterr().err)
+    assert listing(here) == before
+
+
+def test_writers_come_from_outside(folder, capsys, pipeline):
+    class Unavailable(dict):
+        def __getitem__(self, suffix):
+            raise OutputError(f"{suffix} is not to be had today")
+
+    arguments = ["reconstruct", str(folder), "-o", str(folder.parent / "a.glb"), "--frame", "camera"]
+    assert cli.main(arguments, writers=Unavailable({".glb": None})) == 1
+    assert "not to be had" in capsys.readouterr().err
+    assert cli.main(arguments, writers={".glb": lambda path, result: path.write_text(result.frame)}) == 0
+    assert (folder.parent / "a.glb").read_text() == "camera"
+
+
+@pytest.mark.parametrize(
+    "arguments", [[], ["fly"], ["reconstruct"], ["reconstruct", "a"], ["simulate", "a", "--frames", "0"],
+                  ["simulate", "a", "--mirrors", "x"], ["reconstruct", "a", "-o", "a.ply", "--frame", "world"]]
+)  # fmt: skip
+def test_usage_is_2(capsys, arguments):
+    assert cli.main(arguments) == 2
+    assert "usage: mirror-scan" in capsys.readouterr().err
+
+
+def test_inspect_says_what_the_file_holds(folder, capsys):
+    frame = np.zeros((HEIGHT, WIDTH), np.uint16)
+    frame[:24] = 1500
+    frame[24:36] = 3000
+    depth(folder, frame)
+    assert cli.main(["inspect", str(folder), "-o", str(folder.parent / "p.png")]) == 0
+    out = capsys.readouterr().out
+    for words in (
+        "RGB-D folder", "64×48, 1 frame, 1.50 to 3.00 m", "75% of the pixels", "right: 3 points", "66.7% ####",
+    ):  # fmt: skip
+        assert words in out
+    picture = read_image(folder.parent / "p.png")
+    assert picture.shape == (HEIGHT, WIDTH, 3)
+    assert (picture[40] == 0).sum() > 100
+    assert picture[5, 5].tolist() == [255, 40, 40]
+    refused(capsys, ["inspect", folder, "-o", folder.parent / "p.jpg"], r"ends in \.png")
+
+
+def test_simulate_never_replaces_a_recording(folder, capsys):
+    pytest.importorskip("mirror_scan.core.simulation.camera")
+    before = listing(folder)
+    refused(capsys, ["simulate", folder], "not an earlier simulation")
+    assert listing(folder) == before
+
+
+def test_evaluate_refuses_what_has_no_surface(tmp_path, capsys):
+    write_mesh(tmp_path / "a.ply", TETRAHEDRON)
+    write_mesh(tmp_path / "points.ply", Mesh(TETRAHEDRON.vertices, np.empty((0, 3), np.int32)))
+    refused(capsys, ["evaluate", tmp_path / "a.ply", tmp_path / "points.ply"], "no faces")
+
+
+def test_help_answers_without_heavy_imports():
+    code = (
+        f"import sys; sys.path.insert(0, {str(ROOT / 'tests')!r}); import conftest\n"
+        "from mirror_scan.core import cli\n"
+        "assert cli.main(['--help']) == 0 and cli.main(['reconstruct', '--help']) == 0\n"
+        "heavy = {'numpy', 'numba', 'OpenImageIO', 'tqdm', 'bpy'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+        "from mirror_scan.core import capture, images\n"
+        "assert 'numba' not in sys.modules\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, timeout=60)
+
+
+def test_every_subpackage_is_in_the_wheel():
+    listed = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
+    there = {"mirror_scan"} | {
+        "mirror_scan." + ".".join(init.parent.relative_to(ROOT).parts)
+        for top in ("core", "mirror_scan_addon")
+        for init in (ROOT / top).rglob("__init__.py")
+    }
+    assert listed == there
