@@ -313,16 +313,22 @@ def raycast_one(bvh, ox, oy, oz, dx, dy, dz, t_max, stack):
     return best_t, bvh.order[best], best_u, best_v
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def _raycast_some(bvh, origins, directions, t_max, first, last, t, triangle, barycentric):
+    stack = np.empty(STACK, dtype=np.int32)
+    for i in range(first, last):
+        t[i], triangle[i], barycentric[i, 0], barycentric[i, 1] = raycast_one(
+            bvh, origins[i, 0], origins[i, 1], origins[i, 2],
+            directions[i, 0], directions[i, 1], directions[i, 2], t_max, stack,
+        )
+
+
 @njit(cache=True, nogil=True, parallel=True, error_model="numpy")
 def _raycast_kernel(bvh, origins, directions, t_max, t, triangle, barycentric):
     total = origins.shape[0]
     for task in prange((total + _CHUNK - 1) // _CHUNK):
-        stack = np.empty(STACK, dtype=np.int32)
-        for i in range(task * _CHUNK, min(total, (task + 1) * _CHUNK)):
-            t[i], triangle[i], barycentric[i, 0], barycentric[i, 1] = raycast_one(
-                bvh, origins[i, 0], origins[i, 1], origins[i, 2],
-                directions[i, 0], directions[i, 1], directions[i, 2], t_max, stack,
-            )
+        first, last = task * _CHUNK, min(total, (task + 1) * _CHUNK)
+        _raycast_some(bvh, origins, directions, t_max, first, last, t, triangle, barycentric)
 
 
 def raycast(
@@ -373,7 +379,7 @@ def raycast(
     return t, triangle, barycentric
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _segment_nearest(px, py, pz, corners, i, j, k):
     """Nearest point of the edge j-k of triangle i and its squared distance; without length it is its first end."""
     ax, ay, az = corners[i, j, 0], corners[i, j, 1], corners[i, j, 2]
@@ -412,7 +418,7 @@ def _triangle_nearest(px, py, pz, corners, i):
     return best, x, y, z
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _box_distance(boxes, node, px, py, pz):
     """Squared distance from a point to a node's box, 0 inside."""
     x = max(boxes[node, 0] - px, px - boxes[node, 3], 0.0)
@@ -476,16 +482,22 @@ def closest_one(bvh, px, py, pz, max_squared, stack):
     return best, bvh.order[found], x, y, z
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def _closest_some(bvh, points, max_squared, first, last, distance, triangle, nearest):
+    stack = np.empty(STACK, dtype=np.int32)
+    for i in range(first, last):
+        squared, triangle[i], nearest[i, 0], nearest[i, 1], nearest[i, 2] = closest_one(
+            bvh, points[i, 0], points[i, 1], points[i, 2], max_squared, stack
+        )
+        distance[i] = np.sqrt(squared)
+
+
 @njit(cache=True, nogil=True, parallel=True, error_model="numpy")
 def _closest_kernel(bvh, points, max_squared, distance, triangle, nearest):
     total = points.shape[0]
     for task in prange((total + _CHUNK - 1) // _CHUNK):
-        stack = np.empty(STACK, dtype=np.int32)
-        for i in range(task * _CHUNK, min(total, (task + 1) * _CHUNK)):
-            squared, triangle[i], nearest[i, 0], nearest[i, 1], nearest[i, 2] = closest_one(
-                bvh, points[i, 0], points[i, 1], points[i, 2], max_squared, stack
-            )
-            distance[i] = np.sqrt(squared)
+        first, last = task * _CHUNK, min(total, (task + 1) * _CHUNK)
+        _closest_some(bvh, points, max_squared, first, last, distance, triangle, nearest)
 
 
 def closest_point(
@@ -525,115 +537,7 @@ def closest_point(
     return distance, triangle, nearest
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _side(n0, n1, n2, a, p):
-    """Which side of the plane through ``a`` with normal n the point ``p`` lies on (unnormalised distance)."""
-    return n0 * (p[0] - a[0]) + n1 * (p[1] - a[1]) + n2 * (p[2] - a[2])
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
-def _normal(a, b, c):
-    """Normal of a triangle, as long as twice its area."""
-    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _volume(p, q, a, b):
-    """Six times the signed volume of the tetrahedron p, q, a, b."""
-    n0, n1, n2 = _normal(p, q, a)
-    return _side(n0, n1, n2, p, b)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _pierces(p, q, a, b, c, strict):
-    """Whether segment pq, whose ends are known to lie on both sides of the plane of abc, goes through abc.
-
-    ``strict`` leaves out the border of abc.
-    """
-    u, v, w = _volume(p, q, a, b), _volume(p, q, b, c), _volume(p, q, c, a)
-    if strict:
-        return (u > 0.0 and v > 0.0 and w > 0.0) or (u < 0.0 and v < 0.0 and w < 0.0)
-    return (u >= 0.0 and v >= 0.0 and w >= 0.0) or (u <= 0.0 and v <= 0.0 and w <= 0.0)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _turn(a, b, p, i, j):
-    """Twice the signed area of a, b, p seen along the axis that is neither i nor j."""
-    return (b[i] - a[i]) * (p[j] - a[j]) - (b[j] - a[j]) * (p[i] - a[i])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _flat_contains(t, p, i, j):
-    """Whether a point of the plane lies in a triangle of it, border included."""
-    u, v, w = _turn(t[0], t[1], p, i, j), _turn(t[1], t[2], p, i, j), _turn(t[2], t[0], p, i, j)
-    return (u >= 0.0 and v >= 0.0 and w >= 0.0) or (u <= 0.0 and v <= 0.0 and w <= 0.0)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _flat_overlap(s, t, n0, n1, n2):
-    """Whether two triangles of one plane overlap or touch; n is the plane's normal."""
-    i, j = 0, 1
-    if abs(n0) >= abs(n1) and abs(n0) >= abs(n2):
-        i, j = 1, 2
-    elif abs(n1) >= abs(n2):
-        i, j = 2, 0
-    for k in range(3):
-        a, b = s[k], s[(k + 1) % 3]
-        for m in range(3):
-            c, d = t[m], t[(m + 1) % 3]
-            u, v = _turn(a, b, c, i, j), _turn(a, b, d, i, j)
-            w, x = _turn(c, d, a, i, j), _turn(c, d, b, i, j)
-            parallel = u == 0.0 and v == 0.0
-            if not parallel and not (u > 0.0 and v > 0.0) and not (u < 0.0 and v < 0.0):
-                if not (w > 0.0 and x > 0.0) and not (w < 0.0 and x < 0.0):
-                    return True
-    # no edges cross: apart, one within the other, or touching along collinear edges
-    for k in range(3):
-        if _flat_contains(t, s[k], i, j) or _flat_contains(s, t[k], i, j):
-            return True
-    return False
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _triangles_meet(s, t):
-    """Whether two triangles (3, 3) without a common vertex overlap or touch.
-
-    Signs of float64 determinants, zero taken as zero; triangles without area count only where the other pierces.
-    """
-    n0, n1, n2 = _normal(s[0], s[1], s[2])
-    t0, t1, t2 = _side(n0, n1, n2, s[0], t[0]), _side(n0, n1, n2, s[0], t[1]), _side(n0, n1, n2, s[0], t[2])
-    if (t0 > 0.0 and t1 > 0.0 and t2 > 0.0) or (t0 < 0.0 and t1 < 0.0 and t2 < 0.0):
-        return False
-    m0, m1, m2 = _normal(t[0], t[1], t[2])
-    s0, s1, s2 = _side(m0, m1, m2, t[0], s[0]), _side(m0, m1, m2, t[0], s[1]), _side(m0, m1, m2, t[0], s[2])
-    if (s0 > 0.0 and s1 > 0.0 and s2 > 0.0) or (s0 < 0.0 and s1 < 0.0 and s2 < 0.0):
-        return False
-    s_flat, t_flat = n0 == 0.0 and n1 == 0.0 and n2 == 0.0, m0 == 0.0 and m1 == 0.0 and m2 == 0.0
-    if not s_flat and not t_flat and t0 == 0.0 and t1 == 0.0 and t2 == 0.0:
-        return _flat_overlap(s, t, n0, n1, n2)
-    # Otherwise they meet exactly if an edge of one that reaches across the other's plane goes through the other.
-    # An edge within that plane needs no test of its own: its ends belong to edges that are tested, and where it
-    # crosses the border, the border's edge is the one that pierces.
-    if not s_flat:
-        if t0 * t1 <= 0.0 and (t0 != 0.0 or t1 != 0.0) and _pierces(t[0], t[1], s[0], s[1], s[2], False):
-            return True
-        if t1 * t2 <= 0.0 and (t1 != 0.0 or t2 != 0.0) and _pierces(t[1], t[2], s[0], s[1], s[2], False):
-            return True
-        if t2 * t0 <= 0.0 and (t2 != 0.0 or t0 != 0.0) and _pierces(t[2], t[0], s[0], s[1], s[2], False):
-            return True
-    if not t_flat:
-        if s0 * s1 <= 0.0 and (s0 != 0.0 or s1 != 0.0) and _pierces(s[0], s[1], t[0], t[1], t[2], False):
-            return True
-        if s1 * s2 <= 0.0 and (s1 != 0.0 or s2 != 0.0) and _pierces(s[1], s[2], t[0], t[1], t[2], False):
-            return True
-        if s2 * s0 <= 0.0 and (s2 != 0.0 or s0 != 0.0) and _pierces(s[2], s[0], t[0], t[1], t[2], False):
-            return True
-    return False
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _height(corners, normals, i, j, k):
     """Distance of corner k of triangle j from the plane of triangle i, times the length of i's normal."""
     return (
@@ -654,6 +558,98 @@ def _apart(corners, normals, i, j):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _pierces(corners, i, k, m, j, strict):
+    """Whether the edge from corner k to m of triangle i, known to reach across the plane of j, goes through j.
+
+    By the signs of the volumes the edge spans with each edge of j; ``strict`` leaves out the border of j.
+    """
+    px, py, pz = corners[i, k, 0], corners[i, k, 1], corners[i, k, 2]
+    dx, dy, dz = corners[i, m, 0] - px, corners[i, m, 1] - py, corners[i, m, 2] - pz
+    ux, uy, uz = corners[j, 2, 0] - px, corners[j, 2, 1] - py, corners[j, 2, 2] - pz
+    positive, negative = 0, 0
+    for n in range(3):
+        vx, vy, vz = corners[j, n, 0] - px, corners[j, n, 1] - py, corners[j, n, 2] - pz
+        spanned = dx * (uy * vz - uz * vy) + dy * (uz * vx - ux * vz) + dz * (ux * vy - uy * vx)
+        if spanned > 0.0:
+            positive += 1
+        elif spanned < 0.0:
+            negative += 1
+        ux, uy, uz = vx, vy, vz
+    if strict:
+        return positive == 3 or negative == 3
+    return positive == 0 or negative == 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _turn(corners, i, k, m, j, n, x, y):
+    """Twice the area of corners k, m of triangle i and corner n of triangle j, seen in the axes x and y."""
+    ax, ay = corners[i, k, x], corners[i, k, y]
+    return (corners[i, m, x] - ax) * (corners[j, n, y] - ay) - (corners[i, m, y] - ay) * (corners[j, n, x] - ax)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _flat_contains(corners, i, j, n, x, y):
+    """Whether corner n of triangle j lies in triangle i of the same plane, border included."""
+    u = _turn(corners, i, 0, 1, j, n, x, y)
+    v = _turn(corners, i, 1, 2, j, n, x, y)
+    w = _turn(corners, i, 2, 0, j, n, x, y)
+    return (u >= 0.0 and v >= 0.0 and w >= 0.0) or (u <= 0.0 and v <= 0.0 and w <= 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _flat_overlap(corners, normals, i, j):
+    """Whether two triangles of one plane overlap or touch."""
+    n0, n1, n2 = abs(normals[i, 0]), abs(normals[i, 1]), abs(normals[i, 2])
+    x, y = 0, 1
+    if n0 >= n1 and n0 >= n2:
+        x, y = 1, 2
+    elif n1 >= n2:
+        x, y = 2, 0
+    for k in range(3):
+        k1 = (k + 1) % 3
+        for m in range(3):
+            m1 = (m + 1) % 3
+            u, v = _turn(corners, i, k, k1, j, m, x, y), _turn(corners, i, k, k1, j, m1, x, y)
+            if u * v > 0.0 or (u == 0.0 and v == 0.0):
+                continue  # on one side; collinear edges that touch have an end in the other triangle, see below
+            if _turn(corners, j, m, m1, i, k, x, y) * _turn(corners, j, m, m1, i, k1, x, y) <= 0.0:
+                return True
+    for k in range(3):
+        if _flat_contains(corners, i, j, k, x, y) or _flat_contains(corners, j, i, k, x, y):
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _triangles_meet(corners, normals, i, j):
+    """Whether two triangles without a common vertex overlap or touch.
+
+    Signs of float64 determinants, zero taken as zero. A triangle without area counts only where it pierces the other.
+    """
+    if _apart(corners, normals, i, j) or _apart(corners, normals, j, i):
+        return False
+    i_has_area = normals[i, 0] != 0.0 or normals[i, 1] != 0.0 or normals[i, 2] != 0.0
+    j_has_area = normals[j, 0] != 0.0 or normals[j, 1] != 0.0 or normals[j, 2] != 0.0
+    if i_has_area and j_has_area:
+        h0, h1 = _height(corners, normals, i, j, 0), _height(corners, normals, i, j, 1)
+        if h0 == 0.0 and h1 == 0.0 and _height(corners, normals, i, j, 2) == 0.0:
+            return _flat_overlap(corners, normals, i, j)
+    # They meet exactly if an edge of one that reaches across the other's plane goes through the other. An edge
+    # within that plane needs no test of its own: its ends belong to edges that are tested, and where it crosses
+    # the border, the border's edge is the one that pierces.
+    for turn in range(2):
+        a, b = (i, j) if turn == 0 else (j, i)
+        if not (i_has_area if turn == 0 else j_has_area):
+            continue
+        for k in range(3):
+            m = (k + 1) % 3
+            u, v = _height(corners, normals, a, b, k), _height(corners, normals, a, b, m)
+            if u * v <= 0.0 and (u != 0.0 or v != 0.0) and _pierces(corners, b, k, m, a, False):
+                return True
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _fan_meets(corners, normals, i, i_at, j, j_at):
     """Whether triangles with a common vertex, corner i_at of one and j_at of the other, meet in more than it.
 
@@ -665,8 +661,7 @@ def _fan_meets(corners, normals, i, i_at, j, j_at):
         return False
     if _height(corners, normals, j, i, i0) * _height(corners, normals, j, i, i1) >= 0.0:
         return False
-    s, t = corners[i], corners[j]
-    return _pierces(t[j0], t[j1], s[0], s[1], s[2], True) or _pierces(s[i0], s[i1], t[0], t[1], t[2], True)
+    return _pierces(corners, j, j0, j1, i, True) or _pierces(corners, i, i0, i1, j, True)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -674,17 +669,21 @@ def _folded(corners, normals, i, i_at, j, j_at):
     """Whether triangles with a common edge, opposite corners i_at and j_at, lie flat on the same side of it."""
     if _height(corners, normals, i, j, j_at) != 0.0:
         return False
-    a, b = corners[i, (i_at + 1) % 3], corners[i, (i_at + 2) % 3]
-    n0, n1, n2 = _normal(a, b, corners[i, i_at])
-    m0, m1, m2 = _normal(a, b, corners[j, j_at])
-    return n0 * m0 + n1 * m1 + n2 * m2 > 0.0
+    k, m = (i_at + 1) % 3, (i_at + 2) % 3
+    # by projections onto the normal of i: the free corners turn the same way about the edge
+    px, py, pz = corners[i, k, 0], corners[i, k, 1], corners[i, k, 2]
+    ux, uy, uz = corners[i, m, 0] - px, corners[i, m, 1] - py, corners[i, m, 2] - pz
+    vx, vy, vz = corners[j, j_at, 0] - px, corners[j, j_at, 1] - py, corners[j, j_at, 2] - pz
+    return (
+        normals[i, 0] * (uy * vz - uz * vy) + normals[i, 1] * (uz * vx - ux * vz) + normals[i, 2] * (ux * vy - uy * vx)
+    ) > 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _pair_meets(corners, normals, index, i, j):
     """Whether two triangles of a mesh meet anywhere but in what they share by index.
 
-    Most pairs are neighbours on a smooth surface, so the plane tests come first and touch no slices.
+    ``normals`` (T, 3) are as long as twice the area; ``index`` (T, 3) names the vertices of ``corners`` (T, 3, 3).
     """
     common, i_free, j_free, i_at, j_at = 0, 3, 3, 0, 0
     for k in range(3):
@@ -695,9 +694,7 @@ def _pair_meets(corners, normals, index, i, j):
                 i_at, j_at = k, m
                 i_free, j_free = i_free - k, j_free - m
     if common == 0:
-        if _apart(corners, normals, i, j) or _apart(corners, normals, j, i):
-            return False
-        return _triangles_meet(corners[i], corners[j])
+        return _triangles_meet(corners, normals, i, j)
     if common == 1:
         return _fan_meets(corners, normals, i, i_at, j, j_at)
     if common == 2:
@@ -705,61 +702,79 @@ def _pair_meets(corners, normals, index, i, j):
     return True
 
 
-@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
-def _self_intersection_kernel(bvh, triangles, tasks, pairs, found):
-    """Write each task's pairs to ``pairs[task]`` as far as they fit, and how many there are to ``found[task]``."""
+@njit(cache=True, nogil=True, error_model="numpy")
+def _by_place(bvh, triangles):
+    """Per place in the order: box (T, 6), normal (T, 3), vertices (T, 3); per node: where its places end (M,)."""
     boxes, child, count, corners, order = bvh.boxes, bvh.child, bvh.count, bvh.corners, bvh.order
     nodes, total = boxes.shape[0], order.shape[0]
     box, normals = np.empty((total, 6)), np.empty((total, 3))
     index = np.empty((total, 3), dtype=np.int32)
-    for i in prange(total):
+    for i in range(total):
         for k in range(3):
             index[i, k] = triangles[order[i], k]
             a, b, c = corners[i, 0, k], corners[i, 1, k], corners[i, 2, k]
             box[i, k], box[i, k + 3] = min(a, b, c), max(a, b, c)
-        normals[i, 0], normals[i, 1], normals[i, 2] = _normal(corners[i, 0], corners[i, 1], corners[i, 2])
-    end = np.empty(nodes, dtype=np.int32)  # where the places of each subtree end
+        px, py, pz = corners[i, 0, 0], corners[i, 0, 1], corners[i, 0, 2]
+        ux, uy, uz = corners[i, 1, 0] - px, corners[i, 1, 1] - py, corners[i, 1, 2] - pz
+        vx, vy, vz = corners[i, 2, 0] - px, corners[i, 2, 1] - py, corners[i, 2, 2] - pz
+        normals[i, 0], normals[i, 1], normals[i, 2] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    end = np.empty(nodes, dtype=np.int32)
     for node in range(nodes - 1, -1, -1):
         end[node] = child[node] + count[node] if count[node] > 0 else end[child[node] + 1]
+    return box, normals, index, end
 
-    for task in prange(tasks):
-        stack = np.empty(STACK, dtype=np.int32)
-        held = 0
-        for leaf in range(nodes * task // tasks, nodes * (task + 1) // tasks):
-            if count[leaf] == 0:
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _pairs_of_leaves(bvh, box, normals, index, end, first_node, last_node, pairs):
+    """Pairs that the leaves among nodes ``first_node:last_node`` make with what comes after them in the order.
+
+    Writes as many as fit into ``pairs`` (room, 2); returns how many there are.
+    """
+    boxes, child, count, corners, order = bvh.boxes, bvh.child, bvh.count, bvh.corners, bvh.order
+    stack = np.empty(STACK, dtype=np.int32)
+    held = 0
+    for leaf in range(first_node, last_node):
+        if count[leaf] == 0:
+            continue
+        first, last = child[leaf], end[leaf]
+        l0, l1, l2 = boxes[leaf, 0], boxes[leaf, 1], boxes[leaf, 2]
+        h0, h1, h2 = boxes[leaf, 3], boxes[leaf, 4], boxes[leaf, 5]
+        stack[0] = 0
+        depth = 1
+        while depth > 0:
+            depth -= 1
+            node = stack[depth]
+            if (
+                end[node] <= first
+                or boxes[node, 0] > h0 or boxes[node, 1] > h1 or boxes[node, 2] > h2
+                or boxes[node, 3] < l0 or boxes[node, 4] < l1 or boxes[node, 5] < l2
+            ):
                 continue
-            first, last = child[leaf], end[leaf]
-            l0, l1, l2 = boxes[leaf, 0], boxes[leaf, 1], boxes[leaf, 2]
-            h0, h1, h2 = boxes[leaf, 3], boxes[leaf, 4], boxes[leaf, 5]
-            stack[0] = 0
-            depth = 1
-            while depth > 0:
-                depth -= 1
-                node = stack[depth]
-                # each pair is met once, by the leaf that comes first in the order
-                if (
-                    end[node] <= first
-                    or boxes[node, 0] > h0 or boxes[node, 1] > h1 or boxes[node, 2] > h2
-                    or boxes[node, 3] < l0 or boxes[node, 4] < l1 or boxes[node, 5] < l2
-                ):
-                    continue
-                if count[node] == 0:
-                    stack[depth], stack[depth + 1] = child[node] + 1, child[node]
-                    depth += 2
-                    continue
-                for i in range(first, last):
-                    for j in range(max(child[node], i + 1), end[node]):
-                        if (
-                            box[i, 0] > box[j, 3] or box[i, 1] > box[j, 4] or box[i, 2] > box[j, 5]
-                            or box[j, 0] > box[i, 3] or box[j, 1] > box[i, 4] or box[j, 2] > box[i, 5]
-                        ):
-                            continue
-                        if _pair_meets(corners, normals, index, i, j):
-                            if held < pairs.shape[1]:
-                                pairs[task, held, 0] = min(order[i], order[j])
-                                pairs[task, held, 1] = max(order[i], order[j])
-                            held += 1
-        found[task] = held
+            if count[node] == 0:
+                stack[depth], stack[depth + 1] = child[node] + 1, child[node]
+                depth += 2
+                continue
+            for i in range(first, last):
+                for j in range(max(child[node], i + 1), end[node]):
+                    if (
+                        box[i, 0] > box[j, 3] or box[i, 1] > box[j, 4] or box[i, 2] > box[j, 5]
+                        or box[j, 0] > box[i, 3] or box[j, 1] > box[i, 4] or box[j, 2] > box[i, 5]
+                    ):
+                        continue
+                    if _pair_meets(corners, normals, index, i, j):
+                        if held < pairs.shape[0]:
+                            pairs[held, 0], pairs[held, 1] = min(order[i], order[j]), max(order[i], order[j])
+                        held += 1
+    return held
+
+
+@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
+def _self_intersection_kernel(bvh, box, normals, index, end, pairs, found):
+    """Share the leaves among tasks: ``pairs`` (tasks, room, 2), ``found`` (tasks,)."""
+    tasks, nodes = pairs.shape[0], end.shape[0]
+    for task in prange(tasks):
+        first, last = nodes * task // tasks, nodes * (task + 1) // tasks
+        found[task] = _pairs_of_leaves(bvh, box, normals, index, end, first, last, pairs[task])
 
 
 def self_intersections(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -790,11 +805,12 @@ def self_intersections(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarra
     """
     triangles = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3)
     bvh = build_bvh(np.ascontiguousarray(vertices, dtype=np.float64), triangles)
+    by_place = _by_place(bvh, triangles)
     tasks = max(1, min(64, len(triangles) // 512))
     room = 64
     while True:
         pairs, found = np.empty((tasks, room, 2), dtype=np.int32), np.empty(tasks, dtype=np.int64)
-        _self_intersection_kernel(bvh, triangles, tasks, pairs, found)
+        _self_intersection_kernel(bvh, *by_place, pairs, found)
         if found.max() <= room:
             break
         room = int(found.max())
