@@ -588,36 +588,25 @@ def _turn(corners, i, k, m, j, n, x, y):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _flat_contains(corners, i, j, n, x, y):
-    """Whether corner n of triangle j lies in triangle i of the same plane, border included."""
-    u = _turn(corners, i, 0, 1, j, n, x, y)
-    v = _turn(corners, i, 1, 2, j, n, x, y)
-    w = _turn(corners, i, 2, 0, j, n, x, y)
-    return (u >= 0.0 and v >= 0.0 and w >= 0.0) or (u <= 0.0 and v <= 0.0 and w <= 0.0)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def _flat_overlap(corners, normals, i, j):
-    """Whether two triangles of one plane overlap or touch."""
+    """Whether two triangles of one plane overlap or touch: no edge of either has the other wholly outside it."""
     n0, n1, n2 = abs(normals[i, 0]), abs(normals[i, 1]), abs(normals[i, 2])
     x, y = 0, 1
     if n0 >= n1 and n0 >= n2:
         x, y = 1, 2
     elif n1 >= n2:
         x, y = 2, 0
-    for k in range(3):
-        k1 = (k + 1) % 3
-        for m in range(3):
-            m1 = (m + 1) % 3
-            u, v = _turn(corners, i, k, k1, j, m, x, y), _turn(corners, i, k, k1, j, m1, x, y)
-            if u * v > 0.0 or (u == 0.0 and v == 0.0):
-                continue  # on one side; collinear edges that touch have an end in the other triangle, see below
-            if _turn(corners, j, m, m1, i, k, x, y) * _turn(corners, j, m, m1, i, k1, x, y) <= 0.0:
-                return True
-    for k in range(3):
-        if _flat_contains(corners, i, j, k, x, y) or _flat_contains(corners, j, i, k, x, y):
-            return True
-    return False
+    for edge in range(6):
+        a, b = (i, j) if edge < 3 else (j, i)
+        k = edge % 3
+        inside = _turn(corners, a, k, (k + 1) % 3, a, (k + 2) % 3, x, y)
+        separates = True
+        for n in range(3):
+            side = _turn(corners, a, k, (k + 1) % 3, b, n, x, y)
+            separates = separates and (side < 0.0 if inside > 0.0 else side > 0.0)
+        if separates:
+            return False
+    return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -637,15 +626,14 @@ def _triangles_meet(corners, normals, i, j):
     # They meet exactly if an edge of one that reaches across the other's plane goes through the other. An edge
     # within that plane needs no test of its own: its ends belong to edges that are tested, and where it crosses
     # the border, the border's edge is the one that pierces.
-    for turn in range(2):
-        a, b = (i, j) if turn == 0 else (j, i)
-        if not (i_has_area if turn == 0 else j_has_area):
+    for edge in range(6):
+        a, b = (i, j) if edge < 3 else (j, i)
+        if not (i_has_area if edge < 3 else j_has_area):
             continue
-        for k in range(3):
-            m = (k + 1) % 3
-            u, v = _height(corners, normals, a, b, k), _height(corners, normals, a, b, m)
-            if u * v <= 0.0 and (u != 0.0 or v != 0.0) and _pierces(corners, b, k, m, a, False):
-                return True
+        k, m = edge % 3, (edge + 1) % 3
+        u, v = _height(corners, normals, a, b, k), _height(corners, normals, a, b, m)
+        if u * v <= 0.0 and (u != 0.0 or v != 0.0) and _pierces(corners, b, k, m, a, False):
+            return True
     return False
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 
 SURFACE, SEAM, FILL = 0, 1, 2
 KIND_NAMES = ("surface", "seam", "fill")
@@ -37,3 +38,274 @@ class Mesh:
     def transformed(self, matrix: np.ndarray) -> Mesh:
         """The mesh moved by a rigid or similarity ``matrix`` (4, 4)."""
         return replace(self, vertices=self.vertices @ matrix[:3, :3].T + matrix[:3, 3])
+
+
+def edge_keys(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
+    """Undirected edges of each triangle as integers (T, 3): edge k runs from corner k to corner k + 1."""
+    a = triangles.astype(np.int64)
+    b = np.roll(a, -1, axis=1)
+    return np.minimum(a, b) * vertex_count + np.maximum(a, b)
+
+
+def boundary_edges(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
+    """Directed edges (B, 2) of one triangle only, in their triangle's direction: the surface lies on their left."""
+    keys = edge_keys(triangles, vertex_count).ravel()
+    order = np.argsort(keys, kind="stable")
+    sorted_keys = keys[order]
+    alone = np.ones(len(keys), np.bool_)
+    same = sorted_keys[1:] == sorted_keys[:-1]
+    alone[1:] &= ~same
+    alone[:-1] &= ~same
+    at = order[alone]
+    at.sort()
+    tail = triangles.ravel()[at]
+    head = triangles[at // 3, (at % 3 + 1) % 3]
+    return np.column_stack((tail, head)).astype(np.int32)
+
+
+def boundary_loops(triangles: np.ndarray, vertex_count: int) -> list[np.ndarray]:
+    """Closed runs of boundary vertices, longest first, each in the direction of its edges (surface on the left).
+
+    Where loops touch in one vertex the walk leaves it by the edge that keeps the loops apart, so that each loop
+    passes a vertex at most once.
+
+    Parameters
+    ----------
+    triangles : np.ndarray [shape=(T, 3), dtype=int32]
+        Of a mesh whose edges have at most two triangles, consistently wound.
+    """
+    edges = boundary_edges(triangles, vertex_count)
+    if not len(edges):
+        return []
+    order = np.argsort(edges[:, 0], kind="stable")
+    flat, starts = _loops_kernel(edges[order], vertex_count)
+    loops = [flat[a:b] for a, b in zip(starts[:-1], starts[1:])]
+    return sorted((loop for loop in loops if len(loop) >= 3), key=lambda loop: (-len(loop), int(loop[0])))
+
+
+@njit(cache=True, nogil=True)
+def _loops_kernel(edges, vertex_count):
+    """Walk the edges (sorted by tail); when a vertex comes again, the loop closed by it is cut off."""
+    count = len(edges)
+    first = np.full(vertex_count + 1, -1, np.int64)
+    for e in range(count - 1, -1, -1):
+        first[edges[e, 0]] = e
+    used = np.zeros(count, np.bool_)
+    place = np.full(vertex_count, -1, np.int64)  # position of a vertex on the current walk
+    walk = np.empty(count + 1, np.int32)
+    flat = np.empty(count, np.int32)
+    starts = np.zeros(count + 1, np.int64)
+    n_flat, n_loops = 0, 0
+    for seed in range(count):
+        if used[seed]:
+            continue
+        length = 0
+        vertex = edges[seed, 0]
+        while True:
+            if place[vertex] >= 0:
+                begin = place[vertex]
+                for k in range(begin, length):
+                    flat[n_flat] = walk[k]
+                    n_flat += 1
+                    place[walk[k]] = -1
+                n_loops += 1
+                starts[n_loops] = n_flat
+                length = begin
+            e = first[vertex]
+            while e >= 0 and e < count and edges[e, 0] == vertex and used[e]:
+                e += 1
+            if e < 0 or e >= count or edges[e, 0] != vertex:
+                for k in range(length):  # an open walk: the boundary is not closed here
+                    place[walk[k]] = -1
+                break
+            used[e] = True
+            place[vertex] = length
+            walk[length] = vertex
+            length += 1
+            vertex = edges[e, 1]
+    return flat[:n_flat].copy(), starts[: n_loops + 1].copy()
+
+
+def triangle_components(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, int]:
+    """Component (T,) int32 of each triangle, connected over shared edges, and how many there are."""
+    keys = edge_keys(triangles, vertex_count).ravel()
+    order = np.argsort(keys, kind="stable")
+    same = np.nonzero(keys[order][1:] == keys[order][:-1])[0]
+    pairs = np.column_stack((order[same] // 3, order[same + 1] // 3))
+    return _union_kernel(pairs, len(triangles))
+
+
+@njit(cache=True, nogil=True)
+def _union_kernel(pairs, count):
+    parent = np.arange(count)
+    for k in range(len(pairs)):
+        a, b = pairs[k]
+        while parent[a] != a:
+            parent[a] = parent[parent[a]]
+            a = parent[a]
+        while parent[b] != b:
+            parent[b] = parent[parent[b]]
+            b = parent[b]
+        if a != b:
+            parent[max(a, b)] = min(a, b)
+    label = np.empty(count, np.int32)
+    n = 0
+    for t in range(count):
+        root = t
+        while parent[root] != root:
+            root = parent[root]
+        if root == t:
+            label[t] = n
+            n += 1
+        else:
+            label[t] = label[root]
+    return label, n
+
+
+def compact(mesh: Mesh) -> Mesh:
+    """The mesh without vertices that no triangle uses."""
+    used = np.zeros(len(mesh.vertices), np.bool_)
+    used[mesh.triangles.ravel()] = True
+    if used.all():
+        return mesh
+    index = np.cumsum(used, dtype=np.int32) - 1
+    return replace(
+        mesh,
+        vertices=mesh.vertices[used],
+        triangles=index[mesh.triangles].astype(np.int32),
+        colors=None if mesh.colors is None else mesh.colors[used],
+        view=None if mesh.view is None else mesh.view[used],
+    )
+
+
+def keep_triangles(mesh: Mesh, keep: np.ndarray) -> Mesh:
+    """The mesh of the triangles where ``keep`` (T,) bool holds, unused vertices dropped."""
+    return compact(replace(mesh, triangles=mesh.triangles[keep], kind=None if mesh.kind is None else mesh.kind[keep]))
+
+
+def drop_small_components(mesh: Mesh, min_triangles: int) -> Mesh:
+    """The mesh without connected pieces of fewer than ``min_triangles``."""
+    if not len(mesh.triangles):
+        return mesh
+    label, count = triangle_components(mesh.triangles, len(mesh.vertices))
+    return keep_triangles(mesh, np.bincount(label, minlength=count)[label] >= min_triangles)
+
+
+def remove_bowties(mesh: Mesh) -> Mesh:
+    """Where separate fans of triangles meet in one vertex, give each fan its own copy of it.
+
+    Afterwards every vertex's triangles form one fan. Assumes edges with at most two triangles. O(T log T).
+    """
+    count = len(mesh.vertices)
+    if not len(mesh.triangles):
+        return mesh
+    corner_fan, fans_of = _fans(mesh.triangles, count)
+    extra = fans_of > 1
+    if not extra.any():
+        return mesh
+    first = np.zeros(count + 1, np.int64)
+    np.cumsum(np.maximum(fans_of - 1, 0), out=first[1:])
+    triangles = mesh.triangles.copy()
+    copied = corner_fan > 0
+    triangles[copied] = count + first[mesh.triangles[copied]] + corner_fan[copied] - 1
+    source = np.repeat(np.arange(count), np.maximum(fans_of - 1, 0))
+    grown = replace(
+        mesh,
+        vertices=np.concatenate((mesh.vertices, mesh.vertices[source])),
+        triangles=triangles,
+        colors=None if mesh.colors is None else np.concatenate((mesh.colors, mesh.colors[source])),
+        view=None if mesh.view is None else np.concatenate((mesh.view, mesh.view[source])),
+    )
+    return compact(grown)
+
+
+def vertex_fans(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
+    """How many separate fans of triangles meet at each vertex (V,): 1 on a manifold, 0 where unused."""
+    return _fans(triangles, vertex_count)[1]
+
+
+def _fans(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np.ndarray]:
+    corners = triangles.astype(np.int64).ravel()
+    order = np.argsort(corners, kind="stable")
+    start = np.searchsorted(corners[order], np.arange(vertex_count + 1))
+    return _fan_kernel(triangles, order, start, vertex_count)
+
+
+@njit(cache=True, nogil=True)
+def _fan_kernel(triangles, order, start, vertex_count):
+    """Fan of each corner (T, 3) among its vertex's, and the number of fans a vertex."""
+    fan = np.zeros(triangles.shape, np.int32)
+    fans_of = np.zeros(vertex_count, np.int32)
+    stack = np.empty(1024, np.int64)
+    for v in range(vertex_count):
+        begin, end = start[v], start[v + 1]
+        degree = end - begin
+        if degree == 0:
+            continue
+        if degree > len(stack):
+            stack = np.empty(2 * degree, np.int64)
+        for k in range(begin, end):
+            fan[order[k] // 3, order[k] % 3] = -1
+        n = 0
+        for k in range(begin, end):
+            if fan[order[k] // 3, order[k] % 3] >= 0:
+                continue
+            top = 1
+            stack[0] = order[k]
+            fan[order[k] // 3, order[k] % 3] = n
+            while top > 0:
+                top -= 1
+                t, c = stack[top] // 3, stack[top] % 3
+                after, before = triangles[t, (c + 1) % 3], triangles[t, (c + 2) % 3]
+                for m in range(begin, end):
+                    s, d = order[m] // 3, order[m] % 3
+                    if fan[s, d] < 0:
+                        other_after, other_before = triangles[s, (d + 1) % 3], triangles[s, (d + 2) % 3]
+                        if other_before == after or other_after == before:
+                            fan[s, d] = n
+                            stack[top] = order[m]
+                            top += 1
+            n += 1
+        fans_of[v] = n
+    return fan, fans_of
+
+
+def triangle_normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Cross products (T, 3): normal times twice the area."""
+    a, b, c = vertices[triangles[:, 0]], vertices[triangles[:, 1]], vertices[triangles[:, 2]]
+    return np.cross(b - a, c - a)
+
+
+def vertex_normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Unit vertex normals (V, 3): area-weighted mean of the triangles around; zero where unused."""
+    normals = _vertex_normals_kernel(vertices, triangles)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals / np.where(length > 0, length, 1.0)
+
+
+@njit(cache=True, nogil=True)
+def _vertex_normals_kernel(vertices, triangles):
+    normals = np.zeros(vertices.shape)
+    for t in range(len(triangles)):
+        i, j, k = triangles[t]
+        ax, ay, az = vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2]
+        bx, by, bz = vertices[k, 0] - vertices[i, 0], vertices[k, 1] - vertices[i, 1], vertices[k, 2] - vertices[i, 2]
+        nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        for m in (i, j, k):
+            normals[m, 0] += nx
+            normals[m, 1] += ny
+            normals[m, 2] += nz
+    return normals
+
+
+def merge(meshes: list[Mesh]) -> Mesh:
+    """One mesh holding all, vertices in order."""
+    offsets = np.cumsum([0] + [len(m.vertices) for m in meshes])
+    has_color = all(m.colors is not None for m in meshes)
+    return Mesh(
+        np.concatenate([m.vertices for m in meshes]),
+        np.concatenate([m.triangles + o for m, o in zip(meshes, offsets)]).astype(np.int32),
+        np.concatenate([m.colors for m in meshes]) if has_color else None,
+        np.concatenate([m.view for m in meshes]),
+        np.concatenate([m.kind for m in meshes]),
+    )

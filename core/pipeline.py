@@ -2,22 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+import time
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .mesh import Mesh
+from .camera import Intrinsics, unproject
+from .capture import Capture, MirrorPicks
+from .closing import ClosingSettings, close_mesh
+from .depth import (
+    DepthSettings,
+    close_dropouts,
+    fuse_burst,
+    measure_noise,
+    remove_flying_pixels,
+    smooth_view,
+    smoothing_sigma,
+)
+from .errors import MirrorError, ReconstructionError
+from .mesh import Mesh, merge
+from .metrics import mesh_report
+from .mirror import Mirror, MirrorSettings, place_mirror, reflection_matrix
+from .overlap import OverlapSettings, ViewMaps, part_overlaps, view_maps
+from .triangulation import TriangulationSettings, triangulate_view
+from .views import Views, ViewSettings, find_subject
+from .zippering import Seam, ZipperSettings, zip_patches
 
 Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Every stage's settings; the defaults work."""
+
+    depth: DepthSettings = DepthSettings()
+    mirror: MirrorSettings = MirrorSettings()
+    views: ViewSettings = ViewSettings()
+    triangulation: TriangulationSettings = TriangulationSettings()
+    overlap: OverlapSettings = OverlapSettings()
+    zipper: ZipperSettings = ZipperSettings()
+    closing: ClosingSettings = ClosingSettings()
 
 
 @dataclass(frozen=True)
 class Reconstruction:
     """What :func:`reconstruct` made of a capture.
 
-    ``mesh`` is in ``frame`` ("avatar" or "camera"); ``report`` is the content of ``report.json``
-    (plain dict, list, str, int, float, bool), except ``timings_ms`` of writing files.
+    Parameters
+    ----------
+    mesh : Mesh
+        Closed and coloured, in ``frame``.
+    frame : str
+        "avatar" or "camera".
+    camera_to_avatar : np.ndarray [shape=(4, 4)]
+        Rigid; camera frame → avatar frame.
+    report : dict
+        The content of ``report.json``, plain Python values only.
+    warnings : tuple of str
+        What the user should know, in plain words; also in ``report``.
+    patches : tuple of Mesh
+        The views' patches as they went to the zipper, camera frame.
+    mirrors : tuple of Mirror
+        Camera frame.
     """
 
     mesh: Mesh
@@ -25,3 +72,249 @@ class Reconstruction:
     camera_to_avatar: np.ndarray
     report: dict
     warnings: tuple[str, ...] = field(default=())
+    patches: tuple[Mesh, ...] = field(default=())
+    mirrors: tuple[Mirror, ...] = field(default=())
+
+
+def reconstruct(
+    capture: Capture,
+    mirrors: tuple[MirrorPicks, ...] | None = None,
+    settings: Settings = Settings(),
+    progress: Progress | None = None,
+    frame: str = "avatar",
+) -> Reconstruction:
+    """Capture → closed, coloured avatar.
+
+    Parameters
+    ----------
+    capture : Capture
+        One snapshot or a burst.
+    mirrors : tuple of MirrorPicks, optional
+        What is known of each mirror; by default what the capture itself holds.
+    settings : Settings
+    progress : callable(fraction, message), optional
+        Called at the start of each stage; an exception it raises stops the work.
+    frame : {"avatar", "camera"}
+        Frame of the mesh.
+
+    Raises
+    ------
+    CaptureError, MirrorError, ReconstructionError
+        The input or the scene is at fault; the message says what to do.
+    """
+    steps = reconstruction_steps(capture, mirrors, settings, frame)
+    while True:
+        try:
+            fraction, message = next(steps)
+        except StopIteration as done:
+            return done.value
+        if progress is not None:
+            progress(fraction, message)
+
+
+def reconstruction_steps(
+    capture: Capture,
+    mirrors: tuple[MirrorPicks, ...] | None = None,
+    settings: Settings = Settings(),
+    frame: str = "avatar",
+) -> Generator[tuple[float, str], None, Reconstruction]:
+    """:func:`reconstruct` in pieces: yields (fraction done, what comes next), returns the :class:`Reconstruction`."""
+    if frame not in ("avatar", "camera"):
+        raise ReconstructionError(f'frame must be "avatar" or "camera", got "{frame}"')
+    picks = capture.mirrors if mirrors is None else tuple(mirrors)
+    if not picks:
+        raise MirrorError(
+            f"{capture.name}: no mirror is given; pick points on each mirror's frame and save them in mirrors.json "
+            "beside the capture, or pass them with --mirrors"
+        )
+    clock = Clock()
+    camera = capture.intrinsics
+
+    yield 0.0, "Fusing the burst"
+    depth, _ = fuse_burst(capture.depth, settings.depth)
+    depth = remove_flying_pixels(depth, 1.0 / camera.fx, settings.depth)
+    clock.lap("depth")
+
+    yield 0.1, "Fitting the mirrors"
+    placed = [place_mirror(pick, depth, camera, settings.mirror) for pick in picks]
+    clock.lap("mirrors")
+
+    yield 0.2, "Finding the subject"
+    views = find_subject(depth, camera, placed, settings.views)
+    clock.lap("views")
+
+    yield 0.35, "Smoothing the depth"
+    depth, views, noise = clean_views(depth, views, len(placed), camera, settings.depth)
+    clock.lap("smoothing")
+
+    yield 0.5, "Triangulating the views"
+    patches = make_patches(depth, views, placed, noise, capture, settings.triangulation)
+    maps = view_maps(depth, views.labels, views.seen, camera, placed, noise)
+    clock.lap("triangulation")
+
+    yield 0.6, "Parting overlaps"
+    patches = part_overlaps(patches, maps, settings.overlap)
+    clock.lap("overlap")
+
+    yield 0.7, "Zippering the seams"
+    open_mesh, seams = zip_patches(merge(patches), maps, settings.zipper)
+    clock.lap("zippering")
+
+    yield 0.8, "Closing the mesh"
+    closed, notes = close_mesh(open_mesh, maps, views.up, views.floor, settings.closing)
+    clock.lap("closing")
+
+    yield 0.95, "Checking the result"
+    to_avatar = avatar_frame(closed, views)
+    mesh = closed.transformed(to_avatar)
+    warnings = views.warnings + tuple(notes)
+    report = _report(mesh, to_avatar, placed, views, patches, seams, warnings, clock)
+    return Reconstruction(
+        mesh if frame == "avatar" else closed, frame, to_avatar, report, warnings, tuple(patches), tuple(placed)
+    )
+
+
+def clean_views(
+    depth: np.ndarray, views: Views, mirrors: int, camera: Intrinsics, settings: DepthSettings
+) -> tuple[np.ndarray, Views, np.ndarray]:
+    """Drop-outs closed and noise smoothed, a view at a time; returns the noise (N+1,) that was left, relative to z."""
+    depth, labels = close_dropouts(depth, views.labels, settings.close_gaps)
+    noise = measure_noise(depth, labels, mirrors + 1)
+    for view in range(mirrors + 1):
+        z = depth[labels == view]
+        if not len(z) or settings.smoothing <= 0:
+            continue
+        sigma = smoothing_sigma(noise[view], float(np.median(z)), 1.0 / camera.fx, settings)
+        depth = smooth_view(depth, labels, view, noise[view], sigma, settings)
+        noise[view] /= max(1.0, 2.5 * sigma)  # a Gaussian window averages about 4π·sigma² readings, the quadratic fit half
+    return depth, replace(views, labels=labels), noise
+
+
+def make_patches(
+    depth: np.ndarray,
+    views: Views,
+    mirrors: list[Mirror],
+    noise: np.ndarray,
+    capture: Capture,
+    settings: TriangulationSettings,
+) -> list[Mesh]:
+    """Each view triangulated where the camera laid it, then flipped over its mirror: that reverses the winding."""
+    camera = capture.intrinsics
+    points = unproject(depth, camera)
+    patches = []
+    for view in range(len(mirrors) + 1):
+        patch = triangulate_view(
+            depth, views.labels, view, points, 1.0 / camera.fx, noise[view], capture.color, settings
+        )
+        if view > 0:
+            patch = patch.transformed(reflection_matrix(mirrors[view - 1]))
+            patch = replace(patch, triangles=np.ascontiguousarray(patch.triangles[:, ::-1]))
+        patches.append(patch)
+    if not any(len(patch.triangles) for patch in patches):
+        raise ReconstructionError(
+            "the subject's readings are too scattered to connect; use a longer burst or come closer to the camera"
+        )
+    return patches
+
+
+def avatar_frame(mesh: Mesh, views: Views) -> np.ndarray:
+    """Camera frame → avatar frame (4, 4): Z up, facing −Y (towards the camera), soles on z = 0, between the feet x = y = 0."""
+    up = views.up
+    away = views.axis - (views.axis @ up) * up
+    away /= np.linalg.norm(away)
+    rotation = np.stack((np.cross(away, up), away, up))
+    vertices = mesh.vertices @ rotation.T
+    low = vertices[:, 2].min() if views.floor is None else views.floor
+    feet = vertices[vertices[:, 2] < low + 0.1 * (vertices[:, 2].max() - low)]
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    matrix[:3, 3] = -0.5 * (feet.min(axis=0) + feet.max(axis=0))
+    matrix[2, 3] = -low
+    return matrix
+
+
+class Clock:
+    """Milliseconds of each stage, by name."""
+
+    def __init__(self) -> None:
+        self.laps: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        now = time.perf_counter()
+        self.laps[name] = self.laps.get(name, 0.0) + 1000.0 * (now - self._last)
+        self._last = now
+
+
+def view_names(mirrors: list[Mirror]) -> list[str]:
+    return ["direct"] + [mirror.name for mirror in mirrors]
+
+
+def _report(
+    mesh: Mesh,
+    to_avatar: np.ndarray,
+    mirrors: list[Mirror],
+    views: Views,
+    patches: list[Mesh],
+    seams: list[Seam],
+    warnings: tuple[str, ...],
+    clock: Clock,
+) -> dict:
+    checked = mesh_report(mesh)
+    names = view_names(mirrors)
+    clock.lap("checking")
+    return {
+        "camera_to_avatar": to_avatar.tolist(),
+        "mirrors": [
+            {
+                "name": m.name,
+                "point": m.point.tolist(),
+                "normal": m.normal.tolist(),
+                "residual_mm": 1000.0 * m.residual,
+                "points_used": m.points_used,
+                "refined": m.refined,
+            }
+            for m in mirrors
+        ],
+        "views": [
+            {
+                "name": name,
+                "pixels": int((views.labels == k).sum()),
+                "vertices": len(patch.vertices),
+                "triangles": len(patch.triangles),
+            }
+            for k, (name, patch) in enumerate(zip(names, patches, strict=True))
+        ],
+        "seams": _seam_summary(seams, names),
+        "mesh": {
+            "vertices": len(mesh.vertices),
+            "triangles": len(mesh.triangles),
+            "watertight": checked["watertight"],
+            "manifold": checked["manifold"],
+            "components": checked["components"],
+            "euler_characteristic": checked["euler_characteristic"],
+            "self_intersections": checked["self_intersections"],
+            "seam_triangles": int((mesh.kind == 1).sum()),
+            "fill_triangles": int((mesh.kind == 2).sum()),
+            "volume_l": None if checked["volume_m3"] is None else 1000.0 * checked["volume_m3"],
+            "height_m": float(np.ptp(mesh.vertices[:, 2])),
+        },
+        "timings_ms": {name: round(value, 2) for name, value in clock.laps.items()},
+        "warnings": list(warnings),
+    }
+
+
+def _seam_summary(seams: list[Seam], names: list[str]) -> list[dict]:
+    """One row a pair of views, seams weighed by their length."""
+    rows = []
+    for pair in sorted({seam.views for seam in seams}):
+        mine = [seam for seam in seams if seam.views == pair]
+        length = sum(seam.length for seam in mine)
+        rows.append({
+            "between": [names[pair[0]] if pair[0] >= 0 else "made", names[pair[1]] if pair[1] >= 0 else "made"],
+            "method": sorted({seam.method for seam in mine}),
+            "length_m": length,
+            "mean_gap_mm": 1000.0 * sum(s.mean_gap * s.length for s in mine) / length if length else 0.0,
+            "max_gap_mm": 1000.0 * max(seam.max_gap for seam in mine),
+        })
+    return rows

@@ -293,8 +293,8 @@ def surface(solid: Primitives, cell: float, floor_blend: float = 0.004) -> tuple
     """Closed triangle mesh of the solid above z = 0, by surface nets; its vertices lie on the zero set.
 
     Surface nets (Gibson 1998) put one vertex into each cell the surface crosses and one quad around each crossed grid
-    edge. That is 2-manifold exactly when no cell holds two sheets; grid corners of such cells are taken out of the
-    solid first, so that the result is 2-manifold whatever the solid.
+    edge. That is 2-manifold exactly when no cell holds two sheets; grid corners of such cells, which sit in grooves
+    narrower than the grid, are filled first, so that the result is 2-manifold whatever the solid.
 
     Parameters
     ----------
@@ -345,8 +345,8 @@ def surface_nets(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     while len(cells := np.argwhere(bad[codes])):
         corners = cells[:, None, :] + _CORNERS
         at = values[tuple(np.moveaxis(corners, -1, 0))]
-        shallow = np.where(at < 0, at, -np.inf).argmax(axis=1)
-        values[tuple(corners[np.arange(len(cells)), shallow].T)] = 1e-6
+        shallow = np.where(at < 0, np.inf, at).argmin(axis=1)
+        values[tuple(corners[np.arange(len(cells)), shallow].T)] = -1e-6
         codes = _codes(values < 0)
 
     active = (codes != 0) & (codes != 255)

@@ -1,0 +1,439 @@
+"""A burst of depth frames → one clean depth map: fuse, drop flying pixels, close drop-outs, smooth without losing edges.
+
+Everything averages in inverse depth: a stereo or structured-light camera measures disparity, so its error is even
+there, and a plane in space is a linear function of (u, v) there, so local fits do not bend slanted surfaces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+
+from .errors import CaptureError
+
+
+@dataclass(frozen=True)
+class DepthSettings:
+    """How a burst becomes one depth map.
+
+    Parameters
+    ----------
+    min_depth, max_depth : float
+        Readings outside are dropped [m].
+    burst_tolerance : float
+        A frame's reading farther than this from the pixel's median is left out of the mean [relative, 1 = 100 %].
+    burst_share : float
+        A pixel needs a reading in at least this share of the frames [0..1].
+    support : int
+        Of its 8 neighbours, how many must continue a pixel's surface for it to stay.
+    smoothing : float
+        Multiplies the smoothing radius that the measured noise asks for; 0 turns smoothing off.
+    max_radius : int
+        Largest smoothing radius [px].
+    close_gaps : int
+        Drop-outs inside a surface up to this many pixels wide are closed.
+    """
+
+    min_depth: float = 0.2
+    max_depth: float = 12.0
+    burst_tolerance: float = 0.06
+    burst_share: float = 0.3
+    support: int = 4
+    smoothing: float = 1.0
+    max_radius: int = 9
+    close_gaps: int = 2
+
+
+def fuse_burst(depth: np.ndarray, settings: DepthSettings = DepthSettings()) -> tuple[np.ndarray, np.ndarray]:
+    """One depth map from a burst of a still subject: the mean disparity of the readings that agree with their median.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(F, H, W)]
+        z [m], 0 (or NaN) = no reading.
+    settings : DepthSettings
+        ``min_depth``, ``max_depth``, ``burst_tolerance`` and ``burst_share`` are used.
+
+    Returns
+    -------
+    fused : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    spread : np.ndarray [shape=(H, W), dtype=float32]
+        Standard deviation over the frames, relative to z; 0 where fewer than two frames agree.
+
+    Raises
+    ------
+    CaptureError
+        When the array is not (F, H, W) or holds no reading at all within the depth limits.
+
+    Notes
+    -----
+    O(F log F) a pixel, O(H W) memory.
+    """
+    depth = np.asarray(depth, dtype=np.float32)
+    if depth.ndim != 3 or 0 in depth.shape:
+        raise CaptureError(f"depth must be frames × height × width, got an array of shape {depth.shape}")
+    needed = max(1, int(np.ceil(settings.burst_share * len(depth))))
+    fused, spread = _fuse_kernel(
+        np.ascontiguousarray(depth), settings.min_depth, settings.max_depth, settings.burst_tolerance, needed
+    )
+    if not fused.any():
+        raise CaptureError(
+            f"no depth reading between {settings.min_depth:g} and {settings.max_depth:g} m in any of {len(depth)} frames; "
+            "check that the depth images are 16-bit millimetres and the camera was not covered"
+        )
+    return fused, spread
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _fuse_kernel(depth, low, high, tolerance, needed):
+    frames, height, width = depth.shape
+    fused = np.zeros((height, width), np.float32)
+    spread = np.zeros((height, width), np.float32)
+    for v in prange(height):
+        readings = np.empty(frames, np.float32)
+        for u in range(width):
+            n = 0
+            for f in range(frames):
+                z = depth[f, v, u]
+                if low <= z <= high:  # false for NaN
+                    k = n  # insertion sort: bursts are short
+                    while k > 0 and readings[k - 1] > z:
+                        readings[k] = readings[k - 1]
+                        k -= 1
+                    readings[k] = z
+                    n += 1
+            if n < needed:
+                continue
+            median = readings[n // 2]
+            total = 0.0
+            squares = 0.0
+            kept = 0
+            for k in range(n):
+                d = 1.0 / readings[k]
+                if abs(d * median - 1.0) <= tolerance:
+                    total += d
+                    squares += d * d
+                    kept += 1
+            if kept < needed:
+                continue
+            mean = total / kept
+            fused[v, u] = 1.0 / mean
+            if kept > 1:
+                spread[v, u] = np.sqrt(max(squares / kept - mean * mean, 0.0) * kept / (kept - 1)) / mean
+    return fused, spread
+
+
+def remove_flying_pixels(depth: np.ndarray, pixel_angle: float, settings: DepthSettings = DepthSettings()) -> np.ndarray:
+    """Drop readings that float between a surface and what is behind it.
+
+    A reading stays when at least ``settings.support`` of its 8 neighbours continue its surface: lie within what a
+    surface seen at up to 80° from head-on would span over that distance.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    pixel_angle : float
+        1/f [1/px]: a pixel's width on a plane at 1 m.
+
+    Returns
+    -------
+    np.ndarray [shape=(H, W), dtype=float32]
+    """
+    return _flying_kernel(depth, pixel_angle * np.tan(np.radians(80.0)), settings.support)
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _flying_kernel(depth, slope, support):
+    height, width = depth.shape
+    out = depth.copy()
+    for v in prange(height):
+        for u in range(width):
+            z = depth[v, u]
+            if z == 0:
+                continue
+            near = 0
+            for dv in range(-1, 2):
+                for du in range(-1, 2):
+                    y, x = v + dv, u + du
+                    if (dv == 0 and du == 0) or y < 0 or x < 0 or y >= height or x >= width or depth[y, x] == 0:
+                        continue
+                    if abs(depth[y, x] - z) <= slope * z * np.sqrt(du * du + dv * dv) + 0.004 * z:
+                        near += 1
+            if near < support:
+                out[v, u] = 0
+    return out
+
+
+def close_dropouts(depth: np.ndarray, labels: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Give pixels without a reading the mean disparity of their surroundings, where one view surrounds them.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    labels : np.ndarray [shape=(H, W), dtype=int8]
+        View of each pixel, -1 = none.
+    width : int
+        Drop-outs up to this many pixels across are closed, a ring of pixels a round.
+
+    Returns
+    -------
+    depth, labels : np.ndarray
+        Copies with the closed pixels filled in.
+    """
+    for _ in range((width + 1) // 2):
+        depth, labels = _close_kernel(depth, labels)
+    return depth, labels
+
+
+@njit(cache=True, nogil=True)
+def _close_kernel(depth, labels):
+    height, width = depth.shape
+    new_depth, new_labels = depth.copy(), labels.copy()
+    for v in range(1, height - 1):
+        for u in range(1, width - 1):
+            if labels[v, u] >= 0:
+                continue
+            view = -1
+            count = 0
+            total = 0.0
+            low, high = np.inf, 0.0
+            for dv in range(-1, 2):
+                for du in range(-1, 2):
+                    k = labels[v + dv, u + du]
+                    if k >= 0 and (view < 0 or k == view):
+                        view = k
+                        count += 1
+                        z = depth[v + dv, u + du]
+                        total += 1.0 / z
+                        low, high = min(low, z), max(high, z)
+            # 6 of 8: the pixel is inside the surface, not at its silhouette
+            if count >= 6 and high - low < 0.02 * low:
+                new_depth[v, u] = count / total
+                new_labels[v, u] = view
+    return new_depth, new_labels
+
+
+def measure_noise(depth: np.ndarray, labels: np.ndarray, views: int) -> np.ndarray:
+    """Noise of each view, measured on the data: robust residual of 5×5 quadratic surfaces fitted in disparity.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    labels : np.ndarray [shape=(H, W), dtype=int8]
+        View of each pixel.
+    views : int
+        How many there are.
+
+    Returns
+    -------
+    np.ndarray [shape=(views,), dtype=float64]
+        Standard deviation of a reading relative to its z, a view; 0 for a view without a full window.
+    """
+    variance = _residual_kernel(depth, labels)
+    noise = np.zeros(views)
+    for k in range(views):
+        r = variance[(labels == k) & (variance >= 0)]
+        if r.size:
+            noise[k] = np.sqrt(np.median(r) / 0.965)  # median of chi²/n with n = 19 degrees of freedom
+    return noise
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _residual_kernel(depth, labels):
+    """Variance of each full 5×5 window about its quadratic fit, relative to z; -1 elsewhere.
+
+    On a full window 1, u, v, u²-2, v²-2 and uv are orthogonal, so the fit has a closed form.
+    """
+    height, width = depth.shape
+    out = np.full((height, width), -1.0)
+    for v in prange(2, height - 2):
+        for u in range(2, width - 2):
+            k = labels[v, u]
+            if k < 0:
+                continue
+            ok = True
+            s = su = sv = suu = svv = suv = ss = 0.0
+            zc = depth[v, u]
+            for dv in range(-2, 3):
+                for du in range(-2, 3):
+                    if labels[v + dv, u + du] != k:
+                        ok = False
+                        break
+                    d = zc / depth[v + dv, u + du] - 1.0
+                    s += d
+                    su += d * du
+                    sv += d * dv
+                    suu += d * (du * du - 2)
+                    svv += d * (dv * dv - 2)
+                    suv += d * du * dv
+                    ss += d * d
+                if not ok:
+                    break
+            if ok:
+                rss = (
+                    ss - s * s / 25.0 - su * su / 50.0 - sv * sv / 50.0
+                    - suu * suu / 70.0 - svv * svv / 70.0 - suv * suv / 100.0
+                )
+                out[v, u] = max(rss, 0.0) / 19.0
+    return out
+
+
+def smoothing_sigma(noise: float, z: float, pixel_angle: float, settings: DepthSettings) -> float:
+    """Gaussian width [px] of the local fit that balances noise against detail.
+
+    A local quadratic fit over a window of width h [m] leaves noise of about noise·z·pitch/h and a bias that grows with
+    h³ at the curvature of limbs; their sum is least near h³ ∝ noise·z·pitch.
+    """
+    pitch = z * pixel_angle
+    return settings.smoothing * min((noise * z * pitch * 0.35) ** (1.0 / 3.0) * 0.6 / pitch, settings.max_radius / 2.0)
+
+
+def smooth_view(
+    depth: np.ndarray, labels: np.ndarray, view: int, noise: float, sigma: float, settings: DepthSettings = DepthSettings()
+) -> np.ndarray:
+    """Edge-preserving smoothing of one view's pixels by robust local quadratic fits in disparity.
+
+    Neighbours of the same view weigh by their distance in pixels (Gaussian of ``sigma``) and by how well they agree with
+    the surface fitted so far (Tukey's weight), so another limb in front or behind does not pull.
+    Local polynomial regression: Cleveland and Devlin 1988.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m].
+    labels : np.ndarray [shape=(H, W), dtype=int8]
+        View of each pixel.
+    view : int
+        The one to smooth.
+    noise : float
+        Standard deviation of a reading relative to z.
+    sigma : float
+        Width of the window [px].
+
+    Returns
+    -------
+    np.ndarray [shape=(H, W), dtype=float32]
+        The depth map with this view's pixels smoothed.
+
+    Notes
+    -----
+    O(pixels · radius²), O(H W) memory.
+    """
+    radius = min(int(np.ceil(2.0 * sigma)), settings.max_radius)
+    if radius < 1:
+        return depth
+    return _smooth_kernel(depth, labels, view, max(noise, 2e-4), sigma, radius)
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _smooth_kernel(depth, labels, view, noise, sigma, radius):
+    height, width = depth.shape
+    out = depth.copy()
+    side = 2 * radius + 1
+    gauss = np.empty((side, side))
+    for a in range(side):
+        for b in range(side):
+            gauss[a, b] = np.exp(-0.5 * ((a - radius) ** 2 + (b - radius) ** 2) / (sigma * sigma))
+    for v in prange(height):
+        A = np.empty((6, 6))
+        rhs = np.empty(6)
+        phi = np.empty(6)
+        coef = np.zeros(6)
+        for u in range(width):
+            if labels[v, u] != view:
+                continue
+            zc = depth[v, u]
+            coef[:] = 0.0
+            coef[0] = 1.0
+            cut = 6.0 * noise + 0.01  # first pass: whatever could be the same surface
+            good = True
+            for pass_ in range(2):
+                A[:] = 0.0
+                rhs[:] = 0.0
+                weight_sum = 0.0
+                for dv in range(-radius, radius + 1):
+                    y = v + dv
+                    if y < 0 or y >= height:
+                        continue
+                    for du in range(-radius, radius + 1):
+                        x = u + du
+                        if x < 0 or x >= width or labels[y, x] != view:
+                            continue
+                        g = gauss[dv + radius, du + radius]
+                        if g < 0.02:
+                            continue
+                        d = zc / depth[y, x]
+                        fx, fy = du / sigma, dv / sigma
+                        phi[0] = 1.0
+                        phi[1] = fx
+                        phi[2] = fy
+                        phi[3] = fx * fx
+                        phi[4] = fx * fy
+                        phi[5] = fy * fy
+                        if pass_ == 0:
+                            # a slanted surface may leave the centre's depth by its slope times the distance
+                            r = abs(d - 1.0) / (cut + 0.012 * np.sqrt(du * du + dv * dv))
+                        else:
+                            predicted = 0.0
+                            for a in range(6):
+                                predicted += coef[a] * phi[a]
+                            r = abs(d - predicted) / (4.7 * noise + 0.002)
+                        if r >= 1.0:
+                            continue
+                        w = g * (1.0 - r * r) ** 2
+                        weight_sum += w
+                        for a in range(6):
+                            rhs[a] += w * phi[a] * d
+                            for b in range(a + 1):
+                                A[a, b] += w * phi[a] * phi[b]
+                if weight_sum < 1e-6:
+                    good = False
+                    break
+                # a small ridge pulls the second order to zero where the window holds too little to tell
+                A[0, 0] += 1e-9 * weight_sum
+                A[1, 1] += 2e-3 * weight_sum
+                A[2, 2] += 2e-3 * weight_sum
+                for a in range(3, 6):
+                    A[a, a] += 3e-2 * weight_sum
+                if not _solve6(A, rhs, coef):
+                    good = False
+                    break
+            if good and coef[0] > 0.5:
+                shift = 1.0 / coef[0] - 1.0
+                limit = 3.0 * noise + 0.002
+                out[v, u] = zc * (1.0 + min(max(shift, -limit), limit))
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _solve6(A, rhs, x):
+    """Cholesky solve of a 6×6 system given by its lower triangle; False when it is singular."""
+    n = 6
+    for i in range(n):
+        for j in range(i + 1):
+            s = A[i, j]
+            for k in range(j):
+                s -= A[i, k] * A[j, k]
+            if i == j:
+                if s <= 1e-14:
+                    return False
+                A[i, i] = np.sqrt(s)
+            else:
+                A[i, j] = s / A[j, j]
+    for i in range(n):
+        s = rhs[i]
+        for k in range(i):
+            s -= A[i, k] * x[k]
+        x[i] = s / A[i, i]
+    for i in range(n - 1, -1, -1):
+        s = x[i]
+        for k in range(i + 1, n):
+            s -= A[k, i] * x[k]
+        x[i] = s / A[i, i]
+    return True

@@ -1,0 +1,337 @@
+"""A mirror's plane from points on its frame (paper eq. 1), reflection over it (eq. 2–4), and growing picks to the whole frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+
+from .camera import Intrinsics, project, unproject
+from .capture import MirrorPicks
+from .errors import MirrorError
+
+
+@dataclass(frozen=True)
+class MirrorSettings:
+    """How picks become a plane.
+
+    Parameters
+    ----------
+    grow : bool
+        Pull in the frame's own pixels around the picks; off is the paper's plain fit.
+    band : float
+        Half thickness of the slab around the first plane in which the frame is searched, relative to z.
+    glass_offset : float
+        How far the reflecting glass lies behind the front of the frame [m].
+    pick_radius : int
+        A pick without a reading takes the nearest reading within this many pixels.
+    """
+
+    grow: bool = True
+    band: float = 0.02
+    glass_offset: float = 0.0
+    pick_radius: int = 3
+
+
+@dataclass(frozen=True)
+class Mirror:
+    """A mirror's plane and outline, camera frame.
+
+    Parameters
+    ----------
+    name : str
+        For reports.
+    point : np.ndarray [shape=(3,)]
+        Centroid of the frame points [m] (the paper's c_m).
+    normal : np.ndarray [shape=(3,)]
+        Unit, towards the camera.
+    basis : np.ndarray [shape=(3, 3)]
+        Columns a, b, c of eq. 1: the paper's M, mirror → world. a points right, b down, c is ``normal``.
+    rectangle : np.ndarray [shape=(2, 2)] or None
+        Extent of the glass along a and b about ``point`` [m]: ((a_min, a_max), (b_min, b_max)). None = unlimited.
+    outline : np.ndarray [shape=(4, 2)] or None
+        Corners of ``rectangle`` in pixels.
+    residual : float
+        RMS distance of the points used from the plane [m]; 0 for a plane that was given.
+    points_used : int
+        How many.
+    refined : bool
+        The frame's own pixels were pulled in.
+    """
+
+    name: str
+    point: np.ndarray
+    normal: np.ndarray
+    basis: np.ndarray
+    rectangle: np.ndarray | None = None
+    outline: np.ndarray | None = None
+    residual: float = 0.0
+    points_used: int = 0
+    refined: bool = False
+
+
+def fit_plane(points: np.ndarray, name: str = "mirror") -> Mirror:
+    """Plane through points by the SVD of their covariance (paper eq. 1).
+
+    Parameters
+    ----------
+    points : np.ndarray [shape=(K, 3)]
+        Camera-frame points [m] on the mirror's frame, K ≥ 3, not on one line.
+
+    Raises
+    ------
+    MirrorError
+        Fewer than three finite points, or all (nearly) on one line.
+    """
+    points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) < 3:
+        raise MirrorError(f"{name}: {len(points)} usable frame point(s), a plane needs at least 3; pick more points on its frame")
+    center = points.mean(axis=0)
+    offset = points - center
+    _, scales, axes = np.linalg.svd(offset.T @ offset / len(points))
+    spread = np.sqrt(scales)
+    if spread[0] == 0 or spread[1] < 0.02 * spread[0]:
+        raise MirrorError(f"{name}: the {len(points)} frame points lie on one line; pick points on at least two of its sides")
+    normal = axes[2]
+    return Mirror(
+        name, center, *_oriented(normal, center), residual=float(np.sqrt(np.mean((offset @ normal) ** 2))), points_used=len(points)
+    )
+
+
+def _oriented(normal: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit normal towards the camera, and the basis (a right, b down, c normal)."""
+    normal = normal / np.linalg.norm(normal)
+    if normal @ point > 0:
+        normal = -normal
+    down = np.array((0.0, 1.0, 0.0)) - normal[1] * normal
+    if np.linalg.norm(down) < 0.1:  # a mirror on floor or ceiling
+        down = np.array((0.0, 0.0, 1.0)) - normal[2] * normal
+    down /= np.linalg.norm(down)
+    return normal, np.column_stack((np.cross(down, normal), down, normal))
+
+
+def plane_mirror(name: str, point: np.ndarray, normal: np.ndarray) -> Mirror:
+    """A mirror whose plane is known; its glass is taken as unlimited."""
+    point = np.asarray(point, dtype=np.float64)
+    normal = np.asarray(normal, dtype=np.float64)
+    if point.shape != (3,) or normal.shape != (3,) or not np.isfinite((point, normal)).all() or np.linalg.norm(normal) < 1e-9:
+        raise MirrorError(f"{name}: a plane needs a point and a non-zero normal of three numbers each")
+    return Mirror(name, point, *_oriented(normal, point))
+
+
+def reflection_matrix(mirror: Mirror) -> np.ndarray:
+    """Reflection over the mirror as one matrix (4, 4): to mirror coordinates, flip z, and back (paper eq. 2–4)."""
+    flip = np.diag((1.0, 1.0, -1.0))
+    matrix = np.eye(4)
+    matrix[:3, :3] = mirror.basis @ flip @ mirror.basis.T
+    matrix[:3, 3] = mirror.point - matrix[:3, :3] @ mirror.point
+    return matrix
+
+
+def reflect(points: np.ndarray, mirror: Mirror) -> np.ndarray:
+    """Points [shape=(..., 3)] flipped over the mirror's plane (paper eq. 2–4)."""
+    matrix = reflection_matrix(mirror)
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def place_mirror(
+    picks: MirrorPicks, depth: np.ndarray, intrinsics: Intrinsics, settings: MirrorSettings = MirrorSettings()
+) -> Mirror:
+    """The mirror that picked frame pixels mean: plane from the picks, grown to the frame's pixels, fitted robustly.
+
+    Parameters
+    ----------
+    picks : MirrorPicks
+        Pixels on the frame, or a plane that is taken as it is.
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+
+    Raises
+    ------
+    MirrorError
+        Picks outside the image, on no reading, fewer than three or on one line.
+    """
+    if picks.frame_pixels is None:
+        return plane_mirror(picks.name, picks.point, picks.normal)
+    pixels = _snap_picks(picks, depth, settings.pick_radius)
+    cloud = unproject(depth, intrinsics)
+    picked = cloud[pixels[:, 1], pixels[:, 0]]
+    first = fit_plane(picked, picks.name)
+    first = _without_outliers(picked, first)
+    mirror = first
+    if settings.grow:
+        grown = _grow(depth, pixels, cloud, first, intrinsics, settings.band)
+        if grown is not None:
+            mirror = grown
+    if settings.glass_offset:
+        mirror = replace(mirror, point=mirror.point - settings.glass_offset * mirror.normal)
+    return mirror if mirror.outline is not None else with_rectangle(mirror, picked, intrinsics)
+
+
+def _snap_picks(picks: MirrorPicks, depth: np.ndarray, radius: int) -> np.ndarray:
+    """Integer pixels (K, 2) of the picks, each on a reading that its neighbourhood agrees with."""
+    height, width = depth.shape
+    pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)
+    if len(pixels) < 3:
+        raise MirrorError(f"{picks.name}: {len(pixels)} frame point(s) picked, a plane needs at least 3; pick more")
+    outside = ~((pixels >= -0.5) & (pixels <= (width - 0.5, height - 0.5))).all(axis=1)
+    if outside.any():
+        u, v = pixels[outside][0]
+        raise MirrorError(f"{picks.name}: pick ({u:g}, {v:g}) is outside the {width}×{height} depth image")
+    snapped = []
+    for u, v in np.rint(pixels).astype(int):
+        u0, v0 = max(u - radius, 0), max(v - radius, 0)
+        window = depth[v0 : v + radius + 1, u0 : u + radius + 1]
+        rows, cols = np.nonzero(window)
+        if len(rows):
+            nearest = np.argmin((rows + v0 - v) ** 2 + (cols + u0 - u) ** 2)
+            snapped.append((cols[nearest] + u0, rows[nearest] + v0))
+    if len(snapped) < 3:
+        raise MirrorError(
+            f"{picks.name}: only {len(snapped)} of {len(pixels)} picks are on a depth reading, a plane needs at least 3; "
+            "pick where the frame shows depth"
+        )
+    return np.array(snapped)
+
+
+def _without_outliers(points: np.ndarray, plane: Mirror) -> Mirror:
+    """Plane of the picks that agree: the triple of least median distance decides, then SVD of its inliers."""
+    count = len(points)
+    if count < 5:
+        return plane
+    triples = np.array([(i, j, k) for i in range(count) for j in range(i) for k in range(j)])
+    if len(triples) > 600:
+        triples = triples[np.random.default_rng(0).choice(len(triples), 600, replace=False)]
+    a, b, c = points[triples[:, 0]], points[triples[:, 1]], points[triples[:, 2]]
+    normals = np.cross(b - a, c - a)
+    length = np.linalg.norm(normals, axis=1)
+    usable = length > 1e-3
+    if not usable.any():
+        return plane
+    normals = normals[usable] / length[usable, None]
+    distance = np.abs(normals @ points.T - np.einsum("ij,ij->i", normals, a[usable])[:, None])
+    # picks far apart fix a plane better: ties in the median go to the larger triangle
+    score = np.median(distance, axis=1) + 0.002 / length[usable]
+    best = distance[np.argmin(score)]
+    inlier = best <= max(3.0 * np.median(best), 0.02)
+    if inlier.sum() < 4:
+        return plane
+    try:
+        return fit_plane(points[inlier], plane.name)
+    except MirrorError:  # the agreeing picks are on one line, all of them are not
+        return plane
+
+
+def _grow(
+    depth: np.ndarray, seeds: np.ndarray, cloud: np.ndarray, plane: Mirror, intrinsics: Intrinsics, band: float
+) -> Mirror | None:
+    """Refit on the pixels connected to the picks along the plane; None when there are hardly any."""
+    normal = plane.normal
+    mask = np.zeros(depth.shape, dtype=np.bool_)
+    d = float(normal @ plane.point)
+    # the picks' plane may be off by more than the frame's noise: follow the fit until it stands still, so that the
+    # slab is centred on the frame and cuts no side of its noise off
+    for _ in range(8):
+        mask[:] = False
+        _grow_kernel(depth, cloud, seeds, normal, d, band, mask)
+        v, u = np.nonzero(mask)
+        if len(u) < 30:
+            return None
+        coefficients = _disparity_plane(u, v, depth[v, u])
+        if coefficients is None:
+            return None
+        previous, (normal, d) = normal, _plane_of_disparity(coefficients, intrinsics)
+        normal, d = (normal, d) if normal @ previous > 0 else (-normal, -d)
+        if np.arccos(min(normal @ previous, 1.0)) < 2e-4:
+            break
+    weights = _tukey_weights(coefficients, u, v, depth[v, u])
+    points = cloud[v, u][weights > 0.1]
+    center = points.mean(axis=0)
+    center = center - (normal @ center - d) * normal
+    grown = Mirror(plane.name, center, *_oriented(normal, center), points_used=len(points), refined=True)
+    residual = (points - center) @ grown.normal
+    grown = replace(grown, residual=float(np.sqrt(np.mean(residual**2))))
+    return with_rectangle(grown, points, intrinsics)
+
+
+@njit(cache=True, nogil=True)
+def _grow_kernel(depth, cloud, seeds, normal, d, band, mask):
+    """Flood fill from the seeds over pixels within ``band``·z of the plane; steps over gaps of two pixels."""
+    height, width = depth.shape
+    stack = np.empty((height * width, 2), np.int32)
+    top = 0
+    for k in range(len(seeds)):
+        u, v = seeds[k]
+        p = cloud[v, u]
+        if not mask[v, u] and abs(normal[0] * p[0] + normal[1] * p[1] + normal[2] * p[2] - d) < band * depth[v, u]:
+            mask[v, u] = True
+            stack[top, 0], stack[top, 1] = u, v
+            top += 1
+    while top > 0:
+        top -= 1
+        u, v = stack[top]
+        for dv in range(-3, 4):
+            for du in range(-3, 4):
+                x, y = u + du, v + dv
+                if x < 0 or y < 0 or x >= width or y >= height or mask[y, x] or depth[y, x] == 0:
+                    continue
+                p = cloud[y, x]
+                if abs(normal[0] * p[0] + normal[1] * p[1] + normal[2] * p[2] - d) < band * depth[y, x]:
+                    mask[y, x] = True
+                    stack[top, 0], stack[top, 1] = x, y
+                    top += 1
+
+
+def _disparity_plane(u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray | None:
+    """Robust plane 1/z = a·u + b·v + c by iteratively re-weighted least squares (Tukey)."""
+    A = np.column_stack((u, v, np.ones(len(u)))).astype(np.float64)
+    d = 1.0 / z.astype(np.float64)
+    weights = np.ones(len(d))
+    coefficients = None
+    for _ in range(12):
+        root = np.sqrt(weights)
+        coefficients, _, rank, _ = np.linalg.lstsq(A * root[:, None], d * root, rcond=None)
+        if rank < 3:
+            return None
+        weights = _weights_of(d - A @ coefficients)
+    return coefficients
+
+
+def _weights_of(residual: np.ndarray) -> np.ndarray:
+    scale = 1.4826 * np.median(np.abs(residual)) + 1e-9
+    r = residual / (4.7 * scale)
+    return np.where(np.abs(r) < 1, (1 - r * r) ** 2, 0.0)
+
+
+def _tukey_weights(coefficients: np.ndarray, u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray:
+    return _weights_of(1.0 / z.astype(np.float64) - np.column_stack((u, v, np.ones(len(u)))) @ coefficients)
+
+
+def _plane_of_disparity(coefficients: np.ndarray, intrinsics: Intrinsics) -> tuple[np.ndarray, float]:
+    """Normal and offset d (n·p = d, metres) of the plane 1/z = a·u + b·v + c."""
+    a, b, c = coefficients
+    n = np.array((a * intrinsics.fx, b * intrinsics.fy, a * intrinsics.cx + b * intrinsics.cy + c))
+    length = np.linalg.norm(n)
+    return n / length, 1.0 / length
+
+
+def _frame_rectangle(points: np.ndarray, mirror: Mirror) -> np.ndarray:
+    """Extent of the frame along the mirror's right and down axes, about its point [m]."""
+    local = (points - mirror.point) @ mirror.basis[:, :2]
+    top, bottom = np.quantile(local[:, 1], (0.002, 0.998))
+    # near the floor the flood may run along the line where floor and plane meet: the width is read above it
+    upper = local[local[:, 1] < top + 0.7 * (bottom - top)]
+    left, right = np.quantile(upper[:, 0], (0.005, 0.995))
+    return np.array(((left, right), (top, bottom)))
+
+
+def with_rectangle(mirror: Mirror, points: np.ndarray, intrinsics: Intrinsics) -> Mirror:
+    """The mirror with the bounding rectangle of ``points`` (K, 3) as its glass, and that rectangle's corners in pixels."""
+    rectangle = _frame_rectangle(points, mirror)
+    (left, right), (top, bottom) = rectangle
+    corners = np.array(((left, top), (right, top), (right, bottom), (left, bottom)))
+    return replace(
+        mirror, rectangle=rectangle, outline=project(mirror.point + corners @ mirror.basis[:, :2].T, intrinsics)
+    )

@@ -1,0 +1,455 @@
+"""Where views see the same skin: bring them to one surface, keep the better view, leave a clean gap to zipper.
+
+Time-of-flight and active-stereo cameras see up to 60° of the body both directly and in a mirror (structured light
+loses what two patterns light, so there the patches do not overlap and this stage changes nothing).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit, prange
+
+from .camera import Intrinsics
+from .mesh import Mesh, compact
+from .mirror import Mirror, reflection_matrix
+
+
+@dataclass(frozen=True)
+class OverlapSettings:
+    """How overlapping views are parted.
+
+    Parameters
+    ----------
+    reach : float
+        Surfaces of two views nearer than this are the same skin [m]; grows with the views' noise.
+    gap : float
+        Gap left between the parted patches [edge lengths of the coarser one].
+    blend : bool
+        Move both views to their weighted mean where they overlap.
+    """
+
+    reach: float = 0.03
+    gap: float = 0.9
+    blend: bool = True
+
+
+@dataclass(frozen=True)
+class ViewMaps:
+    """What every view says of any point in space: the smoothed depth map with per-pixel normals and confidence.
+
+    ``to_view`` (N+1, 4, 4) takes a point to where view k's camera lays it (identity, then each mirror's reflection).
+    """
+
+    depth: np.ndarray
+    labels: np.ndarray
+    seen: np.ndarray
+    normals: np.ndarray
+    confidence: np.ndarray
+    to_view: np.ndarray
+    intrinsics: Intrinsics
+    noise: np.ndarray
+
+
+def view_maps(
+    depth: np.ndarray, labels: np.ndarray, seen: np.ndarray, intrinsics: Intrinsics, mirrors: list[Mirror], noise: np.ndarray
+) -> ViewMaps:
+    """Normals (real space) and confidence of each subject pixel.
+
+    Confidence is cos²(incidence) / path length, less within 3 px of the view's silhouette: nearer, more frontal
+    readings are better, and the last pixels of an outline mix foreground with background.
+    """
+    to_view = np.stack([np.eye(4)] + [reflection_matrix(m) for m in mirrors])
+    normals, confidence = _maps_kernel(
+        depth, labels, intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, to_view
+    )
+    return ViewMaps(depth, labels, seen, normals, confidence, to_view, intrinsics, noise)
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _maps_kernel(depth, labels, fx, fy, cx, cy, to_view):
+    height, width = depth.shape
+    normals = np.zeros((height, width, 3))
+    confidence = np.zeros((height, width))
+    for v in prange(1, height - 1):
+        g = np.empty((2, 3))
+        n = np.empty(3)
+        for u in range(1, width - 1):
+            k = labels[v, u]
+            if k < 0:
+                continue
+            z = depth[v, u]
+            border = 3.0
+            for dv in range(-3, 4):
+                for du in range(-3, 4):
+                    y, x = v + dv, u + du
+                    if (
+                        y < 0 or x < 0 or y >= height or x >= width or labels[y, x] != k
+                        or abs(depth[y, x] - z) > 0.05 * z
+                    ):
+                        border = min(border, np.sqrt(dv * dv + du * du) - 0.5)
+            ok = True
+            for axis in range(2):
+                ya, xa, yb, xb = v, u, v, u
+                if axis == 0:
+                    if labels[v, u - 1] == k and abs(depth[v, u - 1] - z) < 0.03 * z:
+                        xa = u - 1
+                    if labels[v, u + 1] == k and abs(depth[v, u + 1] - z) < 0.03 * z:
+                        xb = u + 1
+                else:
+                    if labels[v - 1, u] == k and abs(depth[v - 1, u] - z) < 0.03 * z:
+                        ya = v - 1
+                    if labels[v + 1, u] == k and abs(depth[v + 1, u] - z) < 0.03 * z:
+                        yb = v + 1
+                if xa == xb and ya == yb:
+                    ok = False
+                za, zb = depth[ya, xa], depth[yb, xb]
+                g[axis, 0] = (xb - cx) / fx * zb - (xa - cx) / fx * za
+                g[axis, 1] = (yb - cy) / fy * zb - (ya - cy) / fy * za
+                g[axis, 2] = zb - za
+            if not ok:
+                continue
+            # down × right points to the camera
+            n[0] = g[1, 1] * g[0, 2] - g[1, 2] * g[0, 1]
+            n[1] = g[1, 2] * g[0, 0] - g[1, 0] * g[0, 2]
+            n[2] = g[1, 0] * g[0, 1] - g[1, 1] * g[0, 0]
+            length = np.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
+            if length == 0:
+                continue
+            n /= length
+            px, py = (u - cx) / fx, (v - cy) / fy
+            cosine = -(n[0] * px + n[1] * py + n[2]) / np.sqrt(px * px + py * py + 1.0)
+            if cosine <= 0:
+                continue
+            confidence[v, u] = cosine * cosine / z * border / 3.0
+            for r in range(3):  # a reflection is its own inverse, and its linear part symmetric
+                s = 0.0
+                for c in range(3):
+                    s += to_view[k, r, c] * n[c]
+                normals[v, u, r] = s
+    return normals, confidence
+
+
+@njit(cache=True, nogil=True)
+def _look(p, matrix, view, depth, labels, fx, fy, cx, cy):
+    """Where view lays p: pixel and z there; (row, column) -1 when it is outside the image or behind the camera."""
+    x = matrix[0, 0] * p[0] + matrix[0, 1] * p[1] + matrix[0, 2] * p[2] + matrix[0, 3]
+    y = matrix[1, 0] * p[0] + matrix[1, 1] * p[1] + matrix[1, 2] * p[2] + matrix[1, 3]
+    z = matrix[2, 0] * p[0] + matrix[2, 1] * p[1] + matrix[2, 2] * p[2] + matrix[2, 3]
+    if z <= 0.05:
+        return -1.0, -1.0, z
+    u, v = x / z * fx + cx, y / z * fy + cy
+    if not (0 <= u <= depth.shape[1] - 1 and 0 <= v <= depth.shape[0] - 1):
+        return -1.0, -1.0, z
+    return v, u, z
+
+
+@njit(cache=True, nogil=True)
+def _sample(v, u, view, depth, labels, normals, confidence, out):
+    """Bilinear disparity, normal and confidence of a view at (v, u); out = (z, nx, ny, nz, confidence). False off the view."""
+    y0, x0 = int(v), int(u)
+    y1, x1 = min(y0 + 1, depth.shape[0] - 1), min(x0 + 1, depth.shape[1] - 1)
+    fy, fx = v - y0, u - x0
+    total = 0.0
+    out[:] = 0.0
+    low, high = 1e9, 0.0
+    for a in range(2):
+        for b in range(2):
+            y, x = (y1 if a else y0), (x1 if b else x0)
+            w = (fy if a else 1 - fy) * (fx if b else 1 - fx)
+            if labels[y, x] != view or confidence[y, x] <= 0 or w <= 0:
+                continue
+            total += w
+            out[0] += w / depth[y, x]
+            for c in range(3):
+                out[1 + c] += w * normals[y, x, c]
+            out[4] += w * confidence[y, x]
+            low, high = min(low, depth[y, x]), max(high, depth[y, x])
+    if total < 0.5 or high - low > 0.04 * high:
+        return False
+    out[0] = total / out[0]
+    length = np.sqrt(out[1] ** 2 + out[2] ** 2 + out[3] ** 2)
+    if length == 0:
+        return False
+    for c in range(3):
+        out[1 + c] /= length
+    # pixels off the view count as no confidence: the field falls to zero towards a silhouette
+    return True
+
+
+def compare_views(
+    vertices: np.ndarray, view: np.ndarray, normals: np.ndarray, own: np.ndarray, maps: ViewMaps, settings: OverlapSettings
+) -> tuple[np.ndarray, np.ndarray]:
+    """How a patch's vertices stand against the other views that see the same skin.
+
+    Parameters
+    ----------
+    vertices, normals : np.ndarray [shape=(V, 3)]
+        Camera frame, real space [m].
+    view : np.ndarray [shape=(V,), dtype=int8]
+        The view each vertex is from.
+    own : np.ndarray [shape=(V,)]
+        Confidence of each vertex in its own view.
+
+    Returns
+    -------
+    advantage : np.ndarray [shape=(V,)]
+        log(own confidence / best other); +inf where nobody else sees this skin.
+    shift : np.ndarray [shape=(V, 3)]
+        To the confidence-weighted mean of all views that see it [m].
+    """
+    k = maps.intrinsics
+    tolerance = settings.reach + 3.0 * maps.noise
+    return _compare_kernel(
+        vertices, view, normals, own, maps.to_view, maps.depth, maps.labels, maps.normals, maps.confidence,
+        k.fx, k.fy, k.cx, k.cy, tolerance,
+    )
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _compare_kernel(vertices, view, vertex_normals, own, to_view, depth, labels, normals, confidence, fx, fy, cx, cy, tolerance):
+    count = len(vertices)
+    advantage = np.full(count, np.inf)
+    shift = np.zeros((count, 3))
+    for i in prange(count):
+        out = np.empty(5)
+        p = vertices[i]
+        total = own[i]
+        for k in range(len(to_view)):
+            if k == view[i]:
+                continue
+            v, u, z = _look(p, to_view[k], k, depth, labels, fx, fy, cx, cy)
+            if v < 0 or not _sample(v, u, k, depth, labels, normals, confidence, out):
+                continue
+            agree = out[1] * vertex_normals[i, 0] + out[2] * vertex_normals[i, 1] + out[3] * vertex_normals[i, 2]
+            if agree < 0.2:
+                continue
+            # the step along the ray seen across the surface: ray direction · normal
+            px, py = (u - cx) / fx, (v - cy) / fy
+            m = to_view[k]
+            rx = m[0, 0] * px + m[1, 0] * py + m[2, 0]
+            ry = m[0, 1] * px + m[1, 1] * py + m[2, 1]
+            rz = m[0, 2] * px + m[1, 2] * py + m[2, 2]
+            step = (out[0] - z) * (rx * out[1] + ry * out[2] + rz * out[3])
+            if abs(step) > tolerance[k]:
+                continue
+            advantage[i] = min(advantage[i], np.log((own[i] + 1e-9) / (out[4] + 1e-9)))
+            total += out[4]
+            for c in range(3):
+                shift[i, c] += out[4] * step * out[1 + c]
+        if total > 0:
+            shift[i] /= total
+    return advantage, shift
+
+
+def part_overlaps(patches: list[Mesh], maps: ViewMaps, settings: OverlapSettings = OverlapSettings()) -> list[Mesh]:
+    """Blend the patches to one surface where they overlap, then cut each back to where it is the better view.
+
+    The cut runs along the line where two views are equally good, moved half a gap back on either side, so both
+    boundaries are smooth and run in parallel. Returns as many patches as given. O(V).
+    """
+    from .mesh import vertex_normals
+
+    parted = []
+    for patch in patches:
+        if not len(patch.triangles):
+            parted.append(patch)
+            continue
+        normals = vertex_normals(patch.vertices, patch.triangles)
+        own = own_confidence(patch, maps)
+        advantage, shift = compare_views(patch.vertices, patch.view, normals, own, maps, settings)
+        overlapped = np.isfinite(advantage)
+        if not overlapped.any():
+            parted.append(patch)
+            continue
+        vertices = patch.vertices
+        if settings.blend:
+            vertices = vertices + smooth_on_mesh(shift, patch.triangles, 6)
+        # beyond the overlap nobody else competes: a large advantage that the smoothing below leaves positive
+        field = np.clip(np.where(overlapped, advantage, 3.0), -3.0, 3.0)
+        field = smooth_on_mesh(field[:, None], patch.triangles, 4)[:, 0]
+        distance = _distance_to_zero(field, vertices, patch.triangles)
+        edge = _median_edge(patch)
+        parted.append(clip(replace(patch, vertices=vertices), distance, 0.5 * settings.gap * edge))
+    return parted
+
+
+def own_confidence(patch: Mesh, maps: ViewMaps) -> np.ndarray:
+    """Confidence (V,) of a patch's vertices in the view they come from."""
+    k = maps.intrinsics
+    own = _own_kernel(patch.vertices, patch.view, maps.to_view, maps.depth, maps.labels, maps.normals, maps.confidence,
+                      k.fx, k.fy, k.cx, k.cy)
+    return own
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _own_kernel(vertices, view, to_view, depth, labels, normals, confidence, fx, fy, cx, cy):
+    own = np.zeros(len(vertices))
+    for i in prange(len(vertices)):
+        v, u, _ = _look(vertices[i], to_view[view[i]], view[i], depth, labels, fx, fy, cx, cy)
+        if v >= 0:
+            own[i] = confidence[int(v + 0.5), int(u + 0.5)]
+    return own
+
+
+def _median_edge(mesh: Mesh) -> float:
+    a, b = mesh.vertices[mesh.triangles[:, 0]], mesh.vertices[mesh.triangles[:, 1]]
+    return float(np.median(np.linalg.norm(a - b, axis=1)))
+
+
+def smooth_on_mesh(values: np.ndarray, triangles: np.ndarray, rounds: int) -> np.ndarray:
+    """Values (V, C) averaged over their one-ring, ``rounds`` times."""
+    return _smooth_values_kernel(np.ascontiguousarray(values, dtype=np.float64), triangles, rounds)
+
+
+@njit(cache=True, nogil=True)
+def _smooth_values_kernel(values, triangles, rounds):
+    count, width = values.shape
+    for _ in range(rounds):
+        total = values.copy()
+        weight = np.ones(count)
+        for t in range(len(triangles)):
+            for k in range(3):
+                i, j = triangles[t, k], triangles[t, (k + 1) % 3]
+                for c in range(width):
+                    total[i, c] += 0.5 * values[j, c]
+                    total[j, c] += 0.5 * values[i, c]
+                weight[i] += 0.5
+                weight[j] += 0.5
+        for i in range(count):
+            for c in range(width):
+                values[i, c] = total[i, c] / weight[i]
+    return values
+
+
+@njit(cache=True, nogil=True)
+def _distance_to_zero(field, vertices, triangles):
+    """First-order distance of each vertex to the field's zero line: value over gradient length [m]."""
+    gradient = np.zeros(len(vertices))
+    area = np.zeros(len(vertices))
+    e = np.empty((3, 3))
+    n = np.empty(3)
+    g = np.empty(3)
+    for t in range(len(triangles)):
+        for k in range(3):
+            for c in range(3):
+                e[k, c] = vertices[triangles[t, (k + 2) % 3], c] - vertices[triangles[t, (k + 1) % 3], c]
+        n[0] = e[0, 1] * e[1, 2] - e[0, 2] * e[1, 1]
+        n[1] = e[0, 2] * e[1, 0] - e[0, 0] * e[1, 2]
+        n[2] = e[0, 0] * e[1, 1] - e[0, 1] * e[1, 0]
+        double = np.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
+        if double == 0:
+            continue
+        g[:] = 0.0
+        for k in range(3):
+            f = field[triangles[t, k]] / (double * double)
+            g[0] += f * (n[1] * e[k, 2] - n[2] * e[k, 1])
+            g[1] += f * (n[2] * e[k, 0] - n[0] * e[k, 2])
+            g[2] += f * (n[0] * e[k, 1] - n[1] * e[k, 0])
+        length = np.sqrt(g[0] ** 2 + g[1] ** 2 + g[2] ** 2)
+        for k in range(3):
+            gradient[triangles[t, k]] += double * length
+            area[triangles[t, k]] += double
+    out = np.empty(len(vertices))
+    for i in range(len(vertices)):
+        slope = gradient[i] / area[i] if area[i] > 0 else 0.0
+        out[i] = field[i] / max(slope, 1.0)
+    return out
+
+
+def clip(mesh: Mesh, field: np.ndarray, level: float) -> Mesh:
+    """The part of the mesh where ``field`` (V,) ≥ ``level``, cut exactly along that line.
+
+    Triangles the line crosses are split; new vertices lie on the line, colours interpolated. Vertices nearly on the
+    line are moved onto it, so that no slivers arise. O(T).
+    """
+    inside = field >= level
+    if inside.all():
+        return mesh
+    if not inside.any():
+        return replace(mesh, triangles=mesh.triangles[:0], kind=None if mesh.kind is None else mesh.kind[:0])
+    vertices, triangles, source, share, parent = _clip_kernel(mesh.vertices, mesh.triangles, field, level)
+    a, b = source[:, 0], source[:, 1]
+    colors = None
+    if mesh.colors is not None:
+        blend = mesh.colors[a] * (1 - share[:, None]) + mesh.colors[b] * share[:, None]
+        colors = np.rint(blend).astype(np.uint8)
+    view = None if mesh.view is None else mesh.view[a]
+    kind = None if mesh.kind is None else mesh.kind[parent]
+    return compact(Mesh(vertices, triangles, colors, view, kind))
+
+
+@njit(cache=True, nogil=True)
+def _clip_kernel(vertices, triangles, field, level):
+    count = len(vertices)
+    # vertices close to the line snap to it by sliding along the edge that crosses it
+    n_max = count + 3 * len(triangles)
+    out_v = np.empty((n_max, 3))
+    source = np.empty((n_max, 2), np.int64)
+    share = np.zeros(n_max)
+    out_v[:count] = vertices
+    for i in range(count):
+        source[i, 0] = source[i, 1] = i
+    f = field - level
+    snapped = np.zeros(count, np.bool_)
+    for t in range(len(triangles)):
+        for k in range(3):
+            i, j = triangles[t, k], triangles[t, (k + 1) % 3]
+            if (f[i] >= 0) == (f[j] >= 0):
+                continue
+            s = f[i] / (f[i] - f[j])
+            if s < 0.25 and f[i] >= 0 and not snapped[i]:
+                snapped[i] = True
+                source[i, 1] = j
+                share[i] = s
+                for c in range(3):
+                    out_v[i, c] = vertices[i, c] + s * (vertices[j, c] - vertices[i, c])
+            if s > 0.75 and f[j] >= 0 and not snapped[j]:
+                snapped[j] = True
+                source[j, 1] = i
+                share[j] = 1.0 - s
+                for c in range(3):
+                    out_v[j, c] = vertices[j, c] + (1.0 - s) * (vertices[i, c] - vertices[j, c])
+    n = count
+    keys = dict()
+    keys[(np.int64(-1), np.int64(-1))] = np.int64(-1)
+    out_t = np.empty((2 * len(triangles), 3), np.int32)
+    parent = np.empty(2 * len(triangles), np.int64)
+    m = 0
+    poly = np.empty(4, np.int64)
+    for t in range(len(triangles)):
+        size = 0
+        full = 0
+        for k in range(3):
+            i = triangles[t, k]
+            if f[i] >= 0 and not snapped[i]:
+                full += 1
+        if full == 0:
+            continue
+        for k in range(3):
+            i, j = triangles[t, k], triangles[t, (k + 1) % 3]
+            if f[i] >= 0:
+                poly[size] = i
+                size += 1
+            a_in, b_in = f[i] >= 0, f[j] >= 0
+            if a_in != b_in:
+                inner = i if a_in else j
+                outer = j if a_in else i
+                if snapped[inner]:
+                    continue  # the inner end already lies on the line
+                key = (np.int64(inner), np.int64(outer))
+                if key not in keys:
+                    s = f[inner] / (f[inner] - f[outer])
+                    for c in range(3):
+                        out_v[n, c] = vertices[inner, c] + s * (vertices[outer, c] - vertices[inner, c])
+                    source[n, 0], source[n, 1], share[n] = inner, outer, s
+                    keys[key] = np.int64(n)
+                    n += 1
+                poly[size] = keys[key]
+                size += 1
+        for k in range(1, size - 1):
+            out_t[m, 0], out_t[m, 1], out_t[m, 2] = poly[0], poly[k], poly[k + 1]
+            parent[m] = t
+            m += 1
+    return out_v[:n].copy(), out_t[:m].copy(), source[:n].copy(), share[:n].copy(), parent[:m].copy()

@@ -1,0 +1,220 @@
+"""What stands where: camera, framed mirrors, floor and walls, in the avatar frame (Z up, metres)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..camera import Intrinsics
+from ..errors import MirrorScanError
+from .sensors import find_sensor
+
+BACKING = 0.02
+"""Thickness of a mirror's board behind the glass [m]."""
+
+
+@dataclass(frozen=True)
+class FramedMirror:
+    """A flat rectangular mirror in a frame.
+
+    Parameters
+    ----------
+    name : str
+        For picks and reports.
+    centre, normal : tuple of float
+        Centre of the glass [m] and where the glass looks, avatar frame; any length.
+    up : tuple of float
+        Which way the mirror's height runs; made perpendicular to ``normal``.
+    width, height : float
+        Of the glass [m].
+    frame_width : float
+        Of the moulding around it [m]; 0 = frameless.
+    frame_depth : float
+        How far the moulding stands proud of the glass [m].
+    """
+
+    name: str
+    centre: tuple[float, float, float]
+    normal: tuple[float, float, float]
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    width: float = 0.8
+    height: float = 1.75
+    frame_width: float = 0.035
+    frame_depth: float = 0.0
+
+    def __post_init__(self) -> None:
+        numbers = (*self.centre, *self.normal, *self.up, self.width, self.height, self.frame_width, self.frame_depth)
+        if not np.isfinite(numbers).all() or min(self.width, self.height) <= 0 or min(self.frame_width, self.frame_depth) < 0:
+            raise MirrorScanError(f"rig: mirror '{self.name}' has a size or place that is no positive, finite number")
+        if np.linalg.norm(np.cross(self.up, self.normal)) < 1e-6 * np.linalg.norm(self.up) * np.linalg.norm(self.normal) + 1e-12:
+            raise MirrorScanError(f"rig: mirror '{self.name}': up and normal are parallel or zero; turn one of them")
+
+    @property
+    def axes(self) -> np.ndarray:
+        """Rows: right (seen from behind the glass), up, normal; unit vectors, avatar frame (3, 3)."""
+        normal = np.array(self.normal, dtype=float) / np.linalg.norm(self.normal)
+        up = np.array(self.up, dtype=float)
+        up -= (up @ normal) * normal
+        up /= np.linalg.norm(up)
+        return np.array([np.cross(up, normal), up, normal])
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Everything a virtual snapshot depends on, except the subject.
+
+    Parameters
+    ----------
+    intrinsics : Intrinsics
+        Of depth map and colour image.
+    camera : tuple of float
+        Where the camera is, avatar frame [m]. Untilted it looks along +Y, level.
+    mirrors : tuple of FramedMirror
+        Any number, in any pose.
+    pan_deg, tilt_deg, roll_deg : float
+        Camera turned to its right, down, and clockwise about its own axis.
+    floor : bool
+        A floor at z = 0.
+    room : tuple of float or None
+        Walls at x0, x1, y0, y1 and a ceiling at z1 [m]; None = open space.
+    sensor : str
+        A name of :data:`~.sensors.SENSORS`.
+    frames : int
+        Depth frames of the burst.
+    seed : int
+        Of all noise; same seed, same bytes.
+    interference : bool or None
+        Readings are lost where the sensor's pattern arrives by two ways; None = as the sensor is.
+    """
+
+    intrinsics: Intrinsics
+    camera: tuple[float, float, float]
+    mirrors: tuple[FramedMirror, ...]
+    pan_deg: float = 0.0
+    tilt_deg: float = 0.0
+    roll_deg: float = 0.0
+    floor: bool = True
+    room: tuple[float, float, float, float, float] | None = (-3.2, 3.2, -4.5, 2.8, 2.8)
+    sensor: str = "azure_kinect"
+    frames: int = 10
+    seed: int = 0
+    interference: bool | None = None
+
+    def __post_init__(self) -> None:
+        find_sensor(self.sensor)
+        if self.frames < 1:
+            raise MirrorScanError(f"rig: frames = {self.frames}; at least one is needed")
+        if self.floor and self.camera[2] <= 0:
+            raise MirrorScanError(f"rig: the camera is {-self.camera[2]:g} m under the floor; raise it")
+        if self.room is not None:
+            x0, x1, y0, y1, z1 = self.room
+            if not (x0 < self.camera[0] < x1 and y0 < self.camera[1] < y1 and self.camera[2] < z1):
+                raise MirrorScanError("rig: the camera stands outside the room; enlarge the room or move the camera")
+
+    @property
+    def camera_to_avatar(self) -> np.ndarray:
+        """(4, 4); camera frame x right, y down, z forward."""
+        matrix = np.eye(4)
+        looking = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+        matrix[:3, :3] = _turn(2, -self.pan_deg) @ _turn(0, -self.tilt_deg) @ looking @ _turn(2, self.roll_deg)
+        matrix[:3, 3] = self.camera
+        return matrix
+
+
+def _turn(axis: int, degrees: float) -> np.ndarray:
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    matrix = np.eye(3)
+    matrix[i, i] = matrix[j, j] = c
+    matrix[i, j], matrix[j, i] = -s, s
+    return matrix
+
+
+def default_rig(
+    sensor: str = "azure_kinect",
+    subject_distance: float = 2.5,
+    view_angle_deg: float = 120.0,
+    mirrors: int | Sequence[float] = 2,
+    path_length: float = 4.6,
+    mirror_size: tuple[float, float] = (0.8, 1.75),
+    frame_width: float = 0.035,
+    frame_depth: float = 0.0,
+    lean_deg: float | Sequence[float] = 0.0,
+    camera_height: float = 0.9,
+    tilt_deg: float = 2.3,
+    roll_deg: float = 0.0,
+    frames: int = 10,
+    seed: int = 0,
+    interference: bool | None = None,
+) -> Rig:
+    """The paper's arrangement: camera before the subject, mirrors standing behind it on either side.
+
+    Each mirror stands so that the subject's axis appears in its middle, seen by a virtual camera ``view_angle_deg``
+    around the subject and ``path_length`` away along the folded path.
+
+    Parameters
+    ----------
+    sensor : str
+        A name of :data:`~.sensors.SENSORS`.
+    subject_distance : float
+        Camera to subject [m].
+    view_angle_deg : float
+        Virtual cameras at plus and minus this angle around the subject, 90 < angle < 180.
+    mirrors : int or sequence of float
+        How many: 1, 2, or more spread evenly from one side round the back to the other (those right behind the
+        subject are hidden by it); or the virtual cameras' angles themselves, positive = mirror on the image's right.
+    path_length : float
+        Camera to mirror to subject [m].
+    mirror_size : tuple of float
+        Width and height of the glass [m]; it stands 0.12 m above the floor.
+    frame_width, frame_depth : float
+        See :class:`FramedMirror`.
+    lean_deg : float or sequence of float
+        Each mirror's top towards the subject.
+    camera_height, tilt_deg, roll_deg, frames, seed, interference
+        See :class:`Rig`.
+
+    Raises
+    ------
+    MirrorScanError
+        When a number cannot be.
+    """
+    if isinstance(mirrors, int):
+        if mirrors < 0:
+            raise MirrorScanError(f"rig: mirrors = {mirrors}; give 0 or more")
+        spread = [view_angle_deg] if mirrors == 1 else np.linspace(view_angle_deg, 360.0 - view_angle_deg, mirrors)
+        angles = [a if a <= 180 else a - 360 for a in spread] if mirrors else []
+    else:
+        angles = list(mirrors)
+    leans = np.broadcast_to(lean_deg, len(angles))
+    camera = np.array([0.0, -subject_distance, camera_height])
+    framed = []
+    for i, (angle, lean) in enumerate(zip(angles, leans, strict=True)):
+        if not 60.0 < abs(angle) <= 180.0 or path_length <= subject_distance:
+            raise MirrorScanError(
+                f"rig: no mirror gives a view at {angle:g}° over {path_length:g} m; use 60° to 180° and a path "
+                f"longer than the subject's distance, {subject_distance:g} m"
+            )
+        a = np.radians(angle)
+        virtual = path_length * np.array([np.sin(a), -np.cos(a)])
+        normal = (camera[:2] - virtual) / np.linalg.norm(camera[:2] - virtual)
+        reach = ((camera[:2] + virtual) / 2) @ normal / (virtual @ normal)
+        side = "right" if angle > 0 else "left"
+        taken = sum(m.name.split()[0] == side for m in framed)
+        framed.append(
+            FramedMirror(
+                name=side if not taken else f"{side} {taken + 1}",
+                centre=(*(reach * virtual), 0.12 + mirror_size[1] / 2),
+                normal=(*(normal * np.cos(np.radians(lean))), -np.sin(np.radians(lean))),
+                width=mirror_size[0], height=mirror_size[1], frame_width=frame_width, frame_depth=frame_depth,
+            )
+        )  # fmt: skip
+    xs = [abs(m.centre[0]) + 1.2 for m in framed] + [3.2]
+    ys = [m.centre[1] + 1.0 for m in framed] + [2.8]
+    room = (-max(xs), max(xs), -subject_distance - 2.0, max(ys), 2.8)
+    return Rig(
+        find_sensor(sensor).intrinsics, tuple(camera), tuple(framed), 0.0, tilt_deg, roll_deg, True, room, sensor, frames,
+        seed, interference,
+    )  # fmt: skip

@@ -1,0 +1,170 @@
+"""Depth grid → triangles, a view at a time and before reflection: neighbours in the image are neighbours on the surface (paper 4.2.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from .mesh import SURFACE, Mesh, drop_small_components, keep_triangles, remove_bowties
+
+
+@dataclass(frozen=True)
+class TriangulationSettings:
+    """How a view becomes a patch.
+
+    Parameters
+    ----------
+    max_slope : float
+        Neighbouring pixels are joined when the surface between them is tilted less than this from head-on [degrees].
+    jump_floor : float
+        Depth steps below this share of z are always joined, noise allowing.
+    min_triangles : int
+        Connected pieces with fewer triangles are specks and dropped.
+    """
+
+    max_slope: float = 80.0
+    jump_floor: float = 0.004
+    min_triangles: int = 40
+
+
+def triangulate_view(
+    depth: np.ndarray,
+    labels: np.ndarray,
+    view: int,
+    points: np.ndarray,
+    pixel_angle: float,
+    noise: float,
+    color: np.ndarray | None = None,
+    settings: TriangulationSettings = TriangulationSettings(),
+) -> Mesh:
+    """Patch of one view: two triangles for every square of pixels that depth continues across.
+
+    Each square is split along its shorter diagonal in space; a square with one pixel missing gives one triangle.
+    Triangles face the camera. ``points`` may be anything with one row a pixel: unprojected points give the patch behind
+    the mirror; connectivity does not change by reflecting.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m].
+    labels : np.ndarray [shape=(H, W), dtype=int8]
+        View of each pixel.
+    view : int
+        The one to triangulate.
+    points : np.ndarray [shape=(H, W, 3)]
+        Unprojected pixels, camera frame [m].
+    pixel_angle : float
+        1/f [1/px].
+    noise : float
+        Standard deviation of a reading relative to z, after smoothing.
+    color : np.ndarray [shape=(H, W, 3), dtype=uint8] or None
+
+    Returns
+    -------
+    Mesh
+        May be empty. O(H W).
+    """
+    slope = np.tan(np.radians(settings.max_slope)) * pixel_angle
+    triangles, pixels = _grid_kernel(depth, labels, view, points, slope, settings.jump_floor + 3.0 * noise)
+    vertices = points.reshape(-1, 3)[pixels]
+    patch = Mesh(
+        vertices,
+        triangles,
+        None if color is None else np.ascontiguousarray(color.reshape(-1, 3)[pixels]),
+        np.full(len(vertices), view, np.int8),
+        np.full(len(triangles), SURFACE, np.int8),
+    )
+    return clean_patch(patch, settings.min_triangles)
+
+
+def clean_patch(patch: Mesh, min_triangles: int) -> Mesh:
+    """Take off what makes a boundary ragged: teeth (triangles hanging by one edge or corner), bow-ties, specks."""
+    for _ in range(3):
+        keep = remove_teeth(patch.triangles, len(patch.vertices))
+        if keep.all():
+            break
+        patch = keep_triangles(patch, keep)
+    return drop_small_components(remove_bowties(patch), min_triangles)
+
+
+def remove_teeth(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
+    """Which triangles stay, bool (T,): those that share at least two edges with others."""
+    a = triangles.astype(np.int64)
+    edges = np.concatenate((a[:, (0, 1)], a[:, (1, 2)], a[:, (2, 0)]))
+    key = edges.min(axis=1) * vertex_count + edges.max(axis=1)
+    _, inverse, counts = np.unique(key, return_inverse=True, return_counts=True)
+    shared = (counts[inverse] >= 2).reshape(3, -1).sum(axis=0)
+    return shared >= 2
+
+
+@njit(cache=True, nogil=True)
+def _joined(za, zb, slope, floor):
+    # the step in depth against the distance across the line of sight, both relative to z
+    z = min(za, zb)
+    return abs(za - zb) <= max(slope * z * 1.42, floor * z)
+
+
+@njit(cache=True, nogil=True)
+def _distance2(p, q):
+    return (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2
+
+
+@njit(cache=True, nogil=True)
+def _grid_kernel(depth, labels, view, points, slope, floor):
+    height, width = depth.shape
+    index = np.full((height, width), -1, np.int32)
+    pixels = np.empty(height * width, np.int64)
+    triangles = np.empty((2 * height * width, 3), np.int32)
+    n_vertices = 0
+    n = 0
+    corner = np.empty(4, np.int64)
+    for v in range(height - 1):
+        for u in range(width - 1):
+            # counter-clockwise seen from the camera (v points down): top left, bottom left, bottom right, top right
+            corner[0], corner[1] = v * width + u, (v + 1) * width + u
+            corner[2], corner[3] = (v + 1) * width + u + 1, v * width + u + 1
+            valid = 0
+            missing = -1
+            for k in range(4):
+                if labels[corner[k] // width, corner[k] % width] == view:
+                    valid += 1
+                else:
+                    missing = k
+            if valid < 3:
+                continue
+            start = n
+            if valid == 4:
+                p0, p1 = points[v, u], points[v + 1, u]
+                p2, p3 = points[v + 1, u + 1], points[v, u + 1]
+                if _distance2(p0, p2) <= _distance2(p1, p3):
+                    options = ((0, 1, 2), (0, 2, 3))
+                else:
+                    options = ((0, 1, 3), (1, 2, 3))
+                for t in range(2):
+                    n = _add(options[t], corner, width, depth, slope, floor, triangles, n)
+            else:
+                a, b, c = (missing + 1) % 4, (missing + 2) % 4, (missing + 3) % 4
+                n = _add((a, b, c), corner, width, depth, slope, floor, triangles, n)
+            for t in range(start, n):
+                for k in range(3):
+                    pixel = triangles[t, k]
+                    if index[pixel // width, pixel % width] < 0:
+                        index[pixel // width, pixel % width] = n_vertices
+                        pixels[n_vertices] = pixel
+                        n_vertices += 1
+                    triangles[t, k] = index[pixel // width, pixel % width]
+    return triangles[:n].copy(), pixels[:n_vertices].copy()
+
+
+@njit(cache=True, nogil=True)
+def _add(which, corner, width, depth, slope, floor, triangles, n):
+    for k in range(3):
+        a, b = corner[which[k]], corner[which[(k + 1) % 3]]
+        ya, xa, yb, xb = a // width, a % width, b // width, b % width
+        if not _joined(depth[ya, xa], depth[yb, xb], slope, floor):
+            return n
+    for k in range(3):
+        triangles[n, k] = corner[which[k]]
+    return n + 1

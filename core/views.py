@@ -1,0 +1,421 @@
+"""Which pixel belongs to which view (direct, mirror 1…N) and to the subject; floor, background and ghosts removed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+
+from .camera import Intrinsics, unproject
+from .errors import ReconstructionError
+from .mirror import Mirror, reflect, reflection_matrix
+
+
+@dataclass(frozen=True)
+class ViewSettings:
+    """How the subject is told from the room.
+
+    Parameters
+    ----------
+    depth_limit : float
+        What lies farther along the (folded) path is dropped [m]; 0 = no limit.
+    floor_clearance : float
+        Readings up to this far above the floor are the floor's [m]; never less than the floor's own noise asks for.
+    reach : float
+        Radius about the vertical axis through the subject inside which it is looked for [m].
+    max_height : float
+        Height above the floor up to which the subject is looked for [m].
+    min_pixels : int
+        A view with fewer pixels of the subject shows nobody.
+    """
+
+    depth_limit: float = 0.0
+    floor_clearance: float = 0.015
+    reach: float = 1.15
+    max_height: float = 2.4
+    min_pixels: int = 150
+
+
+@dataclass(frozen=True)
+class Views:
+    """The capture sorted into views.
+
+    Parameters
+    ----------
+    labels : np.ndarray [shape=(H, W), dtype=int8]
+        View of each pixel of the subject: 0 direct, 1..N through mirror N; -1 = not the subject.
+    seen : np.ndarray [shape=(H, W), dtype=int8]
+        View of each pixel with a reading, subject or not; -1 = none or seen by two reflections.
+    points : np.ndarray [shape=(H, W, 3), dtype=float64]
+        Every reading where it really is: mirrored ones flipped back, camera frame [m].
+    up : np.ndarray [shape=(3,)]
+        Unit vertical, camera frame.
+    floor : float or None
+        Height of the floor along ``up`` [m]; None when no floor is seen.
+    warnings : tuple of str
+    """
+
+    labels: np.ndarray
+    seen: np.ndarray
+    points: np.ndarray
+    up: np.ndarray
+    floor: float | None
+    floor_noise: float
+    axis: np.ndarray
+    warnings: tuple[str, ...]
+
+
+def vertical(mirrors: list[Mirror]) -> np.ndarray:
+    """Up from the rig: mirrors stand vertically, so the cross product of two normals is vertical (paper 4.2.2).
+
+    With fewer than two mirrors, or parallel ones, the camera is taken to stand upright.
+    """
+    up = np.zeros(3)
+    for i, a in enumerate(mirrors):
+        for b in mirrors[:i]:
+            cross = np.cross(a.normal, b.normal)
+            up += cross if cross[1] < 0 else -cross
+    length = np.linalg.norm(up)
+    return up / length if length > 0.1 else np.array((0.0, -1.0, 0.0))
+
+
+def sort_rays(depth: np.ndarray, points: np.ndarray, mirrors: list[Mirror], depth_limit: float) -> tuple[np.ndarray, np.ndarray]:
+    """Direct or through which mirror: decided by whether a pixel's ray passes a mirror's glass before its reading.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+    points : np.ndarray [shape=(H, W, 3)]
+        Unprojected readings, camera frame [m].
+    mirrors : list of Mirror
+    depth_limit : float
+        Readings with larger z are dropped [m]; 0 = no limit.
+
+    Returns
+    -------
+    seen : np.ndarray [shape=(H, W), dtype=int8]
+        0 direct, i through mirror i (1-based), -1 no reading, on a mirror's frame, or reflected twice.
+    placed : np.ndarray [shape=(H, W, 3)]
+        The readings where they really are.
+    """
+    count = len(mirrors)
+    planes = np.zeros((count, 4))
+    axes = np.zeros((count, 2, 3))
+    limits = np.zeros((count, 2, 2))
+    centers = np.zeros((count, 3))
+    flips = np.zeros((count, 4, 4))
+    for i, m in enumerate(mirrors):
+        planes[i, :3], planes[i, 3] = m.normal, m.normal @ m.point
+        axes[i] = m.basis[:, :2].T
+        limits[i] = ((-np.inf, np.inf), (-np.inf, np.inf)) if m.rectangle is None else m.rectangle
+        centers[i] = m.point
+        flips[i] = reflection_matrix(m)
+    return _sort_kernel(depth, points, planes, axes, limits, centers, flips, depth_limit if depth_limit > 0 else np.inf)
+
+
+@njit(cache=True, nogil=True)
+def _crosses(origin, target, plane, axes, limits, center, margin):
+    """Share of the way from origin to target at which it meets the mirror's rectangle; 2 when it does not."""
+    a = plane[0] * origin[0] + plane[1] * origin[1] + plane[2] * origin[2] - plane[3]
+    b = plane[0] * target[0] + plane[1] * target[1] + plane[2] * target[2] - plane[3]
+    if a <= 0 or b >= -margin:
+        return 2.0
+    t = a / (a - b)
+    for k in range(2):
+        s = 0.0
+        for c in range(3):
+            s += axes[k, c] * (origin[c] + t * (target[c] - origin[c]) - center[c])
+        if s < limits[k, 0] or s > limits[k, 1]:
+            return 2.0
+    return t
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _sort_kernel(depth, points, planes, axes, limits, centers, flips, depth_limit):
+    height, width = depth.shape
+    count = len(planes)
+    seen = np.full((height, width), -1, np.int8)
+    placed = points.copy()
+    for v in prange(height):
+        camera = np.zeros(3)
+        crossing = np.empty(3)
+        for u in range(width):
+            z = depth[v, u]
+            if z == 0 or z > depth_limit:
+                continue
+            p = points[v, u]
+            margin = 0.01 * z + 0.01
+            best, which = 2.0, -1
+            on_frame = False
+            for i in range(count):
+                t = _crosses(camera, p, planes[i], axes[i], limits[i], centers[i], margin)
+                if t < best:
+                    best, which = t, i
+                if not np.isinf(limits[i, 0, 0]):
+                    off = planes[i, 0] * p[0] + planes[i, 1] * p[1] + planes[i, 2] * p[2] - planes[i, 3]
+                    if abs(off) < margin:
+                        inside = True
+                        for k in range(2):
+                            s = 0.0
+                            for c in range(3):
+                                s += axes[i, k, c] * (p[c] - centers[i, c])
+                            if s < limits[i, k, 0] - 0.02 or s > limits[i, k, 1] + 0.02:
+                                inside = False
+                        on_frame = on_frame or inside
+            if which < 0:
+                if not on_frame:
+                    seen[v, u] = 0
+                continue
+            for r in range(3):
+                s = flips[which, r, 3]
+                for c in range(3):
+                    s += flips[which, r, c] * p[c]
+                placed[v, u, r] = s
+                crossing[r] = best * p[r]
+            twice = False
+            for j in range(count):
+                if j != which and _crosses(crossing, placed[v, u], planes[j], axes[j], limits[j], centers[j], margin) < 1.0:
+                    twice = True
+            if not twice:
+                seen[v, u] = which + 1
+    return seen, placed
+
+
+def find_floor(points: np.ndarray, up: np.ndarray, tilt_limit: float = 15.0) -> tuple[np.ndarray, float, float] | None:
+    """The floor among placed readings: the lowest large plane that is level to within ``tilt_limit`` degrees.
+
+    Parameters
+    ----------
+    points : np.ndarray [shape=(N, 3)]
+        Directly seen readings, camera frame [m].
+    up : np.ndarray [shape=(3,)]
+        First guess of the vertical.
+
+    Returns
+    -------
+    (up, height, noise) or None
+        The floor's normal, its height along it and the standard deviation of its points [m].
+    """
+    if len(points) > 20000:
+        points = points[:: len(points) // 20000 + 1]
+    if len(points) < 200:
+        return None
+    rng = np.random.default_rng(0)
+    low = points[points @ up < np.quantile(points @ up, 0.4)]
+    best_score, best = 0, None
+    for _ in range(60):
+        a, b, c = low[rng.integers(0, len(low), 3)]
+        n = np.cross(b - a, c - a)
+        length = np.linalg.norm(n)
+        if length < 0.02:
+            continue
+        n = n / length if n @ up > 0 else -n / length
+        if n @ up < np.cos(np.radians(tilt_limit)):
+            continue
+        distance = points @ n - n @ a
+        inliers = np.abs(distance) < 0.02
+        # nothing of substance lies under a floor
+        score = inliers.sum() - 3 * (distance < -0.06).sum()
+        if score > best_score:
+            best_score, best = score, (n, n @ a)
+    if best is None or best_score < 0.02 * len(points):
+        return None
+    n, d = best
+    band = 0.06
+    for _ in range(5):
+        inliers = points[np.abs(points @ n - d) < band]
+        center = inliers.mean(axis=0)
+        fitted = np.linalg.svd((inliers - center).T @ (inliers - center))[2][2]
+        n = fitted if fitted @ up > 0 else -fitted
+        d = n @ center
+        noise = 1.4826 * np.median(np.abs(inliers @ n - d))
+        band = max(4 * noise, 0.015)
+    return (n, float(d), float(noise)) if n @ up > np.cos(np.radians(tilt_limit)) else None
+
+
+def rig_axis(mirrors: list[Mirror], up: np.ndarray, target: np.ndarray | None = None) -> np.ndarray | None:
+    """A point of the vertical line where the reflected lines of sight meet: where the subject is meant to stand.
+
+    The line of sight to each mirror's middle is reflected; the answer is the point nearest to all of them and to the
+    camera's own line of sight, seen from above. None with no mirror of known extent.
+    """
+    A, b = np.zeros((3, 3)), np.zeros(3)
+    lines = [(np.zeros(3), np.array((0.0, 0.0, 1.0)))]
+    for m in mirrors:
+        if m.rectangle is None:
+            continue
+        middle = m.point + m.basis[:, :2] @ m.rectangle.mean(axis=1)
+        direction = reflect(middle * 2, m) - middle
+        lines.append((middle, direction / np.linalg.norm(direction)))
+    if len(lines) < 2:
+        return None
+    A += 1e-3 * np.outer(up, up)
+    for origin, direction in lines:
+        level = direction - (direction @ up) * up
+        level /= np.linalg.norm(level)
+        P = np.eye(3) - np.outer(level, level) - np.outer(up, up)
+        A += P
+        b += P @ origin
+    return np.linalg.solve(A, b)
+
+
+def find_subject(
+    depth: np.ndarray, intrinsics: Intrinsics, mirrors: list[Mirror], settings: ViewSettings = ViewSettings()
+) -> Views:
+    """Sort every pixel into its view and keep the subject: the connected figure above the floor where the rig looks.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        Fused depth, z [m], 0 = no reading.
+
+    Raises
+    ------
+    ReconstructionError
+        Nobody stands between the camera and the mirrors.
+
+    Notes
+    -----
+    O(H W); about 60 bytes a pixel.
+    """
+    warnings = []
+    seen, points = sort_rays(depth, unproject(depth, intrinsics), mirrors, settings.depth_limit)
+    up = vertical(mirrors)
+    floor = find_floor(points[seen == 0], up)
+    floor_height, floor_noise = None, 0.0
+    if floor is not None:
+        up, floor_height, floor_noise = floor
+    heights = points @ up
+    clearance = max(settings.floor_clearance, 3.0 * floor_noise)
+    open_ = seen >= 0
+    if floor_height is not None:
+        open_ &= (heights > floor_height + clearance) & (heights < floor_height + settings.max_height)
+
+    component, sizes = connected_pixels(depth, np.where(open_, seen, -1).astype(np.int8), 1.0 / intrinsics.fx)
+    direct = _direct_subject(component, sizes, seen, points, up, rig_axis(mirrors, up), settings)
+    if direct is None:
+        raise ReconstructionError(
+            "nobody stands between the camera and the mirrors: no connected figure is seen directly "
+            f"within {settings.reach:g} m of where the mirrors look; stand where both mirrors show you, 2 to 3 m from the camera"
+        )
+    inside = points[np.isin(component, direct)]
+    axis = np.median(inside, axis=0)
+    top, bottom = (inside @ up).max(), (inside @ up).min()
+    level = points - axis
+    level = level - (level @ up)[..., None] * up
+    radius = np.linalg.norm(inside - axis - ((inside - axis) @ up)[:, None] * up, axis=1).max()
+    near = (np.linalg.norm(level, axis=2) < radius + 0.35) & (heights < top + 0.15) & (heights > bottom - 0.15)
+    labels = np.full(depth.shape, -1, np.int8)
+    labels[np.isin(component, direct)] = 0
+    for i, m in enumerate(mirrors, start=1):
+        mine = _mirrored_subject(component, sizes, seen == i, near, labels, points, settings)
+        if mine is None:
+            warnings.append(
+                f"{m.name}: nobody is seen in this mirror, its side of the body is guessed; "
+                "turn the mirror until the camera sees the subject's back in it"
+            )
+            continue
+        labels[np.isin(component, mine)] = i
+    return Views(labels, seen, points, up, floor_height, floor_noise, axis, tuple(warnings))
+
+
+def _direct_subject(component, sizes, seen, points, up, meeting, settings) -> np.ndarray | None:
+    """Components seen directly that are the subject: the largest near the rig's meeting point and what touches it."""
+    flat = component[seen == 0]
+    cloud = points[seen == 0]
+    cloud, flat = cloud[flat >= 0], flat[flat >= 0]
+    if not len(flat):
+        return None
+    if meeting is None:
+        offset = np.abs(cloud[:, 0])
+    else:
+        level = cloud - meeting
+        offset = np.linalg.norm(level - (level @ up)[:, None] * up, axis=1)
+    within = np.bincount(flat[offset < settings.reach], minlength=len(sizes))
+    total = np.bincount(flat, minlength=len(sizes))
+    # a wall or a chair row that only passes through the place is mostly outside of it
+    score = np.where(within > 0.6 * total, within, 0)
+    best = int(np.argmax(score))
+    if score[best] < settings.min_pixels:
+        return None
+    chosen = [best]
+    body = cloud[flat == best]
+    low, high = body.min(axis=0) - 0.12, body.max(axis=0) + 0.12
+    for k in np.nonzero(score >= 40)[0]:
+        piece = cloud[flat == k]
+        if k != best and ((piece > low) & (piece < high)).all(axis=1).mean() > 0.9:
+            gap = np.linalg.norm(piece[:: len(piece) // 20 + 1, None] - body[None, :: len(body) // 4000 + 1], axis=2).min()
+            if gap < 0.12:
+                chosen.append(int(k))
+    return np.array(chosen)
+
+
+def _mirrored_subject(component, sizes, mine, near, labels, points, settings) -> np.ndarray | None:
+    """Components of one mirror's view that lie where the directly seen subject stands."""
+    flat = component[mine & (component >= 0)]
+    if not len(flat):
+        return None
+    close = near[mine & (component >= 0)]
+    total = np.bincount(flat, minlength=len(sizes))
+    within = np.bincount(flat[close], minlength=len(sizes))
+    chosen = np.nonzero((within > 0.6 * total) & (within >= 30))[0]
+    if within[chosen].sum() < settings.min_pixels:
+        return None
+    return chosen
+
+
+def connected_pixels(depth: np.ndarray, seen: np.ndarray, pixel_angle: float) -> tuple[np.ndarray, np.ndarray]:
+    """Connected components of each view's pixels, not connected over depth jumps (two-pass union-find).
+
+    Returns
+    -------
+    component : np.ndarray [shape=(H, W), dtype=int32]
+        Component of each pixel, -1 where ``seen`` is negative.
+    sizes : np.ndarray [shape=(C,), dtype=int64]
+    """
+    return _components_kernel(depth, seen, pixel_angle)
+
+
+@njit(cache=True, nogil=True)
+def _find(parent, a):
+    while parent[a] != a:
+        parent[a] = parent[parent[a]]
+        a = parent[a]
+    return a
+
+
+@njit(cache=True, nogil=True)
+def _components_kernel(depth, seen, pixel_angle):
+    height, width = depth.shape
+    parent = np.arange(height * width)
+    for v in range(height):
+        for u in range(width):
+            if seen[v, u] < 0:
+                continue
+            z = depth[v, u]
+            # up to two pixels away, so that a line of drop-outs does not part a limb
+            for k in range(6):
+                dv, du = ((0, -1), (-1, 0), (-1, -1), (-1, 1), (0, -2), (-2, 0))[k]
+                y, x = v + dv, u + du
+                if y < 0 or x < 0 or x >= width or seen[y, x] != seen[v, u]:
+                    continue
+                if abs(depth[y, x] - z) < (8.0 * pixel_angle * max(abs(dv), abs(du)) + 0.012) * min(z, depth[y, x]):
+                    a, b = _find(parent, v * width + u), _find(parent, y * width + x)
+                    if a != b:
+                        parent[max(a, b)] = min(a, b)
+    component = np.full((height, width), -1, np.int32)
+    sizes = np.zeros(height * width, np.int64)
+    count = 0
+    for v in range(height):
+        for u in range(width):
+            if seen[v, u] < 0:
+                continue
+            root = _find(parent, v * width + u)
+            if root == v * width + u:
+                component[v, u] = count
+                count += 1
+            else:
+                component[v, u] = component[root // width, root % width]
+            sizes[component[v, u]] += 1
+    return component, sizes[:count]

@@ -1,0 +1,431 @@
+"""Which boundary meets which, and the triangles between them (paper 4.2.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit, prange
+
+from .dtw import dtw
+from .mesh import SEAM, Mesh, boundary_loops, vertex_normals
+from .overlap import ViewMaps, _look
+
+
+@dataclass(frozen=True)
+class ZipperSettings:
+    """How boundaries are matched.
+
+    Parameters
+    ----------
+    gaps : tuple of float
+        Widest gap bridged in each round [m]; narrow gaps are zippered first.
+    min_run : int
+        Shortest run of facing vertices that is worth a seam.
+    """
+
+    gaps: tuple[float, ...] = (0.03, 0.08, 0.12)
+    min_run: int = 4
+
+
+@dataclass(frozen=True)
+class Seam:
+    """One zippered seam, for the report: the two views, its length, mean and widest gap [m], and how it was matched."""
+
+    views: tuple[int, int]
+    length: float
+    mean_gap: float
+    max_gap: float
+    method: str
+    distance: float
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """All boundary vertices of a mesh, loop after loop.
+
+    ``vertex`` (B,) mesh index; ``loop`` (B,) loop number; ``start`` (L+1,) first entry of each loop; ``point``,
+    ``tangent``, ``normal``, ``outward`` (B, 3): ``outward`` is the direction in which the surface would continue.
+    """
+
+    vertex: np.ndarray
+    loop: np.ndarray
+    start: np.ndarray
+    point: np.ndarray
+    tangent: np.ndarray
+    normal: np.ndarray
+    outward: np.ndarray
+    arc: np.ndarray
+
+
+def boundary_of(mesh: Mesh) -> Boundary:
+    """Boundary loops with the directions that matching needs. O(V + T)."""
+    loops = boundary_loops(mesh.triangles, len(mesh.vertices))
+    start = np.concatenate(([0], np.cumsum([len(loop) for loop in loops]))).astype(np.int64)
+    vertex = np.concatenate(loops) if loops else np.empty(0, np.int32)
+    normals = vertex_normals(mesh.vertices, mesh.triangles)
+    point = mesh.vertices[vertex]
+    tangent, normal, outward, arc = _frames_kernel(point, normals[vertex], start)
+    loop = np.repeat(np.arange(len(loops)), np.diff(start)).astype(np.int64)
+    return Boundary(vertex, loop, start, point, tangent, normal, outward, arc)
+
+
+@njit(cache=True, nogil=True)
+def _frames_kernel(point, vertex_normal, start):
+    """Directions along each loop, averaged over two neighbours on either side so that teeth do not turn them."""
+    count = len(point)
+    tangent, normal, outward = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3))
+    arc = np.zeros(count)
+    for loop in range(len(start) - 1):
+        a, n = start[loop], start[loop + 1] - start[loop]
+        half = min(3, (n - 1) // 2)
+        total = 0.0
+        for k in range(n):
+            i = a + k
+            arc[i] = total
+            nxt = a + (k + 1) % n
+            total += np.sqrt(((point[nxt] - point[i]) ** 2).sum())
+            for s in range(-half, half + 1):
+                normal[i] += vertex_normal[a + (k + s) % n]
+            tangent[i] = point[a + (k + half) % n] - point[a + (k - half) % n]
+        for k in range(n):
+            i = a + k
+            for m in (normal, tangent):
+                length = np.sqrt((m[i] ** 2).sum())
+                if length > 0:
+                    m[i] /= length
+            # the surface lies on the left of the boundary's direction, so its continuation on the right
+            outward[i] = np.cross(tangent[i], normal[i])
+            length = np.sqrt((outward[i] ** 2).sum())
+            if length > 0:
+                outward[i] /= length
+    return tangent, normal, outward, arc
+
+
+@njit(cache=True, nogil=True)
+def in_free_space(p, to_view, depth, seen, fx, fy, cx, cy, noise, slack):
+    """Whether some view looks through ``p`` at something farther: then nothing of the subject is there.
+
+    A view speaks only where all readings around the pixel are its own and lie farther by more than ``slack`` and noise.
+    """
+    for k in range(len(to_view)):
+        v, u, z = _look(p, to_view[k], k, depth, seen, fx, fy, cx, cy)
+        if v < 1 or u < 1 or v > depth.shape[0] - 2 or u > depth.shape[1] - 2:
+            continue
+        y, x = int(v + 0.5), int(u + 0.5)
+        free = True
+        for dv in range(-1, 2):
+            for du in range(-1, 2):
+                d = depth[y + dv, x + du]
+                if seen[y + dv, x + du] != k or d <= z + slack + 3.0 * noise[k] * z:
+                    free = False
+        if free:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _bridge_is_free(a, b, to_view, depth, seen, fx, fy, cx, cy, noise):
+    """Whether the straight bridge from a to b crosses space that was seen to be empty."""
+    length = np.sqrt(((a - b) ** 2).sum())
+    if length < 0.02:
+        return False
+    steps = min(int(length / 0.015) + 1, 12)
+    for s in range(1, steps):
+        if in_free_space(a + (b - a) * (s / steps), to_view, depth, seen, fx, fy, cx, cy, noise, 0.015):
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _partners_kernel(
+    point, tangent, normal, outward, loop, arc, length_of, reach, to_view, depth, seen, fx, fy, cx, cy, noise
+):
+    """For each boundary vertex the one it would best be bridged to (index, -1 none) and at what cost [m]."""
+    count = len(point)
+    partner = np.full(count, -1, np.int64)
+    price = np.full(count, np.inf)
+    for i in prange(count):
+        best = np.inf
+        which = -1
+        for j in range(count):
+            dx, dy, dz = point[j, 0] - point[i, 0], point[j, 1] - point[i, 1], point[j, 2] - point[i, 2]
+            d2 = dx * dx + dy * dy + dz * dz
+            if d2 > reach * reach or d2 >= best * best or i == j:
+                continue
+            d = np.sqrt(d2)
+            along = tangent[i, 0] * tangent[j, 0] + tangent[i, 1] * tangent[j, 1] + tangent[i, 2] * tangent[j, 2]
+            if along > 0.3:
+                continue
+            facing = normal[i, 0] * normal[j, 0] + normal[i, 1] * normal[j, 1] + normal[i, 2] * normal[j, 2]
+            if facing < -0.6:
+                continue
+            if loop[i] == loop[j]:  # across a slot, not round its tip
+                run = abs(arc[i] - arc[j])
+                run = min(run, length_of[loop[i]] - run)
+                if run < 2.5 * d or run < 0.012:
+                    continue
+            out_i = (outward[i, 0] * dx + outward[i, 1] * dy + outward[i, 2] * dz) / (d + 1e-9)
+            out_j = -(outward[j, 0] * dx + outward[j, 1] * dy + outward[j, 2] * dz) / (d + 1e-9)
+            if min(out_i, out_j) < -0.35 and d > 0.01:
+                continue
+            cost = d * (1.0 + 0.6 * (1.0 + along) + 0.5 * (1.0 - facing) + 0.4 * (2.0 - out_i - out_j))
+            if cost >= best:
+                continue
+            if _bridge_is_free(point[i], point[j], to_view, depth, seen, fx, fy, cx, cy, noise):
+                continue
+            best = cost
+            which = j
+        partner[i] = which
+        price[i] = best
+    return partner, price
+
+
+@njit(cache=True, nogil=True)
+def _ring_distance(a, b, n):
+    d = abs(a - b) % n
+    return min(d, n - d)
+
+
+@njit(cache=True, nogil=True)
+def _runs_kernel(partner, loop, start, point, tolerance, min_run):
+    """Runs of boundary vertices whose partners are mutual and follow each other backwards on one loop.
+
+    Rows: loop A, first place on A, number of vertices; loop B, place of the first partner, number of vertices backwards.
+    """
+    count = len(partner)
+    good = np.zeros(count, np.bool_)
+    for i in range(count):
+        j = partner[i]
+        if j < 0 or partner[j] < 0:
+            continue
+        k = partner[j]
+        if loop[k] != loop[i]:
+            continue
+        gap = np.sqrt(((point[i] - point[j]) ** 2).sum())
+        back = np.sqrt(((point[i] - point[k]) ** 2).sum())
+        good[i] = back <= 1.5 * gap + tolerance
+    rows = np.empty((count, 6), np.int64)
+    n_rows = 0
+    for a in range(len(start) - 1):
+        base, n = start[a], start[a + 1] - start[a]
+        # begin where a run is broken, so that none is cut by the loop's seam
+        first = 0
+        for k in range(n):
+            if not good[base + k]:
+                first = k
+                break
+        k = 0
+        while k < n:
+            i = base + (first + k) % n
+            if not good[i]:
+                k += 1
+                continue
+            b = loop[partner[i]]
+            nb = start[b + 1] - start[b]
+            begin = k
+            last_good = k
+            place = partner[i] - start[b]
+            span = 0
+            missed = 0
+            k += 1
+            while k < n:
+                i2 = base + (first + k) % n
+                ok = good[i2] and loop[partner[i2]] == b
+                if ok:
+                    step = (place - (partner[i2] - start[b])) % nb  # backwards steps
+                    if step > nb // 2:
+                        step -= nb
+                    jump = np.sqrt(((point[partner[i2]] - point[start[b] + place]) ** 2).sum())
+                    moved = np.sqrt(((point[i2] - point[base + (first + last_good) % n]) ** 2).sum())
+                    gap = np.sqrt(((point[partner[i2]] - point[i2]) ** 2).sum())
+                    ok = step >= -3 and jump <= 3.0 * moved + gap + tolerance and span + step < nb
+                    if ok and step > 0:
+                        place = (place - step) % nb
+                        span += step
+                if ok:
+                    last_good = k
+                    missed = 0
+                else:
+                    missed += 1
+                    if missed > 4:
+                        break
+                k += 1
+            if last_good - begin + 1 >= min_run and span + 1 >= 2:
+                rows[n_rows, 0] = a
+                rows[n_rows, 1] = (first + begin) % n
+                rows[n_rows, 2] = last_good - begin + 1
+                rows[n_rows, 3] = b
+                rows[n_rows, 4] = (partner[base + (first + begin) % n] - start[b]) % nb
+                rows[n_rows, 5] = span + 1
+                n_rows += 1
+            k = last_good + 1
+    return rows[:n_rows].copy()
+
+
+def zip_chains(points: np.ndarray, a: np.ndarray, b: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """Triangles along a warping path between two chains.
+
+    Parameters
+    ----------
+    points : np.ndarray [shape=(V, 3)]
+        Mesh vertices [m].
+    a, b : np.ndarray [shape=(N,)], [shape=(M,)]
+        Vertex indices; ``a`` in its boundary's direction (surface on the left), ``b`` against its own.
+    path : np.ndarray [shape=(K, 2)]
+        Warping path over (a, b).
+
+    Returns
+    -------
+    np.ndarray [shape=(T, 3), dtype=int32]
+        A strip wound like the patches; a diagonal step gives two triangles, split along the shorter diagonal.
+    """
+    return _strip_kernel(points, a, b, path)
+
+
+@njit(cache=True, nogil=True)
+def _strip_kernel(points, a, b, path):
+    out = np.empty((2 * len(path), 3), np.int32)
+    n = 0
+    for k in range(1, len(path)):
+        i0, j0 = path[k - 1]
+        i1, j1 = path[k]
+        a0, a1, b0, b1 = a[i0], a[i1], b[j0], b[j1]
+        if i1 > i0 and j1 > j0:
+            if ((points[a1] - points[b0]) ** 2).sum() <= ((points[a0] - points[b1]) ** 2).sum():
+                out[n, 0], out[n, 1], out[n, 2] = a1, a0, b0
+                out[n + 1, 0], out[n + 1, 1], out[n + 1, 2] = b0, b1, a1
+            else:
+                out[n, 0], out[n, 1], out[n, 2] = b0, b1, a0
+                out[n + 1, 0], out[n + 1, 1], out[n + 1, 2] = a1, a0, b1
+            n += 2
+        elif i1 > i0:
+            out[n, 0], out[n, 1], out[n, 2] = a1, a0, b0
+            n += 1
+        else:
+            out[n, 0], out[n, 1], out[n, 2] = b0, b1, a0
+            n += 1
+    return out[:n].copy()
+
+
+def add_triangles(triangles: np.ndarray, new: np.ndarray, vertex_count: int) -> np.ndarray:
+    """Which of the ``new`` triangles (K, 3) can join ``triangles`` without a directed edge coming twice: bool (K,).
+
+    Tested in order, so an earlier new triangle may shut a later one out. Degenerate triangles are refused.
+    """
+    a = triangles.astype(np.int64)
+    old = np.sort((a * vertex_count + np.roll(a, -1, axis=1)).ravel())
+    b = new.astype(np.int64)
+    keys = b * vertex_count + np.roll(b, -1, axis=1)
+    place = np.minimum(np.searchsorted(old, keys), len(old) - 1)
+    clash = (old[place] == keys).any(axis=1)
+    clash |= (b[:, 0] == b[:, 1]) | (b[:, 1] == b[:, 2]) | (b[:, 2] == b[:, 0])
+    return _first_come_kernel(keys, ~clash)
+
+
+@njit(cache=True, nogil=True)
+def _first_come_kernel(keys, free):
+    taken = dict()
+    taken[np.int64(-1)] = True
+    ok = np.zeros(len(keys), np.bool_)
+    for t in range(len(keys)):
+        if not free[t] or keys[t, 0] in taken or keys[t, 1] in taken or keys[t, 2] in taken:
+            continue
+        ok[t] = True
+        for k in range(3):
+            taken[keys[t, k]] = True
+    return ok
+
+
+def zip_patches(mesh: Mesh, maps: ViewMaps, settings: ZipperSettings = ZipperSettings()) -> tuple[Mesh, list[Seam]]:
+    """Zipper every pair of boundary runs that face each other, narrow gaps first, best matched first.
+
+    Returns
+    -------
+    mesh : Mesh
+        With the seams' triangles (kind ``SEAM``); no directed edge occurs twice.
+    seams : list of Seam
+    """
+    seams: list[Seam] = []
+    for reach in settings.gaps:
+        mesh, found = _zip_round(mesh, maps, reach, settings.min_run)
+        seams += found
+    return mesh, seams
+
+
+def _zip_round(mesh: Mesh, maps: ViewMaps, reach: float, min_run: int) -> tuple[Mesh, list[Seam]]:
+    boundary = boundary_of(mesh)
+    if not len(boundary.vertex):
+        return mesh, []
+    k = maps.intrinsics
+    edge = np.median(np.linalg.norm(np.diff(boundary.point[: boundary.start[1]], axis=0), axis=1))
+    length_of = np.array([
+        boundary.arc[e - 1] + np.linalg.norm(boundary.point[s] - boundary.point[e - 1])
+        for s, e in zip(boundary.start[:-1], boundary.start[1:])
+    ])
+    partner, price = _partners_kernel(
+        boundary.point, boundary.tangent, boundary.normal, boundary.outward, boundary.loop, boundary.arc, length_of, reach,
+        maps.to_view, maps.depth, maps.seen, k.fx, k.fy, k.cx, k.cy, maps.noise,
+    )
+    rows = _runs_kernel(partner, boundary.loop, boundary.start, boundary.point, 2.0 * edge, min_run)
+    candidates = []
+    for loop_a, first_a, n_a, loop_b, first_b, n_b in rows:
+        size_a = boundary.start[loop_a + 1] - boundary.start[loop_a]
+        size_b = boundary.start[loop_b + 1] - boundary.start[loop_b]
+        at_a = boundary.start[loop_a] + (first_a + np.arange(n_a)) % size_a
+        at_b = boundary.start[loop_b] + (first_b - np.arange(n_b)) % size_b
+        if len(at_b) < 2:
+            continue
+        if loop_a == loop_b and np.intersect1d(at_a, at_b).size:
+            continue
+        warping = dtw(_features(boundary, at_a, 1.0), _features(boundary, at_b, -1.0), skip=float(2.0 * edge + np.median(price[at_a])))
+        mean = warping.distance / len(warping.path)
+        candidates.append((mean - 1e-4 * min(n_a, 200), at_a, at_b, warping))
+    candidates.sort(key=lambda c: (c[0], int(c[1][0])))
+    used = np.zeros(len(boundary.vertex), np.bool_)  # boundary edge from this entry to the next
+    new, seams = [], []
+    for _, at_a, at_b, warping in candidates:
+        path = _longest_free(warping.path, used[at_a], used[at_b])
+        if path is None:
+            continue
+        strip = zip_chains(mesh.vertices, boundary.vertex[at_a], boundary.vertex[at_b], path)
+        i0, j0 = path[0]
+        i1, j1 = path[-1]
+        used[at_a[i0:i1]] = True
+        used[at_b[j0 + 1 : j1 + 1]] = True
+        new.append(strip)
+        gap = np.linalg.norm(boundary.point[at_a[path[:, 0]]] - boundary.point[at_b[path[:, 1]]], axis=1)
+        run = np.linalg.norm(np.diff(boundary.point[at_a[i0 : i1 + 1]], axis=0), axis=1).sum()
+        views = sorted((int(mesh.view[boundary.vertex[at_a[i0]]]), int(mesh.view[boundary.vertex[at_b[j0]]])))
+        seams.append(Seam((views[0], views[1]), float(run), float(gap.mean()), float(gap.max()), "runs", warping.distance))
+    if not new:
+        return mesh, []
+    strips = np.concatenate(new)
+    strips = strips[add_triangles(mesh.triangles, strips, len(mesh.vertices))]
+    return replace(
+        mesh,
+        triangles=np.concatenate((mesh.triangles, strips)),
+        kind=np.concatenate((mesh.kind, np.full(len(strips), SEAM, np.int8))),
+    ), seams
+
+
+def _features(boundary: Boundary, at: np.ndarray, direction: float) -> np.ndarray:
+    """What DTW compares: position, and direction and normal scaled to centimetres, so that they part equal distances."""
+    return np.concatenate((boundary.point[at], 0.01 * direction * boundary.tangent[at], 0.01 * boundary.normal[at]), axis=1)
+
+
+def _longest_free(path: np.ndarray, used_a: np.ndarray, used_b: np.ndarray) -> np.ndarray | None:
+    """Longest part of a warping path whose steps run over boundary edges that no seam has taken yet."""
+    i, j = path[:, 0], path[:, 1]
+    # step k goes over edge i → i+1 of a (entry i) and, a chain against its direction, j+1 → j of b (entry j+1)
+    free = np.ones(len(path) - 1, np.bool_)
+    free &= ~((np.diff(i) > 0) & used_a[i[:-1]])
+    free &= ~((np.diff(j) > 0) & used_b[j[1:]])
+    if not free.any():
+        return None
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], free.astype(np.int8), [0]))))
+    starts, ends = edges[::2], edges[1::2]
+    best = np.argmax(ends - starts)
+    if ends[best] - starts[best] < 2:
+        return None
+    return path[starts[best] : ends[best] + 1]
