@@ -103,7 +103,7 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     command.add_argument("--sensor", choices=SENSORS, default="azure_kinect", help="depth camera, default azure_kinect")
     command.add_argument("--frames", metavar="N", type=_whole(1, 300), default=10, help="of the burst, default 10")
     command.add_argument("--seed", metavar="N", type=_whole(0, 2**32 - 1), default=0, help="of the noise, default 0")
-    command.add_argument("--mirrors", metavar="N", type=_whole(0, 8), default=2, help="number of mirrors, default 2")
+    command.add_argument("--mirrors", metavar="N", type=_whole(1, 8), default=2, help="number of mirrors, default 2")
     command.add_argument("--body", metavar="FILE", type=Path, help="mesh to scan, Z up, in metres; default a mannequin")
     command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
     command.set_defaults(run=_simulate)
@@ -329,14 +329,16 @@ def _make_folder(folder: Path) -> None:
 def _write_simulation(folder: Path, *, sensor: str, frames: int, seed: int, mirrors: int, body: Path | None) -> None:
     """Simulate into a folder beside ``folder``, then swap; only a simulation may be replaced, never a recording."""
     from .io import read_mesh
-    from .simulation import default_rig, mannequin, simulate, write_simulation
+    from .simulation.mannequin import mannequin
+    from .simulation.scene import default_rig
+    from .simulation.simulate import simulate, write_simulation
 
     if folder.exists():
         entries = {entry.name for entry in folder.iterdir()} if folder.is_dir() else None
         if entries is None or (entries and not ("truth" in entries and entries <= SIMULATION_ENTRIES)):
             raise OutputError(f"{folder}: exists and is not an earlier simulation; choose another name or remove it")
     subject = read_mesh(body) if body else mannequin()
-    simulation = simulate(subject, default_rig(sensor=sensor, mirrors=mirrors), frames=frames, seed=seed)
+    simulation = simulate(subject, default_rig(sensor=sensor, mirrors=mirrors, frames=frames, seed=seed))
     try:
         with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.absolute().parent) as temporary:
             fresh, stale = Path(temporary) / "new", Path(temporary) / "old"

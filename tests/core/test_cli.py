@@ -232,7 +232,7 @@ def test_inspect_says_what_the_file_holds(folder, capsys):
 
 
 def test_simulate_never_replaces_a_recording(folder, capsys):
-    pytest.importorskip("mirror_scan.core.simulation.camera")
+    pytest.importorskip("mirror_scan.core.simulation.simulate")
     before = listing(folder)
     refused(capsys, ["simulate", folder], "not an earlier simulation")
     assert listing(folder) == before
@@ -255,6 +255,12 @@ def test_help_answers_without_heavy_imports():
         "assert 'numba' not in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, timeout=60)
+
+
+def test_every_sensor_can_be_asked_for():
+    from mirror_scan.core.simulation.sensors import SENSORS
+
+    assert set(cli.SENSORS) == set(SENSORS)
 
 
 def test_every_subpackage_is_in_the_wheel():
