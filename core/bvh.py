@@ -713,6 +713,14 @@ def _by_place(bvh, triangles):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _boxes_meet(boxes, i, j):
+    for axis in range(3):
+        if boxes[i, axis] > boxes[j, axis + 3] or boxes[j, axis] > boxes[i, axis + 3]:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _pairs_of_leaves(bvh, box, normals, index, end, first_node, last_node, pairs):
     """Pairs that the leaves among nodes ``first_node:last_node`` make with what comes after them in the order.
 
@@ -725,18 +733,12 @@ def _pairs_of_leaves(bvh, box, normals, index, end, first_node, last_node, pairs
         if count[leaf] == 0:
             continue
         first, last = child[leaf], end[leaf]
-        l0, l1, l2 = boxes[leaf, 0], boxes[leaf, 1], boxes[leaf, 2]
-        h0, h1, h2 = boxes[leaf, 3], boxes[leaf, 4], boxes[leaf, 5]
         stack[0] = 0
         depth = 1
         while depth > 0:
             depth -= 1
             node = stack[depth]
-            if (
-                end[node] <= first
-                or boxes[node, 0] > h0 or boxes[node, 1] > h1 or boxes[node, 2] > h2
-                or boxes[node, 3] < l0 or boxes[node, 4] < l1 or boxes[node, 5] < l2
-            ):
+            if end[node] <= first or not _boxes_meet(boxes, leaf, node):
                 continue
             if count[node] == 0:
                 stack[depth], stack[depth + 1] = child[node] + 1, child[node]
@@ -744,12 +746,7 @@ def _pairs_of_leaves(bvh, box, normals, index, end, first_node, last_node, pairs
                 continue
             for i in range(first, last):
                 for j in range(max(child[node], i + 1), end[node]):
-                    if (
-                        box[i, 0] > box[j, 3] or box[i, 1] > box[j, 4] or box[i, 2] > box[j, 5]
-                        or box[j, 0] > box[i, 3] or box[j, 1] > box[i, 4] or box[j, 2] > box[i, 5]
-                    ):
-                        continue
-                    if _pair_meets(corners, normals, index, i, j):
+                    if _boxes_meet(box, i, j) and _pair_meets(corners, normals, index, i, j):
                         if held < pairs.shape[0]:
                             pairs[held, 0], pairs[held, 1] = min(order[i], order[j]), max(order[i], order[j])
                         held += 1
