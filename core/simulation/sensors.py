@@ -162,7 +162,7 @@ def _silhouettes(z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Nearest and farthest reading of each pixel's 3x3 neighbours, and whether a step lies between them."""
     near = _lowest(np.where(z > 0, z, np.float32(np.inf)), 1)
     far = -_lowest(-z, 1)
-    return near, far, (z > 0) & (far - near > 0.04 + 0.02 * z)
+    return near, far, (z > 0) & (far > 1.02 * near + 0.04)
 
 
 def _fatten(z: np.ndarray, radius: int, rng: np.random.Generator) -> np.ndarray:
@@ -175,7 +175,7 @@ def _fatten(z: np.ndarray, radius: int, rng: np.random.Generator) -> np.ndarray:
     for r in range(1, radius + 1):
         low = _lowest(solid, r)
         # Only steps are fattened; a slanting surface stays where it is.
-        step = (width_at == r) & np.isfinite(low) & ((solid - low) > 0.04 + 0.02 * low)
+        step = (width_at == r) & np.isfinite(low) & (solid > 1.02 * low + 0.04)
         grown[step] = low[step]
     return grown
 

@@ -1,0 +1,184 @@
+"""A virtual snapshot with its truth: :func:`simulate`, and the RGB-D folder it makes: :func:`write_simulation`."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..camera import Intrinsics, project
+from ..capture import Capture, MirrorPicks
+from ..errors import OutputError
+from ..images import write_png
+from ..io import write_mesh
+from ..mesh import Mesh
+from .rays import BODY, FRAME, Sight, lit, look
+from .scene import FramedMirror, Rig
+from .sensors import find_sensor, measure
+
+PICKS = 8
+PICK_JITTER = 0.7
+"""How far a click misses, each way [px]."""
+INTERFERENCE_RATIO = 0.05
+"""A second way of the light this strong, relative to the reading's own, spoils it."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What is really there, camera frame [m].
+
+    Parameters
+    ----------
+    body : Mesh
+        The subject.
+    mirrors : tuple of MirrorPicks
+        Each glass as ``point`` (its centre) and unit ``normal`` towards the room.
+    camera_to_avatar : np.ndarray [shape=(4, 4)]
+    labels : np.ndarray [shape=(H, W), dtype=int8]
+        Body pixels: 0 = seen directly, n = through mirror n; -1 elsewhere and in images of images.
+    readable : np.ndarray [shape=(H, W), dtype=bool]
+        False in the sensor's shadow, where patterns interfere, and where there is nothing.
+    sight : Sight
+        Ideal depth, object, view, reflections, incidence and colour of every pixel.
+    """
+
+    body: Mesh
+    mirrors: tuple[MirrorPicks, ...]
+    camera_to_avatar: np.ndarray
+    labels: np.ndarray
+    readable: np.ndarray
+    sight: Sight
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """A virtual capture, the rig it came from, and its truth."""
+
+    capture: Capture
+    truth: Truth
+    rig: Rig
+
+
+def simulate(subject: Mesh, rig: Rig) -> Simulation:
+    """Take a virtual snapshot of ``subject`` (avatar frame) with ``rig``.
+
+    The capture's ``mirrors`` are eight picks on each frame, missed by up to 0.7 px like a careful click; a mirror
+    whose frame is hardly in the picture (or that has none) comes with its true plane instead.
+
+    Raises
+    ------
+    MirrorScanError
+        When the subject's arrays cannot be a mesh.
+    """
+    sensor = find_sensor(rig.sensor)
+    seeds = np.random.SeedSequence(rig.seed).spawn(3)
+    noise, clicks, grain = (np.random.default_rng(s) for s in seeds)
+    sight, bvh = look(subject, rig)
+    readable = sight.object > 0
+    interference = sensor.interference if rig.interference is None else rig.interference
+    if interference or sensor.baseline > 0:
+        light = lit(sight, bvh, rig, sensor.baseline)
+        once = sight.bounces <= 1
+        own = np.take_along_axis(light, np.where(once, sight.view, 0)[..., None].astype(np.intp), axis=-1)[..., 0]
+        # Images of images are lit by longer ways than are traced here: they are taken as lit.
+        readable &= ~once | (own > 0)
+        if interference:
+            readable &= ~once | (light.sum(axis=-1) - own <= INTERFERENCE_RATIO * own)
+
+    depth = measure(sensor, np.where(readable, sight.depth, 0.0), sight.incidence, rig.intrinsics.fx, rig.frames, noise)
+    color = sight.color + np.rint(1.5 * grain.standard_normal(sight.color.shape, dtype=np.float32))
+    color = np.clip(color, 0, 255).astype(np.uint8)
+    avatar_to_camera = np.linalg.inv(rig.camera_to_avatar)
+    planes = tuple(_plane(m, avatar_to_camera) for m in rig.mirrors)
+    picks = tuple(
+        _picks(m, i, rig.intrinsics, avatar_to_camera, sight, clicks) or plane
+        for i, (m, plane) in enumerate(zip(rig.mirrors, planes, strict=True))
+    )
+    labels = np.where((sight.object == BODY) & (sight.bounces <= 1), sight.view, -1).astype(np.int8)
+    return Simulation(
+        Capture(depth, color, rig.intrinsics, picks, f"simulated {rig.sensor}", "simulation"),
+        Truth(subject.transformed(avatar_to_camera), planes, rig.camera_to_avatar, labels, readable, sight),
+        rig,
+    )
+
+
+def _plane(mirror: FramedMirror, avatar_to_camera: np.ndarray) -> MirrorPicks:
+    turn, shift = avatar_to_camera[:3, :3], avatar_to_camera[:3, 3]
+    return MirrorPicks(mirror.name, None, turn @ np.array(mirror.centre) + shift, turn @ mirror.axes[2])
+
+
+def _picks(
+    mirror: FramedMirror, index: int, lens: Intrinsics, avatar_to_camera: np.ndarray, sight: Sight, rng: np.random.Generator
+) -> MirrorPicks | None:
+    """Clicks along the middle of the moulding where it is seen directly; None with fewer than 3 to be had."""
+    right, up, normal = mirror.axes
+    w, h = (mirror.width + mirror.frame_width) / 2, (mirror.height + mirror.frame_width) / 2
+    corners = np.array([(-w, -h), (w, -h), (w, h), (-w, h), (-w, -h)])
+    at = np.linspace(0, 4, 801)[:-1]
+    side = at.astype(int)
+    flat = corners[side] + (at - side)[:, None] * (corners[side + 1] - corners[side])
+    points = np.array(mirror.centre) + flat[:, :1] * right + flat[:, 1:] * up + mirror.frame_depth * normal
+    pixels = project(points @ avatar_to_camera[:3, :3].T + avatar_to_camera[:3, 3], lens)
+    pixels = np.round(pixels + rng.uniform(-PICK_JITTER, PICK_JITTER, pixels.shape), 1)
+    pixels = pixels[np.isfinite(pixels).all(axis=1)]
+    u, v = np.rint(pixels).astype(int).T
+    inside = (u >= 0) & (u < lens.width) & (v >= 0) & (v < lens.height)
+    pixels, u, v = pixels[inside], u[inside], v[inside]
+    seen = (sight.object[v, u] == FRAME) & (sight.index[v, u] == index) & (sight.bounces[v, u] == 0)
+    pixels = pixels[seen]
+    if len(pixels) < 3:
+        return None
+    # Apart from one another, as a person picks: one from each eighth of what is visible of the frame.
+    parts = np.array_split(pixels, min(PICKS, len(pixels)))
+    return MirrorPicks(mirror.name, np.array([part[rng.integers(len(part))] for part in parts]))
+
+
+def write_simulation(simulation: Simulation, folder: str | os.PathLike) -> None:
+    """Write an RGB-D folder with ``mirrors.json`` and ``truth/`` (body.ply, rig.json, labels.png).
+
+    ``truth/labels.png`` holds ``labels`` + 1: 0 = not the body, 1 = direct, n + 1 = through mirror n.
+
+    Raises
+    ------
+    OutputError
+        When the folder holds other depth frames than would be written over, or cannot be written.
+    """
+    folder = Path(folder)
+    capture, truth, rig = simulation.capture, simulation.truth, simulation.rig
+    names = [f"{i:06d}.png" for i in range(len(capture.depth))]
+    others = sorted({p.name for p in folder.glob("depth/*")} - set(names))
+    if others:
+        raise OutputError(f"{folder / 'depth' / others[0]} belongs to another capture; choose an empty folder")
+    try:
+        for sub in ("depth", "color", "truth"):
+            (folder / sub).mkdir(parents=True, exist_ok=True)
+        lens = capture.intrinsics
+        matrix = [lens.fx, 0, 0, 0, lens.fy, 0, lens.cx, lens.cy, 1]
+        _write_json(folder / "intrinsic.json", {"width": lens.width, "height": lens.height, "intrinsic_matrix": matrix})
+        mirrors = [
+            {"name": m.name, "frame_pixels": m.frame_pixels.tolist()}
+            if m.frame_pixels is not None
+            else {"name": m.name, "plane": {"point": m.point.tolist(), "normal": m.normal.tolist()}}
+            for m in capture.mirrors
+        ]
+        _write_json(folder / "mirrors.json", {"mirrors": mirrors})
+        _write_json(folder / "truth" / "rig.json", {
+            "frame": "camera: x right, y down, z forward, metres",
+            "mirrors": [{"name": m.name, "point": m.point.tolist(), "normal": m.normal.tolist()} for m in truth.mirrors],
+            "camera_to_avatar": truth.camera_to_avatar.tolist(),
+            "sensor": rig.sensor, "frames": rig.frames, "seed": rig.seed,
+        })  # fmt: skip
+    except OSError as error:
+        raise OutputError(f"cannot write into {folder}: {error.strerror}; choose another folder") from error
+    for name, frame in zip(names, capture.depth, strict=True):
+        write_png(folder / "depth" / name, np.rint(frame * 1000.0).clip(0, 65535).astype(np.uint16))
+    write_png(folder / "color" / "000000.png", capture.color)
+    write_png(folder / "truth" / "labels.png", (truth.labels + 1).astype(np.uint8))
+    write_mesh(folder / "truth" / "body.ply", truth.body)
+
+
+def _write_json(path: Path, content: dict) -> None:
+    path.write_text(json.dumps(content, indent=1), encoding="utf-8")
