@@ -127,7 +127,7 @@ class JobOperator:
 def running(context: bpy.types.Context) -> bool:
     """Whether a modal operator of this add-on is under way in any window."""
     return any(
-        operator.bl_idname.startswith("MIRRORSCAN_OT_")
+        operator.bl_idname.startswith("MIRROR_SCAN_OT_")  # Blender's form of “mirror_scan.…”, not our class names
         for window in context.window_manager.windows
         for operator in window.modal_operators
     )

@@ -11,11 +11,13 @@ class MIRRORSCAN_PG_scene(bpy.types.PropertyGroup):
         name="Capture",
         description="Folder the depth camera's images were recorded to: intrinsic.json, depth and color",
         subtype="DIR_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
     )
     mirrors_path: StringProperty(
         name="Mirrors",
         description="File with points picked on the mirrors' frames. Leave empty to use the capture's own mirrors.json",
         subtype="FILE_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
     )
     frames: IntProperty(
         name="Frames",

@@ -18,13 +18,13 @@ class MIRRORSCAN_OT_build_avatar(jobs.JobOperator, bpy.types.Operator):
         name="Capture",
         description="Folder of the capture. Leave empty for the one chosen in the scene",
         subtype="FILE_PATH",
-        options={"SKIP_SAVE"},
+        options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"},
     )
     mirrors_filepath: StringProperty(
         name="Mirrors",
         description="File with points picked on the mirrors' frames. Leave empty for the one chosen in the scene",
         subtype="FILE_PATH",
-        options={"SKIP_SAVE"},
+        options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"},
     )
     frames: IntProperty(
         name="Frames",
@@ -93,4 +93,10 @@ def build_steps(path: str, mirrors_path: str, frames: int) -> jobs.Job:
     mirrors = read_mirrors(mirrors_path, capture.intrinsics) if mirrors_path else None
     from ...core.pipeline import reconstruction_steps
 
-    return (yield from reconstruction_steps(capture, mirrors))
+    steps = reconstruction_steps(capture, mirrors)
+    while True:
+        try:
+            fraction, message = next(steps)
+        except StopIteration as end:
+            return end.value
+        yield 0.05 + 0.95 * fraction, message
