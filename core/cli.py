@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 from .errors import CaptureError, MirrorScanError, OutputError
 
 if TYPE_CHECKING:
+    from .mesh import Mesh
     from .pipeline import Progress, Reconstruction
 
 Writers = Mapping[str, Callable[["Path", "Reconstruction"], object]]
@@ -337,7 +338,7 @@ def _write_simulation(folder: Path, *, sensor: str, frames: int, seed: int, mirr
         entries = {entry.name for entry in folder.iterdir()} if folder.is_dir() else None
         if entries is None or (entries and not ("truth" in entries and entries <= SIMULATION_ENTRIES)):
             raise OutputError(f"{folder}: exists and is not an earlier simulation; choose another name or remove it")
-    subject = read_mesh(body) if body else mannequin()
+    subject = _stand(read_mesh(body), body) if body else mannequin()
     simulation = simulate(subject, default_rig(sensor=sensor, mirrors=mirrors, frames=frames, seed=seed))
     try:
         with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.absolute().parent) as temporary:
@@ -348,6 +349,18 @@ def _write_simulation(folder: Path, *, sensor: str, frames: int, seed: int, mirr
             shutil.move(fresh, folder)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written: {error.strerror or error}") from error
+
+
+def _stand(subject: Mesh, path: Path) -> Mesh:
+    """A mesh from a file, put on the floor where the rig expects it."""
+    import numpy as np
+
+    low, high = subject.vertices.min(axis=0), subject.vertices.max(axis=0)
+    if not 0.2 <= high[2] - low[2] <= 3.0:
+        raise CaptureError(f"{path}: is {high[2] - low[2]:.3g} m tall; give a body of 0.2 to 3 m, in metres, Z up")
+    move = np.eye(4)
+    move[:3, 3] = -(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]
+    return subject.transformed(move)
 
 
 # --- words -----------------------------------------------------------------------------------------------------------

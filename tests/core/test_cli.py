@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mirror_scan.core import cli
+from mirror_scan.core.capture import open_capture
 from mirror_scan.core.errors import OutputError, ReconstructionError
 from mirror_scan.core.images import read_image, write_png
 from mirror_scan.core.io import read_mesh, write_mesh
@@ -231,11 +232,25 @@ def test_inspect_says_what_the_file_holds(folder, capsys):
     refused(capsys, ["inspect", folder, "-o", folder.parent / "p.jpg"], r"ends in \.png")
 
 
-def test_simulate_never_replaces_a_recording(folder, capsys):
-    pytest.importorskip("mirror_scan.core.simulation.simulate")
+def test_simulate_replaces_a_simulation_but_never_a_recording(folder, capsys):
     before = listing(folder)
     refused(capsys, ["simulate", folder], "not an earlier simulation")
     assert listing(folder) == before
+
+    body, target = folder.parent / "body.ply", folder.parent / "virtual"
+    write_mesh(body, Mesh(TETRAHEDRON.vertices + (5, 5, 5), TETRAHEDRON.triangles))
+    arguments = ["simulate", str(target), "--sensor", "ideal", "--body", str(body), "--mirrors", "1", "--quiet"]
+    assert cli.main([*arguments, "--frames", "3"]) == 0
+    assert cli.main([*arguments, "--frames", "2"]) == 0
+    capture = open_capture(target)
+    assert len(capture.depth) == 2 and len(capture.mirrors) == 1
+    assert np.isfinite(read_mesh(target / "truth" / "body.ply").vertices).all()
+    assert sorted(p.name for p in folder.parent.iterdir()) == ["body.ply", "scan", "virtual"]
+
+    write_mesh(body, Mesh(TETRAHEDRON.vertices * 1000, TETRAHEDRON.triangles))
+    refused(capsys, arguments, "in metres")
+    (target / "notes.txt").write_text("mine")
+    refused(capsys, arguments, "not an earlier simulation")
 
 
 def test_evaluate_refuses_what_has_no_surface(tmp_path, capsys):
