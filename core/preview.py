@@ -160,7 +160,8 @@ def _axes(direction, up) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         raise MirrorScanError(f"picture: {tuple(direction)} is no direction to look from")
     back = back / np.linalg.norm(back)
     right = np.cross(up, back)
-    if np.linalg.norm(right) < 1e-6 * np.linalg.norm(up):  # straight from above or below: the front to the foot of the picture
+    if np.linalg.norm(right) < 1e-6 * np.linalg.norm(up):
+        # straight from above or below: the avatar's front to the foot of the picture
         right = np.cross(np.roll(up, -1), back)
     right /= np.linalg.norm(right)
     return right, np.cross(back, right), back

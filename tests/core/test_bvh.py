@@ -1,0 +1,191 @@
+"""Rays, closest points and self-intersections against closed forms, brute force, trimesh and MeshLab."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mirror_scan.core.bvh import build_bvh, closest_point, raycast, self_intersections
+from mirror_scan.core.errors import MirrorScanError
+
+trimesh = pytest.importorskip("trimesh")
+BODIES = Path(__file__).resolve().parents[3] / "shared" / "data" / "bodies"
+
+
+def arrays(mesh):
+    return np.ascontiguousarray(mesh.vertices, np.float64), np.ascontiguousarray(mesh.faces, np.int32)
+
+
+def soup(rng, count, size=0.2):
+    vertices = (rng.uniform(-1, 1, (count, 1, 3)) + rng.normal(0, size, (count, 3, 3))).reshape(-1, 3)
+    return vertices, np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
+
+
+def brute_raycast(vertices, triangles, origin, direction):
+    """Nearest hit by solving each triangle's 3×3 system (no tree, no tricks)."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    system = np.stack((np.broadcast_to(-direction, a.shape), b - a, c - a), axis=2)
+    with np.errstate(all="ignore"):
+        t, u, v = np.linalg.solve(system, (origin - a)[..., None])[..., 0].T
+    t = np.where((t >= 0) & (u >= 0) & (v >= 0) & (u + v <= 1), t, np.inf)
+    return t.min(), t.argmin()
+
+
+def test_rays_agree_with_brute_force():
+    rng = np.random.default_rng(1)
+    vertices, triangles = soup(rng, 300)
+    origins, directions = rng.uniform(-1, 1, (400, 3)), rng.normal(size=(400, 3))
+    directions[:90] = np.repeat([[3, 0, 0], [0, -1, 0], [0, 0, 2]], 30, axis=0)  # along the axes
+    directions[90:120, 0] = 0
+    bvh = build_bvh(vertices, triangles)
+    t, triangle, uv = raycast(bvh, origins, directions)
+    for i in range(len(t)):
+        expected, which = brute_raycast(vertices, triangles, origins[i], directions[i])
+        assert t[i] == pytest.approx(expected, rel=1e-9)
+        assert triangle[i] == (which if np.isfinite(expected) else -1)
+    hit = triangle >= 0
+    assert 0.2 < hit.mean() < 0.95
+    corners = vertices[triangles[triangle[hit]]]
+    weights = np.column_stack((1 - uv.sum(axis=1), uv))[hit]
+    np.testing.assert_allclose(
+        np.einsum("nk,nkx->nx", weights, corners), (origins + t[:, None] * directions)[hit], atol=1e-9
+    )
+    near = raycast(bvh, origins, directions, t_max=0.5)[0]
+    np.testing.assert_array_equal(near, np.where(t < 0.5, t, np.inf))
+
+
+def test_no_ray_slips_between_triangles():
+    rng = np.random.default_rng(2)
+    vertices, triangles = arrays(trimesh.creation.icosphere(4, 0.7))
+    bvh = build_bvh(vertices + 100.3, triangles)  # far from the origin, where rounding bites
+    edges = vertices[triangles[:, :2]].mean(axis=1)
+    along = vertices[triangles[:, 0]] + rng.random((len(triangles), 1)) * (edges - vertices[triangles[:, 0]])
+    for aim in (vertices, edges, along):
+        source = rng.uniform(-0.2, 0.2, 3)
+        t, triangle, _ = raycast(bvh, source + 100.3, aim - source)
+        assert (triangle >= 0).all()
+        np.testing.assert_allclose(t, 1, atol=1e-3)
+
+
+def test_rays_that_are_none():
+    vertices, triangles = arrays(trimesh.creation.box())
+    bvh = build_bvh(vertices, triangles)
+    t, triangle, uv = raycast(bvh, np.zeros((4, 3)), [[0, 0, 0], [np.nan, 0, 1], [np.inf, 0, 0], [0, 0, 1]])
+    assert np.isinf(t[:3]).all() and (triangle[:3] == -1).all() and (uv[:3] == 0).all()
+    assert t[3] == pytest.approx(0.5)
+    assert raycast(build_bvh(np.zeros((0, 3)), np.zeros((0, 3), np.int32)), [0, 0, 0], [0, 0, 1])[1].tolist() == [-1]
+    with pytest.raises(MirrorScanError, match="pair"):
+        raycast(bvh, np.zeros((2, 3)), np.ones((3, 3)))
+    with pytest.raises(MirrorScanError, match="must be"):
+        raycast(bvh, np.zeros((2, 2)), np.ones((2, 2)))
+
+
+def test_closest_points_agree_with_brute_force():
+    rng = np.random.default_rng(3)
+    vertices, triangles = soup(rng, 120)
+    points = np.concatenate((rng.uniform(-2, 2, (200, 3)), vertices[:50]))
+    bvh = build_bvh(vertices, triangles)
+    distance, triangle, nearest = closest_point(bvh, points)
+    for i, point in enumerate(points):
+        each = trimesh.triangles.closest_point(vertices[triangles], np.tile(point, (len(triangles), 1)))
+        expected = np.linalg.norm(each - point, axis=1)
+        assert distance[i] == pytest.approx(expected.min(), abs=1e-12)
+        assert expected[triangle[i]] == pytest.approx(expected.min(), abs=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(nearest - points, axis=1), distance, atol=1e-12)
+    limited = closest_point(bvh, points, 0.3)
+    np.testing.assert_array_equal(limited[0], np.where(distance < 0.3, distance, np.inf))
+    assert (limited[1][distance > 0.3] == -1).all() and np.isnan(limited[2][distance > 0.3]).all()
+    assert closest_point(bvh, [[np.nan, 0, 0]])[1][0] == -1
+
+
+def test_triangles_without_area_are_their_edges():
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [3, 0, 0], [0, 5, 0]], float)
+    needle = build_bvh(vertices, np.array([[0, 2, 1]], np.int32))
+    assert closest_point(needle, [[2, 2, 0], [5, 0, 0]])[0] == pytest.approx([2, 2])
+    dot = build_bvh(vertices, np.array([[3, 3, 3]], np.int32))
+    assert closest_point(dot, [[0, 0, 0]])[0] == pytest.approx([5])
+    assert raycast(needle, [2, 0, 1], [0, 0, -1])[1][0] == -1
+
+
+def test_a_thousand_triangles_in_one_place_and_a_very_uneven_mesh():
+    same = np.tile([[0, 0, 0], [1, 0, 0], [0, 1, 0]], (1000, 1)).astype(float)
+    bvh = build_bvh(same, np.arange(3000, dtype=np.int32).reshape(-1, 3))
+    assert raycast(bvh, [0.2, 0.2, 1], [0, 0, -1])[0][0] == pytest.approx(1)
+    scale = 0.5 ** np.arange(1000) ** 0.9  # each triangle far smaller than the one before: a deep tree
+    uneven = (np.array([[1, 0, 0], [1, 1, 0], [1, 0, 1]]) * scale[:, None, None]).reshape(-1, 3)
+    bvh = build_bvh(uneven, np.arange(3000, dtype=np.int32).reshape(-1, 3))
+    assert raycast(bvh, [2, 0.1, 0.1], [-1, 0, 0])[0][0] == pytest.approx(1)
+    assert sorted(bvh.order) == list(range(1000))
+
+
+def test_damaged_meshes_are_refused():
+    triangle = np.array([[0, 1, 2]], np.int32)
+    with pytest.raises(MirrorScanError, match="does not exist"):
+        build_bvh(np.zeros((2, 3)), triangle)
+    with pytest.raises(MirrorScanError, match="finite"):
+        build_bvh(np.array([[0, 0, 0], [1, 0, np.nan], [0, 1, 0]]), triangle)
+    with pytest.raises(MirrorScanError, match="must be"):
+        closest_point(build_bvh(np.eye(3), triangle), np.zeros(3))
+
+
+FLAT = [[0, 0, 0], [4, 0, 0], [0, 4, 0]]
+
+
+@pytest.mark.parametrize(
+    ("points", "triangles", "meet"),
+    [
+        (FLAT + [[1, 1, -1], [1, 1, 1], [9, 9, 1]], [[0, 1, 2], [3, 4, 5]], True),  # pierced
+        (FLAT + [[1, 1, 0], [9, 9, 1], [9, 8, 1]], [[0, 1, 2], [3, 4, 5]], True),  # touched by a corner
+        (FLAT + [[1, 1, 0.01], [1, 1, 1], [9, 9, 1]], [[0, 1, 2], [3, 4, 5]], False),  # above
+        (FLAT + [[3, 3, -1], [3, 3, 1], [9, 9, 0]], [[0, 1, 2], [3, 4, 5]], False),  # beside
+        (FLAT + [[1, 1, 0], [5, 1, 0], [1, 5, 0]], [[0, 1, 2], [3, 4, 5]], True),  # in one plane, edges cross
+        (FLAT + [[1, 1, 0], [2, 1, 0], [1, 2, 0]], [[0, 1, 2], [3, 4, 5]], True),  # in one plane, one inside
+        (FLAT + [[3, 3, 0], [5, 3, 0], [3, 5, 0]], [[0, 1, 2], [3, 4, 5]], False),  # in one plane, apart
+        (FLAT + [[4, 0, 0], [4, 4, 0], [0, 4, 0]], [[0, 1, 2], [3, 4, 5]], True),  # seam not welded
+        (FLAT + [[2, 1, -1], [2, 1, 1]], [[0, 1, 2], [0, 3, 4]], True),  # fan, edge goes through
+        (FLAT + [[8, 8, -1], [8, 8, 1]], [[0, 1, 2], [0, 3, 4]], True),  # fan, the other's edge goes through
+        (FLAT + [[-2, -1, -1], [-2, -1, 1]], [[0, 1, 2], [0, 3, 4]], False),  # fan, on the other side
+        (FLAT + [[-4, 0, 0], [0, -4, 0]], [[0, 1, 2], [0, 3, 4]], False),  # flat fan
+        (FLAT + [[4, 4, 0]], [[0, 1, 2], [2, 1, 3]], False),  # flat neighbours
+        (FLAT + [[0, 0, 1]], [[0, 1, 2], [2, 1, 3]], False),  # sharply bent neighbours
+        (FLAT + [[1, 1, 0]], [[0, 1, 2], [2, 1, 3]], True),  # folded flat
+        (FLAT, [[0, 1, 2], [1, 0, 2]], True),  # the same one twice
+        (FLAT + [[1, 1, 1], [1, 1, -1]], [[0, 1, 2], [3, 4, 4]], True),  # a needle through it
+        (FLAT + [[9, 9, 1], [9, 9, -1]], [[0, 1, 2], [3, 4, 4]], False),  # a needle beside it
+    ],
+)
+def test_pairs_of_triangles(points, triangles, meet):
+    rng = np.random.default_rng(4)
+    points, triangles = np.array(points, float), np.array(triangles, np.int32)
+    for _ in range(4):
+        assert len(self_intersections(points, triangles)) == meet
+        # the same pair in other words: corners turned, triangles swapped, axes changed
+        triangles = np.roll(triangles, rng.integers(3), axis=1)[::-1]
+        points = points[:, rng.permutation(3)] * rng.choice([-1, 1], 3)
+
+
+def jittered_sphere():
+    vertices, triangles = arrays(trimesh.creation.icosphere(4))
+    return vertices + np.random.default_rng(5).normal(0, 0.04, vertices.shape), triangles
+
+
+@pytest.mark.parametrize("name", ["soup", "jittered sphere", "mh_woman_armsdown", "mh_man_apose"])
+def test_self_intersections_agree_with_meshlab(name):
+    pymeshlab = pytest.importorskip("pymeshlab")
+    if name == "soup":
+        vertices, triangles = soup(np.random.default_rng(6), 500, 0.1)
+    elif name == "jittered sphere":
+        vertices, triangles = jittered_sphere()
+    elif (BODIES / f"{name}.ply").exists():
+        vertices, triangles = arrays(trimesh.load(BODIES / f"{name}.ply", process=False, force="mesh"))
+    else:
+        pytest.skip(f"{name}.ply is not here")
+    pairs = self_intersections(vertices, triangles)
+    scene = pymeshlab.MeshSet()
+    scene.add_mesh(pymeshlab.Mesh(vertices, triangles))
+    scene.compute_selection_by_self_intersections_per_face()
+    np.testing.assert_array_equal(np.unique(pairs), np.flatnonzero(scene.current_mesh().face_selection_array()))
+    assert (pairs[:, 0] < pairs[:, 1]).all() and len(np.unique(pairs, axis=0)) == len(pairs)
+    if name == "mh_woman_armsdown":
+        assert len(pairs) == 78
