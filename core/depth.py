@@ -130,7 +130,7 @@ def remove_flying_pixels(depth: np.ndarray, pixel_angle: float, settings: DepthS
     """Drop readings that float between a surface and what is behind it.
 
     A reading stays when at least ``settings.support`` of its 8 neighbours continue its surface: lie within what a
-    surface seen at up to 80° from head-on would span over that distance.
+    surface seen at up to 80° from head-on would span over that distance, and the noise measured on the map itself.
 
     Parameters
     ----------
@@ -143,11 +143,15 @@ def remove_flying_pixels(depth: np.ndarray, pixel_angle: float, settings: DepthS
     -------
     np.ndarray [shape=(H, W), dtype=float32]
     """
-    return _flying_kernel(depth, pixel_angle * np.tan(np.radians(80.0)), settings.support)
+    variance = _residual_kernel(depth, np.where(depth > 0, 0, -1).astype(np.int8))
+    known = variance >= 0
+    # noise relative to z grows in proportion to z for triangulating cameras; for others this is on the safe side
+    growth = float(np.median(np.sqrt(variance[known]) / depth[known])) if known.any() else 0.0
+    return _flying_kernel(depth, pixel_angle * np.tan(np.radians(80.0)), 3.0 * growth, settings.support)
 
 
 @njit(cache=True, nogil=True, parallel=True)
-def _flying_kernel(depth, slope, support):
+def _flying_kernel(depth, slope, noise, support):
     height, width = depth.shape
     out = depth.copy()
     for v in prange(height):
@@ -161,7 +165,7 @@ def _flying_kernel(depth, slope, support):
                     y, x = v + dv, u + du
                     if (dv == 0 and du == 0) or y < 0 or x < 0 or y >= height or x >= width or depth[y, x] == 0:
                         continue
-                    if abs(depth[y, x] - z) <= slope * z * np.sqrt(du * du + dv * dv) + 0.004 * z:
+                    if abs(depth[y, x] - z) <= (slope * np.sqrt(du * du + dv * dv) + 0.003 + noise * z) * z:
                         near += 1
             if near < support:
                 out[v, u] = 0

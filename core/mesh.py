@@ -47,19 +47,56 @@ def edge_keys(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
     return np.minimum(a, b) * vertex_count + np.maximum(a, b)
 
 
+@njit(cache=True, nogil=True)
+def twins(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
+    """The other half of each half-edge: (3·T,) int32, half-edge 3·t + k runs from corner k to corner k + 1 of triangle t.
+
+    -1 where there is none (boundary); -2 where an edge has more than two triangles or two of the same direction.
+    Half-edges are bucketed by their smaller vertex, so it takes O(T) time and memory.
+    """
+    count = 3 * len(triangles)
+    start = np.zeros(vertex_count + 1, np.int64)
+    for t in range(len(triangles)):
+        for k in range(3):
+            start[min(triangles[t, k], triangles[t, (k + 1) % 3]) + 1] += 1
+    for v in range(vertex_count):
+        start[v + 1] += start[v]
+    fill = start[:-1].copy()
+    bucket = np.empty(count, np.int32)
+    for t in range(len(triangles)):
+        for k in range(3):
+            low = min(triangles[t, k], triangles[t, (k + 1) % 3])
+            bucket[fill[low]] = 3 * t + k
+            fill[low] += 1
+    twin = np.full(count, -1, np.int32)
+    for v in range(vertex_count):
+        for i in range(start[v], start[v + 1]):
+            e = bucket[i]
+            t, k = e // 3, e % 3
+            tail, head = triangles[t, k], triangles[t, (k + 1) % 3]
+            high = max(tail, head)
+            for j in range(i + 1, start[v + 1]):
+                f = bucket[j]
+                s, m = f // 3, f % 3
+                other_tail, other_head = triangles[s, m], triangles[s, (m + 1) % 3]
+                if max(other_tail, other_head) != high:
+                    continue
+                if twin[e] == -1 and twin[f] == -1 and other_tail == head:
+                    twin[e] = f
+                    twin[f] = e
+                else:
+                    for g in (e, f):
+                        if twin[g] >= 0:
+                            twin[twin[g]] = -2
+                        twin[g] = -2
+    return twin
+
+
 def boundary_edges(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
     """Directed edges (B, 2) of one triangle only, in their triangle's direction: the surface lies on their left."""
-    keys = edge_keys(triangles, vertex_count).ravel()
-    order = np.argsort(keys, kind="stable")
-    sorted_keys = keys[order]
-    alone = np.ones(len(keys), np.bool_)
-    same = sorted_keys[1:] == sorted_keys[:-1]
-    alone[1:] &= ~same
-    alone[:-1] &= ~same
-    at = order[alone]
-    at.sort()
-    tail = triangles.ravel()[at]
-    head = triangles[at // 3, (at % 3 + 1) % 3]
+    alone = np.flatnonzero(twins(triangles, vertex_count) == -1)
+    tail = triangles.ravel()[alone]
+    head = triangles[alone // 3, (alone % 3 + 1) % 3]
     return np.column_stack((tail, head)).astype(np.int32)
 
 
@@ -128,18 +165,16 @@ def _loops_kernel(edges, vertex_count):
 
 def triangle_components(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, int]:
     """Component (T,) int32 of each triangle, connected over shared edges, and how many there are."""
-    keys = edge_keys(triangles, vertex_count).ravel()
-    order = np.argsort(keys, kind="stable")
-    same = np.nonzero(keys[order][1:] == keys[order][:-1])[0]
-    pairs = np.column_stack((order[same] // 3, order[same + 1] // 3))
-    return _union_kernel(pairs, len(triangles))
+    return _union_kernel(twins(triangles, vertex_count), len(triangles))
 
 
 @njit(cache=True, nogil=True)
-def _union_kernel(pairs, count):
+def _union_kernel(twin, count):
     parent = np.arange(count)
-    for k in range(len(pairs)):
-        a, b = pairs[k]
+    for e in range(3 * count):
+        if twin[e] < e:  # each pair once; boundary and non-manifold edges join nothing
+            continue
+        a, b = e // 3, twin[e] // 3
         while parent[a] != a:
             parent[a] = parent[parent[a]]
             a = parent[a]
@@ -199,7 +234,7 @@ def remove_bowties(mesh: Mesh) -> Mesh:
     count = len(mesh.vertices)
     if not len(mesh.triangles):
         return mesh
-    corner_fan, fans_of = _fans(mesh.triangles, count)
+    corner_fan, fans_of = _fan_kernel(mesh.triangles, twins(mesh.triangles, count), count)
     extra = fans_of > 1
     if not extra.any():
         return mesh
@@ -221,52 +256,40 @@ def remove_bowties(mesh: Mesh) -> Mesh:
 
 def vertex_fans(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
     """How many separate fans of triangles meet at each vertex (V,): 1 on a manifold, 0 where unused."""
-    return _fans(triangles, vertex_count)[1]
-
-
-def _fans(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np.ndarray]:
-    corners = triangles.astype(np.int64).ravel()
-    order = np.argsort(corners, kind="stable")
-    start = np.searchsorted(corners[order], np.arange(vertex_count + 1))
-    return _fan_kernel(triangles, order, start, vertex_count)
+    return _fan_kernel(triangles, twins(triangles, vertex_count), vertex_count)[1]
 
 
 @njit(cache=True, nogil=True)
-def _fan_kernel(triangles, order, start, vertex_count):
-    """Fan of each corner (T, 3) among its vertex's, and the number of fans a vertex."""
-    fan = np.zeros(triangles.shape, np.int32)
+def _fan_kernel(triangles, twin, vertex_count):
+    """Fan of each corner (T, 3) among its vertex's, and the number of fans a vertex: walk round each vertex by twins."""
+    fan = np.full(triangles.shape, -1, np.int32)
     fans_of = np.zeros(vertex_count, np.int32)
-    stack = np.empty(1024, np.int64)
-    for v in range(vertex_count):
-        begin, end = start[v], start[v + 1]
-        degree = end - begin
-        if degree == 0:
-            continue
-        if degree > len(stack):
-            stack = np.empty(2 * degree, np.int64)
-        for k in range(begin, end):
-            fan[order[k] // 3, order[k] % 3] = -1
-        n = 0
-        for k in range(begin, end):
-            if fan[order[k] // 3, order[k] % 3] >= 0:
+    for t0 in range(len(triangles)):
+        for k0 in range(3):
+            if fan[t0, k0] >= 0:
                 continue
-            top = 1
-            stack[0] = order[k]
-            fan[order[k] // 3, order[k] % 3] = n
-            while top > 0:
-                top -= 1
-                t, c = stack[top] // 3, stack[top] % 3
-                after, before = triangles[t, (c + 1) % 3], triangles[t, (c + 2) % 3]
-                for m in range(begin, end):
-                    s, d = order[m] // 3, order[m] % 3
-                    if fan[s, d] < 0:
-                        other_after, other_before = triangles[s, (d + 1) % 3], triangles[s, (d + 2) % 3]
-                        if other_before == after or other_after == before:
-                            fan[s, d] = n
-                            stack[top] = order[m]
-                            top += 1
-            n += 1
-        fans_of[v] = n
+            v = triangles[t0, k0]
+            number = fans_of[v]
+            fans_of[v] += 1
+            fan[t0, k0] = number
+            t, k = t0, k0
+            while True:  # over the edge that leaves v
+                e = twin[3 * t + k]
+                if e < 0:
+                    break
+                t, k = e // 3, (e % 3 + 1) % 3
+                if fan[t, k] >= 0:
+                    break
+                fan[t, k] = number
+            t, k = t0, k0
+            while True:  # over the edge that enters v
+                e = twin[3 * t + (k + 2) % 3]
+                if e < 0:
+                    break
+                t, k = e // 3, e % 3
+                if fan[t, k] >= 0:
+                    break
+                fan[t, k] = number
     return fan, fans_of
 
 

@@ -12,7 +12,8 @@ import numpy as np
 from numba import njit, prange
 
 from .camera import Intrinsics
-from .mesh import Mesh, compact
+from .clipping import clip, distance_to_zero, smooth_on_mesh
+from .mesh import Mesh, vertex_normals
 from .mirror import Mirror, reflection_matrix
 
 
@@ -132,7 +133,7 @@ def _maps_kernel(depth, labels, fx, fy, cx, cy, to_view):
 
 
 @njit(cache=True, nogil=True)
-def _look(p, matrix, view, depth, labels, fx, fy, cx, cy):
+def look_at(p, matrix, view, depth, labels, fx, fy, cx, cy):
     """Where view lays p: pixel and z there; (row, column) -1 when it is outside the image or behind the camera."""
     x = matrix[0, 0] * p[0] + matrix[0, 1] * p[1] + matrix[0, 2] * p[2] + matrix[0, 3]
     y = matrix[1, 0] * p[0] + matrix[1, 1] * p[1] + matrix[1, 2] * p[2] + matrix[1, 3]
@@ -219,7 +220,7 @@ def _compare_kernel(vertices, view, vertex_normals, own, to_view, depth, labels,
         for k in range(len(to_view)):
             if k == view[i]:
                 continue
-            v, u, z = _look(p, to_view[k], k, depth, labels, fx, fy, cx, cy)
+            v, u, z = look_at(p, to_view[k], k, depth, labels, fx, fy, cx, cy)
             if v < 0 or not _sample(v, u, k, depth, labels, normals, confidence, out):
                 continue
             agree = out[1] * vertex_normals[i, 0] + out[2] * vertex_normals[i, 1] + out[3] * vertex_normals[i, 2]
@@ -249,8 +250,6 @@ def part_overlaps(patches: list[Mesh], maps: ViewMaps, settings: OverlapSettings
     The cut runs along the line where two views are equally good, moved half a gap back on either side, so both
     boundaries are smooth and run in parallel. Returns as many patches as given. O(V).
     """
-    from .mesh import vertex_normals
-
     parted = []
     for patch in patches:
         if not len(patch.triangles):
@@ -269,7 +268,7 @@ def part_overlaps(patches: list[Mesh], maps: ViewMaps, settings: OverlapSettings
         # beyond the overlap nobody else competes: a large advantage that the smoothing below leaves positive
         field = np.clip(np.where(overlapped, advantage, 3.0), -3.0, 3.0)
         field = smooth_on_mesh(field[:, None], patch.triangles, 4)[:, 0]
-        distance = _distance_to_zero(field, vertices, patch.triangles)
+        distance = distance_to_zero(field, vertices, patch.triangles)
         edge = _median_edge(patch)
         parted.append(clip(replace(patch, vertices=vertices), distance, 0.5 * settings.gap * edge))
     return parted
@@ -287,7 +286,7 @@ def own_confidence(patch: Mesh, maps: ViewMaps) -> np.ndarray:
 def _own_kernel(vertices, view, to_view, depth, labels, normals, confidence, fx, fy, cx, cy):
     own = np.zeros(len(vertices))
     for i in prange(len(vertices)):
-        v, u, _ = _look(vertices[i], to_view[view[i]], view[i], depth, labels, fx, fy, cx, cy)
+        v, u, _ = look_at(vertices[i], to_view[view[i]], view[i], depth, labels, fx, fy, cx, cy)
         if v >= 0:
             own[i] = confidence[int(v + 0.5), int(u + 0.5)]
     return own
@@ -296,160 +295,3 @@ def _own_kernel(vertices, view, to_view, depth, labels, normals, confidence, fx,
 def _median_edge(mesh: Mesh) -> float:
     a, b = mesh.vertices[mesh.triangles[:, 0]], mesh.vertices[mesh.triangles[:, 1]]
     return float(np.median(np.linalg.norm(a - b, axis=1)))
-
-
-def smooth_on_mesh(values: np.ndarray, triangles: np.ndarray, rounds: int) -> np.ndarray:
-    """Values (V, C) averaged over their one-ring, ``rounds`` times."""
-    return _smooth_values_kernel(np.ascontiguousarray(values, dtype=np.float64), triangles, rounds)
-
-
-@njit(cache=True, nogil=True)
-def _smooth_values_kernel(values, triangles, rounds):
-    count, width = values.shape
-    for _ in range(rounds):
-        total = values.copy()
-        weight = np.ones(count)
-        for t in range(len(triangles)):
-            for k in range(3):
-                i, j = triangles[t, k], triangles[t, (k + 1) % 3]
-                for c in range(width):
-                    total[i, c] += 0.5 * values[j, c]
-                    total[j, c] += 0.5 * values[i, c]
-                weight[i] += 0.5
-                weight[j] += 0.5
-        for i in range(count):
-            for c in range(width):
-                values[i, c] = total[i, c] / weight[i]
-    return values
-
-
-@njit(cache=True, nogil=True)
-def _distance_to_zero(field, vertices, triangles):
-    """First-order distance of each vertex to the field's zero line: value over gradient length [m]."""
-    gradient = np.zeros(len(vertices))
-    area = np.zeros(len(vertices))
-    e = np.empty((3, 3))
-    n = np.empty(3)
-    g = np.empty(3)
-    for t in range(len(triangles)):
-        for k in range(3):
-            for c in range(3):
-                e[k, c] = vertices[triangles[t, (k + 2) % 3], c] - vertices[triangles[t, (k + 1) % 3], c]
-        n[0] = e[0, 1] * e[1, 2] - e[0, 2] * e[1, 1]
-        n[1] = e[0, 2] * e[1, 0] - e[0, 0] * e[1, 2]
-        n[2] = e[0, 0] * e[1, 1] - e[0, 1] * e[1, 0]
-        double = np.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
-        if double == 0:
-            continue
-        g[:] = 0.0
-        for k in range(3):
-            f = field[triangles[t, k]] / (double * double)
-            g[0] += f * (n[1] * e[k, 2] - n[2] * e[k, 1])
-            g[1] += f * (n[2] * e[k, 0] - n[0] * e[k, 2])
-            g[2] += f * (n[0] * e[k, 1] - n[1] * e[k, 0])
-        length = np.sqrt(g[0] ** 2 + g[1] ** 2 + g[2] ** 2)
-        for k in range(3):
-            gradient[triangles[t, k]] += double * length
-            area[triangles[t, k]] += double
-    out = np.empty(len(vertices))
-    for i in range(len(vertices)):
-        slope = gradient[i] / area[i] if area[i] > 0 else 0.0
-        out[i] = field[i] / max(slope, 1.0)
-    return out
-
-
-def clip(mesh: Mesh, field: np.ndarray, level: float) -> Mesh:
-    """The part of the mesh where ``field`` (V,) ≥ ``level``, cut exactly along that line.
-
-    Triangles the line crosses are split; new vertices lie on the line, colours interpolated. Vertices nearly on the
-    line are moved onto it, so that no slivers arise. O(T).
-    """
-    inside = field >= level
-    if inside.all():
-        return mesh
-    if not inside.any():
-        return replace(mesh, triangles=mesh.triangles[:0], kind=None if mesh.kind is None else mesh.kind[:0])
-    vertices, triangles, source, share, parent = _clip_kernel(mesh.vertices, mesh.triangles, field, level)
-    a, b = source[:, 0], source[:, 1]
-    colors = None
-    if mesh.colors is not None:
-        blend = mesh.colors[a] * (1 - share[:, None]) + mesh.colors[b] * share[:, None]
-        colors = np.rint(blend).astype(np.uint8)
-    view = None if mesh.view is None else mesh.view[a]
-    kind = None if mesh.kind is None else mesh.kind[parent]
-    return compact(Mesh(vertices, triangles, colors, view, kind))
-
-
-@njit(cache=True, nogil=True)
-def _clip_kernel(vertices, triangles, field, level):
-    count = len(vertices)
-    # vertices close to the line snap to it by sliding along the edge that crosses it
-    n_max = count + 3 * len(triangles)
-    out_v = np.empty((n_max, 3))
-    source = np.empty((n_max, 2), np.int64)
-    share = np.zeros(n_max)
-    out_v[:count] = vertices
-    for i in range(count):
-        source[i, 0] = source[i, 1] = i
-    f = field - level
-    snapped = np.zeros(count, np.bool_)
-    for t in range(len(triangles)):
-        for k in range(3):
-            i, j = triangles[t, k], triangles[t, (k + 1) % 3]
-            if (f[i] >= 0) == (f[j] >= 0):
-                continue
-            s = f[i] / (f[i] - f[j])
-            if s < 0.25 and f[i] >= 0 and not snapped[i]:
-                snapped[i] = True
-                source[i, 1] = j
-                share[i] = s
-                for c in range(3):
-                    out_v[i, c] = vertices[i, c] + s * (vertices[j, c] - vertices[i, c])
-            if s > 0.75 and f[j] >= 0 and not snapped[j]:
-                snapped[j] = True
-                source[j, 1] = i
-                share[j] = 1.0 - s
-                for c in range(3):
-                    out_v[j, c] = vertices[j, c] + (1.0 - s) * (vertices[i, c] - vertices[j, c])
-    n = count
-    keys = dict()
-    keys[(np.int64(-1), np.int64(-1))] = np.int64(-1)
-    out_t = np.empty((2 * len(triangles), 3), np.int32)
-    parent = np.empty(2 * len(triangles), np.int64)
-    m = 0
-    poly = np.empty(4, np.int64)
-    for t in range(len(triangles)):
-        size = 0
-        full = 0
-        for k in range(3):
-            i = triangles[t, k]
-            if f[i] >= 0 and not snapped[i]:
-                full += 1
-        if full == 0:
-            continue
-        for k in range(3):
-            i, j = triangles[t, k], triangles[t, (k + 1) % 3]
-            if f[i] >= 0:
-                poly[size] = i
-                size += 1
-            a_in, b_in = f[i] >= 0, f[j] >= 0
-            if a_in != b_in:
-                inner = i if a_in else j
-                outer = j if a_in else i
-                if snapped[inner]:
-                    continue  # the inner end already lies on the line
-                key = (np.int64(inner), np.int64(outer))
-                if key not in keys:
-                    s = f[inner] / (f[inner] - f[outer])
-                    for c in range(3):
-                        out_v[n, c] = vertices[inner, c] + s * (vertices[outer, c] - vertices[inner, c])
-                    source[n, 0], source[n, 1], share[n] = inner, outer, s
-                    keys[key] = np.int64(n)
-                    n += 1
-                poly[size] = keys[key]
-                size += 1
-        for k in range(1, size - 1):
-            out_t[m, 0], out_t[m, 1], out_t[m, 2] = poly[0], poly[k], poly[k + 1]
-            parent[m] = t
-            m += 1
-    return out_v[:n].copy(), out_t[:m].copy(), source[:n].copy(), share[:n].copy(), parent[:m].copy()

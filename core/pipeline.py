@@ -24,7 +24,7 @@ from .errors import MirrorError, ReconstructionError
 from .mesh import Mesh, merge
 from .metrics import mesh_report
 from .mirror import Mirror, MirrorSettings, place_mirror, reflection_matrix
-from .overlap import OverlapSettings, ViewMaps, part_overlaps, view_maps
+from .overlap import OverlapSettings, part_overlaps, view_maps
 from .triangulation import TriangulationSettings, triangulate_view
 from .views import Views, ViewSettings, find_subject
 from .zippering import Seam, ZipperSettings, zip_patches

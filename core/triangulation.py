@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from .mesh import SURFACE, Mesh, drop_small_components, keep_triangles, remove_bowties
+from .clipping import trim_outline
+from .mesh import SURFACE, Mesh, drop_small_components, keep_triangles, remove_bowties, twins
 
 
 @dataclass(frozen=True)
@@ -22,11 +23,14 @@ class TriangulationSettings:
         Depth steps below this share of z are always joined, noise allowing.
     min_triangles : int
         Connected pieces with fewer triangles are specks and dropped.
+    outline : float
+        How much of what sticks out of a patch's outline is cut off [0 = nothing, 0.6 = all but straight runs].
     """
 
     max_slope: float = 80.0
     jump_floor: float = 0.004
     min_triangles: int = 40
+    outline: float = 0.5
 
 
 def triangulate_view(
@@ -76,7 +80,8 @@ def triangulate_view(
         np.full(len(vertices), view, np.int8),
         np.full(len(triangles), SURFACE, np.int8),
     )
-    return clean_patch(patch, settings.min_triangles)
+    patch = clean_patch(patch, settings.min_triangles)
+    return clean_patch(trim_outline(patch, settings.outline), settings.min_triangles)
 
 
 def clean_patch(patch: Mesh, min_triangles: int) -> Mesh:
@@ -91,12 +96,7 @@ def clean_patch(patch: Mesh, min_triangles: int) -> Mesh:
 
 def remove_teeth(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
     """Which triangles stay, bool (T,): those that share at least two edges with others."""
-    a = triangles.astype(np.int64)
-    edges = np.concatenate((a[:, (0, 1)], a[:, (1, 2)], a[:, (2, 0)]))
-    key = edges.min(axis=1) * vertex_count + edges.max(axis=1)
-    _, inverse, counts = np.unique(key, return_inverse=True, return_counts=True)
-    shared = (counts[inverse] >= 2).reshape(3, -1).sum(axis=0)
-    return shared >= 2
+    return (twins(triangles, vertex_count).reshape(-1, 3) >= 0).sum(axis=1) >= 2
 
 
 @njit(cache=True, nogil=True)

@@ -8,8 +8,10 @@ import numpy as np
 from numba import njit, prange
 
 from .dtw import dtw
+from .filling import fill_loops
+from .freespace import bridge_is_free
 from .mesh import SEAM, Mesh, boundary_loops, vertex_normals
-from .overlap import ViewMaps, _look
+from .overlap import ViewMaps
 
 
 @dataclass(frozen=True)
@@ -102,41 +104,6 @@ def _frames_kernel(point, vertex_normal, start):
     return tangent, normal, outward, arc
 
 
-@njit(cache=True, nogil=True)
-def in_free_space(p, to_view, depth, seen, fx, fy, cx, cy, noise, slack):
-    """Whether some view looks through ``p`` at something farther: then nothing of the subject is there.
-
-    A view speaks only where all readings around the pixel are its own and lie farther by more than ``slack`` and noise.
-    """
-    for k in range(len(to_view)):
-        v, u, z = _look(p, to_view[k], k, depth, seen, fx, fy, cx, cy)
-        if v < 1 or u < 1 or v > depth.shape[0] - 2 or u > depth.shape[1] - 2:
-            continue
-        y, x = int(v + 0.5), int(u + 0.5)
-        free = True
-        for dv in range(-1, 2):
-            for du in range(-1, 2):
-                d = depth[y + dv, x + du]
-                if seen[y + dv, x + du] != k or d <= z + slack + 3.0 * noise[k] * z:
-                    free = False
-        if free:
-            return True
-    return False
-
-
-@njit(cache=True, nogil=True)
-def _bridge_is_free(a, b, to_view, depth, seen, fx, fy, cx, cy, noise):
-    """Whether the straight bridge from a to b crosses space that was seen to be empty."""
-    length = np.sqrt(((a - b) ** 2).sum())
-    if length < 0.02:
-        return False
-    steps = min(int(length / 0.015) + 1, 12)
-    for s in range(1, steps):
-        if in_free_space(a + (b - a) * (s / steps), to_view, depth, seen, fx, fy, cx, cy, noise, 0.015):
-            return True
-    return False
-
-
 @njit(cache=True, nogil=True, parallel=True)
 def _partners_kernel(
     point, tangent, normal, outward, loop, arc, length_of, reach, to_view, depth, seen, fx, fy, cx, cy, noise
@@ -172,7 +139,7 @@ def _partners_kernel(
             cost = d * (1.0 + 0.6 * (1.0 + along) + 0.5 * (1.0 - facing) + 0.4 * (2.0 - out_i - out_j))
             if cost >= best:
                 continue
-            if _bridge_is_free(point[i], point[j], to_view, depth, seen, fx, fy, cx, cy, noise):
+            if bridge_is_free(point[i], point[j], to_view, depth, seen, fx, fy, cx, cy, noise):
                 continue
             best = cost
             which = j
@@ -313,27 +280,35 @@ def add_triangles(triangles: np.ndarray, new: np.ndarray, vertex_count: int) -> 
 
     Tested in order, so an earlier new triangle may shut a later one out. Degenerate triangles are refused.
     """
-    a = triangles.astype(np.int64)
-    old = np.sort((a * vertex_count + np.roll(a, -1, axis=1)).ravel())
-    b = new.astype(np.int64)
-    keys = b * vertex_count + np.roll(b, -1, axis=1)
-    place = np.minimum(np.searchsorted(old, keys), len(old) - 1)
-    clash = (old[place] == keys).any(axis=1)
-    clash |= (b[:, 0] == b[:, 1]) | (b[:, 1] == b[:, 2]) | (b[:, 2] == b[:, 0])
-    return _first_come_kernel(keys, ~clash)
+    return _first_come_kernel(triangles, new, vertex_count)
 
 
 @njit(cache=True, nogil=True)
-def _first_come_kernel(keys, free):
+def _first_come_kernel(triangles, new, vertex_count):
+    touched = np.zeros(vertex_count, np.bool_)
+    for t in range(len(new)):
+        for k in range(3):
+            touched[new[t, k]] = True
+    # only edges between vertices of new triangles can clash
     taken = dict()
     taken[np.int64(-1)] = True
-    ok = np.zeros(len(keys), np.bool_)
-    for t in range(len(keys)):
-        if not free[t] or keys[t, 0] in taken or keys[t, 1] in taken or keys[t, 2] in taken:
+    for t in range(len(triangles)):
+        for k in range(3):
+            i, j = triangles[t, k], triangles[t, (k + 1) % 3]
+            if touched[i] and touched[j]:
+                taken[np.int64(i) * vertex_count + j] = True
+    ok = np.zeros(len(new), np.bool_)
+    for t in range(len(new)):
+        i, j, m = np.int64(new[t, 0]), np.int64(new[t, 1]), np.int64(new[t, 2])
+        if i == j or j == m or m == i:
+            continue
+        a, b, c = i * vertex_count + j, j * vertex_count + m, m * vertex_count + i
+        if a in taken or b in taken or c in taken:
             continue
         ok[t] = True
-        for k in range(3):
-            taken[keys[t, k]] = True
+        taken[a] = True
+        taken[b] = True
+        taken[c] = True
     return ok
 
 
@@ -350,6 +325,8 @@ def zip_patches(mesh: Mesh, maps: ViewMaps, settings: ZipperSettings = ZipperSet
     for reach in settings.gaps:
         mesh, found = _zip_round(mesh, maps, reach, settings.min_run)
         seams += found
+        # a hole no wider than the gaps just zippered is a hole in one surface, not two boundaries to match
+        mesh = fill_loops(mesh, maps, diameter=reach)
     return mesh, seams
 
 

@@ -66,7 +66,8 @@ class Solid:
         length = float(np.linalg.norm(axis))
         low = np.minimum(-radius_start, axis - radius_end)
         high = np.maximum(radius_start, axis + radius_end)
-        self._add(name, CAPSULE, blend, start, frame_along(axis), (length, radius_start, radius_end, 0.0), None, low, high, side)
+        size = (length, radius_start, radius_end, 0.0)
+        self._add(name, CAPSULE, blend, start, frame_along(axis), size, None, low, high, side)
 
     def loft(self, name, start, end, stations, blend, caps, exponent=2.0, axes=None, side=1) -> None:
         """``stations``: rows (position 0..1, half-width +x, half-width -x, depth -y, depth +y, centre x, centre y)."""
@@ -77,9 +78,8 @@ class Solid:
         low = np.array([(table[:, 4] - table[:, 1]).min(), (table[:, 5] - table[:, 2]).min(), -caps[0]])
         high = np.array([(table[:, 4] + table[:, 0]).max(), (table[:, 5] + table[:, 3]).max(), length + caps[1]])
         corners = (low + _CORNERS * (high - low)) @ axes
-        self._add(
-            name, LOFT, blend, start, axes, (length, *caps, exponent), table, corners.min(axis=0), corners.max(axis=0), side
-        )
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        self._add(name, LOFT, blend, start, axes, (length, *caps, exponent), table, low, high, side)
 
     def rotate(self, first: int, matrix: np.ndarray, pivot: np.ndarray) -> None:
         """Turn every primitive added from index ``first`` on, rigidly about ``pivot``."""
@@ -200,27 +200,32 @@ def _blend(a, b, k):
 @njit(cache=True, nogil=True, parallel=True)
 def _fill_grid(kind, blend, origin, axes, size, table, low, high, start, cell, floor_blend, values):
     """``values`` (nx, ny, nz) float32: the blended field at start + index * cell."""
-    nx, ny, nz = values.shape
-    for i in prange(nx):
-        px = start[0] + i * cell
-        values[i] = FAR
-        for p in range(kind.shape[0]):
-            if px < low[p, 0] or px > high[p, 0]:
-                continue
-            j0 = max(int(np.ceil((low[p, 1] - start[1]) / cell)), 0)
-            j1 = min(int((high[p, 1] - start[1]) / cell) + 1, ny)
-            k0 = max(int(np.ceil((low[p, 2] - start[2]) / cell)), 0)
-            k1 = min(int((high[p, 2] - start[2]) / cell) + 1, nz)
-            for j in range(j0, j1):
-                py = start[1] + j * cell
-                for k in range(k0, k1):
-                    d = _primitive(kind[p], origin[p], axes[p], size[p], table[p], px, py, start[2] + k * cell)
-                    values[i, j, k] = _blend(values[i, j, k], d, blend[p])
-        for k in range(nz):
-            z = start[2] + k * cell
-            if z < 0.03:
-                for j in range(ny):
-                    values[i, j, k] = -_blend(-values[i, j, k], z, floor_blend)
+    for i in prange(values.shape[0]):
+        _fill_slice(i, kind, blend, origin, axes, size, table, low, high, start, cell, floor_blend, values)
+
+
+@njit(cache=True, nogil=True)
+def _fill_slice(i, kind, blend, origin, axes, size, table, low, high, start, cell, floor_blend, values):
+    ny, nz = values.shape[1:]
+    px = start[0] + i * cell
+    values[i] = FAR
+    for p in range(kind.shape[0]):
+        if px < low[p, 0] or px > high[p, 0]:
+            continue
+        j0 = max(int(np.ceil((low[p, 1] - start[1]) / cell)), 0)
+        j1 = min(int((high[p, 1] - start[1]) / cell) + 1, ny)
+        k0 = max(int(np.ceil((low[p, 2] - start[2]) / cell)), 0)
+        k1 = min(int((high[p, 2] - start[2]) / cell) + 1, nz)
+        for j in range(j0, j1):
+            py = start[1] + j * cell
+            for k in range(k0, k1):
+                d = _primitive(kind[p], origin[p], axes[p], size[p], table[p], px, py, start[2] + k * cell)
+                values[i, j, k] = _blend(values[i, j, k], d, blend[p])
+    for k in range(nz):
+        z = start[2] + k * cell
+        if z < 0.03:
+            for j in range(ny):
+                values[i, j, k] = -_blend(-values[i, j, k], z, floor_blend)
 
 
 @njit(cache=True, nogil=True)
@@ -236,45 +241,57 @@ def _value(kind, blend, origin, axes, size, table, low, high, floor_blend, x, y,
 def _project(kind, blend, origin, axes, size, table, low, high, floor_blend, points, step, limit, normals):
     """One damped Newton step of each point towards the zero set, in place; the field's unit gradient to ``normals``."""
     for i in prange(points.shape[0]):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        g = np.zeros(3)
-        mean = 0.0
-        for c in range(4):
-            sx, sy, sz = (1.0 if c in (0, 3) else -1.0), (1.0 if c in (1, 3) else -1.0), (1.0 if c in (2, 3) else -1.0)
-            v = _value(
-                kind, blend, origin, axes, size, table, low, high, floor_blend, x + sx * step, y + sy * step, z + sz * step
-            )
-            g[0] += sx * v
-            g[1] += sy * v
-            g[2] += sz * v
-            mean += 0.25 * v
-        g /= 4.0 * step
-        squared = g[0] * g[0] + g[1] * g[1] + g[2] * g[2]
-        if squared > 1e-12:
-            norm = np.sqrt(squared)
-            move = min(max(-mean / norm, -limit), limit) / norm
-            for a in range(3):
-                points[i, a] += move * g[a]
-                normals[i, a] = g[a] / norm
+        _project_one(
+            i, kind, blend, origin, axes, size, table, low, high, floor_blend, points, step, limit, normals
+        )
+
+
+@njit(cache=True, nogil=True)
+def _project_one(i, kind, blend, origin, axes, size, table, low, high, floor_blend, points, step, limit, normals):
+    x, y, z = points[i, 0], points[i, 1], points[i, 2]
+    g = np.zeros(3)
+    mean = 0.0
+    for c in range(4):
+        sx, sy, sz = (1.0 if c in (0, 3) else -1.0), (1.0 if c in (1, 3) else -1.0), (1.0 if c in (2, 3) else -1.0)
+        v = _value(
+            kind, blend, origin, axes, size, table, low, high, floor_blend, x + sx * step, y + sy * step, z + sz * step
+        )
+        g[0] += sx * v
+        g[1] += sy * v
+        g[2] += sz * v
+        mean += 0.25 * v
+    g /= 4.0 * step
+    squared = g[0] * g[0] + g[1] * g[1] + g[2] * g[2]
+    if squared > 1e-12:
+        norm = np.sqrt(squared)
+        move = min(max(-mean / norm, -limit), limit) / norm
+        for a in range(3):
+            points[i, a] += move * g[a]
+            normals[i, a] = g[a] / norm
 
 
 @njit(cache=True, nogil=True, parallel=True)
 def _nearest(kind, blend, origin, axes, size, table, low, high, points, owner, local):
     for i in prange(points.shape[0]):
-        best = np.inf
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        for p in range(kind.shape[0]):
-            if blend[p] < 0.0:
-                continue
-            if low[p, 0] <= x <= high[p, 0] and low[p, 1] <= y <= high[p, 1] and low[p, 2] <= z <= high[p, 2]:
-                d = _primitive(kind[p], origin[p], axes[p], size[p], table[p], x, y, z)
-                if d < best:
-                    best = d
-                    owner[i] = p
-        for a in range(3):
-            q = axes[owner[i], a]
-            o = origin[owner[i]]
-            local[i, a] = q[0] * (x - o[0]) + q[1] * (y - o[1]) + q[2] * (z - o[2])
+        _nearest_one(i, kind, blend, origin, axes, size, table, low, high, points, owner, local)
+
+
+@njit(cache=True, nogil=True)
+def _nearest_one(i, kind, blend, origin, axes, size, table, low, high, points, owner, local):
+    best = np.inf
+    x, y, z = points[i, 0], points[i, 1], points[i, 2]
+    for p in range(kind.shape[0]):
+        if blend[p] < 0.0:
+            continue
+        if low[p, 0] <= x <= high[p, 0] and low[p, 1] <= y <= high[p, 1] and low[p, 2] <= z <= high[p, 2]:
+            d = _primitive(kind[p], origin[p], axes[p], size[p], table[p], x, y, z)
+            if d < best:
+                best = d
+                owner[i] = p
+    for a in range(3):
+        q = axes[owner[i], a]
+        o = origin[owner[i]]
+        local[i, a] = q[0] * (x - o[0]) + q[1] * (y - o[1]) + q[2] * (z - o[2])
 
 
 def _arrays(solid: Primitives) -> tuple:

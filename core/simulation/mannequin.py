@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import MirrorScanError
 from ..mesh import Mesh
-from .distance_field import Primitives, Solid, frame_along, nearest_primitive, surface
+from .distance_field import LOFT, Primitives, Solid, frame_along, nearest_primitive, surface
 
 DRAWN_HEIGHT = 1.70
 _LIMITS = {
@@ -64,7 +64,7 @@ class Figure:
         for name, (low, high) in _LIMITS.items():
             value = getattr(self, name)
             if not low <= value <= high:
-                raise MirrorScanError(f"mannequin: {name} = {value} is outside {low:g} to {high:g}; choose a value between")
+                raise MirrorScanError(f"mannequin: {name} = {value} is not within {low:g} to {high:g}")
         for field in fields(self):
             if field.name not in _LIMITS:
                 color = getattr(self, field.name)
@@ -195,7 +195,8 @@ def _trunk(solid: Solid, f: Figure) -> None:
     stations = np.stack(((z - z[0]) / (z[-1] - z[0]), wide, wide, front, back, 0 * z, rows[:, 4]), axis=1)
     solid.loft("trunk", (0, 0, z[0]), (0, 0, z[-1]), stations, 0.02, (0.05, 0.05), 2.35, np.eye(3))
     neck = np.array([
-        (0.0, 0.090, 0.090, 0.058, 0.066, 0, 0.004), (0.25, 0.066, 0.066, 0.055, 0.058, 0, 0.002), (0.5, 0.056, 0.056, 0.054, 0.054, 0, 0.0),
+        (0.0, 0.090, 0.090, 0.058, 0.066, 0, 0.004), (0.25, 0.066, 0.066, 0.055, 0.058, 0, 0.002),
+        (0.5, 0.056, 0.056, 0.054, 0.054, 0, 0.0),
         (1.0, 0.055, 0.055, 0.056, 0.056, 0, 0.0),
     ])  # fmt: skip
     neck[:, 1:5] *= 1 + 0.5 * (g - 1)
@@ -273,7 +274,8 @@ def _arm(solid: Solid, f: Figure, side: int) -> None:
     upper[:, 1:5] *= g
     lower[:, 1:5] *= 1 + 0.6 * (g - 1)
     solid.loft("upper arm", shoulder, elbow, upper, 0.045, (0.05, 0.03), 2.0, side=side)
-    solid.ellipsoid("upper arm", shoulder + 0.03 * along + 0.006 * up, (0.062 * g, 0.058 * g, 0.060 * g), 0.05, side=side)
+    deltoid = (0.062 * g, 0.058 * g, 0.060 * g)
+    solid.ellipsoid("upper arm", shoulder + 0.03 * along + 0.006 * up, deltoid, 0.05, side=side)
     solid.loft("forearm", elbow, wrist, lower, 0.018, (0.03, 0.02), 2.0, side=side)
     # The hand lies in the plane of the forearm and the forward direction, thumb ahead, fingers a little curled inward.
     thumbward = np.cos(bend) * ahead - np.sin(bend) * along
@@ -295,7 +297,8 @@ def _arm(solid: Solid, f: Figure, side: int) -> None:
     base = wrist + 0.026 * forearm + 0.022 * thumbward + 0.004 * inward
     joint = base + 0.034 * forearm + 0.034 * thumbward + 0.010 * inward
     solid.capsule("hand", base, joint, 0.0170, 0.0130, 0.016, side)
-    solid.capsule("hand", joint, joint + 0.036 * forearm + 0.010 * thumbward + 0.004 * inward, 0.0130, 0.0100, 0.006, side)
+    tip = joint + 0.036 * forearm + 0.010 * thumbward + 0.004 * inward
+    solid.capsule("hand", joint, tip, 0.0130, 0.0100, 0.006, side)
 
 
 def _head(solid: Solid) -> None:
@@ -324,20 +327,20 @@ def _head(solid: Solid) -> None:
     solid.ellipsoid("hair", (0, 0.050, 1.572), (0.0690, 0.0640, 0.0740), 0.010)
 
 
-_SEGMENTS = {"1": "bc", "2": "abged", "3": "abgcd", "4": "fgbc", "5": "afgcd", "6": "afgedc", "7": "abc", "8": "abcdefg"}
+_SEGMENTS = {"2": "abged", "3": "abgcd", "4": "fgbc"}
 
 
 def _digit(text: str, x: np.ndarray, z: np.ndarray, size: float) -> np.ndarray:
     """True where (x, z) lies on the strokes of a seven-segment digit of height ``size`` about the origin."""
     h, w, t = size / 2, size * 0.28, size * 0.075
     bars = {
-        "a": (0, h, w, t), "g": (0, 0, w, t), "d": (0, -h, w, t), "b": (w, h / 2, t, h / 2), "c": (w, -h / 2, t, h / 2),
-        "f": (-w, h / 2, t, h / 2), "e": (-w, -h / 2, t, h / 2),
+        "a": (0, h, w + t, t), "g": (0, 0, w + t, t), "d": (0, -h, w + t, t), "b": (w, h / 2, t, h / 2),
+        "c": (w, -h / 2, t, h / 2), "f": (-w, h / 2, t, h / 2), "e": (-w, -h / 2, t, h / 2),
     }  # fmt: skip
     on = np.zeros(x.shape, dtype=bool)
     for segment in _SEGMENTS[text]:
-        cx, cz, hx, hz = bars[segment]
-        on |= (np.abs(x - cx) < max(hx, t) + (t if hx > t else 0)) & (np.abs(z - cz) < hz + t * (hz <= t) * 0)
+        cx, cz, half_x, half_z = bars[segment]
+        on |= (np.abs(x - cx) < half_x) & (np.abs(z - cz) < half_z)
     return on
 
 
@@ -354,7 +357,7 @@ def _paint(f: Figure, names: list[str], primitives: Primitives, points: np.ndarr
         colors[where] = color
 
     trunk, upper = name == "trunk", name == "upper arm"
-    lofts = np.array([k == 2 for k in primitives.kind])[owner]
+    lofts = primitives.kind[owner] == LOFT
     sleeve = upper & (~lofts | (local[:, 2] < 0.56 * length))
     shirt = (trunk & (z > 0.965)) | sleeve
     collar = (x / 0.085) ** 2 + ((y - 0.018) / 0.078) ** 2 + ((z - 1.475) / 0.062) ** 2 < 1
@@ -374,7 +377,8 @@ def _paint(f: Figure, names: list[str], primitives: Primitives, points: np.ndarr
     legs = (name == "thigh") | (name == "calf") | (trunk & (z <= 0.965))
     fill(legs, f.trousers)
     fill(legs & (z > 0.935), (52, 36, 26))
-    seam = legs & lofts & ~trunk & (np.abs(local[:, 1]) < 0.011) & (local[:, 0] * np.sign(x) * np.sign(primitives.axes[owner, 0, 0]) > 0)
+    outside = local[:, 0] * np.sign(x) * np.sign(primitives.axes[owner, 0, 0]) > 0
+    seam = legs & lofts & ~trunk & (np.abs(local[:, 1]) < 0.011) & outside
     fill(seam & left, (60, 190, 110))
     fill(seam & ~left, (225, 70, 60))
     fill(trunk & (y < 0) & (np.abs(x) < 0.022) & (np.abs(z - 0.95) < 0.014), (200, 178, 90))
@@ -391,7 +395,8 @@ def _paint(f: Figure, names: list[str], primitives: Primitives, points: np.ndarr
     face = head & (hy < -0.03)
     dx = np.abs(hx) - 0.0305
     fill(face & (np.abs(hx) < 0.026) & (np.abs(z - 1.5275) < 0.0085 - 0.12 * np.abs(hx)), (178, 84, 80))
-    fill(face & (np.abs(z - 1.6175 + 4.0 * (dx - 0.002) ** 2) < 0.0042) & (np.abs(dx - 0.001) < 0.019), np.multiply(f.hair, 0.8))
+    brow = (np.abs(z - 1.6175 + 4.0 * (dx - 0.002) ** 2) < 0.0042) & (np.abs(dx - 0.001) < 0.019)
+    fill(face & brow, np.multiply(f.hair, 0.8))
     eye = face & ((dx / 0.0150) ** 2 + ((z - 1.5935) / 0.0066) ** 2 < 1)
     fill(eye, (246, 244, 240))
     fill(eye & (dx**2 + (z - 1.594) ** 2 < 0.0060**2), (40, 60, 70))

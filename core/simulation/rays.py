@@ -85,10 +85,10 @@ def lit(sight: Sight, bvh: Bvh, rig: Rig, baseline: float) -> np.ndarray:
     light = np.zeros((*sight.depth.shape, 1 + len(rig.mirrors)), dtype=np.float32)
     projector = pose[:3, 3] + baseline * pose[:3, 0]
     # The pattern reaches a little further than the picture.
-    reach = 1.06 * np.array([
-        -lens.cx / lens.fx, (lens.width - 1 - lens.cx) / lens.fx, -lens.cy / lens.fy, (lens.height - 1 - lens.cy) / lens.fy
-    ])  # fmt: skip
-    _light(bvh, _mirror_rows(rig), projector, pose[:3, :3].copy(), reach, sight.object, sight.point, sight.normal, light)
+    right, down = lens.width - 1 - lens.cx, lens.height - 1 - lens.cy
+    reach = 1.06 * np.array([-lens.cx / lens.fx, right / lens.fx, -lens.cy / lens.fy, down / lens.fy])
+    turn = pose[:3, :3].copy()
+    _light(bvh, _mirror_rows(rig), projector, turn, reach, sight.object, sight.point, sight.normal, light)
     return light
 
 
@@ -176,92 +176,102 @@ def _mirror(row, origin, direction, t_max, local_o, local_d, low, high, normal):
     return best, what
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, parallel=True)
 def _look(
     bvh, triangles, vertex_normals, vertex_colors, mirrors, room, eye, turn, fx, fy, cx, cy,
     depth, kind, index, view, bounces, incidence, color, point, normals,
 ):  # fmt: skip
-    height, width = depth.shape
-    for v in prange(height):
-        stack = np.empty(STACK, dtype=np.int32)
-        o, d, n, m, shade, tint = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-        s0, s1, s2, s3 = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-        for u in range(width):
-            ray_x, ray_y = (u - cx) / fx, (v - cy) / fy
+    for v in prange(depth.shape[0]):
+        _look_row(
+            v, bvh, triangles, vertex_normals, vertex_colors, mirrors, room, eye, turn, fx, fy, cx, cy,
+            depth, kind, index, view, bounces, incidence, color, point, normals,
+        )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _look_row(
+    v, bvh, triangles, vertex_normals, vertex_colors, mirrors, room, eye, turn, fx, fy, cx, cy,
+    depth, kind, index, view, bounces, incidence, color, point, normals,
+):  # fmt: skip
+    stack = np.empty(STACK, dtype=np.int32)
+    o, d, n, m, shade, tint = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    s0, s1, s2, s3 = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for u in range(depth.shape[1]):
+        ray_x, ray_y = (u - cx) / fx, (v - cy) / fy
+        for a in range(3):
+            o[a] = eye[a]
+            d[a] = turn[a, 0] * ray_x + turn[a, 1] * ray_y + turn[a, 2]
+        # The camera-frame ray has z = 1 and reflection keeps its length, so t along the folded path is depth.
+        length = np.sqrt(ray_x * ray_x + ray_y * ray_y + 1.0)
+        travelled, first, bounce = 0.0, 0, 0
+        while bounce <= MAX_BOUNCES:
+            t, tri, wb, wc = raycast_one(bvh, o[0], o[1], o[2], d[0], d[1], d[2], np.inf, stack)
+            what, which = NOTHING, -1
+            if tri >= 0:
+                what, which = BODY, tri
             for a in range(3):
-                o[a] = eye[a]
-                d[a] = turn[a, 0] * ray_x + turn[a, 1] * ray_y + turn[a, 2]
-            # The camera-frame ray has z = 1 and reflection keeps its length, so t along the folded path is depth.
-            length = np.sqrt(ray_x * ray_x + ray_y * ray_y + 1.0)
-            travelled, first, bounce = 0.0, 0, 0
-            while bounce <= MAX_BOUNCES:
-                t, tri, wb, wc = raycast_one(bvh, o[0], o[1], o[2], d[0], d[1], d[2], np.inf, stack)
-                what, which = NOTHING, -1
-                if tri >= 0:
-                    what, which = BODY, tri
+                if d[a] != 0.0:
+                    side = a if d[a] < 0.0 else a + 3
+                    reach = (room[side] - o[a]) / d[a]
+                    if 1e-9 < reach < t:
+                        t, which = reach, side
+                        what = FLOOR if side == 2 else WALL
+                        n[:] = 0.0
+                        n[a] = 1.0 if d[a] < 0.0 else -1.0
+            glass = -1
+            for j in range(mirrors.shape[0]):
+                at, hit = _mirror(mirrors[j], o, d, t, s0, s1, s2, s3, m)
+                if hit == 1:
+                    t, glass = at, j
+                elif hit == 2:
+                    t, which, what, glass = at, j, FRAME, -1
+                    n[:] = m
+            travelled += t
+            if glass >= 0:
+                if first == 0:
+                    first = glass + 1
+                along = 0.0
                 for a in range(3):
-                    if d[a] != 0.0:
-                        side = a if d[a] < 0.0 else a + 3
-                        reach = (room[side] - o[a]) / d[a]
-                        if 1e-9 < reach < t:
-                            t, which = reach, side
-                            what = FLOOR if side == 2 else WALL
-                            n[:] = 0.0
-                            n[a] = 1.0 if d[a] < 0.0 else -1.0
-                glass = -1
-                for j in range(mirrors.shape[0]):
-                    at, hit = _mirror(mirrors[j], o, d, t, s0, s1, s2, s3, m)
-                    if hit == 1:
-                        t, glass = at, j
-                    elif hit == 2:
-                        t, which, what, glass = at, j, FRAME, -1
-                        n[:] = m
-                travelled += t
-                if glass >= 0:
-                    if first == 0:
-                        first = glass + 1
-                    along = 0.0
-                    for a in range(3):
-                        o[a] += t * d[a]
-                        along += d[a] * mirrors[glass, 9 + a]
-                    for a in range(3):
-                        d[a] -= 2.0 * along * mirrors[glass, 9 + a]
-                        o[a] += 1e-9 * mirrors[glass, 9 + a]
-                    bounce += 1
-                    continue
-                break
-            view[v, u], bounces[v, u] = first, bounce
-            if bounce > MAX_BOUNCES or what == NOTHING or not np.isfinite(travelled):
+                    o[a] += t * d[a]
+                    along += d[a] * mirrors[glass, 9 + a]
+                for a in range(3):
+                    d[a] -= 2.0 * along * mirrors[glass, 9 + a]
+                    o[a] += 1e-9 * mirrors[glass, 9 + a]
+                bounce += 1
                 continue
-            if what == BODY:
-                i, j, k = triangles[which, 0], triangles[which, 1], triangles[which, 2]
-                wa = 1.0 - wb - wc
-                for a in range(3):
-                    shade[a] = wa * vertex_normals[i, a] + wb * vertex_normals[j, a] + wc * vertex_normals[k, a]
-                    tint[a] = wa * vertex_colors[i, a] + wb * vertex_colors[j, a] + wc * vertex_colors[k, a]
-                    n[a] = shade[a]
-            px, py, pz = o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]
-            if what == FLOOR:
-                light = 0.92 if (int(np.floor(px / 0.6)) + int(np.floor(py / 0.6))) % 2 == 0 else 1.0
-                tint[0], tint[1], tint[2] = 118.0 * light, 106.0 * light, 94.0 * light
-            elif what == WALL:
-                tint[0], tint[1], tint[2] = 206.0, 206.0, 202.0
-            elif what == FRAME:
-                tint[0], tint[1], tint[2] = 66.0, 44.0, 28.0
-            facing = -(n[0] * d[0] + n[1] * d[1] + n[2] * d[2]) / length
-            turned = 1.0
-            if facing < 0.0:
-                facing, turned = -facing, -1.0
-            # A soft key light from above and ahead, a lamp at the camera, and the room's own glow.
-            key = max(turned * (-0.35 * n[0] - 0.45 * n[1] + 0.82 * n[2]), 0.0)
-            bright = (0.42 + 0.30 * key + 0.34 * facing) * SILVER**bounce
-            norm = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
-            depth[v, u], kind[v, u], index[v, u] = travelled, what, which
-            incidence[v, u] = np.arccos(min(facing / norm, 1.0))
-            point[v, u, 0], point[v, u, 1], point[v, u, 2] = px, py, pz
+            break
+        view[v, u], bounces[v, u] = first, bounce
+        if bounce > MAX_BOUNCES or what == NOTHING or not np.isfinite(travelled):
+            continue
+        if what == BODY:
+            i, j, k = triangles[which, 0], triangles[which, 1], triangles[which, 2]
+            wa = 1.0 - wb - wc
             for a in range(3):
-                color[v, u, a] = np.uint8(min(max(tint[a] * bright + 0.5, 0.0), 255.0))
-                normals[v, u, a] = turned * n[a] / norm
+                shade[a] = wa * vertex_normals[i, a] + wb * vertex_normals[j, a] + wc * vertex_normals[k, a]
+                tint[a] = wa * vertex_colors[i, a] + wb * vertex_colors[j, a] + wc * vertex_colors[k, a]
+                n[a] = shade[a]
+        px, py, pz = o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]
+        if what == FLOOR:
+            light = 0.92 if (int(np.floor(px / 0.6)) + int(np.floor(py / 0.6))) % 2 == 0 else 1.0
+            tint[0], tint[1], tint[2] = 118.0 * light, 106.0 * light, 94.0 * light
+        elif what == WALL:
+            tint[0], tint[1], tint[2] = 206.0, 206.0, 202.0
+        elif what == FRAME:
+            tint[0], tint[1], tint[2] = 66.0, 44.0, 28.0
+        facing = -(n[0] * d[0] + n[1] * d[1] + n[2] * d[2]) / length
+        turned = 1.0
+        if facing < 0.0:
+            facing, turned = -facing, -1.0
+        # A soft key light from above and ahead, a lamp at the camera, and the room's own glow.
+        key = max(turned * (-0.35 * n[0] - 0.45 * n[1] + 0.82 * n[2]), 0.0)
+        bright = (0.42 + 0.30 * key + 0.34 * facing) * SILVER**bounce
+        norm = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+        depth[v, u], kind[v, u], index[v, u] = travelled, what, which
+        incidence[v, u] = np.arccos(min(facing / norm, 1.0))
+        point[v, u, 0], point[v, u, 1], point[v, u, 2] = px, py, pz
+        for a in range(3):
+            color[v, u, a] = np.uint8(min(max(tint[a] * bright + 0.5, 0.0), 255.0))
+            normals[v, u, a] = turned * n[a] / norm
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -276,60 +286,63 @@ def _blocked(bvh, mirrors, a, b, through, stack, d, s0, s1, s2, s3, m):
     return raycast_one(bvh, a[0], a[1], a[2], d[0], d[1], d[2], 1.0 - 1e-6, stack)[1] >= 0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, parallel=True)
 def _light(bvh, mirrors, projector, turn, reach, kind, point, normals, light):
-    height, width = kind.shape
-    ways = light.shape[2]
-    for v in prange(height):
-        stack = np.empty(STACK, dtype=np.int32)
-        p, q, s, d, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-        s0, s1, s2, s3 = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-        for u in range(width):
-            if kind[v, u] == NOTHING:
-                continue
+    for v in prange(kind.shape[0]):
+        _light_row(v, bvh, mirrors, projector, turn, reach, kind, point, normals, light)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _light_row(v, bvh, mirrors, projector, turn, reach, kind, point, normals, light):
+    stack = np.empty(STACK, dtype=np.int32)
+    p, q, s, d, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    s0, s1, s2, s3 = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for u in range(kind.shape[1]):
+        if kind[v, u] == NOTHING:
+            continue
+        for a in range(3):
+            p[a] = point[v, u, a] + _NUDGE * normals[v, u, a]
+        for way in range(light.shape[2]):
+            s[:] = projector
+            if way > 0:
+                off = 0.0
+                for a in range(3):
+                    off += mirrors[way - 1, 9 + a] * (projector[a] - mirrors[way - 1, a])
+                if off <= 0.0:
+                    continue
+                for a in range(3):
+                    s[a] -= 2.0 * off * mirrors[way - 1, 9 + a]
+            squared, facing = 0.0, 0.0
             for a in range(3):
-                p[a] = point[v, u, a] + _NUDGE * normals[v, u, a]
-            for way in range(ways):
-                s[:] = projector
-                if way > 0:
-                    off = 0.0
-                    for a in range(3):
-                        off += mirrors[way - 1, 9 + a] * (projector[a] - mirrors[way - 1, a])
-                    if off <= 0.0:
-                        continue
-                    for a in range(3):
-                        s[a] -= 2.0 * off * mirrors[way - 1, 9 + a]
-                squared, facing = 0.0, 0.0
+                squared += (s[a] - p[a]) ** 2
+                facing += (s[a] - p[a]) * normals[v, u, a]
+            if facing <= 0.0:
+                continue
+            q[:] = p
+            if way > 0:
+                above, below = 0.0, 0.0
                 for a in range(3):
-                    squared += (s[a] - p[a]) ** 2
-                    facing += (s[a] - p[a]) * normals[v, u, a]
-                if facing <= 0.0:
+                    above += mirrors[way - 1, 9 + a] * (p[a] - mirrors[way - 1, a])
+                    below += mirrors[way - 1, 9 + a] * (s[a] - mirrors[way - 1, a])
+                if above <= 0.0:
                     continue
-                q[:] = p
-                if way > 0:
-                    above, below = 0.0, 0.0
-                    for a in range(3):
-                        above += mirrors[way - 1, 9 + a] * (p[a] - mirrors[way - 1, a])
-                        below += mirrors[way - 1, 9 + a] * (s[a] - mirrors[way - 1, a])
-                    if above <= 0.0:
-                        continue
-                    share = above / (above - below)
-                    right, up = 0.0, 0.0
-                    for a in range(3):
-                        q[a] = p[a] + share * (s[a] - p[a])
-                        right += mirrors[way - 1, 3 + a] * (q[a] - mirrors[way - 1, a])
-                        up += mirrors[way - 1, 6 + a] * (q[a] - mirrors[way - 1, a])
-                    if abs(right) > mirrors[way - 1, 12] or abs(up) > mirrors[way - 1, 13]:
-                        continue
-                x, y, z = 0.0, 0.0, 0.0
+                share = above / (above - below)
+                right, up = 0.0, 0.0
                 for a in range(3):
-                    x += turn[a, 0] * (q[a] - projector[a])
-                    y += turn[a, 1] * (q[a] - projector[a])
-                    z += turn[a, 2] * (q[a] - projector[a])
-                if z <= 0.0 or x < reach[0] * z or x > reach[1] * z or y < reach[2] * z or y > reach[3] * z:
+                    q[a] = p[a] + share * (s[a] - p[a])
+                    right += mirrors[way - 1, 3 + a] * (q[a] - mirrors[way - 1, a])
+                    up += mirrors[way - 1, 6 + a] * (q[a] - mirrors[way - 1, a])
+                if abs(right) > mirrors[way - 1, 12] or abs(up) > mirrors[way - 1, 13]:
                     continue
-                if way > 0 and _blocked(bvh, mirrors, p, q, way - 1, stack, d, s0, s1, s2, s3, m):
-                    continue
-                if _blocked(bvh, mirrors, projector, q, way - 1, stack, d, s0, s1, s2, s3, m):
-                    continue
-                light[v, u, way] = facing / squared**1.5
+            x, y, z = 0.0, 0.0, 0.0
+            for a in range(3):
+                x += turn[a, 0] * (q[a] - projector[a])
+                y += turn[a, 1] * (q[a] - projector[a])
+                z += turn[a, 2] * (q[a] - projector[a])
+            if z <= 0.0 or x < reach[0] * z or x > reach[1] * z or y < reach[2] * z or y > reach[3] * z:
+                continue
+            if way > 0 and _blocked(bvh, mirrors, p, q, way - 1, stack, d, s0, s1, s2, s3, m):
+                continue
+            if _blocked(bvh, mirrors, projector, q, way - 1, stack, d, s0, s1, s2, s3, m):
+                continue
+            light[v, u, way] = facing / squared**1.5

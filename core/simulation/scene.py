@@ -45,10 +45,12 @@ class FramedMirror:
     frame_depth: float = 0.0
 
     def __post_init__(self) -> None:
-        numbers = (*self.centre, *self.normal, *self.up, self.width, self.height, self.frame_width, self.frame_depth)
-        if not np.isfinite(numbers).all() or min(self.width, self.height) <= 0 or min(self.frame_width, self.frame_depth) < 0:
+        sizes = (self.width, self.height, self.frame_width, self.frame_depth)
+        finite = np.isfinite((*self.centre, *self.normal, *self.up, *sizes)).all()
+        if not finite or min(sizes[:2]) <= 0 or min(sizes[2:]) < 0:
             raise MirrorScanError(f"rig: mirror '{self.name}' has a size or place that is no positive, finite number")
-        if np.linalg.norm(np.cross(self.up, self.normal)) < 1e-6 * np.linalg.norm(self.up) * np.linalg.norm(self.normal) + 1e-12:
+        lengths = np.linalg.norm(self.up) * np.linalg.norm(self.normal)
+        if np.linalg.norm(np.cross(self.up, self.normal)) <= 1e-6 * lengths:
             raise MirrorScanError(f"rig: mirror '{self.name}': up and normal are parallel or zero; turn one of them")
 
     @property
@@ -191,7 +193,7 @@ def default_rig(
     leans = np.broadcast_to(lean_deg, len(angles))
     camera = np.array([0.0, -subject_distance, camera_height])
     framed = []
-    for i, (angle, lean) in enumerate(zip(angles, leans, strict=True)):
+    for angle, lean in zip(angles, leans, strict=True):
         if not 60.0 < abs(angle) <= 180.0 or path_length <= subject_distance:
             raise MirrorScanError(
                 f"rig: no mirror gives a view at {angle:g}° over {path_length:g} m; use 60° to 180° and a path "
@@ -215,6 +217,6 @@ def default_rig(
     ys = [m.centre[1] + 1.0 for m in framed] + [2.8]
     room = (-max(xs), max(xs), -subject_distance - 2.0, max(ys), 2.8)
     return Rig(
-        find_sensor(sensor).intrinsics, tuple(camera), tuple(framed), 0.0, tilt_deg, roll_deg, True, room, sensor, frames,
-        seed, interference,
+        find_sensor(sensor).intrinsics, tuple(camera), tuple(framed), tilt_deg=tilt_deg, roll_deg=roll_deg, room=room,
+        sensor=sensor, frames=frames, seed=seed, interference=interference,
     )  # fmt: skip

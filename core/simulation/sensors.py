@@ -64,7 +64,7 @@ class Sensor:
 
 _AZURE = Sensor(
     Intrinsics(640, 576, 504.0, 504.0, 319.5, 287.5), 0.5, 6.0, axial_noise=(0.0012, 0.0003),
-    flying=0.3, dropped=0.25, max_incidence_deg=86.0, dropout=0.0005,
+    flying=0.2, dropped=0.1, max_incidence_deg=86.0, dropout=0.0005,
 )  # fmt: skip
 
 SENSORS: dict[str, Sensor] = {

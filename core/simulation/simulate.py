@@ -22,8 +22,10 @@ from .sensors import find_sensor, measure
 PICKS = 8
 PICK_JITTER = 0.7
 """How far a click misses, each way [px]."""
-INTERFERENCE_RATIO = 0.05
-"""A second way of the light this strong, relative to the reading's own, spoils it."""
+INTERFERENCE_RATIO = 0.4
+"""Light by other ways this strong, relative to the reading's own, spoils it.
+
+It leaves the gaps of some centimetres between the views that Kinect v1 captures with mirrors show."""
 
 
 @dataclass(frozen=True)
@@ -111,9 +113,12 @@ def _plane(mirror: FramedMirror, avatar_to_camera: np.ndarray) -> MirrorPicks:
 
 
 def _picks(
-    mirror: FramedMirror, index: int, lens: Intrinsics, avatar_to_camera: np.ndarray, sight: Sight, rng: np.random.Generator
-) -> MirrorPicks | None:
+    mirror: FramedMirror, index: int, lens: Intrinsics, avatar_to_camera: np.ndarray, sight: Sight,
+    rng: np.random.Generator,
+) -> MirrorPicks | None:  # fmt: skip
     """Clicks along the middle of the moulding where it is seen directly; None with fewer than 3 to be had."""
+    if mirror.frame_width == 0:
+        return None
     right, up, normal = mirror.axes
     w, h = (mirror.width + mirror.frame_width) / 2, (mirror.height + mirror.frame_width) / 2
     corners = np.array([(-w, -h), (w, -h), (w, h), (-w, h), (-w, -h)])
@@ -165,9 +170,10 @@ def write_simulation(simulation: Simulation, folder: str | os.PathLike) -> None:
             for m in capture.mirrors
         ]
         _write_json(folder / "mirrors.json", {"mirrors": mirrors})
+        planes = [{"name": m.name, "point": m.point.tolist(), "normal": m.normal.tolist()} for m in truth.mirrors]
         _write_json(folder / "truth" / "rig.json", {
             "frame": "camera: x right, y down, z forward, metres",
-            "mirrors": [{"name": m.name, "point": m.point.tolist(), "normal": m.normal.tolist()} for m in truth.mirrors],
+            "mirrors": planes,
             "camera_to_avatar": truth.camera_to_avatar.tolist(),
             "sensor": rig.sensor, "frames": rig.frames, "seed": rig.seed,
         })  # fmt: skip

@@ -1,0 +1,160 @@
+"""Thin-plate fairing: made surface continues the tangent planes around it, measured surface holds its place."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def neighbours(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np.ndarray]:
+    """One-rings as CSR arrays (start (V+1,), neighbour (E,)); an edge with one triangle counts like any other. O(T)."""
+    start = np.zeros(vertex_count + 1, np.int64)
+    for t in range(len(triangles)):
+        for k in range(3):
+            start[triangles[t, k] + 1] += 2
+    for v in range(vertex_count):
+        start[v + 1] += start[v]
+    heads = np.empty(start[-1], np.int64)
+    count = np.zeros(vertex_count, np.int64)
+    for t in range(len(triangles)):
+        for k in range(3):
+            i = triangles[t, k]
+            for j in (triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]):
+                known = False
+                for e in range(start[i], start[i] + count[i]):
+                    if heads[e] == j:
+                        known = True
+                        break
+                if not known:
+                    heads[start[i] + count[i]] = j
+                    count[i] += 1
+    packed = np.zeros(vertex_count + 1, np.int64)
+    out = np.empty(count.sum(), np.int64)
+    for v in range(vertex_count):
+        packed[v + 1] = packed[v] + count[v]
+        out[packed[v] : packed[v + 1]] = heads[start[v] : start[v] + count[v]]
+    return packed, out
+
+
+def fair(vertices: np.ndarray, triangles: np.ndarray, stiffness: np.ndarray, iterations: int = 200) -> np.ndarray:
+    """Move vertices so that the surface bends least (thin plate), each held to its place by its stiffness.
+
+    Minimises Σ|L p|² + Σ stiffness²·|p − p₀|² with L the scale-dependent umbrella (Desbrun et al. 1999), by conjugate
+    gradients on the normal equations; vertices of infinite stiffness do not move, so that what is filled continues the
+    tangent planes around it.
+
+    Parameters
+    ----------
+    vertices : np.ndarray [shape=(V, 3)]
+    triangles : np.ndarray [shape=(T, 3)]
+    stiffness : np.ndarray [shape=(V,)]
+        0 = free, ∞ = fixed.
+
+    Returns
+    -------
+    np.ndarray [shape=(V, 3)]
+        O(iterations · free vertices) time.
+    """
+    free = np.isfinite(stiffness)
+    if not free.any():
+        return vertices
+    touched = free[triangles].any(axis=1)
+    near = np.zeros(len(vertices), np.bool_)
+    near[triangles[touched]] = True
+    around = near[triangles].any(axis=1)  # one-rings of the touched vertices are complete here
+    in_use = np.zeros(len(vertices), np.bool_)
+    in_use[triangles[around]] = True
+    used = np.flatnonzero(in_use)
+    local = (np.cumsum(in_use) - 1)[triangles[around]]
+    start, heads = neighbours(local, len(used))
+    moved = _fair_kernel(
+        vertices[used].copy(), start, heads, free[used], np.where(free[used], stiffness[used], 0.0), near[used], iterations
+    )
+    out = vertices.copy()
+    out[used] = moved
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _laplace(p, start, heads, weight, rows, out):
+    for i in range(len(rows)):
+        if not rows[i]:
+            out[i] = 0.0
+            continue
+        for c in range(3):
+            out[i, c] = -p[i, c]
+        for e in range(start[i], start[i + 1]):
+            for c in range(3):
+                out[i, c] += weight[e] * p[heads[e], c]
+
+
+@njit(cache=True, nogil=True)
+def _laplace_transposed(q, start, heads, weight, rows, out):
+    out[:] = 0.0
+    for i in range(len(rows)):
+        if not rows[i]:
+            continue
+        for c in range(3):
+            out[i, c] -= q[i, c]
+        for e in range(start[i], start[i + 1]):
+            for c in range(3):
+                out[heads[e], c] += weight[e] * q[i, c]
+
+
+@njit(cache=True, nogil=True)
+def _fair_kernel(p, start, heads, free, stiffness, rows, iterations):
+    count = len(p)
+    weight = np.empty(len(heads))
+    for i in range(count):
+        total = 0.0
+        for e in range(start[i], start[i + 1]):
+            d = 0.0
+            for c in range(3):
+                d += (p[i, c] - p[heads[e], c]) ** 2
+            weight[e] = 1.0 / (np.sqrt(d) + 1e-5)
+            total += weight[e]
+        for e in range(start[i], start[i + 1]):
+            weight[e] /= total
+    lap = np.empty((count, 3))
+    gradient = np.empty((count, 3))
+    # residual of the normal equations at p0: -LᵀL p0 on the free vertices
+    _laplace(p, start, heads, weight, rows, lap)
+    _laplace_transposed(lap, start, heads, weight, rows, gradient)
+    r = np.zeros((count, 3))
+    for i in range(count):
+        if free[i]:
+            for c in range(3):
+                r[i, c] = -gradient[i, c]
+    direction = r.copy()
+    norm = (r * r).sum()
+    first = norm
+    step = np.zeros((count, 3))
+    for _ in range(iterations):
+        if norm <= 1e-8 * first or norm == 0:
+            break
+        _laplace(direction, start, heads, weight, rows, lap)
+        _laplace_transposed(lap, start, heads, weight, rows, gradient)
+        curvature = 0.0
+        for i in range(count):
+            if free[i]:
+                for c in range(3):
+                    gradient[i, c] += stiffness[i] ** 2 * direction[i, c]
+                    curvature += direction[i, c] * gradient[i, c]
+        if curvature <= 0:
+            break
+        alpha = norm / curvature
+        new_norm = 0.0
+        for i in range(count):
+            if free[i]:
+                for c in range(3):
+                    step[i, c] += alpha * direction[i, c]
+                    r[i, c] -= alpha * gradient[i, c]
+                    new_norm += r[i, c] ** 2
+        beta = new_norm / norm
+        norm = new_norm
+        for i in range(count):
+            if free[i]:
+                for c in range(3):
+                    direction[i, c] = r[i, c] + beta * direction[i, c]
+    return p + step

@@ -1,0 +1,253 @@
+"""Boundary loops → triangles of least weight (Barequet and Sharir 1995, Liepa 2003), kept out of space seen to be empty."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from .freespace import bridge_is_free
+from .mesh import FILL, Mesh, boundary_loops, twins
+from .overlap import ViewMaps
+
+
+def fill_loops(mesh: Mesh, maps: ViewMaps | None, largest: int = 64, diameter: float = np.inf) -> Mesh:
+    """Close boundary loops by the triangulation of least weight.
+
+    The weight sums area and bending over all triangles; chords through space that a view saw to be empty weigh tenfold.
+    A chord that is already an edge of the mesh is not used; a loop that cannot do without gets a vertex in its middle.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Edges with at most two triangles, consistently wound.
+    maps : ViewMaps or None
+        What the views saw.
+    largest : int
+        Loops of more vertices are first cut in two by the chord that is shortest for the run it cuts off.
+    diameter : float
+        Only loops whose bounding box is smaller than this along its diagonal are closed [m].
+
+    Returns
+    -------
+    Mesh
+        Its new triangles are of kind ``FILL``, its new vertices of view -1.
+
+    Notes
+    -----
+    O(n³) time and O(n²) memory for a loop of n ≤ ``largest`` vertices.
+    """
+    loops = boundary_loops(mesh.triangles, len(mesh.vertices))
+    if np.isfinite(diameter):
+        loops = [loop for loop in loops if np.linalg.norm(np.ptp(mesh.vertices[loop], axis=0)) < diameter]
+    if not loops:
+        return mesh
+    flat = np.concatenate(loops)
+    starts = np.concatenate(([0], np.cumsum([len(loop) for loop in loops])))
+    rim = _rim_normals(mesh.vertices, mesh.triangles, twins(mesh.triangles, len(mesh.vertices)), flat, starts)
+    view = _no_view() if maps is None else _view_arguments(maps)
+    fill, centers, around, around_of = _fill_kernel(mesh.vertices, mesh.triangles, flat, starts, rim, largest, *view)
+    vertices, colors, from_view = mesh.vertices, mesh.colors, mesh.view
+    if len(centers):
+        vertices = np.concatenate((vertices, centers))
+        from_view = np.concatenate((from_view, np.full(len(centers), -1, np.int8)))
+        if colors is not None:
+            share = np.stack([np.bincount(around_of, colors[around, c], len(centers)) for c in range(3)], axis=1)
+            share /= np.bincount(around_of, minlength=len(centers))[:, None]
+            colors = np.concatenate((colors, np.rint(share).astype(np.uint8)))
+    return Mesh(
+        vertices,
+        np.concatenate((mesh.triangles, fill)),
+        colors,
+        from_view,
+        np.concatenate((mesh.kind, np.full(len(fill), FILL, np.int8))),
+    )
+
+
+def _view_arguments(maps: ViewMaps) -> tuple:
+    k = maps.intrinsics
+    return maps.to_view, maps.depth, maps.seen, k.fx, k.fy, k.cx, k.cy, maps.noise
+
+
+def _no_view() -> tuple:
+    """Arguments of a camera that sees nothing."""
+    return np.empty((0, 4, 4)), np.zeros((1, 1), np.float32), np.zeros((1, 1), np.int8), 1.0, 1.0, 0.0, 0.0, np.empty(0)
+
+
+@njit(cache=True, nogil=True)
+def _rim_normals(vertices, triangles, twin, flat, starts):
+    """Unit normal of the triangle at each loop edge (entry → next entry)."""
+    count = len(vertices)
+    of = dict()
+    of[np.int64(-1)] = np.int64(-1)
+    for e in range(len(twin)):
+        if twin[e] == -1:
+            of[np.int64(triangles[e // 3, e % 3]) * count + triangles[e // 3, (e % 3 + 1) % 3]] = np.int64(e // 3)
+    rim = np.zeros((len(flat), 3))
+    for loop in range(len(starts) - 1):
+        n = starts[loop + 1] - starts[loop]
+        for k in range(n):
+            i, j = flat[starts[loop] + k], flat[starts[loop] + (k + 1) % n]
+            key = np.int64(i) * count + j
+            if key in of:
+                t = of[key]
+                nx, ny, nz = _cross(vertices, triangles[t, 0], triangles[t, 1], triangles[t, 2])
+                length = np.sqrt(nx * nx + ny * ny + nz * nz) + 1e-30
+                rim[starts[loop] + k, 0] = nx / length
+                rim[starts[loop] + k, 1] = ny / length
+                rim[starts[loop] + k, 2] = nz / length
+    return rim
+
+
+@njit(cache=True, nogil=True)
+def _cross(points, i, j, k):
+    ax, ay, az = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
+    bx, by, bz = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], points[k, 2] - points[i, 2]
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+@njit(cache=True, nogil=True)
+def _key(i, j, count):
+    return np.int64(min(i, j)) * count + max(i, j)
+
+
+@njit(cache=True, nogil=True)
+def _fill_kernel(vertices, triangles, flat, starts, rim, largest, to_view, depth, seen, fx, fy, cx, cy, noise):
+    count = len(vertices)
+    on_loop = np.zeros(count, np.bool_)
+    for v in flat:
+        on_loop[v] = True
+    taken = dict()  # edges a chord must not repeat
+    taken[np.int64(-1)] = True
+    for t in range(len(triangles)):
+        for k in range(3):
+            i, j = triangles[t, k], triangles[t, (k + 1) % 3]
+            if on_loop[i] and on_loop[j]:
+                taken[_key(i, j, count)] = True
+    out = np.empty((2 * len(flat), 3), np.int32)
+    n_out = 0
+    centers = np.empty((len(flat), 3))  # cutting a loop repeats the ends of its chords, so twice is room enough
+    around = np.empty(2 * len(flat), np.int32)
+    around_of = np.empty(2 * len(flat), np.int32)
+    n_centers = n_around = 0
+    for loop in range(len(starts) - 1):
+        whole = np.arange(starts[loop], starts[loop + 1])
+        edge = whole.copy()  # the rim normal of the edge that leaves each entry, -1 along a chord
+        todo = [(whole, edge)]
+        while len(todo) > 0:
+            piece, edge = todo.pop()
+            n = len(piece)
+            if n > largest:
+                i, j = _best_chord(vertices, flat, piece, taken, count)
+                if i >= 0:
+                    taken[_key(flat[piece[i]], flat[piece[j]], count)] = True
+                    one_edge = edge[i : j + 1].copy()
+                    one_edge[-1] = -1
+                    two_edge = np.concatenate((edge[j:], edge[: i + 1]))
+                    two_edge[-1] = -1
+                    todo.append((piece[i : j + 1].copy(), one_edge))
+                    todo.append((np.concatenate((piece[j:], piece[: i + 1])), two_edge))
+                    continue
+            points = np.empty((n, 3))
+            normals = np.zeros((n, 3))
+            for k in range(n):
+                points[k] = vertices[flat[piece[k]]]
+                if edge[k] >= 0:
+                    normals[k] = rim[edge[k]]
+            penalty = np.ones((n, n))
+            blocked = np.zeros((n, n), np.bool_)
+            for i in range(n):
+                for j in range(i + 2, n):
+                    if i == 0 and j == n - 1:
+                        continue
+                    if _key(flat[piece[i]], flat[piece[j]], count) in taken:
+                        blocked[i, j] = True
+                    elif n > 6 and bridge_is_free(points[i], points[j], to_view, depth, seen, fx, fy, cx, cy, noise):
+                        penalty[i, j] = 10.0
+            apex = _weight_kernel(points, normals, blocked, penalty)
+            if apex[0, n - 1] >= 0:
+                stack = [(0, n - 1)]
+                while len(stack) > 0:
+                    i, j = stack.pop()
+                    if j - i < 2:
+                        continue
+                    m = apex[i, j]
+                    out[n_out, 0], out[n_out, 1], out[n_out, 2] = flat[piece[j]], flat[piece[m]], flat[piece[i]]
+                    n_out += 1
+                    taken[_key(flat[piece[i]], flat[piece[m]], count)] = True
+                    taken[_key(flat[piece[m]], flat[piece[j]], count)] = True
+                    stack.append((i, m))
+                    stack.append((m, j))
+            else:
+                center = np.zeros(3)
+                for k in range(n):
+                    center += points[k] / n
+                    around[n_around] = flat[piece[k]]
+                    around_of[n_around] = n_centers
+                    n_around += 1
+                    out[n_out, 0] = flat[piece[(k + 1) % n]]
+                    out[n_out, 1] = flat[piece[k]]
+                    out[n_out, 2] = count + n_centers
+                    n_out += 1
+                centers[n_centers] = center
+                n_centers += 1
+    return out[:n_out].copy(), centers[:n_centers].copy(), around[:n_around].copy(), around_of[:n_around].copy()
+
+
+@njit(cache=True, nogil=True)
+def _best_chord(vertices, flat, piece, taken, count):
+    n = len(piece)
+    best, bi, bj = np.inf, -1, -1
+    for i in range(n):
+        p = vertices[flat[piece[i]]]
+        for j in range(i + 2, n):
+            run = min(j - i, n - j + i)
+            if run < n // 6:
+                continue
+            q = vertices[flat[piece[j]]]
+            d = (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2
+            if d < best * run * run and _key(flat[piece[i]], flat[piece[j]], count) not in taken:
+                best, bi, bj = d / (run * run), i, j
+    return bi, bj
+
+
+@njit(cache=True, nogil=True)
+def _bend(points, p, q, nx, ny, nz, o):
+    """Cost of the fold between a triangle of unit normal n and its neighbour's o along the edge p–q."""
+    if o[0] == 0 and o[1] == 0 and o[2] == 0:
+        return 0.0
+    side = (points[p, 0] - points[q, 0]) ** 2 + (points[p, 1] - points[q, 1]) ** 2 + (points[p, 2] - points[q, 2]) ** 2
+    bend = 1.0 - (nx * o[0] + ny * o[1] + nz * o[2])
+    return 0.25 * bend * bend * side
+
+
+@njit(cache=True, nogil=True)
+def _weight_kernel(points, rim, blocked, penalty):
+    """Dynamic programme over a loop's chords: apex[i, j] is the third corner of the triangle on chord i–j (i < j)."""
+    n = len(points)
+    weight = np.full((n, n), np.inf)
+    apex = np.full((n, n), -1, np.int32)
+    normal = np.zeros((n, n, 3))  # of the triangle that closes the part between i and j
+    for i in range(n - 1):
+        weight[i, i + 1] = 0.0
+        normal[i, i + 1] = rim[i]
+    for span in range(2, n):
+        for i in range(n - span):
+            j = i + span
+            if blocked[i, j]:
+                continue
+            for m in range(i + 1, j):
+                base = weight[i, m] + weight[m, j]
+                if base >= weight[i, j]:
+                    continue
+                nx, ny, nz = _cross(points, j, m, i)  # the fill winds against the boundary
+                length = np.sqrt(nx * nx + ny * ny + nz * nz) + 1e-30
+                base += 0.5 * length * penalty[i, m] * penalty[m, j] * penalty[i, j] + 1e-9
+                nx, ny, nz = nx / length, ny / length, nz / length
+                base += _bend(points, i, m, nx, ny, nz, normal[i, m]) + _bend(points, m, j, nx, ny, nz, normal[m, j])
+                if span == n - 1:
+                    base += _bend(points, i, j, nx, ny, nz, rim[n - 1])
+                if base < weight[i, j]:
+                    weight[i, j] = base
+                    apex[i, j] = m
+                    normal[i, j, 0], normal[i, j, 1], normal[i, j, 2] = nx, ny, nz
+    return apex

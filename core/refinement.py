@@ -1,0 +1,229 @@
+"""Seams and fills as dense as the surface around them, and Delaunay: split long edges, flip bad ones."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from .mesh import SURFACE, Mesh, twins
+
+
+def edge_length_at_vertices(mesh: Mesh) -> np.ndarray:
+    """Mean edge length (V,) of the measured triangles around each vertex [m]; the median of all where there are none."""
+    total, count = _edge_length_kernel(mesh.vertices, mesh.triangles[mesh.kind == SURFACE])
+    mean = total / np.maximum(count, 1)
+    return np.where(count > 0, mean, np.median(mean[count > 0]) if (count > 0).any() else 0.01)
+
+
+@njit(cache=True, nogil=True)
+def _edge_length_kernel(vertices, triangles):
+    total = np.zeros(len(vertices))
+    count = np.zeros(len(vertices))
+    for t in range(len(triangles)):
+        for k in range(3):
+            i, j = triangles[t, k], triangles[t, (k + 1) % 3]
+            d = np.sqrt(_distance2(vertices, i, j))
+            for m in (i, j):
+                total[m] += d
+                count[m] += 1
+    return total, count
+
+
+def refine(mesh: Mesh, target: np.ndarray, factor: float, rounds: int = 10) -> Mesh:
+    """Split edges of seams and fills longer than ``factor`` targets, longest first, flipping towards Delaunay in between.
+
+    Only edges between two made triangles are split or flipped: the measured surface stays as it is.
+
+    Parameters
+    ----------
+    target : np.ndarray [shape=(V,)]
+        Wanted edge length at each vertex [m].
+
+    Returns
+    -------
+    Mesh
+        New vertices have view -1. O(M log M) for M made triangles.
+    """
+    made = mesh.kind != SURFACE
+    if not made.any():
+        return mesh
+    count = len(mesh.vertices)
+    fixed, region = mesh.triangles[~made], mesh.triangles[made]
+    vertices, region, kind, parents = _refine_kernel(
+        mesh.vertices, region, mesh.kind[made], twins(region, count), fixed, target, factor, rounds
+    )
+    colors = mesh.colors
+    if colors is not None and len(parents):
+        colors = np.rint(_interpolate_kernel(colors.astype(np.float64), parents)).astype(np.uint8)
+    return Mesh(
+        vertices,
+        np.concatenate((fixed, region)),
+        colors,
+        np.concatenate((mesh.view, np.full(len(parents), -1, np.int8))),
+        np.concatenate((mesh.kind[~made], kind)),
+    )
+
+
+@njit(cache=True, nogil=True)
+def _interpolate_kernel(values, parents):
+    count, width = values.shape
+    out = np.empty((count + len(parents), width))
+    out[:count] = values
+    for k in range(len(parents)):
+        out[count + k] = 0.5 * (out[parents[k, 0]] + out[parents[k, 1]])
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _distance2(p, i, j):
+    return (p[i, 0] - p[j, 0]) ** 2 + (p[i, 1] - p[j, 1]) ** 2 + (p[i, 2] - p[j, 2]) ** 2
+
+
+@njit(cache=True, nogil=True)
+def _link(twin, a, b):
+    twin[a] = b
+    if b >= 0:
+        twin[b] = a
+
+
+@njit(cache=True, nogil=True)
+def _refine_kernel(vertices, region, kind, twin, fixed, target, factor, rounds):
+    count, m = len(vertices), len(region)
+    room = 12 * m + 3000
+    tri = np.empty((room, 3), np.int32)
+    tri[:m] = region
+    kinds = np.empty(room, np.int8)
+    kinds[:m] = kind
+    tw = np.full(3 * room, -1, np.int32)
+    tw[: 3 * m] = np.maximum(twin, -1)
+    p = np.empty((count + room, 3))
+    p[:count] = vertices
+    size = np.empty(count + room)
+    size[:count] = target
+    parents = np.empty((room, 2), np.int64)
+    n = count
+    stride = np.int64(count + room)
+    in_region = np.zeros(count, np.bool_)
+    for t in range(m):
+        for k in range(3):
+            in_region[tri[t, k]] = True
+    edges = dict()  # undirected edges a flip must not repeat
+    for t in range(m):
+        for k in range(3):
+            i, j = tri[t, k], tri[t, (k + 1) % 3]
+            edges[np.int64(min(i, j)) * stride + max(i, j)] = True
+    for t in range(len(fixed)):
+        for k in range(3):
+            i, j = fixed[t, k], fixed[t, (k + 1) % 3]
+            if in_region[i] and in_region[j]:
+                edges[np.int64(min(i, j)) * stride + max(i, j)] = True
+    for _ in range(rounds):
+        for _ in range(5):
+            if _flip_pass(p, tri, tw, m, edges, stride) == 0:
+                break
+        score = np.zeros(3 * m)
+        wanted = 0
+        for e in range(3 * m):
+            if tw[e] > e:
+                i, j = tri[e // 3, e % 3], tri[e // 3, (e % 3 + 1) % 3]
+                score[e] = np.sqrt(_distance2(p, i, j)) / (factor * 0.5 * (size[i] + size[j]))
+                wanted += score[e] > 1.0
+        if wanted == 0:
+            break
+        order = np.argsort(-score)[:wanted]
+        stamp = np.zeros(m, np.bool_)  # triangles changed in this round wait for the next
+        for e in order:
+            t, s = e // 3, tw[e] // 3
+            if s >= len(stamp) or stamp[t] or stamp[s] or m + 2 > room:
+                continue
+            stamp[t] = stamp[s] = True
+            i, j = tri[t, e % 3], tri[t, (e % 3 + 1) % 3]
+            p[n] = 0.5 * (p[i] + p[j])
+            size[n] = 0.5 * (size[i] + size[j])
+            parents[n - count, 0], parents[n - count, 1] = i, j
+            m = _split(tri, tw, kinds, m, e, n, edges, stride)
+            n += 1
+    for _ in range(8):
+        if _flip_pass(p, tri, tw, m, edges, stride) == 0:
+            break
+    return p[:n].copy(), tri[:m].copy(), kinds[:m].copy(), parents[: n - count].copy()
+
+
+@njit(cache=True, nogil=True)
+def _split(tri, tw, kinds, m, e, x, edges, stride):
+    """Put vertex x on half-edge e: triangles (a, b, c) and (b, a, d) become four."""
+    g = tw[e]
+    t, k, s, q = e // 3, e % 3, g // 3, g % 3
+    a, b, c, d = tri[t, k], tri[t, (k + 1) % 3], tri[t, (k + 2) % 3], tri[s, (q + 2) % 3]
+    bc, ca = tw[3 * t + (k + 1) % 3], tw[3 * t + (k + 2) % 3]
+    ad, db = tw[3 * s + (q + 1) % 3], tw[3 * s + (q + 2) % 3]
+    t2, s2 = m, m + 1
+    tri[t, 0], tri[t, 1], tri[t, 2] = a, x, c
+    tri[t2, 0], tri[t2, 1], tri[t2, 2] = x, b, c
+    tri[s, 0], tri[s, 1], tri[s, 2] = b, x, d
+    tri[s2, 0], tri[s2, 1], tri[s2, 2] = x, a, d
+    kinds[t2], kinds[s2] = kinds[t], kinds[s]
+    _link(tw, 3 * t, 3 * s2)
+    _link(tw, 3 * t + 1, 3 * t2 + 2)
+    _link(tw, 3 * t + 2, ca)
+    _link(tw, 3 * t2, 3 * s)
+    _link(tw, 3 * t2 + 1, bc)
+    _link(tw, 3 * s + 1, 3 * s2 + 2)
+    _link(tw, 3 * s + 2, db)
+    _link(tw, 3 * s2 + 1, ad)
+    del edges[np.int64(min(a, b)) * stride + max(a, b)]
+    for v in (a, b, c, d):
+        edges[np.int64(v) * stride + x] = True
+    return m + 2
+
+
+@njit(cache=True, nogil=True)
+def _corner(p, apex, i, j):
+    """Angle at ``apex`` between i and j, and twice the area spanned."""
+    ax, ay, az = p[i, 0] - p[apex, 0], p[i, 1] - p[apex, 1], p[i, 2] - p[apex, 2]
+    bx, by, bz = p[j, 0] - p[apex, 0], p[j, 1] - p[apex, 1], p[j, 2] - p[apex, 2]
+    nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    double = np.sqrt(nx * nx + ny * ny + nz * nz)
+    return np.arctan2(double, ax * bx + ay * by + az * bz), nx, ny, nz, double
+
+
+@njit(cache=True, nogil=True)
+def _flip_pass(p, tri, tw, m, edges, stride):
+    """Flip every inner edge whose opposite angles sum to more than 180°, unless that would fold the surface."""
+    flips = 0
+    for e in range(3 * m):
+        g = tw[e]
+        if g <= e:
+            continue
+        t, k, s, q = e // 3, e % 3, g // 3, g % 3
+        a, b, c, d = tri[t, k], tri[t, (k + 1) % 3], tri[t, (k + 2) % 3], tri[s, (q + 2) % 3]
+        if c == d:
+            continue
+        at_c, n0x, n0y, n0z, area_c = _corner(p, c, a, b)
+        at_d, n1x, n1y, n1z, area_d = _corner(p, d, b, a)
+        if at_c + at_d < np.pi + 0.02:
+            continue
+        nx, ny, nz = n0x + n1x, n0y + n1y, n0z + n1z
+        _, ux, uy, uz, area_u = _corner(p, a, d, c)
+        _, wx, wy, wz, area_w = _corner(p, b, c, d)
+        # both new triangles face as the old pair does, and are no larger by much (a fold would add area)
+        if ux * nx + uy * ny + uz * nz <= 0 or wx * nx + wy * ny + wz * nz <= 0:
+            continue
+        if area_u + area_w > 1.3 * (area_c + area_d):
+            continue
+        key = np.int64(min(c, d)) * stride + max(c, d)
+        if key in edges:
+            continue
+        del edges[np.int64(min(a, b)) * stride + max(a, b)]
+        edges[key] = True
+        bc, ca = tw[3 * t + (k + 1) % 3], tw[3 * t + (k + 2) % 3]
+        ad, db = tw[3 * s + (q + 1) % 3], tw[3 * s + (q + 2) % 3]
+        tri[t, 0], tri[t, 1], tri[t, 2] = a, d, c
+        tri[s, 0], tri[s, 1], tri[s, 2] = d, b, c
+        _link(tw, 3 * t, ad)
+        _link(tw, 3 * t + 1, 3 * s + 2)
+        _link(tw, 3 * t + 2, ca)
+        _link(tw, 3 * s, db)
+        _link(tw, 3 * s + 1, bc)
+        flips += 1
+    return flips
