@@ -201,7 +201,7 @@ def _blend(a, b, k):
 def _fill_grid(kind, blend, origin, axes, size, table, low, high, start, cell, floor_blend, values):
     """``values`` (nx, ny, nz) float32: the blended field at start + index * cell."""
     for i in prange(values.shape[0]):
-        _fill_slice(i, kind, blend, origin, axes, size, table, low, high, start, cell, floor_blend, values)
+        _fill_slice(np.int64(i), kind, blend, origin, axes, size, table, low, high, start, cell, floor_blend, values)
 
 
 @njit(cache=True, nogil=True)
@@ -242,7 +242,7 @@ def _project(kind, blend, origin, axes, size, table, low, high, floor_blend, poi
     """One damped Newton step of each point towards the zero set, in place; the field's unit gradient to ``normals``."""
     for i in prange(points.shape[0]):
         _project_one(
-            i, kind, blend, origin, axes, size, table, low, high, floor_blend, points, step, limit, normals
+            np.int64(i), kind, blend, origin, axes, size, table, low, high, floor_blend, points, step, limit, normals
         )
 
 
@@ -273,7 +273,7 @@ def _project_one(i, kind, blend, origin, axes, size, table, low, high, floor_ble
 @njit(cache=True, nogil=True, parallel=True)
 def _nearest(kind, blend, origin, axes, size, table, low, high, points, owner, local):
     for i in prange(points.shape[0]):
-        _nearest_one(i, kind, blend, origin, axes, size, table, low, high, points, owner, local)
+        _nearest_one(np.int64(i), kind, blend, origin, axes, size, table, low, high, points, owner, local)
 
 
 @njit(cache=True, nogil=True)
@@ -402,7 +402,7 @@ def split_quads(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
     p = points[quads]
     short = ((p[:, 0] - p[:, 2]) ** 2).sum(axis=1) <= ((p[:, 1] - p[:, 3]) ** 2).sum(axis=1)
     turned = np.where(short[:, None], quads, np.roll(quads, -1, axis=1))
-    return np.concatenate((turned[:, [0, 1, 2]], turned[:, [0, 2, 3]])).astype(np.int32)
+    return np.ascontiguousarray(np.concatenate((turned[:, [0, 1, 2]], turned[:, [0, 2, 3]])), dtype=np.int32)
 
 
 def _codes(inside: np.ndarray) -> np.ndarray:

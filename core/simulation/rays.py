@@ -183,7 +183,7 @@ def _look(
 ):  # fmt: skip
     for v in prange(depth.shape[0]):
         _look_row(
-            v, bvh, triangles, vertex_normals, vertex_colors, mirrors, room, eye, turn, fx, fy, cx, cy,
+            np.int64(v), bvh, triangles, vertex_normals, vertex_colors, mirrors, room, eye, turn, fx, fy, cx, cy,
             depth, kind, index, view, bounces, incidence, color, point, normals,
         )  # fmt: skip
 
@@ -216,7 +216,7 @@ def _look_row(
                     if 1e-9 < reach < t:
                         t, which = reach, side
                         what = FLOOR if side == 2 else WALL
-                        n[:] = 0.0
+                        n[0], n[1], n[2] = 0.0, 0.0, 0.0
                         n[a] = 1.0 if d[a] < 0.0 else -1.0
             glass = -1
             for j in range(mirrors.shape[0]):
@@ -225,7 +225,7 @@ def _look_row(
                     t, glass = at, j
                 elif hit == 2:
                     t, which, what, glass = at, j, FRAME, -1
-                    n[:] = m
+                    n[0], n[1], n[2] = m[0], m[1], m[2]
             travelled += t
             if glass >= 0:
                 if first == 0:
@@ -289,7 +289,7 @@ def _blocked(bvh, mirrors, a, b, through, stack, d, s0, s1, s2, s3, m):
 @njit(cache=True, nogil=True, parallel=True)
 def _light(bvh, mirrors, projector, turn, reach, kind, point, normals, light):
     for v in prange(kind.shape[0]):
-        _light_row(v, bvh, mirrors, projector, turn, reach, kind, point, normals, light)
+        _light_row(np.int64(v), bvh, mirrors, projector, turn, reach, kind, point, normals, light)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -303,7 +303,7 @@ def _light_row(v, bvh, mirrors, projector, turn, reach, kind, point, normals, li
         for a in range(3):
             p[a] = point[v, u, a] + _NUDGE * normals[v, u, a]
         for way in range(light.shape[2]):
-            s[:] = projector
+            s[0], s[1], s[2] = projector[0], projector[1], projector[2]
             if way > 0:
                 off = 0.0
                 for a in range(3):
@@ -318,7 +318,7 @@ def _light_row(v, bvh, mirrors, projector, turn, reach, kind, point, normals, li
                 facing += (s[a] - p[a]) * normals[v, u, a]
             if facing <= 0.0:
                 continue
-            q[:] = p
+            q[0], q[1], q[2] = p[0], p[1], p[2]
             if way > 0:
                 above, below = 0.0, 0.0
                 for a in range(3):
