@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -203,6 +205,76 @@ def test_writers_come_from_outside(folder, capsys, pipeline):
     assert "not to be had" in capsys.readouterr().err
     assert cli.main(arguments, writers={".glb": lambda path, result: path.write_text(result.frame)}) == 0
     assert (folder.parent / "a.glb").read_text() == "camera"
+
+
+@pytest.fixture(scope="module")
+def scans(tmp_path_factory):
+    """A virtual person before two mirrors, and the same room with the person gone behind the camera."""
+    from mirror_scan.core.simulation.mannequin import mannequin
+    from mirror_scan.core.simulation.scene import default_rig
+    from mirror_scan.core.simulation.simulate import simulate, write_simulation
+
+    rig = default_rig("ideal", frames=1)
+    rig = dataclasses.replace(rig, intrinsics=rig.intrinsics.scaled(320, 240))
+    body, away = mannequin(resolution=0.015), np.eye(4)
+    away[1, 3] = -30
+    folder = tmp_path_factory.mktemp("scans")
+    write_simulation(simulate(body, rig), folder / "person")
+    write_simulation(simulate(body.transformed(away), rig), folder / "nobody")
+    return folder
+
+
+def first_picks(scan, change):
+    """The scan's mirrors.json with the first mirror's picks changed."""
+    content = json.loads((scan / "mirrors.json").read_text())
+    picked = np.array(content["mirrors"][0]["frame_pixels"])
+    content["mirrors"][0]["frame_pixels"] = change(picked).tolist()
+    return content
+
+
+def test_collinear_picks(scans, tmp_path, capsys):
+    write_json(tmp_path / "m.json", first_picks(scans / "person", lambda p: p[0] + [[0, 0], [0.2, 0.1], [0.4, 0.2]]))
+    arguments = ["reconstruct", scans / "person", "--mirrors", tmp_path / "m.json", "-o", tmp_path / "a.ply"]
+    refused(capsys, arguments, "one line")
+    assert [p.name for p in tmp_path.iterdir()] == ["m.json"]
+
+
+def test_picks_on_no_reading(scans, tmp_path, capsys):
+    scan = shutil.copytree(scans / "person", tmp_path / "scan")
+    frame = read_image(scan / "depth" / "000000.png")
+    for u, v in json.loads((scan / "mirrors.json").read_text())["mirrors"][0]["frame_pixels"]:
+        frame[max(int(v) - 14, 0) : int(v) + 15, max(int(u) - 14, 0) : int(u) + 15] = 0
+    write_png(scan / "depth" / "000000.png", frame)
+    refused(capsys, ["reconstruct", scan, "-o", tmp_path / "a.ply"], "picks are on a depth reading")
+    assert [p.name for p in tmp_path.iterdir()] == ["scan"]
+
+
+def test_nobody_between_camera_and_mirrors(scans, tmp_path, capsys):
+    refused(capsys, ["reconstruct", scans / "nobody", "-o", tmp_path / "a.ply"], "nobody stands between")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_mirror_that_shows_nobody_is_a_warning(scans, tmp_path, capsys):
+    scan = shutil.copytree(scans / "person", tmp_path / "scan")
+    frame = read_image(scan / "depth" / "000000.png")
+    frame[read_image(scan / "truth" / "labels.png") == 2] = 0
+    write_png(scan / "depth" / "000000.png", frame)
+    outputs = ["-o", str(tmp_path / "a.ply"), "--report", str(tmp_path / "r.json")]
+    assert cli.main(["reconstruct", str(scan), *outputs]) == 0
+    assert re.search(r"^warning: right: nobody is seen in this mirror", capsys.readouterr().err, re.MULTILINE)
+    assert any("nobody is seen" in warning for warning in json.loads((tmp_path / "r.json").read_text())["warnings"])
+    assert len(read_mesh(tmp_path / "a.ply").triangles) > 10_000
+
+
+def test_avatar_and_camera_frame_differ_by_the_reported_motion(scans, tmp_path):
+    for frame in ("avatar", "camera"):
+        outputs = ["-o", str(tmp_path / f"{frame}.ply"), "--report", str(tmp_path / f"{frame}.json")]
+        assert cli.main(["reconstruct", str(scans / "person"), *outputs, "--frame", frame]) == 0
+    motion = np.array(json.loads((tmp_path / "camera.json").read_text())["camera_to_avatar"])
+    avatar, camera = (read_mesh(tmp_path / f"{frame}.ply") for frame in ("avatar", "camera"))
+    np.testing.assert_allclose(camera.transformed(motion).vertices, avatar.vertices, atol=2e-6)
+    assert abs(avatar.vertices[:, 2].min()) < 0.02
+    assert avatar.colors is not None and avatar.view is not None and set(np.unique(avatar.kind)) <= {0, 1, 2}
 
 
 @pytest.mark.parametrize(
