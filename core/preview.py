@@ -119,6 +119,8 @@ def _render(mesh, colorings, directions, width, height, up=(0.0, 0.0, 1.0)) -> t
                 f"picture: colours of shape {colors.shape} belong neither to the {len(vertices)} vertices "
                 f"nor to the {len(triangles)} triangles"
             )
+    decoded = [(_decode(colors), len(colors) == len(vertices)) for colors in colorings]
+    by_triangle = [colors.astype(np.int64) @ (65536, 256, 1) for colors in colorings if len(colors) != len(vertices)]
     tree = build_bvh(vertices, triangles)
     axes = [_axes(direction, up) for direction in directions]
     used = vertices[np.unique(triangles)]
@@ -138,17 +140,19 @@ def _render(mesh, colorings, directions, width, height, up=(0.0, 0.0, 1.0)) -> t
         middle = centre + (low + high) / 2 @ view
         start = middle + back * (high[2] - low[2] + pixel)
         x, y = np.meshgrid((np.arange(width) - (width - 1) / 2), (height - 1) / 2 - np.arange(height))
-        first = _Samples(tree, start, view, x.ravel(), y.ravel(), pixel, smooth, flat)
-        fine = np.flatnonzero(_borders(first, colorings, triangles, (height, width), pixel))
+        first = _Samples(tree, triangles, start, view, x.ravel(), y.ravel(), pixel, smooth, flat)
+        fine = np.flatnonzero(_borders(first, by_triangle, (height, width), pixel))
         quarters = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))
         refined = [
-            _Samples(tree, start, view, x.ravel()[fine] + u, y.ravel()[fine] + v, pixel, smooth, flat)
+            _Samples(tree, triangles, start, view, x.ravel()[fine] + u, y.ravel()[fine] + v, pixel, smooth, flat)
             for u, v in quarters
         ]
         inside |= bool(first.inner.any())
-        for strip, colors in zip(strips, colorings, strict=True):
-            picture = first.shade(colors, triangles)
-            picture[fine] = np.mean([part.shade(colors, triangles) for part in refined], axis=0)
+        for strip, colors in zip(strips, decoded, strict=True):
+            linear, by_vertex = colors
+            picture = first.shade(linear, by_vertex)
+            if len(fine):
+                picture[fine] = sum(part.shade(linear, by_vertex) for part in refined) / len(refined)
             strip.append(_encode(picture).reshape(height, width, 3))
     return [np.concatenate(strip, axis=1) for strip in strips], inside
 
@@ -170,49 +174,47 @@ def _axes(direction, up) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 class _Samples:
     """What one ray at each of N picture places meets, with the light that falls there."""
 
-    def __init__(self, tree: Bvh, start, view, x, y, pixel, smooth, flat):
+    def __init__(self, tree: Bvh, triangles, start, view, x, y, pixel, smooth, flat):
         origins = start + pixel * (x[:, None] * view[0] + y[:, None] * view[1])
         t, self.triangle, uv = raycast(tree, origins, -view[2])
         self.hit = self.triangle >= 0
         self.depth = t
         self._at = self.triangle[self.hit]
         self._weights = np.column_stack((1 - uv.sum(axis=1), uv))[self.hit]
-        self._corner_normals = smooth
-        self._view = view
+        inner = flat[self._at] @ view[2] < 0
         self.inner = np.zeros(len(t), np.bool_)
-        self.inner[self.hit] = flat[self._at] @ view[2] < 0
-
-    def shade(self, colors: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-        """Linear colours (N, 3) float64 of the places."""
-        result = np.tile(_decode(np.uint8(BACKGROUND)), (len(self.hit), 1))
-        corners = triangles[self._at]
-        normal = np.einsum("nk,nkx->nx", self._weights, self._corner_normals[corners])
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-        inner = self.inner[self.hit]
+        self.inner[self.hit] = inner
+        self._corners = triangles[self._at]
+        normal = self._blend(smooth)
+        normal /= np.maximum(np.sqrt(np.einsum("nx,nx->n", normal, normal)), 1e-12)[:, None]
         normal[inner] *= -1
-        normal = normal @ self._view.T
-        light = np.full(len(normal), _AMBIENT)
+        normal = normal @ view.T
+        self._light = np.full((len(normal), 1), _AMBIENT)
         for towards, strength in _LIGHTS:
             towards = np.asarray(towards) / np.linalg.norm(towards)
             # wrapped around a little past the terminator, which softens it
-            light += strength * np.clip((normal @ towards + 0.15) / 1.15, 0.0, None)
-        if len(colors) == len(self._corner_normals):
-            albedo = np.einsum("nk,nkx->nx", self._weights, _decode(colors)[corners])
-        else:
-            albedo = _decode(colors)[self._at]
-        albedo[inner] = _decode(np.uint8(INSIDE))
-        result[self.hit] = albedo * light[:, None]
+            self._light[:, 0] += strength * np.maximum((normal @ towards + 0.15) / 1.15, 0.0)
+
+    def _blend(self, values: np.ndarray) -> np.ndarray:
+        """Values (V, 3) of the vertices at the places hit."""
+        return sum(self._weights[:, k, None] * values[self._corners[:, k]] for k in range(3))
+
+    def shade(self, linear: np.ndarray, by_vertex: bool) -> np.ndarray:
+        """Linear light (N, 3) float64 that comes from the places, of a surface of ``linear`` colours."""
+        result = np.empty((len(self.hit), 3))
+        result[:] = _decode(np.uint8(BACKGROUND))
+        albedo = self._blend(linear) if by_vertex else linear[self._at]
+        albedo[self.inner[self.hit]] = _decode(np.uint8(INSIDE))
+        result[self.hit] = albedo * self._light
         return result
 
 
-def _borders(first: _Samples, colorings, triangles, shape, pixel) -> np.ndarray:
-    """Pixels (height * width,) bool next to an outline, a step in depth or a change of a triangle colour."""
+def _borders(first: _Samples, by_triangle, shape, pixel) -> np.ndarray:
+    """Pixels (height * width,) bool next to an outline, a step in depth or a change of a triangle's colour code."""
     depth = np.where(first.hit, first.depth, 1e9).reshape(shape)
     key = np.where(first.inner, -2, -1).reshape(shape)
-    for colors in colorings:
-        if len(colors) == len(triangles) and len(colors):
-            code = colors.astype(np.int64) @ (65536, 256, 1)
-            key = key * 16777216 + np.where(first.hit, code[first.triangle], 0).reshape(shape)
+    for code in by_triangle:
+        key = key * 16777216 + np.where(first.hit, code[first.triangle], 0).reshape(shape)
     border = np.zeros(shape, np.bool_)
     for axis in (0, 1):
         change = (np.abs(np.diff(depth, axis=axis)) > 6 * pixel) | (np.diff(key, axis=axis) != 0)

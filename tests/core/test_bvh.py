@@ -49,7 +49,7 @@ def test_rays_agree_with_brute_force():
     corners = vertices[triangles[triangle[hit]]]
     weights = np.column_stack((1 - uv.sum(axis=1), uv))[hit]
     np.testing.assert_allclose(
-        np.einsum("nk,nkx->nx", weights, corners), (origins + t[:, None] * directions)[hit], atol=1e-9
+        np.einsum("nk,nkx->nx", weights, corners), origins[hit] + t[hit, None] * directions[hit], atol=1e-9
     )
     near = raycast(bvh, origins, directions, t_max=0.5)[0]
     np.testing.assert_array_equal(near, np.where(t < 0.5, t, np.inf))
