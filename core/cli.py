@@ -434,7 +434,7 @@ def _progress(quiet: bool) -> Iterator[Progress | None]:
 
         def show(fraction: float, message: str) -> None:
             bar.set_description_str(message, refresh=False)
-            bar.update(100 * min(max(fraction, 0.0), 1.0) - bar.n)
+            bar.n = 100 * min(max(fraction, 0.0), 1.0)
             bar.refresh()
 
         yield show
