@@ -15,7 +15,7 @@ def in_free_space(p, to_view, depth, seen, fx, fy, cx, cy, noise, slack):
     A view speaks only where all readings around the pixel are its own and lie farther by more than ``slack`` and noise.
     """
     for k in range(len(to_view)):
-        v, u, z = look_at(p, to_view[k], k, depth, seen, fx, fy, cx, cy)
+        v, u, z = look_at(p, to_view[k], depth, fx, fy, cx, cy)
         if v < 1 or u < 1 or v > depth.shape[0] - 2 or u > depth.shape[1] - 2:
             continue
         y, x = int(v + 0.5), int(u + 0.5)

@@ -13,7 +13,7 @@ from numba import njit, prange
 
 from .camera import Intrinsics
 from .clipping import clip, distance_to_zero, smooth_on_mesh
-from .mesh import Mesh, vertex_normals
+from .mesh import Mesh, drop_small_components, keep_triangles, remove_bowties, vertex_normals
 from .mirror import Mirror, reflection_matrix
 
 
@@ -31,8 +31,8 @@ class OverlapSettings:
         Move both views to their weighted mean where they overlap.
     """
 
-    reach: float = 0.03
-    gap: float = 0.9
+    reach: float = 0.012
+    gap: float = 0.8
     blend: bool = True
 
 
@@ -133,7 +133,7 @@ def _maps_kernel(depth, labels, fx, fy, cx, cy, to_view):
 
 
 @njit(cache=True, nogil=True)
-def look_at(p, matrix, view, depth, labels, fx, fy, cx, cy):
+def look_at(p, matrix, depth, fx, fy, cx, cy):
     """Where view lays p: pixel and z there; (row, column) -1 when it is outside the image or behind the camera."""
     x = matrix[0, 0] * p[0] + matrix[0, 1] * p[1] + matrix[0, 2] * p[2] + matrix[0, 3]
     y = matrix[1, 0] * p[0] + matrix[1, 1] * p[1] + matrix[1, 2] * p[2] + matrix[1, 3]
@@ -201,15 +201,14 @@ def compare_views(
         To the confidence-weighted mean of all views that see it [m].
     """
     k = maps.intrinsics
-    tolerance = settings.reach + 3.0 * maps.noise
     return _compare_kernel(
         vertices, view, normals, own, maps.to_view, maps.depth, maps.labels, maps.normals, maps.confidence,
-        k.fx, k.fy, k.cx, k.cy, tolerance,
+        k.fx, k.fy, k.cx, k.cy, settings.reach, maps.noise,
     )
 
 
 @njit(cache=True, nogil=True, parallel=True)
-def _compare_kernel(vertices, view, vertex_normals, own, to_view, depth, labels, normals, confidence, fx, fy, cx, cy, tolerance):
+def _compare_kernel(vertices, view, vertex_normals, own, to_view, depth, labels, normals, confidence, fx, fy, cx, cy, reach, noise):
     count = len(vertices)
     advantage = np.full(count, np.inf)
     shift = np.zeros((count, 3))
@@ -220,7 +219,7 @@ def _compare_kernel(vertices, view, vertex_normals, own, to_view, depth, labels,
         for k in range(len(to_view)):
             if k == view[i]:
                 continue
-            v, u, z = look_at(p, to_view[k], k, depth, labels, fx, fy, cx, cy)
+            v, u, z = look_at(p, to_view[k], depth, fx, fy, cx, cy)
             if v < 0 or not _sample(v, u, k, depth, labels, normals, confidence, out):
                 continue
             agree = out[1] * vertex_normals[i, 0] + out[2] * vertex_normals[i, 1] + out[3] * vertex_normals[i, 2]
@@ -233,7 +232,7 @@ def _compare_kernel(vertices, view, vertex_normals, own, to_view, depth, labels,
             ry = m[0, 1] * px + m[1, 1] * py + m[2, 1]
             rz = m[0, 2] * px + m[1, 2] * py + m[2, 2]
             step = (out[0] - z) * (rx * out[1] + ry * out[2] + rz * out[3])
-            if abs(step) > tolerance[k]:
+            if abs(step) > reach + 3.0 * noise[k] * z:
                 continue
             advantage[i] = min(advantage[i], np.log((own[i] + 1e-9) / (out[4] + 1e-9)))
             total += out[4]
@@ -271,7 +270,93 @@ def part_overlaps(patches: list[Mesh], maps: ViewMaps, settings: OverlapSettings
         distance = distance_to_zero(field, vertices, patch.triangles)
         edge = _median_edge(patch)
         parted.append(clip(replace(patch, vertices=vertices), distance, 0.5 * settings.gap * edge))
-    return parted
+    return _strip_doubles(parted, maps, settings)
+
+
+def _strip_doubles(patches: list[Mesh], maps: ViewMaps, settings: OverlapSettings) -> list[Mesh]:
+    """Take away what still lies over another patch, from the farther view first, so that no double layer is left.
+
+    Smoothing the cut line and noise let a patch reach over its neighbour here and there; where both remain, their
+    boundaries cross and no zipper can run between them.
+    """
+    k = maps.intrinsics
+    camera = (k.fx, k.fy, k.cx, k.cy)
+    kept = _kept_pixels(patches, maps)
+    stripped = list(patches)
+    for view in range(len(patches) - 1, -1, -1):
+        patch = stripped[view]
+        if not len(patch.triangles):
+            continue
+        normals = vertex_normals(patch.vertices, patch.triangles)
+        covered = _covered_kernel(
+            patch.vertices, patch.view, normals, maps.to_view, maps.depth, kept, maps.normals, *camera, settings.reach, maps.noise, settings.gap
+        )
+        if not covered.any():
+            continue
+        patch = keep_triangles(patch, ~covered[patch.triangles].any(axis=1))
+        patch = drop_small_components(remove_bowties(patch), 12)
+        stripped[view] = patch
+        kept[kept == view] = -1
+        _mark_kernel(patch.vertices, patch.view, maps.to_view, kept, *camera)
+    return stripped
+
+
+def _kept_pixels(patches: list[Mesh], maps: ViewMaps) -> np.ndarray:
+    """View (H, W) int8 of each pixel whose vertex is still in its patch, -1 elsewhere."""
+    k = maps.intrinsics
+    kept = np.full(maps.depth.shape, -1, np.int8)
+    for patch in patches:
+        if len(patch.triangles):
+            _mark_kernel(patch.vertices, patch.view, maps.to_view, kept, k.fx, k.fy, k.cx, k.cy)
+    return kept
+
+
+@njit(cache=True, nogil=True)
+def _mark_kernel(vertices, view, to_view, kept, fx, fy, cx, cy):
+    for i in range(len(vertices)):
+        v, u, _ = look_at(vertices[i], to_view[view[i]], kept, fx, fy, cx, cy)
+        if v >= 0:
+            kept[int(v + 0.5), int(u + 0.5)] = view[i]
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _covered_kernel(
+    vertices, view, vertex_normals, to_view, depth, kept, normals, fx, fy, cx, cy, reach, noise, margin
+):
+    """Whether each vertex lies over another view's kept pixels, or right beside one of them."""
+    covered = np.zeros(len(vertices), np.bool_)
+    for i in prange(len(vertices)):
+        for k in range(len(to_view)):
+            if k == view[i]:
+                continue
+            v, u, z = look_at(vertices[i], to_view[k], depth, fx, fy, cx, cy)
+            if v < 1 or u < 1 or v > depth.shape[0] - 2 or u > depth.shape[1] - 2:
+                continue
+            y0, x0 = int(v + 0.5), int(u + 0.5)
+            m = to_view[k]
+            px, py = (u - cx) / fx, (v - cy) / fy
+            inside = True
+            for dv in range(-1, 2):
+                for du in range(-1, 2):
+                    y, x = y0 + dv, x0 + du
+                    if kept[y, x] != k:
+                        inside = False
+                        continue
+                    # beside the other patch: nearer to one of its vertices than its pixels are apart
+                    d = depth[y, x]
+                    ex, ey = (x - cx) / fx * d - px * z, (y - cy) / fy * d - py * z
+                    if ex * ex + ey * ey + (d - z) ** 2 < (margin * d / fx) ** 2:
+                        covered[i] = True
+            if not inside or covered[i]:
+                continue
+            n = normals[y0, x0]
+            agree = cosine = 0.0
+            for c in range(3):
+                agree += n[c] * vertex_normals[i, c]
+                cosine += (m[0, c] * px + m[1, c] * py + m[2, c]) * n[c]
+            if agree > 0.0 and abs((depth[y0, x0] - z) * cosine) < reach + 3.0 * noise[k] * z:
+                covered[i] = True
+    return covered
 
 
 def own_confidence(patch: Mesh, maps: ViewMaps) -> np.ndarray:
@@ -286,7 +371,7 @@ def own_confidence(patch: Mesh, maps: ViewMaps) -> np.ndarray:
 def _own_kernel(vertices, view, to_view, depth, labels, normals, confidence, fx, fy, cx, cy):
     own = np.zeros(len(vertices))
     for i in prange(len(vertices)):
-        v, u, _ = look_at(vertices[i], to_view[view[i]], view[i], depth, labels, fx, fy, cx, cy)
+        v, u, _ = look_at(vertices[i], to_view[view[i]], depth, fx, fy, cx, cy)
         if v >= 0:
             own[i] = confidence[int(v + 0.5), int(u + 0.5)]
     return own
