@@ -69,8 +69,10 @@ def test_sphere_in_a_leaning_mirror():
 
     seen = (sight.object == BODY) & (sight.view == 1)
     assert seen.sum() > 250 and (sight.bounces[seen] == 1).all()
-    np.testing.assert_allclose(sight.depth[seen], folded[seen], atol=1e-3)
-    assert np.median(np.abs(sight.depth[seen] - folded[seen])) < 5e-5
+    # The ball's facets (edges up to 12 mm) lie edge² / 6 radius = 0.08 mm inside the sphere, seen at a slant.
+    inner = seen & (sight.incidence < np.radians(80))
+    late = (sight.depth - np.where(inner, folded, 0.0))[inner] * np.cos(sight.incidence[inner])
+    assert -1e-9 < late.min() and late.max() < 1e-4
     expected = through & np.isfinite(folded)
     assert (expected & ~seen).sum() < 0.03 * expected.sum() and (seen & np.isinf(folded)).sum() == 0
     # The folded length itself: camera to glass to the point on the sphere.
@@ -84,7 +86,8 @@ def test_sphere_in_a_leaning_mirror():
 
     seen = (sight.object == BODY) & (sight.view == 0)
     assert seen.sum() > 300
-    np.testing.assert_allclose(sight.depth[seen], direct[seen], atol=1e-3)
+    inner = seen & (sight.incidence < np.radians(80))
+    np.testing.assert_allclose(sight.depth[inner], direct[inner], atol=5e-4)
     cosine = (rays * (sight.depth[..., None] * rays - to_camera(rig, centre))).sum(-1)[seen] / radius
     cosine = -cosine / np.linalg.norm(rays[seen], axis=-1)
     np.testing.assert_allclose(np.cos(sight.incidence[seen]), np.abs(cosine), atol=0.02)
@@ -99,13 +102,12 @@ def test_image_of_an_image():
     sight, _ = look(sphere(centre, radius), rig)
     twice = (sight.object == BODY) & (sight.bounces == 2)
     assert twice.sum() > 50
-    for first, order in ((1, (two, one)), (2, (one, two))):
-        image = centre
-        for mirror in order:
-            image = reflect(image, np.array(mirror.centre), mirror.axes[2])
-        at = twice & (sight.view == first)
-        expected = sphere_depth(LENS, to_camera(rig, image), radius)[at]
-        np.testing.assert_allclose(sight.depth[at], expected, atol=2e-3)
+    assert (sight.view[twice] == 2).all(), "from here the ball is seen in the left mirror's image of the right one"
+    image = reflect(centre, np.array(one.centre), one.axes[2])
+    image = reflect(image, np.array(two.centre), two.axes[2])
+    at = twice & (sight.incidence < np.radians(80))
+    expected = sphere_depth(LENS, to_camera(rig, image), radius)[at]
+    np.testing.assert_allclose(sight.depth[at], expected, atol=5e-4)
     labels = simulate(sphere(centre, radius), rig).truth.labels
     assert (labels[twice] == -1).all() and {0, 1, 2} <= set(np.unique(labels))
 
