@@ -8,7 +8,7 @@ import numpy as np
 
 from .fairing import fair
 from .filling import fill_loops
-from .mesh import SURFACE, Mesh, keep_triangles, remove_bowties, triangle_components
+from .mesh import FILL, SURFACE, Mesh, boundary_loops, keep_triangles, remove_bowties, triangle_components
 from .overlap import ViewMaps
 from .refinement import edge_length_at_vertices, refine
 
@@ -26,13 +26,13 @@ class ClosingSettings:
     fairness : float
         How stiffly the outermost measured vertices hold their place while seams and fills are faired; larger is stiffer.
     floor_reach : float
-        Loops this near the floor are soles and closed flat on it [m].
+        Loops that lie lower than this above the floor are soles: they are let down to it and closed flat [m].
     """
 
     largest_loop: int = 64
     refine: float = 1.7
     fairness: float = 0.3
-    floor_reach: float = 0.05
+    floor_reach: float = 0.09
 
 
 def close_mesh(
@@ -62,14 +62,17 @@ def close_mesh(
     if dropped:
         notes.append(f"{dropped} small piece(s) that nothing connects to the body were left out")
     mesh = remove_bowties(mesh)
+    if floor is not None:
+        mesh = drop_soles(mesh, up, floor, settings.floor_reach)
     mesh = fill_loops(mesh, maps, settings.largest_loop)
     mesh = remove_bowties(mesh)
     mesh, _ = largest_component(mesh)
     mesh = refine(mesh, edge_length_at_vertices(mesh), settings.refine)
     made = mesh.view < 0
+    flat = np.zeros(len(mesh.vertices), np.bool_) if floor is None else made & (np.abs(mesh.vertices @ up - floor) < 1e-6)
     rim = np.zeros(len(mesh.vertices), np.bool_)
     rim[mesh.triangles[mesh.kind != SURFACE]] = True
-    stiffness = np.where(made, 0.0, np.where(rim, settings.fairness, np.inf))
+    stiffness = np.where(flat, np.inf, np.where(made, 0.0, np.where(rim, settings.fairness, np.inf)))
     mesh = replace(mesh, vertices=fair(mesh.vertices, mesh.triangles, stiffness))
     return mesh, notes
 
@@ -80,3 +83,34 @@ def largest_component(mesh: Mesh) -> tuple[Mesh, int]:
     if count <= 1:
         return mesh, 0
     return keep_triangles(mesh, label == np.bincount(label).argmax()), count - 1
+
+
+def drop_soles(mesh: Mesh, up: np.ndarray, floor: float, reach: float) -> Mesh:
+    """Let boundary loops just above the floor down onto it: a vertical skirt, so that the sole is closed flat.
+
+    A loop counts when at least nine tenths of it lie lower than ``reach`` and none twice as high.
+    """
+    below = []
+    for loop in boundary_loops(mesh.triangles, len(mesh.vertices)):
+        height = mesh.vertices[loop] @ up - floor
+        if len(loop) >= 8 and np.quantile(height, 0.9) < reach and height.max() < 2 * reach and height.min() > -reach:
+            below.append(loop)
+    if not below:
+        return mesh
+    vertices, triangles, count = [mesh.vertices], [mesh.triangles], len(mesh.vertices)
+    source = np.concatenate(below)
+    for loop in below:
+        height = mesh.vertices[loop] @ up - floor
+        vertices.append(mesh.vertices[loop] - height[:, None] * up)
+        foot = np.arange(count, count + len(loop))
+        count += len(loop)
+        after, foot_after = np.roll(loop, -1), np.roll(foot, -1)
+        triangles += [np.column_stack((after, loop, foot)), np.column_stack((foot, foot_after, after))]
+    skirt = sum(len(t) for t in triangles[1:])
+    return Mesh(
+        np.concatenate(vertices),
+        np.concatenate(triangles).astype(np.int32),
+        None if mesh.colors is None else np.concatenate((mesh.colors, mesh.colors[source])),
+        np.concatenate((mesh.view, np.full(len(source), -1, np.int8))),
+        np.concatenate((mesh.kind, np.full(skirt, FILL, np.int8))),
+    )

@@ -157,7 +157,7 @@ def reconstruction_steps(
     clock.lap("overlap")
 
     yield 0.7, "Zippering the seams"
-    open_mesh, seams = zip_patches(merge(patches), maps, settings.zipper)
+    open_mesh, seams = zip_patches(merge(patches), maps, views.up, views.floor, settings.zipper)
     clock.lap("zippering")
 
     yield 0.8, "Closing the mesh"

@@ -24,10 +24,13 @@ class ZipperSettings:
         Widest gap bridged in each round [m]; narrow gaps are zippered first.
     min_run : int
         Shortest run of facing vertices that is worth a seam.
+    floor_band : float
+        Boundaries lower than this above the floor are soles: only the narrowest gaps are bridged there [m].
     """
 
     gaps: tuple[float, ...] = (0.03, 0.08, 0.12)
     min_run: int = 4
+    floor_band: float = 0.05
 
 
 @dataclass(frozen=True)
@@ -106,7 +109,7 @@ def _frames_kernel(point, vertex_normal, start):
 
 @njit(cache=True, nogil=True, parallel=True)
 def _partners_kernel(
-    point, tangent, normal, outward, loop, arc, length_of, reach, to_view, depth, seen, fx, fy, cx, cy, noise
+    point, tangent, normal, outward, loop, arc, length_of, limit, to_view, depth, seen, fx, fy, cx, cy, noise
 ):
     """For each boundary vertex the one it would best be bridged to (index, -1 none) and at what cost [m]."""
     count = len(point)
@@ -118,7 +121,7 @@ def _partners_kernel(
         for j in range(count):
             dx, dy, dz = point[j, 0] - point[i, 0], point[j, 1] - point[i, 1], point[j, 2] - point[i, 2]
             d2 = dx * dx + dy * dy + dz * dz
-            if d2 > reach * reach or d2 >= best * best or i == j:
+            if d2 >= best * best or i == j or d2 > min(limit[i], limit[j]) ** 2:
                 continue
             d = np.sqrt(d2)
             along = tangent[i, 0] * tangent[j, 0] + tangent[i, 1] * tangent[j, 1] + tangent[i, 2] * tangent[j, 2]
@@ -312,8 +315,21 @@ def _first_come_kernel(triangles, new, vertex_count):
     return ok
 
 
-def zip_patches(mesh: Mesh, maps: ViewMaps, settings: ZipperSettings = ZipperSettings()) -> tuple[Mesh, list[Seam]]:
+def zip_patches(
+    mesh: Mesh, maps: ViewMaps, up: np.ndarray, floor: float | None, settings: ZipperSettings = ZipperSettings()
+) -> tuple[Mesh, list[Seam]]:
     """Zipper every pair of boundary runs that face each other, narrow gaps first, best matched first.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        All patches, camera frame.
+    maps : ViewMaps
+        What the views saw: no bridge runs through space seen to be empty.
+    up : np.ndarray [shape=(3,)]
+        Vertical.
+    floor : float or None
+        Height of the floor along ``up`` [m].
 
     Returns
     -------
@@ -323,14 +339,16 @@ def zip_patches(mesh: Mesh, maps: ViewMaps, settings: ZipperSettings = ZipperSet
     """
     seams: list[Seam] = []
     for reach in settings.gaps:
-        mesh, found = _zip_round(mesh, maps, reach, settings.min_run)
+        mesh, found = _zip_round(mesh, maps, reach, up, floor, settings)
         seams += found
         # a hole no wider than the gaps just zippered is a hole in one surface, not two boundaries to match
         mesh = fill_loops(mesh, maps, diameter=reach)
     return mesh, seams
 
 
-def _zip_round(mesh: Mesh, maps: ViewMaps, reach: float, min_run: int) -> tuple[Mesh, list[Seam]]:
+def _zip_round(
+    mesh: Mesh, maps: ViewMaps, reach: float, up: np.ndarray, floor: float | None, settings: ZipperSettings
+) -> tuple[Mesh, list[Seam]]:
     boundary = boundary_of(mesh)
     if not len(boundary.vertex):
         return mesh, []
@@ -340,11 +358,14 @@ def _zip_round(mesh: Mesh, maps: ViewMaps, reach: float, min_run: int) -> tuple[
         boundary.arc[e - 1] + np.linalg.norm(boundary.point[s] - boundary.point[e - 1])
         for s, e in zip(boundary.start[:-1], boundary.start[1:])
     ])
+    limit = np.full(len(boundary.vertex), reach)
+    if floor is not None:
+        limit[boundary.point @ up < floor + settings.floor_band] = min(reach, settings.gaps[0])
     partner, price = _partners_kernel(
-        boundary.point, boundary.tangent, boundary.normal, boundary.outward, boundary.loop, boundary.arc, length_of, reach,
+        boundary.point, boundary.tangent, boundary.normal, boundary.outward, boundary.loop, boundary.arc, length_of, limit,
         maps.to_view, maps.depth, maps.seen, k.fx, k.fy, k.cx, k.cy, maps.noise,
     )
-    rows = _runs_kernel(partner, boundary.loop, boundary.start, boundary.point, 2.0 * edge, min_run)
+    rows = _runs_kernel(partner, boundary.loop, boundary.start, boundary.point, 2.0 * edge, settings.min_run)
     candidates = []
     for loop_a, first_a, n_a, loop_b, first_b, n_b in rows:
         size_a = boundary.start[loop_a + 1] - boundary.start[loop_a]
