@@ -6,6 +6,7 @@ not wait for what only a pressed button needs. numba is first imported inside an
 
 from __future__ import annotations
 
+import atexit
 from types import ModuleType
 
 
@@ -18,6 +19,8 @@ def _modules() -> tuple[ModuleType, ...]:
 
 def register() -> None:
     """Add properties, operators, panels and the command-line command; on failure what was added is taken out again."""
+    import bpy
+
     done: list[ModuleType] = []
     try:
         for module in _modules():
@@ -27,9 +30,13 @@ def register() -> None:
         for module in reversed(done):
             module.unregister()
         raise
+    if bpy.app.module:
+        # A script that ends with classes or commands still registered hangs or crashes the bpy 4.5 module.
+        atexit.register(unregister)
 
 
 def unregister() -> None:
     """Take out what :func:`register` added, last first."""
+    atexit.unregister(unregister)
     for module in reversed(_modules()):
         module.unregister()

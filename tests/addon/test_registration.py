@@ -108,3 +108,8 @@ def test_texts_follow_the_house_style(addon, bpy):
             if prop.is_runtime:
                 assert prop.name and not prop.description.endswith("."), (rna.identifier, prop.identifier)
                 assert prop.description or "_PG_progress" in rna.identifier, (rna.identifier, prop.identifier)
+
+
+def test_a_script_may_end_without_unregistering():
+    """bpy 4.5 hangs or crashes at exit when something is left registered; ``run_fresh`` would see either."""
+    assert run_fresh("import mirror_scan; mirror_scan.register(); print('end')").splitlines()[0] == "end"
