@@ -355,7 +355,7 @@ def _smooth_kernel(depth, labels, view, noise, sigma, radius):
             zc = depth[v, u]
             coef[:] = 0.0
             coef[0] = 1.0
-            cut = 6.0 * noise + 0.01  # first pass: whatever could be the same surface
+            cut = 4.0 * noise + 0.006  # first pass: whatever could be the same surface
             good = True
             for pass_ in range(2):
                 A[:] = 0.0
@@ -387,7 +387,7 @@ def _smooth_kernel(depth, labels, view, noise, sigma, radius):
                             predicted = 0.0
                             for a in range(6):
                                 predicted += coef[a] * phi[a]
-                            r = abs(d - predicted) / (4.7 * noise + 0.002)
+                            r = abs(d - predicted) / (3.7 * noise + 0.002)
                         if r >= 1.0:
                             continue
                         w = g * (1.0 - r * r) ** 2

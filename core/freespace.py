@@ -12,20 +12,24 @@ from .overlap import look_at
 def in_free_space(p, to_view, depth, seen, fx, fy, cx, cy, noise, slack):
     """Whether some view looks through ``p`` at something farther: then nothing of the subject is there.
 
-    A view speaks only where all readings around the pixel are its own and lie farther by more than ``slack`` and noise.
+    A view speaks only where the readings around the pixel are all its own and lie farther by more than ``slack`` and noise.
     """
     for k in range(len(to_view)):
         v, u, z = look_at(p, to_view[k], depth, fx, fy, cx, cy)
         if v < 1 or u < 1 or v > depth.shape[0] - 2 or u > depth.shape[1] - 2:
             continue
         y, x = int(v + 0.5), int(u + 0.5)
+        farther = 0
         free = True
         for dv in range(-1, 2):
             for du in range(-1, 2):
                 d = depth[y + dv, x + du]
+                if d == 0:
+                    continue
                 if seen[y + dv, x + du] != k or d <= z + slack + 3.0 * noise[k] * z:
                     free = False
-        if free:
+                farther += 1
+        if free and farther >= 4:
             return True
     return False
 

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit, prange
 
 from .camera import Intrinsics
-from .clipping import clip, distance_to_zero, smooth_on_mesh
+from .clipping import clip, distance_to_zero, smooth_on_mesh, trim_outline
 from .mesh import Mesh, drop_small_components, keep_triangles, remove_bowties, vertex_normals
 from .mirror import Mirror, reflection_matrix
 
@@ -289,11 +289,12 @@ def _strip_doubles(patches: list[Mesh], maps: ViewMaps, settings: OverlapSetting
             continue
         normals = vertex_normals(patch.vertices, patch.triangles)
         covered = _covered_kernel(
-            patch.vertices, patch.view, normals, maps.to_view, maps.depth, kept, maps.normals, *camera, settings.reach, maps.noise, settings.gap
+            patch.vertices, patch.view, normals, maps.to_view, maps.depth, kept, maps.normals, *camera, settings.reach, maps.noise, 0.5 * settings.gap
         )
         if not covered.any():
             continue
         patch = keep_triangles(patch, ~covered[patch.triangles].any(axis=1))
+        patch = trim_outline(remove_bowties(patch), 0.5)
         patch = drop_small_components(remove_bowties(patch), 12)
         stripped[view] = patch
         kept[kept == view] = -1

@@ -27,7 +27,7 @@ class TriangulationSettings:
         How much of what sticks out of a patch's outline is cut off [0 = nothing, 0.6 = all but straight runs].
     """
 
-    max_slope: float = 80.0
+    max_slope: float = 75.0
     jump_floor: float = 0.004
     min_triangles: int = 40
     outline: float = 0.5

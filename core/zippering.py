@@ -28,7 +28,7 @@ class ZipperSettings:
         Boundaries lower than this above the floor are soles: only the narrowest gaps are bridged there [m].
     """
 
-    gaps: tuple[float, ...] = (0.03, 0.08, 0.12)
+    gaps: tuple[float, ...] = (0.03, 0.08, 0.12, 0.2)
     min_run: int = 4
     floor_band: float = 0.05
 

@@ -228,15 +228,6 @@ def _fill_slice(i, kind, blend, origin, axes, size, table, low, high, start, cel
                 values[i, j, k] = -_blend(-values[i, j, k], z, floor_blend)
 
 
-@njit(cache=True, nogil=True)
-def _value(kind, blend, origin, axes, size, table, low, high, floor_blend, x, y, z):
-    value = FAR
-    for p in range(kind.shape[0]):
-        if low[p, 0] <= x <= high[p, 0] and low[p, 1] <= y <= high[p, 1] and low[p, 2] <= z <= high[p, 2]:
-            value = _blend(value, _primitive(kind[p], origin[p], axes[p], size[p], table[p], x, y, z), blend[p])
-    return -_blend(-value, z, floor_blend)
-
-
 @njit(cache=True, nogil=True, parallel=True)
 def _project(kind, blend, origin, axes, size, table, low, high, floor_blend, points, step, limit, normals):
     """One damped Newton step of each point towards the zero set, in place; the field's unit gradient to ``normals``."""
@@ -249,49 +240,43 @@ def _project(kind, blend, origin, axes, size, table, low, high, floor_blend, poi
 @njit(cache=True, nogil=True)
 def _project_one(i, kind, blend, origin, axes, size, table, low, high, floor_blend, points, step, limit, normals):
     x, y, z = points[i, 0], points[i, 1], points[i, 2]
-    g = np.zeros(3)
-    mean = 0.0
-    for c in range(4):
-        sx, sy, sz = (1.0 if c in (0, 3) else -1.0), (1.0 if c in (1, 3) else -1.0), (1.0 if c in (2, 3) else -1.0)
-        v = _value(
-            kind, blend, origin, axes, size, table, low, high, floor_blend, x + sx * step, y + sy * step, z + sz * step
-        )
-        g[0] += sx * v
-        g[1] += sy * v
-        g[2] += sz * v
-        mean += 0.25 * v
-    g /= 4.0 * step
-    squared = g[0] * g[0] + g[1] * g[1] + g[2] * g[2]
-    if squared > 1e-12:
-        norm = np.sqrt(squared)
-        move = min(max(-mean / norm, -limit), limit) / norm
-        for a in range(3):
-            points[i, a] += move * g[a]
-            normals[i, a] = g[a] / norm
-
-
-@njit(cache=True, nogil=True, parallel=True)
-def _nearest(kind, blend, origin, axes, size, table, low, high, points, owner, local):
-    for i in prange(points.shape[0]):
-        _nearest_one(np.int64(i), kind, blend, origin, axes, size, table, low, high, points, owner, local)
+    # The field at the corners of a tetrahedron about the point gives value and gradient.
+    a = b = c = d = FAR
+    for p in range(kind.shape[0]):
+        if low[p, 0] <= x <= high[p, 0] and low[p, 1] <= y <= high[p, 1] and low[p, 2] <= z <= high[p, 2]:
+            k, o, r, s, t = kind[p], origin[p], axes[p], size[p], table[p]
+            a = _blend(a, _primitive(k, o, r, s, t, x + step, y - step, z - step), blend[p])
+            b = _blend(b, _primitive(k, o, r, s, t, x - step, y + step, z - step), blend[p])
+            c = _blend(c, _primitive(k, o, r, s, t, x - step, y - step, z + step), blend[p])
+            d = _blend(d, _primitive(k, o, r, s, t, x + step, y + step, z + step), blend[p])
+    a, b = -_blend(-a, z - step, floor_blend), -_blend(-b, z - step, floor_blend)
+    c, d = -_blend(-c, z + step, floor_blend), -_blend(-d, z + step, floor_blend)
+    gx, gy, gz = (a - b - c + d) / (4 * step), (b - a - c + d) / (4 * step), (c - a - b + d) / (4 * step)
+    norm = np.sqrt(gx * gx + gy * gy + gz * gz)
+    if norm > 1e-6:
+        gx, gy, gz = gx / norm, gy / norm, gz / norm
+        move = min(max(-0.25 * (a + b + c + d) / norm, -limit), limit)
+        points[i, 0], points[i, 1], points[i, 2] = x + move * gx, y + move * gy, z + move * gz
+        normals[i, 0], normals[i, 1], normals[i, 2] = gx, gy, gz
 
 
 @njit(cache=True, nogil=True)
-def _nearest_one(i, kind, blend, origin, axes, size, table, low, high, points, owner, local):
-    best = np.inf
-    x, y, z = points[i, 0], points[i, 1], points[i, 2]
-    for p in range(kind.shape[0]):
-        if blend[p] < 0.0:
-            continue
-        if low[p, 0] <= x <= high[p, 0] and low[p, 1] <= y <= high[p, 1] and low[p, 2] <= z <= high[p, 2]:
-            d = _primitive(kind[p], origin[p], axes[p], size[p], table[p], x, y, z)
-            if d < best:
-                best = d
-                owner[i] = p
-    for a in range(3):
-        q = axes[owner[i], a]
-        o = origin[owner[i]]
-        local[i, a] = q[0] * (x - o[0]) + q[1] * (y - o[1]) + q[2] * (z - o[2])
+def _nearest(kind, blend, origin, axes, size, table, low, high, points, owner, local):
+    for i in range(points.shape[0]):
+        best = np.inf
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        for p in range(kind.shape[0]):
+            if blend[p] < 0.0:
+                continue
+            if low[p, 0] <= x <= high[p, 0] and low[p, 1] <= y <= high[p, 1] and low[p, 2] <= z <= high[p, 2]:
+                d = _primitive(kind[p], origin[p], axes[p], size[p], table[p], x, y, z)
+                if d < best:
+                    best = d
+                    owner[i] = p
+        for a in range(3):
+            q = axes[owner[i], a]
+            o = origin[owner[i]]
+            local[i, a] = q[0] * (x - o[0]) + q[1] * (y - o[1]) + q[2] * (z - o[2])
 
 
 def _arrays(solid: Primitives) -> tuple:
