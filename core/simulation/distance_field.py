@@ -179,6 +179,11 @@ def _primitive(kind, origin, axes, size, table, px, py, pz):
     over = z - inside
     rz = size[1] if over < 0 else size[2]
     x, y, z = abs(x) / rx, abs(y) / ry, abs(over) / rz
+    if exponent == 2.0:  # spares limbs the powers below
+        rho = np.sqrt(x * x + y * y + z * z)
+        if rho < 1e-6:
+            return -min(rx, ry)
+        return (rho - 1.0) * rho / np.sqrt((x / rx) ** 2 + (y / ry) ** 2 + (z / rz) ** 2)
     rho = (x**exponent + y**exponent + z**exponent) ** (1.0 / exponent)
     if rho < 1e-6:
         return -min(rx, ry)

@@ -19,6 +19,7 @@ from mirror_scan.core.simulation.rays import BODY, FLOOR, FRAME, WALL, look
 from mirror_scan.core.simulation.scene import FramedMirror, Rig, default_rig
 from mirror_scan.core.simulation.sensors import SENSORS, measure
 from mirror_scan.core.simulation.simulate import simulate, write_simulation
+from scipy.spatial import cKDTree
 
 LENS = Intrinsics(192, 144, 150.0, 150.0, 95.5, 71.5)
 
@@ -253,7 +254,7 @@ def test_interference_leaves_no_overlap(body):
     def doubly_read(simulation):
         sight, labels = simulation.truth.sight, np.where(simulation.truth.readable, simulation.truth.labels, -1)
         trees = [sight.point[labels == view] for view in (0, 1, 2)]
-        near = [trimesh.proximity.cKDTree(trees[0]).query(trees[view])[0] < 0.004 for view in (1, 2)]
+        near = [cKDTree(trees[0]).query(trees[view])[0] < 0.004 for view in (1, 2)]
         return np.concatenate(near).mean()
 
     assert doubly_read(simulate(body, rig)) > 0.10
