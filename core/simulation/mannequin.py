@@ -88,7 +88,7 @@ def random_figure(rng: np.random.Generator) -> Figure:
 
 
 def mannequin(
-    height: float = 1.70, figure: Figure | None = None, resolution: float = 0.006, seed: int | None = None
+    height: float = 1.70, figure: Figure | None = None, resolution: float = 0.007, seed: int | None = None
 ) -> Mesh:
     """A closed, coloured body: one component, genus 0, 2-manifold.
 
@@ -99,8 +99,8 @@ def mannequin(
     figure : Figure or None
         Proportions, pose and clothes; None = the default, or drawn by ``seed`` when that is given.
     resolution : float
-        Edge length of the triangles [m]; time and memory grow with its inverse square and cube. 6 mm gives about
-        110 000 triangles.
+        Edge length of the triangles [m]; time and memory grow with its inverse square and cube. 7 mm gives about
+        100 000 triangles.
     seed : int or None
         Draw a random figure.
 
