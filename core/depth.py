@@ -339,78 +339,88 @@ def smooth_view(
 def _smooth_kernel(depth, labels, view, noise, sigma, radius):
     height, width = depth.shape
     out = depth.copy()
+    # one row a tap: offsets, distance, Gaussian weight and the quadratic's six terms with their 21 products
+    taps = 0
     side = 2 * radius + 1
-    gauss = np.empty((side, side))
-    for a in range(side):
-        for b in range(side):
-            gauss[a, b] = np.exp(-0.5 * ((a - radius) ** 2 + (b - radius) ** 2) / (sigma * sigma))
+    offset = np.empty((side * side, 2), np.int64)
+    reach = np.empty(side * side)
+    gauss = np.empty(side * side)
+    terms = np.empty((side * side, 6))
+    products = np.empty((side * side, 21))
+    for dv in range(-radius, radius + 1):
+        for du in range(-radius, radius + 1):
+            g = np.exp(-0.5 * (dv * dv + du * du) / (sigma * sigma))
+            if g < 0.02:
+                continue
+            fx, fy = du / sigma, dv / sigma
+            offset[taps, 0], offset[taps, 1] = dv, du
+            reach[taps] = 0.012 * np.sqrt(du * du + dv * dv)
+            gauss[taps] = g
+            phi = (1.0, fx, fy, fx * fx, fx * fy, fy * fy)
+            m = 0
+            for a in range(6):
+                terms[taps, a] = phi[a]
+                for b in range(a + 1):
+                    products[taps, m] = phi[a] * phi[b]
+                    m += 1
+            taps += 1
+    cut = 4.0 * noise + 0.006  # first pass: whatever could be the same surface
+    inlier = 1.0 / (3.7 * noise + 0.002)
+    limit = 3.0 * noise + 0.002
     for v in prange(height):
         A = np.empty((6, 6))
+        lower = np.empty(21)
         rhs = np.empty(6)
-        phi = np.empty(6)
         coef = np.zeros(6)
         for u in range(width):
             if labels[v, u] != view:
                 continue
             zc = depth[v, u]
-            coef[:] = 0.0
-            coef[0] = 1.0
-            cut = 4.0 * noise + 0.006  # first pass: whatever could be the same surface
             good = True
             for pass_ in range(2):
-                A[:] = 0.0
+                lower[:] = 0.0
                 rhs[:] = 0.0
-                weight_sum = 0.0
-                for dv in range(-radius, radius + 1):
-                    y = v + dv
-                    if y < 0 or y >= height:
+                for k in range(taps):
+                    y, x = v + offset[k, 0], u + offset[k, 1]
+                    if y < 0 or x < 0 or y >= height or x >= width or labels[y, x] != view:
                         continue
-                    for du in range(-radius, radius + 1):
-                        x = u + du
-                        if x < 0 or x >= width or labels[y, x] != view:
-                            continue
-                        g = gauss[dv + radius, du + radius]
-                        if g < 0.02:
-                            continue
-                        d = zc / depth[y, x]
-                        fx, fy = du / sigma, dv / sigma
-                        phi[0] = 1.0
-                        phi[1] = fx
-                        phi[2] = fy
-                        phi[3] = fx * fx
-                        phi[4] = fx * fy
-                        phi[5] = fy * fy
-                        if pass_ == 0:
-                            # a slanted surface may leave the centre's depth by its slope times the distance
-                            r = abs(d - 1.0) / (cut + 0.012 * np.sqrt(du * du + dv * dv))
-                        else:
-                            predicted = 0.0
-                            for a in range(6):
-                                predicted += coef[a] * phi[a]
-                            r = abs(d - predicted) / (3.7 * noise + 0.002)
-                        if r >= 1.0:
-                            continue
-                        w = g * (1.0 - r * r) ** 2
-                        weight_sum += w
+                    d = zc / depth[y, x]
+                    if pass_ == 0:
+                        # a slanted surface may leave the centre's depth by its slope times the distance
+                        r = abs(d - 1.0) / (cut + reach[k])
+                    else:
+                        predicted = 0.0
                         for a in range(6):
-                            rhs[a] += w * phi[a] * d
-                            for b in range(a + 1):
-                                A[a, b] += w * phi[a] * phi[b]
-                if weight_sum < 1e-6:
+                            predicted += coef[a] * terms[k, a]
+                        r = abs(d - predicted) * inlier
+                    if r >= 1.0:
+                        continue
+                    w = gauss[k] * (1.0 - r * r) ** 2
+                    for a in range(21):
+                        lower[a] += w * products[k, a]
+                    w *= d
+                    for a in range(6):
+                        rhs[a] += w * terms[k, a]
+                total = lower[0]
+                if total < 1e-6:
                     good = False
                     break
+                m = 0
+                for a in range(6):
+                    for b in range(a + 1):
+                        A[a, b] = lower[m]
+                        m += 1
                 # a small ridge pulls the second order to zero where the window holds too little to tell
-                A[0, 0] += 1e-9 * weight_sum
-                A[1, 1] += 2e-3 * weight_sum
-                A[2, 2] += 2e-3 * weight_sum
+                A[0, 0] += 1e-9 * total
+                A[1, 1] += 2e-3 * total
+                A[2, 2] += 2e-3 * total
                 for a in range(3, 6):
-                    A[a, a] += 3e-2 * weight_sum
+                    A[a, a] += 3e-2 * total
                 if not _solve6(A, rhs, coef):
                     good = False
                     break
             if good and coef[0] > 0.5:
                 shift = 1.0 / coef[0] - 1.0
-                limit = 3.0 * noise + 0.002
                 out[v, u] = zc * (1.0 + min(max(shift, -limit), limit))
     return out
 

@@ -40,8 +40,8 @@ def neighbours(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np
 def fair(vertices: np.ndarray, triangles: np.ndarray, stiffness: np.ndarray, iterations: int = 200) -> np.ndarray:
     """Move vertices so that the surface bends least (thin plate), each held to its place by its stiffness.
 
-    Minimises Σ|L p|² + Σ stiffness²·|p − p₀|² with L the scale-dependent umbrella (Desbrun et al. 1999), by conjugate
-    gradients on the normal equations; vertices of infinite stiffness do not move, so that what is filled continues the
+    Minimises Σ|L p|² + Σ stiffness²·|p − p₀|² with L the scale-dependent umbrella (Desbrun et al. 1999), by preconditioned
+    conjugate gradients on the normal equations; vertices of infinite stiffness do not move, so that what is filled continues the
     tangent planes around it.
 
     Parameters
@@ -126,12 +126,25 @@ def _fair_kernel(p, start, heads, free, stiffness, rows, iterations):
         if free[i]:
             for c in range(3):
                 r[i, c] = -gradient[i, c]
-    direction = r.copy()
-    norm = (r * r).sum()
+    # Jacobi preconditioner: the diagonal of LᵀL + stiffness²
+    diagonal = np.zeros(count)
+    for i in range(count):
+        if rows[i]:
+            diagonal[i] += 1.0
+            for e in range(start[i], start[i + 1]):
+                diagonal[heads[e]] += weight[e] ** 2
+    for i in range(count):
+        diagonal[i] = 1.0 / (diagonal[i] + stiffness[i] ** 2) if free[i] else 0.0
+    direction = np.empty((count, 3))
+    norm = 0.0
+    for i in range(count):
+        for c in range(3):
+            direction[i, c] = diagonal[i] * r[i, c]
+            norm += r[i, c] * direction[i, c]
     first = norm
     step = np.zeros((count, 3))
     for _ in range(iterations):
-        if norm <= 1e-8 * first or norm == 0:
+        if norm <= 1e-6 * first or norm == 0:
             break
         _laplace(direction, start, heads, weight, rows, lap)
         _laplace_transposed(lap, start, heads, weight, rows, gradient)
@@ -150,11 +163,11 @@ def _fair_kernel(p, start, heads, free, stiffness, rows, iterations):
                 for c in range(3):
                     step[i, c] += alpha * direction[i, c]
                     r[i, c] -= alpha * gradient[i, c]
-                    new_norm += r[i, c] ** 2
+                    new_norm += diagonal[i] * r[i, c] ** 2
         beta = new_norm / norm
         norm = new_norm
         for i in range(count):
             if free[i]:
                 for c in range(3):
-                    direction[i, c] = r[i, c] + beta * direction[i, c]
+                    direction[i, c] = diagonal[i] * r[i, c] + beta * direction[i, c]
     return p + step

@@ -36,14 +36,15 @@ def fill_loops(mesh: Mesh, maps: ViewMaps | None, largest: int = 64, diameter: f
     -----
     O(n³) time and O(n²) memory for a loop of n ≤ ``largest`` vertices.
     """
-    loops = boundary_loops(mesh.triangles, len(mesh.vertices))
+    twin = twins(mesh.triangles, len(mesh.vertices))
+    loops = boundary_loops(mesh.triangles, len(mesh.vertices), twin)
     if np.isfinite(diameter):
         loops = [loop for loop in loops if np.linalg.norm(np.ptp(mesh.vertices[loop], axis=0)) < diameter]
     if not loops:
         return mesh
     flat = np.concatenate(loops)
     starts = np.concatenate(([0], np.cumsum([len(loop) for loop in loops])))
-    rim = _rim_normals(mesh.vertices, mesh.triangles, twins(mesh.triangles, len(mesh.vertices)), flat, starts)
+    rim = _rim_normals(mesh.vertices, mesh.triangles, twin, flat, starts)
     view = _no_view() if maps is None else _view_arguments(maps)
     fill, centers, around, around_of = _fill_kernel(mesh.vertices, mesh.triangles, flat, starts, rim, largest, *view)
     vertices, colors, from_view = mesh.vertices, mesh.colors, mesh.view

@@ -92,15 +92,15 @@ def twins(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
     return twin
 
 
-def boundary_edges(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
+def boundary_edges(triangles: np.ndarray, vertex_count: int, twin: np.ndarray | None = None) -> np.ndarray:
     """Directed edges (B, 2) of one triangle only, in their triangle's direction: the surface lies on their left."""
-    alone = np.flatnonzero(twins(triangles, vertex_count) == -1)
+    alone = np.flatnonzero((twins(triangles, vertex_count) if twin is None else twin) == -1)
     tail = triangles.ravel()[alone]
     head = triangles[alone // 3, (alone % 3 + 1) % 3]
     return np.column_stack((tail, head)).astype(np.int32)
 
 
-def boundary_loops(triangles: np.ndarray, vertex_count: int) -> list[np.ndarray]:
+def boundary_loops(triangles: np.ndarray, vertex_count: int, twin: np.ndarray | None = None) -> list[np.ndarray]:
     """Closed runs of boundary vertices, longest first, each in the direction of its edges (surface on the left).
 
     Where loops touch in one vertex the walk leaves it by the edge that keeps the loops apart, so that each loop
@@ -111,7 +111,7 @@ def boundary_loops(triangles: np.ndarray, vertex_count: int) -> list[np.ndarray]
     triangles : np.ndarray [shape=(T, 3), dtype=int32]
         Of a mesh whose edges have at most two triangles, consistently wound.
     """
-    edges = boundary_edges(triangles, vertex_count)
+    edges = boundary_edges(triangles, vertex_count, twin)
     if not len(edges):
         return []
     order = np.argsort(edges[:, 0], kind="stable")
@@ -165,11 +165,12 @@ def _loops_kernel(edges, vertex_count):
 
 def triangle_components(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, int]:
     """Component (T,) int32 of each triangle, connected over shared edges, and how many there are."""
-    return _union_kernel(twins(triangles, vertex_count), len(triangles))
+    return components_of(twins(triangles, vertex_count), len(triangles))
 
 
 @njit(cache=True, nogil=True)
-def _union_kernel(twin, count):
+def components_of(twin: np.ndarray, count: int) -> tuple[np.ndarray, int]:
+    """:func:`triangle_components` of ``count`` triangles whose :func:`twins` are known."""
     parent = np.arange(count)
     for e in range(3 * count):
         if twin[e] < e:  # each pair once; boundary and non-manifold edges join nothing

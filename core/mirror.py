@@ -289,13 +289,22 @@ def _disparity_plane(u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray 
     A = np.column_stack((u, v, np.ones(len(u)))).astype(np.float64)
     d = 1.0 / z.astype(np.float64)
     weights = np.ones(len(d))
-    coefficients = None
+    center, scale = A.mean(axis=0), np.maximum(np.abs(A).max(axis=0), 1.0)
+    center[2] = 0.0
+    A = (A - center) / scale  # well conditioned, so that the normal equations are exact enough
     for _ in range(12):
-        root = np.sqrt(weights)
-        coefficients, _, rank, _ = np.linalg.lstsq(A * root[:, None], d * root, rcond=None)
-        if rank < 3:
+        weighted = A * weights[:, None]
+        normal = weighted.T @ A
+        if np.linalg.cond(normal) > 1e12:
             return None
-        weights = _weights_of(d - A @ coefficients)
+        solution = np.linalg.solve(normal, weighted.T @ d)
+        updated = _weights_of(d - A @ solution)
+        done = np.abs(updated - weights).max() < 1e-3
+        weights = updated
+        if done:
+            break
+    coefficients = solution / scale
+    coefficients[2] -= coefficients[:2] @ center[:2]
     return coefficients
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from .clipping import trim_outline
-from .mesh import SURFACE, Mesh, drop_small_components, keep_triangles, remove_bowties, twins
+from .mesh import SURFACE, Mesh, components_of, keep_triangles, remove_bowties, twins
 
 
 @dataclass(frozen=True)
@@ -85,18 +85,44 @@ def triangulate_view(
 
 
 def clean_patch(patch: Mesh, min_triangles: int) -> Mesh:
-    """Take off what makes a boundary ragged: teeth (triangles hanging by one edge or corner), bow-ties, specks."""
-    for _ in range(3):
-        keep = remove_teeth(patch.triangles, len(patch.vertices))
-        if keep.all():
-            break
-        patch = keep_triangles(patch, keep)
-    return drop_small_components(remove_bowties(patch), min_triangles)
+    """Take off what makes a boundary ragged: teeth (triangles hanging by one edge or corner), specks, bow-ties."""
+    if not len(patch.triangles):
+        return patch
+    twin = twins(patch.triangles, len(patch.vertices))
+    keep = _peel_kernel(twin)
+    label, count = components_of(np.where(keep.repeat(3), twin, -1), len(patch.triangles))
+    keep &= np.bincount(label[keep], minlength=count)[label] >= min_triangles
+    return remove_bowties(keep_triangles(patch, keep))
 
 
-def remove_teeth(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
-    """Which triangles stay, bool (T,): those that share at least two edges with others."""
-    return (twins(triangles, vertex_count).reshape(-1, 3) >= 0).sum(axis=1) >= 2
+@njit(cache=True, nogil=True)
+def _peel_kernel(twin):
+    """Which triangles stay when those sharing fewer than two edges are taken off, over and over; cuts their twins."""
+    count = len(twin) // 3
+    keep = np.ones(count, np.bool_)
+    stack = np.empty(4 * count, np.int64)
+    for t in range(count):
+        stack[t] = t
+    top = count
+    while top > 0:
+        top -= 1
+        t = stack[top]
+        if not keep[t]:
+            continue
+        shared = 0
+        for k in range(3):
+            shared += twin[3 * t + k] >= 0
+        if shared >= 2:
+            continue
+        keep[t] = False
+        for k in range(3):
+            e = twin[3 * t + k]
+            if e >= 0:
+                twin[e] = -1
+                twin[3 * t + k] = -1
+                stack[top] = e // 3
+                top += 1
+    return keep
 
 
 @njit(cache=True, nogil=True)
