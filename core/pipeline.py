@@ -21,7 +21,7 @@ from .depth import (
     smoothing_sigma,
 )
 from .errors import MirrorError, ReconstructionError
-from .mesh import Mesh, merge
+from .mesh import Mesh
 from .metrics import mesh_report
 from .mirror import Mirror, MirrorSettings, place_mirror, reflection_matrix
 from .overlap import OverlapSettings, part_overlaps, view_maps
@@ -157,7 +157,7 @@ def reconstruction_steps(
     clock.lap("overlap")
 
     yield 0.7, "Zippering the seams"
-    open_mesh, seams = zip_patches(merge(patches), maps, views.up, views.floor, settings.zipper)
+    open_mesh, seams = zip_patches(patches, maps, views.up, views.axis, views.floor, settings.zipper)
     clock.lap("zippering")
 
     yield 0.8, "Closing the mesh"

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit, prange
 
+from .coronal import match_chains, outer_chains, solidity
 from .dtw import dtw
 from .filling import fill_loops
 from .freespace import bridge_is_free
-from .mesh import SEAM, Mesh, boundary_loops, vertex_normals
+from .mesh import SEAM, Mesh, boundary_loops, merge, vertex_normals
 from .overlap import ViewMaps
 
 
@@ -24,12 +25,22 @@ class ZipperSettings:
         Widest gap bridged in each round [m]; narrow gaps are zippered first.
     min_run : int
         Shortest run of facing vertices that is worth a seam.
+    compactness : float
+        The paper's split at the coronal and sagittal planes is used when at least this share of the silhouette's rows,
+        from end to end, is body: no limbs held off it. Above 1 it is never used, 0 always.
+    compact_gap : float
+        Where the paper's matching leaves a wider gap than this, the general matching takes over [m].
+    compact_share : float
+        The paper's matching is discarded when less than this share of a matched pair is that near.
     floor_band : float
         Boundaries lower than this above the floor are soles: only the narrowest gaps are bridged there [m].
     """
 
     gaps: tuple[float, ...] = (0.03, 0.08, 0.12, 0.2)
     min_run: int = 4
+    compactness: float = 0.93
+    compact_gap: float = 0.05
+    compact_share: float = 0.35
     floor_band: float = 0.05
 
 
@@ -316,34 +327,115 @@ def _first_come_kernel(triangles, new, vertex_count):
 
 
 def zip_patches(
-    mesh: Mesh, maps: ViewMaps, up: np.ndarray, floor: float | None, settings: ZipperSettings = ZipperSettings()
+    patches: list[Mesh],
+    maps: ViewMaps,
+    up: np.ndarray,
+    axis: np.ndarray,
+    floor: float | None,
+    settings: ZipperSettings = ZipperSettings(),
 ) -> tuple[Mesh, list[Seam]]:
-    """Zipper every pair of boundary runs that face each other, narrow gaps first, best matched first.
+    """Zipper the patches: a compact figure first as the paper does, then every pair of boundary runs that face each other.
+
+    Narrow gaps come before wide ones, well matched runs before badly matched ones.
 
     Parameters
     ----------
-    mesh : Mesh
-        All patches, camera frame.
+    patches : list of Mesh
+        One a view, camera frame, consistently wound.
     maps : ViewMaps
         What the views saw: no bridge runs through space seen to be empty.
-    up : np.ndarray [shape=(3,)]
-        Vertical.
+    up, axis : np.ndarray [shape=(3,)]
+        Vertical, and a point of the vertical through the subject, in which coronal and sagittal plane meet.
     floor : float or None
         Height of the floor along ``up`` [m].
 
     Returns
     -------
     mesh : Mesh
-        With the seams' triangles (kind ``SEAM``); no directed edge occurs twice.
+        With the seams' triangles (kind ``SEAM``); no directed edge occurs twice. Small holes are filled (``FILL``).
     seams : list of Seam
+
+    Notes
+    -----
+    O(B²) time in the worst case for B boundary vertices, O(B) memory and one byte a DTW cell.
     """
+    mesh = merge(patches)
     seams: list[Seam] = []
+    if not len(mesh.triangles):
+        return mesh, seams
+    mesh, seams = _zip_compact(mesh, patches, maps, up, axis, floor, settings)
     for reach in settings.gaps:
         mesh, found = _zip_round(mesh, maps, reach, up, floor, settings)
         seams += found
         # a hole no wider than the gaps just zippered is a hole in one surface, not two boundaries to match
         mesh = fill_loops(mesh, maps, diameter=reach)
     return mesh, seams
+
+
+def _zip_compact(
+    mesh: Mesh, patches: list[Mesh], maps: ViewMaps, up: np.ndarray, axis: np.ndarray, floor: float | None,
+    settings: ZipperSettings,
+) -> tuple[Mesh, list[Seam]]:
+    """The paper's way (4.2.2), kept where the boundaries it matches run along each other.
+
+    A figure on which they mostly do not is not compact, and all is left to the general matching.
+    """
+    if solidity(maps.labels) < settings.compactness:
+        return mesh, []
+    chains = outer_chains(patches, up, axis)
+    k = maps.intrinsics
+    seams, strips = [], []
+    for a, b, warping in match_chains(mesh.vertices, chains):
+        at_a, at_b = a.vertices, b.vertices[::-1]
+        p, q = mesh.vertices[at_a[warping.path[:, 0]]], mesh.vertices[at_b[warping.path[:, 1]]]
+        gap = np.linalg.norm(p - q, axis=1)
+        near = gap <= settings.compact_gap
+        near &= ~_free_bridges(p, q, maps.to_view, maps.depth, maps.seen, k.fx, k.fy, k.cx, k.cy, maps.noise)
+        standing = np.ones(len(p), np.bool_)
+        if floor is not None:  # soles have nothing to be matched with
+            standing = (p @ up > floor + settings.floor_band) & (q @ up > floor + settings.floor_band)
+        near &= standing
+        if near.sum() < settings.compact_share * standing.sum():
+            return mesh, []
+        for first, last in _runs_of(near, settings.min_run):
+            path = warping.path[first:last]
+            i0, i1 = path[0, 0], path[-1, 0]
+            if i1 == i0:
+                continue
+            strips.append(zip_chains(mesh.vertices, at_a, at_b, path))
+            run = np.linalg.norm(np.diff(mesh.vertices[at_a[i0 : i1 + 1]], axis=0), axis=1).sum()
+            seams.append(Seam(
+                (a.patch, b.patch), float(run), float(gap[first:last].mean()), float(gap[first:last].max()),
+                "coronal and sagittal planes", float(gap[first:last].sum()),
+            ))
+    return _with_strips(mesh, strips), seams
+
+
+def _runs_of(mask: np.ndarray, shortest: int) -> list[tuple[int, int]]:
+    """Runs (first, behind last) of True that are at least ``shortest`` long."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0]))))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2]) if b - a >= shortest]
+
+
+@njit(cache=True, nogil=True)
+def _free_bridges(p, q, to_view, depth, seen, fx, fy, cx, cy, noise):
+    free = np.zeros(len(p), np.bool_)
+    for i in range(len(p)):
+        free[i] = bridge_is_free(p[i], q[i], to_view, depth, seen, fx, fy, cx, cy, noise)
+    return free
+
+
+def _with_strips(mesh: Mesh, strips: list[np.ndarray]) -> Mesh:
+    """The mesh with the strips' triangles, but for those that would repeat a directed edge."""
+    if not strips:
+        return mesh
+    new = np.concatenate(strips)
+    new = new[add_triangles(mesh.triangles, new, len(mesh.vertices))]
+    return replace(
+        mesh,
+        triangles=np.concatenate((mesh.triangles, new)),
+        kind=np.concatenate((mesh.kind, np.full(len(new), SEAM, np.int8))),
+    )
 
 
 def _zip_round(
@@ -395,16 +487,8 @@ def _zip_round(
         gap = np.linalg.norm(boundary.point[at_a[path[:, 0]]] - boundary.point[at_b[path[:, 1]]], axis=1)
         run = np.linalg.norm(np.diff(boundary.point[at_a[i0 : i1 + 1]], axis=0), axis=1).sum()
         views = sorted((int(mesh.view[boundary.vertex[at_a[i0]]]), int(mesh.view[boundary.vertex[at_b[j0]]])))
-        seams.append(Seam((views[0], views[1]), float(run), float(gap.mean()), float(gap.max()), "runs", warping.distance))
-    if not new:
-        return mesh, []
-    strips = np.concatenate(new)
-    strips = strips[add_triangles(mesh.triangles, strips, len(mesh.vertices))]
-    return replace(
-        mesh,
-        triangles=np.concatenate((mesh.triangles, strips)),
-        kind=np.concatenate((mesh.kind, np.full(len(strips), SEAM, np.int8))),
-    ), seams
+        seams.append(Seam((views[0], views[1]), float(run), float(gap.mean()), float(gap.max()), "facing runs", warping.distance))
+    return _with_strips(mesh, new), seams
 
 
 def _features(boundary: Boundary, at: np.ndarray, direction: float) -> np.ndarray:
@@ -419,11 +503,8 @@ def _longest_free(path: np.ndarray, used_a: np.ndarray, used_b: np.ndarray) -> n
     free = np.ones(len(path) - 1, np.bool_)
     free &= ~((np.diff(i) > 0) & used_a[i[:-1]])
     free &= ~((np.diff(j) > 0) & used_b[j[1:]])
-    if not free.any():
+    runs = _runs_of(free, 2)
+    if not runs:
         return None
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], free.astype(np.int8), [0]))))
-    starts, ends = edges[::2], edges[1::2]
-    best = np.argmax(ends - starts)
-    if ends[best] - starts[best] < 2:
-        return None
-    return path[starts[best] : ends[best] + 1]
+    first, last = max(runs, key=lambda run: run[1] - run[0])
+    return path[first : last + 1]

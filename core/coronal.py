@@ -1,0 +1,121 @@
+"""The paper's matching (4.2.2): boundary loops split where the coronal and sagittal planes meet, every pairing tried."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from .dtw import Warping, dtw
+from .mesh import Mesh, boundary_loops
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Half of a patch's outer boundary loop, from one split point to the other.
+
+    ``vertices`` (N,) in the boundary's own direction; ``patch`` is the patch's number.
+    """
+
+    patch: int
+    vertices: np.ndarray
+
+
+def split_loop(points: np.ndarray, loop: np.ndarray, up: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Split a loop at its top and bottom: where it comes nearest to the line in which coronal and sagittal plane meet.
+
+    Parameters
+    ----------
+    points : np.ndarray [shape=(V, 3)]
+        Mesh vertices [m].
+    loop : np.ndarray [shape=(N,)]
+        Boundary loop.
+    up, axis : np.ndarray [shape=(3,)]
+        Direction of that line, and a point on it.
+
+    Returns
+    -------
+    (first, second) or None
+        Both chains in the loop's direction, sharing their end vertices; None when the loop has no two ends.
+    """
+    offset = points[loop] - axis
+    height = offset @ up
+    aside = np.linalg.norm(offset - height[:, None] * up, axis=1)
+    reach = np.ptp(height)
+    if reach == 0:
+        return None
+    # near the line counts, and near that end of the figure
+    top = int(np.argmin(aside + 2.0 * (height.max() - height)))
+    bottom = int(np.argmin(aside + 2.0 * (height - height.min())))
+    low, high = sorted((top, bottom))
+    if high - low < 2 or low + len(loop) - high < 2:
+        return None
+    return loop[low : high + 1], np.concatenate((loop[high:], loop[: low + 1]))
+
+
+def pairings(owners: list[int]) -> Iterator[list[tuple[int, int]]]:
+    """Every way to pair all items such that no two of a pair have the same owner."""
+    if not owners:
+        yield []
+        return
+
+    def pair(left: tuple[int, ...]) -> Iterator[list[tuple[int, int]]]:
+        if not left:
+            yield []
+            return
+        first, others = left[0], left[1:]
+        for k, other in enumerate(others):
+            if owners[first] != owners[other]:
+                for rest in pair(others[:k] + others[k + 1 :]):
+                    yield [(first, other), *rest]
+
+    yield from pair(tuple(range(len(owners))))
+
+
+def match_chains(points: np.ndarray, chains: list[Chain]) -> list[tuple[Chain, Chain, Warping]]:
+    """Try every possible match of the chains and keep the one of least accumulated DTW distance (paper 4.2.2).
+
+    Returns
+    -------
+    list of (a, b, warping)
+        ``warping`` matches a's vertices with b's taken backwards. Empty when the chains cannot all be paired.
+        O(C² · N²) time for C chains of N vertices.
+    """
+    warpings = {
+        (i, j): dtw(points[chains[i].vertices], points[chains[j].vertices[::-1]])
+        for i in range(len(chains))
+        for j in range(i + 1, len(chains))
+        if chains[i].patch != chains[j].patch
+    }
+    best = min(
+        pairings([chain.patch for chain in chains]), key=lambda way: sum(warpings[p].distance for p in way), default=[]
+    )
+    return [(chains[i], chains[j], warpings[i, j]) for i, j in best]
+
+
+def solidity(labels: np.ndarray, view: int = 0) -> float:
+    """Share of a view's silhouette, row by row from its leftmost to its rightmost pixel, that is filled.
+
+    Near 1 for a compact figure; limbs held off the body and parted legs leave gaps in the rows.
+    """
+    mine = labels == view
+    rows = mine.any(axis=1)
+    if not rows.any():
+        return 0.0
+    first, last = mine[rows].argmax(axis=1), mine.shape[1] - mine[rows, ::-1].argmax(axis=1)
+    return float(mine.sum() / (last - first).sum())
+
+
+def outer_chains(patches: list[Mesh], up: np.ndarray, axis: np.ndarray) -> list[Chain]:
+    """Both chains of every patch's longest boundary loop, vertices numbered as in the merged mesh; none if one has no ends."""
+    chains, offset = [], 0
+    for number, patch in enumerate(patches):
+        if len(patch.triangles):
+            loops = boundary_loops(patch.triangles, len(patch.vertices))
+            halves = split_loop(patch.vertices, loops[0], up, axis) if loops else None
+            if halves is None:
+                return []
+            chains += [Chain(number, half + offset) for half in halves]
+        offset += len(patch.vertices)
+    return chains
