@@ -138,7 +138,7 @@ def _clip_kernel(vertices, triangles, field, level):
                     out_v[j, c] = vertices[j, c] + (1.0 - s) * (vertices[i, c] - vertices[j, c])
     n = count
     keys = dict()
-    keys[(np.int64(-1), np.int64(-1))] = np.int64(-1)
+    keys[np.int64(-1)] = np.int64(-1)
     out_t = np.empty((2 * len(triangles), 3), np.int32)
     parent = np.empty(2 * len(triangles), np.int64)
     m = 0
@@ -163,7 +163,7 @@ def _clip_kernel(vertices, triangles, field, level):
                 outer = j if a_in else i
                 if snapped[inner]:
                     continue  # the inner end already lies on the line
-                key = (np.int64(inner), np.int64(outer))
+                key = np.int64(inner) * count + outer
                 if key not in keys:
                     s = f[inner] / (f[inner] - f[outer])
                     for c in range(3):

@@ -8,7 +8,7 @@ import numpy as np
 
 from .fairing import fair
 from .filling import fill_loops
-from .mesh import FILL, SURFACE, Mesh, boundary_loops, keep_triangles, remove_bowties, triangle_components
+from .mesh import FILL, SURFACE, Mesh, boundary_loops, components_of, keep_triangles, keep_twins, remove_bowties, twins
 from .overlap import ViewMaps
 from .refinement import edge_length_at_vertices, refine
 
@@ -58,15 +58,13 @@ def close_mesh(
         What was dropped or could not be mended, for the user.
     """
     notes = []
-    mesh, dropped = largest_component(mesh)
-    if dropped:
-        notes.append(f"{dropped} small piece(s) that nothing connects to the body were left out")
-    mesh = remove_bowties(mesh)
+    mesh = remove_bowties(mesh)  # so that loops touching in a vertex are told apart
     if floor is not None:
         mesh = drop_soles(mesh, up, floor, settings.floor_reach)
     mesh = fill_loops(mesh, maps, settings.largest_loop)
-    mesh = remove_bowties(mesh)
-    mesh, _ = largest_component(mesh)
+    mesh, dropped = largest_component(mesh)
+    if dropped:
+        notes.append(f"{dropped} small piece(s) that nothing connects to the body were left out")
     mesh = refine(mesh, edge_length_at_vertices(mesh), settings.refine)
     made = mesh.view < 0
     flat = np.zeros(len(mesh.vertices), np.bool_) if floor is None else made & (np.abs(mesh.vertices @ up - floor) < 1e-6)
@@ -78,22 +76,25 @@ def close_mesh(
 
 
 def largest_component(mesh: Mesh) -> tuple[Mesh, int]:
-    """The connected piece with the most triangles, and how many others were dropped."""
-    label, count = triangle_components(mesh.triangles, len(mesh.vertices))
-    if count <= 1:
-        return mesh, 0
-    return keep_triangles(mesh, label == np.bincount(label).argmax()), count - 1
+    """The connected piece with the most triangles, without bow-ties, and how many other pieces were dropped."""
+    twin = twins(mesh.triangles, len(mesh.vertices))
+    label, count = components_of(twin, len(mesh.triangles))
+    if count > 1:
+        keep = label == np.bincount(label).argmax()
+        twin = keep_twins(twin, keep)
+        mesh = keep_triangles(mesh, keep)
+    return remove_bowties(mesh, twin), count - 1
 
 
 def drop_soles(mesh: Mesh, up: np.ndarray, floor: float, reach: float) -> Mesh:
     """Let boundary loops just above the floor down onto it: a vertical skirt, so that the sole is closed flat.
 
-    A loop counts when at least nine tenths of it lie lower than ``reach`` and none twice as high.
+    A loop counts when at least three quarters of it lie lower than ``reach`` and none four times as high.
     """
     below = []
     for loop in boundary_loops(mesh.triangles, len(mesh.vertices)):
         height = mesh.vertices[loop] @ up - floor
-        if len(loop) >= 8 and np.quantile(height, 0.9) < reach and height.max() < 2 * reach and height.min() > -reach:
+        if len(loop) >= 8 and np.quantile(height, 0.75) < reach and height.max() < 4 * reach and height.min() > -reach:
             below.append(loop)
     if not below:
         return mesh

@@ -96,29 +96,40 @@ def _fuse_kernel(depth, low, high, tolerance, needed):
         readings = np.empty(frames, np.float32)
         for u in range(width):
             n = 0
+            nearest, farthest = np.inf, 0.0
+            total = 0.0
+            squares = 0.0
             for f in range(frames):
                 z = depth[f, v, u]
                 if low <= z <= high:  # false for NaN
-                    k = n  # insertion sort: bursts are short
+                    readings[n] = z
+                    n += 1
+                    nearest, farthest = min(nearest, z), max(farthest, z)
+                    d = 1.0 / z
+                    total += d
+                    squares += d * d
+            if n < needed:
+                continue
+            kept = n
+            if farthest > (1.0 + tolerance) * nearest:  # else all agree with their median, whichever it is
+                for f in range(1, n):  # insertion sort: bursts are short
+                    z = readings[f]
+                    k = f
                     while k > 0 and readings[k - 1] > z:
                         readings[k] = readings[k - 1]
                         k -= 1
                     readings[k] = z
-                    n += 1
-            if n < needed:
-                continue
-            median = readings[n // 2]
-            total = 0.0
-            squares = 0.0
-            kept = 0
-            for k in range(n):
-                d = 1.0 / readings[k]
-                if abs(d * median - 1.0) <= tolerance:
-                    total += d
-                    squares += d * d
-                    kept += 1
-            if kept < needed:
-                continue
+                median = readings[n // 2]
+                total = squares = 0.0
+                kept = 0
+                for k in range(n):
+                    d = 1.0 / readings[k]
+                    if abs(d * median - 1.0) <= tolerance:
+                        total += d
+                        squares += d * d
+                        kept += 1
+                if kept < needed:
+                    continue
             mean = total / kept
             fused[v, u] = 1.0 / mean
             if kept > 1:

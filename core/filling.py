@@ -6,11 +6,13 @@ import numpy as np
 from numba import njit
 
 from .freespace import bridge_is_free
-from .mesh import FILL, Mesh, boundary_loops, twins
+from .mesh import FILL, Mesh, loops_of, open_edges
 from .overlap import ViewMaps
 
 
-def fill_loops(mesh: Mesh, maps: ViewMaps | None, largest: int = 64, diameter: float = np.inf) -> Mesh:
+def fill_loops(
+    mesh: Mesh, maps: ViewMaps | None, largest: int = 64, diameter: float = np.inf, edges: np.ndarray | None = None
+) -> Mesh:
     """Close boundary loops by the triangulation of least weight.
 
     The weight sums area and bending over all triangles; chords through space that a view saw to be empty weigh tenfold.
@@ -26,6 +28,8 @@ def fill_loops(mesh: Mesh, maps: ViewMaps | None, largest: int = 64, diameter: f
         Loops of more vertices are first cut in two by the chord that is shortest for the run it cuts off.
     diameter : float
         Only loops whose bounding box is smaller than this along its diagonal are closed [m].
+    edges : np.ndarray [shape=(B, 3)], optional
+        The mesh's :func:`~.mesh.open_edges`, where they are known already.
 
     Returns
     -------
@@ -36,15 +40,16 @@ def fill_loops(mesh: Mesh, maps: ViewMaps | None, largest: int = 64, diameter: f
     -----
     O(n³) time and O(n²) memory for a loop of n ≤ ``largest`` vertices.
     """
-    twin = twins(mesh.triangles, len(mesh.vertices))
-    loops = boundary_loops(mesh.triangles, len(mesh.vertices), twin)
+    if edges is None:
+        edges = open_edges(mesh.triangles, len(mesh.vertices))
+    loops = loops_of(edges, len(mesh.vertices))
     if np.isfinite(diameter):
         loops = [loop for loop in loops if np.linalg.norm(np.ptp(mesh.vertices[loop], axis=0)) < diameter]
     if not loops:
         return mesh
     flat = np.concatenate(loops)
     starts = np.concatenate(([0], np.cumsum([len(loop) for loop in loops])))
-    rim = _rim_normals(mesh.vertices, mesh.triangles, twin, flat, starts)
+    rim = _rim_normals(mesh.vertices, mesh.triangles, edges, flat, starts)
     view = _no_view() if maps is None else _view_arguments(maps)
     fill, centers, around, around_of = _fill_kernel(mesh.vertices, mesh.triangles, flat, starts, rim, largest, *view)
     vertices, colors, from_view = mesh.vertices, mesh.colors, mesh.view
@@ -75,14 +80,13 @@ def _no_view() -> tuple:
 
 
 @njit(cache=True, nogil=True)
-def _rim_normals(vertices, triangles, twin, flat, starts):
+def _rim_normals(vertices, triangles, edges, flat, starts):
     """Unit normal of the triangle at each loop edge (entry → next entry)."""
     count = len(vertices)
     of = dict()
     of[np.int64(-1)] = np.int64(-1)
-    for e in range(len(twin)):
-        if twin[e] == -1:
-            of[np.int64(triangles[e // 3, e % 3]) * count + triangles[e // 3, (e % 3 + 1) % 3]] = np.int64(e // 3)
+    for e in range(len(edges)):
+        of[np.int64(edges[e, 0]) * count + edges[e, 1]] = np.int64(edges[e, 2])
     rim = np.zeros((len(flat), 3))
     for loop in range(len(starts) - 1):
         n = starts[loop + 1] - starts[loop]

@@ -92,15 +92,49 @@ def twins(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
     return twin
 
 
-def boundary_edges(triangles: np.ndarray, vertex_count: int, twin: np.ndarray | None = None) -> np.ndarray:
-    """Directed edges (B, 2) of one triangle only, in their triangle's direction: the surface lies on their left."""
+def open_edges(triangles: np.ndarray, vertex_count: int, twin: np.ndarray | None = None) -> np.ndarray:
+    """Edges of one triangle only: rows (tail, head, triangle), int32 (B, 3), in their triangle's direction.
+
+    The surface lies on the left of the edge. Pass ``twin`` where :func:`twins` is known already.
+    """
     alone = np.flatnonzero((twins(triangles, vertex_count) if twin is None else twin) == -1)
-    tail = triangles.ravel()[alone]
-    head = triangles[alone // 3, (alone % 3 + 1) % 3]
-    return np.column_stack((tail, head)).astype(np.int32)
+    rows = np.empty((len(alone), 3), np.int32)
+    rows[:, 0] = triangles.ravel()[alone]
+    rows[:, 1] = triangles[alone // 3, (alone % 3 + 1) % 3]
+    rows[:, 2] = alone // 3
+    return rows
 
 
-def boundary_loops(triangles: np.ndarray, vertex_count: int, twin: np.ndarray | None = None) -> list[np.ndarray]:
+@njit(cache=True, nogil=True)
+def extend_open_edges(edges: np.ndarray, triangles: np.ndarray, first: int, vertex_count: int) -> np.ndarray:
+    """:func:`open_edges` after the triangles from ``first`` on were added, without looking at the others."""
+    found = dict()
+    found[np.int64(-1)] = np.int64(-1)
+    for e in range(len(edges)):
+        found[np.int64(edges[e, 0]) * vertex_count + edges[e, 1]] = np.int64(edges[e, 2])
+    for t in range(first, len(triangles)):
+        for k in range(3):
+            i, j = np.int64(triangles[t, k]), np.int64(triangles[t, (k + 1) % 3])
+            back = j * vertex_count + i
+            if back in found and found[back] >= 0:
+                found[back] = np.int64(-2)  # closed
+            else:
+                found[i * vertex_count + j] = np.int64(t)
+    out = np.empty((len(found), 3), np.int32)
+    n = 0
+    for key, t in found.items():
+        if t >= 0:
+            out[n, 0], out[n, 1], out[n, 2] = key // vertex_count, key % vertex_count, t
+            n += 1
+    return out[:n].copy()
+
+
+def boundary_edges(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
+    """Directed edges (B, 2) of one triangle only, in their triangle's direction: the surface lies on their left."""
+    return open_edges(triangles, vertex_count)[:, :2]
+
+
+def boundary_loops(triangles: np.ndarray, vertex_count: int) -> list[np.ndarray]:
     """Closed runs of boundary vertices, longest first, each in the direction of its edges (surface on the left).
 
     Where loops touch in one vertex the walk leaves it by the edge that keeps the loops apart, so that each loop
@@ -111,12 +145,16 @@ def boundary_loops(triangles: np.ndarray, vertex_count: int, twin: np.ndarray | 
     triangles : np.ndarray [shape=(T, 3), dtype=int32]
         Of a mesh whose edges have at most two triangles, consistently wound.
     """
-    edges = boundary_edges(triangles, vertex_count, twin)
+    return loops_of(open_edges(triangles, vertex_count), vertex_count)
+
+
+def loops_of(edges: np.ndarray, vertex_count: int) -> list[np.ndarray]:
+    """:func:`boundary_loops` of the given :func:`open_edges`."""
     if not len(edges):
         return []
-    order = np.argsort(edges[:, 0], kind="stable")
-    flat, starts = _loops_kernel(edges[order], vertex_count)
-    loops = [flat[a:b] for a, b in zip(starts[:-1], starts[1:])]
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    flat, starts = _loops_kernel(np.ascontiguousarray(edges[order, :2]), vertex_count)
+    loops = [flat[a:b] for a, b in zip(starts[:-1], starts[1:], strict=True)]
     return sorted((loop for loop in loops if len(loop) >= 3), key=lambda loop: (-len(loop), int(loop[0])))
 
 
@@ -214,6 +252,14 @@ def compact(mesh: Mesh) -> Mesh:
     )
 
 
+def keep_twins(twin: np.ndarray, keep: np.ndarray) -> np.ndarray:
+    """:func:`twins` of the triangles where ``keep`` (T,) bool holds, from those of all."""
+    index = np.cumsum(keep) - 1
+    kept = twin.reshape(-1, 3)[keep].ravel()
+    there = (kept >= 0) & keep[kept // 3]
+    return np.where(there, 3 * index[kept // 3] + kept % 3, np.minimum(kept, -1)).astype(np.int32)
+
+
 def keep_triangles(mesh: Mesh, keep: np.ndarray) -> Mesh:
     """The mesh of the triangles where ``keep`` (T,) bool holds, unused vertices dropped."""
     return compact(replace(mesh, triangles=mesh.triangles[keep], kind=None if mesh.kind is None else mesh.kind[keep]))
@@ -227,7 +273,7 @@ def drop_small_components(mesh: Mesh, min_triangles: int) -> Mesh:
     return keep_triangles(mesh, np.bincount(label, minlength=count)[label] >= min_triangles)
 
 
-def remove_bowties(mesh: Mesh) -> Mesh:
+def remove_bowties(mesh: Mesh, twin: np.ndarray | None = None) -> Mesh:
     """Where separate fans of triangles meet in one vertex, give each fan its own copy of it.
 
     Afterwards every vertex's triangles form one fan. Assumes edges with at most two triangles. O(T log T).
@@ -235,7 +281,7 @@ def remove_bowties(mesh: Mesh) -> Mesh:
     count = len(mesh.vertices)
     if not len(mesh.triangles):
         return mesh
-    corner_fan, fans_of = _fan_kernel(mesh.triangles, twins(mesh.triangles, count), count)
+    corner_fan, fans_of = _fan_kernel(mesh.triangles, twins(mesh.triangles, count) if twin is None else twin, count)
     extra = fans_of > 1
     if not extra.any():
         return mesh

@@ -13,7 +13,7 @@ from numba import njit, prange
 
 from .camera import Intrinsics
 from .clipping import clip, distance_to_zero, smooth_on_mesh, trim_outline
-from .mesh import Mesh, keep_triangles, remove_bowties, vertex_normals
+from .mesh import Mesh, keep_triangles, vertex_normals
 from .mirror import Mirror, reflection_matrix
 from .triangulation import clean_patch
 
@@ -295,7 +295,7 @@ def _strip_doubles(patches: list[Mesh], maps: ViewMaps, settings: OverlapSetting
         if not covered.any():
             continue
         patch = keep_triangles(patch, ~covered[patch.triangles].any(axis=1))
-        patch = clean_patch(trim_outline(remove_bowties(patch), 0.5), 12)
+        patch = clean_patch(trim_outline(patch, 0.5), 12)
         stripped[view] = patch
         kept[kept == view] = -1
         _mark_kernel(patch.vertices, patch.view, maps.to_view, kept, *camera)

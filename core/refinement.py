@@ -171,7 +171,7 @@ def _split(tri, tw, kinds, m, e, x, edges, stride):
     _link(tw, 3 * s + 1, 3 * s2 + 2)
     _link(tw, 3 * s + 2, db)
     _link(tw, 3 * s2 + 1, ad)
-    del edges[np.int64(min(a, b)) * stride + max(a, b)]
+    edges[np.int64(min(a, b)) * stride + max(a, b)] = False
     for v in (a, b, c, d):
         edges[np.int64(v) * stride + x] = True
     return m + 2
@@ -212,9 +212,9 @@ def _flip_pass(p, tri, tw, m, edges, stride):
         if area_u + area_w > 1.3 * (area_c + area_d):
             continue
         key = np.int64(min(c, d)) * stride + max(c, d)
-        if key in edges:
+        if key in edges and edges[key]:
             continue
-        del edges[np.int64(min(a, b)) * stride + max(a, b)]
+        edges[np.int64(min(a, b)) * stride + max(a, b)] = False
         edges[key] = True
         bc, ca = tw[3 * t + (k + 1) % 3], tw[3 * t + (k + 2) % 3]
         ad, db = tw[3 * s + (q + 1) % 3], tw[3 * s + (q + 2) % 3]

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from .clipping import trim_outline
-from .mesh import SURFACE, Mesh, components_of, keep_triangles, remove_bowties, twins
+from .mesh import SURFACE, Mesh, components_of, keep_triangles, keep_twins, remove_bowties, twins
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,6 @@ def triangulate_view(
         np.full(len(vertices), view, np.int8),
         np.full(len(triangles), SURFACE, np.int8),
     )
-    patch = clean_patch(patch, settings.min_triangles)
     return clean_patch(trim_outline(patch, settings.outline), settings.min_triangles)
 
 
@@ -92,7 +91,7 @@ def clean_patch(patch: Mesh, min_triangles: int) -> Mesh:
     keep = _peel_kernel(twin)
     label, count = components_of(np.where(keep.repeat(3), twin, -1), len(patch.triangles))
     keep &= np.bincount(label[keep], minlength=count)[label] >= min_triangles
-    return remove_bowties(keep_triangles(patch, keep))
+    return remove_bowties(keep_triangles(patch, keep), keep_twins(twin, keep))
 
 
 @njit(cache=True, nogil=True)

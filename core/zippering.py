@@ -11,7 +11,7 @@ from .coronal import match_chains, outer_chains, solidity
 from .dtw import dtw
 from .filling import fill_loops
 from .freespace import bridge_is_free
-from .mesh import SEAM, Mesh, boundary_loops, merge, vertex_normals
+from .mesh import SEAM, Mesh, extend_open_edges, loops_of, merge, open_edges, vertex_normals
 from .overlap import ViewMaps
 
 
@@ -74,9 +74,9 @@ class Boundary:
     arc: np.ndarray
 
 
-def boundary_of(mesh: Mesh) -> Boundary:
-    """Boundary loops with the directions that matching needs. O(V + T)."""
-    loops = boundary_loops(mesh.triangles, len(mesh.vertices))
+def boundary_of(mesh: Mesh, edges: np.ndarray) -> Boundary:
+    """Boundary loops with the directions that matching needs, from the mesh's :func:`~.mesh.open_edges`. O(V + T)."""
+    loops = loops_of(edges, len(mesh.vertices))
     start = np.concatenate(([0], np.cumsum([len(loop) for loop in loops]))).astype(np.int64)
     vertex = np.concatenate(loops) if loops else np.empty(0, np.int32)
     normals = vertex_normals(mesh.vertices, mesh.triangles)
@@ -363,12 +363,18 @@ def zip_patches(
     seams: list[Seam] = []
     if not len(mesh.triangles):
         return mesh, seams
+    edges = open_edges(mesh.triangles, len(mesh.vertices))
+    known = len(mesh.triangles)
     mesh, seams = _zip_compact(mesh, patches, maps, up, axis, floor, settings)
     for reach in settings.gaps:
-        mesh, found = _zip_round(mesh, maps, reach, up, floor, settings)
+        edges = extend_open_edges(edges, mesh.triangles, known, len(mesh.vertices))
+        known = len(mesh.triangles)
+        mesh, found = _zip_round(mesh, edges, maps, reach, up, floor, settings)
         seams += found
         # a hole no wider than the gaps just zippered is a hole in one surface, not two boundaries to match
-        mesh = fill_loops(mesh, maps, diameter=reach)
+        edges = extend_open_edges(edges, mesh.triangles, known, len(mesh.vertices))
+        known = len(mesh.triangles)
+        mesh = fill_loops(mesh, maps, diameter=reach, edges=edges)
     return mesh, seams
 
 
@@ -439,9 +445,10 @@ def _with_strips(mesh: Mesh, strips: list[np.ndarray]) -> Mesh:
 
 
 def _zip_round(
-    mesh: Mesh, maps: ViewMaps, reach: float, up: np.ndarray, floor: float | None, settings: ZipperSettings
+    mesh: Mesh, edges: np.ndarray, maps: ViewMaps, reach: float, up: np.ndarray, floor: float | None,
+    settings: ZipperSettings,
 ) -> tuple[Mesh, list[Seam]]:
-    boundary = boundary_of(mesh)
+    boundary = boundary_of(mesh, edges)
     if not len(boundary.vertex):
         return mesh, []
     k = maps.intrinsics
