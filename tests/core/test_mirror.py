@@ -1,0 +1,239 @@
+"""Mirrors: reflection against I - 2 n nᵀ, planes against numpy, and framed mirrors found in synthetic depth maps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from mirror_scan.core.camera import Intrinsics, project, unproject
+from mirror_scan.core.capture import MirrorPicks
+from mirror_scan.core.errors import MirrorError
+from mirror_scan.core.mirror import (
+    MirrorSettings,
+    fit_plane,
+    place_mirror,
+    plane_mirror,
+    reflect,
+    reflection_matrix,
+)
+
+vector = hnp.arrays(np.float64, 3, elements=st.floats(-5, 5))
+seeds = st.integers(0, 2**32 - 1)
+
+
+def unit(v):
+    return np.asarray(v, dtype=float) / np.linalg.norm(v)
+
+
+@settings(max_examples=60, deadline=None)
+@given(vector, vector, hnp.arrays(np.float64, (6, 3), elements=st.floats(-10, 10)))
+def test_reflection_is_the_householder_matrix(point, normal, cloud):
+    assume(np.linalg.norm(normal) > 1e-3)
+    mirror = plane_mirror("m", point, normal)
+    n = unit(normal)
+    matrix = reflection_matrix(mirror)
+    np.testing.assert_allclose(matrix[:3, :3], np.eye(3) - 2 * np.outer(n, n), atol=1e-12)
+    np.testing.assert_allclose(matrix[:3, 3], 2 * (n @ point) * n, atol=1e-11)
+    assert matrix[3].tolist() == [0, 0, 0, 1] and np.linalg.det(matrix) == pytest.approx(-1)
+    image = reflect(cloud, mirror)
+    np.testing.assert_allclose(reflect(image, mirror), cloud, atol=1e-11)  # an involution
+    np.testing.assert_allclose(
+        np.linalg.norm(image[:, None] - image, axis=2), np.linalg.norm(cloud[:, None] - cloud, axis=2), atol=1e-11
+    )
+    np.testing.assert_allclose((image + cloud) @ n / 2, np.full(6, n @ point), atol=1e-11)  # half-way is on the mirror
+    assert reflect(cloud.reshape(2, 3, 3), mirror).shape == (2, 3, 3)
+
+
+def test_reflection_reverses_winding():
+    mirror = plane_mirror("m", (0.4, 0.1, 2.0), (-0.6, 0.1, -0.8))
+    corners = np.random.default_rng(0).normal(size=(4, 3))
+    image = reflect(corners, mirror)
+    assert np.linalg.det(image[1:] - image[0]) == pytest.approx(-np.linalg.det(corners[1:] - corners[0]))
+
+
+@settings(max_examples=60, deadline=None)
+@given(vector, vector)
+def test_basis_is_right_handed_and_looks_at_the_camera(point, normal):
+    assume(np.linalg.norm(normal) > 1e-3)
+    mirror = plane_mirror("m", point, normal)
+    np.testing.assert_allclose(mirror.basis.T @ mirror.basis, np.eye(3), atol=1e-12)
+    assert np.linalg.det(mirror.basis) == pytest.approx(1)
+    np.testing.assert_array_equal(mirror.basis[:, 2], mirror.normal)
+    assert mirror.normal @ mirror.point <= 1e-12 and abs(mirror.normal @ unit(normal)) == pytest.approx(1)
+    if mirror.normal[2] < -0.3 and abs(mirror.normal[1]) < 0.7:
+        assert mirror.basis[1, 1] > 0 and abs(mirror.basis[1, 0]) < 1e-12, "b points down and a is level"
+
+
+@settings(max_examples=60, deadline=None)
+@given(seeds, st.integers(3, 40), st.sampled_from([0.0, 1e-3, 0.02]))
+def test_plane_is_the_least_squares_plane(seed, count, noise):
+    rng = np.random.default_rng(seed)
+    flat = np.column_stack((rng.uniform(-0.5, 0.5, (count, 2)), noise * rng.normal(size=count)))
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    points = flat @ turn.T + (0.3, -0.2, 3.0)
+    singular = np.linalg.svd(points - points.mean(axis=0))
+    assume(singular[1][1] > 0.1 * singular[1][0] and singular[1][1] > 3 * singular[1][2])
+    plane = fit_plane(points)
+    np.testing.assert_allclose(plane.point, points.mean(axis=0), atol=1e-12)
+    assert abs(plane.normal @ singular[2][2]) == pytest.approx(1, abs=1e-9)
+    assert plane.normal @ plane.point <= 0 and plane.points_used == count and not plane.refined
+    assert plane.residual == pytest.approx(singular[1][2] / np.sqrt(count), rel=1e-6, abs=1e-8)
+    again = fit_plane(np.concatenate((points, points, [[np.nan, 0, 1], [np.inf, 0, 1]]))[::-1])
+    np.testing.assert_allclose((again.point, again.normal), (plane.point, plane.normal), atol=1e-7)
+    assert again.points_used == 2 * count, "points that are not finite do not count"
+
+
+SQUARE = np.array([(0, 0, 2), (1, 0, 2), (1, 1, 2.5), (0, 1, 2.5)], dtype=float)
+
+
+@pytest.mark.parametrize(
+    ("points", "said"),
+    [
+        (SQUARE[:2], "at least 3"),
+        (np.empty((0, 3)), "at least 3"),
+        (np.where(np.arange(4)[:, None] > 1, np.nan, SQUARE), "2 usable"),
+        (np.repeat(SQUARE[:1], 5, axis=0), "one line"),
+        (np.repeat(SQUARE[:2], 3, axis=0), "one line"),
+        (np.linspace(0, 1, 9)[:, None] * (0.2, 1.0, 0.1) + (0, 0, 2), "one line"),
+        (np.linspace(0, 1, 9)[:, None] * (0, 1.0, 0) + (0.1, 0, 2) + 1e-3 * np.eye(9, 3), "one line"),
+    ],
+)
+def test_points_that_make_no_plane(points, said):
+    with pytest.raises(MirrorError, match=f"left.*{said}"):
+        fit_plane(points, "left")
+
+
+@pytest.mark.parametrize(
+    ("point", "normal"),
+    [((0, 0, 1), (0, 0, 0)), ((0, 0, np.nan), (0, 0, 1)), ((0, 0, 1), (0, np.inf, 1)), ((0, 0), (0, 0, 1)),
+     ((0, 0, 1), (0, 0, 1, 0))],
+)  # fmt: skip
+def test_given_planes_that_are_none(point, normal):
+    with pytest.raises(MirrorError, match="left"):
+        plane_mirror("left", point, normal)
+
+
+LENS = Intrinsics(320, 240, 292.0, 292.0, 159.5, 119.5)
+CENTRE, NORMAL = np.array([0.5, 0.05, 2.9]), unit((-0.55, 0.04, -0.8))
+GLASS, FRAME = np.array([0.4, 0.62]), 0.045  # half width and height of the glass, width of its frame [m]
+TRUE = plane_mirror("right", CENTRE, NORMAL)
+CORNERS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+
+
+def scene(noise: float, seed: int = 0):
+    """Noisy depth map of a framed mirror before a wall, the wall behind the camera seen in its glass; where its frame is."""
+    v, u = np.mgrid[:240, :320]
+    rays = np.stack(((u - LENS.cx) / LENS.fx, (v - LENS.cy) / LENS.fy, np.ones(u.shape)), axis=-1)
+    z = (NORMAL @ CENTRE) / (rays @ NORMAL)
+    local = np.abs((rays * z[..., None] - CENTRE) @ TRUE.basis[:, :2])
+    glass = (local < GLASS).all(axis=-1)
+    frame = (local < GLASS + FRAME).all(axis=-1) & ~glass
+    rng = np.random.default_rng(seed)
+    depth = np.where(frame, z, np.where(glass, 5.0 + 0.5 * rays[..., 0], 4.2))
+    disparity = (1 / depth) * (1 + noise * rng.normal(size=depth.shape))
+    return (1 / disparity).astype(np.float32), frame
+
+
+def clicks(seed: int = 0, count: int = 8):
+    """Pixels along the middle of the frame, all round, missed by up to half a pixel."""
+    rng = np.random.default_rng(seed)
+    side = np.arange(count) % 4
+    along = rng.uniform(0, 1, count)[:, None]
+    at = (CORNERS[side] * (1 - along) + CORNERS[(side + 1) % 4] * along) * (GLASS + FRAME / 2)
+    return project(CENTRE + at @ TRUE.basis[:, :2].T, LENS) + rng.uniform(-0.5, 0.5, (count, 2))
+
+
+def misplaced(mirror) -> float:
+    """How far the mirror's error moves the reflection of a body before it [m], at worst."""
+    body = CENTRE + 1.6 * NORMAL + np.random.default_rng(9).uniform((-0.4, -0.85, -0.2), (0.4, 0.85, 0.2), (50, 3))
+    return float(np.linalg.norm(reflect(body, mirror) - reflect(body, TRUE), axis=1).max())
+
+
+def test_growing_to_the_frame_beats_the_picks_alone():
+    noise = 0.004
+    plain, grown = [], []
+    for seed in range(12):
+        depth, frame = scene(noise, seed)
+        picks = MirrorPicks("right", clicks(seed))
+        plain.append(misplaced(place_mirror(picks, depth, LENS, MirrorSettings(grow=False))))
+        mirror = place_mirror(picks, depth, LENS)
+        grown.append(misplaced(mirror))
+        assert mirror.refined and mirror.normal @ CENTRE < 0
+        assert 0.75 * frame.sum() < mirror.points_used < 1.25 * frame.sum()
+        # a reading's error along its ray, seen across the mirror's plane
+        slant = np.abs(unproject(depth, LENS)[frame] @ NORMAL)
+        assert mirror.residual == pytest.approx(noise * np.sqrt(np.mean(slant**2)), rel=0.25)
+        half = np.ptp(mirror.rectangle, axis=1) / 2
+        np.testing.assert_allclose(half, GLASS + FRAME, atol=0.03)
+        expected = project(CENTRE + CORNERS * (GLASS + FRAME) @ TRUE.basis[:, :2].T, LENS)
+        np.testing.assert_allclose(mirror.outline, expected, atol=4)
+    print(f"\nworst displacement of the body, median of 12: picks {1e3 * np.median(plain):.1f} mm, "
+          f"frame {1e3 * np.median(grown):.1f} mm")  # fmt: skip
+    assert np.median(grown) < 0.2 * np.median(plain) and max(grown) < 0.012
+
+
+def test_exact_without_noise():
+    depth, _ = scene(0.0)
+    assert misplaced(place_mirror(MirrorPicks("right", clicks()), depth, LENS)) < 1e-4
+    plain = place_mirror(MirrorPicks("right", np.rint(clicks(3))), depth, LENS, MirrorSettings(grow=False))
+    assert misplaced(plain) < 1e-4 and not plain.refined and plain.points_used == 8 and plain.residual < 1e-5
+
+
+def test_mistaken_picks_are_outvoted():
+    """Two of eight clicks hit the glass, which shows the room behind the camera."""
+    for seed in range(6):
+        depth, _ = scene(0.003, seed)
+        pixels = clicks(seed)
+        pixels[[1, 6]] = project(CENTRE + np.array([(0.1, 0.2), (-0.2, -0.3)]) @ TRUE.basis[:, :2].T, LENS)
+        assert misplaced(place_mirror(MirrorPicks("right", pixels), depth, LENS)) < 0.02
+
+
+def test_picks_beside_a_reading_take_the_nearest():
+    depth, _ = scene(0.0)
+    pixels = np.rint(clicks()).astype(int)
+    for u, v in pixels:
+        depth[v, u] = 0
+    assert misplaced(place_mirror(MirrorPicks("right", pixels.astype(float)), depth, LENS)) < 1e-3
+
+
+def test_glass_behind_its_frame():
+    depth, _ = scene(0.0)
+    mirror = place_mirror(MirrorPicks("right", clicks()), depth, LENS, MirrorSettings(glass_offset=0.02))
+    assert (mirror.point - CENTRE) @ NORMAL == pytest.approx(-0.02, abs=1e-4)
+
+
+def test_a_known_plane_is_taken_as_it_is():
+    depth, _ = scene(0.0)
+    mirror = place_mirror(MirrorPicks("right", None, CENTRE, -3 * NORMAL), depth, LENS)
+    np.testing.assert_allclose(mirror.normal, NORMAL)
+    np.testing.assert_array_equal(mirror.point, CENTRE)
+    assert mirror.residual == 0 and mirror.rectangle is None and mirror.name == "right"
+
+
+def test_clicks_that_place_no_mirror():
+    depth, _ = scene(0.002)
+    good = clicks()
+
+    def place(pixels, depth=depth):
+        return place_mirror(MirrorPicks("left one", np.array(pixels, dtype=float)), depth, LENS)
+
+    with pytest.raises(MirrorError, match="left one.*at least 3"):
+        place(good[:2])
+    with pytest.raises(MirrorError, match=r"left one.*\(330, 10\).*outside.*320×240"):
+        place([*good, (330, 10)])
+    with pytest.raises(MirrorError, match="left one.*outside"):
+        place([*good, (np.nan, 10)])
+    with pytest.raises(MirrorError, match="left one.*outside"):
+        place([*good, (5, -0.6)])
+    with pytest.raises(MirrorError, match="left one.*line"):
+        side = CORNERS[1] + np.linspace(0.1, 0.9, 7)[:, None] * (CORNERS[2] - CORNERS[1])
+        place(project(CENTRE + side * (GLASS + FRAME / 2) @ TRUE.basis[:, :2].T, LENS))
+    with pytest.raises(MirrorError, match="left one.*line"):
+        place(np.repeat(good[:1], 5, axis=0))
+    with pytest.raises(MirrorError, match="left one.*reading"):
+        place(good, np.zeros_like(depth))
+    assert replace(TRUE, name="x").name == "x"
