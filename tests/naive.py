@@ -120,3 +120,17 @@ def thin_plate_energy(points, rest, triangles, stiffness) -> float:
         energy += float((((weight / weight.sum()) @ points[ring] - points[i]) ** 2).sum())
     held = np.isfinite(stiffness)
     return energy + float((stiffness[held, None] ** 2 * (points - rest)[held] ** 2).sum())
+
+
+def half_plane_area(polygon, normal, level: float) -> float:
+    """Area of the part of a convex polygon (K, 2) where normal · p >= level: Sutherland and Hodgman, then Gauss."""
+    polygon = np.asarray(polygon, dtype=float)
+    kept = []
+    for p, q in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        a, b = normal @ p - level, normal @ q - level
+        if a >= 0:
+            kept.append(p)
+        if a * b < 0:
+            kept.append(p + a / (a - b) * (q - p))
+    x, y = np.array(kept).T
+    return float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2)
