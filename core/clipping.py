@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from .mesh import Mesh, boundary_edges, compact
+from .mesh import Mesh, boundary_vertices, compact
 
 
 def trim_outline(mesh: Mesh, level: float) -> Mesh:
@@ -18,9 +18,8 @@ def trim_outline(mesh: Mesh, level: float) -> Mesh:
     """
     if not len(mesh.triangles):
         return mesh
-    inner = np.ones((len(mesh.vertices), 1))
-    inner[boundary_edges(mesh.triangles, len(mesh.vertices)).ravel()] = 0.0
-    return clip(mesh, smooth_on_mesh(inner, mesh.triangles, 3)[:, 0], level)
+    inner = 1.0 - boundary_vertices(mesh.triangles, len(mesh.vertices))
+    return clip(mesh, smooth_on_mesh(inner[:, None], mesh.triangles, 3)[:, 0], level)
 
 
 def smooth_on_mesh(values: np.ndarray, triangles: np.ndarray, rounds: int) -> np.ndarray:

@@ -161,11 +161,11 @@ def remove_flying_pixels(depth: np.ndarray, pixel_angle: float, settings: DepthS
     return _flying_kernel(depth, pixel_angle * np.tan(np.radians(80.0)), 3.0 * growth, settings.support)
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _flying_kernel(depth, slope, noise, support):
     height, width = depth.shape
     out = depth.copy()
-    for v in prange(height):
+    for v in range(height):
         for u in range(width):
             z = depth[v, u]
             if z == 0:
@@ -346,35 +346,43 @@ def smooth_view(
     return _smooth_kernel(depth, labels, view, max(noise, 2e-4), sigma, radius)
 
 
-@njit(cache=True, nogil=True, parallel=True)
-def _smooth_kernel(depth, labels, view, noise, sigma, radius):
-    height, width = depth.shape
-    out = depth.copy()
-    # one row a tap: offsets, distance, Gaussian weight and the quadratic's six terms with their 21 products
-    taps = 0
-    side = 2 * radius + 1
-    offset = np.empty((side * side, 2), np.int64)
-    reach = np.empty(side * side)
-    gauss = np.empty(side * side)
-    terms = np.empty((side * side, 6))
-    products = np.empty((side * side, 21))
+@njit(cache=True, nogil=True)
+def _taps(sigma, radius):
+    """Window of the local fit, a row a tap: offset (v, u), Gaussian weight, the quadratic's six terms, their 21 products."""
+    room = (2 * radius + 1) ** 2
+    offset, gauss = np.empty((room, 2), np.int64), np.empty(room)
+    terms, products = np.empty((room, 6)), np.empty((room, 21))
+    n = 0
     for dv in range(-radius, radius + 1):
         for du in range(-radius, radius + 1):
             g = np.exp(-0.5 * (dv * dv + du * du) / (sigma * sigma))
             if g < 0.02:
                 continue
             fx, fy = du / sigma, dv / sigma
-            offset[taps, 0], offset[taps, 1] = dv, du
-            reach[taps] = 0.012 * np.sqrt(du * du + dv * dv)
-            gauss[taps] = g
-            phi = (1.0, fx, fy, fx * fx, fx * fy, fy * fy)
+            offset[n, 0], offset[n, 1], gauss[n] = dv, du, g
+            terms[n, 0], terms[n, 1], terms[n, 2] = 1.0, fx, fy
+            terms[n, 3], terms[n, 4], terms[n, 5] = fx * fx, fx * fy, fy * fy
             m = 0
             for a in range(6):
-                terms[taps, a] = phi[a]
                 for b in range(a + 1):
-                    products[taps, m] = phi[a] * phi[b]
+                    products[n, m] = terms[n, a] * terms[n, b]
                     m += 1
-            taps += 1
+            n += 1
+    return offset[:n], gauss[:n], terms[:n], products[:n]
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _smooth_kernel(depth, labels, view, noise, sigma, radius):
+    height, width = depth.shape
+    out = depth.copy()
+    offset, gauss, terms, products = _taps(sigma, radius)
+    taps = len(gauss)
+    # inverse depth of this view alone, with a margin, so that a tap asks one question: is it zero?
+    inverse = np.zeros((height + 2 * radius, width + 2 * radius))
+    for v in range(height):
+        for u in range(width):
+            if labels[v, u] == view:
+                inverse[v + radius, u + radius] = 1.0 / depth[v, u]
     cut = 4.0 * noise + 0.006  # first pass: whatever could be the same surface
     inlier = 1.0 / (3.7 * noise + 0.002)
     limit = 3.0 * noise + 0.002
@@ -388,46 +396,47 @@ def _smooth_kernel(depth, labels, view, noise, sigma, radius):
                 continue
             zc = depth[v, u]
             good = True
-            for pass_ in range(2):
+            for order in range(3, 7, 3):  # a plane first, then the quadratic about it
                 lower[:] = 0.0
                 rhs[:] = 0.0
                 for k in range(taps):
-                    y, x = v + offset[k, 0], u + offset[k, 1]
-                    if y < 0 or x < 0 or y >= height or x >= width or labels[y, x] != view:
+                    d = zc * inverse[v + radius + offset[k, 0], u + radius + offset[k, 1]]
+                    if d == 0.0:
                         continue
-                    d = zc / depth[y, x]
-                    if pass_ == 0:
+                    if order == 3:
                         # a slanted surface may leave the centre's depth by its slope times the distance
-                        r = abs(d - 1.0) / (cut + reach[k])
+                        r = abs(d - 1.0) / (cut + 0.012 * sigma * np.sqrt(terms[k, 3] + terms[k, 5]))
                     else:
-                        predicted = 0.0
-                        for a in range(6):
-                            predicted += coef[a] * terms[k, a]
-                        r = abs(d - predicted) * inlier
+                        r = abs(d - coef[0] - coef[1] * terms[k, 1] - coef[2] * terms[k, 2]) * inlier
                     if r >= 1.0:
                         continue
                     w = gauss[k] * (1.0 - r * r) ** 2
-                    for a in range(21):
-                        lower[a] += w * products[k, a]
-                    w *= d
-                    for a in range(6):
-                        rhs[a] += w * terms[k, a]
+                    if order == 3:
+                        for a in range(6):
+                            lower[a] += w * products[k, a]
+                        for a in range(3):
+                            rhs[a] += w * d * terms[k, a]
+                    else:
+                        for a in range(21):
+                            lower[a] += w * products[k, a]
+                        for a in range(6):
+                            rhs[a] += w * d * terms[k, a]
                 total = lower[0]
                 if total < 1e-6:
                     good = False
                     break
                 m = 0
-                for a in range(6):
+                for a in range(order):
                     for b in range(a + 1):
                         A[a, b] = lower[m]
                         m += 1
-                # a small ridge pulls the second order to zero where the window holds too little to tell
+                # a small ridge pulls the higher orders to zero where the window holds too little to tell
                 A[0, 0] += 1e-9 * total
                 A[1, 1] += 2e-3 * total
                 A[2, 2] += 2e-3 * total
-                for a in range(3, 6):
+                for a in range(3, order):
                     A[a, a] += 3e-2 * total
-                if not _solve6(A, rhs, coef):
+                if not _solve(A, rhs, coef, order):
                     good = False
                     break
             if good and coef[0] > 0.5:
@@ -437,9 +446,8 @@ def _smooth_kernel(depth, labels, view, noise, sigma, radius):
 
 
 @njit(cache=True, nogil=True)
-def _solve6(A, rhs, x):
-    """Cholesky solve of a 6×6 system given by its lower triangle; False when it is singular."""
-    n = 6
+def _solve(A, rhs, x, n):
+    """Cholesky solve of the leading n×n system given by its lower triangle; False when it is singular."""
     for i in range(n):
         for j in range(i + 1):
             s = A[i, j]

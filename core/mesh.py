@@ -92,6 +92,29 @@ def twins(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
     return twin
 
 
+@njit(cache=True, nogil=True)
+def boundary_vertices(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
+    """Which vertices lie on a boundary, bool (V,), of a consistently wound mesh; unused ones do not.
+
+    Around an inner vertex the next and previous corners of its triangles are the same set: their hashes cancel.
+    """
+    balance = np.zeros(vertex_count, np.uint64)
+    for t in range(len(triangles)):
+        for k in range(3):
+            a = np.uint64(triangles[t, (k + 1) % 3]) + np.uint64(1)
+            b = np.uint64(triangles[t, (k + 2) % 3]) + np.uint64(1)
+            balance[triangles[t, k]] += _hash(a) - _hash(b)
+    return balance != 0
+
+
+@njit(cache=True, nogil=True)
+def _hash(x):
+    """Finaliser of splitmix64 (Steele, Lea and Flood 2014)."""
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return x ^ (x >> np.uint64(31))
+
+
 def open_edges(triangles: np.ndarray, vertex_count: int, twin: np.ndarray | None = None) -> np.ndarray:
     """Edges of one triangle only: rows (tail, head, triangle), int32 (B, 3), in their triangle's direction.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from .camera import Intrinsics
 from .clipping import clip, distance_to_zero, smooth_on_mesh, trim_outline
@@ -69,12 +69,12 @@ def view_maps(
     return ViewMaps(depth, labels, seen, normals, confidence, to_view, intrinsics, noise)
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _maps_kernel(depth, labels, fx, fy, cx, cy, to_view):
     height, width = depth.shape
     normals = np.zeros((height, width, 3))
     confidence = np.zeros((height, width))
-    for v in prange(1, height - 1):
+    for v in range(1, height - 1):
         g = np.empty((2, 3))
         n = np.empty(3)
         for u in range(1, width - 1):
@@ -208,12 +208,12 @@ def compare_views(
     )
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _compare_kernel(vertices, view, vertex_normals, own, to_view, depth, labels, normals, confidence, fx, fy, cx, cy, reach, noise):
     count = len(vertices)
     advantage = np.full(count, np.inf)
     shift = np.zeros((count, 3))
-    for i in prange(count):
+    for i in range(count):
         out = np.empty(5)
         p = vertices[i]
         total = own[i]
@@ -320,13 +320,13 @@ def _mark_kernel(vertices, view, to_view, kept, fx, fy, cx, cy):
             kept[int(v + 0.5), int(u + 0.5)] = view[i]
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _covered_kernel(
     vertices, view, vertex_normals, to_view, depth, kept, normals, fx, fy, cx, cy, reach, noise, margin
 ):
     """Whether each vertex lies over another view's kept pixels, or right beside one of them."""
     covered = np.zeros(len(vertices), np.bool_)
-    for i in prange(len(vertices)):
+    for i in range(len(vertices)):
         for k in range(len(to_view)):
             if k == view[i]:
                 continue
@@ -368,10 +368,10 @@ def own_confidence(patch: Mesh, maps: ViewMaps) -> np.ndarray:
     return own
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _own_kernel(vertices, view, to_view, depth, labels, normals, confidence, fx, fy, cx, cy):
     own = np.zeros(len(vertices))
-    for i in prange(len(vertices)):
+    for i in range(len(vertices)):
         v, u, _ = look_at(vertices[i], to_view[view[i]], depth, fx, fy, cx, cy)
         if v >= 0:
             own[i] = confidence[int(v + 0.5), int(u + 0.5)]

@@ -107,19 +107,21 @@ def _refine_kernel(vertices, region, kind, twin, fixed, target, factor, rounds):
     for t in range(m):
         for k in range(3):
             in_region[tri[t, k]] = True
-    edges = dict()  # undirected edges a flip must not repeat
+    # undirected edges between old vertices, which a flip must not repeat; a new vertex's one-ring is walked instead
+    edges = dict()
     for t in range(m):
         for k in range(3):
             i, j = tri[t, k], tri[t, (k + 1) % 3]
-            edges[np.int64(min(i, j)) * stride + max(i, j)] = True
+            if i < j or tw[3 * t + k] < 0:
+                edges[np.int64(min(i, j)) * stride + max(i, j)] = True
     for t in range(len(fixed)):
         for k in range(3):
             i, j = fixed[t, k], fixed[t, (k + 1) % 3]
-            if in_region[i] and in_region[j]:
+            if i < j and in_region[i] and in_region[j]:
                 edges[np.int64(min(i, j)) * stride + max(i, j)] = True
     for _ in range(rounds):
         for _ in range(5):
-            if _flip_pass(p, tri, tw, m, edges, stride) == 0:
+            if _flip_pass(p, tri, tw, m, edges, stride, count) == 0:
                 break
         score = np.zeros(3 * m)
         wanted = 0
@@ -141,16 +143,16 @@ def _refine_kernel(vertices, region, kind, twin, fixed, target, factor, rounds):
             p[n] = 0.5 * (p[i] + p[j])
             size[n] = 0.5 * (size[i] + size[j])
             parents[n - count, 0], parents[n - count, 1] = i, j
-            m = _split(tri, tw, kinds, m, e, n, edges, stride)
+            m = _split(tri, tw, kinds, m, e, n, edges, stride, count)
             n += 1
     for _ in range(8):
-        if _flip_pass(p, tri, tw, m, edges, stride) == 0:
+        if _flip_pass(p, tri, tw, m, edges, stride, count) == 0:
             break
     return p[:n].copy(), tri[:m].copy(), kinds[:m].copy(), parents[: n - count].copy()
 
 
 @njit(cache=True, nogil=True)
-def _split(tri, tw, kinds, m, e, x, edges, stride):
+def _split(tri, tw, kinds, m, e, x, edges, stride, count):
     """Put vertex x on half-edge e: triangles (a, b, c) and (b, a, d) become four."""
     g = tw[e]
     t, k, s, q = e // 3, e % 3, g // 3, g % 3
@@ -171,9 +173,8 @@ def _split(tri, tw, kinds, m, e, x, edges, stride):
     _link(tw, 3 * s + 1, 3 * s2 + 2)
     _link(tw, 3 * s + 2, db)
     _link(tw, 3 * s2 + 1, ad)
-    edges[np.int64(min(a, b)) * stride + max(a, b)] = False
-    for v in (a, b, c, d):
-        edges[np.int64(v) * stride + x] = True
+    if a < count and b < count:
+        edges[np.int64(min(a, b)) * stride + max(a, b)] = False
     return m + 2
 
 
@@ -188,7 +189,20 @@ def _corner(p, apex, i, j):
 
 
 @njit(cache=True, nogil=True)
-def _flip_pass(p, tri, tw, m, edges, stride):
+def _is_neighbour(tri, tw, t, k, v):
+    """Whether v is in the one-ring of corner k of triangle t, a vertex all of whose triangles are in the region."""
+    t0 = t
+    while True:
+        if tri[t, (k + 1) % 3] == v or tri[t, (k + 2) % 3] == v:
+            return True
+        e = tw[3 * t + k]
+        if e < 0 or e // 3 == t0:
+            return False
+        t, k = e // 3, (e % 3 + 1) % 3
+
+
+@njit(cache=True, nogil=True)
+def _flip_pass(p, tri, tw, m, edges, stride, count):
     """Flip every inner edge whose opposite angles sum to more than 180°, unless that would fold the surface."""
     flips = 0
     for e in range(3 * m):
@@ -212,10 +226,17 @@ def _flip_pass(p, tri, tw, m, edges, stride):
         if area_u + area_w > 1.3 * (area_c + area_d):
             continue
         key = np.int64(min(c, d)) * stride + max(c, d)
-        if key in edges and edges[key]:
+        if c < count and d < count:
+            if key in edges and edges[key]:
+                continue
+            edges[key] = True
+        elif c >= count:
+            if _is_neighbour(tri, tw, t, (k + 2) % 3, d):
+                continue
+        elif _is_neighbour(tri, tw, s, (q + 2) % 3, c):
             continue
-        edges[np.int64(min(a, b)) * stride + max(a, b)] = False
-        edges[key] = True
+        if a < count and b < count:
+            edges[np.int64(min(a, b)) * stride + max(a, b)] = False
         bc, ca = tw[3 * t + (k + 1) % 3], tw[3 * t + (k + 2) % 3]
         ad, db = tw[3 * s + (q + 1) % 3], tw[3 * s + (q + 2) % 3]
         tri[t, 0], tri[t, 1], tri[t, 2] = a, d, c

@@ -299,24 +299,25 @@ def find_subject(
             "nobody stands between the camera and the mirrors: no connected figure is seen directly "
             f"within {settings.reach:g} m of where the mirrors look; stand where both mirrors show you, 2 to 3 m from the camera"
         )
-    inside = points[np.isin(component, direct)]
+    labels = np.full(depth.shape, -1, np.int8)
+    labels[_members(component, direct, len(sizes))] = 0
+    inside = points[labels == 0]
     axis = np.median(inside, axis=0)
     top, bottom = (inside @ up).max(), (inside @ up).min()
-    level = points - axis
-    level = level - (level @ up)[..., None] * up
-    radius = np.linalg.norm(inside - axis - ((inside - axis) @ up)[:, None] * up, axis=1).max()
-    near = (np.linalg.norm(level, axis=2) < radius + 0.35) & (heights < top + 0.15) & (heights > bottom - 0.15)
-    labels = np.full(depth.shape, -1, np.int8)
-    labels[np.isin(component, direct)] = 0
+    radius = _distance_to_axis(inside, axis, up).max()
     for i, m in enumerate(mirrors, start=1):
-        mine = _mirrored_subject(component, sizes, seen == i, near, labels, points, settings)
-        if mine is None:
+        mine = (seen == i) & (component >= 0)
+        height = heights[mine]
+        near = (height < top + 0.15) & (height > bottom - 0.15)
+        near &= _distance_to_axis(points[mine], axis, up) < radius + 0.35
+        chosen = _mirrored_subject(component[mine], near, len(sizes), settings)
+        if chosen is None:
             warnings.append(
                 f"{m.name}: nobody is seen in this mirror, its side of the body is guessed; "
                 "turn the mirror until the camera sees the subject's back in it"
             )
             continue
-        labels[np.isin(component, mine)] = i
+        labels[_members(component, chosen, len(sizes))] = i
     return Views(labels, seen, points, up, floor_height, floor_noise, axis, tuple(warnings))
 
 
@@ -327,11 +328,7 @@ def _direct_subject(component, sizes, seen, points, up, meeting, settings) -> np
     cloud, flat = cloud[flat >= 0], flat[flat >= 0]
     if not len(flat):
         return None
-    if meeting is None:
-        offset = np.abs(cloud[:, 0])
-    else:
-        level = cloud - meeting
-        offset = np.linalg.norm(level - (level @ up)[:, None] * up, axis=1)
+    offset = np.abs(cloud[:, 0]) if meeting is None else _distance_to_axis(cloud, meeting, up)
     within = np.bincount(flat[offset < settings.reach], minlength=len(sizes))
     total = np.bincount(flat, minlength=len(sizes))
     # a wall or a chair row that only passes through the place is mostly outside of it
@@ -351,18 +348,26 @@ def _direct_subject(component, sizes, seen, points, up, meeting, settings) -> np
     return np.array(chosen)
 
 
-def _mirrored_subject(component, sizes, mine, near, labels, points, settings) -> np.ndarray | None:
-    """Components of one mirror's view that lie where the directly seen subject stands."""
-    flat = component[mine & (component >= 0)]
-    if not len(flat):
-        return None
-    close = near[mine & (component >= 0)]
-    total = np.bincount(flat, minlength=len(sizes))
-    within = np.bincount(flat[close], minlength=len(sizes))
+def _members(component: np.ndarray, chosen: np.ndarray, count: int) -> np.ndarray:
+    """Pixels (H, W) bool of the chosen components."""
+    table = np.zeros(count + 1, np.bool_)  # the last entry is for component -1
+    table[chosen] = True
+    return table[component]
+
+
+def _distance_to_axis(points: np.ndarray, axis: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Horizontal distance (N,) of points (N, 3) from the vertical line through ``axis`` [m]."""
+    offset = points - axis
+    height = offset @ up
+    return np.sqrt(np.maximum(np.einsum("ij,ij->i", offset, offset) - height * height, 0.0))
+
+
+def _mirrored_subject(flat: np.ndarray, near: np.ndarray, count: int, settings: ViewSettings) -> np.ndarray | None:
+    """Components among one mirror's pixels (K,) that lie where the directly seen subject stands."""
+    total = np.bincount(flat, minlength=count)
+    within = np.bincount(flat[near], minlength=count)
     chosen = np.nonzero((within > 0.6 * total) & (within >= 30))[0]
-    if within[chosen].sum() < settings.min_pixels:
-        return None
-    return chosen
+    return chosen if within[chosen].sum() >= settings.min_pixels else None
 
 
 def connected_pixels(depth: np.ndarray, seen: np.ndarray, pixel_angle: float) -> tuple[np.ndarray, np.ndarray]:
