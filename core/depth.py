@@ -340,7 +340,7 @@ def smooth_view(
     -----
     O(pixels · radius²), O(H W) memory.
     """
-    radius = min(int(np.ceil(2.0 * sigma)), settings.max_radius)
+    radius = min(int(np.ceil(2.4 * sigma)), settings.max_radius)
     if radius < 1:
         return depth
     return _smooth_kernel(depth, labels, view, max(noise, 2e-4), sigma, radius)
@@ -356,7 +356,7 @@ def _taps(sigma, radius):
     for dv in range(-radius, radius + 1):
         for du in range(-radius, radius + 1):
             g = np.exp(-0.5 * (dv * dv + du * du) / (sigma * sigma))
-            if g < 0.02:
+            if g < 0.06:
                 continue
             fx, fy = du / sigma, dv / sigma
             offset[n, 0], offset[n, 1], gauss[n] = dv, du, g

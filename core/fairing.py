@@ -37,7 +37,7 @@ def neighbours(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np
     return packed, out
 
 
-def fair(vertices: np.ndarray, triangles: np.ndarray, stiffness: np.ndarray, iterations: int = 200) -> np.ndarray:
+def fair(vertices: np.ndarray, triangles: np.ndarray, stiffness: np.ndarray, iterations: int = 60) -> np.ndarray:
     """Move vertices so that the surface bends least (thin plate), each held to its place by its stiffness.
 
     Minimises Σ|L p|² + Σ stiffness²·|p − p₀|² with L the scale-dependent umbrella (Desbrun et al. 1999), by preconditioned
@@ -144,7 +144,7 @@ def _fair_kernel(p, start, heads, free, stiffness, rows, iterations):
     first = norm
     step = np.zeros((count, 3))
     for _ in range(iterations):
-        if norm <= 1e-6 * first or norm == 0:
+        if norm <= 1e-5 * first or norm == 0:
             break
         _laplace(direction, start, heads, weight, rows, lap)
         _laplace_transposed(lap, start, heads, weight, rows, gradient)

@@ -119,9 +119,10 @@ def _refine_kernel(vertices, region, kind, twin, fixed, target, factor, rounds):
             i, j = fixed[t, k], fixed[t, (k + 1) % 3]
             if i < j and in_region[i] and in_region[j]:
                 edges[np.int64(min(i, j)) * stride + max(i, j)] = True
+    changed = np.ones(room, np.uint8)
     for _ in range(rounds):
         for _ in range(5):
-            if _flip_pass(p, tri, tw, m, edges, stride, count) == 0:
+            if _flip_pass(p, tri, tw, m, edges, stride, count, changed) == 0:
                 break
         score = np.zeros(3 * m)
         wanted = 0
@@ -142,11 +143,12 @@ def _refine_kernel(vertices, region, kind, twin, fixed, target, factor, rounds):
             i, j = tri[t, e % 3], tri[t, (e % 3 + 1) % 3]
             p[n] = 0.5 * (p[i] + p[j])
             size[n] = 0.5 * (size[i] + size[j])
+            changed[t] = changed[s] = changed[m] = changed[m + 1] = 1
             parents[n - count, 0], parents[n - count, 1] = i, j
             m = _split(tri, tw, kinds, m, e, n, edges, stride, count)
             n += 1
     for _ in range(8):
-        if _flip_pass(p, tri, tw, m, edges, stride, count) == 0:
+        if _flip_pass(p, tri, tw, m, edges, stride, count, changed) == 0:
             break
     return p[:n].copy(), tri[:m].copy(), kinds[:m].copy(), parents[: n - count].copy()
 
@@ -180,12 +182,11 @@ def _split(tri, tw, kinds, m, e, x, edges, stride, count):
 
 @njit(cache=True, nogil=True)
 def _corner(p, apex, i, j):
-    """Angle at ``apex`` between i and j, and twice the area spanned."""
+    """Scalar product of the sides from ``apex`` to i and j, their cross product and its length."""
     ax, ay, az = p[i, 0] - p[apex, 0], p[i, 1] - p[apex, 1], p[i, 2] - p[apex, 2]
     bx, by, bz = p[j, 0] - p[apex, 0], p[j, 1] - p[apex, 1], p[j, 2] - p[apex, 2]
     nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-    double = np.sqrt(nx * nx + ny * ny + nz * nz)
-    return np.arctan2(double, ax * bx + ay * by + az * bz), nx, ny, nz, double
+    return ax * bx + ay * by + az * bz, nx, ny, nz, np.sqrt(nx * nx + ny * ny + nz * nz)
 
 
 @njit(cache=True, nogil=True)
@@ -202,20 +203,24 @@ def _is_neighbour(tri, tw, t, k, v):
 
 
 @njit(cache=True, nogil=True)
-def _flip_pass(p, tri, tw, m, edges, stride, count):
-    """Flip every inner edge whose opposite angles sum to more than 180°, unless that would fold the surface."""
+def _flip_pass(p, tri, tw, m, edges, stride, count, changed):
+    """Flip every inner edge whose opposite angles sum to more than 180°, unless that would fold the surface.
+
+    Only edges of ``changed`` triangles are looked at; the flag is moved on to those that the flips changed.
+    """
     flips = 0
     for e in range(3 * m):
         g = tw[e]
-        if g <= e:
+        if g <= e or not (changed[e // 3] & 1 or changed[g // 3] & 1):
             continue
         t, k, s, q = e // 3, e % 3, g // 3, g % 3
         a, b, c, d = tri[t, k], tri[t, (k + 1) % 3], tri[t, (k + 2) % 3], tri[s, (q + 2) % 3]
         if c == d:
             continue
-        at_c, n0x, n0y, n0z, area_c = _corner(p, c, a, b)
-        at_d, n1x, n1y, n1z, area_d = _corner(p, d, b, a)
-        if at_c + at_d < np.pi + 0.02:
+        dot_c, n0x, n0y, n0z, area_c = _corner(p, c, a, b)
+        dot_d, n1x, n1y, n1z, area_d = _corner(p, d, b, a)
+        # sin(γ + δ) of the opposite angles is negative when they sum to more than 180°
+        if dot_c * area_d + dot_d * area_c > -0.02 * (area_c * area_d + abs(dot_c * dot_d)):
             continue
         nx, ny, nz = n0x + n1x, n0y + n1y, n0z + n1z
         _, ux, uy, uz, area_u = _corner(p, a, d, c)
@@ -246,5 +251,9 @@ def _flip_pass(p, tri, tw, m, edges, stride, count):
         _link(tw, 3 * t + 2, ca)
         _link(tw, 3 * s, db)
         _link(tw, 3 * s + 1, bc)
+        changed[t] |= 2
+        changed[s] |= 2
         flips += 1
+    for t in range(m):
+        changed[t] >>= 1
     return flips

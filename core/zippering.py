@@ -120,19 +120,30 @@ def _frames_kernel(point, vertex_normal, start):
 
 @njit(cache=True, nogil=True, parallel=True)
 def _partners_kernel(
-    point, tangent, normal, outward, loop, arc, length_of, limit, to_view, depth, seen, fx, fy, cx, cy, noise
+    point, level, order, tangent, normal, outward, loop, arc, length_of, limit, to_view, depth, seen, fx, fy, cx, cy, noise
 ):
     """For each boundary vertex the one it would best be bridged to (index, -1 none) and at what cost [m]."""
     count = len(point)
     partner = np.full(count, -1, np.int64)
     price = np.full(count, np.inf)
-    for i in prange(count):
+    for at in prange(count):
+        i = order[at]
         best = np.inf
         which = -1
-        for j in range(count):
+        # outwards along the sorting axis, on both sides in turn, until nothing nearer can come
+        down, up_ = at - 1, at + 1
+        while down >= 0 or up_ < count:
+            if up_ >= count or (down >= 0 and level[i] - level[order[down]] <= level[order[up_]] - level[i]):
+                j = order[down]
+                down -= 1
+            else:
+                j = order[up_]
+                up_ += 1
+            if abs(level[j] - level[i]) > min(limit[i], best):
+                break
             dx, dy, dz = point[j, 0] - point[i, 0], point[j, 1] - point[i, 1], point[j, 2] - point[i, 2]
             d2 = dx * dx + dy * dy + dz * dz
-            if d2 >= best * best or i == j or d2 > min(limit[i], limit[j]) ** 2:
+            if d2 >= best * best or d2 > min(limit[i], limit[j]) ** 2:
                 continue
             d = np.sqrt(d2)
             along = tangent[i, 0] * tangent[j, 0] + tangent[i, 1] * tangent[j, 1] + tangent[i, 2] * tangent[j, 2]
@@ -457,11 +468,13 @@ def _zip_round(
         boundary.arc[e - 1] + np.linalg.norm(boundary.point[s] - boundary.point[e - 1])
         for s, e in zip(boundary.start[:-1], boundary.start[1:])
     ])
+    level = boundary.point @ up
     limit = np.full(len(boundary.vertex), reach)
     if floor is not None:
-        limit[boundary.point @ up < floor + settings.floor_band] = min(reach, settings.gaps[0])
+        limit[level < floor + settings.floor_band] = min(reach, settings.gaps[0])
     partner, price = _partners_kernel(
-        boundary.point, boundary.tangent, boundary.normal, boundary.outward, boundary.loop, boundary.arc, length_of, limit,
+        boundary.point, level, np.argsort(level, kind="stable"),
+        boundary.tangent, boundary.normal, boundary.outward, boundary.loop, boundary.arc, length_of, limit,
         maps.to_view, maps.depth, maps.seen, k.fx, k.fy, k.cx, k.cy, maps.noise,
     )
     rows = _runs_kernel(partner, boundary.loop, boundary.start, boundary.point, 2.0 * edge, settings.min_run)
