@@ -106,20 +106,32 @@ def open_dtw_distance(x, y, skip: float) -> float:
     return best
 
 
-def thin_plate_energy(points, rest, triangles, stiffness) -> float:
-    """Squared scale-dependent umbrellas, weighted by the edge lengths at rest, plus the springs of finite stiffness."""
+def umbrellas(rest, triangles) -> np.ndarray:
+    """Dense scale-dependent umbrella operator: neighbours weighed by one over their distance, minus the vertex."""
     rings = defaultdict(set)
     for i, j, k in np.asarray(triangles).tolist():
         rings[i] |= {j, k}
         rings[j] |= {i, k}
         rings[k] |= {i, j}
-    energy = 0.0
+    matrix = np.zeros((len(rest), len(rest)))
     for i, ring in rings.items():
         ring = sorted(ring)
         weight = 1.0 / np.linalg.norm(rest[ring] - rest[i], axis=1)
-        energy += float((((weight / weight.sum()) @ points[ring] - points[i]) ** 2).sum())
-    held = np.isfinite(stiffness)
-    return energy + float((stiffness[held, None] ** 2 * (points - rest)[held] ** 2).sum())
+        matrix[i, ring] = weight / weight.sum()
+        matrix[i, i] = -1.0
+    return matrix
+
+
+def thin_plate(rest, triangles, stiffness) -> tuple[np.ndarray, np.ndarray]:
+    """Dense least squares: the vertices that bend least, and the operator whose squared length is the energy."""
+    plate = umbrellas(rest, triangles)
+    free = np.isfinite(stiffness)
+    springs = np.diag(np.where(free, stiffness, 0.0))
+    rows = np.concatenate((plate[:, free], springs[:, free]))
+    wanted = np.concatenate((-plate[:, ~free] @ rest[~free], springs @ rest))
+    points = rest.copy()
+    points[free] = np.linalg.lstsq(rows, wanted, rcond=None)[0]
+    return points, plate
 
 
 def half_plane_area(polygon, normal, level: float) -> float:

@@ -1,0 +1,128 @@
+"""Thin-plate fairing: least energy against dense least squares, caps that come near their sphere, planes that stay planes."""
+
+from __future__ import annotations
+
+import naive
+import numpy as np
+import pytest
+import trimesh
+from mirror_scan.core.fairing import fair, neighbours
+from mirror_scan.core.filling import fill_loops
+from mirror_scan.core.mesh import Mesh, compact, remove_bowties
+from mirror_scan.core.refinement import edge_length_at_vertices, refine
+
+
+def lidded(radius):
+    """A unit sphere with a cap cut off, filled flat and refined, and which vertices were made."""
+    whole = trimesh.creation.icosphere(subdivisions=4)
+    keep = np.linalg.norm(whole.triangles_center - (0, 0, 1), axis=1) > radius
+    zeros = np.zeros(keep.sum(), np.int8)
+    mesh = Mesh(np.array(whole.vertices), np.array(whole.faces[keep], np.int32), None, np.zeros(len(whole.vertices), np.int8), zeros)
+    mesh = fill_loops(remove_bowties(compact(mesh)), None)
+    return refine(mesh, edge_length_at_vertices(mesh), 1.5)
+
+
+@pytest.mark.parametrize(("radius", "share"), [(0.3, 0.15), (0.6, 0.25), (0.9, 0.45)])
+def test_a_lid_is_drawn_out_to_the_sphere(radius, share):
+    mesh = lidded(radius)
+    made = mesh.view < 0
+    out = fair(mesh.vertices, mesh.triangles, np.where(made, 0.0, np.inf), iterations=1000)
+    np.testing.assert_array_equal(out[~made], mesh.vertices[~made])
+    flat = 1 - np.linalg.norm(mesh.vertices[made], axis=1)
+    error = np.abs(np.linalg.norm(out[made], axis=1) - 1)
+    print(f"\ncap of radius {radius}: flat {flat.max():.4f}, faired {error.max():.4f}")
+    assert error.max() < share * flat.max() and error.mean() < 0.7 * share * flat.mean()
+    closed = trimesh.Trimesh(out, mesh.triangles, process=False)
+    assert closed.is_watertight and closed.volume == pytest.approx(4 / 3 * np.pi, rel=0.02)
+    outwards = (closed.face_normals * closed.triangles_center).sum(axis=1)
+    assert outwards.min() > 0.8, "a fold"
+
+
+def test_as_many_iterations_as_usual_get_most_of_the_way():
+    mesh = lidded(0.5)
+    made = mesh.view < 0
+    out = fair(mesh.vertices, mesh.triangles, np.where(made, 0.0, np.inf))
+    error, flat = (np.abs(np.linalg.norm(p[made], axis=1) - 1).mean() for p in (out, mesh.vertices))
+    assert error < 0.25 * flat
+
+
+def grid(n, height=None):
+    v, u = np.mgrid[:n, :n] / (n - 1.0)
+    at = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    faces = np.concatenate((np.column_stack((at, at + 1, at + n + 1)), np.column_stack((at, at + n + 1, at + n))))
+    z = np.zeros((n, n)) if height is None else height
+    return np.column_stack((u.ravel(), v.ravel(), np.ravel(z))), faces.astype(np.int32)
+
+
+def test_a_plane_stays_a_plane():
+    points, faces = grid(15)
+    turned = trimesh.transformations.transform_points(points, trimesh.transformations.rotation_matrix(0.8, [1, 2, 3]))
+    normal = np.cross(turned[14] - turned[0], turned[-1] - turned[0])
+    free = np.abs(points[:, :2] - 0.5).max(axis=1) < 0.3
+    out = fair(turned, faces, np.where(free, 0.0, np.inf))
+    assert np.abs((out - turned) @ normal).max() < 1e-12
+    np.testing.assert_array_equal(out[~free], turned[~free])
+
+
+def test_a_bump_is_ironed_out_of_a_plane():
+    points, faces = grid(21)
+    free = np.linalg.norm(points[:, :2] - 0.5, axis=1) < 0.25
+    bumpy = points.copy()
+    bumpy[free, 2] = 0.05 * np.random.default_rng(0).normal(size=free.sum())
+    out = fair(bumpy, faces, np.where(free, 0.0, np.inf), iterations=1000)
+    assert np.abs(out[:, 2]).max() < 0.006
+
+
+@pytest.mark.parametrize("stiff", [0.0, 0.3, 5.0])
+def test_energy_is_the_least_there_is(stiff):
+    rng = np.random.default_rng(2)
+    rest, faces = grid(8, 0.05 * rng.normal(size=(8, 8)))
+    rest[:, :2] += 0.02 * rng.normal(size=(64, 2))
+    free = np.abs(rest[:, :2] - 0.5).max(axis=1) < 0.33
+    stiffness = np.where(free, stiff * rng.uniform(0.5, 1.5, 64), np.inf)
+    out = fair(rest, faces, stiffness, iterations=1000)
+    np.testing.assert_array_equal(out[~free], rest[~free])
+
+    best, plate = naive.thin_plate(rest, faces, stiffness)
+    held = np.where(free, stiffness, 0.0)[:, None]
+
+    def energy(points):
+        return ((plate @ points) ** 2).sum() + ((held * (points - rest)) ** 2).sum()
+
+    assert energy(out) - energy(best) < 2e-3 * (energy(rest) - energy(best))
+    assert np.abs(out - best).max() < 0.1 * max(np.abs(best - rest).max(), 1e-3)
+
+
+def test_stiffness_holds_things_in_place():
+    points, faces = grid(15, 0.05 * np.random.default_rng(1).normal(size=(15, 15)))
+    moved = [np.linalg.norm(fair(points, faces, np.full(225, s)) - points, axis=1).mean() for s in (0.1, 1.0, 10.0, 1e4)]
+    assert moved == sorted(moved, reverse=True) and moved[-1] < 1e-6 < moved[0]
+    assert fair(points, faces, np.full(225, np.inf)) is points
+    before = points.copy()
+    fair(points, faces, np.zeros(225))
+    np.testing.assert_array_equal(points, before)
+
+
+def test_far_things_do_not_matter():
+    """Only what lies within two rings of a free vertex has a say."""
+    points, faces = grid(25, 0.05 * np.random.default_rng(3).normal(size=(25, 25)))
+    stiffness = np.where(np.linalg.norm(points[:, :2] - 0.3, axis=1) < 0.1, 0.0, np.inf)
+    far = np.linalg.norm(points[:, :2] - 0.3, axis=1) > 0.1 + 3 * np.sqrt(2) / 24
+    shaken = points + far[:, None] * (0, 0, 1.0)
+    near = stiffness == 0
+    np.testing.assert_allclose(
+        fair(shaken, faces, stiffness)[near], fair(points, faces, stiffness)[near], rtol=0, atol=1e-12
+    )
+
+
+def test_one_rings():
+    whole = trimesh.creation.torus(1.0, 0.4, major_sections=9, minor_sections=7)
+    faces = whole.faces[np.random.default_rng(0).random(len(whole.faces)) > 0.2].astype(np.int32)
+    start, heads = neighbours(faces, len(whole.vertices) + 2)
+    expected = [set() for _ in range(len(whole.vertices) + 2)]
+    for i, j, k in faces.tolist():
+        expected[i] |= {j, k}
+        expected[j] |= {i, k}
+        expected[k] |= {i, j}
+    found = [heads[a:b].tolist() for a, b in zip(start[:-1], start[1:], strict=True)]
+    assert [set(f) for f in found] == expected and all(len(f) == len(set(f)) for f in found)
