@@ -167,7 +167,7 @@ def place_mirror(
             mirror = grown
     if settings.glass_offset:
         mirror = replace(mirror, point=mirror.point - settings.glass_offset * mirror.normal)
-    return mirror if mirror.outline is not None else with_rectangle(mirror, picked, intrinsics)
+    return mirror if mirror.outline is not None else with_rectangle(mirror, picked, picked, intrinsics)
 
 
 def _snap_picks(picks: MirrorPicks, depth: np.ndarray, radius: int) -> np.ndarray:
@@ -253,7 +253,9 @@ def _grow(
     grown = Mirror(plane.name, center, *_oriented(normal, center), points_used=len(points), refined=True)
     residual = (points - center) @ grown.normal
     grown = replace(grown, residual=float(np.sqrt(np.mean(residual**2))))
-    return with_rectangle(grown, points, intrinsics)
+    picked = cloud[seeds[:, 1], seeds[:, 0]]
+    on_plane = np.abs((picked - center) @ normal) < max(0.05, 4 * grown.residual)
+    return with_rectangle(grown, points, picked[on_plane] if on_plane.any() else points, intrinsics)
 
 
 @njit(cache=True, nogil=True)
@@ -326,21 +328,45 @@ def _plane_of_disparity(coefficients: np.ndarray, intrinsics: Intrinsics) -> tup
     return n / length, 1.0 / length
 
 
-def _frame_rectangle(points: np.ndarray, mirror: Mirror) -> np.ndarray:
-    """Extent of the frame along the mirror's right and down axes, about its point [m]."""
-    local = (points - mirror.point) @ mirror.basis[:, :2]
-    top, bottom = np.quantile(local[:, 1], (0.002, 0.998))
+def _extent(frame: np.ndarray, picked: np.ndarray, mirror: Mirror) -> np.ndarray:
+    """Extent of the frame along the mirror's right and down axes, about its point: rows (min, max) [m]."""
+    grown = (frame - mirror.point) @ mirror.basis[:, :2]
+    picks = (picked - mirror.point) @ mirror.basis[:, :2]
+    top, bottom = np.quantile(grown[:, 1], (0.002, 0.998))
     # near the floor the flood may run along the line where floor and plane meet: the width is read above it
-    upper = local[local[:, 1] < top + 0.7 * (bottom - top)]
+    upper = grown[grown[:, 1] < top + 0.7 * (bottom - top)]
     left, right = np.quantile(upper[:, 0], (0.005, 0.995))
-    return np.array(((left, right), (top, bottom)))
+    low, high = picks.min(axis=0), picks.max(axis=0)
+    return np.array(((min(left, low[0]), max(right, high[0])), (min(top, low[1]), max(bottom, high[1]))))
 
 
-def with_rectangle(mirror: Mirror, points: np.ndarray, intrinsics: Intrinsics) -> Mirror:
-    """The mirror with the bounding rectangle of ``points`` (K, 3) as its glass, and that rectangle's corners in pixels."""
-    rectangle = _frame_rectangle(points, mirror)
+def with_rectangle(mirror: Mirror, frame: np.ndarray, picked: np.ndarray, intrinsics: Intrinsics) -> Mirror:
+    """The mirror with the bounding rectangle of its frame as its glass, and that rectangle's corners in pixels.
+
+    Parameters
+    ----------
+    frame, picked : np.ndarray [shape=(K, 3)]
+        The frame's points, and the picks that lie on the plane [m].
+
+    Notes
+    -----
+    A side that lies at the image's border is cut off by it: the glass goes on beyond.
+    """
+    rectangle = _extent(frame, picked, mirror)
+    margin = 0.04 * np.array((intrinsics.width, intrinsics.height))
+    for axis in range(2):
+        for end in range(2):
+            at = np.empty(2)
+            at[axis], at[1 - axis] = rectangle[axis, end], rectangle[1 - axis].mean()
+            pixel = project(mirror.point + mirror.basis[:, :2] @ at, intrinsics)[axis]
+            size = (intrinsics.width, intrinsics.height)[axis]
+            if not margin[axis] < pixel < size - 1 - margin[axis]:
+                rectangle[axis, end] += (-_BEYOND, _BEYOND)[end]
     (left, right), (top, bottom) = rectangle
     corners = np.array(((left, top), (right, top), (right, bottom), (left, bottom)))
     return replace(
         mirror, rectangle=rectangle, outline=project(mirror.point + corners @ mirror.basis[:, :2].T, intrinsics)
     )
+
+
+_BEYOND = 2.0  # how far glass is taken to go on past the image's border [m]

@@ -234,18 +234,18 @@ def find_floor(points: np.ndarray, up: np.ndarray, tilt_limit: float = 15.0) -> 
     return (n, float(d), float(noise)) if n @ up > np.cos(np.radians(tilt_limit)) else None
 
 
-def rig_axis(mirrors: list[Mirror], up: np.ndarray, target: np.ndarray | None = None) -> np.ndarray | None:
+def rig_axis(mirrors: list[Mirror], up: np.ndarray, intrinsics: Intrinsics) -> np.ndarray | None:
     """A point of the vertical line where the reflected lines of sight meet: where the subject is meant to stand.
 
-    The line of sight to each mirror's middle is reflected; the answer is the point nearest to all of them and to the
+    The line of sight to the middle of what the image shows of each mirror is reflected; the answer is the point nearest to all of them and to the
     camera's own line of sight, seen from above. None with no mirror of known extent.
     """
     A, b = np.zeros((3, 3)), np.zeros(3)
     lines = [(np.zeros(3), np.array((0.0, 0.0, 1.0)))]
     for m in mirrors:
-        if m.rectangle is None:
+        if m.outline is None:
             continue
-        middle = m.point + m.basis[:, :2] @ m.rectangle.mean(axis=1)
+        middle = _visible_middle(m, intrinsics)
         direction = reflect(middle * 2, m) - middle
         lines.append((middle, direction / np.linalg.norm(direction)))
     if len(lines) < 2:
@@ -258,6 +258,15 @@ def rig_axis(mirrors: list[Mirror], up: np.ndarray, target: np.ndarray | None = 
         A += P
         b += P @ origin
     return np.linalg.solve(A, b)
+
+
+def _visible_middle(mirror: Mirror, intrinsics: Intrinsics) -> np.ndarray:
+    """Point of the mirror's plane in the middle of its outline, as far as that is in the image."""
+    corners = np.nan_to_num(mirror.outline, nan=0.0)
+    size = np.array((intrinsics.width - 1, intrinsics.height - 1))
+    u, v = 0.5 * (np.clip(corners.min(axis=0), 0, size) + np.clip(corners.max(axis=0), 0, size))
+    ray = np.array(((u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy, 1.0))
+    return ray * (mirror.normal @ mirror.point) / (mirror.normal @ ray)
 
 
 def find_subject(
@@ -293,7 +302,7 @@ def find_subject(
         open_ &= (heights > floor_height + clearance) & (heights < floor_height + settings.max_height)
 
     component, sizes = connected_pixels(depth, np.where(open_, seen, -1).astype(np.int8), 1.0 / intrinsics.fx)
-    direct = _direct_subject(component, sizes, seen, points, up, rig_axis(mirrors, up), settings)
+    direct = _direct_subject(component, sizes, seen, points, up, rig_axis(mirrors, up, intrinsics), settings)
     if direct is None:
         raise ReconstructionError(
             "nobody stands between the camera and the mirrors: no connected figure is seen directly "
