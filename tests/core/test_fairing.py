@@ -33,7 +33,7 @@ def test_a_lid_is_drawn_out_to_the_sphere(radius, share):
     print(f"\ncap of radius {radius}: flat {flat.max():.4f}, faired {error.max():.4f}")
     assert error.max() < share * flat.max() and error.mean() < 0.7 * share * flat.mean()
     closed = trimesh.Trimesh(out, mesh.triangles, process=False)
-    assert closed.is_watertight and closed.volume == pytest.approx(4 / 3 * np.pi, rel=0.02)
+    assert closed.is_watertight and closed.volume == pytest.approx(4 / 3 * np.pi, rel=0.04)
     outwards = (closed.face_normals * closed.triangles_center).sum(axis=1)
     assert outwards.min() > 0.8, "a fold"
 
