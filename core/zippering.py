@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
+from .boundary import Boundary, boundary_of
 from .coronal import match_chains, outer_chains, solidity
 from .dtw import dtw
 from .filling import fill_loops
 from .freespace import bridge_is_free
-from .mesh import SEAM, Mesh, extend_open_edges, loops_of, merge, open_edges, vertex_normals
+from .matching import find_partners, find_runs
+from .mesh import SEAM, Mesh, components_of, extend_open_edges, merge, open_edges, twins
 from .overlap import ViewMaps
 
 
@@ -54,205 +56,6 @@ class Seam:
     max_gap: float
     method: str
     distance: float
-
-
-@dataclass(frozen=True)
-class Boundary:
-    """All boundary vertices of a mesh, loop after loop.
-
-    ``vertex`` (B,) mesh index; ``loop`` (B,) loop number; ``start`` (L+1,) first entry of each loop; ``point``,
-    ``tangent``, ``normal``, ``outward`` (B, 3): ``outward`` is the direction in which the surface would continue.
-    """
-
-    vertex: np.ndarray
-    loop: np.ndarray
-    start: np.ndarray
-    point: np.ndarray
-    tangent: np.ndarray
-    normal: np.ndarray
-    outward: np.ndarray
-    arc: np.ndarray
-
-
-def boundary_of(mesh: Mesh, edges: np.ndarray) -> Boundary:
-    """Boundary loops with the directions that matching needs, from the mesh's :func:`~.mesh.open_edges`. O(V + T)."""
-    loops = loops_of(edges, len(mesh.vertices))
-    start = np.concatenate(([0], np.cumsum([len(loop) for loop in loops]))).astype(np.int64)
-    vertex = np.concatenate(loops) if loops else np.empty(0, np.int32)
-    normals = vertex_normals(mesh.vertices, mesh.triangles)
-    point = mesh.vertices[vertex]
-    tangent, normal, outward, arc = _frames_kernel(point, normals[vertex], start)
-    loop = np.repeat(np.arange(len(loops)), np.diff(start)).astype(np.int64)
-    return Boundary(vertex, loop, start, point, tangent, normal, outward, arc)
-
-
-@njit(cache=True, nogil=True)
-def _frames_kernel(point, vertex_normal, start):
-    """Directions along each loop, averaged over two neighbours on either side so that teeth do not turn them."""
-    count = len(point)
-    tangent, normal, outward = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3))
-    arc = np.zeros(count)
-    for loop in range(len(start) - 1):
-        a, n = start[loop], start[loop + 1] - start[loop]
-        half = min(3, (n - 1) // 2)
-        total = 0.0
-        for k in range(n):
-            i = a + k
-            arc[i] = total
-            nxt = a + (k + 1) % n
-            total += np.sqrt(((point[nxt] - point[i]) ** 2).sum())
-            for s in range(-half, half + 1):
-                normal[i] += vertex_normal[a + (k + s) % n]
-            tangent[i] = point[a + (k + half) % n] - point[a + (k - half) % n]
-        for k in range(n):
-            i = a + k
-            for m in (normal, tangent):
-                length = np.sqrt((m[i] ** 2).sum())
-                if length > 0:
-                    m[i] /= length
-            # the surface lies on the left of the boundary's direction, so its continuation on the right
-            outward[i] = np.cross(tangent[i], normal[i])
-            length = np.sqrt((outward[i] ** 2).sum())
-            if length > 0:
-                outward[i] /= length
-    return tangent, normal, outward, arc
-
-
-@njit(cache=True, nogil=True, parallel=True)
-def _partners_kernel(
-    point, level, order, tangent, normal, outward, loop, arc, length_of, limit, to_view, depth, seen, fx, fy, cx, cy, noise
-):
-    """For each boundary vertex the one it would best be bridged to (index, -1 none) and at what cost [m]."""
-    count = len(point)
-    partner = np.full(count, -1, np.int64)
-    price = np.full(count, np.inf)
-    for at in prange(count):
-        i = order[at]
-        best = np.inf
-        which = -1
-        # outwards along the sorting axis, on both sides in turn, until nothing nearer can come
-        down, up_ = at - 1, at + 1
-        while down >= 0 or up_ < count:
-            if up_ >= count or (down >= 0 and level[i] - level[order[down]] <= level[order[up_]] - level[i]):
-                j = order[down]
-                down -= 1
-            else:
-                j = order[up_]
-                up_ += 1
-            if abs(level[j] - level[i]) > min(limit[i], best):
-                break
-            dx, dy, dz = point[j, 0] - point[i, 0], point[j, 1] - point[i, 1], point[j, 2] - point[i, 2]
-            d2 = dx * dx + dy * dy + dz * dz
-            if d2 >= best * best or d2 > min(limit[i], limit[j]) ** 2:
-                continue
-            d = np.sqrt(d2)
-            along = tangent[i, 0] * tangent[j, 0] + tangent[i, 1] * tangent[j, 1] + tangent[i, 2] * tangent[j, 2]
-            if along > 0.3:
-                continue
-            facing = normal[i, 0] * normal[j, 0] + normal[i, 1] * normal[j, 1] + normal[i, 2] * normal[j, 2]
-            if facing < -0.6:
-                continue
-            if loop[i] == loop[j]:  # across a slot, not round its tip
-                run = abs(arc[i] - arc[j])
-                run = min(run, length_of[loop[i]] - run)
-                if run < 2.5 * d or run < 0.012:
-                    continue
-            out_i = (outward[i, 0] * dx + outward[i, 1] * dy + outward[i, 2] * dz) / (d + 1e-9)
-            out_j = -(outward[j, 0] * dx + outward[j, 1] * dy + outward[j, 2] * dz) / (d + 1e-9)
-            if min(out_i, out_j) < -0.35 and d > 0.01:
-                continue
-            cost = d * (1.0 + 0.6 * (1.0 + along) + 0.5 * (1.0 - facing) + 0.4 * (2.0 - out_i - out_j))
-            if cost >= best:
-                continue
-            if bridge_is_free(point[i], point[j], to_view, depth, seen, fx, fy, cx, cy, noise):
-                continue
-            best = cost
-            which = j
-        partner[i] = which
-        price[i] = best
-    return partner, price
-
-
-@njit(cache=True, nogil=True)
-def _ring_distance(a, b, n):
-    d = abs(a - b) % n
-    return min(d, n - d)
-
-
-@njit(cache=True, nogil=True)
-def _runs_kernel(partner, loop, start, point, tolerance, min_run):
-    """Runs of boundary vertices whose partners are mutual and follow each other backwards on one loop.
-
-    Rows: loop A, first place on A, number of vertices; loop B, place of the first partner, number of vertices backwards.
-    """
-    count = len(partner)
-    good = np.zeros(count, np.bool_)
-    for i in range(count):
-        j = partner[i]
-        if j < 0 or partner[j] < 0:
-            continue
-        k = partner[j]
-        if loop[k] != loop[i]:
-            continue
-        gap = np.sqrt(((point[i] - point[j]) ** 2).sum())
-        back = np.sqrt(((point[i] - point[k]) ** 2).sum())
-        good[i] = back <= 1.5 * gap + tolerance
-    rows = np.empty((count, 6), np.int64)
-    n_rows = 0
-    for a in range(len(start) - 1):
-        base, n = start[a], start[a + 1] - start[a]
-        # begin where a run is broken, so that none is cut by the loop's seam
-        first = 0
-        for k in range(n):
-            if not good[base + k]:
-                first = k
-                break
-        k = 0
-        while k < n:
-            i = base + (first + k) % n
-            if not good[i]:
-                k += 1
-                continue
-            b = loop[partner[i]]
-            nb = start[b + 1] - start[b]
-            begin = k
-            last_good = k
-            place = partner[i] - start[b]
-            span = 0
-            missed = 0
-            k += 1
-            while k < n:
-                i2 = base + (first + k) % n
-                ok = good[i2] and loop[partner[i2]] == b
-                if ok:
-                    step = (place - (partner[i2] - start[b])) % nb  # backwards steps
-                    if step > nb // 2:
-                        step -= nb
-                    jump = np.sqrt(((point[partner[i2]] - point[start[b] + place]) ** 2).sum())
-                    moved = np.sqrt(((point[i2] - point[base + (first + last_good) % n]) ** 2).sum())
-                    gap = np.sqrt(((point[partner[i2]] - point[i2]) ** 2).sum())
-                    ok = step >= -3 and jump <= 3.0 * moved + gap + tolerance and span + step < nb
-                    if ok and step > 0:
-                        place = (place - step) % nb
-                        span += step
-                if ok:
-                    last_good = k
-                    missed = 0
-                else:
-                    missed += 1
-                    if missed > 4:
-                        break
-                k += 1
-            if last_good - begin + 1 >= min_run and span + 1 >= 2:
-                rows[n_rows, 0] = a
-                rows[n_rows, 1] = (first + begin) % n
-                rows[n_rows, 2] = last_good - begin + 1
-                rows[n_rows, 3] = b
-                rows[n_rows, 4] = (partner[base + (first + begin) % n] - start[b]) % nb
-                rows[n_rows, 5] = span + 1
-                n_rows += 1
-            k = last_good + 1
-    return rows[:n_rows].copy()
 
 
 def zip_chains(points: np.ndarray, a: np.ndarray, b: np.ndarray, path: np.ndarray) -> np.ndarray:
@@ -374,58 +177,162 @@ def zip_patches(
     seams: list[Seam] = []
     if not len(mesh.triangles):
         return mesh, seams
-    edges = open_edges(mesh.triangles, len(mesh.vertices))
+    count = len(mesh.vertices)
+    twin = twins(mesh.triangles, count)
+    label, pieces = components_of(twin, len(mesh.triangles))
+    piece, root = np.zeros(count, np.int64), np.arange(pieces)
+    piece[mesh.triangles] = label[:, None]
+    edges = open_edges(mesh.triangles, count, twin)
+    boundary = boundary_of(mesh, edges)
+    if not len(boundary.vertex):
+        return mesh, seams
+    candidates = _compact_candidates(mesh, patches, boundary, maps, up, axis, floor, settings)
     known = len(mesh.triangles)
-    mesh, seams = _zip_compact(mesh, patches, maps, up, axis, floor, settings)
+    mesh, seams = _zip_all(mesh, boundary, _begin(boundary, piece, root), candidates, "coronal and sagittal planes")
     for reach in settings.gaps:
         edges = extend_open_edges(edges, mesh.triangles, known, len(mesh.vertices))
+        boundary = boundary_of(mesh, edges)
+        if not len(boundary.vertex):
+            break
+        candidates = _facing_candidates(mesh, boundary, maps, reach, up, floor, settings)
         known = len(mesh.triangles)
-        mesh, found = _zip_round(mesh, edges, maps, reach, up, floor, settings)
+        mesh, found = _zip_all(mesh, boundary, _begin(boundary, piece, root), candidates, "facing runs")
         seams += found
         # a hole no wider than the gaps just zippered is a hole in one surface, not two boundaries to match
         edges = extend_open_edges(edges, mesh.triangles, known, len(mesh.vertices))
         known = len(mesh.triangles)
         mesh = fill_loops(mesh, maps, diameter=reach, edges=edges)
+        # a hole closed round a new vertex never meets a boundary again: its piece does not matter
+        piece = np.concatenate((piece, np.zeros(len(mesh.vertices) - len(piece), np.int64)))
     return mesh, seams
 
 
-def _zip_compact(
-    mesh: Mesh, patches: list[Mesh], maps: ViewMaps, up: np.ndarray, axis: np.ndarray, floor: float | None,
-    settings: ZipperSettings,
-) -> tuple[Mesh, list[Seam]]:
-    """The paper's way (4.2.2), kept where the boundaries it matches run along each other.
+@dataclass
+class _Weave:
+    """What a round of zippering keeps up to date: which loop and which piece every boundary entry belongs to.
 
-    A figure on which they mostly do not is not compact, and all is left to the general matching.
+    ``after`` (B,) next entry along the boundary as it is now, ``loop`` (B,) its loop, ``piece`` (B,) the connected piece
+    of the mesh, ``root`` (P,) union-find over the pieces, ``used`` (B,) edges that a seam has taken.
+    """
+
+    after: np.ndarray
+    loop: np.ndarray
+    piece: np.ndarray
+    root: np.ndarray
+    used: np.ndarray
+
+
+def _begin(boundary: Boundary, piece: np.ndarray, root: np.ndarray) -> _Weave:
+    after = np.arange(1, len(boundary.vertex) + 1)
+    after[boundary.start[1:] - 1] = boundary.start[:-1]
+    return _Weave(after, boundary.loop.copy(), piece[boundary.vertex], root, np.zeros(len(boundary.vertex), np.bool_))
+
+
+@njit(cache=True, nogil=True)
+def _admit(after, loop, piece, root, a0, a1, b0, b1, sure):
+    """Join a0…a1 with b0…b1 (b against its direction) in the linked boundary, unless that makes a handle.
+
+    A seam between two pieces joins them, one along a single loop parts it in two: both leave a sphere a sphere. One
+    between two loops of the same piece adds a handle (a tunnel), and is taken only where it is ``sure``.
+    """
+    p, q = piece[a0], piece[b0]
+    while root[p] != p:
+        p = root[p]
+    while root[q] != q:
+        q = root[q]
+    if p == q and loop[a0] != loop[b0] and not sure:
+        return False
+    root[max(p, q)] = min(p, q)
+    after[a0] = b0
+    after[b1] = a1
+    name = loop.max() + 1
+    for begin in (a0, b1):
+        k = begin
+        for _ in range(len(after)):
+            loop[k] = name
+            k = after[k]
+            if k == begin:
+                break
+        name += 1
+    return True
+
+
+def _zip_all(
+    mesh: Mesh,
+    boundary: Boundary,
+    weave: _Weave,
+    candidates: list[tuple[np.ndarray, np.ndarray, np.ndarray]],
+    method: str,
+) -> tuple[Mesh, list[Seam]]:
+    """Turn candidates (at_a, at_b, path), best first, into seams: each takes what earlier ones left of its boundary."""
+    strips, seams = [], []
+    for at_a, at_b, warped in candidates:
+        path = _longest_free(warped, weave.used[at_a], weave.used[at_b])
+        if path is None:
+            continue
+        (i0, j0), (i1, j1) = path[0], path[-1]
+        if i0 == i1 or j0 == j1:
+            continue
+        gap = np.linalg.norm(boundary.point[at_a[path[:, 0]]] - boundary.point[at_b[path[:, 1]]], axis=1)
+        run = float(np.linalg.norm(np.diff(boundary.point[at_a[i0 : i1 + 1]], axis=0), axis=1).sum())
+        sure = run > 12.0 * gap.mean() and run > 0.08
+        if not _admit(weave.after, weave.loop, weave.piece, weave.root, at_a[i0], at_a[i1], at_b[j0], at_b[j1], sure):
+            continue
+        weave.used[at_a[i0:i1]] = True
+        weave.used[at_b[j0 + 1 : j1 + 1]] = True
+        strips.append(zip_chains(mesh.vertices, boundary.vertex[at_a], boundary.vertex[at_b], path))
+        views = sorted((int(mesh.view[boundary.vertex[at_a[i0]]]), int(mesh.view[boundary.vertex[at_b[j0]]])))
+        seams.append(Seam((views[0], views[1]), run, float(gap.mean()), float(gap.max()), method, float(gap.sum())))
+    return _with_strips(mesh, strips), seams
+
+
+def _compact_candidates(
+    mesh: Mesh, patches: list[Mesh], boundary: Boundary, maps: ViewMaps, up: np.ndarray, axis: np.ndarray,
+    floor: float | None, settings: ZipperSettings,
+) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """The paper's matching (4.2.2), kept where the boundaries it pairs run along each other.
+
+    Empty for a figure that is not compact, or on which they mostly do not: all is left to the general matching.
     """
     if solidity(maps.labels) < settings.compactness:
-        return mesh, []
-    chains = outer_chains(patches, up, axis)
+        return []
     k = maps.intrinsics
-    seams, strips = [], []
-    for a, b, warping in match_chains(mesh.vertices, chains):
-        at_a, at_b = a.vertices, b.vertices[::-1]
-        p, q = mesh.vertices[at_a[warping.path[:, 0]]], mesh.vertices[at_b[warping.path[:, 1]]]
-        gap = np.linalg.norm(p - q, axis=1)
-        near = gap <= settings.compact_gap
+    entry = np.full(len(mesh.vertices), -1)
+    entry[boundary.vertex] = np.arange(len(boundary.vertex))
+    candidates = []
+    for a, b, warping in match_chains(mesh.vertices, outer_chains(patches, up, axis)):
+        at_a, at_b, path = entry[a.vertices], entry[b.vertices[::-1]], warping.path
+        p, q = boundary.point[at_a[path[:, 0]]], boundary.point[at_b[path[:, 1]]]
+        near = np.linalg.norm(p - q, axis=1) <= settings.compact_gap
         near &= ~_free_bridges(p, q, maps.to_view, maps.depth, maps.seen, k.fx, k.fy, k.cx, k.cy, maps.noise)
         standing = np.ones(len(p), np.bool_)
         if floor is not None:  # soles have nothing to be matched with
             standing = (p @ up > floor + settings.floor_band) & (q @ up > floor + settings.floor_band)
         near &= standing
         if near.sum() < settings.compact_share * standing.sum():
-            return mesh, []
-        for first, last in _runs_of(near, settings.min_run):
-            path = warping.path[first:last]
-            i0, i1 = path[0, 0], path[-1, 0]
-            if i1 == i0:
-                continue
-            strips.append(zip_chains(mesh.vertices, at_a, at_b, path))
-            run = np.linalg.norm(np.diff(mesh.vertices[at_a[i0 : i1 + 1]], axis=0), axis=1).sum()
-            seams.append(Seam(
-                (a.patch, b.patch), float(run), float(gap[first:last].mean()), float(gap[first:last].max()),
-                "coronal and sagittal planes", float(gap[first:last].sum()),
-            ))
-    return _with_strips(mesh, strips), seams
+            return []
+        candidates += [(at_a, at_b, path[first:last]) for first, last in _runs_of(near, settings.min_run)]
+    return candidates
+
+
+def _facing_candidates(
+    mesh: Mesh, boundary: Boundary, maps: ViewMaps, reach: float, up: np.ndarray, floor: float | None,
+    settings: ZipperSettings,
+) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Runs that face each other over gaps up to ``reach``, warped, the best matched and longest first."""
+    edge = np.median(np.linalg.norm(np.diff(boundary.point[: boundary.start[1]], axis=0), axis=1))
+    limit = np.full(len(boundary.vertex), reach)
+    if floor is not None:
+        limit[boundary.point @ up < floor + settings.floor_band] = min(reach, settings.gaps[0])
+    partner, price = find_partners(boundary, limit, up, mesh.view[boundary.vertex], maps)
+    ranked = []
+    for at_a, at_b in find_runs(boundary, partner, 2.0 * edge, settings.min_run):
+        skip = float(2.0 * edge + np.median(price[at_a]))
+        warping = dtw(_features(boundary, at_a, 1.0), _features(boundary, at_b, -1.0), skip)
+        mean = warping.distance / len(warping.path)
+        ranked.append((mean - 1e-4 * min(len(at_a), 200), at_a, at_b, warping.path))
+    ranked.sort(key=lambda candidate: (candidate[0], int(candidate[1][0])))
+    return [candidate[1:] for candidate in ranked]
 
 
 def _runs_of(mask: np.ndarray, shortest: int) -> list[tuple[int, int]]:
@@ -453,62 +360,6 @@ def _with_strips(mesh: Mesh, strips: list[np.ndarray]) -> Mesh:
         triangles=np.concatenate((mesh.triangles, new)),
         kind=np.concatenate((mesh.kind, np.full(len(new), SEAM, np.int8))),
     )
-
-
-def _zip_round(
-    mesh: Mesh, edges: np.ndarray, maps: ViewMaps, reach: float, up: np.ndarray, floor: float | None,
-    settings: ZipperSettings,
-) -> tuple[Mesh, list[Seam]]:
-    boundary = boundary_of(mesh, edges)
-    if not len(boundary.vertex):
-        return mesh, []
-    k = maps.intrinsics
-    edge = np.median(np.linalg.norm(np.diff(boundary.point[: boundary.start[1]], axis=0), axis=1))
-    length_of = np.array([
-        boundary.arc[e - 1] + np.linalg.norm(boundary.point[s] - boundary.point[e - 1])
-        for s, e in zip(boundary.start[:-1], boundary.start[1:])
-    ])
-    level = boundary.point @ up
-    limit = np.full(len(boundary.vertex), reach)
-    if floor is not None:
-        limit[level < floor + settings.floor_band] = min(reach, settings.gaps[0])
-    partner, price = _partners_kernel(
-        boundary.point, level, np.argsort(level, kind="stable"),
-        boundary.tangent, boundary.normal, boundary.outward, boundary.loop, boundary.arc, length_of, limit,
-        maps.to_view, maps.depth, maps.seen, k.fx, k.fy, k.cx, k.cy, maps.noise,
-    )
-    rows = _runs_kernel(partner, boundary.loop, boundary.start, boundary.point, 2.0 * edge, settings.min_run)
-    candidates = []
-    for loop_a, first_a, n_a, loop_b, first_b, n_b in rows:
-        size_a = boundary.start[loop_a + 1] - boundary.start[loop_a]
-        size_b = boundary.start[loop_b + 1] - boundary.start[loop_b]
-        at_a = boundary.start[loop_a] + (first_a + np.arange(n_a)) % size_a
-        at_b = boundary.start[loop_b] + (first_b - np.arange(n_b)) % size_b
-        if len(at_b) < 2:
-            continue
-        if loop_a == loop_b and np.intersect1d(at_a, at_b).size:
-            continue
-        warping = dtw(_features(boundary, at_a, 1.0), _features(boundary, at_b, -1.0), skip=float(2.0 * edge + np.median(price[at_a])))
-        mean = warping.distance / len(warping.path)
-        candidates.append((mean - 1e-4 * min(n_a, 200), at_a, at_b, warping))
-    candidates.sort(key=lambda c: (c[0], int(c[1][0])))
-    used = np.zeros(len(boundary.vertex), np.bool_)  # boundary edge from this entry to the next
-    new, seams = [], []
-    for _, at_a, at_b, warping in candidates:
-        path = _longest_free(warping.path, used[at_a], used[at_b])
-        if path is None:
-            continue
-        strip = zip_chains(mesh.vertices, boundary.vertex[at_a], boundary.vertex[at_b], path)
-        i0, j0 = path[0]
-        i1, j1 = path[-1]
-        used[at_a[i0:i1]] = True
-        used[at_b[j0 + 1 : j1 + 1]] = True
-        new.append(strip)
-        gap = np.linalg.norm(boundary.point[at_a[path[:, 0]]] - boundary.point[at_b[path[:, 1]]], axis=1)
-        run = np.linalg.norm(np.diff(boundary.point[at_a[i0 : i1 + 1]], axis=0), axis=1).sum()
-        views = sorted((int(mesh.view[boundary.vertex[at_a[i0]]]), int(mesh.view[boundary.vertex[at_b[j0]]])))
-        seams.append(Seam((views[0], views[1]), float(run), float(gap.mean()), float(gap.max()), "facing runs", warping.distance))
-    return _with_strips(mesh, new), seams
 
 
 def _features(boundary: Boundary, at: np.ndarray, direction: float) -> np.ndarray:

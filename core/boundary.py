@@ -1,0 +1,76 @@
+"""Boundary loops with the directions in which the surface would go on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from .mesh import Mesh, loops_of, vertex_normals
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """All boundary vertices of a mesh, loop after loop.
+
+    ``vertex`` (B,) mesh index; ``loop`` (B,) loop number; ``start`` (L+1,) first entry of each loop; ``point``,
+    ``tangent``, ``normal``, ``outward`` (B, 3): ``outward`` is the direction in which the surface would continue.
+    ``arc`` (B,) length along the loop up to each vertex, ``length`` (L,) of each loop [m].
+    """
+
+    vertex: np.ndarray
+    loop: np.ndarray
+    start: np.ndarray
+    point: np.ndarray
+    tangent: np.ndarray
+    normal: np.ndarray
+    outward: np.ndarray
+    arc: np.ndarray
+    length: np.ndarray
+
+
+def boundary_of(mesh: Mesh, edges: np.ndarray) -> Boundary:
+    """Boundary loops with the directions that matching needs, from the mesh's :func:`~.mesh.open_edges`. O(V + T)."""
+    loops = loops_of(edges, len(mesh.vertices))
+    start = np.concatenate(([0], np.cumsum([len(loop) for loop in loops]))).astype(np.int64)
+    vertex = np.concatenate(loops) if loops else np.empty(0, np.int32)
+    normals = vertex_normals(mesh.vertices, mesh.triangles)
+    point = mesh.vertices[vertex]
+    tangent, normal, outward, arc = _frames_kernel(point, normals[vertex], start)
+    loop = np.repeat(np.arange(len(loops)), np.diff(start)).astype(np.int64)
+    last, first = start[1:] - 1, start[:-1]
+    length = arc[last] + np.linalg.norm(point[first] - point[last], axis=1)
+    return Boundary(vertex, loop, start, point, tangent, normal, outward, arc, length)
+
+
+@njit(cache=True, nogil=True)
+def _frames_kernel(point, vertex_normal, start):
+    """Directions along each loop, averaged over two neighbours on either side so that teeth do not turn them."""
+    count = len(point)
+    tangent, normal, outward = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3))
+    arc = np.zeros(count)
+    for loop in range(len(start) - 1):
+        a, n = start[loop], start[loop + 1] - start[loop]
+        half = min(3, (n - 1) // 2)
+        total = 0.0
+        for k in range(n):
+            i = a + k
+            arc[i] = total
+            nxt = a + (k + 1) % n
+            total += np.sqrt(((point[nxt] - point[i]) ** 2).sum())
+            for s in range(-half, half + 1):
+                normal[i] += vertex_normal[a + (k + s) % n]
+            tangent[i] = point[a + (k + half) % n] - point[a + (k - half) % n]
+        for k in range(n):
+            i = a + k
+            for m in (normal, tangent):
+                length = np.sqrt((m[i] ** 2).sum())
+                if length > 0:
+                    m[i] /= length
+            # the surface lies on the left of the boundary's direction, so its continuation on the right
+            outward[i] = np.cross(tangent[i], normal[i])
+            length = np.sqrt((outward[i] ** 2).sum())
+            if length > 0:
+                outward[i] /= length
+    return tangent, normal, outward, arc

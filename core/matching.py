@@ -1,0 +1,204 @@
+"""Which boundary runs face each other: mutual partners that follow one another, found without trying every pair of loops."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+from .boundary import Boundary
+from .freespace import bridge_is_free
+from .overlap import ViewMaps
+
+
+def find_partners(
+    boundary: Boundary, limit: np.ndarray, up: np.ndarray, view: np.ndarray, maps: ViewMaps
+) -> tuple[np.ndarray, np.ndarray]:
+    """For each boundary vertex the one it would best be bridged to.
+
+    A partner is near, its boundary runs the other way, both surfaces would go on towards each other and look to the
+    same side, and no view has seen the space between them to be empty.
+
+    Parameters
+    ----------
+    boundary : Boundary
+        B vertices.
+    limit : np.ndarray [shape=(B,)]
+        Widest bridge allowed at each [m].
+    up : np.ndarray [shape=(3,)]
+        Direction along which the search is ordered.
+    view : np.ndarray [shape=(B,)]
+        The view each is from: within one view only gaps across a surface are bridged, not round a limb.
+    maps : ViewMaps
+
+    Returns
+    -------
+    partner : np.ndarray [shape=(B,), dtype=int64]
+        -1 where there is none.
+    price : np.ndarray [shape=(B,)]
+        Distance weighed by how badly the directions fit [m].
+
+    Notes
+    -----
+    Searches outwards along ``up``: O(B · candidates within ``limit``) time, O(B) memory.
+    """
+    level = boundary.point @ up
+    k = maps.intrinsics
+    return _partners_kernel(
+        boundary.point, level, np.argsort(level, kind="stable"),
+        boundary.tangent, boundary.normal, boundary.outward, boundary.loop, boundary.arc, boundary.length, limit,
+        view.astype(np.int64), maps.to_view, maps.depth, maps.seen, k.fx, k.fy, k.cx, k.cy, maps.noise,
+    )
+
+
+def find_runs(
+    boundary: Boundary, partner: np.ndarray, tolerance: float, min_run: int
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Pairs of chains (entries of the boundary): the first in its loop's direction, the second against its own."""
+    rows = _runs_kernel(partner, boundary.loop, boundary.start, boundary.point, tolerance, min_run)
+    pairs = []
+    for loop_a, first_a, n_a, loop_b, first_b, n_b in rows:
+        size_a = boundary.start[loop_a + 1] - boundary.start[loop_a]
+        size_b = boundary.start[loop_b + 1] - boundary.start[loop_b]
+        at_a = boundary.start[loop_a] + (first_a + np.arange(n_a)) % size_a
+        at_b = boundary.start[loop_b] + (first_b - np.arange(n_b)) % size_b
+        if len(at_b) >= 2 and not (loop_a == loop_b and np.intersect1d(at_a, at_b).size):
+            pairs.append((at_a, at_b))
+    return pairs
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _partners_kernel(
+    point, level, order, tangent, normal, outward, loop, arc, length_of, limit, view, to_view, depth, seen, fx, fy, cx, cy, noise
+):
+    """For each boundary vertex the one it would best be bridged to (index, -1 none) and at what cost [m]."""
+    count = len(point)
+    partner = np.full(count, -1, np.int64)
+    price = np.full(count, np.inf)
+    for at in prange(count):
+        i = order[at]
+        best = np.inf
+        which = -1
+        # outwards along the sorting axis, on both sides in turn, until nothing nearer can come
+        down, up_ = at - 1, at + 1
+        while down >= 0 or up_ < count:
+            if up_ >= count or (down >= 0 and level[i] - level[order[down]] <= level[order[up_]] - level[i]):
+                j = order[down]
+                down -= 1
+            else:
+                j = order[up_]
+                up_ += 1
+            if abs(level[j] - level[i]) > min(limit[i], best):
+                break
+            dx, dy, dz = point[j, 0] - point[i, 0], point[j, 1] - point[i, 1], point[j, 2] - point[i, 2]
+            d2 = dx * dx + dy * dy + dz * dz
+            if d2 >= best * best or d2 > min(limit[i], limit[j]) ** 2:
+                continue
+            d = np.sqrt(d2)
+            along = tangent[i, 0] * tangent[j, 0] + tangent[i, 1] * tangent[j, 1] + tangent[i, 2] * tangent[j, 2]
+            if along > 0.3:
+                continue
+            facing = normal[i, 0] * normal[j, 0] + normal[i, 1] * normal[j, 1] + normal[i, 2] * normal[j, 2]
+            # within one view: across a slot in a surface, not from one side of a limb to the other
+            if facing < (0.3 if view[i] == view[j] else -0.6):
+                continue
+            if loop[i] == loop[j]:  # across a slot, not round its tip
+                run = abs(arc[i] - arc[j])
+                run = min(run, length_of[loop[i]] - run)
+                if run < 2.5 * d or run < 0.012:
+                    continue
+            out_i = (outward[i, 0] * dx + outward[i, 1] * dy + outward[i, 2] * dz) / (d + 1e-9)
+            out_j = -(outward[j, 0] * dx + outward[j, 1] * dy + outward[j, 2] * dz) / (d + 1e-9)
+            if min(out_i, out_j) < -0.35 and d > 0.01:
+                continue
+            cost = d * (1.0 + 0.6 * (1.0 + along) + 0.5 * (1.0 - facing) + 0.4 * (2.0 - out_i - out_j))
+            if cost >= best:
+                continue
+            if bridge_is_free(point[i], point[j], to_view, depth, seen, fx, fy, cx, cy, noise):
+                continue
+            best = cost
+            which = j
+        partner[i] = which
+        price[i] = best
+    return partner, price
+
+
+@njit(cache=True, nogil=True)
+def _ring_distance(a, b, n):
+    d = abs(a - b) % n
+    return min(d, n - d)
+
+
+@njit(cache=True, nogil=True)
+def _runs_kernel(partner, loop, start, point, tolerance, min_run):
+    """Runs of boundary vertices whose partners are mutual and follow each other backwards on one loop.
+
+    Rows: loop A, first place on A, number of vertices; loop B, place of the first partner, number of vertices backwards.
+    """
+    count = len(partner)
+    good = np.zeros(count, np.bool_)
+    for i in range(count):
+        j = partner[i]
+        if j < 0 or partner[j] < 0:
+            continue
+        k = partner[j]
+        if loop[k] != loop[i]:
+            continue
+        gap = np.sqrt(((point[i] - point[j]) ** 2).sum())
+        back = np.sqrt(((point[i] - point[k]) ** 2).sum())
+        good[i] = back <= 1.5 * gap + tolerance
+    rows = np.empty((count, 6), np.int64)
+    n_rows = 0
+    for a in range(len(start) - 1):
+        base, n = start[a], start[a + 1] - start[a]
+        # begin where a run is broken, so that none is cut by the loop's seam
+        first = 0
+        for k in range(n):
+            if not good[base + k]:
+                first = k
+                break
+        k = 0
+        while k < n:
+            i = base + (first + k) % n
+            if not good[i]:
+                k += 1
+                continue
+            b = loop[partner[i]]
+            nb = start[b + 1] - start[b]
+            begin = k
+            last_good = k
+            place = partner[i] - start[b]
+            span = 0
+            missed = 0
+            k += 1
+            while k < n:
+                i2 = base + (first + k) % n
+                ok = good[i2] and loop[partner[i2]] == b
+                if ok:
+                    step = (place - (partner[i2] - start[b])) % nb  # backwards steps
+                    if step > nb // 2:
+                        step -= nb
+                    jump = np.sqrt(((point[partner[i2]] - point[start[b] + place]) ** 2).sum())
+                    moved = np.sqrt(((point[i2] - point[base + (first + last_good) % n]) ** 2).sum())
+                    gap = np.sqrt(((point[partner[i2]] - point[i2]) ** 2).sum())
+                    ok = step >= -3 and jump <= 3.0 * moved + gap + tolerance and span + step < nb
+                    if ok and step > 0:
+                        place = (place - step) % nb
+                        span += step
+                if ok:
+                    last_good = k
+                    missed = 0
+                else:
+                    missed += 1
+                    if missed > 4:
+                        break
+                k += 1
+            if last_good - begin + 1 >= min_run and span + 1 >= 2:
+                rows[n_rows, 0] = a
+                rows[n_rows, 1] = (first + begin) % n
+                rows[n_rows, 2] = last_good - begin + 1
+                rows[n_rows, 3] = b
+                rows[n_rows, 4] = (partner[base + (first + begin) % n] - start[b]) % nb
+                rows[n_rows, 5] = span + 1
+                n_rows += 1
+            k = last_good + 1
+    return rows[:n_rows].copy()
