@@ -1,0 +1,49 @@
+"""``python -m benchmarks [--only quality|speed|dtw|import …] [--markdown FILE]``"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import sys
+import time
+from pathlib import Path
+
+from .machine import describe
+from .results import Finding, limits_table
+
+MODULES = {"quality": "quality", "speed": "speed", "dtw": "dtw", "import": "imports"}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser("python -m benchmarks", description="Measure Mirror Scan against named peers.")
+    parser.add_argument("--only", nargs="+", choices=tuple(MODULES), help="these tables only")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the tables there as well")
+    options = parser.parse_args()
+    if importlib.util.find_spec("mirror_scan") is None:
+        print("error: mirror_scan is not installed in this Python; run `make bench`", file=sys.stderr)
+        return 1
+
+    start = time.perf_counter()
+    heading = describe()
+    print("\n".join(heading), flush=True)
+    pages = ["# Figures", "Written by `python -m benchmarks --markdown`; run `make bench` for your own.\n"]
+    pages.append("\n".join(f"- {line}" for line in heading))
+    findings: list[Finding] = []
+    for name in options.only or MODULES:
+        result = importlib.import_module(f".{MODULES[name]}", __package__).run()
+        findings += result.findings
+        for table in result.tables:
+            print(f"\n{table.text()}", flush=True)
+            pages.append(table.markdown())
+    table = limits_table(findings)
+    print(f"\n{table.text()}")
+    pages.append(table.markdown())
+    print(f"\n{time.perf_counter() - start:.0f} s in all")
+    if options.markdown is not None:
+        options.markdown.parent.mkdir(parents=True, exist_ok=True)
+        options.markdown.write_text("\n\n".join(pages) + "\n", encoding="utf-8")
+    return 0
+
+
+sys.exit(main())
