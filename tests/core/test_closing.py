@@ -1,0 +1,121 @@
+"""Whatever the zipper left open ends closed, oriented, in one piece, and standing flat on the floor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mirror_scan.core.closing import ClosingSettings, close_mesh, drop_soles, largest_component
+from mirror_scan.core.mesh import FILL, SURFACE, Mesh, boundary_loops, compact, merge, twins, vertex_fans
+from mirror_scan.core.metrics import mesh_report
+
+UP = np.array((0.0, 0.0, 1.0))
+
+
+def measured(vertices, faces) -> Mesh:
+    return compact(Mesh(
+        np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int32), np.full((len(vertices), 3), 120, np.uint8),
+        np.zeros(len(vertices), np.int8), np.zeros(len(faces), np.int8),
+    ))  # fmt: skip
+
+
+def check_closed(mesh: Mesh):
+    assert (twins(mesh.triangles, len(mesh.vertices)) >= 0).all()
+    assert (vertex_fans(mesh.triangles, len(mesh.vertices)) == 1).all()
+    body = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
+    assert body.is_watertight and body.is_winding_consistent and body.body_count == 1
+    assert np.isfinite(mesh.vertices).all()
+    assert len(mesh.view) == len(mesh.colors) == len(mesh.vertices) and len(mesh.kind) == len(mesh.triangles)
+    return body
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6))
+def test_a_torn_ball_is_mended(blind_maps, seed, holes):
+    whole, rng = trimesh.creation.icosphere(subdivisions=4, radius=0.4), np.random.default_rng(seed)
+    middle = whole.triangles_center
+    keep = rng.random(len(middle)) > rng.choice([0.0, 0.01])
+    for _ in range(holes):
+        keep &= np.linalg.norm(middle - middle[rng.integers(len(middle))], axis=1) > rng.uniform(0.03, 0.18)
+    mesh, _ = close_mesh(measured(whole.vertices, whole.faces[keep]), blind_maps, UP, None)
+    body = check_closed(mesh)
+    if holes < 4:
+        assert body.volume == pytest.approx(whole.volume, rel=0.05)
+        assert np.linalg.norm(mesh.vertices, axis=1) == pytest.approx(0.4, abs=0.05)
+
+
+def test_holes_follow_the_surface_around(blind_maps):
+    """A hole in a ball is closed by a cap that bulges, not by a lid."""
+    whole = trimesh.creation.icosphere(subdivisions=4, radius=0.4)
+    keep = np.linalg.norm(whole.triangles_center - (0, 0, 0.4), axis=1) > 0.2
+    mesh, notes = close_mesh(measured(whole.vertices, whole.faces[keep]), blind_maps, UP, None)
+    check_closed(mesh)
+    lid = 0.4 - np.sqrt(0.4**2 - 0.2**2 * (1 - 0.2**2 / (4 * 0.4**2)))
+    error = np.abs(np.linalg.norm(mesh.vertices[mesh.view < 0], axis=1) - 0.4)
+    assert error.max() < 0.35 * lid and notes == []
+    surface = mesh.vertices[np.unique(mesh.triangles[mesh.kind == SURFACE])]
+    assert np.abs(np.linalg.norm(surface, axis=1) - 0.4).max() < 0.004, "the measured surface moved"
+
+
+def post(bottom, radius=0.1, n=40, rows=30, top=1.0) -> Mesh:
+    """A post open below, closed above, standing beside the origin."""
+    angle = 2 * np.pi * np.arange(n) / n
+    z = np.linspace(bottom, top, rows)
+    ring = np.column_stack((0.3 + radius * np.cos(angle), radius * np.sin(angle)))
+    points = np.concatenate([np.column_stack((ring, np.full(n, h))) for h in z] + [[(0.3, 0, top + 0.02)]])
+    at = np.arange(rows * n).reshape(rows, n)
+    after = np.roll(at, -1, axis=1)
+    a, b, c, d = (x.ravel() for x in (at[:-1], after[:-1], after[1:], at[1:]))
+    cap = np.column_stack((at[-1], after[-1], np.full(n, rows * n)))
+    return measured(points, np.concatenate((np.column_stack((a, b, c)), np.column_stack((a, c, d)), cap)))
+
+
+@pytest.mark.parametrize("floor", [0.0, -0.4])
+def test_soles_stand_flat_on_the_floor(blind_maps, floor):
+    mesh = post(floor + 0.03, top=floor + 1.0)
+    closed, _ = close_mesh(mesh, blind_maps, UP, floor)
+    body = check_closed(closed)
+    assert closed.vertices[:, 2].min() == pytest.approx(floor, abs=1e-9)
+    sole = (np.abs(body.triangles[:, :, 2] - floor) < 1e-9).all(axis=1)
+    assert body.area_faces[sole].sum() == pytest.approx(40 / 2 * np.sin(2 * np.pi / 40) * 0.1**2, rel=0.02)
+    assert (body.face_normals[sole][:, 2] < -0.999).all() and (closed.kind[sole] == FILL).all()
+    # with no floor in sight the hole is just closed
+    hanging, _ = close_mesh(mesh, blind_maps, UP, None)
+    assert check_closed(hanging).volume < body.volume
+
+
+def test_letting_soles_down():
+    mesh = post(0.05)
+    skirted = drop_soles(mesh, UP, 0.0, 0.09)
+    (loop,) = boundary_loops(skirted.triangles, len(skirted.vertices))
+    assert np.abs(skirted.vertices[loop][:, 2]).max() < 1e-12 and len(loop) == 40
+    assert (twins(skirted.triangles, len(skirted.vertices)) >= -1).all()
+    assert trimesh.Trimesh(skirted.vertices, skirted.triangles, process=False).is_winding_consistent
+    np.testing.assert_array_equal(skirted.triangles[: len(mesh.triangles)], mesh.triangles)
+    assert drop_soles(post(0.5), UP, 0.0, 0.09).triangles.shape == post(0.5).triangles.shape, "too high for a sole"
+
+
+def test_crumbs_are_left_out_and_said_so(blind_maps):
+    crumb = trimesh.creation.icosphere(subdivisions=1, radius=0.02)
+    scene = merge([post(0.02), measured(crumb.vertices + (2, 0, 0), crumb.faces), measured(crumb.vertices - (2, 0, 0), crumb.faces)])
+    closed, notes = close_mesh(scene, blind_maps, UP, 0.0)
+    check_closed(closed)
+    assert closed.vertices[:, 0].min() > 0 and closed.vertices[:, 0].max() < 1
+    assert len(notes) == 1 and "2 small piece" in notes[0]
+    kept, dropped = largest_component(scene)
+    assert dropped == 2 and len(kept.triangles) == len(post(0.02).triangles)
+    alone, none = largest_component(post(0.02))
+    assert none == 0 and len(alone.triangles) == len(kept.triangles)
+
+
+def test_closed_already(blind_maps):
+    whole = trimesh.creation.icosphere(subdivisions=3, radius=0.4)
+    mesh = measured(whole.vertices, whole.faces)
+    closed, notes = close_mesh(mesh, blind_maps, UP, None, replace(ClosingSettings(), largest_loop=16))
+    np.testing.assert_array_equal(closed.vertices, mesh.vertices)
+    np.testing.assert_array_equal(closed.triangles, mesh.triangles)
+    assert notes == [] and mesh_report(closed)["watertight"]
