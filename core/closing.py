@@ -11,6 +11,7 @@ from .filling import fill_loops
 from .mesh import FILL, SURFACE, Mesh, boundary_loops, components_of, keep_triangles, keep_twins, remove_bowties, twins
 from .overlap import ViewMaps
 from .refinement import edge_length_at_vertices, refine
+from .untangling import untangle
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,8 @@ class ClosingSettings:
         Edges of seams and fills longer than this are split [median edge lengths of the surface around].
     fairness : float
         How stiffly the outermost measured vertices hold their place while seams and fills are faired; larger is stiffer.
+    untangle : bool
+        Smooth what runs through itself until it does not.
     floor_reach : float
         Loops that lie lower than this above the floor are soles: they are let down to it and closed flat [m].
     """
@@ -33,6 +36,7 @@ class ClosingSettings:
     refine: float = 1.7
     fairness: float = 0.3
     floor_reach: float = 0.09
+    untangle: bool = True
 
 
 def close_mesh(
@@ -72,6 +76,12 @@ def close_mesh(
     rim[mesh.triangles[mesh.kind != SURFACE]] = True
     stiffness = np.where(flat, np.inf, np.where(made, 0.0, np.where(rim, settings.fairness, np.inf)))
     mesh = replace(mesh, vertices=fair(mesh.vertices, mesh.triangles, stiffness))
+    if settings.untangle:
+        mesh, left = untangle(mesh)
+        if left > 0.001 * len(mesh.triangles):
+            notes.append(
+                f"{left} triangles run through others; look at the seams there, a longer burst or a clearer view helps"
+            )
     return mesh, notes
 
 

@@ -1,0 +1,74 @@
+"""Self-intersections out: what runs through itself is smoothed, a little more in each round, until it no longer does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from .bvh import self_intersections
+from .fairing import neighbours
+from .mesh import Mesh
+
+
+def untangle(mesh: Mesh, rounds: int = 6) -> tuple[Mesh, int]:
+    """Smooth the surroundings of intersecting triangles until they come apart.
+
+    Each round relaxes the vertices of the triangles that still intersect, and their neighbours one ring farther than the
+    round before; all other vertices stay where they are. Connectivity does not change.
+
+    Returns
+    -------
+    mesh : Mesh
+    left : int
+        Triangles that still intersect one another, near where any did at first.
+
+    Notes
+    -----
+    One search of the whole mesh, O(T log T); the later ones look at the surroundings only.
+    """
+    crossing = np.unique(self_intersections(mesh.vertices, mesh.triangles))
+    if not len(crossing):
+        return mesh, 0
+    start, heads = neighbours(mesh.triangles, len(mesh.vertices))
+    vertices = mesh.vertices.copy()
+    for turn in range(rounds):
+        core = _grow(mesh.triangles[crossing].ravel(), start, heads, 1 + turn // 2, len(vertices))
+        vertices = _relax(vertices, core, start, heads, 4 + 2 * turn)
+        # what moved, and what it may have run into: triangles that reach into its surroundings
+        around = _grow(core, start, heads, 3, len(vertices))
+        box = np.zeros(len(vertices), np.bool_)
+        box[around] = True
+        local = np.flatnonzero(box[mesh.triangles].any(axis=1))
+        crossing = local[np.unique(self_intersections(vertices, mesh.triangles[local]))]
+        if not len(crossing):
+            break
+    return replace(mesh, vertices=vertices), len(crossing)
+
+
+def _ring(vertices: np.ndarray, start: np.ndarray, heads: np.ndarray) -> np.ndarray:
+    """All neighbours of the given vertices, with repeats."""
+    counts = start[vertices + 1] - start[vertices]
+    offset = np.repeat(start[vertices] - np.concatenate(([0], np.cumsum(counts)[:-1])), counts)
+    return heads[np.arange(counts.sum()) + offset]
+
+
+def _grow(vertices: np.ndarray, start: np.ndarray, heads: np.ndarray, rings: int, count: int) -> np.ndarray:
+    """The vertices and those within so many rings of them, sorted."""
+    inside = np.zeros(count, np.bool_)
+    inside[vertices] = True
+    for _ in range(rings):
+        inside[_ring(np.flatnonzero(inside), start, heads)] = True
+    return np.flatnonzero(inside)
+
+
+def _relax(vertices: np.ndarray, chosen: np.ndarray, start: np.ndarray, heads: np.ndarray, steps: int) -> np.ndarray:
+    """Chosen vertices moved half way to the mean of their one-ring, ``steps`` times."""
+    vertices = vertices.copy()
+    counts = start[chosen + 1] - start[chosen]
+    ring = _ring(chosen, start, heads)
+    begin = np.concatenate(([0], np.cumsum(counts)[:-1]))
+    for _ in range(steps):
+        mean = np.add.reduceat(vertices[ring], begin, axis=0) / counts[:, None]
+        vertices[chosen] = 0.5 * (vertices[chosen] + mean)
+    return vertices
