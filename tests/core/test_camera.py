@@ -20,7 +20,7 @@ center = st.floats(-300, 300)
 def test_project_undoes_unproject(width, height, fx, fy, cx, cy, seed, scale):
     lens = Intrinsics(width, height, fx, fy, cx, cy)
     depth = (np.random.default_rng(seed).uniform(0.1, 1.0, (height, width)) * scale).astype(np.float32)
-    depth.flat[:: 3] = 0
+    depth.flat[::3] = 0
     points = unproject(depth, lens)
     assert points.shape == (height, width, 3) and points.dtype == np.float64
     assert (points[depth == 0] == 0).all()

@@ -61,7 +61,9 @@ def test_a_ball_cut_by_a_plane(level):
     assert (vertex_fans(cut.triangles, len(cut.vertices)) == 1).all()
     # a spherical cap has area 2 π R h; facets and sliding along edges cost a little
     assert area(cut) / area(mesh) == pytest.approx((1 - level) / 2, abs=0.003)
-    assert (np.einsum("ij,ij->i", triangle_normals(cut.vertices, cut.triangles), cut.vertices[cut.triangles[:, 0]]) > 0).all()
+    assert (
+        np.einsum("ij,ij->i", triangle_normals(cut.vertices, cut.triangles), cut.vertices[cut.triangles[:, 0]]) > 0
+    ).all()
 
 
 @pytest.mark.xfail(strict=True, reason="a corner just outside the line leaves two cut points next to each other")
@@ -92,7 +94,9 @@ def test_attributes_follow():
     mesh = ball(3)
     cut = clip(mesh, mesh.vertices[:, 2], 0.1)
     low, span = mesh.vertices.min(), np.ptp(mesh.vertices)
-    assert np.abs(cut.colors - 255 * (cut.vertices - low) / span).max() <= 2, "colours are interpolated as positions are"
+    assert np.abs(cut.colors - 255 * (cut.vertices - low) / span).max() <= 2, (
+        "colours are interpolated as positions are"
+    )
     assert (cut.view == 2).all() and set(cut.kind.tolist()) == {0, 1, 2}
     bare = clip(Mesh(mesh.vertices, mesh.triangles), mesh.vertices[:, 2], 0.1)
     assert bare.colors is None and bare.view is None and bare.kind is None
@@ -137,7 +141,9 @@ def test_distance_to_the_zero_line():
 
 def test_averaging_over_the_one_ring():
     mesh = ball(3)
-    values = np.column_stack((np.full(len(mesh.vertices), 7.0), np.random.default_rng(0).normal(size=len(mesh.vertices))))
+    values = np.column_stack(
+        (np.full(len(mesh.vertices), 7.0), np.random.default_rng(0).normal(size=len(mesh.vertices)))
+    )
     before = values.copy()
     out = smooth_on_mesh(values, mesh.triangles, 3)
     np.testing.assert_allclose(out[:, 0], 7.0)

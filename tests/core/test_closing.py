@@ -17,10 +17,11 @@ UP = np.array((0.0, 0.0, 1.0))
 
 
 def measured(vertices, faces) -> Mesh:
-    return compact(Mesh(
-        np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int32), np.full((len(vertices), 3), 120, np.uint8),
-        np.zeros(len(vertices), np.int8), np.zeros(len(faces), np.int8),
-    ))  # fmt: skip
+    count = len(vertices)
+    grey = np.full((count, 3), 120, np.uint8)
+    kind = np.zeros(len(faces), np.int8)
+    vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int32)
+    return compact(Mesh(vertices, faces, grey, np.zeros(count, np.int8), kind))
 
 
 def check_closed(mesh: Mesh):
@@ -101,7 +102,13 @@ def test_letting_soles_down():
 
 def test_crumbs_are_left_out_and_said_so(blind_maps):
     crumb = trimesh.creation.icosphere(subdivisions=1, radius=0.02)
-    scene = merge([post(0.02), measured(crumb.vertices + (2, 0, 0), crumb.faces), measured(crumb.vertices - (2, 0, 0), crumb.faces)])
+    scene = merge(
+        [
+            post(0.02),
+            measured(crumb.vertices + (2, 0, 0), crumb.faces),
+            measured(crumb.vertices - (2, 0, 0), crumb.faces),
+        ]
+    )
     closed, notes = close_mesh(scene, blind_maps, UP, 0.0)
     check_closed(closed)
     assert closed.vertices[:, 0].min() > 0 and closed.vertices[:, 0].max() < 1

@@ -1,4 +1,4 @@
-"""Thin-plate fairing: least energy against dense least squares, caps that come near their sphere, planes that stay planes."""
+"""Thin-plate fairing: least energy against dense least squares, caps near their sphere, planes that stay planes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,13 @@ def lidded(radius):
     whole = trimesh.creation.icosphere(subdivisions=4)
     keep = np.linalg.norm(whole.triangles_center - (0, 0, 1), axis=1) > radius
     zeros = np.zeros(keep.sum(), np.int8)
-    mesh = Mesh(np.array(whole.vertices), np.array(whole.faces[keep], np.int32), None, np.zeros(len(whole.vertices), np.int8), zeros)
+    mesh = Mesh(
+        np.array(whole.vertices),
+        np.array(whole.faces[keep], np.int32),
+        None,
+        np.zeros(len(whole.vertices), np.int8),
+        zeros,
+    )
     mesh = fill_loops(remove_bowties(compact(mesh)), None)
     return refine(mesh, edge_length_at_vertices(mesh), 1.5)
 
@@ -95,7 +101,9 @@ def test_energy_is_the_least_there_is(stiff):
 
 def test_stiffness_holds_things_in_place():
     points, faces = grid(15, 0.05 * np.random.default_rng(1).normal(size=(15, 15)))
-    moved = [np.linalg.norm(fair(points, faces, np.full(225, s)) - points, axis=1).mean() for s in (0.1, 1.0, 10.0, 1e4)]
+    moved = [
+        np.linalg.norm(fair(points, faces, np.full(225, s)) - points, axis=1).mean() for s in (0.1, 1.0, 10.0, 1e4)
+    ]
     assert moved == sorted(moved, reverse=True) and moved[-1] < 1e-6 < moved[0]
     assert fair(points, faces, np.full(225, np.inf)) is points
     before = points.copy()

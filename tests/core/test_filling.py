@@ -134,7 +134,9 @@ def test_a_loop_in_space():
     filled = fill_loops(mesh, None)
     check_closed(filled, mesh)
     volume = trimesh.Trimesh(filled.vertices, filled.triangles, process=False).volume
-    assert abs(volume) == pytest.approx(2 * np.pi, abs=np.pi * (0.3 + 0.2)) and len(filled.triangles) == 2 * n + 2 * (n - 2)
+    assert abs(volume) == pytest.approx(2 * np.pi, abs=np.pi * (0.3 + 0.2)) and len(filled.triangles) == 2 * n + 2 * (
+        n - 2
+    )
 
 
 def test_a_missing_face_is_put_back():
@@ -163,7 +165,9 @@ def test_a_loop_whose_every_chord_is_taken_gets_a_middle():
 
 def test_known_open_edges_change_nothing():
     whole = SHAPES["torus"]
-    mesh = remove_bowties(measured(whole.vertices, whole.faces[np.random.default_rng(3).random(len(whole.faces)) > 0.05]))
+    mesh = remove_bowties(
+        measured(whole.vertices, whole.faces[np.random.default_rng(3).random(len(whole.faces)) > 0.05])
+    )
     plain = fill_loops(mesh, None)
     told = fill_loops(mesh, None, edges=open_edges(mesh.triangles, len(mesh.vertices)))
     np.testing.assert_array_equal(plain.triangles, told.triangles)

@@ -142,13 +142,10 @@ def test_parted_views_zip_to_one_surface():
 def test_surfaces_that_do_not_overlap_stay_as_they_are(ball):
     """Half of the ball each, a clear gap between."""
     halves = []
+    towards = [(eye(k) - CENTRE) / np.linalg.norm(eye(k) - CENTRE) for k in range(2)]
     for k, patch in enumerate(ball.patches):
         middle = patch.vertices[patch.triangles].mean(axis=1) - CENTRE
-        side = middle @ (eye(0) / np.linalg.norm(eye(0) - CENTRE) - eye(1) / np.linalg.norm(eye(1) - CENTRE))
-        toward = eye(1) - CENTRE
-        toward = toward / np.linalg.norm(toward) - (eye(0) - CENTRE) / np.linalg.norm(eye(0) - CENTRE)
-        side = middle @ toward * (1 if k else -1)
-        halves.append((patch, side > 0.12))
+        halves.append((patch, middle @ (towards[k] - towards[1 - k]) > 0.12))
     labels = np.full(ball.labels.shape, -1, np.int8)
     for k, (patch, keep) in enumerate(halves):
         inner = patch.vertices[np.unique(patch.triangles[keep])]
@@ -170,9 +167,7 @@ def test_surfaces_that_do_not_overlap_stay_as_they_are(ball):
 
 
 def test_a_view_that_shows_nothing(ball):
-    empty = Mesh(
-        np.empty((0, 3)), np.empty((0, 3), np.int32), None, np.empty(0, np.int8), np.empty(0, np.int8)
-    )
+    empty = Mesh(np.empty((0, 3)), np.empty((0, 3), np.int32), None, np.empty(0, np.int8), np.empty(0, np.int8))
     labels = np.where(ball.labels == 0, 0, -1).astype(np.int8)
     maps = view_maps(ball.depth, labels, labels, LENS, [MIRROR], np.zeros(2))
     one, none = part_overlaps([ball.patches[0], empty], maps)

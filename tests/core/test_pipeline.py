@@ -123,7 +123,9 @@ def test_the_report_is_plain_and_whole(reconstructed):
     mesh = report["mesh"]
     assert mesh["watertight"] is True and mesh["manifold"] is True and mesh["components"] == 1
     assert (mesh["vertices"], mesh["triangles"]) == (len(made.mesh.vertices), len(made.mesh.triangles))
-    assert mesh["seam_triangles"] == (made.mesh.kind == 1).sum() and mesh["fill_triangles"] == (made.mesh.kind == 2).sum()
+    assert (
+        mesh["seam_triangles"] == (made.mesh.kind == 1).sum() and mesh["fill_triangles"] == (made.mesh.kind == 2).sum()
+    )
     assert mesh["height_m"] == pytest.approx(1.7, abs=0.03) and 55 < mesh["volume_l"] < 80
     assert all(t >= 0 and math.isfinite(t) for t in report["timings_ms"].values())
 
@@ -187,7 +189,9 @@ def test_a_blind_mirror_is_warned_about_and_the_rest_goes_on(person):
     simulation = simulate(person, replace(rig, mirrors=(right, replace(left, normal=(0.05, -1.0, 0.0)))))
     made = reconstruct(simulation.capture)
     assert [w for w in made.warnings if w.startswith("left:")] and made.report["warnings"] == list(made.warnings)
-    assert made.report["mesh"]["watertight"] and made.report["mesh"]["manifold"] and made.report["mesh"]["components"] == 1
+    assert (
+        made.report["mesh"]["watertight"] and made.report["mesh"]["manifold"] and made.report["mesh"]["components"] == 1
+    )
     assert set(np.unique(made.mesh.view)) <= {-1, 0, 1} and made.report["views"][2]["pixels"] == 0
 
 
@@ -206,7 +210,12 @@ CAPTURES = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulated"
 @pytest.mark.parametrize(
     ("name", "accuracy", "completeness"),
     # no worse than the better of both screened Poissons on the same views, true planes and masks given to it [mm]
-    [("azure_man", 2.36, 1.64), ("kinect1_man_clothed", 7.58, 5.74), ("d455_woman", 11.0, 5.73), ("ideal_statue", 3.88, 7.90)],
+    [
+        ("azure_man", 2.36, 1.64),
+        ("kinect1_man_clothed", 7.58, 5.74),
+        ("d455_woman", 11.0, 5.73),
+        ("ideal_statue", 3.88, 7.90),
+    ],
 )
 def test_captures_of_scanned_people(name, accuracy, completeness):
     folder = CAPTURES / name

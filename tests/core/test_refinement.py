@@ -26,7 +26,11 @@ def measured(vertices, faces) -> Mesh:
     vertices = np.array(vertices, dtype=np.float64)
     shade = np.clip(np.rint(127 * (vertices + 1)), 0, 255).astype(np.uint8)
     return Mesh(
-        vertices, np.array(faces, dtype=np.int32), shade, np.zeros(len(vertices), np.int8), np.zeros(len(faces), np.int8)
+        vertices,
+        np.array(faces, dtype=np.int32),
+        shade,
+        np.zeros(len(vertices), np.int8),
+        np.zeros(len(faces), np.int8),
     )
 
 
@@ -131,7 +135,9 @@ def test_kinds_are_inherited():
     made = np.flatnonzero(mesh.kind == FILL)
     kind = mesh.kind.copy()
     kind[made[mesh.vertices[mesh.triangles[made]].mean(axis=1)[:, 0] > 0]] = SEAM
-    out = refine(Mesh(mesh.vertices, mesh.triangles, mesh.colors, mesh.view, kind), np.full(len(mesh.vertices), 0.05), 1.4)
+    out = refine(
+        Mesh(mesh.vertices, mesh.triangles, mesh.colors, mesh.view, kind), np.full(len(mesh.vertices), 0.05), 1.4
+    )
     middle = out.vertices[out.triangles].mean(axis=1)[:, 0]
     assert {SURFACE, SEAM, FILL} == set(out.kind.tolist())
     assert (middle[out.kind == SEAM] > -0.25).all() and (middle[out.kind == FILL] < 0.25).all()

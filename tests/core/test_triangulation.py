@@ -147,7 +147,5 @@ def test_specks_and_nothing():
     speck[30:60, 30:60] = 0
     patch = patch_of(np.full(U.shape, 2.0), speck, settings=TriangulationSettings(outline=0.0, min_triangles=40))
     assert project(patch.vertices, LENS).min() > 28
-    bare = triangulate_view(
-        np.ones((1, 5), np.float32), np.zeros((1, 5), np.int8), 0, np.ones((1, 5, 3)), 0.01, 0.0
-    )
+    bare = triangulate_view(np.ones((1, 5), np.float32), np.zeros((1, 5), np.int8), 0, np.ones((1, 5, 3)), 0.01, 0.0)
     assert len(bare.triangles) == 0 and bare.colors is None

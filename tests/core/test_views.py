@@ -1,4 +1,4 @@
-"""Every pixel's view and whether it is the subject's, against the virtual rig's truth; empty rooms and blind mirrors."""
+"""Every pixel's view and whether it is the subject's, against the rig's truth; empty rooms and blind mirrors."""
 
 from __future__ import annotations
 
@@ -40,7 +40,9 @@ def test_labels_of_the_subject(simulated, sensor):
     right = (views.labels == truth)[body].mean()
     wrong_view = ((views.labels >= 0) & (views.labels != truth))[body].mean()
     # stereo fattens a silhouette by up to two pixels: those are read on the body
-    beside = np.select([binary_dilation(truth == k, np.ones((5, 5))) & (views.labels == k) for k in range(3)], [True] * 3)
+    beside = np.select(
+        [binary_dilation(truth == k, np.ones((5, 5))) & (views.labels == k) for k in range(3)], [True] * 3
+    )
     ghosts = ((views.labels >= 0) & (truth < 0) & ~beside).sum() / (truth >= 0).sum()
     each = [(views.labels == k)[body & (truth == k)].mean() for k in range(3)]
     print(f"\n{sensor}: {100 * right:.2f} % right ({', '.join(f'{100 * e:.2f}' for e in each)}), "
@@ -117,7 +119,9 @@ def test_up_from_the_mirrors():
 
 
 LEVEL = pytest.param(
-    0.0, 0.0, marks=pytest.mark.xfail(strict=True, raises=ValueError, reason="no point lies lower than an exactly level floor")
+    0.0,
+    0.0,
+    marks=pytest.mark.xfail(strict=True, raises=ValueError, reason="no point lies lower than an exactly level floor"),
 )
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.coronal import Chain, match_chains, pairings, solidity, split_loop
 from mirror_scan.core.dtw import dtw
-from mirror_scan.core.mesh import SEAM, SURFACE, Mesh, boundary_edges, boundary_loops, triangle_normals, twins
+from mirror_scan.core.mesh import SURFACE, Mesh, boundary_edges, boundary_loops, triangle_normals, twins
 from mirror_scan.core.overlap import view_maps
 from mirror_scan.core.zippering import ZipperSettings, add_triangles, zip_chains, zip_patches
 
@@ -37,7 +37,9 @@ def tube(bottom, top, rows, columns, view=0, turn=0.0, radius=0.2) -> Mesh:
     angle = 2 * np.pi * np.arange(columns) / columns + turn
     z = np.linspace(bottom, top, rows)
     ring = radius * np.column_stack((np.cos(angle), np.sin(angle)))
-    points = np.concatenate((np.broadcast_to(ring, (rows, columns, 2)), np.broadcast_to(z[:, None, None], (rows, columns, 1))), axis=2)
+    points = np.concatenate(
+        (np.broadcast_to(ring, (rows, columns, 2)), np.broadcast_to(z[:, None, None], (rows, columns, 1))), axis=2
+    )
     return sheet(points, view, closed=True)
 
 
@@ -84,7 +86,9 @@ def test_two_halves_of_a_ball_close(blind_maps):
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.3)
     coarse = trimesh.creation.icosphere(subdivisions=3, radius=0.3)
     halves = []
-    for view, (whole, keep) in enumerate(((ball, ball.triangles_center[:, 2] > 0.02), (coarse, coarse.triangles_center[:, 2] < -0.02))):
+    for view, (whole, keep) in enumerate(
+        ((ball, ball.triangles_center[:, 2] > 0.02), (coarse, coarse.triangles_center[:, 2] < -0.02))
+    ):
         half = trimesh.Trimesh(whole.vertices, whole.faces[keep])
         half.remove_unreferenced_vertices()
         count = len(half.vertices)
@@ -139,10 +143,14 @@ def test_no_bridge_through_space_seen_to_be_empty(blind_maps):
     nobody = np.full((200, 300), -1, np.int8)
 
     def seams(depth, seen):
-        maps = view_maps(np.full((200, 300), depth, np.float32), nobody, np.full((200, 300), seen, np.int8), lens, [], np.zeros(1))
+        maps = view_maps(
+            np.full((200, 300), depth, np.float32), nobody, np.full((200, 300), seen, np.int8), lens, [], np.zeros(1)
+        )
         return zip_patches(patches, maps, np.array((0, -1.0, 0)), np.array((0, 0, 2.0)), None, GENERAL)
 
-    across = [s for s in zip_patches(patches, blind_maps, np.array((0, -1.0, 0)), np.array((0, 0, 2.0)), None, GENERAL)[1]]
+    across = [
+        s for s in zip_patches(patches, blind_maps, np.array((0, -1.0, 0)), np.array((0, 0, 2.0)), None, GENERAL)[1]
+    ]
     assert {s.views for s in across} == {(0, 1)}
     mesh, none = seams(5.0, 0)
     assert not [s for s in none if s.views == (0, 1)], "the camera looked through the gap"
@@ -153,13 +161,19 @@ def test_no_bridge_through_space_seen_to_be_empty(blind_maps):
 
 def test_wide_gaps_stay_open(blind_maps):
     patches = plates(0.25)
-    mesh, seams = zip_patches(patches, blind_maps, UP, np.zeros(3), None, ZipperSettings(gaps=(0.03, 0.08), compactness=2.0))
+    mesh, seams = zip_patches(
+        patches, blind_maps, UP, np.zeros(3), None, ZipperSettings(gaps=(0.03, 0.08), compactness=2.0)
+    )
     assert not seams and (mesh.kind == SURFACE).all() and len(mesh.vertices) == 1800
 
 
 def test_nothing_to_zip(blind_maps):
     empty = Mesh(
-        np.empty((0, 3)), np.empty((0, 3), np.int32), np.empty((0, 3), np.uint8), np.empty(0, np.int8), np.empty(0, np.int8)
+        np.empty((0, 3)),
+        np.empty((0, 3), np.int32),
+        np.empty((0, 3), np.uint8),
+        np.empty(0, np.int8),
+        np.empty(0, np.int8),
     )
     mesh, seams = zip_patches([empty, empty], blind_maps, UP, np.zeros(3), None)
     assert len(mesh.triangles) == 0 and seams == []
@@ -257,4 +271,3 @@ def test_solidity_of_silhouettes():
     assert solidity(labels) == 1
     labels[2:8, 8:12] = 1
     assert solidity(labels) == pytest.approx(0.6) and solidity(labels, 1) == 1
-    assert SEAM == 1
