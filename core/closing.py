@@ -8,7 +8,19 @@ import numpy as np
 
 from .fairing import fair
 from .filling import fill_loops
-from .mesh import FILL, SURFACE, Mesh, boundary_loops, components_of, keep_triangles, keep_twins, remove_bowties, twins
+from .mesh import (
+    FILL,
+    SURFACE,
+    Mesh,
+    components_of,
+    extend_open_edges,
+    keep_triangles,
+    keep_twins,
+    loops_of,
+    open_edges,
+    remove_bowties,
+    twins,
+)
 from .overlap import ViewMaps
 from .refinement import edge_length_at_vertices, refine
 from .untangling import untangle
@@ -62,10 +74,12 @@ def close_mesh(
         What was dropped or could not be mended, for the user.
     """
     notes = []
-    mesh = remove_bowties(mesh)  # so that loops touching in a vertex are told apart
+    twin = twins(mesh.triangles, len(mesh.vertices))
+    mesh = remove_bowties(mesh, twin)  # so that loops touching in a vertex are told apart
+    edges = open_edges(mesh.triangles, len(mesh.vertices), twin)
     if floor is not None:
-        mesh = drop_soles(mesh, up, floor, settings.floor_reach)
-    mesh = fill_loops(mesh, maps, settings.largest_loop)
+        mesh, edges = drop_soles(mesh, edges, up, floor, settings.floor_reach)
+    mesh = fill_loops(mesh, maps, settings.largest_loop, edges=edges)
     mesh, dropped = largest_component(mesh)
     if dropped:
         notes.append(f"{dropped} small piece(s) that nothing connects to the body were left out")
@@ -96,18 +110,22 @@ def largest_component(mesh: Mesh) -> tuple[Mesh, int]:
     return remove_bowties(mesh, twin), count - 1
 
 
-def drop_soles(mesh: Mesh, up: np.ndarray, floor: float, reach: float) -> Mesh:
+def drop_soles(
+    mesh: Mesh, edges: np.ndarray, up: np.ndarray, floor: float, reach: float
+) -> tuple[Mesh, np.ndarray]:
     """Let boundary loops just above the floor down onto it: a vertical skirt, so that the sole is closed flat.
+
+    Takes and returns the mesh with its open edges.
 
     A loop counts when at least three quarters of it lie lower than ``reach`` and none four times as high.
     """
     below = []
-    for loop in boundary_loops(mesh.triangles, len(mesh.vertices)):
+    for loop in loops_of(edges, len(mesh.vertices)):
         height = mesh.vertices[loop] @ up - floor
         if len(loop) >= 8 and np.quantile(height, 0.75) < reach and height.max() < 4 * reach and height.min() > -reach:
             below.append(loop)
     if not below:
-        return mesh
+        return mesh, edges
     vertices, triangles, count = [mesh.vertices], [mesh.triangles], len(mesh.vertices)
     source = np.concatenate(below)
     for loop in below:
@@ -118,10 +136,11 @@ def drop_soles(mesh: Mesh, up: np.ndarray, floor: float, reach: float) -> Mesh:
         after, foot_after = np.roll(loop, -1), np.roll(foot, -1)
         triangles += [np.column_stack((after, loop, foot)), np.column_stack((foot, foot_after, after))]
     skirt = sum(len(t) for t in triangles[1:])
-    return Mesh(
+    lowered = Mesh(
         np.concatenate(vertices),
         np.concatenate(triangles).astype(np.int32),
         None if mesh.colors is None else np.concatenate((mesh.colors, mesh.colors[source])),
         np.concatenate((mesh.view, np.full(len(source), -1, np.int8))),
         np.concatenate((mesh.kind, np.full(skirt, FILL, np.int8))),
     )
+    return lowered, extend_open_edges(edges, lowered.triangles, len(mesh.triangles), len(lowered.vertices))

@@ -8,14 +8,21 @@ import numpy as np
 
 from .bvh import self_intersections
 from .fairing import neighbours
-from .mesh import Mesh
+from .mesh import SURFACE, Mesh
 
 
-def untangle(mesh: Mesh, rounds: int = 6) -> tuple[Mesh, int]:
+def untangle(mesh: Mesh, rounds: int = 6, rings: int = 2) -> tuple[Mesh, int]:
     """Smooth the surroundings of intersecting triangles until they come apart.
 
     Each round relaxes the vertices of the triangles that still intersect, and their neighbours one ring farther than the
     round before; all other vertices stay where they are. Connectivity does not change.
+
+    Parameters
+    ----------
+    rounds : int
+        At most so many.
+    rings : int
+        Searched are seams and fills and what lies within so many rings of them: depth grids do not cross themselves.
 
     Returns
     -------
@@ -25,12 +32,18 @@ def untangle(mesh: Mesh, rounds: int = 6) -> tuple[Mesh, int]:
 
     Notes
     -----
-    One search of the whole mesh, O(T log T); the later ones look at the surroundings only.
+    O(S log S) for S triangles searched; later rounds look at the surroundings of what moved only.
     """
-    crossing = np.unique(self_intersections(mesh.vertices, mesh.triangles))
+    start, heads = neighbours(mesh.triangles, len(mesh.vertices))
+    made = np.unique(mesh.triangles[mesh.kind != SURFACE])
+    near = np.zeros(len(mesh.vertices), np.bool_)
+    near[_grow(made, start, heads, rings, len(near))] = True
+    searched = np.flatnonzero(near[mesh.triangles].any(axis=1))
+    if not len(searched):
+        return mesh, 0
+    crossing = searched[np.unique(self_intersections(mesh.vertices, mesh.triangles[searched]))]
     if not len(crossing):
         return mesh, 0
-    start, heads = neighbours(mesh.triangles, len(mesh.vertices))
     vertices = mesh.vertices.copy()
     for turn in range(rounds):
         core = _grow(mesh.triangles[crossing].ravel(), start, heads, 1 + turn // 2, len(vertices))

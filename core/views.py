@@ -202,7 +202,9 @@ def find_floor(points: np.ndarray, up: np.ndarray, tilt_limit: float = 15.0) -> 
     if len(points) < 200:
         return None
     rng = np.random.default_rng(0)
-    low = points[points @ up < np.quantile(points @ up, 0.4)]
+    sample = points[:: len(points) // 4000 + 1]
+    height = sample @ up
+    low = sample[height < np.quantile(height, 0.4)]
     best_score, best = 0, None
     for _ in range(60):
         a, b, c = low[rng.integers(0, len(low), 3)]
@@ -213,13 +215,13 @@ def find_floor(points: np.ndarray, up: np.ndarray, tilt_limit: float = 15.0) -> 
         n = n / length if n @ up > 0 else -n / length
         if n @ up < np.cos(np.radians(tilt_limit)):
             continue
-        distance = points @ n - n @ a
+        distance = sample @ n - n @ a
         inliers = np.abs(distance) < 0.02
         # nothing of substance lies under a floor
         score = inliers.sum() - 3 * (distance < -0.06).sum()
         if score > best_score:
             best_score, best = score, (n, n @ a)
-    if best is None or best_score < 0.02 * len(points):
+    if best is None or best_score < 0.02 * len(sample):
         return None
     n, d = best
     band = 0.06
