@@ -46,8 +46,12 @@ class Intrinsics:
         """The same camera sampled at another resolution (pixel centres at integers)."""
         sx, sy = width / self.width, height / self.height
         return Intrinsics(
-            width, height, self.fx * sx, self.fy * sy,
-            (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5,
+            width,
+            height,
+            self.fx * sx,
+            self.fy * sy,
+            (self.cx + 0.5) * sx - 0.5,
+            (self.cy + 0.5) * sy - 0.5,
         )
 
 
@@ -93,5 +97,6 @@ def project(points: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
     points = np.asarray(points, dtype=np.float64)
     z = np.where(points[..., 2] > 0, points[..., 2], np.nan)
     return np.stack(
-        (points[..., 0] / z * intrinsics.fx + intrinsics.cx, points[..., 1] / z * intrinsics.fy + intrinsics.cy), axis=-1
+        (points[..., 0] / z * intrinsics.fx + intrinsics.cx, points[..., 1] / z * intrinsics.fy + intrinsics.cy),
+        axis=-1,
     )

@@ -37,7 +37,8 @@ class ClosingSettings:
     refine : float
         Edges of seams and fills longer than this are split [median edge lengths of the surface around].
     fairness : float
-        How stiffly the outermost measured vertices hold their place while seams and fills are faired; larger is stiffer.
+        How stiffly the outermost measured vertices hold their place while seams and fills are faired; larger is
+        stiffer.
     untangle : bool
         Smooth what runs through itself until it does not.
     floor_reach : float
@@ -85,7 +86,9 @@ def close_mesh(
         notes.append(f"{dropped} small piece(s) that nothing connects to the body were left out")
     mesh = refine(mesh, edge_length_at_vertices(mesh), settings.refine)
     made = mesh.view < 0
-    flat = np.zeros(len(mesh.vertices), np.bool_) if floor is None else made & (np.abs(mesh.vertices @ up - floor) < 1e-6)
+    flat = (
+        np.zeros(len(mesh.vertices), np.bool_) if floor is None else made & (np.abs(mesh.vertices @ up - floor) < 1e-6)
+    )
     rim = np.zeros(len(mesh.vertices), np.bool_)
     rim[mesh.triangles[mesh.kind != SURFACE]] = True
     stiffness = np.where(flat, np.inf, np.where(made, 0.0, np.where(rim, settings.fairness, np.inf)))
@@ -110,9 +113,7 @@ def largest_component(mesh: Mesh) -> tuple[Mesh, int]:
     return remove_bowties(mesh, twin), count - 1
 
 
-def drop_soles(
-    mesh: Mesh, edges: np.ndarray, up: np.ndarray, floor: float, reach: float
-) -> tuple[Mesh, np.ndarray]:
+def drop_soles(mesh: Mesh, edges: np.ndarray, up: np.ndarray, floor: float, reach: float) -> tuple[Mesh, np.ndarray]:
     """Let boundary loops just above the floor down onto it: a vertical skirt, so that the sole is closed flat.
 
     Takes and returns the mesh with its open edges.

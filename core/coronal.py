@@ -1,4 +1,5 @@
-"""The paper's matching (4.2.2): boundary loops split where the coronal and sagittal planes meet, every pairing tried."""
+"""The paper's matching (4.2.2): boundary loops split where the coronal and sagittal planes meet, every pairing
+tried."""
 
 from __future__ import annotations
 
@@ -22,7 +23,9 @@ class Chain:
     vertices: np.ndarray
 
 
-def split_loop(points: np.ndarray, loop: np.ndarray, up: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+def split_loop(
+    points: np.ndarray, loop: np.ndarray, up: np.ndarray, axis: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
     """Split a loop at its top and bottom: where it comes nearest to the line in which coronal and sagittal plane meet.
 
     Parameters
@@ -108,7 +111,8 @@ def solidity(labels: np.ndarray, view: int = 0) -> float:
 
 
 def outer_chains(patches: list[Mesh], up: np.ndarray, axis: np.ndarray) -> list[Chain]:
-    """Both chains of every patch's longest boundary loop, vertices numbered as in the merged mesh; none if one has no ends."""
+    """Both chains of every patch's longest boundary loop, vertices numbered as in the merged mesh; none if one has no
+    ends."""
     chains, offset = [], 0
     for number, patch in enumerate(patches):
         if len(patch.triangles):

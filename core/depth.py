@@ -1,4 +1,5 @@
-"""A burst of depth frames → one clean depth map: fuse, drop flying pixels, close drop-outs, smooth without losing edges.
+"""A burst of depth frames → one clean depth map: fuse, drop flying pixels, close drop-outs, smooth without losing
+edges.
 
 Everything averages in inverse depth: a stereo or structured-light camera measures disparity, so its error is even
 there, and a plane in space is a linear function of (u, v) there, so local fits do not bend slanted surfaces.
@@ -81,7 +82,8 @@ def fuse_burst(depth: np.ndarray, settings: DepthSettings = DepthSettings()) -> 
     )
     if not fused.any():
         raise CaptureError(
-            f"no depth reading between {settings.min_depth:g} and {settings.max_depth:g} m in any of {len(depth)} frames; "
+            f"no depth reading between {settings.min_depth:g} and {settings.max_depth:g} m in any of {len(depth)} "
+            "frames; "
             "check that the depth images are 16-bit millimetres and the camera was not covered"
         )
     return fused, spread
@@ -137,7 +139,9 @@ def _fuse_kernel(depth, low, high, tolerance, needed):
     return fused, spread
 
 
-def remove_flying_pixels(depth: np.ndarray, pixel_angle: float, settings: DepthSettings = DepthSettings()) -> np.ndarray:
+def remove_flying_pixels(
+    depth: np.ndarray, pixel_angle: float, settings: DepthSettings = DepthSettings()
+) -> np.ndarray:
     """Drop readings that float between a surface and what is behind it.
 
     A reading stays when at least ``settings.support`` of its 8 neighbours continue its surface: lie within what a
@@ -292,8 +296,13 @@ def _residual_kernel(depth, labels):
                     break
             if ok:
                 rss = (
-                    ss - s * s / 25.0 - su * su / 50.0 - sv * sv / 50.0
-                    - suu * suu / 70.0 - svv * svv / 70.0 - suv * suv / 100.0
+                    ss
+                    - s * s / 25.0
+                    - su * su / 50.0
+                    - sv * sv / 50.0
+                    - suu * suu / 70.0
+                    - svv * svv / 70.0
+                    - suv * suv / 100.0
                 )
                 out[v, u] = max(rss, 0.0) / 19.0
     return out
@@ -310,11 +319,17 @@ def smoothing_sigma(noise: float, z: float, pixel_angle: float, settings: DepthS
 
 
 def smooth_view(
-    depth: np.ndarray, labels: np.ndarray, view: int, noise: float, sigma: float, settings: DepthSettings = DepthSettings()
+    depth: np.ndarray,
+    labels: np.ndarray,
+    view: int,
+    noise: float,
+    sigma: float,
+    settings: DepthSettings = DepthSettings(),
 ) -> np.ndarray:
     """Edge-preserving smoothing of one view's pixels by robust local quadratic fits in disparity.
 
-    Neighbours of the same view weigh by their distance in pixels (Gaussian of ``sigma``) and by how well they agree with
+    Neighbours of the same view weigh by their distance in pixels (Gaussian of ``sigma``) and by how well they agree
+    with
     the surface fitted so far (Tukey's weight), so another limb in front or behind does not pull.
     Local polynomial regression: Cleveland and Devlin 1988.
 
@@ -348,7 +363,8 @@ def smooth_view(
 
 @njit(cache=True, nogil=True)
 def _taps(sigma, radius):
-    """Window of the local fit, a row a tap: offset (v, u), Gaussian weight, the quadratic's six terms, their 21 products."""
+    """Window of the local fit, a row a tap: offset (v, u), Gaussian weight, the quadratic's six terms, their 21
+    products."""
     room = (2 * radius + 1) ** 2
     offset, gauss = np.empty((room, 2), np.int64), np.empty(room)
     terms, products = np.empty((room, 6)), np.empty((room, 21))

@@ -1,4 +1,4 @@
-"""Dynamic time warping of two polylines: the cheapest in-order matching of their vertices (Sakoe and Chiba 1978; paper 4.2.2)."""
+"""Dynamic time warping of two polylines: the cheapest in-order matching of their vertices (paper 4.2.2)."""
 
 from __future__ import annotations
 
@@ -26,18 +26,20 @@ class Warping:
     distance: float
 
 
-def dtw(x: np.ndarray, y: np.ndarray, skip: float = np.inf) -> Warping:
+def dtw(x: np.ndarray, y: np.ndarray, skip: float = np.inf, memory: int = 1 << 26) -> Warping:
     """Match two sequences of feature vectors in order, at the least accumulated Euclidean distance.
 
     Parameters
     ----------
     x : np.ndarray [shape=(N, D)]
-        First sequence, finite. D = 3 for plain polylines; further columns (tangents, normals, scaled to metres) weigh in.
+        First sequence, finite. D = 3 for polylines; further columns (tangents, normals, scaled to metres) weigh in.
     y : np.ndarray [shape=(M, D)]
         Second sequence.
     skip : float
         Open begin and end: at either end, vertices of one sequence may stay unmatched at this cost each.
         Infinite (the default) matches both ends.
+    memory : int
+        Bytes the steps may take. Where N·M needs more, stretches of diagonals are computed twice instead.
 
     Returns
     -------
@@ -50,8 +52,10 @@ def dtw(x: np.ndarray, y: np.ndarray, skip: float = np.inf) -> Warping:
 
     Notes
     -----
-    O(N·M) time; memory one byte a cell for the path and O(N + M) floats. Cells are visited by anti-diagonals, whose
-    cells do not depend on each other, so that the inner loop vectorises.
+    Sakoe and Chiba 1978, in O(N·M) time. Memory: one byte a cell while that fits ``memory``, else
+    O(min(N, M)·√(N + M)): some 40 MB for 20 000 × 20 000 vertices. Cells are visited by anti-diagonals, whose cells do
+    not depend on each other, so that the inner loop
+    vectorises.
 
     Examples
     --------
@@ -66,18 +70,11 @@ def dtw(x: np.ndarray, y: np.ndarray, skip: float = np.inf) -> Warping:
         raise MirrorScanError("dtw needs finite values; a sequence holds NaN or infinity")
     if skip < 0 or np.isnan(skip):
         raise MirrorScanError(f"dtw: the cost of skipping a vertex must not be negative, got {skip}")
-    columns_x, columns_y = np.ascontiguousarray(x.T), np.ascontiguousarray(y[::-1].T)
-    steps = np.empty((len(x) + len(y) - 1, min(len(x), len(y))), np.uint8)
-    if len(x) <= len(y):
-        end_i, end_j, distance = _accumulate(columns_x, columns_y, float(skip), steps)
-        path = _backtrack(steps, end_i, end_j, len(y), np.isfinite(skip))
-    else:  # the shorter one indexes the diagonals' cells
-        end_j, end_i, distance = _accumulate(np.ascontiguousarray(y.T), np.ascontiguousarray(x[::-1].T), float(skip), steps)
-        path = _backtrack(steps, end_j, end_i, len(x), np.isfinite(skip))[:, ::-1].copy()
-    return Warping(path, float(distance))
-
-
-_BOTH, _FIRST, _SECOND, _START = 0, 1, 2, 3  # what the last step advanced
+    flip = len(x) > len(y)  # the shorter one indexes the diagonals' cells
+    if flip:
+        x, y = y, x
+    path, distance = _warp(np.ascontiguousarray(x.T), np.ascontiguousarray(y[::-1].T), float(skip), memory)
+    return Warping(path[:, ::-1].copy() if flip else path, float(distance))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -110,21 +107,19 @@ def _roots(out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _accumulate(x, y_reversed, skip, steps):
-    """Accumulated cost by anti-diagonals i + j = d; row d of ``steps`` holds the step into each of its cells.
+def _accumulate(x, y_reversed, skip, first, last, before, earlier, steps, best):
+    """Accumulated cost by anti-diagonals i + j = d for first ≤ d < last; row d - first of ``steps`` holds their steps.
 
-    Returns the end cell and its distance. ``x`` (D, N) is the shorter, ``y_reversed`` (D, M) runs backwards so that a
-    diagonal reads both forwards.
+    ``x`` (D, N) is the shorter, ``y_reversed`` (D, M) runs backwards so that a diagonal reads both forwards.
+    ``before`` and ``earlier`` (N + 2,) are the two diagonals before ``first``, cell i at i + 1, and the two before
+    ``last`` on return. ``best`` = (distance, i, j) of the cheapest end so far.
     """
     dims, n = x.shape
     m = y_reversed.shape[1]
-    # three rolling diagonals, one infinite cell of margin on either side; cell i sits at i + 1
     now = np.full(n + 2, np.inf)
-    before = np.full(n + 2, np.inf)
-    earlier = np.full(n + 2, np.inf)
+    one, two = before.copy(), earlier.copy()
     cost = np.empty(n)
-    best, end_i, end_j = np.inf, n - 1, m - 1
-    for d in range(n + m - 1):
+    for d in range(first, last):
         lo, hi = max(0, d - m + 1), min(n, d + 1)
         c = cost[: hi - lo]
         c[:] = 0.0
@@ -132,41 +127,65 @@ def _accumulate(x, y_reversed, skip, steps):
         for k in range(dims):
             _add_squares(x[k, lo:hi], y_reversed[k, lo + shift : hi + shift], c)
         _roots(c)
+        row = steps[d - first]
         now[lo] = np.inf
         now[hi + 1] = np.inf
         if d == 0:
             now[1] = c[0]
-            steps[0, 0] = 3
+            row[0] = 3
         else:
             # (i-1, j) and (i, j-1) lie on the last diagonal, (i-1, j-1) on the one before
-            _diagonal(c, before[lo:hi], before[lo + 1 : hi + 1], earlier[lo:hi], now[lo + 1 : hi + 1], steps[d, lo:hi])
+            _diagonal(c, one[lo:hi], one[lo + 1 : hi + 1], two[lo:hi], now[lo + 1 : hi + 1], row[lo:hi])
             if skip < np.inf:
                 if lo == 0 and skip * d + c[0] < now[1]:  # starts at (0, d)
                     now[1] = skip * d + c[0]
-                    steps[d, 0] = 3
+                    row[0] = 3
                 if hi == d + 1 and skip * d + c[hi - 1 - lo] < now[d + 1]:  # starts at (d, 0)
                     now[d + 1] = skip * d + c[hi - 1 - lo]
-                    steps[d, d] = 3
+                    row[d] = 3
+        if d == n + m - 2 and now[n] < best[0]:
+            best[0], best[1], best[2] = now[n], n - 1, m - 1
         if skip < np.inf:
-            if lo == d - m + 1 and now[lo + 1] + skip * (n - 1 - lo) < best:  # ends at (lo, m-1)
-                best, end_i, end_j = now[lo + 1] + skip * (n - 1 - lo), lo, m - 1
-            if hi == n and now[n] + skip * (m - 1 - (d - n + 1)) < best:  # ends at (n-1, d-n+1)
-                best, end_i, end_j = now[n] + skip * (m - 1 - (d - n + 1)), n - 1, d - n + 1
-        earlier, before, now = before, now, earlier
-    if skip == np.inf:
-        best = before[n]
-    return end_i, end_j, best
+            if lo == d - m + 1 and now[lo + 1] + skip * (n - 1 - lo) < best[0]:  # ends at (lo, m-1)
+                best[0], best[1], best[2] = now[lo + 1] + skip * (n - 1 - lo), lo, m - 1
+            if hi == n and now[n] + skip * (m - 1 - (d - n + 1)) < best[0]:  # ends at (n-1, d-n+1)
+                best[0], best[1], best[2] = now[n] + skip * (m - 1 - (d - n + 1)), n - 1, d - n + 1
+        two, one, now = one, now, two
+    before[:] = one
+    earlier[:] = two
 
 
-@njit(cache=True, nogil=True)
-def _backtrack(steps, i, j, m, open_begin):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _warp(x, y_reversed, skip, memory):
+    """Path and distance, by stretches of diagonals; each keeps the two before it, to be done again on the way back."""
+    n, m = x.shape[1], y_reversed.shape[1]
+    diagonals = n + m - 1
+    stretch = diagonals
+    if diagonals * n > memory:
+        stretch = min(diagonals, max(int(np.sqrt(16.0 * diagonals)), 2))  # two float diagonals weigh 16 rows of steps
+    count = (diagonals + stretch - 1) // stretch
+    starts = np.full((count, 2, n + 2), np.inf)
+    before, earlier = np.full(n + 2, np.inf), np.full(n + 2, np.inf)
+    steps = np.empty((stretch, n), np.uint8)
+    best = np.full(3, np.inf)
+    for s in range(count):
+        starts[s, 0], starts[s, 1] = before, earlier
+        _accumulate(x, y_reversed, skip, s * stretch, min((s + 1) * stretch, diagonals), before, earlier, steps, best)
+    i, j = int(best[1]), int(best[2])
     path = np.empty((i + j + 1, 2), np.int32)
     k = len(path)
+    held = count - 1  # the stretch whose steps are in memory
+    scrap = np.zeros(3)  # no end is better than this one: only the steps are wanted now
     while True:
         k -= 1
         path[k, 0] = i
         path[k, 1] = j
-        step = steps[i + j, i]
+        s = (i + j) // stretch
+        if s != held:
+            last = min((s + 1) * stretch, diagonals)
+            _accumulate(x, y_reversed, skip, s * stretch, last, starts[s, 0], starts[s, 1], steps, scrap)
+            held = s
+        step = steps[i + j - s * stretch, i]
         if step == 3 or (i == 0 and j == 0):
             break
         if i == 0:
@@ -180,4 +199,4 @@ def _backtrack(steps, i, j, m, open_begin):
             i -= 1
         else:
             j -= 1
-    return path[k:].copy()
+    return path[k:].copy(), best[0]

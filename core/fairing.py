@@ -40,8 +40,10 @@ def neighbours(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np
 def fair(vertices: np.ndarray, triangles: np.ndarray, stiffness: np.ndarray, iterations: int = 60) -> np.ndarray:
     """Move vertices so that the surface bends least (thin plate), each held to its place by its stiffness.
 
-    Minimises Σ|L p|² + Σ stiffness²·|p − p₀|² with L the scale-dependent umbrella (Desbrun et al. 1999), by preconditioned
-    conjugate gradients on the normal equations; vertices of infinite stiffness do not move, so that what is filled continues the
+    Minimises Σ|L p|² + Σ stiffness²·|p − p₀|² with L the scale-dependent umbrella (Desbrun et al. 1999), by
+    preconditioned
+    conjugate gradients on the normal equations; vertices of infinite stiffness do not move, so that what is filled
+    continues the
     tangent planes around it.
 
     Parameters
@@ -69,7 +71,13 @@ def fair(vertices: np.ndarray, triangles: np.ndarray, stiffness: np.ndarray, ite
     local = (np.cumsum(in_use) - 1)[triangles[around]]
     start, heads = neighbours(local, len(used))
     moved = _fair_kernel(
-        vertices[used].copy(), start, heads, free[used], np.where(free[used], stiffness[used], 0.0), near[used], iterations
+        vertices[used].copy(),
+        start,
+        heads,
+        free[used],
+        np.where(free[used], stiffness[used], 0.0),
+        near[used],
+        iterations,
     )
     out = vertices.copy()
     out[used] = moved

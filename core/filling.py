@@ -1,4 +1,5 @@
-"""Boundary loops → triangles of least weight (Barequet and Sharir 1995, Liepa 2003), kept out of space seen to be empty."""
+"""Boundary loops → triangles of least weight (Barequet and Sharir 1995, Liepa 2003), kept out of space seen to be
+empty."""
 
 from __future__ import annotations
 

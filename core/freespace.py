@@ -12,7 +12,8 @@ from .overlap import look_at
 def in_free_space(p, to_view, depth, seen, fx, fy, cx, cy, noise, slack):
     """Whether some view looks through ``p`` at something farther: then nothing of the subject is there.
 
-    A view speaks only where the readings around the pixel are all its own and lie farther by more than ``slack`` and noise.
+    A view speaks only where the readings around the pixel are all its own and lie farther by more than ``slack`` and
+    noise.
     """
     for k in range(len(to_view)):
         v, u, z = look_at(p, to_view[k], depth, fx, fy, cx, cy)

@@ -1,4 +1,5 @@
-"""Which boundary runs face each other: mutual partners that follow one another, found without trying every pair of loops."""
+"""Which boundary runs face each other: mutual partners that follow one another, found without trying every pair of
+loops."""
 
 from __future__ import annotations
 
@@ -44,9 +45,25 @@ def find_partners(
     level = boundary.point @ up
     k = maps.intrinsics
     return _partners_kernel(
-        boundary.point, level, np.argsort(level, kind="stable"),
-        boundary.tangent, boundary.normal, boundary.outward, boundary.loop, boundary.arc, boundary.length, limit,
-        view.astype(np.int64), maps.to_view, maps.depth, maps.seen, k.fx, k.fy, k.cx, k.cy, maps.noise,
+        boundary.point,
+        level,
+        np.argsort(level, kind="stable"),
+        boundary.tangent,
+        boundary.normal,
+        boundary.outward,
+        boundary.loop,
+        boundary.arc,
+        boundary.length,
+        limit,
+        view.astype(np.int64),
+        maps.to_view,
+        maps.depth,
+        maps.seen,
+        k.fx,
+        k.fy,
+        k.cx,
+        k.cy,
+        maps.noise,
     )
 
 
@@ -68,7 +85,25 @@ def find_runs(
 
 @njit(cache=True, nogil=True, parallel=True)
 def _partners_kernel(
-    point, level, order, tangent, normal, outward, loop, arc, length_of, limit, view, to_view, depth, seen, fx, fy, cx, cy, noise
+    point,
+    level,
+    order,
+    tangent,
+    normal,
+    outward,
+    loop,
+    arc,
+    length_of,
+    limit,
+    view,
+    to_view,
+    depth,
+    seen,
+    fx,
+    fy,
+    cx,
+    cy,
+    noise,
 ):
     """For each boundary vertex the one it would best be bridged to (index, -1 none) and at what cost [m]."""
     count = len(point)
@@ -132,7 +167,8 @@ def _ring_distance(a, b, n):
 def _runs_kernel(partner, loop, start, point, tolerance, min_run):
     """Runs of boundary vertices whose partners are mutual and follow each other backwards on one loop.
 
-    Rows: loop A, first place on A, number of vertices; loop B, place of the first partner, number of vertices backwards.
+    Rows: loop A, first place on A, number of vertices; loop B, place of the first partner, number of vertices
+    backwards.
     """
     count = len(partner)
     good = np.zeros(count, np.bool_)

@@ -49,7 +49,8 @@ def edge_keys(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def twins(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
-    """The other half of each half-edge: (3·T,) int32, half-edge 3·t + k runs from corner k to corner k + 1 of triangle t.
+    """The other half of each half-edge: (3·T,) int32, half-edge 3·t + k runs from corner k to corner k + 1 of
+    triangle t.
 
     -1 where there is none (boundary); -2 where an edge has more than two triangles or two of the same direction.
     Half-edges are bucketed by their smaller vertex, so it takes O(T) time and memory.
@@ -331,7 +332,8 @@ def vertex_fans(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _fan_kernel(triangles, twin, vertex_count):
-    """Fan of each corner (T, 3) among its vertex's, and the number of fans a vertex: walk round each vertex by twins."""
+    """Fan of each corner (T, 3) among its vertex's, and the number of fans a vertex: walk round each vertex by
+    twins."""
     fan = np.full(triangles.shape, -1, np.int32)
     fans_of = np.zeros(vertex_count, np.int32)
     for t0 in range(len(triangles)):
@@ -397,7 +399,7 @@ def merge(meshes: list[Mesh]) -> Mesh:
     has_color = all(m.colors is not None for m in meshes)
     return Mesh(
         np.concatenate([m.vertices for m in meshes]),
-        np.concatenate([m.triangles + o for m, o in zip(meshes, offsets)]).astype(np.int32),
+        np.concatenate([m.triangles + o for m, o in zip(meshes, offsets[:-1], strict=True)]).astype(np.int32),
         np.concatenate([m.colors for m in meshes]) if has_color else None,
         np.concatenate([m.view for m in meshes]),
         np.concatenate([m.kind for m in meshes]),

@@ -1,4 +1,5 @@
-"""A mirror's plane from points on its frame (paper eq. 1), reflection over it (eq. 2–4), and growing picks to the whole frame."""
+"""A mirror's plane from points on its frame (paper eq. 1), reflection over it (eq. 2–4), and growing picks to the
+whole frame."""
 
 from __future__ import annotations
 
@@ -87,16 +88,24 @@ def fit_plane(points: np.ndarray, name: str = "mirror") -> Mirror:
     points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) < 3:
-        raise MirrorError(f"{name}: {len(points)} usable frame point(s), a plane needs at least 3; pick more points on its frame")
+        raise MirrorError(
+            f"{name}: {len(points)} usable frame point(s), a plane needs at least 3; pick more points on its frame"
+        )
     center = points.mean(axis=0)
     offset = points - center
     _, scales, axes = np.linalg.svd(offset.T @ offset / len(points))
     spread = np.sqrt(scales)
     if spread[0] == 0 or spread[1] < 0.02 * spread[0]:
-        raise MirrorError(f"{name}: the {len(points)} frame points lie on one line; pick points on at least two of its sides")
+        raise MirrorError(
+            f"{name}: the {len(points)} frame points lie on one line; pick points on at least two of its sides"
+        )
     normal = axes[2]
     return Mirror(
-        name, center, *_oriented(normal, center), residual=float(np.sqrt(np.mean((offset @ normal) ** 2))), points_used=len(points)
+        name,
+        center,
+        *_oriented(normal, center),
+        residual=float(np.sqrt(np.mean((offset @ normal) ** 2))),
+        points_used=len(points),
     )
 
 
@@ -116,7 +125,12 @@ def plane_mirror(name: str, point: np.ndarray, normal: np.ndarray) -> Mirror:
     """A mirror whose plane is known; its glass is taken as unlimited."""
     point = np.asarray(point, dtype=np.float64)
     normal = np.asarray(normal, dtype=np.float64)
-    if point.shape != (3,) or normal.shape != (3,) or not np.isfinite((point, normal)).all() or np.linalg.norm(normal) < 1e-9:
+    if (
+        point.shape != (3,)
+        or normal.shape != (3,)
+        or not np.isfinite((point, normal)).all()
+        or np.linalg.norm(normal) < 1e-9
+    ):
         raise MirrorError(f"{name}: a plane needs a point and a non-zero normal of three numbers each")
     return Mirror(name, point, *_oriented(normal, point))
 
@@ -190,7 +204,8 @@ def _snap_picks(picks: MirrorPicks, depth: np.ndarray, radius: int) -> np.ndarra
             snapped.append((cols[nearest] + u0, rows[nearest] + v0))
     if len(snapped) < 3:
         raise MirrorError(
-            f"{picks.name}: only {len(snapped)} of {len(pixels)} picks are on a depth reading, a plane needs at least 3; "
+            f"{picks.name}: only {len(snapped)} of {len(pixels)} picks are on a depth reading, a plane needs at least "
+            "3; "
             "pick where the frame shows depth"
         )
     return np.array(snapped)

@@ -55,7 +55,12 @@ class ViewMaps:
 
 
 def view_maps(
-    depth: np.ndarray, labels: np.ndarray, seen: np.ndarray, intrinsics: Intrinsics, mirrors: list[Mirror], noise: np.ndarray
+    depth: np.ndarray,
+    labels: np.ndarray,
+    seen: np.ndarray,
+    intrinsics: Intrinsics,
+    mirrors: list[Mirror],
+    noise: np.ndarray,
 ) -> ViewMaps:
     """Normals (real space) and confidence of each subject pixel.
 
@@ -87,7 +92,11 @@ def _maps_kernel(depth, labels, fx, fy, cx, cy, to_view):
                 for du in range(-3, 4):
                     y, x = v + dv, u + du
                     if (
-                        y < 0 or x < 0 or y >= height or x >= width or labels[y, x] != k
+                        y < 0
+                        or x < 0
+                        or y >= height
+                        or x >= width
+                        or labels[y, x] != k
                         or abs(depth[y, x] - z) > 0.05 * z
                     ):
                         border = min(border, np.sqrt(dv * dv + du * du) - 0.5)
@@ -149,7 +158,8 @@ def look_at(p, matrix, depth, fx, fy, cx, cy):
 
 @njit(cache=True, nogil=True)
 def _sample(v, u, view, depth, labels, normals, confidence, out):
-    """Bilinear disparity, normal and confidence of a view at (v, u); out = (z, nx, ny, nz, confidence). False off the view."""
+    """Bilinear disparity, normal and confidence of a view at (v, u); out = (z, nx, ny, nz, confidence). False off the
+    view."""
     y0, x0 = int(v), int(u)
     y1, x1 = min(y0 + 1, depth.shape[0] - 1), min(x0 + 1, depth.shape[1] - 1)
     fy, fx = v - y0, u - x0
@@ -181,7 +191,12 @@ def _sample(v, u, view, depth, labels, normals, confidence, out):
 
 
 def compare_views(
-    vertices: np.ndarray, view: np.ndarray, normals: np.ndarray, own: np.ndarray, maps: ViewMaps, settings: OverlapSettings
+    vertices: np.ndarray,
+    view: np.ndarray,
+    normals: np.ndarray,
+    own: np.ndarray,
+    maps: ViewMaps,
+    settings: OverlapSettings,
 ) -> tuple[np.ndarray, np.ndarray]:
     """How a patch's vertices stand against the other views that see the same skin.
 
@@ -203,13 +218,28 @@ def compare_views(
     """
     k = maps.intrinsics
     return _compare_kernel(
-        vertices, view, normals, own, maps.to_view, maps.depth, maps.labels, maps.normals, maps.confidence,
-        k.fx, k.fy, k.cx, k.cy, settings.reach, maps.noise,
+        vertices,
+        view,
+        normals,
+        own,
+        maps.to_view,
+        maps.depth,
+        maps.labels,
+        maps.normals,
+        maps.confidence,
+        k.fx,
+        k.fy,
+        k.cx,
+        k.cy,
+        settings.reach,
+        maps.noise,
     )
 
 
 @njit(cache=True, nogil=True)
-def _compare_kernel(vertices, view, vertex_normals, own, to_view, depth, labels, normals, confidence, fx, fy, cx, cy, reach, noise):
+def _compare_kernel(
+    vertices, view, vertex_normals, own, to_view, depth, labels, normals, confidence, fx, fy, cx, cy, reach, noise
+):
     count = len(vertices)
     advantage = np.full(count, np.inf)
     shift = np.zeros((count, 3))
@@ -290,7 +320,17 @@ def _strip_doubles(patches: list[Mesh], maps: ViewMaps, settings: OverlapSetting
             continue
         normals = vertex_normals(patch.vertices, patch.triangles)
         covered = _covered_kernel(
-            patch.vertices, patch.view, normals, maps.to_view, maps.depth, kept, maps.normals, *camera, settings.reach, maps.noise, 0.5 * settings.gap
+            patch.vertices,
+            patch.view,
+            normals,
+            maps.to_view,
+            maps.depth,
+            kept,
+            maps.normals,
+            *camera,
+            settings.reach,
+            maps.noise,
+            0.5 * settings.gap,
         )
         if not covered.any():
             continue
@@ -363,8 +403,19 @@ def _covered_kernel(
 def own_confidence(patch: Mesh, maps: ViewMaps) -> np.ndarray:
     """Confidence (V,) of a patch's vertices in the view they come from."""
     k = maps.intrinsics
-    own = _own_kernel(patch.vertices, patch.view, maps.to_view, maps.depth, maps.labels, maps.normals, maps.confidence,
-                      k.fx, k.fy, k.cx, k.cy)
+    own = _own_kernel(
+        patch.vertices,
+        patch.view,
+        maps.to_view,
+        maps.depth,
+        maps.labels,
+        maps.normals,
+        maps.confidence,
+        k.fx,
+        k.fy,
+        k.cx,
+        k.cy,
+    )
     return own
 
 

@@ -186,7 +186,9 @@ def clean_views(
             continue
         sigma = smoothing_sigma(noise[view], float(np.median(z)), 1.0 / camera.fx, settings)
         depth = smooth_view(depth, labels, view, noise[view], sigma, settings)
-        noise[view] /= max(1.0, 2.5 * sigma)  # a Gaussian window averages about 4π·sigma² readings, the quadratic fit half
+        noise[view] /= max(
+            1.0, 2.5 * sigma
+        )  # a Gaussian window averages about 4π·sigma² readings, the quadratic fit half
     return depth, replace(views, labels=labels), noise
 
 
@@ -218,7 +220,8 @@ def make_patches(
 
 
 def avatar_frame(mesh: Mesh, views: Views) -> np.ndarray:
-    """Camera frame → avatar frame (4, 4): Z up, facing −Y (towards the camera), soles on z = 0, between the feet x = y = 0."""
+    """Camera frame → avatar frame (4, 4): Z up, facing −Y (towards the camera), soles on z = 0, between the feet x =
+    y = 0."""
     up = views.up
     away = views.axis - (views.axis @ up) * up
     away /= np.linalg.norm(away)
@@ -310,11 +313,13 @@ def _seam_summary(seams: list[Seam], names: list[str]) -> list[dict]:
     for pair in sorted({seam.views for seam in seams}):
         mine = [seam for seam in seams if seam.views == pair]
         length = sum(seam.length for seam in mine)
-        rows.append({
-            "between": [names[pair[0]] if pair[0] >= 0 else "made", names[pair[1]] if pair[1] >= 0 else "made"],
-            "method": sorted({seam.method for seam in mine}),
-            "length_m": length,
-            "mean_gap_mm": 1000.0 * sum(s.mean_gap * s.length for s in mine) / length if length else 0.0,
-            "max_gap_mm": 1000.0 * max(seam.max_gap for seam in mine),
-        })
+        rows.append(
+            {
+                "between": [names[pair[0]] if pair[0] >= 0 else "made", names[pair[1]] if pair[1] >= 0 else "made"],
+                "method": sorted({seam.method for seam in mine}),
+                "length_m": length,
+                "mean_gap_mm": 1000.0 * sum(s.mean_gap * s.length for s in mine) / length if length else 0.0,
+                "max_gap_mm": 1000.0 * max(seam.max_gap for seam in mine),
+            }
+        )
     return rows

@@ -9,7 +9,8 @@ from .mesh import SURFACE, Mesh, twins
 
 
 def edge_length_at_vertices(mesh: Mesh) -> np.ndarray:
-    """Mean edge length (V,) of the measured triangles around each vertex [m]; the median of all where there are none."""
+    """Mean edge length (V,) of the measured triangles around each vertex [m]; the median of all where there are
+    none."""
     total, count = _edge_length_kernel(mesh.vertices, mesh.triangles[mesh.kind == SURFACE])
     mean = total / np.maximum(count, 1)
     return np.where(count > 0, mean, np.median(mean[count > 0]) if (count > 0).any() else 0.01)
@@ -30,7 +31,8 @@ def _edge_length_kernel(vertices, triangles):
 
 
 def refine(mesh: Mesh, target: np.ndarray, factor: float, rounds: int = 10) -> Mesh:
-    """Split edges of seams and fills longer than ``factor`` targets, longest first, flipping towards Delaunay in between.
+    """Split edges of seams and fills longer than ``factor`` targets, longest first, flipping towards Delaunay in
+    between.
 
     Only edges between two made triangles are split or flipped: the measured surface stays as it is.
 

@@ -1,4 +1,5 @@
-"""Self-intersections out: what runs through itself is smoothed, a little more in each round, until it no longer does."""
+"""Self-intersections out: what runs through itself is smoothed, a little more in each round, until it no longer
+does."""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ from .mesh import SURFACE, Mesh
 def untangle(mesh: Mesh, rounds: int = 6, rings: int = 2) -> tuple[Mesh, int]:
     """Smooth the surroundings of intersecting triangles until they come apart.
 
-    Each round relaxes the vertices of the triangles that still intersect, and their neighbours one ring farther than the
+    Each round relaxes the vertices of the triangles that still intersect, and their neighbours one ring farther than
+    the
     round before; all other vertices stay where they are. Connectivity does not change.
 
     Parameters

@@ -80,7 +80,9 @@ def vertical(mirrors: list[Mirror]) -> np.ndarray:
     return up / length if length > 0.1 else np.array((0.0, -1.0, 0.0))
 
 
-def sort_rays(depth: np.ndarray, points: np.ndarray, mirrors: list[Mirror], depth_limit: float) -> tuple[np.ndarray, np.ndarray]:
+def sort_rays(
+    depth: np.ndarray, points: np.ndarray, mirrors: list[Mirror], depth_limit: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Direct or through which mirror: decided by whether a pixel's ray passes a mirror's glass before its reading.
 
     Parameters
@@ -175,7 +177,10 @@ def _sort_kernel(depth, points, planes, axes, limits, centers, flips, depth_limi
                 crossing[r] = best * p[r]
             twice = False
             for j in range(count):
-                if j != which and _crosses(crossing, placed[v, u], planes[j], axes[j], limits[j], centers[j], margin) < 1.0:
+                if (
+                    j != which
+                    and _crosses(crossing, placed[v, u], planes[j], axes[j], limits[j], centers[j], margin) < 1.0
+                ):
                     twice = True
             if not twice:
                 seen[v, u] = which + 1
@@ -239,7 +244,8 @@ def find_floor(points: np.ndarray, up: np.ndarray, tilt_limit: float = 15.0) -> 
 def rig_axis(mirrors: list[Mirror], up: np.ndarray, intrinsics: Intrinsics) -> np.ndarray | None:
     """A point of the vertical line where the reflected lines of sight meet: where the subject is meant to stand.
 
-    The line of sight to the middle of what the image shows of each mirror is reflected; the answer is the point nearest to all of them and to the
+    The line of sight to the middle of what the image shows of each mirror is reflected; the answer is the point
+    nearest to all of them and to the
     camera's own line of sight, seen from above. None with no mirror of known extent.
     """
     A, b = np.zeros((3, 3)), np.zeros(3)
@@ -308,7 +314,8 @@ def find_subject(
     if direct is None:
         raise ReconstructionError(
             "nobody stands between the camera and the mirrors: no connected figure is seen directly "
-            f"within {settings.reach:g} m of where the mirrors look; stand where both mirrors show you, 2 to 3 m from the camera"
+            f"within {settings.reach:g} m of where the mirrors look; stand where both mirrors show you, 2 to 3 m from "
+            "the camera"
         )
     labels = np.full(depth.shape, -1, np.int8)
     labels[_members(component, direct, len(sizes))] = 0
@@ -353,7 +360,9 @@ def _direct_subject(component, sizes, seen, points, up, meeting, settings) -> np
     for k in np.nonzero(score >= 40)[0]:
         piece = cloud[flat == k]
         if k != best and ((piece > low) & (piece < high)).all(axis=1).mean() > 0.9:
-            gap = np.linalg.norm(piece[:: len(piece) // 20 + 1, None] - body[None, :: len(body) // 4000 + 1], axis=2).min()
+            gap = np.linalg.norm(
+                piece[:: len(piece) // 20 + 1, None] - body[None, :: len(body) // 4000 + 1], axis=2
+            ).min()
             if gap < 0.12:
                 chosen.append(int(k))
     return np.array(chosen)

@@ -148,7 +148,8 @@ def zip_patches(
     floor: float | None,
     settings: ZipperSettings = ZipperSettings(),
 ) -> tuple[Mesh, list[Seam]]:
-    """Zipper the patches: a compact figure first as the paper does, then every pair of boundary runs that face each other.
+    """Zipper the patches: a compact figure first as the paper does, then every pair of boundary runs that face each
+    other.
 
     Narrow gaps come before wide ones, well matched runs before badly matched ones.
 
@@ -211,7 +212,8 @@ def zip_patches(
 class _Weave:
     """What a round of zippering keeps up to date: which loop and which piece every boundary entry belongs to.
 
-    ``after`` (B,) next entry along the boundary as it is now, ``loop`` (B,) its loop, ``piece`` (B,) the connected piece
+    ``after`` (B,) next entry along the boundary as it is now, ``loop`` (B,) its loop, ``piece`` (B,) the connected
+    piece
     of the mesh, ``root`` (P,) union-find over the pieces, ``used`` (B,) edges that a seam has taken.
     """
 
@@ -287,8 +289,14 @@ def _zip_all(
 
 
 def _compact_candidates(
-    mesh: Mesh, patches: list[Mesh], boundary: Boundary, maps: ViewMaps, up: np.ndarray, axis: np.ndarray,
-    floor: float | None, settings: ZipperSettings,
+    mesh: Mesh,
+    patches: list[Mesh],
+    boundary: Boundary,
+    maps: ViewMaps,
+    up: np.ndarray,
+    axis: np.ndarray,
+    floor: float | None,
+    settings: ZipperSettings,
 ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """The paper's matching (4.2.2), kept where the boundaries it pairs run along each other.
 
@@ -316,7 +324,12 @@ def _compact_candidates(
 
 
 def _facing_candidates(
-    mesh: Mesh, boundary: Boundary, maps: ViewMaps, reach: float, up: np.ndarray, floor: float | None,
+    mesh: Mesh,
+    boundary: Boundary,
+    maps: ViewMaps,
+    reach: float,
+    up: np.ndarray,
+    floor: float | None,
     settings: ZipperSettings,
 ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Runs that face each other over gaps up to ``reach``, warped, the best matched and longest first."""
@@ -338,7 +351,7 @@ def _facing_candidates(
 def _runs_of(mask: np.ndarray, shortest: int) -> list[tuple[int, int]]:
     """Runs (first, behind last) of True that are at least ``shortest`` long."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0]))))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2]) if b - a >= shortest]
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= shortest]
 
 
 @njit(cache=True, nogil=True)
@@ -363,8 +376,11 @@ def _with_strips(mesh: Mesh, strips: list[np.ndarray]) -> Mesh:
 
 
 def _features(boundary: Boundary, at: np.ndarray, direction: float) -> np.ndarray:
-    """What DTW compares: position, and direction and normal scaled to centimetres, so that they part equal distances."""
-    return np.concatenate((boundary.point[at], 0.01 * direction * boundary.tangent[at], 0.01 * boundary.normal[at]), axis=1)
+    """What DTW compares: position, and direction and normal scaled to centimetres, so that they part equal
+    distances."""
+    return np.concatenate(
+        (boundary.point[at], 0.01 * direction * boundary.tangent[at], 0.01 * boundary.normal[at]), axis=1
+    )
 
 
 def _longest_free(path: np.ndarray, used_a: np.ndarray, used_b: np.ndarray) -> np.ndarray | None:
