@@ -363,11 +363,11 @@ def smooth_view(
 
 @njit(cache=True, nogil=True)
 def _taps(sigma, radius):
-    """Window of the local fit, a row a tap: offset (v, u), Gaussian weight, the quadratic's six terms, their 21
+    """Window of the local fit, a column a tap: offset (v, u), Gaussian weight, the quadratic's six terms and their 21
     products."""
     room = (2 * radius + 1) ** 2
-    offset, gauss = np.empty((room, 2), np.int64), np.empty(room)
-    terms, products = np.empty((room, 6)), np.empty((room, 21))
+    offset, gauss = np.empty((2, room), np.int64), np.empty(room)
+    terms, products = np.empty((6, room)), np.empty((21, room))
     n = 0
     for dv in range(-radius, radius + 1):
         for du in range(-radius, radius + 1):
@@ -375,19 +375,30 @@ def _taps(sigma, radius):
             if g < 0.06:
                 continue
             fx, fy = du / sigma, dv / sigma
-            offset[n, 0], offset[n, 1], gauss[n] = dv, du, g
-            terms[n, 0], terms[n, 1], terms[n, 2] = 1.0, fx, fy
-            terms[n, 3], terms[n, 4], terms[n, 5] = fx * fx, fx * fy, fy * fy
+            offset[0, n], offset[1, n], gauss[n] = dv, du, g
+            terms[0, n], terms[1, n], terms[2, n] = 1.0, fx, fy
+            terms[3, n], terms[4, n], terms[5, n] = fx * fx, fx * fy, fy * fy
             m = 0
             for a in range(6):
                 for b in range(a + 1):
-                    products[n, m] = terms[n, a] * terms[n, b]
+                    products[m, n] = terms[a, n] * terms[b, n]
                     m += 1
             n += 1
-    return offset[:n], gauss[:n], terms[:n], products[:n]
+    return offset[:, :n].copy(), gauss[:n].copy(), terms[:, :n].copy(), products[:, :n].copy()
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
+def _weighted_sums(rows, weights, count, out):
+    """out[a] = rows[a] · weights for the first ``count`` rows; summed in any order, so that it vectorises."""
+    for a in range(count):
+        row = rows[a]
+        total = 0.0
+        for k in range(len(weights)):
+            total += row[k] * weights[k]
+        out[a] = total
+
+
+@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
 def _smooth_kernel(depth, labels, view, noise, sigma, radius):
     height, width = depth.shape
     out = depth.copy()
@@ -399,7 +410,11 @@ def _smooth_kernel(depth, labels, view, noise, sigma, radius):
         for u in range(width):
             if labels[v, u] == view:
                 inverse[v + radius, u + radius] = 1.0 / depth[v, u]
-    cut = 4.0 * noise + 0.006  # first pass: whatever could be the same surface
+    flat = inverse.ravel()
+    stride = width + 2 * radius
+    shift = offset[0] * stride + offset[1]
+    # first pass: whatever could be the same surface; a slanted one may leave the centre's depth by its slope
+    allowed = 1.0 / (4.0 * noise + 0.006 + 0.012 * sigma * np.sqrt(terms[3] + terms[5]))
     inlier = 1.0 / (3.7 * noise + 0.002)
     limit = 3.0 * noise + 0.002
     for v in prange(height):
@@ -407,36 +422,33 @@ def _smooth_kernel(depth, labels, view, noise, sigma, radius):
         lower = np.empty(21)
         rhs = np.empty(6)
         coef = np.zeros(6)
+        d = np.empty(taps)
+        w = np.empty(taps)
+        wd = np.empty(taps)
         for u in range(width):
             if labels[v, u] != view:
                 continue
-            zc = depth[v, u]
+            zc = np.float64(depth[v, u])
+            at = (v + radius) * stride + u + radius
+            for k in range(taps):
+                d[k] = zc * flat[at + shift[k]]
             good = True
             for order in range(3, 7, 3):  # a plane first, then the quadratic about it
-                lower[:] = 0.0
-                rhs[:] = 0.0
-                for k in range(taps):
-                    d = zc * inverse[v + radius + offset[k, 0], u + radius + offset[k, 1]]
-                    if d == 0.0:
-                        continue
-                    if order == 3:
-                        # a slanted surface may leave the centre's depth by its slope times the distance
-                        r = abs(d - 1.0) / (cut + 0.012 * sigma * np.sqrt(terms[k, 3] + terms[k, 5]))
-                    else:
-                        r = abs(d - coef[0] - coef[1] * terms[k, 1] - coef[2] * terms[k, 2]) * inlier
-                    if r >= 1.0:
-                        continue
-                    w = gauss[k] * (1.0 - r * r) ** 2
-                    if order == 3:
-                        for a in range(6):
-                            lower[a] += w * products[k, a]
-                        for a in range(3):
-                            rhs[a] += w * d * terms[k, a]
-                    else:
-                        for a in range(21):
-                            lower[a] += w * products[k, a]
-                        for a in range(6):
-                            rhs[a] += w * d * terms[k, a]
+                if order == 3:
+                    for k in range(taps):
+                        r = (d[k] - 1.0) * allowed[k]
+                        r = max(1.0 - r * r, 0.0)  # Tukey's weight; 0 where there is no reading, too
+                        w[k] = gauss[k] * r * r if d[k] > 0.0 else 0.0
+                        wd[k] = w[k] * d[k]
+                else:
+                    c0, c1, c2 = coef[0], coef[1], coef[2]
+                    for k in range(taps):
+                        r = (d[k] - c0 - c1 * terms[1, k] - c2 * terms[2, k]) * inlier
+                        r = max(1.0 - r * r, 0.0)
+                        w[k] = gauss[k] * r * r if d[k] > 0.0 else 0.0
+                        wd[k] = w[k] * d[k]
+                _weighted_sums(products, w, order * (order + 1) // 2, lower)
+                _weighted_sums(terms, wd, order, rhs)
                 total = lower[0]
                 if total < 1e-6:
                     good = False
@@ -456,8 +468,8 @@ def _smooth_kernel(depth, labels, view, noise, sigma, radius):
                     good = False
                     break
             if good and coef[0] > 0.5:
-                shift = 1.0 / coef[0] - 1.0
-                out[v, u] = zc * (1.0 + min(max(shift, -limit), limit))
+                change = 1.0 / coef[0] - 1.0
+                out[v, u] = zc * (1.0 + min(max(change, -limit), limit))
     return out
 
 
