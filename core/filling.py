@@ -44,12 +44,18 @@ def fill_loops(
     if edges is None:
         edges = open_edges(mesh.triangles, len(mesh.vertices))
     loops = loops_of(edges, len(mesh.vertices))
-    if np.isfinite(diameter):
-        loops = [loop for loop in loops if np.linalg.norm(np.ptp(mesh.vertices[loop], axis=0)) < diameter]
     if not loops:
         return mesh
     flat = np.concatenate(loops)
     starts = np.concatenate(([0], np.cumsum([len(loop) for loop in loops])))
+    if np.isfinite(diameter):
+        points = mesh.vertices[flat]
+        box = np.maximum.reduceat(points, starts[:-1]) - np.minimum.reduceat(points, starts[:-1])
+        small = np.einsum("ij,ij->i", box, box) < diameter**2
+        if not small.any():
+            return mesh
+        flat = flat[np.repeat(small, np.diff(starts))]
+        starts = np.concatenate(([0], np.cumsum(np.diff(starts)[small])))
     rim = _rim_normals(mesh.vertices, mesh.triangles, edges, flat, starts)
     view = _no_view() if maps is None else _view_arguments(maps)
     fill, centers, around, around_of = _fill_kernel(mesh.vertices, mesh.triangles, flat, starts, rim, largest, *view)

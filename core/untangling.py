@@ -12,7 +12,7 @@ from .fairing import neighbours
 from .mesh import SURFACE, Mesh
 
 
-def untangle(mesh: Mesh, rounds: int = 6, rings: int = 2) -> tuple[Mesh, int]:
+def untangle(mesh: Mesh, rounds: int = 6, rings: int = 1) -> tuple[Mesh, int]:
     """Smooth the surroundings of intersecting triangles until they come apart.
 
     Each round relaxes the vertices of the triangles that still intersect, and their neighbours one ring farther than
