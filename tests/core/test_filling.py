@@ -163,6 +163,19 @@ def test_a_loop_whose_every_chord_is_taken_gets_a_middle():
     assert (filled.triangles[len(faces) :] == 9).sum() == len(filled.triangles) - len(faces) == 4
 
 
+def test_holes_that_share_two_corners_do_not_share_a_chord():
+    """Two square holes that meet in two opposite corners; their other diagonals are taken already."""
+    corners = [(-1, 0, 0), (1, 0, 0), (0, -2, 0.5), (0, 2, 0.5), (0, -2, -0.5), (0, 2, -0.5)]
+    faces = [(0, 4, 2), (4, 1, 2), (0, 3, 5), (3, 1, 5)]
+    tents = [(1, 0, 2), (-1, 0, 2), (1, 0, -2), (-1, 0, -2)]
+    for a, c, p, q in ((2, 3, 6, 7), (4, 5, 8, 9)):  # a closed tetrahedron on each
+        faces += [(a, c, p), (c, a, q), (a, p, q), (c, q, p)]
+    mesh = measured(corners + tents, faces)
+    filled = fill_loops(mesh, None)
+    check_closed(filled, mesh)
+    assert len(filled.vertices) == 11, "the first hole takes the chord, the second is closed round a middle"
+
+
 def test_known_open_edges_change_nothing():
     whole = SHAPES["torus"]
     mesh = remove_bowties(

@@ -201,6 +201,11 @@ def test_strips_follow_the_path_and_wind_like_the_patches(seed, n, m):
     strip = zip_chains(np.concatenate((a, b)), np.arange(n), n + np.arange(m), path)
     steps = np.diff(path, axis=0)
     assert len(strip) == steps.sum() and strip.dtype == np.int32
+    edges = {frozenset(e) for t in strip.tolist() for e in zip(t, t[1:] + t[:1], strict=True)}
+    for (i, j), both in zip(path[:-1], (steps == 1).all(axis=1), strict=True):
+        if both:  # a quadrilateral is split along its shorter diagonal
+            one, other = np.linalg.norm(a[i + 1] - b[j]), np.linalg.norm(a[i] - b[j + 1])
+            assert (frozenset((int(i) + 1, n + int(j))) in edges) == (one <= other)
     assert (triangle_normals(np.concatenate((a, b)), strip)[:, 2] > 0).all()
     directed = {(int(i), int(j)) for t in strip for i, j in zip(t, np.roll(t, -1), strict=True)}
     assert len(directed) == 3 * len(strip)
