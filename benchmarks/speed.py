@@ -34,7 +34,7 @@ def run() -> Result:
         ("capture", "pixels", "frames", *STAGES, "total", OPEN3D, "ratio", "surface step's"),
     )
     table.notes = [
-        f"Medians of {RUNS} runs, {-(-RUNS // PEER_EVERY)} of {OPEN3D}, in turn. Total: all stages but the final check.",
+        f"Medians of {RUNS} runs, {-(-RUNS // PEER_EVERY)} of {OPEN3D}, in turn. Total: all but the final check.",
         f"Ratio: {OPEN3D}, its call alone on our oriented points, over our total; then over zippering + closing alone.",
     ]
     totals: dict[str, float | None] = {}
