@@ -35,7 +35,9 @@ def boundary_of(mesh: Mesh, edges: np.ndarray) -> Boundary:
     loops = loops_of(edges, len(mesh.vertices))
     start = np.concatenate(([0], np.cumsum([len(loop) for loop in loops]))).astype(np.int64)
     vertex = np.concatenate(loops) if loops else np.empty(0, np.int32)
-    normals = vertex_normals(mesh.vertices, mesh.triangles)
+    on_boundary = np.zeros(len(mesh.vertices), np.bool_)
+    on_boundary[vertex] = True
+    normals = vertex_normals(mesh.vertices, mesh.triangles, on_boundary)
     point = mesh.vertices[vertex]
     tangent, normal, outward, arc = _frames_kernel(point, normals[vertex], start)
     loop = np.repeat(np.arange(len(loops)), np.diff(start)).astype(np.int64)

@@ -69,8 +69,18 @@ def unproject(depth: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
     -------
     np.ndarray [shape=(H, W, 3), dtype=float64]
         Camera-frame points [m]; the origin where there is no reading.
+
+    Raises
+    ------
+    CaptureError
+        When the sizes differ.
     """
     height, width = depth.shape
+    if (width, height) != (intrinsics.width, intrinsics.height):
+        raise CaptureError(
+            f"the depth map is {width}×{height}, its intrinsics are for {intrinsics.width}×{intrinsics.height}; "
+            "use the intrinsics of this resolution"
+        )
     z = depth.astype(np.float64)
     points = np.empty((height, width, 3))
     points[..., 0] = (np.arange(width) - intrinsics.cx) / intrinsics.fx * z

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numba import njit
 
-from .mesh import Mesh, boundary_vertices, compact
+from .mesh import Mesh, boundary_vertices, compact, keep_triangles
 
 
 def trim_outline(mesh: Mesh, level: float) -> Mesh:
@@ -49,7 +47,10 @@ def _smooth_values_kernel(values, triangles, rounds):
 
 @njit(cache=True, nogil=True)
 def distance_to_zero(field: np.ndarray, vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """First-order distance of each vertex to the field's zero line: value over gradient length [m]."""
+    """First-order distance of each vertex to the field's zero line: value over gradient length [m].
+
+    Fields flatter than 1/m count as 1/m, so that distances stay bounded where a field hardly changes.
+    """
     gradient = np.zeros(len(vertices))
     area = np.zeros(len(vertices))
     e = np.empty((3, 3))
@@ -92,7 +93,7 @@ def clip(mesh: Mesh, field: np.ndarray, level: float) -> Mesh:
     if inside.all():
         return mesh
     if not inside.any():
-        return replace(mesh, triangles=mesh.triangles[:0], kind=None if mesh.kind is None else mesh.kind[:0])
+        return keep_triangles(mesh, np.zeros(len(mesh.triangles), np.bool_))
     vertices, triangles, source, share, parent = _clip_kernel(mesh.vertices, mesh.triangles, field, level)
     a, b = source[:, 0], source[:, 1]
     colors = None
@@ -117,6 +118,20 @@ def _clip_kernel(vertices, triangles, field, level):
         source[i, 0] = source[i, 1] = i
     f = field - level
     snapped = np.zeros(count, np.bool_)
+    for t in range(len(triangles)):  # outer vertices just beyond the line first: they come in
+        for k in range(3):
+            i, j = triangles[t, k], triangles[t, (k + 1) % 3]
+            if (f[i] >= 0) == (f[j] >= 0):
+                continue
+            near, outer = (i, j) if f[i] >= 0 else (j, i)
+            s = f[near] / (f[near] - f[outer])
+            if s > 0.75 and not snapped[near]:
+                snapped[outer] = True
+                source[outer, 1] = near
+                share[outer] = 1.0 - s
+                for c in range(3):
+                    out_v[outer, c] = vertices[outer, c] + (1.0 - s) * (vertices[near, c] - vertices[outer, c])
+                f[outer] = 0.0
     for t in range(len(triangles)):
         for k in range(3):
             i, j = triangles[t, k], triangles[t, (k + 1) % 3]
@@ -144,12 +159,17 @@ def _clip_kernel(vertices, triangles, field, level):
     poly = np.empty(4, np.int64)
     for t in range(len(triangles)):
         size = 0
-        full = 0
+        inner = full = 0
         for k in range(3):
             i = triangles[t, k]
-            if f[i] >= 0 and not snapped[i]:
-                full += 1
+            inner += f[i] >= 0
+            full += f[i] >= 0 and not snapped[i]
         if full == 0:
+            continue
+        if inner == 3:
+            out_t[m] = triangles[t]
+            parent[m] = t
+            m += 1
             continue
         for k in range(3):
             i, j = triangles[t, k], triangles[t, (k + 1) % 3]
@@ -158,16 +178,16 @@ def _clip_kernel(vertices, triangles, field, level):
                 size += 1
             a_in, b_in = f[i] >= 0, f[j] >= 0
             if a_in != b_in:
-                inner = i if a_in else j
+                near = i if a_in else j
                 outer = j if a_in else i
-                if snapped[inner]:
+                if snapped[near]:
                     continue  # the inner end already lies on the line
-                key = np.int64(inner) * count + outer
+                key = np.int64(near) * count + outer
                 if key not in keys:
-                    s = f[inner] / (f[inner] - f[outer])
+                    s = f[near] / (f[near] - f[outer])
                     for c in range(3):
-                        out_v[n, c] = vertices[inner, c] + s * (vertices[outer, c] - vertices[inner, c])
-                    source[n, 0], source[n, 1], share[n] = inner, outer, s
+                        out_v[n, c] = vertices[near, c] + s * (vertices[outer, c] - vertices[near, c])
+                    source[n, 0], source[n, 1], share[n] = near, outer, s
                     keys[key] = np.int64(n)
                     n += 1
                 poly[size] = keys[key]

@@ -404,6 +404,7 @@ def _smooth_kernel(depth, labels, view, noise, sigma, radius):
     out = depth.copy()
     offset, gauss, terms, products = _taps(sigma, radius)
     taps = len(gauss)
+    window = gauss.sum()
     # inverse depth of this view alone, with a margin, so that a tap asks one question: is it zero?
     inverse = np.zeros((height + 2 * radius, width + 2 * radius))
     for v in range(height):
@@ -414,7 +415,7 @@ def _smooth_kernel(depth, labels, view, noise, sigma, radius):
     stride = width + 2 * radius
     shift = offset[0] * stride + offset[1]
     # first pass: whatever could be the same surface; a slanted one may leave the centre's depth by its slope
-    allowed = 1.0 / (4.0 * noise + 0.006 + 0.012 * sigma * np.sqrt(terms[3] + terms[5]))
+    allowed = 1.0 / (4.0 * noise + 0.005 + np.minimum(0.008 * sigma * np.sqrt(terms[3] + terms[5]), 0.015))
     inlier = 1.0 / (3.7 * noise + 0.002)
     limit = 3.0 * noise + 0.002
     for v in prange(height):
@@ -433,8 +434,12 @@ def _smooth_kernel(depth, labels, view, noise, sigma, radius):
             for k in range(taps):
                 d[k] = zc * flat[at + shift[k]]
             good = True
-            for order in range(3, 7, 3):  # a plane first, then the quadratic about it
-                if order == 3:
+            mixed = False
+            for turn in range(3):  # a plane, once more where the window holds more than one surface, then the quadratic
+                if turn == 1 and not mixed:
+                    continue
+                order = 6 if turn == 2 else 3
+                if turn == 0:
                     for k in range(taps):
                         r = (d[k] - 1.0) * allowed[k]
                         r = max(1.0 - r * r, 0.0)  # Tukey's weight; 0 where there is no reading, too
@@ -450,6 +455,7 @@ def _smooth_kernel(depth, labels, view, noise, sigma, radius):
                 _weighted_sums(products, w, order * (order + 1) // 2, lower)
                 _weighted_sums(terms, wd, order, rhs)
                 total = lower[0]
+                mixed = total < 0.7 * window
                 if total < 1e-6:
                     good = False
                     break

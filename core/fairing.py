@@ -37,7 +37,7 @@ def neighbours(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np
     return packed, out
 
 
-def fair(vertices: np.ndarray, triangles: np.ndarray, stiffness: np.ndarray, iterations: int = 60) -> np.ndarray:
+def fair(vertices: np.ndarray, triangles: np.ndarray, stiffness: np.ndarray, iterations: int = 40) -> np.ndarray:
     """Move vertices so that the surface bends least (thin plate), each held to its place by its stiffness.
 
     Minimises Σ|L p|² + Σ stiffness²·|p − p₀|² with L the scale-dependent umbrella (Desbrun et al. 1999), by

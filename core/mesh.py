@@ -371,18 +371,23 @@ def triangle_normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return np.cross(b - a, c - a)
 
 
-def vertex_normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Unit vertex normals (V, 3): area-weighted mean of the triangles around; zero where unused."""
-    normals = _vertex_normals_kernel(vertices, triangles)
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return normals / np.where(length > 0, length, 1.0)
+def vertex_normals(vertices: np.ndarray, triangles: np.ndarray, wanted: np.ndarray | None = None) -> np.ndarray:
+    """Unit vertex normals (V, 3): area-weighted mean of the triangles around; zero where unused.
+
+    With ``wanted`` (V,) bool only these are computed, the others mean nothing.
+    """
+    if wanted is None:
+        wanted = np.ones(len(vertices), np.bool_)
+    return _vertex_normals_kernel(vertices, triangles, wanted)
 
 
 @njit(cache=True, nogil=True)
-def _vertex_normals_kernel(vertices, triangles):
+def _vertex_normals_kernel(vertices, triangles, wanted):
     normals = np.zeros(vertices.shape)
     for t in range(len(triangles)):
         i, j, k = triangles[t]
+        if not (wanted[i] or wanted[j] or wanted[k]):
+            continue
         ax, ay, az = vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2]
         bx, by, bz = vertices[k, 0] - vertices[i, 0], vertices[k, 1] - vertices[i, 1], vertices[k, 2] - vertices[i, 2]
         nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
@@ -390,6 +395,11 @@ def _vertex_normals_kernel(vertices, triangles):
             normals[m, 0] += nx
             normals[m, 1] += ny
             normals[m, 2] += nz
+    for i in range(len(vertices)):
+        length = np.sqrt(normals[i, 0] ** 2 + normals[i, 1] ** 2 + normals[i, 2] ** 2)
+        if length > 0:
+            for c in range(3):
+                normals[i, c] /= length
     return normals
 
 

@@ -48,7 +48,8 @@ class Mirror:
     normal : np.ndarray [shape=(3,)]
         Unit, towards the camera.
     basis : np.ndarray [shape=(3, 3)]
-        Columns a, b, c of eq. 1: the paper's M, mirror → world. a points right, b down, c is ``normal``.
+        Columns a, b, c of eq. 1: the paper's M, mirror → world, right-handed. Seen by the camera a points left, b down;
+        c is ``normal``.
     rectangle : np.ndarray [shape=(2, 2)] or None
         Extent of the glass along a and b about ``point`` [m]: ((a_min, a_max), (b_min, b_max)). None = unlimited.
     outline : np.ndarray [shape=(4, 2)] or None
@@ -110,7 +111,7 @@ def fit_plane(points: np.ndarray, name: str = "mirror") -> Mirror:
 
 
 def _oriented(normal: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit normal towards the camera, and the basis (a right, b down, c normal)."""
+    """Unit normal towards the camera, and the basis (a left, b down, c normal)."""
     normal = normal / np.linalg.norm(normal)
     if normal @ point > 0:
         normal = -normal

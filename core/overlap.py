@@ -294,10 +294,10 @@ def part_overlaps(patches: list[Mesh], maps: ViewMaps, settings: OverlapSettings
             continue
         vertices = patch.vertices
         if settings.blend:
-            vertices = vertices + smooth_on_mesh(shift, patch.triangles, 6)
+            vertices = vertices + smooth_on_mesh(shift, patch.triangles, 3)
         # beyond the overlap nobody else competes: a large advantage that the smoothing below leaves positive
         field = np.clip(np.where(overlapped, advantage, 3.0), -3.0, 3.0)
-        field = smooth_on_mesh(field[:, None], patch.triangles, 4)[:, 0]
+        field = smooth_on_mesh(field[:, None], patch.triangles, 3)[:, 0]
         distance = distance_to_zero(field, vertices, patch.triangles)
         edge = _median_edge(patch)
         parted.append(clip(replace(patch, vertices=vertices), distance, 0.5 * settings.gap * edge))

@@ -209,7 +209,7 @@ def find_floor(points: np.ndarray, up: np.ndarray, tilt_limit: float = 15.0) -> 
     rng = np.random.default_rng(0)
     sample = points[:: len(points) // 4000 + 1]
     height = sample @ up
-    low = sample[height < np.quantile(height, 0.4)]
+    low = sample[height <= np.quantile(height, 0.4)]
     best_score, best = 0, None
     for _ in range(60):
         a, b, c = low[rng.integers(0, len(low), 3)]

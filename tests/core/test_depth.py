@@ -141,10 +141,6 @@ def test_smoothing_keeps_a_step_of_30_cm():
         assert np.abs(step_bias(0.3, noise)).max() < 0.2 * noise * 2.5
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="the robust fit starts with readings from across a 10 cm step, and keeps some of them",
-)
 def test_smoothing_keeps_a_step_of_10_cm():
     for noise in (0.001, 0.002, 0.004):
         assert np.abs(step_bias(0.1, noise)).max() < 0.3 * noise * 2.5
