@@ -112,4 +112,4 @@ def test_texts_follow_the_house_style(addon, bpy):
 
 def test_a_script_may_end_without_unregistering():
     """bpy 4.5 hangs or crashes at exit when something is left registered; ``run_fresh`` would see either."""
-    assert run_fresh("import mirror_scan; mirror_scan.register(); print('end')").splitlines()[0] == "end"
+    assert "end" in run_fresh("import mirror_scan; mirror_scan.register(); print('end')").splitlines()
