@@ -27,7 +27,7 @@ def main() -> int:
     start = time.perf_counter()
     heading = describe()
     print("\n".join(heading), flush=True)
-    pages = ["# Figures", "Written by `python -m benchmarks --markdown`; run `make bench` for your own.\n"]
+    pages = ["# Figures", "Written by `python -m benchmarks --markdown`; run `make bench` for your own."]
     pages.append("\n".join(f"- {line}" for line in heading))
     findings: list[Finding] = []
     for name in options.only or MODULES:
