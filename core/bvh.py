@@ -366,7 +366,9 @@ def raycast(
             f"raycast: origins and directions must be (N, 3), got {origins.shape} and {directions.shape}"
         )
     try:
-        origins, directions = np.broadcast_arrays(np.atleast_2d(origins), np.atleast_2d(directions))
+        origins, directions = map(
+            np.ascontiguousarray, np.broadcast_arrays(np.atleast_2d(origins), np.atleast_2d(directions))
+        )
     except ValueError as error:
         raise MirrorScanError(
             f"raycast: {len(origins)} origins do not pair with {len(directions)} directions"

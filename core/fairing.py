@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
 
 @njit(cache=True, nogil=True)
@@ -84,30 +84,24 @@ def fair(vertices: np.ndarray, triangles: np.ndarray, stiffness: np.ndarray, ite
     return out
 
 
-@njit(cache=True, nogil=True)
-def _laplace(p, start, heads, weight, rows, out):
-    for i in range(len(rows)):
-        if not rows[i]:
-            out[i] = 0.0
-            continue
-        for c in range(3):
-            out[i, c] = -p[i, c]
+@njit(cache=True, nogil=True, parallel=True)
+def _gather(p, start, heads, weight, rows, out):
+    """out = W p - D p, row by row: D is 1 where ``rows`` holds; rows without weights give 0."""
+    for i in prange(len(p)):
+        x = y = z = 0.0
         for e in range(start[i], start[i + 1]):
-            for c in range(3):
-                out[i, c] += weight[e] * p[heads[e], c]
-
-
-@njit(cache=True, nogil=True)
-def _laplace_transposed(q, start, heads, weight, rows, out):
-    out[:] = 0.0
-    for i in range(len(rows)):
-        if not rows[i]:
-            continue
-        for c in range(3):
-            out[i, c] -= q[i, c]
-        for e in range(start[i], start[i + 1]):
-            for c in range(3):
-                out[heads[e], c] += weight[e] * q[i, c]
+            w = weight[e]
+            j = heads[e]
+            x += w * p[j, 0]
+            y += w * p[j, 1]
+            z += w * p[j, 2]
+        if rows[i]:
+            x -= p[i, 0]
+            y -= p[i, 1]
+            z -= p[i, 2]
+        out[i, 0] = x
+        out[i, 1] = y
+        out[i, 2] = z
 
 
 @njit(cache=True, nogil=True)
@@ -123,12 +117,21 @@ def _fair_kernel(p, start, heads, free, stiffness, rows, iterations):
             weight[e] = 1.0 / (np.sqrt(d) + 1e-5)
             total += weight[e]
         for e in range(start[i], start[i + 1]):
-            weight[e] /= total
+            weight[e] = weight[e] / total if rows[i] else 0.0
+    # the transposed umbrella's weights, so that both products gather: that of the edge from the other end
+    transposed = np.empty(len(heads))
+    for i in range(count):
+        for e in range(start[i], start[i + 1]):
+            j = heads[e]
+            for f in range(start[j], start[j + 1]):
+                if heads[f] == i:
+                    transposed[e] = weight[f]
+                    break
     lap = np.empty((count, 3))
     gradient = np.empty((count, 3))
     # residual of the normal equations at p0: -LᵀL p0 on the free vertices
-    _laplace(p, start, heads, weight, rows, lap)
-    _laplace_transposed(lap, start, heads, weight, rows, gradient)
+    _gather(p, start, heads, weight, rows, lap)
+    _gather(lap, start, heads, transposed, rows, gradient)
     r = np.zeros((count, 3))
     for i in range(count):
         if free[i]:
@@ -154,8 +157,8 @@ def _fair_kernel(p, start, heads, free, stiffness, rows, iterations):
     for _ in range(iterations):
         if norm <= 1e-5 * first or norm == 0:
             break
-        _laplace(direction, start, heads, weight, rows, lap)
-        _laplace_transposed(lap, start, heads, weight, rows, gradient)
+        _gather(direction, start, heads, weight, rows, lap)
+        _gather(lap, start, heads, transposed, rows, gradient)
         curvature = 0.0
         for i in range(count):
             if free[i]:

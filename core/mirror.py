@@ -310,16 +310,15 @@ def _disparity_plane(u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray 
     center, scale = A.mean(axis=0), np.maximum(np.abs(A).max(axis=0), 1.0)
     center[2] = 0.0
     A = (A - center) / scale  # well conditioned, so that the normal equations are exact enough
+    solution = np.zeros(3)
     for _ in range(12):
         weighted = A * weights[:, None]
         normal = weighted.T @ A
-        if np.linalg.cond(normal) > 1e12:
+        if np.linalg.det(normal) < 1e-10 * np.trace(normal) ** 3:  # all on one line
             return None
-        solution = np.linalg.solve(normal, weighted.T @ d)
-        updated = _weights_of(d - A @ solution)
-        done = np.abs(updated - weights).max() < 1e-3
-        weights = updated
-        if done:
+        previous, solution = solution, np.linalg.solve(normal, weighted.T @ d)
+        weights = _weights_of(d - A @ solution)
+        if np.abs(solution - previous).max() < 1e-6 * np.abs(solution).max():
             break
     coefficients = solution / scale
     coefficients[2] -= coefficients[:2] @ center[:2]

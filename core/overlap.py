@@ -335,7 +335,9 @@ def _strip_doubles(patches: list[Mesh], maps: ViewMaps, settings: OverlapSetting
         if not covered.any():
             continue
         patch = keep_triangles(patch, ~covered[patch.triangles].any(axis=1))
-        patch = clean_patch(trim_outline(patch, 0.5), 12)
+        if covered.sum() > 0.005 * len(covered):  # a ragged outline, not a few teeth
+            patch = trim_outline(patch, 0.5)
+        patch = clean_patch(patch, 12)
         stripped[view] = patch
         kept[kept == view] = -1
         _mark_kernel(patch.vertices, patch.view, maps.to_view, kept, *camera)

@@ -126,16 +126,20 @@ def _refine_kernel(vertices, region, kind, twin, fixed, target, factor, rounds):
         for _ in range(5):
             if _flip_pass(p, tri, tw, m, edges, stride, count, changed) == 0:
                 break
-        score = np.zeros(3 * m)
+        score = np.empty(3 * m)
+        long_edges = np.empty(3 * m, np.int64)
         wanted = 0
         for e in range(3 * m):
             if tw[e] > e:
                 i, j = tri[e // 3, e % 3], tri[e // 3, (e % 3 + 1) % 3]
-                score[e] = np.sqrt(_distance2(p, i, j)) / (factor * 0.5 * (size[i] + size[j]))
-                wanted += score[e] > 1.0
+                ratio = np.sqrt(_distance2(p, i, j)) / (factor * 0.5 * (size[i] + size[j]))
+                if ratio > 1.0:
+                    score[wanted] = -ratio
+                    long_edges[wanted] = e
+                    wanted += 1
         if wanted == 0:
             break
-        order = np.argsort(-score)[:wanted]
+        order = long_edges[np.argsort(score[:wanted])]
         stamp = np.zeros(m, np.bool_)  # triangles changed in this round wait for the next
         for e in order:
             t, s = e // 3, tw[e] // 3

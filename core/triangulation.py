@@ -72,7 +72,12 @@ def triangulate_view(
         May be empty. O(H W).
     """
     slope = np.tan(np.radians(settings.max_slope)) * pixel_angle
-    triangles, pixels = _grid_kernel(depth, labels, view, points, slope, settings.jump_floor + 3.0 * noise)
+    rows, columns = np.flatnonzero((labels == view).any(axis=1)), np.flatnonzero((labels == view).any(axis=0))
+    if not len(rows):
+        box = (0, 0, 0, 0)
+    else:
+        box = (rows[0], rows[-1], columns[0], columns[-1])
+    triangles, pixels = _grid_kernel(depth, labels, view, points, slope, settings.jump_floor + 3.0 * noise, box)
     vertices = points.reshape(-1, 3)[pixels]
     patch = Mesh(
         vertices,
@@ -138,16 +143,17 @@ def _distance2(p, q):
 
 
 @njit(cache=True, nogil=True)
-def _grid_kernel(depth, labels, view, points, slope, floor):
+def _grid_kernel(depth, labels, view, points, slope, floor, box):
     height, width = depth.shape
     index = np.full((height, width), -1, np.int32)
-    pixels = np.empty(height * width, np.int64)
-    triangles = np.empty((2 * height * width, 3), np.int32)
+    room = (box[1] - box[0] + 1) * (box[3] - box[2] + 1)
+    pixels = np.empty(room, np.int64)
+    triangles = np.empty((2 * room, 3), np.int32)
     n_vertices = 0
     n = 0
     corner = np.empty(4, np.int64)
-    for v in range(height - 1):
-        for u in range(width - 1):
+    for v in range(box[0], box[1]):
+        for u in range(box[2], box[3]):
             # counter-clockwise seen from the camera (v points down): top left, bottom left, bottom right, top right
             corner[0], corner[1] = v * width + u, (v + 1) * width + u
             corner[2], corner[3] = (v + 1) * width + u + 1, v * width + u + 1

@@ -36,7 +36,7 @@ def words(capture: Capture) -> Iterator[str]:
             yield f"  noise    {noise * 1e3:.1f} mm from frame to frame (median over the pixels)"
     yield "  colour   " + ("none" if capture.color is None else f"{capture.color.shape[1]}×{capture.color.shape[0]}")
     if not capture.mirrors:
-        yield "  mirrors  none in the file; they will be looked for"
+        yield "  mirrors  none in the file; pick points on their frames and save them in mirrors.json"
     for mirror in capture.mirrors:
         known = f"{len(mirror.frame_pixels)} points on its frame" if mirror.frame_pixels is not None else "known plane"
         yield f"  mirror   {mirror.name}: {known}"
