@@ -98,8 +98,10 @@ def clip(mesh: Mesh, field: np.ndarray, level: float) -> Mesh:
     a, b = source[:, 0], source[:, 1]
     colors = None
     if mesh.colors is not None:
-        blend = mesh.colors[a] * (1 - share[:, None]) + mesh.colors[b] * share[:, None]
-        colors = np.rint(blend).astype(np.uint8)
+        colors = mesh.colors[a]
+        cut = np.flatnonzero(share)
+        blend = mesh.colors[a[cut]] * (1 - share[cut, None]) + mesh.colors[b[cut]] * share[cut, None]
+        colors[cut] = np.rint(blend).astype(np.uint8)
     view = None if mesh.view is None else mesh.view[a]
     kind = None if mesh.kind is None else mesh.kind[parent]
     return compact(Mesh(vertices, triangles, colors, view, kind))

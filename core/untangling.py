@@ -36,16 +36,17 @@ def untangle(mesh: Mesh, rounds: int = 6, rings: int = 1) -> tuple[Mesh, int]:
     -----
     O(S log S) for S triangles searched; later rounds look at the surroundings of what moved only.
     """
-    start, heads = neighbours(mesh.triangles, len(mesh.vertices))
-    made = np.unique(mesh.triangles[mesh.kind != SURFACE])
     near = np.zeros(len(mesh.vertices), np.bool_)
-    near[_grow(made, start, heads, rings, len(near))] = True
+    near[mesh.triangles[mesh.kind != SURFACE]] = True
+    for _ in range(rings):
+        near[mesh.triangles[near[mesh.triangles].any(axis=1)]] = True
     searched = np.flatnonzero(near[mesh.triangles].any(axis=1))
     if not len(searched):
         return mesh, 0
     crossing = searched[np.unique(self_intersections(mesh.vertices, mesh.triangles[searched]))]
     if not len(crossing):
         return mesh, 0
+    start, heads = neighbours(mesh.triangles[searched], len(mesh.vertices))
     vertices = mesh.vertices.copy()
     for turn in range(rounds):
         core = _grow(mesh.triangles[crossing].ravel(), start, heads, 1 + turn // 2, len(vertices))

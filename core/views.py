@@ -210,25 +210,22 @@ def find_floor(points: np.ndarray, up: np.ndarray, tilt_limit: float = 15.0) -> 
     sample = points[:: len(points) // 4000 + 1]
     height = sample @ up
     low = sample[height <= np.quantile(height, 0.4)]
-    best_score, best = 0, None
-    for _ in range(60):
-        a, b, c = low[rng.integers(0, len(low), 3)]
-        n = np.cross(b - a, c - a)
-        length = np.linalg.norm(n)
-        if length < 0.02:
-            continue
-        n = n / length if n @ up > 0 else -n / length
-        if n @ up < np.cos(np.radians(tilt_limit)):
-            continue
-        distance = sample @ n - n @ a
-        inliers = np.abs(distance) < 0.02
-        # nothing of substance lies under a floor
-        score = inliers.sum() - 3 * (distance < -0.06).sum()
-        if score > best_score:
-            best_score, best = score, (n, n @ a)
-    if best is None or best_score < 0.02 * len(sample):
+    a, b, c = low[rng.integers(0, len(low), (3, 80))]
+    normals = np.cross(b - a, c - a)
+    length = np.linalg.norm(normals, axis=1)
+    normals /= np.where(length > 0, length, 1.0)[:, None]
+    normals *= np.where(normals @ up < 0, -1.0, 1.0)[:, None]
+    level = (length > 4e-4) & (normals @ up > np.cos(np.radians(tilt_limit)))
+    if not level.any():
         return None
-    n, d = best
+    normals, offsets = normals[level], np.einsum("ij,ij->i", normals, a)[level]
+    distance = sample @ normals.T - offsets
+    # nothing of substance lies under a floor
+    score = (np.abs(distance) < 0.02).sum(axis=0) - 3 * (distance < -0.06).sum(axis=0)
+    winner = int(np.argmax(score))
+    if score[winner] < 0.02 * len(sample):
+        return None
+    n, d = normals[winner], offsets[winner]
     band = 0.06
     for _ in range(5):
         inliers = points[np.abs(points @ n - d) < band]
