@@ -404,7 +404,6 @@ def _smooth_kernel(depth, labels, view, noise, sigma, radius):
     out = depth.copy()
     offset, gauss, terms, products = _taps(sigma, radius)
     taps = len(gauss)
-    window = gauss.sum()
     # inverse depth of this view alone, with a margin, so that a tap asks one question: is it zero?
     inverse = np.zeros((height + 2 * radius, width + 2 * radius))
     for v in range(height):
@@ -435,11 +434,16 @@ def _smooth_kernel(depth, labels, view, noise, sigma, radius):
                 d[k] = zc * flat[at + shift[k]]
             good = True
             mixed = False
+            window = 0.0
             for turn in range(3):  # a plane, once more where the window holds more than one surface, then the quadratic
                 if turn == 1 and not mixed:
                     continue
                 order = 6 if turn == 2 else 3
                 if turn == 0:
+                    for k in range(taps):
+                        w[k] = gauss[k] if d[k] > 0.0 else 0.0
+                    _weighted_sums(terms, w, 1, rhs)  # the first term is 1: all the weight that readings have
+                    window = rhs[0]
                     for k in range(taps):
                         r = (d[k] - 1.0) * allowed[k]
                         r = max(1.0 - r * r, 0.0)  # Tukey's weight; 0 where there is no reading, too
@@ -455,7 +459,7 @@ def _smooth_kernel(depth, labels, view, noise, sigma, radius):
                 _weighted_sums(products, w, order * (order + 1) // 2, lower)
                 _weighted_sums(terms, wd, order, rhs)
                 total = lower[0]
-                mixed = total < 0.7 * window
+                mixed = total < 0.5 * window
                 if total < 1e-6:
                     good = False
                     break

@@ -56,33 +56,34 @@ def twins(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
     Half-edges are bucketed by their smaller vertex, so it takes O(T) time and memory.
     """
     count = 3 * len(triangles)
-    start = np.zeros(vertex_count + 1, np.int64)
+    start = np.zeros(vertex_count + 1, np.int32)
     for t in range(len(triangles)):
-        for k in range(3):
-            start[min(triangles[t, k], triangles[t, (k + 1) % 3]) + 1] += 1
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        start[min(a, b) + 1] += 1
+        start[min(b, c) + 1] += 1
+        start[min(c, a) + 1] += 1
     for v in range(vertex_count):
         start[v + 1] += start[v]
     fill = start[:-1].copy()
     bucket = np.empty(count, np.int32)
+    high = np.empty(count, np.int32)  # the larger vertex, negated where it is the tail
     for t in range(len(triangles)):
         for k in range(3):
-            low = min(triangles[t, k], triangles[t, (k + 1) % 3])
-            bucket[fill[low]] = 3 * t + k
-            fill[low] += 1
+            tail, head = triangles[t, k], triangles[t, k + 1 if k < 2 else 0]
+            low = min(tail, head)
+            at = fill[low]
+            bucket[at] = 3 * t + k
+            high[at] = head + 1 if tail < head else -(tail + 1)
+            fill[low] = at + 1
     twin = np.full(count, -1, np.int32)
     for v in range(vertex_count):
         for i in range(start[v], start[v + 1]):
-            e = bucket[i]
-            t, k = e // 3, e % 3
-            tail, head = triangles[t, k], triangles[t, (k + 1) % 3]
-            high = max(tail, head)
+            other = abs(high[i])
             for j in range(i + 1, start[v + 1]):
-                f = bucket[j]
-                s, m = f // 3, f % 3
-                other_tail, other_head = triangles[s, m], triangles[s, (m + 1) % 3]
-                if max(other_tail, other_head) != high:
+                if abs(high[j]) != other:
                     continue
-                if twin[e] == -1 and twin[f] == -1 and other_tail == head:
+                e, f = bucket[i], bucket[j]
+                if twin[e] == -1 and twin[f] == -1 and high[i] != high[j]:
                     twin[e] = f
                     twin[f] = e
                 else:

@@ -249,7 +249,7 @@ def _grow(
     d = float(normal @ plane.point)
     # the picks' plane may be off by more than the frame's noise: follow the fit until it stands still, so that the
     # slab is centred on the frame and cuts no side of its noise off
-    for _ in range(8):
+    for _ in range(6):
         mask[:] = False
         _grow_kernel(depth, cloud, seeds, normal, d, band, mask)
         v, u = np.nonzero(mask)
@@ -318,7 +318,7 @@ def _disparity_plane(u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray 
             return None
         previous, solution = solution, np.linalg.solve(normal, weighted.T @ d)
         weights = _weights_of(d - A @ solution)
-        if np.abs(solution - previous).max() < 1e-6 * np.abs(solution).max():
+        if np.abs(solution - previous).max() < 1e-5 * np.abs(solution).max():
             break
     coefficients = solution / scale
     coefficients[2] -= coefficients[:2] @ center[:2]
@@ -326,7 +326,7 @@ def _disparity_plane(u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray 
 
 
 def _weights_of(residual: np.ndarray) -> np.ndarray:
-    scale = 1.4826 * np.median(np.abs(residual)) + 1e-9
+    scale = 1.4826 * np.median(np.abs(residual[:: len(residual) // 2000 + 1])) + 1e-9
     r = residual / (4.7 * scale)
     return np.where(np.abs(r) < 1, (1 - r * r) ** 2, 0.0)
 

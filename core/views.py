@@ -338,9 +338,8 @@ def find_subject(
 
 def _direct_subject(component, sizes, seen, points, up, meeting, settings) -> np.ndarray | None:
     """Components seen directly that are the subject: the largest near the rig's meeting point and what touches it."""
-    flat = component[seen == 0]
-    cloud = points[seen == 0]
-    cloud, flat = cloud[flat >= 0], flat[flat >= 0]
+    candidates = (seen == 0) & (component >= 0)
+    flat, cloud = component[candidates], points[candidates]
     if not len(flat):
         return None
     offset = np.abs(cloud[:, 0]) if meeting is None else _distance_to_axis(cloud, meeting, up)
