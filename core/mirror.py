@@ -249,18 +249,25 @@ def _grow(
     d = float(normal @ plane.point)
     # the picks' plane may be off by more than the frame's noise: follow the fit until it stands still, so that the
     # slab is centred on the frame and cuts no side of its noise off
-    for _ in range(6):
+    for turn in range(8):
         mask[:] = False
         _grow_kernel(depth, cloud, seeds, normal, d, band, mask)
         v, u = np.nonzero(mask)
         if len(u) < 30:
             return None
-        coefficients = _disparity_plane(u, v, depth[v, u])
-        if coefficients is None:
-            return None
-        previous, (normal, d) = normal, _plane_of_disparity(coefficients, intrinsics)
-        normal, d = (normal, d) if normal @ previous > 0 else (-normal, -d)
-        if np.arccos(min(normal @ previous, 1.0)) < 2e-4:
+        settled = turn == 7
+        previous = normal
+        # a sample leads the way, all have the last word
+        for part in (slice(None, None, len(u) // 1500 + 1), slice(None)):
+            coefficients = _disparity_plane(u[part], v[part], depth[v[part], u[part]])
+            if coefficients is None:
+                return None
+            normal, d = _plane_of_disparity(coefficients, intrinsics)
+            normal, d = (normal, d) if normal @ previous > 0 else (-normal, -d)
+            settled |= bool(np.arccos(min(normal @ previous, 1.0)) < 3e-4)
+            if not settled:
+                break
+        if settled:
             break
     weights = _tukey_weights(coefficients, u, v, depth[v, u])
     points = cloud[v, u][weights > 0.1]

@@ -296,7 +296,8 @@ def find_subject(
     warnings = []
     seen, points = sort_rays(depth, unproject(depth, intrinsics), mirrors, settings.depth_limit)
     up = vertical(mirrors)
-    floor = find_floor(points[seen == 0], up)
+    direct = np.flatnonzero(seen == 0)
+    floor = find_floor(points.reshape(-1, 3)[direct[:: len(direct) // 20000 + 1]], up)
     floor_height, floor_noise = None, 0.0
     if floor is not None:
         up, floor_height, floor_noise = floor
