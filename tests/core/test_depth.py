@@ -38,7 +38,8 @@ def kinect_burst(z, frames, seed=0, baseline=0.075, noise=0.056, step=0.125, foc
     """What a structured-light camera reads: its disparity, noisy, then rounded to eighths of a pixel."""
     rng = np.random.default_rng(seed)
     d = focal * baseline / np.where(z > 0, z, np.inf) + noise * rng.normal(size=(frames, *z.shape))
-    return np.where(z > 0, focal * baseline / (np.rint(d / step) * step), 0).astype(np.float32)
+    quantised = np.maximum(np.rint(d / step), 1) * step
+    return np.where(z > 0, focal * baseline / quantised, 0).astype(np.float32)
 
 
 @settings(max_examples=60, deadline=None)
