@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+from .mesh import triangles_touching
+
 
 @njit(cache=True, nogil=True)
 def neighbours(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -61,10 +63,10 @@ def fair(vertices: np.ndarray, triangles: np.ndarray, stiffness: np.ndarray, ite
     free = np.isfinite(stiffness)
     if not free.any():
         return vertices
-    touched = free[triangles].any(axis=1)
+    touched = triangles_touching(triangles, free)
     near = np.zeros(len(vertices), np.bool_)
     near[triangles[touched]] = True
-    around = near[triangles].any(axis=1)  # one-rings of the touched vertices are complete here
+    around = triangles_touching(triangles, near)  # one-rings of the touched vertices are complete here
     in_use = np.zeros(len(vertices), np.bool_)
     in_use[triangles[around]] = True
     used = np.flatnonzero(in_use)

@@ -277,12 +277,32 @@ def compact(mesh: Mesh) -> Mesh:
     )
 
 
+@njit(cache=True, nogil=True)
 def keep_twins(twin: np.ndarray, keep: np.ndarray) -> np.ndarray:
     """:func:`twins` of the triangles where ``keep`` (T,) bool holds, from those of all."""
-    index = np.cumsum(keep) - 1
-    kept = twin.reshape(-1, 3)[keep].ravel()
-    there = (kept >= 0) & keep[kept // 3]
-    return np.where(there, 3 * index[kept // 3] + kept % 3, np.minimum(kept, -1)).astype(np.int32)
+    index = np.empty(len(keep), np.int32)
+    count = 0
+    for t in range(len(keep)):
+        index[t] = count
+        count += keep[t]
+    out = np.empty(3 * count, np.int32)
+    for t in range(len(keep)):
+        if keep[t]:
+            for k in range(3):
+                e = twin[3 * t + k]
+                if e >= 0:
+                    e = 3 * index[e // 3] + e % 3 if keep[e // 3] else -1
+                out[3 * index[t] + k] = e
+    return out
+
+
+@njit(cache=True, nogil=True)
+def triangles_touching(triangles: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """Which triangles, bool (T,), have a corner among the ``chosen`` vertices, bool (V,)."""
+    out = np.empty(len(triangles), np.bool_)
+    for t in range(len(triangles)):
+        out[t] = chosen[triangles[t, 0]] or chosen[triangles[t, 1]] or chosen[triangles[t, 2]]
+    return out
 
 
 def keep_triangles(mesh: Mesh, keep: np.ndarray) -> Mesh:

@@ -13,7 +13,7 @@ from numba import njit
 
 from .camera import Intrinsics
 from .clipping import clip, distance_to_zero, smooth_on_mesh, trim_outline
-from .mesh import Mesh, vertex_normals
+from .mesh import Mesh, triangles_touching, vertex_normals
 from .mirror import Mirror, reflection_matrix
 from .triangulation import clean_patch
 
@@ -334,7 +334,7 @@ def _strip_doubles(patches: list[Mesh], maps: ViewMaps, settings: OverlapSetting
         )
         if not covered.any():
             continue
-        left = ~covered[patch.triangles].any(axis=1)
+        left = ~triangles_touching(patch.triangles, covered)
         patch = replace(patch, triangles=patch.triangles[left], kind=patch.kind[left])  # compacted by what follows
         if covered.sum() > 0.005 * len(covered):  # a ragged outline, not a few teeth
             patch = trim_outline(patch, 0.5)

@@ -95,7 +95,7 @@ def clean_patch(patch: Mesh, min_triangles: int) -> Mesh:
         return patch
     twin = twins(patch.triangles, len(patch.vertices))
     keep = _peel_kernel(twin)
-    label, count = components_of(np.where(keep.repeat(3), twin, -1), len(patch.triangles))
+    label, count = components_of(twin, len(patch.triangles))  # what was peeled off is alone now
     keep &= np.bincount(label[keep], minlength=count)[label] >= min_triangles
     return remove_bowties(keep_triangles(patch, keep), keep_twins(twin, keep))
 

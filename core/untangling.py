@@ -9,7 +9,7 @@ import numpy as np
 
 from .bvh import self_intersections
 from .fairing import neighbours
-from .mesh import SURFACE, Mesh
+from .mesh import SURFACE, Mesh, triangles_touching
 
 
 def untangle(mesh: Mesh, rounds: int = 6, rings: int = 1) -> tuple[Mesh, int]:
@@ -39,8 +39,8 @@ def untangle(mesh: Mesh, rounds: int = 6, rings: int = 1) -> tuple[Mesh, int]:
     near = np.zeros(len(mesh.vertices), np.bool_)
     near[mesh.triangles[mesh.kind != SURFACE]] = True
     for _ in range(rings):
-        near[mesh.triangles[near[mesh.triangles].any(axis=1)]] = True
-    searched = np.flatnonzero(near[mesh.triangles].any(axis=1))
+        near[mesh.triangles[triangles_touching(mesh.triangles, near)]] = True
+    searched = np.flatnonzero(triangles_touching(mesh.triangles, near))
     if not len(searched):
         return mesh, 0
     crossing = searched[np.unique(self_intersections(mesh.vertices, mesh.triangles[searched]))]
@@ -55,7 +55,7 @@ def untangle(mesh: Mesh, rounds: int = 6, rings: int = 1) -> tuple[Mesh, int]:
         around = _grow(core, start, heads, 3, len(vertices))
         box = np.zeros(len(vertices), np.bool_)
         box[around] = True
-        local = np.flatnonzero(box[mesh.triangles].any(axis=1))
+        local = np.flatnonzero(triangles_touching(mesh.triangles, box))
         crossing = local[np.unique(self_intersections(vertices, mesh.triangles[local]))]
         if not len(crossing):
             break

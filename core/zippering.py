@@ -340,7 +340,7 @@ def _facing_candidates(
     partner, price = find_partners(boundary, limit, up, mesh.view[boundary.vertex], maps)
     ranked = []
     for at_a, at_b in find_runs(boundary, partner, 2.0 * edge, settings.min_run):
-        skip = float(2.0 * edge + np.median(price[at_a]))
+        skip = float(2.0 * edge + price[at_a][np.isfinite(price[at_a])].mean())
         warping = dtw(_features(boundary, at_a, 1.0), _features(boundary, at_b, -1.0), skip)
         mean = warping.distance / len(warping.path)
         ranked.append((mean - 1e-4 * min(len(at_a), 200), at_a, at_b, warping.path))
@@ -385,6 +385,8 @@ def _features(boundary: Boundary, at: np.ndarray, direction: float) -> np.ndarra
 
 def _longest_free(path: np.ndarray, used_a: np.ndarray, used_b: np.ndarray) -> np.ndarray | None:
     """Longest part of a warping path whose steps run over boundary edges that no seam has taken yet."""
+    if not (used_a.any() or used_b.any()):
+        return path if len(path) > 2 else None
     i, j = path[:, 0], path[:, 1]
     # step k goes over edge i → i+1 of a (entry i) and, a chain against its direction, j+1 → j of b (entry j+1)
     free = np.ones(len(path) - 1, np.bool_)
