@@ -31,6 +31,7 @@ BLENDER_SUFFIXES = (".blend", ".glb", ".fbx")
 PLAIN_SUFFIXES = (".ply", ".obj", ".stl")
 SENSORS = ("ideal", "kinect_v1", "azure_kinect", "femto_bolt", "realsense_d455")
 DEMO_FOLDER = "mirror_scan_demo"
+EXPERIMENT_FOLDER = "zippering_experiment"
 SIMULATION_ENTRIES = {"intrinsic.json", "mirrors.json", "depth", "color", "truth"}
 
 
@@ -119,6 +120,29 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     command.add_argument("truth", metavar="TRUTH", type=Path, help="the true surface, in the same frame and unit")
     command.add_argument("--json", action="store_true", help="print JSON instead of a table")
     command.set_defaults(run=_evaluate)
+
+    experiments = commands.add_parser("experiment", help="repeat an experiment of the paper").add_subparsers(
+        title="experiments", metavar="EXPERIMENT", required=True
+    )
+    command = experiments.add_parser("zippering", help="what zippering costs: cut a body in three, thin its back, sew")
+    command.add_argument(
+        "mesh", metavar="MESH", type=Path, nargs="?",
+        help="closed body, Z up, facing -Y, in metres; default a mannequin",
+    )  # fmt: skip
+    command.add_argument(
+        "-o", dest="folder", metavar="DIR", type=Path, default=Path(EXPERIMENT_FOLDER),
+        help=f"where to put table.csv, result.png and plot.png (default {EXPERIMENT_FOLDER})",
+    )  # fmt: skip
+    command.add_argument(
+        "--steps", metavar="PERCENT", type=_percentages, default=(0, 10, 20, 30, 40, 50),
+        help="vertices to take from the back, separated by commas (default 0,10,20,30,40,50)",
+    )  # fmt: skip
+    command.add_argument(
+        "--matching", choices=("auto", "planes", "facing"), default="auto",
+        help="begin with the paper's planes, never use them, or let the figure decide (default)",
+    )  # fmt: skip
+    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    command.set_defaults(run=_experiment_zippering)
     return parser
 
 
@@ -245,6 +269,34 @@ def _evaluate(options: argparse.Namespace, writers: Writers) -> None:
     else:
         for line in _distance_lines(distances):
             _say(line)
+
+
+def _experiment_zippering(options: argparse.Namespace, writers: Writers) -> None:
+    _make_folder(options.folder)
+    _check_targets([options.folder / name for name in ("table.csv", "result.png", "plot.png")])
+
+    from .experiments.zippering import run, table, write_results
+    from .io import read_mesh
+    from .simulation.mannequin import mannequin
+
+    with _progress(options.quiet) as progress:
+        _advance(progress, 0.0, "reading the body" if options.mesh else "making a mannequin")
+        body = read_mesh(options.mesh) if options.mesh else mannequin()
+        steps = run(body, options.steps, options.matching, progress=_part(progress, 0.05, 0.95))
+        _advance(progress, 0.95, "writing")
+        paths, note = write_results(steps, body, options.folder)
+    for step in steps:
+        for warning in step.notes:
+            _complain("warning", f"{step.decimation:g} %: {warning}")
+    if options.quiet:
+        return
+    for line in table(steps, body):
+        _say(line)
+    _say("distances between the surfaces, of both directions the larger; % of the body's height")
+    for path in paths:
+        _say(f"  {path}")
+    if note:
+        _say(f"  {note}")
 
 
 # --- outputs ---------------------------------------------------------------------------------------------------------
@@ -462,3 +514,14 @@ def _whole(low: int, high: int) -> Callable[[str], int]:
         return value
 
     return whole_number
+
+
+def _percentages(text: str) -> tuple[float, ...]:
+    """argparse type: percentages from 0 to below 100, separated by commas."""
+    values = tuple(float(part) for part in text.split(","))
+    if not all(0 <= value < 100 for value in values):
+        raise argparse.ArgumentTypeError(f"must be from 0 to below 100, separated by commas, not {text}")
+    return values
+
+
+_percentages.__name__ = "list of percentages"  # argparse names the type when a number cannot be read

@@ -1,0 +1,1 @@
+"""Experiments of the paper, repeated with this program's own functions."""

@@ -1,0 +1,566 @@
+"""What zippering costs in accuracy (paper 5.3): a closed body is cut in three, its back thinned, and sewn up again."""
+
+from __future__ import annotations
+
+import csv
+import heapq
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+
+from ..bvh import build_bvh, closest_point, raycast
+from ..camera import Intrinsics
+from ..closing import close_mesh
+from ..coronal import solidity
+from ..errors import MirrorScanError, OutputError
+from ..files import replacing
+from ..images import write_png
+from ..mesh import SEAM, SURFACE, Mesh, compact, drop_small_components, keep_triangles, remove_bowties, twins
+from ..metrics import SurfaceDistance, mesh_report, surface_distance
+from ..overlap import ViewMaps, view_maps
+from ..preview import KIND_COLORS, SIDES, draw_text, render_views
+from ..zippering import Seam, ZipperSettings, zip_patches
+
+STEPS = (0, 10, 20, 30, 40, 50)
+"""Vertices taken from the two back parts [%] (paper 5.3)."""
+
+MATCHINGS = ("auto", "planes", "facing")
+"""``planes`` starts with the paper's matching whatever the figure, ``facing`` never uses it, ``auto`` lets the
+silhouette decide as for a capture."""
+
+UP = np.array((0.0, 0.0, 1.0))
+_SPECK = 12  # triangles: a piece of fewer is no patch
+_HEIGHTS = (0.2, 3.0)  # m: what the widths of gaps in ZipperSettings are made for
+
+
+@dataclass(frozen=True)
+class Step:
+    """One row of the table.
+
+    ``decimation`` [%], ``vertices`` of the three parts, ``seams`` with their ``seam_triangles``, ``method`` (how much
+    of the seams' length was matched how), ``report`` of :func:`metrics.mesh_report`, ``there`` from the result to the
+    original and ``back`` the other way [m], ``notes`` of the closing, and the ``mesh`` itself.
+    """
+
+    decimation: float
+    vertices: tuple[int, int, int]
+    seams: list[Seam]
+    seam_triangles: int
+    method: str
+    report: dict
+    there: SurfaceDistance
+    back: SurfaceDistance
+    notes: list[str]
+    mesh: Mesh
+
+    @property
+    def mean(self) -> float:
+        """Mean distance [m], of the two directions the larger; ``rms`` and ``max`` likewise."""
+        return max(self.there.mean, self.back.mean)
+
+    @property
+    def rms(self) -> float:
+        return max(self.there.rms, self.back.rms)
+
+    @property
+    def max(self) -> float:
+        return max(self.there.max, self.back.max)
+
+
+def run(
+    body: Mesh,
+    steps: Sequence[float] = STEPS,
+    matching: str = "auto",
+    samples: int = 100_000,
+    progress: Callable[[float, str], None] | None = None,
+) -> list[Step]:
+    """Cut, thin, zipper and close a body once for each step, and measure how far the result is from it.
+
+    Parameters
+    ----------
+    body : Mesh
+        Closed, outward; Z up, facing along Y [m]. It is not changed.
+    steps : sequence of float
+        Vertices to take from the back parts, from 0 to below 100 [%].
+    matching : str
+        One of ``MATCHINGS``.
+    samples : int
+        Points on each surface for the distances.
+    progress : function(fraction, message) or None
+
+    Returns
+    -------
+    list of Step
+        In the order of ``steps``.
+
+    Raises
+    ------
+    MirrorScanError
+        When the body is not closed or of no human size, cannot be cut in three, or an argument does not fit.
+    """
+    if matching not in MATCHINGS:
+        raise MirrorScanError(f"zippering experiment: no matching “{matching}”; one of {', '.join(MATCHINGS)}")
+    if not len(steps) or not all(0 <= step < 100 for step in steps):
+        raise MirrorScanError("zippering experiment: steps are percentages from 0 to below 100, and at least one")
+    tall = _height(body)
+    parts, axis = split(body)
+    maps = _blind_maps()
+    compactness = {"auto": ZipperSettings().compactness, "planes": 0.0, "facing": 2.0}[matching]
+    if matching == "auto" and compactness <= solidity(_silhouette(body, tall)):
+        compactness = 0.0  # blind maps show no silhouette: what it would have decided is decided here
+    settings = replace(ZipperSettings(), compactness=compactness)
+    done = []
+    for number, percent in enumerate(steps):
+        if progress:
+            progress(number / len(steps), f"zippering, {percent:g} % less behind")
+        thinned = [parts[0]] + [decimate(part, _left(part, percent)) for part in parts[1:]]
+        zipped, seams = zip_patches(thinned, maps, UP, axis, None, settings)
+        sewn = int(np.count_nonzero(zipped.kind == SEAM))
+        mesh, notes = close_mesh(zipped, maps, UP, None)
+        vertices = tuple(len(part.vertices) for part in thinned)
+        done.append(
+            Step(
+                float(percent), vertices, seams, sewn, _method(seams), mesh_report(mesh),
+                surface_distance(mesh, body, samples), surface_distance(body, mesh, samples), notes, mesh,
+            )  # fmt: skip
+        )
+    return done
+
+
+# --- the cut ---------------------------------------------------------------------------------------------------------
+
+
+def split(body: Mesh) -> tuple[list[Mesh], np.ndarray]:
+    """Cut a body into front, back left and back right by taking points away (paper 5.3).
+
+    The coronal plane runs through the centroid of the surface, the sagittal plane through it as well. Points nearer
+    than half a median edge to a plane are taken away, and with them their triangles, and every triangle whose corners
+    lie in two parts: the cut is as irregular as the triangulation.
+
+    Returns
+    -------
+    parts : list of Mesh
+        Views 0, 1, 2, kind ``SURFACE``, every vertex with one fan; specks dropped.
+    axis : np.ndarray [shape=(3,)]
+        Point of the vertical in which the planes meet.
+
+    Raises
+    ------
+    MirrorScanError
+        When the body is not closed or a part is empty.
+    """
+    if not len(body.triangles) or not np.isfinite(body.vertices).all():
+        raise MirrorScanError("zippering experiment: the body needs triangles and finite points")
+    twin = twins(body.triangles, len(body.vertices))
+    if (twin < 0).any():
+        raise MirrorScanError(
+            f"zippering experiment: the body must be closed, but {np.count_nonzero(twin < 0)} of its edges have not "
+            "exactly two triangles; close it first"
+        )
+    corners = body.vertices[body.triangles]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    axis = np.average(corners.mean(axis=1), axis=0, weights=area)
+    half = 0.5 * float(np.median(np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)))
+    x, y, _ = (body.vertices - axis).T
+    part = np.where(y < -half, 0, np.where(y <= half, -1, np.where(x > half, 1, np.where(x < -half, 2, -1))))
+    parts = []
+    for number, name in enumerate(("front", "back left", "back right")):
+        inside = (part[body.triangles] == number).all(axis=1)
+        if not inside.any():
+            raise MirrorScanError(f"zippering experiment: the {name} part is empty; give a finer mesh, Z up, facing -Y")
+        view = np.full(len(body.vertices), number, np.int8)
+        kind = np.full(len(body.triangles), SURFACE, np.int8)
+        piece = keep_triangles(replace(body, view=view, kind=kind), inside)
+        parts.append(drop_small_components(remove_bowties(piece), _SPECK))
+        if not len(parts[-1].triangles):
+            raise MirrorScanError(f"zippering experiment: the {name} part falls to specks; give a finer mesh")
+    return parts, axis
+
+
+def _left(part: Mesh, percent: float) -> int:
+    return round(len(part.vertices) * (1.0 - percent / 100.0))
+
+
+def _height(body: Mesh) -> float:
+    tall = float(np.ptp(body.vertices[:, 2])) if len(body.vertices) else 0.0
+    if not _HEIGHTS[0] <= tall <= _HEIGHTS[1]:
+        raise MirrorScanError(
+            f"zippering experiment: the body is {tall:.3g} m tall; give one of {_HEIGHTS[0]:g} to {_HEIGHTS[1]:g} m, "
+            "in metres, Z up, facing -Y"
+        )
+    return tall
+
+
+def _blind_maps() -> ViewMaps:
+    """View maps of a camera that reads nothing: there is no camera here, and every bridge is allowed."""
+    nothing = np.full((48, 64), -1, np.int8)
+    camera = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+    return view_maps(np.zeros((48, 64), np.float32), nothing, nothing, camera, [], np.zeros(1))
+
+
+def _silhouette(body: Mesh, tall: float, rows: int = 240) -> np.ndarray:
+    """Labels as the direct view would have them: 0 where the body is seen from the front, -1 beside it."""
+    tree = build_bvh(
+        np.ascontiguousarray(body.vertices, np.float64), np.ascontiguousarray(body.triangles, np.int32)
+    )
+    low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
+    pixel = tall / rows
+    x, z = np.meshgrid(np.arange(low[0] + pixel / 2, high[0], pixel), np.arange(low[2] + pixel / 2, high[2], pixel))
+    origins = np.column_stack((x.ravel(), np.full(x.size, low[1] - 1.0), z.ravel()))
+    hit = np.isfinite(raycast(tree, origins, np.array((0.0, 1.0, 0.0)))[0])
+    return np.where(hit, 0, -1).astype(np.int8).reshape(x.shape)
+
+
+def _method(seams: list[Seam]) -> str:
+    """Shares of the seams' length by how they were matched."""
+    lengths: dict[str, float] = {}
+    for seam in seams:
+        lengths[seam.method] = lengths.get(seam.method, 0.0) + seam.length
+    total = sum(lengths.values())
+    return ", ".join(f"{name} {100 * length / total:.0f} %" for name, length in sorted(lengths.items())) or "none"
+
+
+# --- thinning --------------------------------------------------------------------------------------------------------
+
+
+def decimate(mesh: Mesh, count: int) -> Mesh:
+    """Collapse edges, the least visible first, until ``count`` vertices are left (Garland and Heckbert 1997).
+
+    Boundaries are thinned along themselves and keep their course; topology, one fan a vertex and the winding stay.
+    O(V log V) time, about 600 bytes a vertex.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Edges with at most two triangles, every vertex with one fan. Colours are not kept; ``view`` and ``kind`` must
+        be the same all over.
+    count : int
+        Vertices to leave; more are left when no edge can be collapsed without a fold or a change of topology.
+    """
+    if count >= len(mesh.vertices):
+        return mesh
+    twin = twins(mesh.triangles, len(mesh.vertices))
+    points, triangles = _collapse_kernel(mesh.vertices.astype(np.float64), mesh.triangles.astype(np.int64), twin, count)
+    kind = None if mesh.kind is None else np.full(len(triangles), mesh.kind[0], np.int8)
+    return compact(replace(mesh, vertices=points, triangles=triangles.astype(np.int32), colors=None, kind=kind))
+
+
+@njit(cache=True, nogil=True)
+def _add_plane(quadric, v, n, d, weight):
+    """Add weight · (n·x + d)² to the quadric of v: six of A, three of b, c."""
+    q = quadric[v]
+    q[0] += weight * n[0] * n[0]
+    q[1] += weight * n[0] * n[1]
+    q[2] += weight * n[0] * n[2]
+    q[3] += weight * n[1] * n[1]
+    q[4] += weight * n[1] * n[2]
+    q[5] += weight * n[2] * n[2]
+    q[6] += weight * n[0] * d
+    q[7] += weight * n[1] * d
+    q[8] += weight * n[2] * d
+    q[9] += weight * d * d
+
+
+@njit(cache=True, nogil=True)
+def _place(points, quadric, border, u, v, out):
+    """Where the edge's vertex goes, into ``out`` (3,), relative to u; returns what it costs [m⁴].
+
+    On the border vertex when there is one, so that inner edges never move a boundary.
+    """
+    base = points[u]
+    edge = points[v] - base
+    q = quadric[u] + quadric[v]
+    # the quadrics are about the origin of the mesh; a pull towards the middle of the edge keeps flat ones solvable
+    length = (edge**2).sum()
+    pull = 1e-3 * (q[0] + q[3] + q[5])
+    if border[u] and not border[v]:
+        out[:] = 0.0
+    elif border[v] and not border[u]:
+        out[:] = edge
+    else:
+        a, b, c, d, e, f = q[0] + pull, q[1], q[2], q[3] + pull, q[4], q[5] + pull
+        r0 = pull * edge[0] / 2 - (q[6] + q[0] * base[0] + q[1] * base[1] + q[2] * base[2])
+        r1 = pull * edge[1] / 2 - (q[7] + q[1] * base[0] + q[3] * base[1] + q[4] * base[2])
+        r2 = pull * edge[2] / 2 - (q[8] + q[2] * base[0] + q[4] * base[1] + q[5] * base[2])
+        m0, m1, m2 = d * f - e * e, c * e - b * f, b * e - c * d
+        det = a * m0 + b * m1 + c * m2
+        if det <= 0:  # both vertices without area around
+            out[:] = edge / 2
+        else:
+            out[0] = (r0 * m0 + r1 * m1 + r2 * m2) / det
+            out[1] = (r0 * m1 + r1 * (a * f - c * c) + r2 * (b * c - a * e)) / det
+            out[2] = (r0 * m2 + r1 * (b * c - a * e) + r2 * (a * d - b * b)) / det
+    x, y, z = base[0] + out[0], base[1] + out[1], base[2] + out[2]
+    cost = x * (q[0] * x + 2 * (q[1] * y + q[2] * z + q[6]))
+    cost += y * (q[3] * y + 2 * (q[4] * z + q[7])) + z * (q[5] * z + 2 * q[8]) + q[9]
+    # among equals the shorter edge goes first
+    return max(cost, 0.0) + pull * length
+
+
+@njit(cache=True, nogil=True)
+def _folds(points, triangles, alive, head, after, v, other, to):
+    """Whether a triangle of v that does not hold ``other`` turns by more than 75° when v moves to ``to``."""
+    c = head[v]
+    while c >= 0:
+        t, k = c // 3, c % 3
+        c = after[c]
+        if not alive[t]:
+            continue
+        i, j = triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]
+        if i == other or j == other:
+            continue
+        p, q = points[i], points[j]
+        old = np.cross(p - points[v], q - points[v])
+        new = np.cross(p - to, q - to)
+        if (old * new).sum() <= 0.26 * np.sqrt((old**2).sum() * (new**2).sum()):
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _collapse_kernel(points, triangles, twin, count):
+    """Vertices (V, 3), of which not all are used any more, and the triangles left."""
+    n, total = len(points), len(triangles)
+    shift = points[0].copy()  # quadrics lose digits far from the origin
+    points -= shift
+    quadric = np.zeros((n, 10))
+    border = np.zeros(n, np.bool_)
+    head, tail, after = np.full(n, -1), np.full(n, -1), np.full(3 * total, -1)
+    alive = np.ones(total, np.bool_)
+    left = 0
+    out = np.empty(3)
+    for t in range(total):
+        a, b, c = points[triangles[t, 0]], points[triangles[t, 1]], points[triangles[t, 2]]
+        normal = np.cross(b - a, c - a)
+        twice = np.sqrt((normal**2).sum())
+        if twice > 0:
+            normal /= twice
+        for k in range(3):
+            v, w = triangles[t, k], triangles[t, (k + 1) % 3]
+            _add_plane(quadric, v, normal, -(normal * a).sum(), twice / 6)
+            if twin[3 * t + k] < 0:
+                border[v] = True
+                border[w] = True
+                side = np.cross(points[w] - points[v], normal)
+                length = np.sqrt((side**2).sum())
+                if length > 0:
+                    side /= length
+                for end in (v, w):
+                    _add_plane(quadric, end, side, -(side * points[v]).sum(), length * length / 2)
+            if head[v] < 0:
+                head[v] = 3 * t + k
+                left += 1
+            else:
+                after[tail[v]] = 3 * t + k
+            tail[v] = 3 * t + k
+    stamp = np.zeros(n, np.int64)
+    heap = [(0.0, np.int64(0), np.int64(0), np.int64(-1), np.int64(-1)) for _ in range(0)]
+    for e in range(3 * total):
+        if twin[e] < e:
+            u, v = triangles[e // 3, e % 3], triangles[e // 3, (e % 3 + 1) % 3]
+            heap.append((_place(points, quadric, border, u, v, out), u, v, stamp[u], stamp[v]))
+    heapq.heapify(heap)
+    mark = np.zeros(n, np.int64)
+    tick = 0
+    apex = np.empty(2, np.int64)
+    while left > count and len(heap):
+        _, u, v, stamp_u, stamp_v = heapq.heappop(heap)
+        if stamp[u] != stamp_u or stamp[v] != stamp_v:
+            continue
+        # link condition: what both ends are joined to is just what lies opposite to the edge
+        tick += 2
+        shared = 0
+        c = head[u]
+        while c >= 0:
+            t, k = c // 3, c % 3
+            c = after[c]
+            if alive[t]:
+                i, j = triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]
+                mark[i] = tick
+                mark[j] = tick
+                if i == v or j == v:
+                    if shared < 2:
+                        apex[shared] = j if i == v else i
+                    shared += 1
+        common = 0
+        c = head[v]
+        while c >= 0:
+            t, k = c // 3, c % 3
+            c = after[c]
+            if alive[t]:
+                for w in (triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]):
+                    if mark[w] == tick:
+                        mark[w] = tick + 1
+                        common += 1
+        if shared < 1 or shared > 2 or common != shared or (shared == 2 and border[u] and border[v]):
+            continue
+        kept = True
+        for s in range(shared):
+            fan = 0
+            c = head[apex[s]]
+            while c >= 0:
+                fan += alive[c // 3]
+                c = after[c]
+            kept &= fan > (1 if border[apex[s]] else 3)
+        if not kept:
+            continue
+        _place(points, quadric, border, u, v, out)
+        to = points[u] + out
+        if _folds(points, triangles, alive, head, after, u, v, to) or _folds(
+            points, triangles, alive, head, after, v, u, to
+        ):
+            continue
+        points[u] = to
+        quadric[u] += quadric[v]
+        border[u] |= border[v]
+        c = head[v]
+        while c >= 0:
+            t = c // 3
+            if alive[t]:
+                if triangles[t, 0] == u or triangles[t, 1] == u or triangles[t, 2] == u:
+                    alive[t] = False
+                else:
+                    triangles[t, c % 3] = u
+            c = after[c]
+        after[tail[u]] = head[v]
+        tail[u] = tail[v]
+        stamp[v] = -1
+        stamp[u] += 1
+        left -= 1
+        # unlink what died, and queue the edges around anew; only the corners of u moved
+        previous = np.int64(-1)
+        c = head[u]
+        tick += 2
+        while c >= 0:
+            t, k = c // 3, c % 3
+            if alive[t]:
+                previous = c
+                for w in (triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]):
+                    if mark[w] != tick:
+                        mark[w] = tick
+                        heapq.heappush(heap, (_place(points, quadric, border, u, w, out), u, w, stamp[u], stamp[w]))
+            elif previous < 0:
+                head[u] = after[c]
+            else:
+                after[previous] = after[c]
+            c = after[c]
+        tail[u] = previous
+    return points + shift, triangles[alive]
+
+
+# --- telling ---------------------------------------------------------------------------------------------------------
+
+
+def table(steps: Sequence[Step], body: Mesh) -> list[str]:
+    """The steps as lines of text, distances also in per cent of the body's height."""
+    tall = _height(body)
+    lines = [
+        "thinned   vertices front + left + right   seam tri.  closed  manifold   mean      rms      max mm"
+        "    mean %   max %   matched by"
+    ]
+    for s in steps:
+        parts = " + ".join(str(v) for v in s.vertices)
+        yes = ["yes" if s.report[key] else "NO" for key in ("watertight", "manifold")]
+        mm = "".join(f"{1000 * value:9.3f}" for value in (s.mean, s.rms, s.max))
+        percent = f"{100 * s.mean / tall:9.4f}{100 * s.max / tall:8.3f}"
+        lines.append(
+            f"{s.decimation:5.4g} %   {parts:>28}{s.seam_triangles:13}{yes[0]:>8}{yes[1]:>10}{mm}{percent}   {s.method}"
+        )
+    return lines
+
+
+def write_results(steps: Sequence[Step], body: Mesh, folder: Path) -> tuple[list[Path], str]:
+    """Write table.csv, the picture result.png and, when matplotlib is there, plot.png into a folder that exists.
+
+    The picture shows the step nearest to 40 %: above by distance to the original (red near, blue far, as in the
+    paper's figure 15), below by kind of surface.
+
+    Returns
+    -------
+    paths : list of Path
+    note : str
+        Why there is no plot; empty when there is.
+
+    Raises
+    ------
+    OutputError
+        When a file cannot be written.
+    """
+    tall = _height(body)
+    paths = [folder / "table.csv", folder / "result.png"]
+    _write_text(paths[0], _csv(steps, tall))
+    shown = min(steps, key=lambda s: abs(s.decimation - 40.0))
+    write_png(paths[1], _picture(shown, body))
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        return paths, "without plot.png: matplotlib is missing; “pip install matplotlib”"
+    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    order = sorted(steps, key=lambda s: s.decimation)
+    x = [s.decimation for s in order]
+    axes.plot(x, [1000 * s.there.mean for s in order], "o-", label="result to original")
+    axes.plot(x, [1000 * s.back.mean for s in order], "s--", label="original to result")
+    axes.set(xlabel="vertices taken from the back parts [%]", ylabel="mean distance [mm]", ylim=(0, None))
+    percent = axes.secondary_yaxis("right", functions=(lambda mm: mm / (10 * tall), lambda p: p * 10 * tall))
+    percent.set_ylabel("of the height [%]")
+    axes.grid(alpha=0.3)
+    axes.legend()
+    paths.append(folder / "plot.png")
+    _write_bytes(paths[-1], lambda target: figure.savefig(target, format="png", dpi=150))
+    return paths, ""
+
+
+def _csv(steps: Sequence[Step], tall: float) -> str:
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    figures, ways = ("mean", "rms", "p95", "max"), ("result_to_original", "original_to_result")
+    distances = [f"{way}_{figure}_mm" for way in ways for figure in figures]
+    flags = ("watertight", "manifold", "components", "euler_characteristic", "triangles", "self_intersections")
+    rows.writerow(
+        ["decimation_pct", "vertices_front", "vertices_back_left", "vertices_back_right", "seam_triangles", "method"]
+        + [*flags, *distances, "mean_pct_of_height", "rms_pct_of_height", "max_pct_of_height"]
+    )
+    for s in steps:
+        values = [getattr(way, key) for way in (s.there, s.back) for key in figures]
+        rows.writerow(
+            [f"{s.decimation:g}", *s.vertices, s.seam_triangles, s.method, *(s.report[flag] for flag in flags)]
+            + [f"{1000 * value:.5f}" for value in values]
+            + [f"{100 * value / tall:.6f}" for value in (s.mean, s.rms, s.max)]
+        )
+    return text.getvalue()
+
+
+def _picture(step: Step, body: Mesh) -> np.ndarray:
+    tree = build_bvh(np.ascontiguousarray(body.vertices, np.float64), np.ascontiguousarray(body.triangles, np.int32))
+    distance = closest_point(tree, step.mesh.vertices)[0]
+    full = 0.001 * _height(body)  # blue from a thousandth of the height on
+    share = np.clip(distance / full, 0.0, 1.0)
+    stops = np.array(((215, 40, 35), (240, 205, 60), (60, 175, 90), (40, 80, 210)), np.float64)
+    by_distance = np.column_stack([np.interp(share, np.linspace(0, 1, 4), c) for c in stops.T]).astype(np.uint8)
+    by_kind = np.array([KIND_COLORS[k] for k in sorted(KIND_COLORS)], np.uint8)[step.mesh.kind]
+    rows = [render_views(step.mesh, colors, list(SIDES.values()), 400, 640) for colors in (by_distance, by_kind)]
+    band = np.full((50, rows[0].shape[1], 3), 255, np.uint8)
+    title = "red on the original   blue a thousandth of the height off or more"
+    draw_text(band, title, 20, 34, size=22, color=(60, 62, 68))
+    return np.concatenate((band, *rows))
+
+
+def _write_text(path: Path, text: str) -> None:
+    _write_bytes(path, lambda target: target.write_text(text, encoding="utf-8"))
+
+
+def _write_bytes(path: Path, write: Callable[[Path], object]) -> None:
+    try:
+        with replacing(path) as temporary:
+            write(temporary)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
