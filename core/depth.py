@@ -386,7 +386,9 @@ def _taps(sigma, radius):
                     products[m, n] = terms[a, n] * terms[b, n]
                     m += 1
             n += 1
-    return offset[:, :n].copy(), gauss[:n].copy(), terms[:, :n].copy(), products[:, :n].copy()
+    single = np.float32
+    kept = gauss[:n].astype(single), terms[:, :n].astype(single), products[:, :n].astype(single)
+    return offset[:, :n].copy(), kept[0], kept[1], kept[2]
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
@@ -394,7 +396,7 @@ def _weighted_sums(rows, weights, count, out):
     """out[a] = rows[a] · weights for the first ``count`` rows; summed in any order, so that it vectorises."""
     for a in range(count):
         row = rows[a]
-        total = 0.0
+        total = np.float32(0.0)
         for k in range(len(weights)):
             total += row[k] * weights[k]
         out[a] = total
@@ -407,59 +409,62 @@ def _smooth_kernel(depth, labels, view, noise, sigma, radius):
     offset, gauss, terms, products = _taps(sigma, radius)
     taps = len(gauss)
     # inverse depth of this view alone, with a margin, so that a tap asks one question: is it zero?
-    inverse = np.zeros((height + 2 * radius, width + 2 * radius))
+    # Single precision: what is fitted is the small departure from the centre; its error of 1e-7 is far below any noise.
+    one, none = np.float32(1.0), np.float32(0.0)
+    inverse = np.zeros((height + 2 * radius, width + 2 * radius), np.float32)
     for v in range(height):
         for u in range(width):
             if labels[v, u] == view:
-                inverse[v + radius, u + radius] = 1.0 / depth[v, u]
+                inverse[v + radius, u + radius] = one / depth[v, u]
     flat = inverse.ravel()
     stride = width + 2 * radius
     shift = offset[0] * stride + offset[1]
     # first pass: whatever could be the same surface; a slanted one may leave the centre's depth by its slope
-    allowed = 1.0 / (4.0 * noise + 0.005 + np.minimum(0.008 * sigma * np.sqrt(terms[3] + terms[5]), 0.015))
-    inlier = 1.0 / (3.7 * noise + 0.002)
+    slant = np.minimum(0.008 * sigma * np.sqrt(terms[3] + terms[5]), 0.015)
+    allowed = (1.0 / (4.0 * noise + 0.005 + slant)).astype(np.float32)
+    inlier = np.float32(1.0 / (3.7 * noise + 0.002))
     limit = 3.0 * noise + 0.002
     for v in prange(height):
         A = np.empty((6, 6))
         lower = np.empty(21)
         rhs = np.empty(6)
         coef = np.zeros(6)
-        d = np.empty(taps)
-        w = np.empty(taps)
-        wd = np.empty(taps)
+        e = np.empty(taps, np.float32)
+        there = np.empty(taps, np.float32)
+        w = np.empty(taps, np.float32)
+        we = np.empty(taps, np.float32)
         for u in range(width):
             if labels[v, u] != view:
                 continue
-            zc = np.float64(depth[v, u])
+            zc = depth[v, u]
             at = (v + radius) * stride + u + radius
             for k in range(taps):
-                d[k] = zc * flat[at + shift[k]]
+                near = flat[at + shift[k]]
+                e[k] = zc * near - one
+                there[k] = gauss[k] if near > none else none
+            _weighted_sums(terms, there, 1, rhs)  # the first term is 1: all the weight that readings have
+            window = rhs[0]
             good = True
             mixed = False
-            window = 0.0
             for turn in range(3):  # a plane, once more where the window holds more than one surface, then the quadratic
                 if turn == 1 and not mixed:
                     continue
                 order = 6 if turn == 2 else 3
                 if turn == 0:
                     for k in range(taps):
-                        w[k] = gauss[k] if d[k] > 0.0 else 0.0
-                    _weighted_sums(terms, w, 1, rhs)  # the first term is 1: all the weight that readings have
-                    window = rhs[0]
-                    for k in range(taps):
-                        r = (d[k] - 1.0) * allowed[k]
-                        r = max(1.0 - r * r, 0.0)  # Tukey's weight; 0 where there is no reading, too
-                        w[k] = gauss[k] * r * r if d[k] > 0.0 else 0.0
-                        wd[k] = w[k] * d[k]
+                        r = e[k] * allowed[k]
+                        r = max(one - r * r, none)  # Tukey's weight
+                        w[k] = there[k] * r * r
+                        we[k] = w[k] * e[k]
                 else:
-                    c0, c1, c2 = coef[0], coef[1], coef[2]
+                    c0, c1, c2 = np.float32(coef[0]), np.float32(coef[1]), np.float32(coef[2])
                     for k in range(taps):
-                        r = (d[k] - c0 - c1 * terms[1, k] - c2 * terms[2, k]) * inlier
-                        r = max(1.0 - r * r, 0.0)
-                        w[k] = gauss[k] * r * r if d[k] > 0.0 else 0.0
-                        wd[k] = w[k] * d[k]
+                        r = (e[k] - c0 - c1 * terms[1, k] - c2 * terms[2, k]) * inlier
+                        r = max(one - r * r, none)
+                        w[k] = there[k] * r * r
+                        we[k] = w[k] * e[k]
                 _weighted_sums(products, w, order * (order + 1) // 2, lower)
-                _weighted_sums(terms, wd, order, rhs)
+                _weighted_sums(terms, we, order, rhs)
                 total = lower[0]
                 mixed = total < 0.5 * window
                 if total < 1e-6:
@@ -471,7 +476,7 @@ def _smooth_kernel(depth, labels, view, noise, sigma, radius):
                         A[a, b] = lower[m]
                         m += 1
                 # a small ridge pulls the higher orders to zero where the window holds too little to tell
-                A[0, 0] += 1e-9 * total
+                A[0, 0] += 1e-6 * total
                 A[1, 1] += 2e-3 * total
                 A[2, 2] += 2e-3 * total
                 for a in range(3, order):
@@ -479,8 +484,8 @@ def _smooth_kernel(depth, labels, view, noise, sigma, radius):
                 if not _solve(A, rhs, coef, order):
                     good = False
                     break
-            if good and coef[0] > 0.5:
-                change = 1.0 / coef[0] - 1.0
+            if good and coef[0] > -0.5:
+                change = 1.0 / (1.0 + coef[0]) - 1.0
                 out[v, u] = zc * (1.0 + min(max(change, -limit), limit))
     return out
 

@@ -264,7 +264,7 @@ def _grow(
                 return None
             normal, d = _plane_of_disparity(coefficients, intrinsics)
             normal, d = (normal, d) if normal @ previous > 0 else (-normal, -d)
-            settled |= bool(np.arccos(min(normal @ previous, 1.0)) < 3e-4)
+            settled |= bool(np.arccos(min(normal @ previous, 1.0)) < 5e-4)  # the slab is centred well enough
             if not settled:
                 break
         if settled:

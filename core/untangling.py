@@ -12,7 +12,7 @@ from .fairing import neighbours
 from .mesh import SURFACE, Mesh, triangles_touching
 
 
-def untangle(mesh: Mesh, rounds: int = 6, rings: int = 1) -> tuple[Mesh, int]:
+def untangle(mesh: Mesh, rounds: int = 6, rings: int = 0) -> tuple[Mesh, int]:
     """Smooth the surroundings of intersecting triangles until they come apart.
 
     Each round relaxes the vertices of the triangles that still intersect, and their neighbours one ring farther than
@@ -24,7 +24,7 @@ def untangle(mesh: Mesh, rounds: int = 6, rings: int = 1) -> tuple[Mesh, int]:
     rounds : int
         At most so many.
     rings : int
-        Searched are seams and fills and what lies within so many rings of them: depth grids do not cross themselves.
+        Searched are seams and fills, what touches them, and so many rings more: depth grids do not cross themselves.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def untangle(mesh: Mesh, rounds: int = 6, rings: int = 1) -> tuple[Mesh, int]:
     crossing = searched[np.unique(self_intersections(mesh.vertices, mesh.triangles[searched]))]
     if not len(crossing):
         return mesh, 0
-    start, heads = neighbours(mesh.triangles[searched], len(mesh.vertices))
+    start, heads = neighbours(mesh.triangles, len(mesh.vertices))
     vertices = mesh.vertices.copy()
     for turn in range(rounds):
         core = _grow(mesh.triangles[crossing].ravel(), start, heads, 1 + turn // 2, len(vertices))

@@ -301,13 +301,13 @@ def find_subject(
     floor_height, floor_noise = None, 0.0
     if floor is not None:
         up, floor_height, floor_noise = floor
-    heights = points @ up
-    clearance = max(settings.floor_clearance, 3.0 * floor_noise)
-    open_ = seen >= 0
-    if floor_height is not None:
-        open_ &= (heights > floor_height + clearance) & (heights < floor_height + settings.max_height)
-
-    component, sizes = connected_pixels(depth, np.where(open_, seen, -1).astype(np.int8), 1.0 / intrinsics.fx)
+    if floor_height is None:
+        lowest, highest = -np.inf, np.inf
+    else:
+        lowest = floor_height + max(settings.floor_clearance, 3.0 * floor_noise)
+        highest = floor_height + settings.max_height
+    standing = _between_kernel(points, seen, up, lowest, highest)
+    component, sizes = connected_pixels(depth, standing, 1.0 / intrinsics.fx)
     direct = _direct_subject(component, sizes, seen, points, up, rig_axis(mirrors, up, intrinsics), settings)
     if direct is None:
         raise ReconstructionError(
@@ -323,7 +323,7 @@ def find_subject(
     radius = _distance_to_axis(inside, axis, up).max()
     for i, m in enumerate(mirrors, start=1):
         mine = (seen == i) & (component >= 0)
-        height = heights[mine]
+        height = points[mine] @ up
         near = (height < top + 0.15) & (height > bottom - 0.15)
         near &= _distance_to_axis(points[mine], axis, up) < radius + 0.35
         chosen = _mirrored_subject(component[mine], near, len(sizes), settings)
@@ -397,6 +397,20 @@ def connected_pixels(depth: np.ndarray, seen: np.ndarray, pixel_angle: float) ->
     sizes : np.ndarray [shape=(C,), dtype=int64]
     """
     return _components_kernel(depth, seen, pixel_angle)
+
+
+@njit(cache=True, nogil=True)
+def _between_kernel(points, seen, up, lowest, highest):
+    """``seen`` where a pixel's point is higher than ``lowest`` and lower than ``highest`` along ``up``, else -1."""
+    out = np.full(seen.shape, -1, np.int8)
+    for v in range(seen.shape[0]):
+        for u in range(seen.shape[1]):
+            if seen[v, u] >= 0:
+                p = points[v, u]
+                height = p[0] * up[0] + p[1] * up[1] + p[2] * up[2]
+                if lowest < height < highest:
+                    out[v, u] = seen[v, u]
+    return out
 
 
 @njit(cache=True, nogil=True)
