@@ -204,9 +204,7 @@ def _blind_maps() -> ViewMaps:
 
 def _silhouette(body: Mesh, tall: float, rows: int = 240) -> np.ndarray:
     """Labels as the direct view would have them: 0 where the body is seen from the front, -1 beside it."""
-    tree = build_bvh(
-        np.ascontiguousarray(body.vertices, np.float64), np.ascontiguousarray(body.triangles, np.int32)
-    )
+    tree = build_bvh(np.ascontiguousarray(body.vertices, np.float64), np.ascontiguousarray(body.triangles, np.int32))
     low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
     pixel = tall / rows
     x, z = np.meshgrid(np.arange(low[0] + pixel / 2, high[0], pixel), np.arange(low[2] + pixel / 2, high[2], pixel))
@@ -562,5 +560,3 @@ def _write_bytes(path: Path, write: Callable[[Path], object]) -> None:
             write(temporary)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
-
-

@@ -124,7 +124,7 @@ def test_what_cannot_be_cut_is_refused(person):
 
 
 def test_on_the_command_line(tmp_path, capsys):
-    write_mesh(tmp_path / "ball.ply", mesh_of(trimesh.creation.icosphere(subdivisions=4, radius=0.5)))
+    write_mesh(tmp_path / "ball.ply", mesh_of(trimesh.creation.icosphere(subdivisions=5, radius=0.5)))
     words = ["experiment", "zippering", str(tmp_path / "ball.ply"), "-o", str(tmp_path / "out"), "--steps", "0,40"]
     assert cli.main(words) == 0
     said = capsys.readouterr().out
