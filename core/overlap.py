@@ -28,6 +28,8 @@ class OverlapSettings:
         Surfaces of two views nearer than this are the same skin [m]; grows with the views' noise.
     gap : float
         Gap left between the parted patches [edge lengths of the coarser one].
+    lean : float
+        How much a view gains over another towards its own camera [log confidence per metre].
     blend : bool
         Move both views to their weighted mean where they overlap.
     """
@@ -35,6 +37,7 @@ class OverlapSettings:
     reach: float = 0.012
     gap: float = 0.8
     blend: bool = True
+    lean: float = 8.0
 
 
 @dataclass(frozen=True)
@@ -197,6 +200,7 @@ def compare_views(
     own: np.ndarray,
     maps: ViewMaps,
     settings: OverlapSettings,
+    center: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """How a patch's vertices stand against the other views that see the same skin.
 
@@ -209,10 +213,14 @@ def compare_views(
     own : np.ndarray [shape=(V,)]
         Confidence of each vertex in its own view.
 
+    center : np.ndarray [shape=(3,)], optional
+        Middle of the subject. A view then gains ``settings.lean`` per metre towards its own camera: where two views are
+        equally good over a wide flat part, such as a back, that draws one line between them.
+
     Returns
     -------
     advantage : np.ndarray [shape=(V,)]
-        log(own confidence / best other); +inf where nobody else sees this skin.
+        log(own confidence / best other), and the lean; +inf where nobody else sees this skin.
     shift : np.ndarray [shape=(V, 3)]
         To the confidence-weighted mean of all views that see it [m].
     """
@@ -233,12 +241,15 @@ def compare_views(
         k.cy,
         settings.reach,
         maps.noise,
+        np.zeros(3) if center is None else center,
+        0.0 if center is None else settings.lean,
     )
 
 
 @njit(cache=True, nogil=True)
 def _compare_kernel(
-    vertices, view, vertex_normals, own, to_view, depth, labels, normals, confidence, fx, fy, cx, cy, reach, noise
+    vertices, view, vertex_normals, own, to_view, depth, labels, normals, confidence, fx, fy, cx, cy, reach, noise,
+    center, lean
 ):
     count = len(vertices)
     advantage = np.full(count, np.inf)
@@ -265,7 +276,15 @@ def _compare_kernel(
             step = (out[0] - z) * (rx * out[1] + ry * out[2] + rz * out[3])
             if abs(step) > reach + 3.0 * noise[k] * z:
                 continue
-            advantage[i] = min(advantage[i], np.log((own[i] + 1e-9) / (out[4] + 1e-9)))
+            gain = np.log((own[i] + 1e-9) / (out[4] + 1e-9))
+            if lean > 0.0:  # a reflection's camera stands where the origin is reflected to
+                away = along = 0.0
+                for c in range(3):
+                    apart = to_view[view[i], c, 3] - to_view[k, c, 3]
+                    away += apart * apart
+                    along += apart * (p[c] - center[c])
+                gain += lean * along / np.sqrt(away)
+            advantage[i] = min(advantage[i], gain)
             total += out[4]
             for c in range(3):
                 shift[i, c] += out[4] * step * out[1 + c]
@@ -280,6 +299,8 @@ def part_overlaps(patches: list[Mesh], maps: ViewMaps, settings: OverlapSettings
     The cut runs along the line where two views are equally good, moved half a gap back on either side, so both
     boundaries are smooth and run in parallel. Returns as many patches as given. O(V).
     """
+    seen = [patch.vertices for patch in patches if len(patch.vertices)]
+    center = np.concatenate(seen).mean(axis=0) if seen else None
     parted = []
     for patch in patches:
         if not len(patch.triangles):
@@ -287,7 +308,7 @@ def part_overlaps(patches: list[Mesh], maps: ViewMaps, settings: OverlapSettings
             continue
         normals = vertex_normals(patch.vertices, patch.triangles)
         own = own_confidence(patch, maps)
-        advantage, shift = compare_views(patch.vertices, patch.view, normals, own, maps, settings)
+        advantage, shift = compare_views(patch.vertices, patch.view, normals, own, maps, settings, center)
         overlapped = np.isfinite(advantage)
         if not overlapped.any():
             parted.append(patch)
