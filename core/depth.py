@@ -331,8 +331,7 @@ def smooth_view(
     """Edge-preserving smoothing of one view's pixels by robust local quadratic fits in disparity.
 
     Neighbours of the same view weigh by their distance in pixels (Gaussian of ``sigma``) and by how well they agree
-    with
-    the surface fitted so far (Tukey's weight), so another limb in front or behind does not pull.
+    with the surface fitted so far (Tukey's weight), so another limb in front or behind does not pull.
     Local polynomial regression: Cleveland and Devlin 1988.
 
     Parameters

@@ -43,10 +43,8 @@ def fair(vertices: np.ndarray, triangles: np.ndarray, stiffness: np.ndarray, ite
     """Move vertices so that the surface bends least (thin plate), each held to its place by its stiffness.
 
     Minimises Σ|L p|² + Σ stiffness²·|p − p₀|² with L the scale-dependent umbrella (Desbrun et al. 1999), by
-    preconditioned
-    conjugate gradients on the normal equations; vertices of infinite stiffness do not move, so that what is filled
-    continues the
-    tangent planes around it.
+    preconditioned conjugate gradients on the normal equations; vertices of infinite stiffness do not move, so that
+    what is filled continues the tangent planes around it.
 
     Parameters
     ----------

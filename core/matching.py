@@ -158,12 +158,6 @@ def _partners_kernel(
 
 
 @njit(cache=True, nogil=True)
-def _ring_distance(a, b, n):
-    d = abs(a - b) % n
-    return min(d, n - d)
-
-
-@njit(cache=True, nogil=True)
 def _runs_kernel(partner, loop, start, point, tolerance, min_run):
     """Runs of boundary vertices whose partners are mutual and follow each other backwards on one loop.
 

@@ -232,27 +232,28 @@ def triangle_components(triangles: np.ndarray, vertex_count: int) -> tuple[np.nd
 
 
 @njit(cache=True, nogil=True)
+def root_of(parent: np.ndarray, i: int) -> int:
+    """Root of ``i`` in a union-find forest, halving the path to it."""
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@njit(cache=True, nogil=True)
 def components_of(twin: np.ndarray, count: int) -> tuple[np.ndarray, int]:
     """:func:`triangle_components` of ``count`` triangles whose :func:`twins` are known."""
     parent = np.arange(count)
     for e in range(3 * count):
         if twin[e] < e:  # each pair once; boundary and non-manifold edges join nothing
             continue
-        a, b = e // 3, twin[e] // 3
-        while parent[a] != a:
-            parent[a] = parent[parent[a]]
-            a = parent[a]
-        while parent[b] != b:
-            parent[b] = parent[parent[b]]
-            b = parent[b]
+        a, b = root_of(parent, e // 3), root_of(parent, twin[e] // 3)
         if a != b:
             parent[max(a, b)] = min(a, b)
     label = np.empty(count, np.int32)
     n = 0
     for t in range(count):
-        root = t
-        while parent[root] != root:
-            root = parent[root]
+        root = root_of(parent, t)
         if root == t:
             label[t] = n
             n += 1

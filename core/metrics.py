@@ -13,7 +13,7 @@ from numba import njit
 
 from .bvh import Bvh, build_bvh, closest_point, self_intersections
 from .errors import MirrorScanError
-from .mesh import Mesh, edge_keys, triangle_normals
+from .mesh import Mesh, edge_keys, root_of, triangle_normals
 
 ALIGNMENT_REACH = (0.08, 0.03, 0.015)
 """Radii [m] within which :func:`rigid_alignment` pairs points, coarse to fine."""
@@ -207,14 +207,6 @@ def _rotation(vector: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True)
-def _root(parent, i):
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
-
-
-@njit(cache=True, nogil=True)
 def _fans_and_components(triangles, pairs, vertex_count):
     """Vertices whose triangles are more than one fan, and triangles connected over edges: how many of each.
 
@@ -226,12 +218,12 @@ def _fans_and_components(triangles, pairs, vertex_count):
     for p in range(pairs.shape[0]):
         e, f = pairs[p, 0], pairs[p, 1]
         t, s = e // 3, f // 3
-        a, b = _root(piece, t), _root(piece, s)
+        a, b = root_of(piece, t), root_of(piece, s)
         piece[max(a, b)] = min(a, b)
         for i in (e, 3 * t + (e + 1) % 3):
             for j in (f, 3 * s + (f + 1) % 3):
                 if triangles[t, i % 3] == triangles[s, j % 3]:
-                    a, b = _root(corner, i), _root(corner, j)
+                    a, b = root_of(corner, i), root_of(corner, j)
                     corner[max(a, b)] = min(a, b)
     components = 0
     for t in range(total):

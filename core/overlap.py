@@ -427,27 +427,16 @@ def _covered_kernel(
 def own_confidence(patch: Mesh, maps: ViewMaps) -> np.ndarray:
     """Confidence (V,) of a patch's vertices in the view they come from."""
     k = maps.intrinsics
-    own = _own_kernel(
-        patch.vertices,
-        patch.view,
-        maps.to_view,
-        maps.depth,
-        maps.labels,
-        maps.normals,
-        maps.confidence,
-        k.fx,
-        k.fy,
-        k.cx,
-        k.cy,
+    return _own_kernel(
+        patch.vertices, patch.view, maps.to_view, maps.confidence, k.fx, k.fy, k.cx, k.cy
     )
-    return own
 
 
 @njit(cache=True, nogil=True)
-def _own_kernel(vertices, view, to_view, depth, labels, normals, confidence, fx, fy, cx, cy):
+def _own_kernel(vertices, view, to_view, confidence, fx, fy, cx, cy):
     own = np.zeros(len(vertices))
     for i in range(len(vertices)):
-        v, u, _ = look_at(vertices[i], to_view[view[i]], depth, fx, fy, cx, cy)
+        v, u, _ = look_at(vertices[i], to_view[view[i]], confidence, fx, fy, cx, cy)
         if v >= 0:
             own[i] = confidence[int(v + 0.5), int(u + 0.5)]
     return own

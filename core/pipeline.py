@@ -21,7 +21,7 @@ from .depth import (
     smoothing_sigma,
 )
 from .errors import MirrorError, ReconstructionError
-from .mesh import Mesh
+from .mesh import FILL, SEAM, Mesh
 from .metrics import mesh_report
 from .mirror import Mirror, MirrorSettings, place_mirror, reflection_matrix
 from .overlap import OverlapSettings, part_overlaps, view_maps
@@ -186,9 +186,8 @@ def clean_views(
             continue
         sigma = smoothing_sigma(noise[view], float(np.median(z)), 1.0 / camera.fx, settings)
         depth = smooth_view(depth, labels, view, noise[view], sigma, settings)
-        noise[view] /= max(
-            1.0, 2.5 * sigma
-        )  # a Gaussian window averages about 4π·sigma² readings, the quadratic fit half
+        # a Gaussian window averages about 4π·sigma² readings, the quadratic fit half
+        noise[view] /= max(1.0, 2.5 * sigma)
     return depth, replace(views, labels=labels), noise
 
 
@@ -297,8 +296,8 @@ def _report(
             "components": checked["components"],
             "euler_characteristic": checked["euler_characteristic"],
             "self_intersections": checked["self_intersections"],
-            "seam_triangles": int((mesh.kind == 1).sum()),
-            "fill_triangles": int((mesh.kind == 2).sum()),
+            "seam_triangles": int((mesh.kind == SEAM).sum()),
+            "fill_triangles": int((mesh.kind == FILL).sum()),
             "volume_l": None if checked["volume_m3"] is None else 1000.0 * checked["volume_m3"],
             "height_m": float(np.ptp(mesh.vertices[:, 2])),
         },

@@ -16,8 +16,7 @@ def untangle(mesh: Mesh, rounds: int = 6, rings: int = 0) -> tuple[Mesh, int]:
     """Smooth the surroundings of intersecting triangles until they come apart.
 
     Each round relaxes the vertices of the triangles that still intersect, and their neighbours one ring farther than
-    the
-    round before; all other vertices stay where they are. Connectivity does not change.
+    the round before; all other vertices stay where they are. Connectivity does not change.
 
     Parameters
     ----------

@@ -9,6 +9,7 @@ from numba import njit, prange
 
 from .camera import Intrinsics, unproject
 from .errors import ReconstructionError
+from .mesh import root_of
 from .mirror import Mirror, reflect, reflection_matrix
 
 
@@ -414,14 +415,6 @@ def _between_kernel(points, seen, up, lowest, highest):
 
 
 @njit(cache=True, nogil=True)
-def _find(parent, a):
-    while parent[a] != a:
-        parent[a] = parent[parent[a]]
-        a = parent[a]
-    return a
-
-
-@njit(cache=True, nogil=True)
 def _components_kernel(depth, seen, pixel_angle):
     height, width = depth.shape
     parent = np.arange(height * width)
@@ -437,7 +430,7 @@ def _components_kernel(depth, seen, pixel_angle):
                 if y < 0 or x < 0 or x >= width or seen[y, x] != seen[v, u]:
                     continue
                 if abs(depth[y, x] - z) < (8.0 * pixel_angle * max(abs(dv), abs(du)) + 0.012) * min(z, depth[y, x]):
-                    a, b = _find(parent, v * width + u), _find(parent, y * width + x)
+                    a, b = root_of(parent, v * width + u), root_of(parent, y * width + x)
                     if a != b:
                         parent[max(a, b)] = min(a, b)
     component = np.full((height, width), -1, np.int32)
@@ -447,7 +440,7 @@ def _components_kernel(depth, seen, pixel_angle):
         for u in range(width):
             if seen[v, u] < 0:
                 continue
-            root = _find(parent, v * width + u)
+            root = root_of(parent, v * width + u)
             if root == v * width + u:
                 component[v, u] = count
                 count += 1
