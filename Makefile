@@ -21,7 +21,7 @@ help:
 	@echo "make demo       scan a virtual person and reconstruct it, into $(DEMO)/"
 	@echo "make test       run the tests"
 	@echo "make bench      print the benchmark tables"
-	@echo "make extension  build the Blender extension, into dist/"
+	@echo "make extension  build the Blender extension for each platform, into dist/"
 	@echo "make clean      remove $(VENV) and what was built"
 
 demo: $(VENV)/ready-bpy
@@ -33,16 +33,9 @@ test: $(VENV)/ready-bpy,test
 bench: $(VENV)/ready-bpy,test,bench
 	$(PY) -m benchmarks
 
-# Blender's own builder, which the bpy module carries; it needs no Blender window.
+# One zip a platform, by Blender's own builder: BLENDER's, or the one in the bpy module. Wheels are kept in wheels/.
 extension: $(VENV)/ready-bpy
-	@mkdir -p dist
-	@builder=$$(ls -d $(VENV)/[Ll]ib*/python*/site-packages/bpy/*/scripts/addons_core/bl_pkg/cli/blender_ext.py \
-		$(VENV)/Lib/site-packages/bpy/*/scripts/addons_core/bl_pkg/cli/blender_ext.py 2>/dev/null | head -n 1); \
-	if [ -z "$$builder" ]; then \
-		echo "make extension needs the bpy module: use Python 3.11 or 3.13, e.g. make PYTHON=python3.11 VENV=.venv311 extension" >&2; \
-		exit 1; \
-	fi; \
-	$(PY) "$$builder" build --source-dir . --output-dir dist
+	$(PY) tools/extension.py --output dist $(EXTENSION_OPTIONS)
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info
