@@ -15,6 +15,7 @@ from .camera import Intrinsics
 from .clipping import clip, distance_to_zero, smooth_on_mesh, trim_outline
 from .mesh import Mesh, triangles_touching, vertex_normals
 from .mirror import Mirror, reflection_matrix
+from .threads import each
 from .triangulation import clean_patch
 
 
@@ -301,28 +302,29 @@ def part_overlaps(patches: list[Mesh], maps: ViewMaps, settings: OverlapSettings
     """
     seen = [patch.vertices for patch in patches if len(patch.vertices)]
     center = np.concatenate(seen).mean(axis=0) if seen else None
-    parted = []
-    for patch in patches:
-        if not len(patch.triangles):
-            parted.append(patch)
-            continue
-        normals = vertex_normals(patch.vertices, patch.triangles)
-        own = own_confidence(patch, maps)
-        advantage, shift = compare_views(patch.vertices, patch.view, normals, own, maps, settings, center)
-        overlapped = np.isfinite(advantage)
-        if not overlapped.any():
-            parted.append(patch)
-            continue
-        vertices = patch.vertices
-        if settings.blend:
-            vertices = vertices + smooth_on_mesh(shift, patch.triangles, 3)
-        # beyond the overlap nobody else competes: a large advantage that the smoothing below leaves positive
-        field = np.clip(np.where(overlapped, advantage, 3.0), -3.0, 3.0)
-        field = smooth_on_mesh(field[:, None], patch.triangles, 3)[:, 0]
-        distance = distance_to_zero(field, vertices, patch.triangles)
-        edge = _median_edge(patch)
-        parted.append(clip(replace(patch, vertices=vertices), distance, 0.5 * settings.gap * edge))
+    parted = each(lambda patch: _cut_back(patch, maps, settings, center), patches)
     return _strip_doubles(parted, maps, settings)
+
+
+def _cut_back(patch: Mesh, maps: ViewMaps, settings: OverlapSettings, center: np.ndarray) -> Mesh:
+    """The patch blended with the other views where they see the same skin, and cut to where it is the better one."""
+    if not len(patch.triangles):
+        return patch
+    normals = vertex_normals(patch.vertices, patch.triangles)
+    own = own_confidence(patch, maps)
+    advantage, shift = compare_views(patch.vertices, patch.view, normals, own, maps, settings, center)
+    overlapped = np.isfinite(advantage)
+    if not overlapped.any():
+        return patch
+    vertices = patch.vertices
+    if settings.blend:
+        vertices = vertices + smooth_on_mesh(shift, patch.triangles, 3)
+    # beyond the overlap nobody else competes: a large advantage that the smoothing below leaves positive
+    field = np.clip(np.where(overlapped, advantage, 3.0), -3.0, 3.0)
+    field = smooth_on_mesh(field[:, None], patch.triangles, 3)[:, 0]
+    distance = distance_to_zero(field, vertices, patch.triangles)
+    edge = _median_edge(patch)
+    return clip(replace(patch, vertices=vertices), distance, 0.5 * settings.gap * edge)
 
 
 def _strip_doubles(patches: list[Mesh], maps: ViewMaps, settings: OverlapSettings) -> list[Mesh]:
