@@ -17,8 +17,6 @@ from .depth import (
     fuse_burst,
     measure_noise,
     remove_flying_pixels,
-    smooth_view,
-    smoothing_sigma,
 )
 from .errors import MirrorError, ReconstructionError
 from .mesh import FILL, SEAM, Mesh

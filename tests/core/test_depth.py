@@ -13,10 +13,9 @@ from mirror_scan.core.depth import (
     fuse_burst,
     measure_noise,
     remove_flying_pixels,
-    smooth_view,
-    smoothing_sigma,
 )
 from mirror_scan.core.errors import CaptureError
+from mirror_scan.core.smoothing import smooth_view, smoothing_sigma
 
 FOCAL = 400.0
 V, U = np.mgrid[:90, :120]

@@ -1,0 +1,393 @@
+"""Edge-preserving smoothing of one view: local quadratic fits in disparity, robust where a window holds an edge.
+
+Where one surface fills the window its weights are the Gaussian's alone, and all the sums a fit needs come from
+separable filters. Only where the residual tells that something else is in the window are its readings weighed one by
+one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+from .depth import DepthSettings
+
+_STRIP = 24  # rows a thread works on at a time: its sums stay in the cache
+_REST = 0.06  # Gaussian weight at the rim of the robust fit's window
+
+
+def smoothing_sigma(noise: float, z: float, pixel_angle: float, settings: DepthSettings) -> float:
+    """Gaussian width [px] of the local fit that balances noise against detail.
+
+    A local quadratic fit over a window of width h [m] leaves noise of about noise·z·pitch/h and a bias that grows with
+    h³ at the curvature of limbs; their sum is least near h³ ∝ noise·z·pitch.
+
+    Parameters
+    ----------
+    noise : float
+        Standard deviation of a reading relative to z.
+    z : float
+        Where the view is [m].
+    pixel_angle : float
+        1/f [1/px].
+    settings : DepthSettings
+        ``smoothing`` multiplies, ``max_radius`` limits.
+    """
+    pitch = z * pixel_angle
+    return settings.smoothing * min((noise * z * pitch * 0.35) ** (1.0 / 3.0) * 0.6 / pitch, settings.max_radius / 2.0)
+
+
+def smooth_view(
+    depth: np.ndarray,
+    labels: np.ndarray,
+    view: int,
+    noise: float,
+    sigma: float,
+    settings: DepthSettings,
+) -> np.ndarray:
+    """Edge-preserving smoothing of one view's pixels by local quadratic fits in disparity.
+
+    Neighbours of the same view weigh by their distance in pixels (Gaussian of ``sigma``). Where the fit's residual is
+    larger than the noise, they weigh also by how well they agree with the surface fitted so far (Tukey's weight), so
+    another limb in front or behind does not pull. Local polynomial regression: Cleveland and Devlin 1988.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m].
+    labels : np.ndarray [shape=(H, W), dtype=int8]
+        View of each pixel.
+    view : int
+        The one to smooth.
+    noise : float
+        Standard deviation of a reading relative to z.
+    sigma : float
+        Width of the window [px].
+    settings : DepthSettings
+        ``max_radius`` limits the window.
+
+    Returns
+    -------
+    np.ndarray [shape=(H, W), dtype=float32]
+        The depth map with this view's pixels smoothed.
+
+    Notes
+    -----
+    O(pixels · radius) where the surface is smooth, O(pixels · radius²) at edges within the view; O(H W) memory.
+    """
+    radius = min(int(np.ceil(2.4 * sigma)), settings.max_radius)
+    rows = np.flatnonzero((labels == view).any(axis=1))
+    if radius < 1 or not len(rows):
+        return depth
+    return _smooth_kernel(depth, labels, view, max(noise, 2e-4), sigma, radius, rows[0], rows[-1] + 1)
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
+def _across(weights, row, radius, low, high, out):
+    """out[a, u] = Σ weights[a, |k|] · (±1)^a · row[u + radius + k] over k from -radius to radius.
+
+    Loops run from 0 over slices: an index that could be negative would not vectorise.
+    """
+    for a in range(len(out)):
+        target = out[a, low:high]
+        w = weights[a, 0]
+        middle = row[low + radius : high + radius]
+        for u in range(high - low):
+            target[u] = w * middle[u]
+        for k in range(1, radius + 1):
+            w = weights[a, k]
+            mirrored = w if a % 2 == 0 else -w
+            right, left = row[low + radius + k : high + radius + k], row[low + radius - k : high + radius - k]
+            for u in range(high - low):
+                target[u] += w * right[u] + mirrored * left[u]
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
+def _down(weights, rows, at, a, radius, low, high, out):
+    """out[b, u] = Σ weights[b, |k|] · (±1)^b · rows[at + k, a, u] over k from -radius to radius."""
+    for b in range(len(out)):
+        target = out[b, low:high]
+        w = weights[b, 0]
+        middle = rows[at, a, low:high]
+        for u in range(high - low):
+            target[u] = w * middle[u]
+        for k in range(1, radius + 1):
+            w = weights[b, k]
+            mirrored = w if b % 2 == 0 else -w
+            below, above = rows[at + k, a, low:high], rows[at - k, a, low:high]
+            for u in range(high - low):
+                target[u] += w * below[u] + mirrored * above[u]
+
+
+# The six terms of the fit as powers of (x, y), the constant last: elimination then ends with its coefficient.
+_TERMS = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (0, 0))
+_SUM = {(a, b): a * 5 - a * (a - 1) // 2 + b for a in range(5) for b in range(5 - a)}  # Σ xᵃ yᵇ among the 22 sums
+_DATA = {(0, 0): 15, (0, 1): 16, (0, 2): 17, (1, 0): 18, (1, 1): 19, (2, 0): 20}  # Σ xᵃ yᵇ · departure; 21: departure²
+_MATRIX = np.array([[_SUM[a + c, b + d] for c, d in _TERMS] for a, b in _TERMS])
+_RIGHT = np.array([_DATA[term] for term in _TERMS])
+_RIDGE = np.array((2e-3, 2e-3, 3e-2, 3e-2, 3e-2, 1e-6), np.float32)
+"""Pulls the higher orders to zero where the window holds too little to tell; relative to the window's weight."""
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
+def _less(target, a, b):
+    for u in range(len(target)):
+        target[u] -= a[u] * b[u]
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
+def _fit_row(sums, low, high, work):
+    """Quadratic fits of a whole row at once, LDLᵀ without pivoting: the ridge keeps it stable in single precision.
+
+    Into ``work``: row 0 the constant's coefficient, row 1 the weighted sum of squared residuals; anything in columns
+    without readings.
+    """
+    # rows of work: 2-7 the reciprocal pivots, 8-13 the right side eliminated, 14-28 the lower triangle of L
+    left = work[1, low:high]
+    left[:] = sums[21, low:high]
+    weight = sums[0, low:high]
+    mixed = np.empty((6, high - low), np.float32)  # L times the pivots, of the row at hand
+    for i in range(6):
+        right = work[8 + i, low:high]
+        right[:] = sums[_RIGHT[i], low:high]
+        for j in range(i + 1):
+            entry = mixed[j]
+            entry[:] = sums[_MATRIX[i, j], low:high]
+            if i == j:
+                ridge = _RIDGE[i]
+                for u in range(high - low):
+                    entry[u] += ridge * weight[u]
+            for k in range(j):
+                _less(entry, mixed[k], work[14 + j * (j - 1) // 2 + k, low:high])
+            if j < i:
+                factor = work[14 + i * (i - 1) // 2 + j, low:high]
+                pivot = work[2 + j, low:high]
+                for u in range(high - low):
+                    factor[u] = entry[u] * pivot[u]
+                _less(right, factor, work[8 + j, low:high])
+            else:
+                pivot = work[2 + i, low:high]
+                solved = work[0, low:high]
+                for u in range(high - low):
+                    pivot[u] = np.float32(1.0) / entry[u]
+                    solved[u] = right[u] * pivot[u]  # of the last term, the constant, it is the coefficient
+                    left[u] -= right[u] * solved[u]
+
+
+@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
+def _smooth_kernel(depth, labels, view, noise, sigma, radius, top, bottom):
+    height, width = depth.shape
+    out = depth.copy()
+    offset, gauss, terms, products = _taps(sigma, radius)
+    one = np.float32(1.0)
+    # Inverse depth of this view alone, with a margin, so that a tap asks one question: is it zero?
+    # Single precision: what is fitted is the small departure from the reference; its error of 1e-7 is far below noise.
+    inverse = np.zeros((height + 2 * radius, width + 2 * radius), np.float32)
+    total = 0.0
+    count = 0
+    for v in range(top, bottom):
+        for u in range(width):
+            if labels[v, u] == view:
+                inverse[v + radius, u + radius] = one / depth[v, u]
+                total += inverse[v + radius, u + radius]
+                count += 1
+    reference = np.float32(count / total)
+    weights = np.empty((5, radius + 1), np.float32)  # Gaussian times the powers of x = du / sigma
+    for k in range(radius + 1):
+        g = np.exp(-0.5 * (k / sigma) ** 2)
+        for a in range(5):
+            weights[a, k] = g
+            g *= k / sigma
+    # the robust fit starts from whatever could be the same surface; a slanted one may leave the centre by its slope
+    slant = np.minimum(0.008 * sigma * np.sqrt(terms[3] + terms[5]), 0.015)
+    allowed = (1.0 / (4.0 * noise + 0.005 + slant)).astype(np.float32)
+    inlier = np.float32(1.0 / (3.7 * noise + 0.002))
+    limit = 3.0 * noise + 0.002
+    spoilt = (1.25 * noise + 0.0004) ** 2
+    shift = offset[0] * (width + 2 * radius) + offset[1]
+    flat = inverse.ravel()
+    strips = (bottom - top + _STRIP - 1) // _STRIP
+    for strip in prange(strips):
+        v0 = top + strip * _STRIP
+        v1 = min(v0 + _STRIP, bottom)
+        first, last = np.full(v1 - v0, width), np.zeros(v1 - v0, np.int64)
+        left, right = width, 0
+        for v in range(max(v0 - radius, 0), min(v1 + radius, height)):
+            for u in range(width):
+                if labels[v, u] == view:
+                    left, right = min(left, u), max(right, u + 1)
+                    if v0 <= v < v1:
+                        first[v - v0], last[v - v0] = min(first[v - v0], u), u + 1
+        # sums along the rows: mask · x⁰…x⁴, departure · x⁰…x², departure²
+        across = np.zeros((v1 - v0 + 2 * radius, 9, width), np.float32)
+        there = np.zeros(width + 2 * radius, np.float32)
+        departs = np.zeros(width + 2 * radius, np.float32)
+        squares = np.zeros(width + 2 * radius, np.float32)
+        low, high = max(left - radius, 0), min(right + radius, width)
+        for r in range(v1 - v0 + 2 * radius):
+            row = inverse[v0 + r]
+            some = False
+            for u in range(left + radius, right + radius):
+                seen = row[u] > 0
+                some |= seen
+                there[u] = one if seen else np.float32(0.0)
+                departs[u] = reference * row[u] - one if seen else np.float32(0.0)
+                squares[u] = departs[u] * departs[u]
+            if some:
+                _across(weights[:5], there, radius, low, high, across[r, :5])
+                _across(weights[:3], departs, radius, low, high, across[r, 5:8])
+                _across(weights[:1], squares, radius, low, high, across[r, 8:])
+        sums = np.empty((22, width), np.float32)
+        work = np.empty((29, width), np.float32)
+        A = np.empty((6, 6))
+        rhs = np.empty(6)
+        coef = np.zeros(6)
+        buffers = np.empty((4, len(gauss)), np.float32)
+        for v in range(v0, v1):
+            low, high = first[v - v0], last[v - v0]
+            if low >= high:
+                continue
+            r = v - v0 + radius
+            start = 0
+            for a in range(9):
+                powers = 5 - a if a < 5 else max(8 - a, 1)
+                _down(weights[:powers], across, r, a, radius, low, high, sums[start : start + powers])
+                start += powers
+            _fit_row(sums, low, high, work)
+            for u in range(low, high):
+                if labels[v, u] != view:
+                    continue
+                zc = depth[v, u]
+                if work[1, u] <= spoilt * sums[0, u]:
+                    change = reference / (zc * (1.0 + work[0, u])) - 1.0
+                else:
+                    at = (v + radius) * (width + 2 * radius) + u + radius
+                    departure = _robust_fit(
+                        flat, at, shift, gauss, terms, products, allowed, inlier, zc, A, rhs, coef, buffers
+                    )
+                    change = 1.0 / (1.0 + departure) - 1.0
+                if np.isfinite(change):
+                    out[v, u] = zc * (1.0 + min(max(change, -limit), limit))
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _taps(sigma, radius):
+    """Window of the robust fit, a column a tap: offset (v, u), Gaussian weight, the quadratic's six terms and their 21
+    products."""
+    room = (2 * radius + 1) ** 2
+    offset, gauss = np.empty((2, room), np.int64), np.empty(room)
+    terms, products = np.empty((6, room)), np.empty((21, room))
+    n = 0
+    for dv in range(-radius, radius + 1):
+        for du in range(-radius, radius + 1):
+            g = np.exp(-0.5 * (dv * dv + du * du) / (sigma * sigma))
+            if g < _REST:
+                continue
+            fx, fy = du / sigma, dv / sigma
+            offset[0, n], offset[1, n], gauss[n] = dv, du, g
+            terms[0, n], terms[1, n], terms[2, n] = 1.0, fx, fy
+            terms[3, n], terms[4, n], terms[5, n] = fx * fx, fx * fy, fy * fy
+            m = 0
+            for a in range(6):
+                for b in range(a + 1):
+                    products[m, n] = terms[a, n] * terms[b, n]
+                    m += 1
+            n += 1
+    single = np.float32
+    kept = gauss[:n].astype(single), terms[:, :n].astype(single), products[:, :n].astype(single)
+    return offset[:, :n].copy(), kept[0], kept[1], kept[2]
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
+def _weighted_sums(rows, weights, count, out):
+    """out[a] = rows[a] · weights for the first ``count`` rows; summed in any order, so that it vectorises."""
+    for a in range(count):
+        row = rows[a]
+        total = np.float32(0.0)
+        for k in range(len(weights)):
+            total += row[k] * weights[k]
+        out[a] = total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _robust_fit(flat, at, shift, gauss, terms, products, allowed, inlier, zc, A, rhs, coef, buffers):
+    """Departure of the fitted disparity from the centre's, relative; NaN where nothing can be fitted.
+
+    A plane, once more where the window holds more than one surface, then the quadratic.
+    """
+    one, none = np.float32(1.0), np.float32(0.0)
+    taps = len(shift)
+    e, there, w, we = buffers[0, :taps], buffers[1, :taps], buffers[2, :taps], buffers[3, :taps]
+    lower = np.empty(21)
+    for k in range(taps):
+        near = flat[at + shift[k]]
+        e[k] = zc * near - one
+        there[k] = gauss[k] if near > none else none
+    _weighted_sums(terms, there, 1, rhs)  # the first term is 1: all the weight that readings have
+    window = rhs[0]
+    mixed = False
+    for turn in range(3):
+        if turn == 1 and not mixed:
+            continue
+        order = 6 if turn == 2 else 3
+        if turn == 0:
+            for k in range(taps):
+                r = e[k] * allowed[k]
+                r = max(one - r * r, none)  # Tukey's weight
+                w[k] = there[k] * r * r
+                we[k] = w[k] * e[k]
+        else:
+            c0, c1, c2 = np.float32(coef[0]), np.float32(coef[1]), np.float32(coef[2])
+            for k in range(taps):
+                r = (e[k] - c0 - c1 * terms[1, k] - c2 * terms[2, k]) * inlier
+                r = max(one - r * r, none)
+                w[k] = there[k] * r * r
+                we[k] = w[k] * e[k]
+        _weighted_sums(products, w, order * (order + 1) // 2, lower)
+        _weighted_sums(terms, we, order, rhs)
+        mixed = lower[0] < 0.5 * window
+        if lower[0] < 1e-6:
+            return np.nan
+        m = 0
+        for a in range(order):
+            for b in range(a + 1):
+                A[a, b] = lower[m]
+                m += 1
+        if not _solve(A, rhs, coef, order):
+            return np.nan
+    return coef[0] if coef[0] > -0.5 else np.nan
+
+
+@njit(cache=True, nogil=True)
+def _solve(A, rhs, x, n):
+    """Cholesky solve of the leading n×n system given by its lower triangle, in place; False when it is singular.
+
+    A small ridge pulls the higher orders to zero where the window holds too little to tell.
+    """
+    total = A[0, 0]
+    A[0, 0] += 1e-6 * total
+    for i in range(1, n):
+        A[i, i] += (2e-3 if i < 3 else 3e-2) * total
+    for i in range(n):
+        for j in range(i + 1):
+            s = A[i, j]
+            for k in range(j):
+                s -= A[i, k] * A[j, k]
+            if i == j:
+                if s <= 1e-14:
+                    return False
+                A[i, i] = np.sqrt(s)
+            else:
+                A[i, j] = s / A[j, j]
+    for i in range(n):
+        s = rhs[i]
+        for k in range(i):
+            s -= A[i, k] * x[k]
+        x[i] = s / A[i, i]
+    for i in range(n - 1, -1, -1):
+        s = x[i]
+        for k in range(i + 1, n):
+            s -= A[k, i] * x[k]
+        x[i] = s / A[i, i]
+    return True
