@@ -23,6 +23,7 @@ from .mesh import FILL, SEAM, Mesh
 from .metrics import mesh_report
 from .mirror import Mirror, MirrorSettings, place_mirror, reflection_matrix
 from .overlap import OverlapSettings, part_overlaps, view_maps
+from .smoothing import smooth_view, smoothing_sigma
 from .triangulation import TriangulationSettings, triangulate_view
 from .views import Views, ViewSettings, find_subject
 from .zippering import Seam, ZipperSettings, zip_patches
