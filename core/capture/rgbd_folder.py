@@ -16,13 +16,24 @@ import numpy as np
 from ..camera import Intrinsics
 from ..errors import CaptureError, MirrorError, MirrorScanError
 from ..images import read_image
-from . import Capture, MirrorPicks
+from . import Capture, FrameChoice, MirrorPicks, ReadOptions, chosen_frames, empty_burst
+from .nominal import nominal_camera
 
 FORMAT = "RGB-D folder"
 INTRINSIC_NAMES = ("intrinsic.json", "camera_intrinsic.json")
+COLOR_FOLDERS = ("color", "rgb", "image", "images")  # Open3D's and RealSense's recorders; Redwood has the others
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg")
 DEFAULT_DEPTH_SCALE = 1000.0  # depth units per metre
-MAX_BURST_PIXELS = 256_000_000  # 1 GB as float32; about 800 frames of 640 x 480
+SENSOR_WORDS = {
+    "kinect_v2": ("kinectv2", "kinect2", "kinectone", "kinectforwindowsv2"),
+    "azure_kinect": ("azurekinect", "azure", "k4a", "femto"),
+    "kinect_v1": ("kinectv1", "kinect1", "kinect360", "primesense", "xtion", "ps1080", "kinect"),
+    "realsense_d415": ("d415",),
+    "realsense_d435": ("d435",),
+    "realsense_d455": ("d455",),
+    "phone": ("phone", "ipad", "lidar", "truedepth"),
+    "ideal": ("ideal",),
+}
 MAX_JSON_BYTES = 16_000_000
 MAX_MIRRORS = 100  # a view is numbered by an int8
 
@@ -32,15 +43,17 @@ def recognises(path: Path) -> bool:
     return path.is_dir() and ((path / "depth").is_dir() or any((path / name).is_file() for name in INTRINSIC_NAMES))
 
 
-def read(path: Path, frames: int | None = None) -> Capture:
+def read(path: Path, frames: FrameChoice = None, options: ReadOptions | None = None) -> Capture:
     """Read an RGB-D folder.
 
     Parameters
     ----------
     path : Path
         The folder.
-    frames : int or None
-        Read only that many depth frames from the start; None reads all.
+    frames : int, str or None
+        Which depth frames, as :func:`..capture.open_capture` has it.
+    options : ReadOptions or None
+        ``intrinsics`` and ``depth_unit_m`` stand in for those of the folder.
 
     Returns
     -------
@@ -52,22 +65,72 @@ def read(path: Path, frames: int | None = None) -> Capture:
     CaptureError, MirrorError
         See the module's first line.
     """
-    intrinsics, scale = read_intrinsics(_intrinsic_file(path))
+    options = options or ReadOptions()
     depth_files = _images(path / "depth", (".png",))
+    notes: tuple[str, ...] = ()
+    sensor = "unknown"
+    intrinsic_file = _intrinsic_file(path)
+    if intrinsic_file.is_file():
+        intrinsics, scale = read_intrinsics(intrinsic_file)
+        intrinsics = options.intrinsics or intrinsics
+        sensor = sensor_named(_load_json(intrinsic_file, CaptureError).get("sensor"))
+    elif options.intrinsics:
+        intrinsics, scale = options.intrinsics, DEFAULT_DEPTH_SCALE
+    else:
+        nominal = nominal_camera(*_size(depth_files[0])) if depth_files else None
+        if nominal is None:
+            raise CaptureError(
+                f"{path / INTRINSIC_NAMES[0]}: is missing; it gives width, height and intrinsic_matrix of the depth "
+                "camera"
+            )
+        intrinsics, sensor, note = nominal
+        scale, notes = DEFAULT_DEPTH_SCALE, (note,)
+    if options.depth_unit_m is not None:
+        scale = 1 / options.depth_unit_m
     if not depth_files:
         raise CaptureError(f"{path / 'depth'}: holds no PNG; put the depth frames there (16 bit, millimetres)")
-    depth = _read_depth(depth_files[:frames], intrinsics, scale)
-    color_files = _images(path / "color", COLOR_SUFFIXES)
-    color = _read_color(color_files[0], intrinsics) if color_files else None
+    chosen = chosen_frames(path / "depth", frames, len(depth_files))
+    depth = _read_depth([depth_files[i] for i in chosen], intrinsics, scale)
+    color = None
+    if options.color:
+        color_files = next(filter(None, (_images(path / name, COLOR_SUFFIXES) for name in COLOR_FOLDERS)), [])
+        # one colour image a frame where both were recorded, else whatever there is
+        matching = chosen[0] if len(color_files) == len(depth_files) else 0
+        color = _read_color(color_files[matching], intrinsics) if color_files else None
     mirror_file = path / "mirrors.json"
     mirrors = read_mirrors(mirror_file, intrinsics) if mirror_file.exists() else ()
-    return Capture(depth, color, intrinsics, mirrors, name=path.resolve().name, format=FORMAT)
+    return Capture(
+        depth, color, intrinsics, mirrors, name=path.resolve().name, format=FORMAT, sensor=sensor, notes=notes
+    )
+
+
+def mirrors_to(mirrors: tuple[MirrorPicks, ...]) -> list[dict]:
+    """The list under ``mirrors`` that :func:`mirrors_from` reads."""
+    entries = []
+    for pick in mirrors:
+        if pick.frame_pixels is not None:
+            entries.append({"name": pick.name, "frame_pixels": np.asarray(pick.frame_pixels).tolist()})
+        else:
+            plane = {"point": np.asarray(pick.point).tolist(), "normal": np.asarray(pick.normal).tolist()}
+            entries.append({"name": pick.name, "plane": plane})
+    return entries
+
+
+def sensor_named(name: object) -> str:
+    """The name of :class:`Capture.sensor` for what a file or device calls itself; ``unknown`` for anything else."""
+    text = re.sub(r"[^a-z0-9]", "", name.lower()) if isinstance(name, str) else ""
+    for sensor, words in SENSOR_WORDS.items():
+        if any(word in text for word in words):
+            return sensor
+    return "unknown"
 
 
 def read_intrinsics(path: str | os.PathLike) -> tuple[Intrinsics, float]:
     """Intrinsics and depth units per metre (key ``depth_scale``, default 1000) of an ``intrinsic.json``.
 
-    ``intrinsic_matrix`` is nine numbers column by column, as Open3D writes it, or three rows of three.
+    ``intrinsic_matrix`` is nine numbers column by column, as Open3D writes it, or three rows of three. A
+    ``depth_scale`` below 1 is metres per unit, as RealSense's software means it. ``distortion`` may hold 4, 5 or 8
+    coefficients as :class:`Intrinsics` has them.
 
     Raises
     ------
@@ -95,7 +158,14 @@ def read_intrinsics(path: str | os.PathLike) -> tuple[Intrinsics, float]:
             f"{path}: depth_scale must be a positive number of depth units per metre (1000 for millimetres), "
             f"not {_short(content['depth_scale'])}"
         )
-    return Intrinsics(size[0], size[1], fx, fy, cx, cy), scale
+    distortion = content.get("distortion", [])
+    coefficients = _numbers(distortion, len(distortion)) if isinstance(distortion, list) else None
+    if coefficients is None or len(coefficients) not in (0, 4, 5, 8):
+        raise CaptureError(
+            f"{path}: distortion must be 4, 5 or 8 finite numbers [k1, k2, p1, p2, k3, k4, k5, k6], "
+            f"not {_short(distortion)}"
+        )
+    return Intrinsics(size[0], size[1], fx, fy, cx, cy, tuple(coefficients)), scale if scale >= 1 else 1 / scale
 
 
 def read_mirrors(path: str | os.PathLike, intrinsics: Intrinsics | None = None) -> tuple[MirrorPicks, ...]:
@@ -108,7 +178,11 @@ def read_mirrors(path: str | os.PathLike, intrinsics: Intrinsics | None = None) 
         mirror, picks outside the image, or a plane without a direction.
     """
     path = Path(path)
-    content = _load_json(path, MirrorError)
+    return mirrors_from(path, _load_json(path, MirrorError), intrinsics)
+
+
+def mirrors_from(path: Path, content: object, intrinsics: Intrinsics | None = None) -> tuple[MirrorPicks, ...]:
+    """As :func:`read_mirrors`, of JSON content already read from ``path``."""
     entries = content.get("mirrors") if isinstance(content, dict) else None
     if not isinstance(entries, list):
         raise MirrorError(f'{path}: must be a JSON object with a list: {{"mirrors": [...]}}')
@@ -123,12 +197,14 @@ def read_mirrors(path: str | os.PathLike, intrinsics: Intrinsics | None = None) 
 
 
 def _intrinsic_file(folder: Path) -> Path:
-    for name in INTRINSIC_NAMES:
-        if (folder / name).is_file():
-            return folder / name
-    raise CaptureError(
-        f"{folder / INTRINSIC_NAMES[0]}: is missing; it gives width, height and intrinsic_matrix of the depth camera"
-    )
+    """The file with the intrinsics: the first of the known names that is there, or of the known names."""
+    return next((folder / name for name in INTRINSIC_NAMES if (folder / name).is_file()), folder / INTRINSIC_NAMES[0])
+
+
+def _size(file: Path) -> tuple[int, int]:
+    """Width and height of an image file."""
+    height, width = read_image(file).shape[:2]
+    return width, height
 
 
 def _images(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
@@ -162,12 +238,7 @@ def _read_depth(files: list[Path], intrinsics: Intrinsics, scale: float) -> np.n
                 + ("keep frames of one size only" if i else "give the intrinsics of this resolution")
             )
         if depth is None:
-            if len(files) * width * height > MAX_BURST_PIXELS:
-                raise CaptureError(
-                    f"{file.parent}: {len(files)} frames of {width}×{height} are more than memory should hold; "
-                    f"keep the first {max(1, MAX_BURST_PIXELS // (width * height))} or fewer"
-                )
-            depth = np.empty((len(files), height, width), np.float32)
+            depth = empty_burst(file.parent, len(files), height, width)
         np.divide(frame, np.float32(scale), out=depth[i])
     if depth is None or not depth.any():
         raise CaptureError(

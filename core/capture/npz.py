@@ -1,0 +1,138 @@
+"""Mirror Scan's own file, ``.npz``: an opened capture as numpy arrays, quick to write and to read.
+
+Members: ``depth`` (F, H, W) float32 m, ``camera`` (6,) float64 width, height, fx, fy, cx, cy, ``color`` (H, W, 3)
+uint8 and ``confidence`` (F, H, W) uint8 where there are any, and ``about``, a JSON text with name, format, sensor,
+notes and mirrors.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from ..camera import Intrinsics
+from ..errors import CaptureError, OutputError
+from ..files import replacing
+from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
+from .binary import blaming, starts_with
+from .rgbd_folder import mirrors_from, mirrors_to
+
+FORMAT = "Mirror Scan .npz"
+MAX_TEXT = 4_000_000
+
+
+def recognises(path: Path) -> bool:
+    """Whether ``path`` is a zip archive with a depth and a camera array."""
+    if not starts_with(path, b"PK\x03\x04"):
+        return False
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return {"depth.npy", "camera.npy"} <= set(archive.namelist())
+    except (zipfile.BadZipFile, ValueError, NotImplementedError):
+        return path.suffix.lower() == ".npz"
+
+
+def write_npz(path: str | os.PathLike, capture: Capture) -> None:
+    """Write an opened capture; a file already there is replaced only when the new one is complete.
+
+    Raises
+    ------
+    OutputError
+        When the file cannot be written, or the capture is not one that was opened.
+    """
+    path, camera = Path(path), capture.intrinsics
+    if not camera.is_pinhole or capture.color_intrinsics is not None:
+        raise OutputError(f"{path}: holds opened captures only; straighten and align this one first")
+    arrays = {
+        "depth": np.asarray(capture.depth, np.float32),
+        "camera": np.array((camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)),
+        "color": capture.color,
+        "confidence": capture.confidence,
+    }
+    about = {
+        "name": capture.name,
+        "format": capture.format,
+        "sensor": capture.sensor,
+        "notes": capture.notes,
+        "mirrors": mirrors_to(capture.mirrors),
+    }
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        np.savez(
+            file,
+            about=np.frombuffer(json.dumps(about).encode(), np.uint8),
+            **{name: array for name, array in arrays.items() if array is not None},
+        )
+
+
+def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
+    """Read what :func:`write_npz` wrote; member sizes are checked before anything is unpacked."""
+    with blaming(path, "a capture of Mirror Scan"):
+        try:
+            with zipfile.ZipFile(path) as archive:
+                camera = _member(archive, path, "camera", ("f8",), 1)
+                if camera.shape != (6,) or not np.isfinite(camera).all():
+                    raise ValueError("camera is not six numbers")
+                width, height = (int(n) for n in camera[:2])
+                lens = Intrinsics(width, height, *(float(v) for v in camera[2:]))
+                stored = _member(archive, path, "depth", ("f4",), 3)
+                if stored.shape[1:] != (height, width):
+                    raise ValueError("depth is not of the camera's size")
+                chosen = chosen_frames(path, frames, len(stored))
+                depth = empty_burst(path, len(chosen), height, width)
+                depth[:] = stored[chosen.start : chosen.stop : chosen.step]
+                np.copyto(depth, 0, where=~(np.isfinite(depth) & (depth > 0)))
+                color = _member(archive, path, "color", ("u1",), 3) if "color.npy" in archive.namelist() else None
+                confidence = None
+                if "confidence.npy" in archive.namelist():
+                    confidence = _member(archive, path, "confidence", ("u1",), 3)
+                    if confidence.shape != stored.shape:
+                        raise ValueError("confidence is not of the depth's shape")
+                    confidence = confidence[chosen.start : chosen.stop : chosen.step]
+                if color is not None and color.shape != (height, width, 3):
+                    raise ValueError("colour is not of the depth's size")
+                about = json.loads(_member(archive, path, "about", ("u1",), 1).tobytes())
+        except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RecursionError, RuntimeError) as error:
+            raise CaptureError(f"{path}: is damaged ({error}); copy or save it again") from error
+        return Capture(
+            depth,
+            color,
+            lens,
+            mirrors_from(path, about, lens),
+            name=str(about["name"])[:200],
+            format=FORMAT,
+            sensor=str(about["sensor"])[:40],
+            confidence=confidence,
+            notes=tuple(str(note)[:400] for note in list(about["notes"])[:20]),
+        )
+
+
+def _member(archive: zipfile.ZipFile, path: Path, name: str, kinds: tuple[str, ...], dimensions: int) -> np.ndarray:
+    """One array, its header held against the size the archive states."""
+    entry = archive.getinfo(f"{name}.npy")
+    if name == "about" and entry.file_size > MAX_TEXT:
+        raise CaptureError(f"{path}: {name} is far too large for what it should hold")
+    if entry.compress_type != zipfile.ZIP_STORED and entry.file_size > 1100 * max(entry.compress_size, 1):
+        raise CaptureError(f"{path}: {name} unpacks to more than it can hold; save it again")
+    with archive.open(entry) as file:
+        version = np.lib.format.read_magic(file)
+        if version not in ((1, 0), (2, 0)):
+            raise ValueError(f"{name} is of an unknown version of numpy's format")
+        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, fortran, dtype = read_header(file)
+        if dtype.str[1:] not in kinds or fortran or len(shape) != dimensions:
+            raise ValueError(f"{name} is {dtype} with {len(shape)} dimensions")
+        size = math.prod(shape) * dtype.itemsize
+        if size != entry.file_size - file.tell():
+            raise ValueError(f"{name} states another size than it has")
+        if size > 4 * 256_000_000:
+            raise CaptureError(f"{path}: {name} is more than memory should hold; save fewer frames")
+        data = file.read(size)
+        if len(data) != size:
+            raise ValueError(f"{name} is cut short")
+    return np.frombuffer(data, dtype).reshape(shape)

@@ -1,0 +1,168 @@
+"""One depth image or array: PNG, TIFF, EXR, PGM or .npy, with its colour image beside it where the names agree.
+
+Raw Kinect v1 disparity is recognised by its values, and so are TUM's and SUN RGB-D's units (:mod:`.units`).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ..camera import Intrinsics
+from ..errors import CaptureError
+from ..images import MAX_PIXELS, read_image
+from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
+from .binary import blaming, read_limited, rgb, starts_with
+from .kinect_v1 import calibration, depth_of_disparity
+from .nominal import nominal_camera
+from .rgbd_folder import INTRINSIC_NAMES, read_intrinsics
+from .units import is_raw_disparity, metres
+
+FORMAT = "depth image"
+SIGNATURES = (b"\x89PNG\r\n\x1a\n", b"II*\x00", b"MM\x00*", b"v/1\x01", b"P5", b"P2", b"\x93NUMPY")
+COLOR_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".tiff", ".tif")
+
+
+def recognises(path: Path) -> bool:
+    """Whether ``path`` is an image or array file that can hold depth."""
+    return starts_with(path, *SIGNATURES)
+
+
+def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
+    """Read one depth image, or an array of frames (F, H, W) from ``.npy``."""
+    values = read_values(path, frames)
+    height, width = values.shape[1:]
+    notes: list[str] = []
+    raw = is_raw_disparity(values) if options.raw_disparity is None else options.raw_disparity
+    color_camera, pose, sensor, camera = None, None, "unknown", None
+    for name in INTRINSIC_NAMES:
+        if options.intrinsics is None and (path.parent / name).is_file():
+            camera, scale = read_intrinsics(path.parent / name)
+            if (camera.width, camera.height) == (width, height):
+                options = replace(options, intrinsics=camera, depth_unit_m=options.depth_unit_m or 1 / scale)
+    if raw:
+        if values.dtype.kind not in "ui" or (width, height) != (640, 480):
+            raise CaptureError(
+                f"{path}: is {width}×{height} {values.dtype}; raw Kinect v1 disparity is 640×480 integers"
+            )
+        depth = depth_of_disparity(options.disparity)[np.clip(values, 0, 2047)]
+        camera, color_camera, pose = calibration(options.kinect_calibration)
+        sensor = "kinect_v1"
+        notes.append(f"raw Kinect v1 disparity, by the {options.disparity} formula")
+    else:
+        depth, note = metres(values, options.depth_unit_m)
+        notes += [note] if note else []
+        nominal = nominal_camera(width, height)
+        if options.intrinsics is None and nominal is None:
+            raise CaptureError(
+                f"{path}: nothing tells the intrinsics of these {width}×{height} pixels; give them, or put an "
+                f"{INTRINSIC_NAMES[0]} beside the file"
+            )
+        if options.intrinsics is None and nominal is not None:
+            camera, sensor, note = nominal
+            notes.append(note)
+    color = None
+    if options.color:
+        found = _color_beside(path)
+        if found is not None:
+            color = rgb(read_image(found))
+            if color_camera is None and color.shape[:2] != (height, width):
+                notes.append(f"{found.name} is left out: it is {color.shape[1]}×{color.shape[0]}, not aligned to depth")
+                color = None
+            elif color_camera is not None and color.shape[:2] != (color_camera.height, color_camera.width):
+                color_camera = color_camera.scaled(color.shape[1], color.shape[0])
+    return Capture(
+        depth,
+        color,
+        options.intrinsics or camera,
+        name=path.stem,
+        format=FORMAT,
+        color_intrinsics=color_camera if color is not None else None,
+        depth_to_color=pose if color is not None else None,
+        sensor=sensor,
+        notes=tuple(notes),
+    )
+
+
+def read_values(path: Path, frames: FrameChoice = None) -> np.ndarray:
+    """The numbers of a depth image or array, as they are stored (F, H, W)."""
+    if starts_with(path, b"\x93NUMPY"):
+        return _read_npy(path, frames)
+    values = _read_pgm(path) if starts_with(path, b"P5") else read_image(path)
+    if values.ndim == 3 and values.dtype == np.float32:
+        values = values[..., 0]  # EXR writers repeat gray, or add alpha
+    if values.ndim != 2 or values.dtype == np.uint8:
+        raise CaptureError(
+            f"{path}: is an 8-bit or colour picture; depth must be 16-bit gray or floating point. "
+            "Save the frame again without converting it"
+        )
+    chosen_frames(path, frames, 1)
+    return values[None]
+
+
+def _read_npy(path: Path, frames: FrameChoice) -> np.ndarray:
+    with blaming(path, "an array of numpy"):
+        with open(path, "rb") as file:
+            version = np.lib.format.read_magic(file)
+            if version not in ((1, 0), (2, 0)):
+                raise ValueError(f"version {version}")
+            read_header = (
+                np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+            )
+            shape, fortran, dtype = read_header(file)
+            if dtype.kind not in "uif" or len(shape) not in (2, 3) or fortran or 0 in shape:
+                raise ValueError(f"{dtype} of shape {shape}")
+            start = file.tell()
+        if path.stat().st_size - start != math.prod(shape) * dtype.itemsize:
+            raise ValueError(f"shape {shape} is not what the file holds")
+        shape = shape if len(shape) == 3 else (1, *shape)
+        chosen = chosen_frames(path, frames, shape[0])
+        empty_burst(path, len(chosen), 1, 1)
+        if len(chosen) * shape[1] * shape[2] > 256_000_000:
+            raise CaptureError(f"{path}: is more than memory should hold; choose fewer frames")
+        stored = np.memmap(path, dtype, "r", start, shape)
+        return np.array(stored[chosen.start : chosen.stop : chosen.step]).astype(dtype.newbyteorder("="), copy=False)
+
+
+def _read_pgm(path: Path) -> np.ndarray:
+    """Binary PGM of 16 bits in whichever byte order makes the picture smooth: libfreenect writes the wrong one."""
+    data = read_limited(path, 2 * MAX_PIXELS + 4096)
+    match = re.match(
+        rb"P5(?:\s|#[^\n]*\n)+(\d{1,6})(?:\s|#[^\n]*\n)+(\d{1,6})(?:\s|#[^\n]*\n)+(\d{1,5})\s", data[:4096]
+    )
+    if match is None:
+        raise CaptureError(f"{path}: has no header of a PGM; copy or record it again")
+    width, height, largest = (int(n) for n in match.groups())
+    size = width * height
+    if largest < 256:
+        raise CaptureError(f"{path}: is an 8-bit picture; depth must have 16 bits. Record the depth stream itself")
+    if not size or len(data) - match.end() < 2 * size:
+        raise CaptureError(f"{path}: is truncated: {width}×{height} pixels are not all there; copy it again")
+    orders = [np.frombuffer(data, order, size, match.end()).reshape(height, width) for order in ("<u2", ">u2")]
+    little, big = orders
+    rough = [float(np.abs(np.diff(v.astype(np.float32), axis=1)).mean()) if width > 1 else 0.0 for v in orders]
+    return (little if rough[0] < rough[1] else big).astype(np.uint16)
+
+
+def _color_beside(path: Path) -> Path | None:
+    """The colour image whose name differs from the depth image's only by the word for its kind."""
+    if "depth" not in path.stem.lower():
+        return None
+    for word in ("color", "colour", "rgb", "image"):
+        stem = re.sub("depth", word, path.stem, flags=re.IGNORECASE)
+        for suffix in COLOR_SUFFIXES:
+            candidate = path.with_name(stem + suffix)
+            if candidate.is_file():
+                return candidate
+    return None
+
+
+def named_camera(width: int, height: int, options: ReadOptions) -> tuple[Intrinsics | None, str, str]:
+    """Intrinsics for frames that come without any: those given, else published ones; with sensor name and note."""
+    if options.intrinsics is not None:
+        return options.intrinsics, "unknown", ""
+    return nominal_camera(width, height) or (None, "unknown", "")

@@ -1,0 +1,553 @@
+"""Depth and colour brought onto one upright pinhole grid: undistortion, registration, turns and mirrored streams.
+
+A reader yields what the camera wrote; :func:`align` makes of it what the pipeline expects. Colour is looked up for
+each depth pixel rather than depth moved to the colour image, so that no reading is resampled twice.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numba import njit, prange
+
+from .camera import Intrinsics, padded, project, undistort
+from .capture import Capture, MirrorPicks
+from .errors import CaptureError
+
+MAX_GROWTH = 2.25  # of the pixel count, when a wide-angle image is straightened
+_SAME_SURFACE = 0.03  # neighbouring readings differ by less than this share of their depth
+_TURNS = {0: 0, 90: 1, 180: 2, 270: 3}
+
+
+def align(capture: Capture) -> Capture:
+    """Straighten depth and bring colour onto its grid.
+
+    Parameters
+    ----------
+    capture : Capture
+        As a reader made it: ``intrinsics`` may have distortion; ``color`` is of any size when ``color_intrinsics`` and
+        ``depth_to_color`` are given, else aligned to the depth map as it is stored.
+
+    Returns
+    -------
+    Capture
+        Pinhole ``intrinsics``, ``color`` of the depth map's size, ``color_intrinsics`` and ``depth_to_color`` None;
+        picks on mirrors moved along.
+
+    Raises
+    ------
+    CaptureError
+        When the colour image is of another size and nothing says how it lies to the depth map.
+    """
+    depth, color, camera = capture.depth, capture.color, capture.intrinsics
+    notes = capture.notes
+    if color is not None and capture.color_intrinsics is None and color.shape[:2] != depth.shape[1:]:
+        raise CaptureError(
+            f"{capture.name}: colour is {color.shape[1]}×{color.shape[0]} px, depth {camera.width}×{camera.height}; "
+            "nothing says how they lie to each other; align them when recording, or go without colour"
+        )
+    if not camera.is_pinhole:
+        straight = straightened(camera)
+        depth = undistort_depth(depth, camera, straight, interpolate=capture.sensor != "kinect_v1")
+        confidence = None if capture.confidence is None else undistort_labels(capture.confidence, camera, straight)
+        if color is not None and capture.color_intrinsics is None:
+            color = undistort_color(color, camera, straight)
+        mirrors = tuple(_moved(pick, lambda uv: _straight_pixels(uv, camera, straight)) for pick in capture.mirrors)
+        capture = replace(capture, depth=depth, confidence=confidence, intrinsics=straight, mirrors=mirrors)
+    if color is not None and capture.color_intrinsics is not None:
+        pose = np.eye(4) if capture.depth_to_color is None else capture.depth_to_color
+        color, seen = color_on_depth(first_readings(depth), capture.intrinsics, color, capture.color_intrinsics, pose)
+        if seen < 0.9:
+            notes = (*notes, f"the colour camera sees only {seen:.0%} of the readings; the rest stays black")
+    return replace(capture, color=color, color_intrinsics=None, depth_to_color=None, notes=notes)
+
+
+def turned(capture: Capture, degrees: int) -> Capture:
+    """``capture`` turned clockwise by 0, 90, 180 or 270°, as a picture is; the camera frame turns along.
+
+    A camera mounted on its side by a quarter turn clockwise (seen from behind) is made upright by 90.
+
+    Raises
+    ------
+    CaptureError
+        For any other angle.
+    """
+    if degrees not in _TURNS:
+        raise CaptureError(f"{capture.name}: a capture can be turned by 0, 90, 180 or 270 degrees, not {degrees}")
+    for _ in range(_TURNS[degrees]):
+        height = capture.intrinsics.height
+        old = capture.intrinsics
+        capture = replace(
+            capture,
+            depth=_turn(capture.depth),
+            color=None if capture.color is None else np.ascontiguousarray(np.rot90(capture.color, -1)),
+            confidence=None if capture.confidence is None else _turn(capture.confidence),
+            intrinsics=Intrinsics(old.height, old.width, old.fy, old.fx, old.height - 1 - old.cy, old.cx),
+            mirrors=tuple(
+                _moved(
+                    pick,
+                    lambda uv, h=height: np.column_stack((h - 1 - uv[:, 1], uv[:, 0])),
+                    lambda p: np.array((-p[1], p[0], p[2])),
+                )
+                for pick in capture.mirrors
+            ),
+        )
+    return capture
+
+
+def unmirrored(capture: Capture) -> Capture:
+    """``capture`` with left and right exchanged: for streams that come as in a looking glass (Kinect v2's SDK)."""
+    width, old = capture.intrinsics.width, capture.intrinsics
+    return replace(
+        capture,
+        depth=np.ascontiguousarray(capture.depth[:, :, ::-1]),
+        color=None if capture.color is None else np.ascontiguousarray(capture.color[:, ::-1]),
+        confidence=None if capture.confidence is None else np.ascontiguousarray(capture.confidence[:, :, ::-1]),
+        intrinsics=replace(old, cx=width - 1 - old.cx),
+        mirrors=tuple(
+            _moved(
+                pick,
+                lambda uv: np.column_stack((width - 1 - uv[:, 0], uv[:, 1])),
+                lambda p: np.array((-p[0], p[1], p[2])),
+            )
+            for pick in capture.mirrors
+        ),
+    )
+
+
+def straightened(camera: Intrinsics) -> Intrinsics:
+    """The pinhole camera an image of ``camera`` is straightened into.
+
+    Focal lengths stay, so the centre keeps its resolution; the image grows to hold what the middle of each edge sees,
+    but to no more than ``MAX_GROWTH`` times the pixels: beyond that the focal lengths give way.
+
+    Raises
+    ------
+    CaptureError
+        When the lens model does not hold inside the image.
+    """
+    middle_u = np.linspace(0.2, 0.8, 25) * (camera.width - 1)
+    middle_v = np.linspace(0.2, 0.8, 25) * (camera.height - 1)
+    edges = np.concatenate(
+        [np.column_stack((np.full(25, u), middle_v)) for u in (0, camera.width - 1)]
+        + [np.column_stack((middle_u, np.full(25, v))) for v in (0, camera.height - 1)]
+    )
+    rays = undistort((edges - (camera.cx, camera.cy)) / (camera.fx, camera.fy), camera.distortion)
+    rays = rays[np.isfinite(rays).all(axis=1)]
+    low, high = (rays.min(axis=0), rays.max(axis=0)) if len(rays) else (np.zeros(2), np.zeros(2))
+    if len(rays) < 50 or (low >= high).any() or max(-low.min(), high.max()) > 20:
+        raise CaptureError(
+            "intrinsics: the distortion coefficients do not describe this image (they fold inside it); "
+            "check their order, k1 k2 p1 p2 k3 k4 k5 k6, and that they belong to this resolution"
+        )
+    focal = np.array((camera.fx, camera.fy))
+    size = (high - low) * focal + 1
+    scale = min(1.0, math.sqrt(MAX_GROWTH * camera.width * camera.height / size.prod()))
+    focal = focal * scale
+    width, height = (max(1, math.ceil(n - 1e-6)) for n in (high - low) * focal + 1)
+    cx, cy = -low * focal
+    return Intrinsics(width, height, *(float(v) for v in (*focal, cx, cy)))
+
+
+def undistort_depth(
+    depth: np.ndarray, camera: Intrinsics, straight: Intrinsics, interpolate: bool = True
+) -> np.ndarray:
+    """Depth maps as the pinhole camera ``straight`` would read them.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(F, H, W), dtype=float32]
+        Read by ``camera`` [m]; 0 = no reading.
+    interpolate : bool
+        Between four readings of one surface 1/z is interpolated, which is exact on planes; at edges, and everywhere
+        when False (for readings whose steps still matter), the nearest reading is taken.
+
+    Returns
+    -------
+    np.ndarray [shape=(F, H', W'), dtype=float32]
+    """
+    out = np.zeros((len(depth), straight.height, straight.width), np.float32)
+    _undistort_depth(np.ascontiguousarray(depth, np.float32), _pack(camera), _pack(straight), interpolate, out)
+    return out
+
+
+def undistort_labels(labels: np.ndarray, camera: Intrinsics, straight: Intrinsics) -> np.ndarray:
+    """Nearest labels (F, H', W') uint8 of (F, H, W) uint8 in the pinhole camera ``straight``; 0 outside."""
+    out = np.zeros((len(labels), straight.height, straight.width), np.uint8)
+    _undistort_labels(np.ascontiguousarray(labels, np.uint8), _pack(camera), _pack(straight), out)
+    return out
+
+
+def undistort_color(color: np.ndarray, camera: Intrinsics, straight: Intrinsics) -> np.ndarray:
+    """Colour image (H', W', 3) uint8 of (H, W, 3) in the pinhole camera ``straight``, bilinear; black outside."""
+    out = np.zeros((straight.height, straight.width, 3), np.uint8)
+    _undistort_color(np.ascontiguousarray(color, np.uint8), _pack(camera), _pack(straight), out)
+    return out
+
+
+def color_on_depth(
+    depth: np.ndarray,
+    camera: Intrinsics,
+    color: np.ndarray,
+    color_camera: Intrinsics,
+    depth_to_color: np.ndarray,
+) -> tuple[np.ndarray, float]:
+    """Colour of each depth pixel, occlusion between the two cameras heeded by a z-buffer.
+
+    Pixels without a reading take the colour at the depth of the farther neighbour of their row; readings the colour
+    camera cannot see because something stands before them take the nearest seen colour of their own surface.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m] in ``camera``, a pinhole; 0 = no reading.
+    color : np.ndarray [shape=(Hc, Wc, 3), dtype=uint8]
+        Taken by ``color_camera``, distorted or not.
+    depth_to_color : np.ndarray [shape=(4, 4)]
+        Takes points [m] of the depth camera's frame into the colour camera's.
+
+    Returns
+    -------
+    color : np.ndarray [shape=(H, W, 3), dtype=uint8]
+        Black outside the colour camera's view.
+    seen : float
+        Share of the readings inside that view.
+
+    Raises
+    ------
+    CaptureError
+        Sizes that do not fit their intrinsics, or no rigid ``depth_to_color``.
+    """
+    _check_size(depth, camera, "depth map")
+    _check_size(color, color_camera, "colour image")
+    out = np.zeros((*depth.shape, 3), np.uint8)
+    pitch = max(color_camera.fx / camera.fx, color_camera.fy / camera.fy, 1.0)
+    buffer = np.full((math.ceil(color.shape[0] / pitch) + 2, math.ceil(color.shape[1] / pitch) + 2), np.inf, np.float32)
+    inside, readings = _color_on_depth(
+        np.ascontiguousarray(depth, np.float32),
+        _pack(camera),
+        np.ascontiguousarray(color, np.uint8),
+        _pack(color_camera),
+        _fold_radius(color_camera),
+        _rigid(depth_to_color),
+        pitch,
+        buffer,
+        out,
+    )
+    return out, inside / max(readings, 1)
+
+
+def depth_on_color(
+    depth: np.ndarray, camera: Intrinsics, color_camera: Intrinsics, depth_to_color: np.ndarray
+) -> np.ndarray:
+    """Depth maps as the colour camera would read them: the depth grid's surface drawn into a z-buffer.
+
+    Cells of the grid whose corners lie on one surface are drawn as two triangles (no holes where the colour image is
+    finer), lone readings as one pixel; the nearer surface wins.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(F, H, W), dtype=float32]
+        z [m] in ``camera``, a pinhole; 0 = no reading.
+    color_camera : Intrinsics
+        Its distortion is applied: the result lies on the colour image as it was taken.
+    depth_to_color : np.ndarray [shape=(4, 4)]
+        Takes points [m] of the depth camera's frame into the colour camera's.
+
+    Returns
+    -------
+    np.ndarray [shape=(F, Hc, Wc), dtype=float32]
+        z [m] in the colour camera's frame.
+
+    Raises
+    ------
+    CaptureError
+        As :func:`color_on_depth`.
+    """
+    _check_size(depth[0], camera, "depth map")
+    out = np.full((len(depth), color_camera.height, color_camera.width), np.inf, np.float32)
+    pose, fold = _rigid(depth_to_color), _fold_radius(color_camera)
+    for frame, target in zip(depth, out, strict=True):
+        _depth_on_color(np.ascontiguousarray(frame, np.float32), _pack(camera), _pack(color_camera), fold, pose, target)
+    out[~np.isfinite(out)] = 0
+    return out
+
+
+def first_readings(depth: np.ndarray) -> np.ndarray:
+    """Of each pixel the first reading of a burst (F, H, W) -> (H, W) float32."""
+    first = depth[0].copy()
+    for frame in depth[1:]:
+        np.copyto(first, frame, where=first == 0)
+    return first
+
+
+def _turn(maps: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(np.rot90(maps, -1, axes=(1, 2)))
+
+
+def _moved(pick: MirrorPicks, pixels, vector=lambda p: p) -> MirrorPicks:
+    """``pick`` with its pixels and its plane taken through two functions."""
+    if pick.frame_pixels is not None:
+        return replace(pick, frame_pixels=pixels(pick.frame_pixels))
+    return replace(pick, point=vector(pick.point), normal=vector(pick.normal))
+
+
+def _straight_pixels(pixels: np.ndarray, camera: Intrinsics, straight: Intrinsics) -> np.ndarray:
+    rays = undistort((pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy), camera.distortion)
+    return project(np.column_stack((rays, np.ones(len(rays)))), straight)
+
+
+def _check_size(image: np.ndarray, camera: Intrinsics, what: str) -> None:
+    if image.shape[:2] != (camera.height, camera.width):
+        raise CaptureError(
+            f"the {what} is {image.shape[1]}×{image.shape[0]}, its intrinsics are for {camera.width}×{camera.height}; "
+            "use the intrinsics of this resolution"
+        )
+
+
+def _rigid(pose: np.ndarray) -> np.ndarray:
+    """``pose`` as (3, 4) float64, checked to be a rotation and a shift."""
+    pose = np.asarray(pose, np.float64)
+    rotation = pose[:3, :3]
+    if (
+        pose.shape != (4, 4)
+        or not np.isfinite(pose).all()
+        or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-2
+        or np.linalg.det(rotation) < 0
+    ):
+        raise CaptureError("the transform from depth to colour must be a rotation and a shift (4, 4) in metres")
+    return np.ascontiguousarray(pose[:3])
+
+
+def _pack(camera: Intrinsics) -> np.ndarray:
+    """fx, fy, cx, cy and the eight coefficients, for kernels."""
+    return np.array((camera.fx, camera.fy, camera.cx, camera.cy, *padded(camera.distortion)))
+
+
+def _fold_radius(camera: Intrinsics) -> float:
+    """Squared distance from the axis on the plane z = 1 beyond which the lens model folds back."""
+    if camera.is_pinhole:
+        return math.inf
+    k1, k2, _, _, k3, k4, k5, k6 = padded(camera.distortion)
+    r = np.linspace(0, 6, 6001)
+    r2 = r * r
+    with np.errstate(all="ignore"):
+        image = r * (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    falling = np.flatnonzero(~(np.diff(image) > 0))
+    return float(r2[falling[0]]) if len(falling) else math.inf
+
+
+@njit(cache=True, nogil=True)
+def _pixel(x, y, lens):
+    """Distorted pixel of the direction (x, y, 1)."""
+    k1, k2, p1, p2, k3, k4, k5, k6 = lens[4], lens[5], lens[6], lens[7], lens[8], lens[9], lens[10], lens[11]
+    r2 = x * x + y * y
+    radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    return u * lens[0] + lens[2], v * lens[1] + lens[3]
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _undistort_depth(depth, lens, straight, interpolate, out):
+    frames, height, width = depth.shape
+    for row in prange(out.shape[1]):
+        y = (row - straight[3]) / straight[1]
+        for column in range(out.shape[2]):
+            u, v = _pixel((column - straight[2]) / straight[0], y, lens)
+            if not (u > -0.5 and v > -0.5 and u < width - 0.5 and v < height - 0.5):
+                continue
+            near_u, near_v = int(u + 0.5), int(v + 0.5)
+            left, top = int(math.floor(u)), int(math.floor(v))
+            within = interpolate and left >= 0 and top >= 0 and left + 1 < width and top + 1 < height
+            a, b = u - left, v - top
+            for f in range(frames):
+                z = depth[f, near_v, near_u]
+                if within and z > 0:
+                    z00, z01 = depth[f, top, left], depth[f, top, left + 1]
+                    z10, z11 = depth[f, top + 1, left], depth[f, top + 1, left + 1]
+                    low, high = min(z00, z01, z10, z11), max(z00, z01, z10, z11)
+                    if low > 0 and high - low < _SAME_SURFACE * low:
+                        inverse = (1 - b) * ((1 - a) / z00 + a / z01) + b * ((1 - a) / z10 + a / z11)
+                        z = np.float32(1.0 / inverse)
+                out[f, row, column] = z
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _undistort_labels(labels, lens, straight, out):
+    frames, height, width = labels.shape
+    for row in prange(out.shape[1]):
+        y = (row - straight[3]) / straight[1]
+        for column in range(out.shape[2]):
+            u, v = _pixel((column - straight[2]) / straight[0], y, lens)
+            if u > -0.5 and v > -0.5 and u < width - 0.5 and v < height - 0.5:
+                for f in range(frames):
+                    out[f, row, column] = labels[f, int(v + 0.5), int(u + 0.5)]
+
+
+@njit(cache=True, nogil=True)
+def _sample(color, u, v, out):
+    """Bilinear colour at a pixel inside the image."""
+    height, width = color.shape[:2]
+    left = min(max(int(math.floor(u)), 0), max(width - 2, 0))
+    top = min(max(int(math.floor(v)), 0), max(height - 2, 0))
+    right, bottom = min(left + 1, width - 1), min(top + 1, height - 1)
+    a, b = min(max(u - left, 0.0), 1.0), min(max(v - top, 0.0), 1.0)
+    for c in range(3):
+        value = (1 - b) * ((1 - a) * color[top, left, c] + a * color[top, right, c]) + b * (
+            (1 - a) * color[bottom, left, c] + a * color[bottom, right, c]
+        )
+        out[c] = np.uint8(value + 0.5)
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _undistort_color(color, lens, straight, out):
+    height, width = color.shape[:2]
+    for row in prange(out.shape[0]):
+        y = (row - straight[3]) / straight[1]
+        for column in range(out.shape[1]):
+            u, v = _pixel((column - straight[2]) / straight[0], y, lens)
+            if u > -0.5 and v > -0.5 and u < width - 0.5 and v < height - 0.5:
+                _sample(color, u, v, out[row, column])
+
+
+@njit(cache=True, nogil=True)
+def _into_color(column, row, z, camera, lens, fold, pose):
+    """Pixel and depth of a reading in the colour camera; depth 0 when it is behind the camera or past the lens."""
+    x, y = (column - camera[2]) / camera[0] * z, (row - camera[3]) / camera[1] * z
+    depth = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
+    if depth <= 1e-6:
+        return 0.0, 0.0, 0.0
+    x, y = (
+        (pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]) / depth,
+        (pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]) / depth,
+    )
+    if x * x + y * y >= fold:
+        return 0.0, 0.0, 0.0
+    u, v = _pixel(x, y, lens)
+    return u, v, depth
+
+
+@njit(cache=True, nogil=True)
+def _color_on_depth(depth, camera, color, lens, fold, pose, pitch, buffer, out):
+    height, width = depth.shape
+    rows, columns = color.shape[:2]
+    inside = readings = 0
+    for row in range(height):
+        for column in range(width):
+            if depth[row, column] > 0:
+                readings += 1
+                u, v, z = _into_color(column, row, depth[row, column], camera, lens, fold, pose)
+                if z > 0 and u > -0.5 and v > -0.5 and u < columns - 0.5 and v < rows - 0.5:
+                    inside += 1
+                    i, j = int((v + 0.5) / pitch), int((u + 0.5) / pitch)
+                    for k in range(2):  # a footprint of 2 x 2 cells leaves no gaps between neighbouring readings
+                        for m in range(2):
+                            buffer[i + k, j + m] = min(buffer[i + k, j + m], z)
+    hidden = np.zeros(width, np.bool_)
+    filled = np.zeros(width, np.float32)
+    for row in range(height):
+        _fill_row(depth[row], filled)
+        for column in range(width):
+            hidden[column] = False
+            if filled[column] <= 0:
+                continue
+            u, v, z = _into_color(column, row, filled[column], camera, lens, fold, pose)
+            if z > 0 and u > -0.5 and v > -0.5 and u < columns - 0.5 and v < rows - 0.5:
+                # the second cell of each axis was reached by this reading, too, and holds no farther surface's rim
+                before = buffer[int((v + 0.5) / pitch) + 1, int((u + 0.5) / pitch) + 1]
+                hidden[column] = before < z * (1 - _SAME_SURFACE) - 0.01
+                _sample(color, u, v, out[row, column])
+        _borrow(out[row], filled, hidden)
+    return inside, readings
+
+
+@njit(cache=True, nogil=True)
+def _fill_row(depth, filled):
+    """Gaps of a row take the farther of the readings on both sides: what is behind an edge."""
+    width = len(depth)
+    column = 0
+    before = np.float32(0)
+    while column < width:
+        if depth[column] > 0:
+            before = depth[column]
+            filled[column] = before
+            column += 1
+            continue
+        end = column
+        while end < width and depth[end] <= 0:
+            end += 1
+        after = depth[end] if end < width else np.float32(0)
+        filled[column:end] = max(before, after)
+        column = end
+
+
+@njit(cache=True, nogil=True)
+def _borrow(colors, depth, hidden):
+    """Hidden pixels of a row take the nearest seen colour at a like depth; their own, of what hides them, if none."""
+    width = len(depth)
+    for column in range(width):
+        if not hidden[column]:
+            continue
+        for step in range(1, width):
+            left, right = column - step, column + step
+            if left < 0 and right >= width:
+                break
+            source = -1
+            if left >= 0 and not hidden[left] and abs(depth[left] - depth[column]) < 0.1 * depth[column]:
+                source = left
+            elif right < width and not hidden[right] and abs(depth[right] - depth[column]) < 0.1 * depth[column]:
+                source = right
+            if source >= 0:
+                colors[column] = colors[source]
+                break
+
+
+@njit(cache=True, nogil=True)
+def _depth_on_color(depth, camera, lens, fold, pose, out):
+    height, width = depth.shape
+    pixels = np.zeros((height, width, 3))
+    drawn = np.zeros((height, width), np.bool_)
+    for row in range(height):
+        for column in range(width):
+            if depth[row, column] > 0:
+                u, v, z = _into_color(column, row, depth[row, column], camera, lens, fold, pose)
+                pixels[row, column, 0], pixels[row, column, 1], pixels[row, column, 2] = u, v, z
+    for row in range(height - 1):
+        for column in range(width - 1):
+            above, below = pixels[row], pixels[row + 1]
+            if _triangle(above[column], above[column + 1], below[column], out):
+                drawn[row, column] = drawn[row, column + 1] = drawn[row + 1, column] = True
+            if _triangle(above[column + 1], below[column + 1], below[column], out):
+                drawn[row, column + 1] = drawn[row + 1, column + 1] = drawn[row + 1, column] = True
+    for row in range(height):
+        for column in range(width):
+            u, v, z = pixels[row, column]
+            if z > 0 and not drawn[row, column] and -0.5 < u < out.shape[1] - 0.5 and -0.5 < v < out.shape[0] - 0.5:
+                i, j = int(v + 0.5), int(u + 0.5)
+                out[i, j] = min(out[i, j], z)
+
+
+@njit(cache=True, nogil=True)
+def _triangle(a, b, c, out):
+    """Draw one triangle of (u, v, z) corners, 1/z interpolated; False when it spans a jump in depth."""
+    low, high = min(a[2], b[2], c[2]), max(a[2], b[2], c[2])
+    if low <= 0 or high - low > _SAME_SURFACE * low:
+        return False
+    area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
+    if area <= 0:  # turned away from the colour camera
+        return True
+    first = max(int(math.ceil(min(a[1], b[1], c[1]))), 0)
+    last = min(int(math.floor(max(a[1], b[1], c[1]))), out.shape[0] - 1)
+    left = max(int(math.ceil(min(a[0], b[0], c[0]))), 0)
+    right = min(int(math.floor(max(a[0], b[0], c[0]))), out.shape[1] - 1)
+    for i in range(first, last + 1):
+        for j in range(left, right + 1):
+            wb = ((j - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (i - a[1])) / area
+            wc = ((b[0] - a[0]) * (i - a[1]) - (j - a[0]) * (b[1] - a[1])) / area
+            wa = 1 - wb - wc
+            if wa >= -1e-9 and wb >= -1e-9 and wc >= -1e-9:
+                out[i, j] = min(out[i, j], 1.0 / (wa / a[2] + wb / b[2] + wc / c[2]))
+    return True
