@@ -23,6 +23,12 @@ FrameChoice = int | str | None
 # In the order they are asked; the narrow ones first. Imported one by one: some bring numba.
 READERS = (
     "npz",
+    "pcd",
+    "ply",
+    "tum",
+    "sun",
+    "pclzf",
+    "fakenect",
     "rgbd_folder",
     "single_image",
 )

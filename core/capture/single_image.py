@@ -12,10 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera import Intrinsics
 from ..errors import CaptureError
 from ..images import MAX_PIXELS, read_image
-from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
+from . import MAX_BURST_PIXELS, Capture, FrameChoice, ReadOptions, chosen_frames
 from .binary import blaming, read_limited, rgb, starts_with
 from .kinect_v1 import calibration, depth_of_disparity
 from .nominal import nominal_camera
@@ -121,8 +120,7 @@ def _read_npy(path: Path, frames: FrameChoice) -> np.ndarray:
             raise ValueError(f"shape {shape} is not what the file holds")
         shape = shape if len(shape) == 3 else (1, *shape)
         chosen = chosen_frames(path, frames, shape[0])
-        empty_burst(path, len(chosen), 1, 1)
-        if len(chosen) * shape[1] * shape[2] > 256_000_000:
+        if len(chosen) * shape[1] * shape[2] > MAX_BURST_PIXELS:
             raise CaptureError(f"{path}: is more than memory should hold; choose fewer frames")
         stored = np.memmap(path, dtype, "r", start, shape)
         return np.array(stored[chosen.start : chosen.stop : chosen.step]).astype(dtype.newbyteorder("="), copy=False)
@@ -159,10 +157,3 @@ def _color_beside(path: Path) -> Path | None:
             if candidate.is_file():
                 return candidate
     return None
-
-
-def named_camera(width: int, height: int, options: ReadOptions) -> tuple[Intrinsics | None, str, str]:
-    """Intrinsics for frames that come without any: those given, else published ones; with sensor name and note."""
-    if options.intrinsics is not None:
-        return options.intrinsics, "unknown", ""
-    return nominal_camera(width, height) or (None, "unknown", "")

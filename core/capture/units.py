@@ -13,9 +13,9 @@ _ENOUGH = 500  # readings before a pattern counts as one
 def metres(values: np.ndarray, unit_m: float | None) -> tuple[np.ndarray, str]:
     """Whole or real numbers as depth (…) float32 [m], and a note of what was taken for what.
 
-    Whole numbers are millimetres unless all are multiples of 8 (SUN RGB-D: the low 3 bits hold what 16-bit
-    millimetres have on top) or of 5 (TUM RGB-D: 5000 to a metre, written from millimetres). Real numbers are metres
-    unless their median is beyond 100: then millimetres, as libfreenect2 has them.
+    Whole numbers are millimetres unless nearly all are multiples of 8 (SUN RGB-D: the low 3 bits hold what 16-bit
+    millimetres have on top, of which up to 16 m use one) or of 5 (TUM RGB-D: 5000 to a metre, from millimetres). Real
+    numbers are metres unless their median is beyond 100: then millimetres, as libfreenect2 has them.
     """
     if values.dtype.kind not in "uif" or (values.dtype.kind in "ui" and values.dtype.itemsize > 8):
         raise CaptureError(f"depth must be whole or real numbers, not {values.dtype}")
@@ -34,12 +34,13 @@ def metres(values: np.ndarray, unit_m: float | None) -> tuple[np.ndarray, str]:
     if unit_m is None:
         unit_m = 0.001
         if read.size >= _ENOUGH and read.max() > 2000:
-            if values.dtype == np.uint16 and not (read & 7).any():
+            low = read & 7
+            if values.dtype == np.uint16 and (low <= 1).all() and (low == 0).mean() > 0.6:
                 values = (values >> 3) | (values << 13)
                 note = "depth is written with its bits turned by three, as SUN RGB-D does"
-            elif not (read % 5).any():
+            elif (read % 5 == 0).mean() > 0.99:
                 unit_m = 0.0002
-                note = "depth is taken to be 5000 to a metre, as TUM RGB-D writes it (all values are multiples of 5)"
+                note = "depth is taken to be 5000 to a metre, as TUM RGB-D writes it (its values are multiples of 5)"
     if unit_m == 0.001:
         return np.divide(values, 1000, dtype=np.float32), note  # as the folder reader has it, to the last bit
     if unit_m == 0.0002:

@@ -1,0 +1,114 @@
+"""PCL's image grabber: ``NAME_depth.pclzf`` (LZF, 16 bits), ``NAME_rgb.pclzf`` and ``NAME.xml``, or TIFFs beside it.
+
+A file, or the folder that holds a sequence of them.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from ..camera import Intrinsics
+from ..errors import CaptureError
+from ..images import MAX_PIXELS
+from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
+from .binary import blaming, read_limited, starts_with, yuyv_to_rgb
+from .lzf import lzf_decompress
+from .nominal import nominal_camera
+from .units import metres
+
+FORMAT = "PCL image grabber"
+MAGIC = b"PCLZF"
+HEADER = struct.Struct("<5sII16sII")  # magic, width, height, kind, size packed and unpacked
+BYTES = {"depth16": 2, "rgb24": 3, "yuv422": 2, "bayer8": 1}
+
+
+def recognises(path: Path) -> bool:
+    """Whether ``path`` is a .pclzf file or a folder of them."""
+    if path.is_dir():
+        return next(path.glob("*_depth.pclzf"), None) is not None
+    return starts_with(path, MAGIC)
+
+
+def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
+    """Read one frame or a sequence; colour and intrinsics of the first chosen frame."""
+    files = sorted(path.glob("*_depth.pclzf")) if path.is_dir() else [path]
+    chosen = chosen_frames(path, frames, len(files))
+    depth, notes = None, []
+    for i, number in enumerate(chosen):
+        kind, values = read_pclzf(files[number])
+        if kind != "depth16":
+            raise CaptureError(
+                f"{files[number]}: holds {kind}, not depth; open the file whose name ends in _depth.pclzf"
+            )
+        if depth is None:
+            depth = empty_burst(path, len(chosen), *values.shape)
+        if values.shape != depth.shape[1:]:
+            raise CaptureError(f"{files[number]}: is of another size than the first frame")
+        depth[i] = metres(values, options.depth_unit_m or 0.001)[0]
+    first = files[chosen[0]]
+    base = first.name.removesuffix(".pclzf").removesuffix("_depth")
+    height, width = depth.shape[1:]
+    camera = options.intrinsics
+    if camera is None and (first.parent / f"{base}.xml").is_file():
+        camera = _parameters(first.parent / f"{base}.xml", width, height)
+    if camera is None:
+        nominal = nominal_camera(width, height)
+        if nominal is None:
+            raise CaptureError(f"{first}: {base}.xml with its intrinsics is missing; put it beside the file")
+        camera, _, note = nominal
+        notes.append(note)
+    color = None
+    rgb_file = first.parent / f"{base}_rgb.pclzf"
+    if options.color and rgb_file.is_file() and rgb_file != first:
+        kind, image = read_pclzf(rgb_file)
+        color = {"rgb24": lambda p: p, "yuv422": lambda p: yuyv_to_rgb(p, luma_first=False)}.get(kind, lambda p: None)(
+            image
+        )
+        if color is None:
+            notes.append(f"{rgb_file.name} is left out: {kind} is no colour image")
+    return Capture(depth, color, camera, name=path.stem, format=FORMAT, sensor="kinect_v1", notes=tuple(notes))
+
+
+def read_pclzf(path: Path) -> tuple[str, np.ndarray]:
+    """Kind and pixels of one file: (H, W) uint16 depth, (H, W, 3) colour, (H, W, 2) packed YUV or (H, W) Bayer."""
+    data = read_limited(path, 8 * MAX_PIXELS)
+    with blaming(path, "a .pclzf"):
+        magic, width, height, kind, packed, unpacked = HEADER.unpack_from(data)
+        kind = kind.split(b"\0")[0].split(b" ")[0].decode("ascii")
+        if magic != MAGIC or kind not in BYTES or not 0 < width * height <= MAX_PIXELS:
+            raise ValueError(f"{width}×{height} {kind[:16]}")
+        if unpacked != width * height * BYTES[kind] or packed > len(data) - HEADER.size:
+            raise ValueError("the size of the image is not what the header says")
+        raw = lzf_decompress(data[HEADER.size : HEADER.size + packed], unpacked)
+    if kind == "depth16":
+        return kind, raw.view("<u2").reshape(height, width)
+    if kind == "rgb24":  # plane by plane
+        return kind, np.ascontiguousarray(raw.reshape(3, height, width).transpose(1, 2, 0))
+    if kind == "yuv422":  # u, y and v one after the other
+        quarter = width * height // 2
+        u, y, v = raw[:quarter], raw[quarter : 3 * quarter], raw[3 * quarter :]
+        packed_yuv = np.empty((height, width, 2), np.uint8)
+        packed_yuv[..., 1] = y.reshape(height, width)
+        packed_yuv[:, 0::2, 0], packed_yuv[:, 1::2, 0] = u.reshape(height, -1), v.reshape(height, -1)
+        return kind, packed_yuv
+    return kind, raw.reshape(height, width)
+
+
+def _parameters(path: Path, width: int, height: int) -> Intrinsics | None:
+    """The depth camera of the grabber's XML; read by its four fixed names, so that no entity is ever expanded."""
+    text = read_limited(path, 100_000).decode("utf-8", "replace")
+    section = re.search(r"<depth>(.*?)</depth>", text, re.DOTALL)
+    if section is None:
+        raise CaptureError(f"{path}: has no section <depth> with the camera's parameters")
+    values = []
+    for name in ("focal_length_x", "focal_length_y", "principal_point_x", "principal_point_y"):
+        number = re.search(rf"<{name}>\s*([-+0-9.eE]{{1,40}})\s*</{name}>", section[1])
+        try:
+            values.append(float(number[1]) if number else np.nan)
+        except ValueError:
+            values.append(np.nan)
+    return Intrinsics(width, height, *values)

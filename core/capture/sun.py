@@ -1,0 +1,64 @@
+"""SUN RGB-D: ``intrinsics.txt``, one ``depth*/…png`` with its bits turned by three, one ``image/…jpg``.
+
+Also SUN3D's and Mirror3D's relatives: a folder with ``intrinsics.txt`` of nine numbers, row by row.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..camera import Intrinsics
+from ..errors import CaptureError
+from ..images import read_image
+from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
+from .binary import read_limited, rgb
+from .rgbd_folder import sensor_named
+from .single_image import read_values
+from .units import metres
+
+FORMAT = "SUN RGB-D"
+DEPTH_FOLDERS = ("depth", "depth_bfx")  # as read, then with holes filled by the data set's makers
+
+
+def recognises(path: Path) -> bool:
+    """Whether ``path`` is a folder with ``intrinsics.txt`` and a folder of depth."""
+    return path.is_dir() and (path / "intrinsics.txt").is_file() and any((path / d).is_dir() for d in DEPTH_FOLDERS)
+
+
+def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
+    """Read one scene."""
+    folder = next(path / d for d in DEPTH_FOLDERS if (path / d).is_dir())
+    files = sorted(folder.glob("*.png"))
+    chosen = chosen_frames(folder, frames, len(files))
+    depth = None
+    for i, number in enumerate(chosen):
+        values = read_values(files[number])[0]
+        if depth is None:
+            depth = empty_burst(path, len(chosen), *values.shape)
+        if values.shape != depth.shape[1:] or values.dtype != np.uint16:
+            raise CaptureError(f"{files[number]}: must be 16-bit gray and of the size of the first frame")
+        unturned = (values >> 3) | (values << 13) if options.depth_unit_m is None else values
+        depth[i] = metres(unturned, options.depth_unit_m or 0.001)[0]
+    height, width = depth.shape[1:]
+    camera = options.intrinsics or _intrinsics(path / "intrinsics.txt", width, height)
+    color = None
+    if options.color and (path / "image").is_dir():
+        images = sorted(p for p in (path / "image").iterdir() if p.suffix.lower() in (".jpg", ".jpeg", ".png"))
+        if images:
+            color = rgb(read_image(images[0]))
+    sensor = next((s for part in path.resolve().parts[::-1] if (s := sensor_named(part)) != "unknown"), "unknown")
+    return Capture(depth, color, camera, name=path.resolve().name, format=FORMAT, sensor=sensor)
+
+
+def _intrinsics(path: Path, width: int, height: int) -> Intrinsics:
+    text = read_limited(path, 100_000).decode("ascii", "replace")
+    try:
+        fx, skew, cx, below, fy, cy, *last = (float(word) for word in text.split()[:9])
+    except ValueError:
+        fx = skew = cx = below = fy = cy = np.nan
+        last = []
+    if last != [0, 0, 1] or skew or below:
+        raise CaptureError(f"{path}: must hold nine numbers, fx 0 cx 0 fy cy 0 0 1")
+    return Intrinsics(width, height, fx, fy, cx, cy)

@@ -1,0 +1,88 @@
+"""TUM RGB-D: ``depth.txt`` and ``rgb.txt`` list 16-bit PNGs (5000 = 1 m) and colour images with their times."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from ..camera import Intrinsics
+from ..errors import CaptureError
+from ..images import read_image
+from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
+from .binary import read_limited, rgb
+from .single_image import read_values
+from .units import metres
+
+FORMAT = "TUM RGB-D"
+UNIT_M = 1 / 5000
+MAX_APART_S = 0.02  # between a depth and a colour image that belong together, as the benchmark's own script has it
+MAX_LIST = 64_000_000
+#: The benchmark's calibrations of its three Kinects, by the name of the sequence.
+CAMERAS = {
+    "freiburg1": Intrinsics(640, 480, 517.3, 516.5, 318.6, 255.3),
+    "freiburg2": Intrinsics(640, 480, 520.9, 521.0, 325.1, 249.7),
+    "freiburg3": Intrinsics(640, 480, 535.4, 539.2, 320.1, 247.6),
+}
+DEFAULT = Intrinsics(640, 480, 525.0, 525.0, 319.5, 239.5)
+
+
+def recognises(path: Path) -> bool:
+    """Whether ``path`` is a folder with the benchmark's list of depth images."""
+    return path.is_dir() and (path / "depth.txt").is_file()
+
+
+def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
+    """Read a sequence; colour is the image nearest in time to the first chosen frame."""
+    listed = read_list(path / "depth.txt")
+    chosen = chosen_frames(path / "depth.txt", frames, len(listed))
+    depth = None
+    for i, number in enumerate(chosen):
+        values = read_values(inside(path, listed[number][1]))[0]
+        if depth is None:
+            depth = empty_burst(path, len(chosen), *values.shape)
+        if values.shape != depth.shape[1:]:
+            raise CaptureError(f"{inside(path, listed[number][1])}: is of another size than the first frame")
+        depth[i] = metres(values, options.depth_unit_m or UNIT_M)[0]
+    height, width = depth.shape[1:]
+    known = [camera for name, camera in CAMERAS.items() if name in path.resolve().name.lower()]
+    camera = options.intrinsics or (known or [DEFAULT])[0]
+    if options.intrinsics is None and (width, height) != (640, 480):
+        raise CaptureError(f"{path}: nothing tells the intrinsics of these {width}×{height} pixels; give them")
+    color, notes = None, []
+    if not known and options.intrinsics is None:
+        notes.append("no intrinsics in the folder: those the benchmark recommends are used (f 525 px)")
+    if options.color and (path / "rgb.txt").is_file():
+        times = read_list(path / "rgb.txt")
+        nearest = min(times, key=lambda entry: abs(entry[0] - listed[chosen[0]][0]), default=None)
+        if nearest is not None and abs(nearest[0] - listed[chosen[0]][0]) <= MAX_APART_S:
+            color = rgb(read_image(inside(path, nearest[1])))
+        else:
+            notes.append(f"no colour image within {MAX_APART_S:g} s of the first frame")
+    return Capture(
+        depth, color, camera, name=path.resolve().name, format=FORMAT, sensor="kinect_v1", notes=tuple(notes)
+    )
+
+
+def read_list(path: Path) -> list[tuple[float, str]]:
+    """Times [s] and file names of a list, in its order."""
+    entries = []
+    text = read_limited(path, MAX_LIST).decode("utf-8", "replace")
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        words = line.split(maxsplit=1)
+        try:
+            time = float(words[0])
+        except ValueError:
+            time = math.nan
+        if len(words) != 2 or not math.isfinite(time):
+            raise CaptureError(f"{path}: line {number} must be a time and a file name, not {line[:60]!r}")
+        entries.append((time, words[1].strip()))
+    return entries
+
+
+def inside(folder: Path, name: str) -> Path:
+    """The file of that name, which must not lead out of the folder."""
+    if "\0" in name or not (folder / name).resolve().is_relative_to(folder.resolve()):
+        raise CaptureError(f"{folder}: names a file outside the folder, {name[:60]!r}")
+    return folder / name
