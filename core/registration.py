@@ -10,7 +10,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from .camera import Intrinsics, padded, project, undistort
 from .capture import Capture, MirrorPicks
@@ -350,10 +350,10 @@ def _pixel(x, y, lens):
     return u * lens[0] + lens[2], v * lens[1] + lens[3]
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _undistort_depth(depth, lens, straight, interpolate, out):
     frames, height, width = depth.shape
-    for row in prange(out.shape[1]):
+    for row in range(out.shape[1]):
         y = (row - straight[3]) / straight[1]
         for column in range(out.shape[2]):
             u, v = _pixel((column - straight[2]) / straight[0], y, lens)
@@ -375,10 +375,10 @@ def _undistort_depth(depth, lens, straight, interpolate, out):
                 out[f, row, column] = z
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _undistort_labels(labels, lens, straight, out):
     frames, height, width = labels.shape
-    for row in prange(out.shape[1]):
+    for row in range(out.shape[1]):
         y = (row - straight[3]) / straight[1]
         for column in range(out.shape[2]):
             u, v = _pixel((column - straight[2]) / straight[0], y, lens)
@@ -402,10 +402,10 @@ def _sample(color, u, v, out):
         out[c] = np.uint8(value + 0.5)
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _undistort_color(color, lens, straight, out):
     height, width = color.shape[:2]
-    for row in prange(out.shape[0]):
+    for row in range(out.shape[0]):
         y = (row - straight[3]) / straight[1]
         for column in range(out.shape[1]):
             u, v = _pixel((column - straight[2]) / straight[0], y, lens)

@@ -23,6 +23,7 @@ FrameChoice = int | str | None
 # In the order they are asked; the narrow ones first. Imported one by one: some bring numba.
 READERS = (
     "npz",
+    "azure_mkv",
     "pcd",
     "ply",
     "tum",
