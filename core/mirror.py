@@ -60,6 +60,8 @@ class Mirror:
         How many.
     refined : bool
         The frame's own pixels were pulled in.
+    source : str
+        Where it is from: "picked", "given" (its plane was), "found" (without a click) or "rig file".
     """
 
     name: str
@@ -71,6 +73,7 @@ class Mirror:
     residual: float = 0.0
     points_used: int = 0
     refined: bool = False
+    source: str = "picked"
 
 
 def fit_plane(points: np.ndarray, name: str = "mirror") -> Mirror:
@@ -104,18 +107,18 @@ def fit_plane(points: np.ndarray, name: str = "mirror") -> Mirror:
     return Mirror(
         name,
         center,
-        *_oriented(normal, center),
+        *oriented(normal, center),
         residual=float(np.sqrt(np.mean((offset @ normal) ** 2))),
         points_used=len(points),
     )
 
 
-def _oriented(normal: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit normal towards the camera, and the basis (a left, b down, c normal)."""
+def oriented(normal: np.ndarray, point: np.ndarray, down=(0.0, 1.0, 0.0)) -> tuple[np.ndarray, np.ndarray]:
+    """Unit normal towards the camera, and the basis (a left, b down, c normal); ``down`` says where b points."""
     normal = normal / np.linalg.norm(normal)
     if normal @ point > 0:
         normal = -normal
-    down = np.array((0.0, 1.0, 0.0)) - normal[1] * normal
+    down = np.asarray(down) - (normal @ down) * normal
     if np.linalg.norm(down) < 0.1:  # a mirror on floor or ceiling
         down = np.array((0.0, 0.0, 1.0)) - normal[2] * normal
     down /= np.linalg.norm(down)
@@ -133,7 +136,7 @@ def plane_mirror(name: str, point: np.ndarray, normal: np.ndarray) -> Mirror:
         or np.linalg.norm(normal) < 1e-9
     ):
         raise MirrorError(f"{name}: a plane needs a point and a non-zero normal of three numbers each")
-    return Mirror(name, point, *_oriented(normal, point))
+    return Mirror(name, point, *oriented(normal, point), source="given")
 
 
 def reflection_matrix(mirror: Mirror) -> np.ndarray:
@@ -259,10 +262,11 @@ def _grow(
         previous = normal
         # a sample leads the way, all have the last word
         for part in (slice(None, None, len(u) // 1500 + 1), slice(None)):
-            coefficients = _disparity_plane(u[part], v[part], depth[v[part], u[part]])
-            if coefficients is None:
+            fitted = disparity_plane(u[part], v[part], depth[v[part], u[part]])
+            if fitted is None:
                 return None
-            normal, d = _plane_of_disparity(coefficients, intrinsics)
+            coefficients = fitted.coefficients
+            normal, d = plane_of_disparity(coefficients, intrinsics)
             normal, d = (normal, d) if normal @ previous > 0 else (-normal, -d)
             settled |= bool(np.arccos(min(normal @ previous, 1.0)) < 5e-4)  # the slab is centred well enough
             if not settled:
@@ -273,7 +277,7 @@ def _grow(
     points = cloud[v, u][weights > 0.1]
     center = points.mean(axis=0)
     center = center - (normal @ center - d) * normal
-    grown = Mirror(plane.name, center, *_oriented(normal, center), points_used=len(points), refined=True)
+    grown = Mirror(plane.name, center, *oriented(normal, center), points_used=len(points), refined=True)
     residual = (points - center) @ grown.normal
     grown = replace(grown, residual=float(np.sqrt(np.mean(residual**2))))
     picked = cloud[seeds[:, 1], seeds[:, 0]]
@@ -309,8 +313,22 @@ def _grow_kernel(depth, cloud, seeds, normal, d, band, mask):
                     top += 1
 
 
-def _disparity_plane(u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray | None:
-    """Robust plane 1/z = a·u + b·v + c by iteratively re-weighted least squares (Tukey)."""
+@dataclass(frozen=True)
+class DisparityPlane:
+    """1/z = a·u + b·v + c: ``coefficients`` (3,), its inverse normal matrix ``cofactor`` (3, 3) (times the variance
+    of 1/z it is the coefficients' covariance), ``scale`` (robust standard deviation of 1/z) and ``weights`` (K,)."""
+
+    coefficients: np.ndarray
+    cofactor: np.ndarray
+    scale: float
+    weights: np.ndarray
+
+
+def disparity_plane(u: np.ndarray, v: np.ndarray, z: np.ndarray) -> DisparityPlane | None:
+    """Robust plane 1/z = a·u + b·v + c by iteratively re-weighted least squares (Tukey); None when all are on a line.
+
+    A depth camera's error is even in 1/z, and a plane is linear there.
+    """
     A = np.column_stack((u, v, np.ones(len(u)))).astype(np.float64)
     d = 1.0 / z.astype(np.float64)
     weights = np.ones(len(d))
@@ -324,25 +342,26 @@ def _disparity_plane(u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray 
         if np.linalg.det(normal) < 1e-10 * np.trace(normal) ** 3:  # all on one line
             return None
         previous, solution = solution, np.linalg.solve(normal, weighted.T @ d)
-        weights = _weights_of(d - A @ solution)
+        weights, spread = _weights_of(d - A @ solution)
         if np.abs(solution - previous).max() < 1e-5 * np.abs(solution).max():
             break
-    coefficients = solution / scale
-    coefficients[2] -= coefficients[:2] @ center[:2]
-    return coefficients
+    unscale = np.diag(1.0 / scale)
+    unscale[2, :2] = -center[:2] / scale[:2]
+    return DisparityPlane(unscale @ solution, unscale @ np.linalg.inv(normal) @ unscale.T, spread, weights)
 
 
-def _weights_of(residual: np.ndarray) -> np.ndarray:
-    scale = 1.4826 * np.median(np.abs(residual[:: len(residual) // 2000 + 1])) + 1e-9
+def _weights_of(residual: np.ndarray) -> tuple[np.ndarray, float]:
+    """Tukey's weights of residuals, and their robust standard deviation."""
+    scale = 1.4826 * float(np.median(np.abs(residual[:: len(residual) // 2000 + 1]))) + 1e-9
     r = residual / (4.7 * scale)
-    return np.where(np.abs(r) < 1, (1 - r * r) ** 2, 0.0)
+    return np.where(np.abs(r) < 1, (1 - r * r) ** 2, 0.0), scale
 
 
 def _tukey_weights(coefficients: np.ndarray, u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray:
-    return _weights_of(1.0 / z.astype(np.float64) - np.column_stack((u, v, np.ones(len(u)))) @ coefficients)
+    return _weights_of(1.0 / z.astype(np.float64) - np.column_stack((u, v, np.ones(len(u)))) @ coefficients)[0]
 
 
-def _plane_of_disparity(coefficients: np.ndarray, intrinsics: Intrinsics) -> tuple[np.ndarray, float]:
+def plane_of_disparity(coefficients: np.ndarray, intrinsics: Intrinsics) -> tuple[np.ndarray, float]:
     """Normal and offset d (n·p = d, metres) of the plane 1/z = a·u + b·v + c."""
     a, b, c = coefficients
     n = np.array((a * intrinsics.fx, b * intrinsics.fy, a * intrinsics.cx + b * intrinsics.cy + c))
@@ -374,10 +393,20 @@ def with_rectangle(mirror: Mirror, frame: np.ndarray, picked: np.ndarray, intrin
     -----
     A side that lies at the image's border is cut off by it: the glass goes on beyond.
     """
-    rectangle = _extent(frame, picked, mirror)
+    return at_border(replace(mirror, rectangle=_extent(frame, picked, mirror)), intrinsics)
+
+
+def at_border(mirror: Mirror, intrinsics: Intrinsics, open_ends: np.ndarray | None = None) -> Mirror:
+    """The mirror with the outline of its rectangle [px]; sides at the image's border are moved beyond it.
+
+    ``open_ends`` (2, 2) bool, as ``rectangle``, says which ends may be cut off; by default any.
+    """
+    rectangle = np.array(mirror.rectangle)
     margin = 0.04 * np.array((intrinsics.width, intrinsics.height))
     for axis in range(2):
         for end in range(2):
+            if open_ends is not None and not open_ends[axis, end]:
+                continue
             at = np.empty(2)
             at[axis], at[1 - axis] = rectangle[axis, end], rectangle[1 - axis].mean()
             pixel = project(mirror.point + mirror.basis[:, :2] @ at, intrinsics)[axis]

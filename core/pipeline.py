@@ -22,6 +22,7 @@ from .errors import MirrorError, ReconstructionError
 from .mesh import FILL, SEAM, Mesh
 from .metrics import mesh_report
 from .mirror import Mirror, MirrorSettings, place_mirror, reflection_matrix
+from .mirror_detection import DetectionSettings, find_mirrors
 from .overlap import OverlapSettings, part_overlaps, view_maps
 from .smoothing import smooth_view, smoothing_sigma
 from .triangulation import TriangulationSettings, triangulate_view
@@ -37,6 +38,7 @@ class Settings:
 
     depth: DepthSettings = DepthSettings()
     mirror: MirrorSettings = MirrorSettings()
+    detection: DetectionSettings = DetectionSettings()
     views: ViewSettings = ViewSettings()
     triangulation: TriangulationSettings = TriangulationSettings()
     overlap: OverlapSettings = OverlapSettings()
@@ -89,7 +91,7 @@ def reconstruct(
     capture : Capture
         One snapshot or a burst.
     mirrors : tuple of MirrorPicks, optional
-        What is known of each mirror; by default what the capture itself holds.
+        What is known of each mirror; by default what the capture itself holds. Empty: they are found.
     settings : Settings
     progress : callable(fraction, message), optional
         Called at the start of each stage; an exception it raises stops the work.
@@ -121,11 +123,6 @@ def reconstruction_steps(
     if frame not in ("avatar", "camera"):
         raise ReconstructionError(f'frame must be "avatar" or "camera", got "{frame}"')
     picks = capture.mirrors if mirrors is None else tuple(mirrors)
-    if not picks:
-        raise MirrorError(
-            f"{capture.name}: no mirror is given; pick points on each mirror's frame and save them in mirrors.json "
-            "beside the capture, or pass them with --mirrors"
-        )
     clock = Clock()
     camera = capture.intrinsics
 
@@ -135,7 +132,7 @@ def reconstruction_steps(
     clock.lap("depth")
 
     yield 0.1, "Fitting the mirrors"
-    placed = [place_mirror(pick, depth, camera, settings.mirror) for pick in picks]
+    placed = place_mirrors(picks, depth, capture, settings)
     clock.lap("mirrors")
 
     yield 0.2, "Finding the subject"
@@ -171,6 +168,22 @@ def reconstruction_steps(
     return Reconstruction(
         mesh if frame == "avatar" else closed, frame, to_avatar, report, warnings, tuple(patches), tuple(placed)
     )
+
+
+def place_mirrors(
+    picks: tuple[MirrorPicks, ...], depth: np.ndarray, capture: Capture, settings: Settings
+) -> list[Mirror]:
+    """The mirrors that were picked or given; without picks those that the depth map shows."""
+    if picks:
+        return [place_mirror(pick, depth, capture.intrinsics, settings.mirror) for pick in picks]
+    found = find_mirrors(depth, capture.intrinsics, capture.color, settings.detection, settings.mirror.glass_offset)
+    if not found:
+        raise MirrorError(
+            f"{capture.name}: no mirror was found: none is given, and no straight frame with the person's reflection "
+            "in it is seen; pick points on each mirror's frame and save them in mirrors.json beside the capture, or "
+            "pass them with --mirrors; a frame at least 3 cm wide and 10 cm off the wall is found by itself"
+        )
+    return found
 
 
 def clean_views(
@@ -273,6 +286,7 @@ def _report(
                 "normal": m.normal.tolist(),
                 "residual_mm": 1000.0 * m.residual,
                 "points_used": m.points_used,
+                "source": m.source,
                 "refined": m.refined,
             }
             for m in mirrors

@@ -1,0 +1,72 @@
+"""Mirrors found without a click: in simulated captures against their true planes; none where there is none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
+from mirror_scan.core.mirror import plane_mirror, reflect
+from mirror_scan.core.mirror_detection import find_mirrors
+from mirror_scan.core.pipeline import reconstruct
+from mirror_scan.core.simulation.scene import default_rig
+from mirror_scan.core.simulation.simulate import simulate
+
+
+def clean(capture) -> np.ndarray:
+    return remove_flying_pixels(fuse_burst(capture.depth)[0], 1.0 / capture.intrinsics.fx)
+
+
+def misplaced(mirror, truth, body) -> float:
+    """Median displacement of the reflected body [m]."""
+    true = plane_mirror(truth.name, truth.point, truth.normal)
+    return float(np.median(np.linalg.norm(reflect(body, mirror) - reflect(body, true), axis=1)))
+
+
+def check_found(simulation, limit: float):
+    capture, truth = simulation.capture, simulation.truth
+    found = find_mirrors(clean(capture), capture.intrinsics)
+    true = {m.name: m for m in truth.mirrors}
+    assert {m.name for m in found} == set(true), "as many as there are, named by their side"
+    for mirror in found:
+        assert mirror.source == "found" and mirror.refined and mirror.outline.shape == (4, 2)
+        assert misplaced(mirror, true[mirror.name], truth.body.vertices) < limit
+        turn = mirror.basis
+        np.testing.assert_allclose(turn.T @ turn, np.eye(3), atol=1e-12)
+        assert np.linalg.det(turn) == pytest.approx(1) and mirror.normal @ mirror.point < 0
+        glass = [m for m in simulation.rig.mirrors if m.name == mirror.name][0]
+        outer = np.array((glass.width, glass.height)) + 2 * glass.frame_width
+        assert (np.abs(np.ptp(mirror.rectangle, axis=1) - outer) < 0.12).all(), mirror.rectangle
+    return found
+
+
+@pytest.mark.parametrize(
+    ("sensor", "limit"), [("ideal", 0.0005), ("azure_kinect", 0.003), ("realsense_d455", 0.010), ("kinect_v1", 0.006)]
+)
+def test_both_mirrors_are_found(simulated, sensor, limit):
+    simulation = simulated(sensor)
+    found = check_found(simulation, limit)
+    again = find_mirrors(clean(simulation.capture), simulation.capture.intrinsics)
+    for a, b in zip(found, again, strict=True):
+        np.testing.assert_array_equal(a.normal, b.normal)
+
+
+def test_an_avatar_without_a_click(simulated):
+    made = reconstruct(replace(simulated("azure_kinect").capture, mirrors=()))
+    assert [m["source"] for m in made.report["mirrors"]] == ["found", "found"]
+    assert made.report["mesh"]["watertight"] and made.report["mesh"]["components"] == 1
+
+
+@pytest.mark.parametrize("sensor", ["azure_kinect", "kinect_v1"])
+def test_a_room_without_mirrors(person, sensor):
+    simulation = simulate(person, replace(default_rig(sensor, frames=2), mirrors=()))
+    assert find_mirrors(clean(simulation.capture), simulation.capture.intrinsics) == []
+
+
+def test_pictures_that_show_nothing():
+    lens = default_rig("ideal").intrinsics
+    shape = (lens.height, lens.width)
+    rng = np.random.default_rng(0)
+    for depth in (np.zeros(shape), np.full(shape, 2.0), rng.uniform(0.5, 5.0, shape), rng.uniform(0, 1, shape) > 0.999):
+        assert find_mirrors(depth.astype(np.float32), lens) == []
