@@ -12,9 +12,9 @@ from types import ModuleType
 
 def _modules() -> tuple[ModuleType, ...]:
     """Modules with something to register, in the order of their needs."""
-    from . import command, operators, panels, properties
+    from . import command, operators, panels, properties, remote
 
-    return properties, operators, panels, command
+    return properties, remote, operators, panels, command
 
 
 def register() -> None:

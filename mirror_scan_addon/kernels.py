@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import logging
 import os
 import tempfile
 
@@ -10,12 +12,13 @@ import bpy
 from .. import __package__ as ROOT_PACKAGE
 from ..core.errors import MirrorScanError
 
+log = logging.getLogger(__name__)
+
 
 def prepare_kernels() -> None:
-    """Import numba and point its cache of compiled code at the extension's user folder, unless one is set already.
+    """Import numba and point its cache of compiled code at :func:`cache_folder`, unless it has one already.
 
-    numba's default is ``__pycache__`` inside the extension, which an update removes and which may be read-only; with no
-    writable place at all, importing a cached kernel fails. Takes 0.2 s the first time, nothing after that.
+    Takes 0.2 to 1 s the first time, nothing after that.
 
     Raises
     ------
@@ -29,15 +32,45 @@ def prepare_kernels() -> None:
             f"The Python package numba cannot be imported ({error}); install Mirror Scan from the zip made for your "
             "platform and this Blender version, or put numba into this Python"
         ) from error
-    if numba.config.CACHE_DIR:
-        return
+    if not numba.config.CACHE_DIR:
+        numba.config.CACHE_DIR = cache_folder()
+
+
+def cache_folder() -> str:
+    """Where compiled kernels are kept: the extension's user folder; "" leaves it to numba.
+
+    numba's default is ``__pycache__`` inside the extension, which an update removes and which may be read-only; with no
+    writable place at all, importing a cached kernel fails.
+    """
+    if os.environ.get("NUMBA_CACHE_DIR"):
+        return ""  # numba looks there by itself
+    return _extension_folder()
+
+
+def compiling_text() -> str:
+    """What to tell while kernels are compiled; ``{count}`` stands for how many are."""
+    if _extension_folder.cache_info().currsize and _is_temporary(_extension_folder()):
+        return "Compiling for this session, about 1 min ({count} done)"
+    return "Compiling for this computer, once, about 1 min ({count} done)"
+
+
+@functools.cache
+def _extension_folder() -> str:
     try:
         folder = bpy.utils.extension_path_user(ROOT_PACKAGE, path="numba_cache", create=True)
     except ValueError:
-        return  # Installed by pip: numba's own choice is right there.
-    except OSError:
-        folder = ""
-    if not folder or not os.access(folder, os.W_OK):
-        # Private and new in each session: the price is compiling again, never code that somebody else put there.
-        folder = tempfile.mkdtemp(prefix="mirror_scan_numba_")
-    numba.config.CACHE_DIR = folder
+        return ""  # installed by pip: numba's own choice is right there
+    except OSError as error:
+        folder, reason = "", str(error)
+    else:
+        reason = f"{folder} cannot be written to"
+        if folder and os.path.isdir(folder) and os.access(folder, os.W_OK):
+            return folder
+    # Private and new in each session: the price is compiling again, never code that somebody else put there.
+    temporary = tempfile.mkdtemp(prefix="mirror_scan_numba_")
+    log.warning("Mirror Scan compiles again in each session, since its cache has no place: %s", reason)
+    return temporary
+
+
+def _is_temporary(folder: str) -> bool:
+    return os.path.basename(folder).startswith("mirror_scan_numba_")

@@ -1,0 +1,219 @@
+"""Long work in a second Python, Blender's own, so that the window waits for nothing: neither for numba to be imported,
+nor for kernels to be compiled (which no thread could do either: Python's lock is held), nor for the work itself.
+
+The process (:mod:`.worker`) is kept for the next task and ends with Blender, with the add-on, or when a task is
+cancelled.
+"""
+
+from __future__ import annotations
+
+import atexit
+import json
+import os
+import pickle
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import bpy
+
+from .. import __package__ as ROOT_PACKAGE
+from ..core import errors
+from . import kernels
+
+_START = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='mirror_scan_worker')['main']()"
+_MESSAGE_TAIL = 2000  # characters of a dead worker's output that are shown
+
+_idle: list[Worker] = []  # at most one; a process is of this session, not of the file
+
+
+class Unavailable(Exception):
+    """No second Python can be had here."""
+
+
+class Worker:
+    """The process, and the private folder through which it talks.
+
+    Files, since neither Windows' pipes nor Python 3.11 can be read there without waiting.
+    """
+
+    def __init__(self) -> None:
+        if not sys.executable or not os.path.isfile(sys.executable):
+            raise Unavailable("this Blender has no Python program of its own")
+        self.folder = Path(tempfile.mkdtemp(prefix="mirror_scan_worker_"))
+        root = Path(sys.modules[ROOT_PACKAGE].__path__[0])
+        environment = dict(os.environ)
+        if cache := kernels.cache_folder():
+            environment["NUMBA_CACHE_DIR"] = cache
+        flags = 0
+        if sys.platform == "win32":
+            flags = subprocess.CREATE_NO_WINDOW | subprocess.BELOW_NORMAL_PRIORITY_CLASS
+        script = root / __package__.rpartition(".")[2] / "worker.py"
+        try:
+            with open(self.folder / "output", "wb") as output:
+                self.process = subprocess.Popen(
+                    [sys.executable, *bpy.app.python_args, "-c", _START, str(script)],
+                    stdin=subprocess.PIPE, stdout=output, stderr=subprocess.STDOUT,
+                    cwd=self.folder, env=environment, creationflags=flags,
+                )  # fmt: skip
+            (self.folder / "messages").touch()
+            self._messages = open(self.folder / "messages", "rb")
+            self._rest = b""
+            self._tasks = 0
+            self.ready = False  # has imported what it needs
+            self._tell(package=ROOT_PACKAGE, root=str(root), folder=str(self.folder), path=[p for p in sys.path if p])
+        except OSError as error:
+            shutil.rmtree(self.folder, ignore_errors=True)
+            raise Unavailable(str(error)) from error
+
+    def begin(self, function: Callable, arguments: tuple) -> None:
+        """Hand over a task: a generator function that a Python without bpy can import, arguments that pickle."""
+        self._tasks += 1
+        with open(self.folder / f"arguments{self._tasks}", "wb") as file:
+            pickle.dump(arguments, file, protocol=5)
+        self._tell(
+            module=function.__module__, function=function.__qualname__,
+            arguments=f"arguments{self._tasks}", result=f"result{self._tasks}",
+        )  # fmt: skip
+
+    def heard(self) -> list[dict]:
+        """Messages since the last call; never waits."""
+        *lines, self._rest = (self._rest + self._messages.read()).split(b"\n")
+        return [json.loads(line) for line in lines]
+
+    def result(self) -> object:
+        """What the last task returned."""
+        path = self.folder / f"result{self._tasks}"
+        with open(path, "rb") as file:
+            value = pickle.load(file)
+        path.unlink()
+        return value
+
+    def alive(self) -> bool:
+        return self.process.poll() is None
+
+    def output(self) -> str:
+        """The end of what the process printed."""
+        return (self.folder / "output").read_text(encoding="utf-8", errors="replace")[-_MESSAGE_TAIL:].strip()
+
+    def close(self) -> None:
+        """End the process, whatever it does, and remove its folder."""
+        self.process.kill()
+        self.process.wait()
+        self.process.stdin.close()
+        self._messages.close()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _tell(self, **message: object) -> None:
+        self.process.stdin.write(json.dumps(message).encode() + b"\n")
+        self.process.stdin.flush()
+
+
+class Errand:
+    """A task under way in the second Python; to whoever waits it looks like a thread that runs it.
+
+    ``progress`` is where it is, in fraction and words; ``result`` or ``error`` is there when it has ended.
+
+    Parameters
+    ----------
+    function : callable
+        Generator function at the top of a module that needs no bpy; it yields ``(fraction, message)``.
+    arguments : tuple
+        These, and what the function returns, must pickle.
+    """
+
+    def __init__(self, function: Callable, arguments: tuple) -> None:
+        self.progress: tuple[float, str] = (0.0, "Starting")
+        self.result: object = None
+        self.error: BaseException | None = None
+        self._function, self._arguments = function, arguments
+        self._worker: Worker | None = None
+        self._ended = False
+
+    def start(self) -> None:
+        """Hand the task over.
+
+        Raises
+        ------
+        Unavailable
+            There is no second Python here.
+        """
+        self._worker = _take()
+        self._worker.begin(self._function, self._arguments)
+
+    def is_alive(self) -> bool:
+        """Whether it goes on; never waits. ``progress``, ``result`` and ``error`` are brought up to date."""
+        if self._ended:
+            return False
+        running = self._worker.alive()  # asked first: what it said before its end is then heard below
+        for message in self._worker.heard():
+            self._hear(message)
+        if not self._ended and not running:
+            self._end(error=self._obituary())
+        return not self._ended
+
+    def ask_to_stop(self) -> None:
+        """Stop at once; nothing comes of it."""
+        if not self._ended:
+            self._ended = True
+            self._worker.close()
+
+    def _hear(self, message: dict) -> None:
+        if "ready" in message:
+            self._worker.ready = True
+        elif "fraction" in message:
+            self.progress = message["fraction"], message["message"]
+        elif "compiling" in message:
+            self.progress = self.progress[0], kernels.compiling_text().format(count=message["compiling"])
+        elif "done" in message:
+            self._end(result=self._worker.result())
+        elif "error" in message:
+            self._end(error=getattr(errors, message["error"], errors.MirrorScanError)(message["text"]))
+        elif "fault" in message:
+            self._end(error=RuntimeError(f"Mirror Scan's second process failed:\n{message['fault']}"))
+        elif "unable" in message:
+            self._end(error=Unavailable(message["unable"]))
+
+    def _end(self, result: object = None, error: Exception | None = None) -> None:
+        self.result, self.error, self._ended = result, error, True
+        if self._worker.ready and self._worker.alive() and not _idle:
+            _idle.append(self._worker)
+        else:
+            self._worker.close()
+
+    def _obituary(self) -> Exception:
+        code, said = self._worker.process.returncode, self._worker.output()
+        if not self._worker.ready:
+            return Unavailable(f"{sys.executable} ended with code {code}: {said}")
+        return errors.MirrorScanError(
+            f"The process that does the work was ended (code {code}); if you did not do that, memory ran out: close "
+            f"other programs, or use fewer frames. {said}".strip()
+        )
+
+
+def _take() -> Worker:
+    """The process that waits, or a new one."""
+    while _idle:
+        worker = _idle.pop()
+        if worker.alive():
+            return worker
+        worker.close()
+    return Worker()
+
+
+def stop() -> None:
+    """End the process that waits for the next task."""
+    while _idle:
+        _idle.pop().close()
+
+
+def register() -> None:
+    atexit.register(stop)
+
+
+def unregister() -> None:
+    atexit.unregister(stop)
+    stop()
