@@ -179,7 +179,7 @@ class TestReviewRules:
                     assert id(node) in allowed, f"{name}:{node.lineno}"
 
     def test_files_are_written_where_the_user_said(self, sources):
-        """Only modules that go through ``files.replacing`` or a temporary folder write; one writes into a given folder."""
+        """Only modules that go through ``files.replacing`` or a temporary folder write; one fills a given one."""
         for name, tree in sources.items():
             imported = {
                 alias.name for n in ast.walk(tree) if isinstance(n, ast.Import | ast.ImportFrom) for alias in n.names
