@@ -1,4 +1,4 @@
-"""Parts of cleaning a depth map that look at neighbours: flying pixels dropped, drop-outs closed, noise measured.
+"""A burst of depth frames → one depth map; flying pixels dropped, drop-outs closed, noise measured.
 
 Everything averages in inverse depth: a stereo or structured-light camera measures disparity, so its error is even
 there, and a plane in space is a linear function of (u, v) there, so local fits do not bend slanted surfaces.
@@ -16,30 +16,41 @@ from .errors import CaptureError
 
 @dataclass(frozen=True)
 class DepthSettings:
-    """How a burst becomes one depth map.
+    """How a burst becomes one clean depth map. Every step can be turned off.
 
     Parameters
     ----------
     min_depth, max_depth : float
         Readings outside are dropped [m].
     burst_tolerance : float
-        A frame's reading farther than this from the pixel's median is left out of the mean [relative, 1 = 100 %].
+        A frame's reading farther than this from the pixel's median is left out of the mean [relative, 1 = 100 %];
+        ``inf`` takes the mean of all.
     burst_share : float
         A pixel needs a reading in at least this share of the frames [0..1].
+    still_share : float
+        Share of the subject that may have moved during a burst before that is told [0..1]; 1 does not look.
+    sensor : str
+        Name in :data:`.sensors.SENSORS` of the camera whose noise model helps; "auto" takes what the capture says, or
+        what steps in the readings betray; "unknown" goes by the readings alone.
+    dequantise : bool
+        Treat coarse disparity steps that noise does not average out as intervals.
     support : int
-        Of its 8 neighbours, how many must continue a pixel's surface for it to stay.
+        Of its 8 neighbours, how many must continue a pixel's surface for it to stay; 0 keeps flying pixels.
     smoothing : float
-        Multiplies the smoothing radius that the measured noise asks for; 0 turns smoothing off.
+        Multiplies the smoothing radius that the noise asks for; 0 turns smoothing off.
     max_radius : int
         Largest smoothing radius [px].
     close_gaps : int
-        Drop-outs inside a surface up to this many pixels wide are closed.
+        Drop-outs inside a surface up to this many pixels wide are closed; 0 leaves them.
     """
 
     min_depth: float = 0.2
     max_depth: float = 12.0
     burst_tolerance: float = 0.06
     burst_share: float = 0.3
+    still_share: float = 0.08
+    sensor: str = "auto"
+    dequantise: bool = True
     support: int = 4
     smoothing: float = 1.0
     max_radius: int = 9
@@ -157,6 +168,8 @@ def remove_flying_pixels(
     -------
     np.ndarray [shape=(H, W), dtype=float32]
     """
+    if settings.support <= 0:
+        return depth
     variance = _residual_kernel(depth, np.where(depth > 0, 0, -1).astype(np.int8), 3)
     known = variance >= 0
     # noise relative to z grows in proportion to z for triangulating cameras; for others this is on the safe side
@@ -253,7 +266,7 @@ def measure_noise(depth: np.ndarray, labels: np.ndarray, views: int) -> np.ndarr
     np.ndarray [shape=(views,), dtype=float64]
         Standard deviation of a reading relative to its z, a view; 0 for a view without a full window.
     """
-    variance = _residual_kernel(depth, labels, 1)
+    variance = _residual_kernel(depth, labels, 3)  # every third row tells enough for a median
     noise = np.zeros(views)
     for k in range(views):
         r = variance[(labels == k) & (variance >= 0)]

@@ -10,21 +10,16 @@ import numpy as np
 
 from .camera import Intrinsics, unproject
 from .capture import Capture, MirrorPicks
+from .cleaning import clean, recognise, still_warning
 from .closing import ClosingSettings, close_mesh
-from .depth import (
-    DepthSettings,
-    close_dropouts,
-    fuse_burst,
-    measure_noise,
-    remove_flying_pixels,
-)
+from .depth import DepthSettings, fuse_burst, remove_flying_pixels
 from .errors import MirrorError, ReconstructionError
 from .mesh import FILL, SEAM, Mesh
 from .metrics import mesh_report
 from .mirror import Mirror, MirrorSettings, place_mirror, reflection_matrix
 from .mirror_detection import DetectionSettings, find_mirrors
 from .overlap import OverlapSettings, part_overlaps, view_maps
-from .smoothing import smooth_view, smoothing_sigma
+from .sensors import NoiseModel
 from .triangulation import TriangulationSettings, triangulate_view
 from .views import Views, ViewSettings, find_subject
 from .zippering import Seam, ZipperSettings, zip_patches
@@ -127,7 +122,7 @@ def reconstruction_steps(
     camera = capture.intrinsics
 
     yield 0.0, "Fusing the burst"
-    depth, _ = fuse_burst(capture.depth, settings.depth)
+    depth, spread = fuse_burst(capture.depth, settings.depth)
     depth = remove_flying_pixels(depth, 1.0 / camera.fx, settings.depth)
     clock.lap("depth")
 
@@ -140,7 +135,11 @@ def reconstruction_steps(
     clock.lap("views")
 
     yield 0.35, "Smoothing the depth"
-    depth, views, noise = clean_views(depth, views, len(placed), camera, settings.depth)
+    sensor, model = recognise(capture, settings.depth)
+    moved = still_warning(capture.depth, views.labels, camera.fx, settings.depth)
+    depth, views, noise = clean_views(
+        depth, views, len(placed), camera, settings.depth, model, spread if len(capture.depth) > 1 else None
+    )
     clock.lap("smoothing")
 
     yield 0.5, "Triangulating the views"
@@ -163,8 +162,8 @@ def reconstruction_steps(
     yield 0.95, "Checking the result"
     to_avatar = avatar_frame(closed, views)
     mesh = closed.transformed(to_avatar)
-    warnings = views.warnings + tuple(notes)
-    report = _report(mesh, to_avatar, placed, views, patches, seams, warnings, clock)
+    warnings = (*((moved,) if moved else ()), *views.warnings, *notes)
+    report = _report(mesh, to_avatar, sensor, placed, views, patches, seams, warnings, clock)
     return Reconstruction(
         mesh if frame == "avatar" else closed, frame, to_avatar, report, warnings, tuple(patches), tuple(placed)
     )
@@ -187,19 +186,16 @@ def place_mirrors(
 
 
 def clean_views(
-    depth: np.ndarray, views: Views, mirrors: int, camera: Intrinsics, settings: DepthSettings
+    depth: np.ndarray,
+    views: Views,
+    mirrors: int,
+    camera: Intrinsics,
+    settings: DepthSettings,
+    model: NoiseModel | None = None,
+    spread: np.ndarray | None = None,
 ) -> tuple[np.ndarray, Views, np.ndarray]:
-    """Drop-outs closed and noise smoothed, a view at a time; returns the noise (N+1,) that was left, relative to z."""
-    depth, labels = close_dropouts(depth, views.labels, settings.close_gaps)
-    noise = measure_noise(depth, labels, mirrors + 1)
-    for view in range(mirrors + 1):
-        z = depth[labels == view]
-        if not len(z) or settings.smoothing <= 0:
-            continue
-        sigma = smoothing_sigma(noise[view], float(np.median(z)), 1.0 / camera.fx, settings)
-        depth = smooth_view(depth, labels, view, noise[view], sigma, settings)
-        # a Gaussian window averages about 4π·sigma² readings, the quadratic fit half
-        noise[view] /= max(1.0, 2.5 * sigma)
+    """:func:`.cleaning.clean` over all views; returns the noise (N+1,) that was left, relative to z."""
+    depth, labels, noise = clean(depth, views.labels, mirrors + 1, camera.fx, settings, model, spread)
     return depth, replace(views, labels=labels), noise
 
 
@@ -267,6 +263,7 @@ def view_names(mirrors: list[Mirror]) -> list[str]:
 def _report(
     mesh: Mesh,
     to_avatar: np.ndarray,
+    sensor: str,
     mirrors: list[Mirror],
     views: Views,
     patches: list[Mesh],
@@ -279,6 +276,7 @@ def _report(
     clock.lap("checking")
     return {
         "camera_to_avatar": to_avatar.tolist(),
+        "sensor": sensor,
         "mirrors": [
             {
                 "name": m.name,

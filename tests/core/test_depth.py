@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mirror_scan.core.camera import Intrinsics
+from mirror_scan.core.capture import Capture
+from mirror_scan.core.cleaning import clean, recognise, still_warning
 from mirror_scan.core.depth import (
     DepthSettings,
     close_dropouts,
@@ -14,8 +17,11 @@ from mirror_scan.core.depth import (
     measure_noise,
     remove_flying_pixels,
 )
-from mirror_scan.core.errors import CaptureError
+from mirror_scan.core.errors import CaptureError, MirrorScanError
+from mirror_scan.core.quantisation import dequantise, find_step
+from mirror_scan.core.sensors import SENSORS
 from mirror_scan.core.smoothing import smooth_view, smoothing_sigma
+from mirror_scan.core.stillness import burst_motion
 
 FOCAL = 400.0
 V, U = np.mgrid[:90, :120]
@@ -156,9 +162,9 @@ def test_smoothing_leaves_other_views_alone():
     assert (out[labels == 0] != depth[labels == 0]).mean() > 0.9
     apart = depth.copy()
     apart[labels != 0] = 1.0  # what other views read has no say
-    np.testing.assert_array_equal(smoothed(apart, 0.004, labels)[labels == 0], smooth_view(
-        depth, labels, 0, 0.004, smoothing_sigma(0.004, float(np.median(apart)), 1 / FOCAL, DepthSettings())
-    )[labels == 0])  # fmt: skip
+    sigma = smoothing_sigma(0.004, float(np.median(apart)), 1 / FOCAL, DepthSettings())
+    expected = smooth_view(depth, labels, 0, 0.004, sigma, DepthSettings())
+    np.testing.assert_array_equal(smoothed(apart, 0.004, labels)[labels == 0], expected[labels == 0])
 
 
 def test_no_smoothing_when_told_so():
@@ -236,3 +242,132 @@ def test_dropouts_are_closed_inside_a_surface_only():
     between = np.where(U < 60, 0, 1).astype(np.int8)
     between[40, 59] = -1
     assert close_dropouts(truth.astype(np.float32), between, 2)[1][40, 59] in (-1, 0)
+
+
+# --- smoothing, its fast way -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sigma", [1.0, 2.3, 4.0])
+def test_smooth_surfaces_against_least_squares(sigma):
+    """Where no window holds an edge, the separable sums give what a weighted least-squares fit gives."""
+    rng = np.random.default_rng(2)
+    noise = 0.003
+    depth = (sphere((0.02, -0.01, 3.0), 2.0) * (1 + noise * rng.normal(size=U.shape))).astype(np.float32)
+    labels = np.zeros(U.shape, np.int8)
+    labels[rng.random(U.shape) < 0.2] = -1  # torn
+    labels[:, 100:] = -1
+    out = smooth_view(depth, labels, 0, noise, sigma, DepthSettings(max_radius=9))
+    radius = min(int(np.ceil(2.4 * sigma)), 9)
+    for v, u in ((0, 0), (3, 97), (45, 60), (89, 50), (60, 99)):
+        if labels[v, u] < 0:
+            continue
+        rows, columns = np.mgrid[max(v - radius, 0) : v + radius + 1, max(u - radius, 0) : u + radius + 1]
+        inside = (rows < 90) & (columns < 120)
+        rows, columns = rows[inside], columns[inside]
+        mine = labels[rows, columns] == 0
+        y, x = (rows[mine] - v) / sigma, (columns[mine] - u) / sigma
+        weight = np.exp(-0.5 * (x * x + y * y))
+        terms = np.column_stack((np.ones_like(x), x, y, x * x, x * y, y * y))
+        d = depth[v, u] / depth[rows[mine], columns[mine]] - 1.0
+        ridge = weight.sum() * np.diag((1e-6, 2e-3, 2e-3, 3e-2, 3e-2, 3e-2))
+        fit = np.linalg.solve(terms.T @ (weight[:, None] * terms) + ridge, terms.T @ (weight * d))
+        # in places the window is weighed reading by reading instead
+        assert out[v, u] == pytest.approx(depth[v, u] / (1 + fit[0]), rel=3e-4)
+
+
+# --- steps -----------------------------------------------------------------------------------------------------------
+
+
+KINECT_STEP = SENSORS["kinect_v1"].step(585.0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.056])
+def test_a_kinect_is_known_by_its_steps(noise):
+    truth = plane((0.9, -0.5, 1.0), 3.2)
+    burst = np.round(kinect_burst(truth, 1, noise=noise), 3)
+    assert find_step(burst[0]) == pytest.approx(KINECT_STEP, rel=0.01)
+    camera = Intrinsics(120, 90, 585.0, 585.0, 60.0, 45.0)
+    kinect = Capture(burst, None, camera)
+    assert recognise(kinect, DepthSettings()) == ("kinect_v1", SENSORS["kinect_v1"])
+    assert recognise(kinect, DepthSettings(sensor="unknown")) == ("unknown", None)
+    told = Capture(burst, None, camera, sensor="azure_kinect")
+    assert recognise(told, DepthSettings())[0] == "azure_kinect"
+    with pytest.raises(MirrorScanError, match="kinect_v1"):
+        recognise(kinect, DepthSettings(sensor="kinect_v3"))
+
+
+def test_other_readings_have_no_steps():
+    rng = np.random.default_rng(0)
+    truth = plane((0.9, -0.5, 1.0), 3.2)
+    smooth = np.round(truth, 3)
+    for depth in (smooth, smooth * (1 + 0.002 * rng.normal(size=truth.shape)), np.zeros(truth.shape),
+                  np.full(truth.shape, 3.0), np.round(truth, 1), rng.choice([2.0, 2.5, 3.1], truth.shape)):  # fmt: skip
+        assert find_step(depth.astype(np.float32)) == 0
+
+
+@pytest.mark.parametrize(("name", "gain"), [("plane", 8), ("sphere", 3)])
+def test_steps_without_noise_are_undone(name, gain):
+    truth = plane((0.6, -0.5, 1.0), 3.5) if name == "plane" else sphere((0.0, 0.0, 3.4), 0.9)
+    depth = kinect_burst(truth, 1, noise=0.0)[0]
+    labels = np.where(depth > 0, 0, -1).astype(np.int8)
+    out = dequantise(depth, labels, 0, KINECT_STEP, DepthSettings())
+    inner = np.zeros(truth.shape, bool)
+    inner[15:-15, 15:-15] = True
+    error = [1e3 * np.sqrt(np.mean((z - truth)[inner & (truth > 0)] ** 2)) for z in (depth, out)]
+    print(f"\n{name}: in steps {error[0]:.2f} mm, undone {error[1]:.2f} mm")
+    assert error[1] < error[0] / gain
+    read = depth > 0
+    assert np.abs(1 / out[read] - 1 / depth[read]).max() <= 0.5 * KINECT_STEP * 1.001, "a reading is an interval"
+    np.testing.assert_array_equal(dequantise(depth, labels, 1, KINECT_STEP, DepthSettings()), depth)
+
+
+def test_cleaning_each_step_can_be_turned_off():
+    burst = kinect_burst(sphere(), 10, seed=1)
+    fused, spread = fuse_burst(burst)
+    labels = np.where(fused > 0, 0, -1).astype(np.int8)
+    off = DepthSettings(smoothing=0.0, close_gaps=0, dequantise=False, support=0)
+    np.testing.assert_array_equal(remove_flying_pixels(fused, 1 / FOCAL, off), fused)
+    depth, kept, _ = clean(fused, labels, 1, FOCAL, off, SENSORS["kinect_v1"], spread)
+    np.testing.assert_array_equal(depth, fused)
+    np.testing.assert_array_equal(kept, labels)
+    still = kinect_burst(sphere((0.02, -0.01, 3.6), 0.5), 1, noise=0.0)
+    labels = np.where(still[0] > 0, 0, -1).astype(np.int8)
+    with_steps = clean(still[0], labels, 1, 585.0, DepthSettings(dequantise=False, smoothing=0), SENSORS["kinect_v1"])[
+        0
+    ]
+    without = clean(still[0], labels, 1, 585.0, DepthSettings(smoothing=0), SENSORS["kinect_v1"])[0]
+    np.testing.assert_array_equal(with_steps, still[0])
+    assert (without != with_steps).mean() > 0.05
+
+
+# --- standing still --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("frames", [2, 3, 10])
+@pytest.mark.parametrize("toward", [True, False])
+def test_a_moving_subject_is_told_with_how_far(frames, toward):
+    rng = np.random.default_rng(0)
+
+    def burst(far):
+        shots = []
+        for t in np.linspace(0, 1, frames):
+            ball = sphere((0.02 + (0 if toward else far * t), -0.01, 2.5 + (far * t if toward else 0)), 0.28)
+            shots.append(np.where(ball > 0, ball, 4.0))
+        depth = np.stack(shots)
+        return (depth * (1 + 0.001 * rng.normal(size=depth.shape))).astype(np.float32)
+
+    labels = np.where(sphere((0.02, -0.01, 2.5), 0.28) > 0, 0, -1).astype(np.int8)
+    still = burst(0.0)
+    assert burst_motion(still, labels, 1 / FOCAL).share < 0.05
+    assert still_warning(still, labels, FOCAL, DepthSettings()) is None
+    moving = burst(0.05)
+    motion = burst_motion(moving, labels, 1 / FOCAL)
+    between = 0.05 * (1 - max(1, frames // 3) / frames) * frames / (frames - 1)  # of the groups' mean times
+    if toward:
+        assert motion.share > 0.8 and motion.median == pytest.approx(between, rel=0.2)
+    else:
+        assert motion.share > 0.1 and 0.3 * between < motion.median < 1.5 * between
+    warning = still_warning(moving, labels, FOCAL, DepthSettings())
+    assert f"{1e3 * motion.median:.0f} mm" in warning
+    assert still_warning(moving, labels, FOCAL, DepthSettings(still_share=1.0)) is None
+    assert still_warning(moving[:1], labels, FOCAL, DepthSettings()) is None

@@ -1,0 +1,118 @@
+"""A depth map's view of the subject made clean: which camera it was, intervals, drop-outs, noise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .capture import Capture
+from .depth import DepthSettings, close_dropouts, measure_noise
+from .errors import MirrorScanError
+from .quantisation import dequantise, find_step
+from .sensors import SENSORS, NoiseModel
+from .smoothing import smooth_view, smoothing_sigma
+from .stillness import burst_motion
+
+_DITHER = 0.3  # noise below this share of a quantum does not average its steps out
+
+
+def recognise(capture: Capture, settings: DepthSettings) -> tuple[str, NoiseModel | None]:
+    """Name and noise model of the camera: as the settings say, else as the capture says, else as its readings betray.
+
+    A Kinect v1, or another camera of its make, is known by steps of an eighth of a pixel at a baseline of 7.5 cm.
+
+    Returns
+    -------
+    name : str
+        "unknown" when it is none of those in :data:`.sensors.SENSORS`.
+    model : NoiseModel or None
+
+    Raises
+    ------
+    MirrorScanError
+        When the settings name a sensor that is not in the table.
+    """
+    if settings.sensor not in ("auto", "unknown") and settings.sensor not in SENSORS:
+        raise MirrorScanError(f"there is no sensor “{settings.sensor}”; choose auto, unknown, {', '.join(SENSORS)}")
+    if settings.sensor != "auto":
+        return settings.sensor, SENSORS.get(settings.sensor)
+    if capture.sensor in SENSORS:
+        return capture.sensor, SENSORS[capture.sensor]
+    step = find_step(capture.depth[0])
+    kinect = SENSORS["kinect_v1"].step(capture.intrinsics.fx)
+    if (
+        step and 0.8 < step / kinect < 1.25
+    ):  # registered to colour its readings keep their steps but not the focal length
+        return "kinect_v1", SENSORS["kinect_v1"]
+    return "unknown", None
+
+
+def clean(
+    depth: np.ndarray,
+    labels: np.ndarray,
+    views: int,
+    focal: float,
+    settings: DepthSettings,
+    model: NoiseModel | None = None,
+    spread: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Drop-outs closed, steps undone and noise smoothed, a view at a time.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z of one frame or a fused burst [m], 0 = no reading.
+    labels : np.ndarray [shape=(H, W), dtype=int8]
+        View of each pixel, -1 = none.
+    views : int
+        How many there are.
+    focal : float
+        fx [px].
+    settings : DepthSettings
+    model : NoiseModel or None
+        Of the camera, where it is known.
+    spread : np.ndarray [shape=(H, W), dtype=float32] or None
+        Of a burst: standard deviation over the frames, relative to z.
+
+    Returns
+    -------
+    depth, labels : np.ndarray
+    noise : np.ndarray [shape=(views,)]
+        What is left, relative to z.
+    """
+    depth, labels = close_dropouts(depth, labels, settings.close_gaps)
+    noise = measure_noise(depth, labels, views)
+    step = model.step(focal) if model is not None else 0.0
+    for view in range(views):
+        mine = labels == view
+        if not mine.any():
+            continue
+        z = float(np.median(depth[mine]))
+        quantum = step * z  # relative to z
+        if quantum and settings.dequantise:
+            single = noise[view] if spread is None else float(np.median(spread[mine]))
+            if single < _DITHER * quantum:
+                depth = dequantise(depth, labels, view, step, settings)
+                noise[view] = max(measure_noise(depth, np.where(mine, 0, -1).astype(np.int8), 1)[0], 0.1 * quantum)
+        if noise[view] == 0 and model is not None:  # no window is whole: too thin, too torn
+            noise[view] = model.sigma(z, focal) / z
+        if settings.smoothing <= 0:
+            continue
+        sigma = smoothing_sigma(noise[view], z, 1.0 / focal, settings)
+        depth = smooth_view(depth, labels, view, noise[view], sigma, settings)
+        # a Gaussian window averages about 4π·sigma² readings, the quadratic fit half
+        noise[view] /= max(1.0, 2.5 * sigma)
+    return depth, labels, noise
+
+
+def still_warning(depth: np.ndarray, labels: np.ndarray, focal: float, settings: DepthSettings) -> str | None:
+    """What to tell a person whose subject moved while the burst was recorded; None when it stood still."""
+    if settings.still_share >= 1 or len(depth) < 2:
+        return None
+    motion = burst_motion(depth, labels, 1.0 / focal)
+    if motion.share <= settings.still_share:
+        return None
+    return (
+        f"the subject moved during the burst: between its first and last frames {motion.share:.0%} of what is seen of "
+        f"it went {1e3 * motion.median:.0f} mm (up to {1e3 * motion.largest:.0f} mm); hold still while recording, "
+        "record fewer frames, or use a single frame"
+    )
