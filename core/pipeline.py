@@ -174,7 +174,10 @@ def place_mirrors(
 ) -> list[Mirror]:
     """The mirrors that were picked or given; without picks those that the depth map shows."""
     if picks:
-        return [place_mirror(pick, depth, capture.intrinsics, settings.mirror) for pick in picks]
+        return [
+            pick if isinstance(pick, Mirror) else place_mirror(pick, depth, capture.intrinsics, settings.mirror)
+            for pick in picks
+        ]
     found = find_mirrors(depth, capture.intrinsics, capture.color, settings.detection, settings.mirror.glass_offset)
     if not found:
         raise MirrorError(
