@@ -24,6 +24,7 @@ FrameChoice = int | str | None
 READERS = (
     "npz",
     "azure_mkv",
+    "realsense_bag",
     "pcd",
     "ply",
     "tum",
