@@ -47,9 +47,18 @@ def boundary_of(mesh: Mesh, edges: np.ndarray) -> Boundary:
 
 
 @njit(cache=True, nogil=True)
+def _set_unit(out, x, y, z):
+    """``out`` = (x, y, z) scaled to length 1; left as it is for a zero vector."""
+    length = np.sqrt(x * x + y * y + z * z)
+    if length > 0:
+        out[0], out[1], out[2] = x / length, y / length, z / length
+
+
+@njit(cache=True, nogil=True)
 def _frames_kernel(point, vertex_normal, start):
     """Directions along each loop, averaged over two neighbours on either side so that teeth do not turn them."""
     count = len(point)
+    t, m = np.empty(3), np.empty(3)
     tangent, normal, outward = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3))
     arc = np.zeros(count)
     for loop in range(len(start) - 1):
@@ -60,19 +69,21 @@ def _frames_kernel(point, vertex_normal, start):
             i = a + k
             arc[i] = total
             nxt = a + (k + 1) % n
-            total += np.sqrt(((point[nxt] - point[i]) ** 2).sum())
-            for s in range(-half, half + 1):
-                normal[i] += vertex_normal[a + (k + s) % n]
-            tangent[i] = point[a + (k + half) % n] - point[a + (k - half) % n]
-        for k in range(n):
-            i = a + k
-            for m in (normal, tangent):
-                length = np.sqrt((m[i] ** 2).sum())
-                if length > 0:
-                    m[i] /= length
+            ahead, behind = a + (k + half) % n, a + (k - half) % n
+            step = 0.0
+            for c in range(3):
+                step += (point[nxt, c] - point[i, c]) ** 2
+                t[c] = point[ahead, c] - point[behind, c]
+                m[c] = 0.0
+                for s in range(-half, half + 1):
+                    m[c] += vertex_normal[a + (k + s) % n, c]
+            total += np.sqrt(step)
+            _set_unit(tangent[i], t[0], t[1], t[2])
+            _set_unit(normal[i], m[0], m[1], m[2])
             # the surface lies on the left of the boundary's direction, so its continuation on the right
-            outward[i] = np.cross(tangent[i], normal[i])
-            length = np.sqrt((outward[i] ** 2).sum())
-            if length > 0:
-                outward[i] /= length
+            along, across = tangent[i], normal[i]
+            x = along[1] * across[2] - along[2] * across[1]
+            y = along[2] * across[0] - along[0] * across[2]
+            z = along[0] * across[1] - along[1] * across[0]
+            _set_unit(outward[i], x, y, z)
     return tangent, normal, outward, arc

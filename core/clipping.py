@@ -98,12 +98,12 @@ def clip(mesh: Mesh, field: np.ndarray, level: float) -> Mesh:
     a, b = source[:, 0], source[:, 1]
     colors = None
     if mesh.colors is not None:
-        colors = mesh.colors[a]
+        colors = mesh.colors.take(a, axis=0)
         cut = np.flatnonzero(share)
         blend = mesh.colors[a[cut]] * (1 - share[cut, None]) + mesh.colors[b[cut]] * share[cut, None]
         colors[cut] = np.rint(blend).astype(np.uint8)
-    view = None if mesh.view is None else mesh.view[a]
-    kind = None if mesh.kind is None else mesh.kind[parent]
+    view = None if mesh.view is None else mesh.view.take(a)
+    kind = None if mesh.kind is None else mesh.kind.take(parent)
     return compact(Mesh(vertices, triangles, colors, view, kind))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from .fairing import fair
 from .filling import fill_loops
+from .linear import dot
 from .mesh import (
     FILL,
     SURFACE,
@@ -86,9 +87,9 @@ def close_mesh(
         notes.append(f"{dropped} small piece(s) that nothing connects to the body were left out")
     mesh = refine(mesh, edge_length_at_vertices(mesh), settings.refine)
     made = mesh.view < 0
-    flat = (
-        np.zeros(len(mesh.vertices), np.bool_) if floor is None else made & (np.abs(mesh.vertices @ up - floor) < 1e-6)
-    )
+    flat = np.zeros(len(mesh.vertices), np.bool_)
+    if floor is not None:
+        flat = made & (np.abs(dot(mesh.vertices, up) - floor) < 1e-6)
     rim = np.zeros(len(mesh.vertices), np.bool_)
     rim[mesh.triangles[mesh.kind != SURFACE]] = True
     stiffness = np.where(flat, np.inf, np.where(made, 0.0, np.where(rim, settings.fairness, np.inf)))
@@ -122,7 +123,7 @@ def drop_soles(mesh: Mesh, edges: np.ndarray, up: np.ndarray, floor: float, reac
     """
     below = []
     for loop in loops_of(edges, len(mesh.vertices)):
-        height = mesh.vertices[loop] @ up - floor
+        height = dot(mesh.vertices[loop], up) - floor
         if len(loop) >= 8 and np.quantile(height, 0.75) < reach and height.max() < 4 * reach and height.min() > -reach:
             below.append(loop)
     if not below:
@@ -130,7 +131,7 @@ def drop_soles(mesh: Mesh, edges: np.ndarray, up: np.ndarray, floor: float, reac
     vertices, triangles, count = [mesh.vertices], [mesh.triangles], len(mesh.vertices)
     source = np.concatenate(below)
     for loop in below:
-        height = mesh.vertices[loop] @ up - floor
+        height = dot(mesh.vertices[loop], up) - floor
         vertices.append(mesh.vertices[loop] - height[:, None] * up)
         foot = np.arange(count, count + len(loop))
         count += len(loop)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .dtw import Warping, dtw
+from .linear import dot
 from .mesh import Mesh, boundary_loops
 
 
@@ -43,7 +44,7 @@ def split_loop(
         Both chains in the loop's direction, sharing their end vertices; None when the loop has no two ends.
     """
     offset = points[loop] - axis
-    height = offset @ up
+    height = dot(offset, up)
     aside = np.linalg.norm(offset - height[:, None] * up, axis=1)
     reach = np.ptp(height)
     if reach == 0:

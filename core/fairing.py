@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from .mesh import triangles_touching
 
@@ -39,7 +39,7 @@ def neighbours(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np
     return packed, out
 
 
-def fair(vertices: np.ndarray, triangles: np.ndarray, stiffness: np.ndarray, iterations: int = 40) -> np.ndarray:
+def fair(vertices: np.ndarray, triangles: np.ndarray, stiffness: np.ndarray, iterations: int = 30) -> np.ndarray:
     """Move vertices so that the surface bends least (thin plate), each held to its place by its stiffness.
 
     Minimises Σ|L p|² + Σ stiffness²·|p − p₀|² with L the scale-dependent umbrella (Desbrun et al. 1999), by
@@ -84,28 +84,38 @@ def fair(vertices: np.ndarray, triangles: np.ndarray, stiffness: np.ndarray, ite
     return out
 
 
-@njit(cache=True, nogil=True, parallel=True)
-def _gather(p, start, heads, weight, rows, out):
-    """out = W p - D p, row by row: D is 1 where ``rows`` holds; rows without weights give 0."""
-    for i in prange(len(p)):
-        x = y = z = 0.0
-        for e in range(start[i], start[i + 1]):
-            w = weight[e]
-            j = heads[e]
+@njit(cache=True, nogil=True)
+def _rows(start, heads, weight, chosen):
+    """The CSR rows of the ``chosen`` vertices alone: (row start, head, weight)."""
+    first = np.zeros(len(chosen) + 1, np.int64)
+    for r in range(len(chosen)):
+        first[r + 1] = first[r] + start[chosen[r] + 1] - start[chosen[r]]
+    head, value = np.empty(first[-1], np.int32), np.empty(first[-1])
+    for r in range(len(chosen)):
+        n = first[r]
+        for e in range(start[chosen[r]], start[chosen[r] + 1]):
+            head[n], value[n] = heads[e], weight[e]
+            n += 1
+    return first, head, value
+
+
+@njit(cache=True, nogil=True)
+def _gather(p, row, first, head, weight, own, out):
+    """out[i] = Σ weight · p[head] − own[i] · p[i] for the vertices i of ``row``, (V, 3); the others are left alone."""
+    for r in range(len(row)):
+        i = row[r]
+        x, y, z = -own[i] * p[i, 0], -own[i] * p[i, 1], -own[i] * p[i, 2]
+        for e in range(first[r], first[r + 1]):
+            j, w = head[e], weight[e]
             x += w * p[j, 0]
             y += w * p[j, 1]
             z += w * p[j, 2]
-        if rows[i]:
-            x -= p[i, 0]
-            y -= p[i, 1]
-            z -= p[i, 2]
-        out[i, 0] = x
-        out[i, 1] = y
-        out[i, 2] = z
+        out[i, 0], out[i, 1], out[i, 2] = x, y, z
 
 
 @njit(cache=True, nogil=True)
 def _fair_kernel(p, start, heads, free, stiffness, rows, iterations):
+    """Rows of L are those where ``rows`` holds, zero elsewhere; only ``free`` vertices are unknown."""
     count = len(p)
     weight = np.empty(len(heads))
     for i in range(count):
@@ -127,29 +137,27 @@ def _fair_kernel(p, start, heads, free, stiffness, rows, iterations):
                 if heads[f] == i:
                     transposed[e] = weight[f]
                     break
-    lap = np.empty((count, 3))
+    row, unknown = np.flatnonzero(rows), np.flatnonzero(free)
+    umbrella_first, umbrella_head, umbrella = _rows(start, heads, weight, row)
+    back_first, back_head, back = _rows(start, heads, transposed, unknown)
+    own = rows.astype(np.float64)
+    lap = np.zeros((count, 3))
     gradient = np.empty((count, 3))
     # residual of the normal equations at p0: -LᵀL p0 on the free vertices
-    _gather(p, start, heads, weight, rows, lap)
-    _gather(lap, start, heads, transposed, rows, gradient)
-    r = np.zeros((count, 3))
-    for i in range(count):
-        if free[i]:
-            for c in range(3):
-                r[i, c] = -gradient[i, c]
+    _gather(p, row, umbrella_first, umbrella_head, umbrella, own, lap)
+    _gather(lap, unknown, back_first, back_head, back, own, gradient)
     # Jacobi preconditioner: the diagonal of LᵀL + stiffness²
-    diagonal = np.zeros(count)
-    for i in range(count):
-        if rows[i]:
-            diagonal[i] += 1.0
-            for e in range(start[i], start[i + 1]):
-                diagonal[heads[e]] += weight[e] ** 2
-    for i in range(count):
-        diagonal[i] = 1.0 / (diagonal[i] + stiffness[i] ** 2) if free[i] else 0.0
-    direction = np.empty((count, 3))
+    diagonal = own.copy()
+    for r in range(len(row)):
+        for e in range(umbrella_first[r], umbrella_first[r + 1]):
+            diagonal[umbrella_head[e]] += umbrella[e] ** 2
+    r = np.zeros((count, 3))
+    direction = np.zeros((count, 3))
     norm = 0.0
-    for i in range(count):
+    for i in unknown:
+        diagonal[i] = 1.0 / (diagonal[i] + stiffness[i] ** 2)
         for c in range(3):
+            r[i, c] = -gradient[i, c]
             direction[i, c] = diagonal[i] * r[i, c]
             norm += r[i, c] * direction[i, c]
     first = norm
@@ -157,28 +165,25 @@ def _fair_kernel(p, start, heads, free, stiffness, rows, iterations):
     for _ in range(iterations):
         if norm <= 1e-5 * first or norm == 0:
             break
-        _gather(direction, start, heads, weight, rows, lap)
-        _gather(lap, start, heads, transposed, rows, gradient)
+        _gather(direction, row, umbrella_first, umbrella_head, umbrella, own, lap)
+        _gather(lap, unknown, back_first, back_head, back, own, gradient)
         curvature = 0.0
-        for i in range(count):
-            if free[i]:
-                for c in range(3):
-                    gradient[i, c] += stiffness[i] ** 2 * direction[i, c]
-                    curvature += direction[i, c] * gradient[i, c]
+        for i in unknown:
+            for c in range(3):
+                gradient[i, c] += stiffness[i] ** 2 * direction[i, c]
+                curvature += direction[i, c] * gradient[i, c]
         if curvature <= 0:
             break
         alpha = norm / curvature
         new_norm = 0.0
-        for i in range(count):
-            if free[i]:
-                for c in range(3):
-                    step[i, c] += alpha * direction[i, c]
-                    r[i, c] -= alpha * gradient[i, c]
-                    new_norm += diagonal[i] * r[i, c] ** 2
+        for i in unknown:
+            for c in range(3):
+                step[i, c] += alpha * direction[i, c]
+                r[i, c] -= alpha * gradient[i, c]
+                new_norm += diagonal[i] * r[i, c] ** 2
         beta = new_norm / norm
         norm = new_norm
-        for i in range(count):
-            if free[i]:
-                for c in range(3):
-                    direction[i, c] = diagonal[i] * r[i, c] + beta * direction[i, c]
+        for i in unknown:
+            for c in range(3):
+                direction[i, c] = diagonal[i] * r[i, c] + beta * direction[i, c]
     return p + step

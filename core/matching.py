@@ -8,6 +8,7 @@ from numba import njit, prange
 
 from .boundary import Boundary
 from .freespace import bridge_is_free
+from .linear import dot
 from .overlap import ViewMaps
 
 
@@ -42,7 +43,7 @@ def find_partners(
     -----
     Searches outwards along ``up``: O(B · candidates within ``limit``) time, O(B) memory.
     """
-    level = boundary.point @ up
+    level = dot(boundary.point, up)
     k = maps.intrinsics
     return _partners_kernel(
         boundary.point,

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
+from .linear import transform
+
 SURFACE, SEAM, FILL = 0, 1, 2
 KIND_NAMES = ("surface", "seam", "fill")
 
@@ -37,7 +39,7 @@ class Mesh:
 
     def transformed(self, matrix: np.ndarray) -> Mesh:
         """The mesh moved by a rigid or similarity ``matrix`` (4, 4)."""
-        return replace(self, vertices=self.vertices @ matrix[:3, :3].T + matrix[:3, 3])
+        return replace(self, vertices=transform(self.vertices, matrix))
 
 
 def edge_keys(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
@@ -264,18 +266,37 @@ def components_of(twin: np.ndarray, count: int) -> tuple[np.ndarray, int]:
 
 def compact(mesh: Mesh) -> Mesh:
     """The mesh without vertices that no triangle uses."""
-    used = np.zeros(len(mesh.vertices), np.bool_)
-    used[mesh.triangles.ravel()] = True
-    if used.all():
+    used, triangles = _renumber_kernel(mesh.triangles, len(mesh.vertices))
+    if len(used) == len(mesh.vertices):
         return mesh
-    index = np.cumsum(used, dtype=np.int32) - 1
     return replace(
         mesh,
-        vertices=mesh.vertices[used],
-        triangles=index[mesh.triangles].astype(np.int32),
-        colors=None if mesh.colors is None else mesh.colors[used],
-        view=None if mesh.view is None else mesh.view[used],
+        vertices=mesh.vertices.take(used, axis=0),
+        triangles=triangles,
+        colors=None if mesh.colors is None else mesh.colors.take(used, axis=0),
+        view=None if mesh.view is None else mesh.view.take(used),
     )
+
+
+@njit(cache=True, nogil=True)
+def _renumber_kernel(triangles, vertex_count):
+    """Vertices that are in use, ascending (U,) int32, and the triangles in their numbers."""
+    index = np.zeros(vertex_count, np.int32)
+    for t in range(len(triangles)):
+        for k in range(3):
+            index[triangles[t, k]] = 1
+    used = np.empty(index.sum(), np.int32)
+    count = 0
+    for v in range(vertex_count):
+        if index[v]:
+            used[count] = v
+            index[v] = count
+            count += 1
+    out = np.empty(triangles.shape, np.int32)
+    for t in range(len(triangles)):
+        for k in range(3):
+            out[t, k] = index[triangles[t, k]]
+    return used, out
 
 
 @njit(cache=True, nogil=True)
@@ -308,7 +329,11 @@ def triangles_touching(triangles: np.ndarray, chosen: np.ndarray) -> np.ndarray:
 
 def keep_triangles(mesh: Mesh, keep: np.ndarray) -> Mesh:
     """The mesh of the triangles where ``keep`` (T,) bool holds, unused vertices dropped."""
-    return compact(replace(mesh, triangles=mesh.triangles[keep], kind=None if mesh.kind is None else mesh.kind[keep]))
+    kept = np.flatnonzero(keep)
+    if len(kept) == len(mesh.triangles):
+        return compact(mesh)
+    triangles = mesh.triangles.take(kept, axis=0)
+    return compact(replace(mesh, triangles=triangles, kind=None if mesh.kind is None else mesh.kind.take(kept)))
 
 
 def drop_small_components(mesh: Mesh, min_triangles: int) -> Mesh:

@@ -316,15 +316,25 @@ def _cut_back(patch: Mesh, maps: ViewMaps, settings: OverlapSettings, center: np
     overlapped = np.isfinite(advantage)
     if not overlapped.any():
         return patch
+    rounds = 3
+    near = _triangles_near(patch.triangles, overlapped, rounds)  # all else is left as it is by the smoothing below
     vertices = patch.vertices
     if settings.blend:
-        vertices = vertices + smooth_on_mesh(shift, patch.triangles, 3)
-    # beyond the overlap nobody else competes: a large advantage that the smoothing below leaves positive
+        vertices = vertices + smooth_on_mesh(shift, near, rounds)
+    # beyond the overlap nobody else competes: a large advantage that the smoothing leaves positive
     field = np.clip(np.where(overlapped, advantage, 3.0), -3.0, 3.0)
-    field = smooth_on_mesh(field[:, None], patch.triangles, 3)[:, 0]
-    distance = distance_to_zero(field, vertices, patch.triangles)
+    field = smooth_on_mesh(field[:, None], near, rounds)[:, 0]
+    distance = distance_to_zero(field, vertices, near)
     edge = _median_edge(patch)
     return clip(replace(patch, vertices=vertices), distance, 0.5 * settings.gap * edge)
+
+
+def _triangles_near(triangles: np.ndarray, chosen: np.ndarray, rings: int) -> np.ndarray:
+    """Triangles (K, 3) within so many rings of the ``chosen`` vertices (V,) bool."""
+    inside = chosen.copy()
+    for _ in range(rings):
+        inside[triangles.compress(triangles_touching(triangles, inside), axis=0)] = True
+    return triangles.compress(triangles_touching(triangles, inside), axis=0)
 
 
 def _strip_doubles(patches: list[Mesh], maps: ViewMaps, settings: OverlapSettings) -> list[Mesh]:
@@ -334,29 +344,26 @@ def _strip_doubles(patches: list[Mesh], maps: ViewMaps, settings: OverlapSetting
     boundaries cross and no zipper can run between them.
     """
     k = maps.intrinsics
-    camera = (k.fx, k.fy, k.cx, k.cy)
     kept = _kept_pixels(patches, maps)
+    normals = each(lambda patch: vertex_normals(patch.vertices, patch.triangles), patches)
+    suspects = each(
+        lambda view: _covered(
+            patches[view], normals[view], np.arange(len(patches[view].vertices)), kept, maps, settings
+        ),
+        range(len(patches)),
+    )
     stripped = list(patches)
+    changed = False
     for view in range(len(patches) - 1, -1, -1):
-        patch = stripped[view]
-        if not len(patch.triangles):
+        patch = patches[view]
+        over = suspects[view]
+        if changed:  # less is kept of the views before: what lay over that does so no longer
+            over = _covered(patch, normals[view], over, kept, maps, settings)
+        if not len(over):
             continue
-        normals = vertex_normals(patch.vertices, patch.triangles)
-        covered = _covered_kernel(
-            patch.vertices,
-            patch.view,
-            normals,
-            maps.to_view,
-            maps.depth,
-            kept,
-            maps.normals,
-            *camera,
-            settings.reach,
-            maps.noise,
-            0.5 * settings.gap,
-        )
-        if not covered.any():
-            continue
+        changed = True
+        covered = np.zeros(len(patch.vertices), np.bool_)
+        covered[over] = True
         left = ~triangles_touching(patch.triangles, covered)
         patch = replace(patch, triangles=patch.triangles[left], kind=patch.kind[left])  # compacted by what follows
         if covered.sum() > 0.005 * len(covered):  # a ragged outline, not a few teeth
@@ -364,8 +371,34 @@ def _strip_doubles(patches: list[Mesh], maps: ViewMaps, settings: OverlapSetting
         patch = clean_patch(patch, 12)
         stripped[view] = patch
         kept[kept == view] = -1
-        _mark_kernel(patch.vertices, patch.view, maps.to_view, kept, *camera)
+        _mark_kernel(patch.vertices, patch.view, maps.to_view, kept, k.fx, k.fy, k.cx, k.cy)
     return stripped
+
+
+def _covered(
+    patch: Mesh, normals: np.ndarray, vertices: np.ndarray, kept: np.ndarray, maps: ViewMaps, settings: OverlapSettings
+) -> np.ndarray:
+    """Those of the ``vertices`` (K,) that lie over another view's ``kept`` pixels, or right beside one of them."""
+    k = maps.intrinsics
+    return vertices[
+        _covered_kernel(
+            vertices,
+            patch.vertices,
+            patch.view,
+            normals,
+            maps.to_view,
+            maps.depth,
+            kept,
+            maps.normals,
+            k.fx,
+            k.fy,
+            k.cx,
+            k.cy,
+            settings.reach,
+            maps.noise,
+            0.5 * settings.gap,
+        )
+    ]
 
 
 def _kept_pixels(patches: list[Mesh], maps: ViewMaps) -> np.ndarray:
@@ -388,11 +421,11 @@ def _mark_kernel(vertices, view, to_view, kept, fx, fy, cx, cy):
 
 @njit(cache=True, nogil=True)
 def _covered_kernel(
-    vertices, view, vertex_normals, to_view, depth, kept, normals, fx, fy, cx, cy, reach, noise, margin
+    chosen, vertices, view, vertex_normals, to_view, depth, kept, normals, fx, fy, cx, cy, reach, noise, margin
 ):
-    """Whether each vertex lies over another view's kept pixels, or right beside one of them."""
-    covered = np.zeros(len(vertices), np.bool_)
-    for i in range(len(vertices)):
+    covered = np.zeros(len(chosen), np.bool_)
+    for at in range(len(chosen)):
+        i = chosen[at]
         for k in range(len(to_view)):
             if k == view[i]:
                 continue
@@ -413,8 +446,8 @@ def _covered_kernel(
                     d = depth[y, x]
                     ex, ey = (x - cx) / fx * d - px * z, (y - cy) / fy * d - py * z
                     if ex * ex + ey * ey + (d - z) ** 2 < (margin * d / fx) ** 2:
-                        covered[i] = True
-            if not inside or covered[i]:
+                        covered[at] = True
+            if not inside or covered[at]:
                 continue
             n = normals[y0, x0]
             agree = cosine = 0.0
@@ -422,7 +455,7 @@ def _covered_kernel(
                 agree += n[c] * vertex_normals[i, c]
                 cosine += (m[0, c] * px + m[1, c] * py + m[2, c]) * n[c]
             if agree > 0.0 and abs((depth[y0, x0] - z) * cosine) < reach + 3.0 * noise[k] * z:
-                covered[i] = True
+                covered[at] = True
     return covered
 
 

@@ -14,12 +14,14 @@ from .cleaning import clean, recognise, still_warning
 from .closing import ClosingSettings, close_mesh
 from .depth import DepthSettings, fuse_burst, remove_flying_pixels
 from .errors import MirrorError, ReconstructionError
+from .linear import transform
 from .mesh import FILL, SEAM, Mesh
 from .metrics import mesh_report
 from .mirror import Mirror, MirrorSettings, place_mirror, reflection_matrix
 from .mirror_detection import DetectionSettings, find_mirrors
 from .overlap import OverlapSettings, part_overlaps, view_maps
 from .sensors import NoiseModel
+from .threads import each
 from .triangulation import TriangulationSettings, triangulate_view
 from .views import Views, ViewSettings, find_subject
 from .zippering import Seam, ZipperSettings, zip_patches
@@ -213,15 +215,17 @@ def make_patches(
     """Each view triangulated where the camera laid it, then flipped over its mirror: that reverses the winding."""
     camera = capture.intrinsics
     points = unproject(depth, camera)
-    patches = []
-    for view in range(len(mirrors) + 1):
+
+    def make(view: int) -> Mesh:
         patch = triangulate_view(
             depth, views.labels, view, points, 1.0 / camera.fx, noise[view], capture.color, settings
         )
         if view > 0:
             patch = patch.transformed(reflection_matrix(mirrors[view - 1]))
             patch = replace(patch, triangles=np.ascontiguousarray(patch.triangles[:, ::-1]))
-        patches.append(patch)
+        return patch
+
+    patches = each(make, range(len(mirrors) + 1))
     if not any(len(patch.triangles) for patch in patches):
         raise ReconstructionError(
             "the subject's readings are too scattered to connect; use a longer burst or come closer to the camera"
@@ -236,7 +240,7 @@ def avatar_frame(mesh: Mesh, views: Views) -> np.ndarray:
     away = views.axis - (views.axis @ up) * up
     away /= np.linalg.norm(away)
     rotation = np.stack((np.cross(away, up), away, up))
-    vertices = mesh.vertices @ rotation.T
+    vertices = transform(mesh.vertices, np.column_stack((rotation, np.zeros(3))))
     low = vertices[:, 2].min() if views.floor is None else views.floor
     feet = vertices[vertices[:, 2] < low + 0.1 * (vertices[:, 2].max() - low)]
     matrix = np.eye(4)

@@ -11,16 +11,18 @@ from .mesh import SURFACE, Mesh, twins
 def edge_length_at_vertices(mesh: Mesh) -> np.ndarray:
     """Mean edge length (V,) of the measured triangles around each vertex [m]; the median of all where there are
     none."""
-    total, count = _edge_length_kernel(mesh.vertices, mesh.triangles[mesh.kind == SURFACE])
+    total, count = _edge_length_kernel(mesh.vertices, mesh.triangles, mesh.kind)
     mean = total / np.maximum(count, 1)
     return np.where(count > 0, mean, np.median(mean[count > 0]) if (count > 0).any() else 0.01)
 
 
 @njit(cache=True, nogil=True)
-def _edge_length_kernel(vertices, triangles):
+def _edge_length_kernel(vertices, triangles, kind):
     total = np.zeros(len(vertices))
     count = np.zeros(len(vertices))
     for t in range(len(triangles)):
+        if kind[t] != SURFACE:
+            continue
         for k in range(3):
             i, j = triangles[t, k], triangles[t, (k + 1) % 3]
             d = np.sqrt(_distance2(vertices, i, j))
@@ -56,7 +58,7 @@ def refine(mesh: Mesh, target: np.ndarray, factor: float, rounds: int = 10) -> M
     )
     colors = mesh.colors
     if colors is not None and len(parents):
-        colors = np.rint(_interpolate_kernel(colors.astype(np.float64), parents)).astype(np.uint8)
+        colors = np.concatenate((colors, np.rint(_middle_colors(colors, parents)).astype(np.uint8)))
     return Mesh(
         vertices,
         np.concatenate((fixed, region)),
@@ -67,12 +69,14 @@ def refine(mesh: Mesh, target: np.ndarray, factor: float, rounds: int = 10) -> M
 
 
 @njit(cache=True, nogil=True)
-def _interpolate_kernel(values, parents):
-    count, width = values.shape
-    out = np.empty((count + len(parents), width))
-    out[:count] = values
+def _middle_colors(colors, parents):
+    """Colours (K, 3) float64 of new vertices, each half way between its two parents, which may be new themselves."""
+    count = len(colors)
+    out = np.zeros((len(parents), 3))
     for k in range(len(parents)):
-        out[count + k] = 0.5 * (out[parents[k, 0]] + out[parents[k, 1]])
+        for parent in parents[k]:
+            for c in range(3):
+                out[k, c] += 0.5 * (np.float64(colors[parent, c]) if parent < count else out[parent - count, c])
     return out
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numba import njit
 
 from .bvh import self_intersections
 from .fairing import neighbours
@@ -45,20 +46,42 @@ def untangle(mesh: Mesh, rounds: int = 6, rings: int = 0) -> tuple[Mesh, int]:
     crossing = searched[np.unique(self_intersections(mesh.vertices, mesh.triangles[searched]))]
     if not len(crossing):
         return mesh, 0
-    start, heads = neighbours(mesh.triangles, len(mesh.vertices))
     vertices = mesh.vertices.copy()
     for turn in range(rounds):
-        core = _grow(mesh.triangles[crossing].ravel(), start, heads, 1 + turn // 2, len(vertices))
-        vertices = _relax(vertices, core, start, heads, 4 + 2 * turn)
-        # what moved, and what it may have run into: triangles that reach into its surroundings
-        around = _grow(core, start, heads, 3, len(vertices))
-        box = np.zeros(len(vertices), np.bool_)
-        box[around] = True
-        local = np.flatnonzero(triangles_touching(mesh.triangles, box))
-        crossing = local[np.unique(self_intersections(vertices, mesh.triangles[local]))]
+        reach = 1 + turn // 2
+        seeds = mesh.triangles[crossing].ravel()
+        # what moves, and what it may run into: triangles that reach into its surroundings
+        local = _triangles_within(mesh.triangles, seeds, reach + 3, len(vertices))
+        used, triangles = np.unique(mesh.triangles[local], return_inverse=True)
+        triangles = triangles.reshape(-1, 3).astype(np.int32)
+        start, heads = neighbours(triangles, len(used))
+        core = _grow(np.searchsorted(used, seeds), start, heads, reach, len(used))
+        moved = _relax(vertices[used], core, start, heads, 4 + 2 * turn)
+        vertices[used] = moved
+        crossing = local[np.unique(self_intersections(moved, triangles))]
         if not len(crossing):
             break
     return replace(mesh, vertices=vertices), len(crossing)
+
+
+@njit(cache=True, nogil=True)
+def _triangles_within(triangles, vertices, rings, count):
+    """Triangles that reach into the vertices' surroundings of so many rings, ascending. O(rings · T)."""
+    ring = np.full(count, rings + 1)  # how far away each vertex is, as far as that matters
+    for v in vertices:
+        ring[v] = 0
+    for r in range(rings):
+        for t in range(len(triangles)):
+            i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+            if ring[i] == r or ring[j] == r or ring[k] == r:
+                ring[i], ring[j], ring[k] = min(ring[i], r + 1), min(ring[j], r + 1), min(ring[k], r + 1)
+    out = np.empty(len(triangles), np.int32)
+    n = 0
+    for t in range(len(triangles)):
+        if min(ring[triangles[t, 0]], ring[triangles[t, 1]], ring[triangles[t, 2]]) <= rings:
+            out[n] = t
+            n += 1
+    return out[:n].copy()
 
 
 def _ring(vertices: np.ndarray, start: np.ndarray, heads: np.ndarray) -> np.ndarray:

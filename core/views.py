@@ -9,6 +9,7 @@ from numba import njit, prange
 
 from .camera import Intrinsics, unproject
 from .errors import ReconstructionError
+from .linear import dot
 from .mesh import root_of
 from .mirror import Mirror, reflect, reflection_matrix
 
@@ -139,8 +140,9 @@ def _sort_kernel(depth, points, planes, axes, limits, centers, flips, depth_limi
     height, width = depth.shape
     count = len(planes)
     seen = np.full((height, width), -1, np.int8)
-    placed = points.copy()
+    placed = np.empty_like(points)
     for v in prange(height):
+        placed[v] = points[v]
         camera = np.zeros(3)
         crossing = np.empty(3)
         for u in range(width):
@@ -209,34 +211,57 @@ def find_floor(points: np.ndarray, up: np.ndarray, tilt_limit: float = 15.0) -> 
         return None
     rng = np.random.default_rng(0)
     sample = points[:: len(points) // 4000 + 1]
-    height = sample @ up
+    height = dot(sample, up)
     low = sample[height <= np.quantile(height, 0.4)]
     a, b, c = low[rng.integers(0, len(low), (3, 80))]
     normals = np.cross(b - a, c - a)
     length = np.linalg.norm(normals, axis=1)
     normals /= np.where(length > 0, length, 1.0)[:, None]
-    normals *= np.where(normals @ up < 0, -1.0, 1.0)[:, None]
-    level = (length > 4e-4) & (normals @ up > np.cos(np.radians(tilt_limit)))
+    normals *= np.where(dot(normals, up) < 0, -1.0, 1.0)[:, None]
+    level = (length > 4e-4) & (dot(normals, up) > np.cos(np.radians(tilt_limit)))
     if not level.any():
         return None
     normals, offsets = normals[level], np.einsum("ij,ij->i", normals, a)[level]
-    distance = sample @ normals.T - offsets
-    # nothing of substance lies under a floor
-    score = (np.abs(distance) < 0.02).sum(axis=0) - 3 * (distance < -0.06).sum(axis=0)
+    score = _floor_scores(sample, normals, offsets)
     winner = int(np.argmax(score))
     if score[winner] < 0.02 * len(sample):
         return None
     n, d = normals[winner], offsets[winner]
     band = 0.06
     for _ in range(5):
-        inliers = points[np.abs(points @ n - d) < band]
+        inliers = points[np.abs(dot(points, n) - d) < band]
         center = inliers.mean(axis=0)
-        fitted = np.linalg.svd((inliers - center).T @ (inliers - center))[2][2]
+        fitted = np.linalg.svd(_scatter(inliers, center))[2][2]
         n = fitted if fitted @ up > 0 else -fitted
         d = n @ center
-        noise = 1.4826 * np.median(np.abs(inliers @ n - d))
+        noise = 1.4826 * np.median(np.abs(dot(inliers, n) - d))
         band = max(4 * noise, 0.015)
     return (n, float(d), float(noise)) if n @ up > np.cos(np.radians(tilt_limit)) else None
+
+
+@njit(cache=True, nogil=True)
+def _floor_scores(points, normals, offsets):
+    """Points within 2 cm of each plane, less three for each 6 cm under it: nothing of substance lies under a floor."""
+    score = np.zeros(len(normals), np.int64)
+    for k in range(len(normals)):
+        x, y, z, offset = normals[k, 0], normals[k, 1], normals[k, 2], offsets[k]
+        total = 0
+        for i in range(len(points)):
+            distance = points[i, 0] * x + points[i, 1] * y + points[i, 2] * z - offset
+            total += (abs(distance) < 0.02) - 3 * (distance < -0.06)
+        score[k] = total
+    return score
+
+
+@njit(cache=True, nogil=True)
+def _scatter(points, center):
+    """Scatter matrix (3, 3) of points (N, 3) about ``center``."""
+    out = np.zeros((3, 3))
+    for i in range(len(points)):
+        for a in range(3):
+            for b in range(3):
+                out[a, b] += (points[i, a] - center[a]) * (points[i, b] - center[b])
+    return out
 
 
 def rig_axis(mirrors: list[Mirror], up: np.ndarray, intrinsics: Intrinsics) -> np.ndarray | None:
@@ -309,7 +334,7 @@ def find_subject(
         highest = floor_height + settings.max_height
     standing = _between_kernel(points, seen, up, lowest, highest)
     component, sizes = connected_pixels(depth, standing, 1.0 / intrinsics.fx)
-    direct = _direct_subject(component, sizes, seen, points, up, rig_axis(mirrors, up, intrinsics), settings)
+    direct = _direct_subject(component, len(sizes), seen, points, up, rig_axis(mirrors, up, intrinsics), settings)
     if direct is None:
         raise ReconstructionError(
             "nobody stands between the camera and the mirrors: no connected figure is seen directly "
@@ -317,47 +342,50 @@ def find_subject(
             "the camera"
         )
     labels = np.full(depth.shape, -1, np.int8)
-    labels[_members(component, direct, len(sizes))] = 0
+    _label_kernel(component, _member_table(direct, len(sizes)), 0, labels)
     inside = points[labels == 0]
     axis = np.median(inside, axis=0)
-    top, bottom = (inside @ up).max(), (inside @ up).min()
-    radius = _distance_to_axis(inside, axis, up).max()
+    height = dot(inside, up)
+    radius = np.sqrt(_squared_distance(inside, axis, _across(up)).max())
     for i, m in enumerate(mirrors, start=1):
-        mine = (seen == i) & (component >= 0)
-        height = points[mine] @ up
-        near = (height < top + 0.15) & (height > bottom - 0.15)
-        near &= _distance_to_axis(points[mine], axis, up) < radius + 0.35
-        chosen = _mirrored_subject(component[mine], near, len(sizes), settings)
-        if chosen is None:
+        # components among this mirror's pixels that lie where the directly seen subject stands
+        total, within, _ = _component_kernel(
+            component, len(sizes), seen, i, points, axis, _across(up), (radius + 0.35) ** 2, up,
+            (height.min() - 0.15, height.max() + 0.15)
+        )
+        chosen = np.flatnonzero((within > 0.6 * total) & (within >= 30))
+        if within[chosen].sum() < settings.min_pixels:
             warnings.append(
                 f"{m.name}: nobody is seen in this mirror, its side of the body is guessed; "
                 "turn the mirror until the camera sees the subject's back in it"
             )
             continue
-        labels[_members(component, chosen, len(sizes))] = i
+        _label_kernel(component, _member_table(chosen, len(sizes)), i, labels)
     return Views(labels, seen, points, up, floor_height, floor_noise, axis, tuple(warnings))
 
 
-def _direct_subject(component, sizes, seen, points, up, meeting, settings) -> np.ndarray | None:
+def _direct_subject(component, count, seen, points, up, meeting, settings) -> np.ndarray | None:
     """Components seen directly that are the subject: the largest near the rig's meeting point and what touches it."""
-    candidates = (seen == 0) & (component >= 0)
-    flat, cloud = component[candidates], points[candidates]
-    if not len(flat):
-        return None
-    offset = np.abs(cloud[:, 0]) if meeting is None else _distance_to_axis(cloud, meeting, up)
-    within = np.bincount(flat[offset < settings.reach], minlength=len(sizes))
-    total = np.bincount(flat, minlength=len(sizes))
+    # without a rig that tells where it looks: near the vertical plane straight ahead of the camera
+    axis, across = (np.zeros(3), np.diag((1.0, 0, 0))) if meeting is None else (meeting, _across(up))
+    total, within, box = _component_kernel(
+        component, count, seen, 0, points, axis, across, settings.reach**2, up, (-np.inf, np.inf)
+    )
     # a wall or a chair row that only passes through the place is mostly outside of it
     score = np.where(within > 0.6 * total, within, 0)
-    best = int(np.argmax(score))
-    if score[best] < settings.min_pixels:
+    if not len(score) or score.max() < settings.min_pixels:
         return None
+    best = int(np.argmax(score))
     chosen = [best]
-    body = cloud[flat == best]
-    low, high = body.min(axis=0) - 0.12, body.max(axis=0) + 0.12
-    for k in np.nonzero(score >= 40)[0]:
-        piece = cloud[flat == k]
-        if k != best and ((piece > low) & (piece < high)).all(axis=1).mean() > 0.9:
+    low, high = box[best, 0] - 0.12, box[best, 1] + 0.12
+    near = ((box[:, 0] < high) & (box[:, 1] > low)).all(axis=1)
+    near[best] = False
+    body = None
+    for k in np.flatnonzero(near & (score >= 40)):
+        if body is None:
+            body = points[component == best]
+        piece = points[component == k]
+        if ((piece > low) & (piece < high)).all(axis=1).mean() > 0.9:
             gap = np.linalg.norm(
                 piece[:: len(piece) // 20 + 1, None] - body[None, :: len(body) // 4000 + 1], axis=2
             ).min()
@@ -366,26 +394,68 @@ def _direct_subject(component, sizes, seen, points, up, meeting, settings) -> np
     return np.array(chosen)
 
 
-def _members(component: np.ndarray, chosen: np.ndarray, count: int) -> np.ndarray:
-    """Pixels (H, W) bool of the chosen components."""
-    table = np.zeros(count + 1, np.bool_)  # the last entry is for component -1
+def _member_table(chosen: np.ndarray, count: int) -> np.ndarray:
+    """Bool (count,): which components are chosen."""
+    table = np.zeros(count, np.bool_)
     table[chosen] = True
-    return table[component]
+    return table
 
 
-def _distance_to_axis(points: np.ndarray, axis: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Horizontal distance (N,) of points (N, 3) from the vertical line through ``axis`` [m]."""
-    offset = points - axis
-    height = offset @ up
-    return np.sqrt(np.maximum(np.einsum("ij,ij->i", offset, offset) - height * height, 0.0))
+@njit(cache=True, nogil=True)
+def _label_kernel(component, member, label, labels):
+    """Write ``label`` where a pixel's component is a ``member``."""
+    for v in range(component.shape[0]):
+        for u in range(component.shape[1]):
+            if component[v, u] >= 0 and member[component[v, u]]:
+                labels[v, u] = label
 
 
-def _mirrored_subject(flat: np.ndarray, near: np.ndarray, count: int, settings: ViewSettings) -> np.ndarray | None:
-    """Components among one mirror's pixels (K,) that lie where the directly seen subject stands."""
-    total = np.bincount(flat, minlength=count)
-    within = np.bincount(flat[near], minlength=count)
-    chosen = np.nonzero((within > 0.6 * total) & (within >= 30))[0]
-    return chosen if within[chosen].sum() >= settings.min_pixels else None
+def _across(up: np.ndarray) -> np.ndarray:
+    """Projection (3, 3) onto the horizontal."""
+    return np.eye(3) - np.outer(up, up)
+
+
+@njit(cache=True, nogil=True)
+def _squared_distance(points, origin, projection):
+    """|projection · (point − origin)|² (N,) of points (N, 3)."""
+    out = np.empty(len(points))
+    for i in range(len(points)):
+        x, y, z = points[i, 0] - origin[0], points[i, 1] - origin[1], points[i, 2] - origin[2]
+        total = 0.0
+        for r in range(3):
+            total += (projection[r, 0] * x + projection[r, 1] * y + projection[r, 2] * z) ** 2
+        out[i] = total
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _component_kernel(component, count, seen, view, points, origin, projection, reach2, up, heights):
+    """Per component of one view's pixels: how many (C,), how many inside, and their box (C, 2, 3).
+
+    Inside: |projection · (point − origin)|² below ``reach2``, height along ``up`` between ``heights``.
+    """
+    total, within = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    box = np.empty((count, 2, 3))
+    box[:, 0], box[:, 1] = np.inf, -np.inf
+    for v in range(component.shape[0]):
+        for u in range(component.shape[1]):
+            k = component[v, u]
+            if k < 0 or seen[v, u] != view:
+                continue
+            p = points[v, u]
+            total[k] += 1
+            for c in range(3):
+                box[k, 0, c] = min(box[k, 0, c], p[c])
+                box[k, 1, c] = max(box[k, 1, c], p[c])
+            height = up[0] * p[0] + up[1] * p[1] + up[2] * p[2]
+            if not heights[0] < height < heights[1]:
+                continue
+            x, y, z = p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]
+            squared = 0.0
+            for r in range(3):
+                squared += (projection[r, 0] * x + projection[r, 1] * y + projection[r, 2] * z) ** 2
+            within[k] += squared < reach2
+    return total, within, box
 
 
 def connected_pixels(depth: np.ndarray, seen: np.ndarray, pixel_angle: float) -> tuple[np.ndarray, np.ndarray]:
@@ -428,6 +498,8 @@ def _components_kernel(depth, seen, pixel_angle):
                 dv, du = ((0, -1), (-1, 0), (-1, -1), (-1, 1), (0, -2), (-2, 0))[k]
                 y, x = v + dv, u + du
                 if y < 0 or x < 0 or x >= width or seen[y, x] != seen[v, u]:
+                    continue
+                if parent[v * width + u] == parent[y * width + x]:
                     continue
                 if abs(depth[y, x] - z) < (8.0 * pixel_angle * max(abs(dv), abs(du)) + 0.012) * min(z, depth[y, x]):
                     a, b = root_of(parent, v * width + u), root_of(parent, y * width + x)

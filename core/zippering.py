@@ -12,6 +12,7 @@ from .coronal import match_chains, outer_chains, solidity
 from .dtw import dtw
 from .filling import fill_loops
 from .freespace import bridge_is_free
+from .linear import dot
 from .matching import find_partners, find_runs
 from .mesh import SEAM, Mesh, components_of, extend_open_edges, merge, open_edges, twins
 from .overlap import ViewMaps
@@ -315,7 +316,7 @@ def _compact_candidates(
         near &= ~_free_bridges(p, q, maps.to_view, maps.depth, maps.seen, k.fx, k.fy, k.cx, k.cy, maps.noise)
         standing = np.ones(len(p), np.bool_)
         if floor is not None:  # soles have nothing to be matched with
-            standing = (p @ up > floor + settings.floor_band) & (q @ up > floor + settings.floor_band)
+            standing = (dot(p, up) > floor + settings.floor_band) & (dot(q, up) > floor + settings.floor_band)
         near &= standing
         if near.sum() < settings.compact_share * standing.sum():
             return []
@@ -336,7 +337,7 @@ def _facing_candidates(
     edge = np.median(np.linalg.norm(np.diff(boundary.point[: boundary.start[1]], axis=0), axis=1))
     limit = np.full(len(boundary.vertex), reach)
     if floor is not None:
-        limit[boundary.point @ up < floor + settings.floor_band] = min(reach, settings.gaps[0])
+        limit[dot(boundary.point, up) < floor + settings.floor_band] = min(reach, settings.gaps[0])
     partner, price = find_partners(boundary, limit, up, mesh.view[boundary.vertex], maps)
     ranked = []
     for at_a, at_b in find_runs(boundary, partner, 2.0 * edge, settings.min_run):
