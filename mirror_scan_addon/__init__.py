@@ -12,9 +12,9 @@ from types import ModuleType
 
 def _modules() -> tuple[ModuleType, ...]:
     """Modules with something to register, in the order of their needs."""
-    from . import command, operators, panels, properties, remote
+    from . import command, jobs, operators, overlay, panels, properties, remote, texts
 
-    return properties, remote, operators, panels, command
+    return texts, properties, remote, jobs, operators, overlay, panels, command
 
 
 def register() -> None:

@@ -113,10 +113,79 @@ def write_fbx(path: str | os.PathLike, reconstruction: Reconstruction) -> None:
         )
 
 
+def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -> None:
+    """Write an object of the open file by Blender's own exporter; selection and scene stay as they are.
+
+    Parameters
+    ----------
+    path : path
+        With the ending the format has.
+    avatar : bpy.types.Object
+        In the context's scene and view layer.
+    kind : {"GLB", "FBX", "OBJ", "PLY", "STL", "USDC", "ABC", "BLEND"}
+
+    Raises
+    ------
+    OutputError
+        When the file cannot be written, or the exporter is missing or fails.
+    """
+    with replacing(path) as temporary, _selected(avatar), _quiet() as said:
+        file = str(temporary)
+        try:
+            if kind == "GLB":
+                with _enabled("io_scene_gltf2"):
+                    bpy.ops.export_scene.gltf(
+                        filepath=file, export_format="GLB", use_selection=True, export_yup=True,
+                        export_vertex_color="MATERIAL", export_animations=False, export_extras=False,
+                    )  # fmt: skip
+            elif kind == "FBX":
+                with _enabled("io_scene_fbx"):
+                    bpy.ops.export_scene.fbx(
+                        filepath=file, use_selection=True, apply_scale_options="FBX_SCALE_ALL", colors_type="SRGB",
+                        prioritize_active_color=True, bake_anim=False,
+                    )  # fmt: skip
+            elif kind == "OBJ":
+                bpy.ops.wm.obj_export(
+                    filepath=file, export_selected_objects=True, export_colors=True, export_materials=False
+                )
+            elif kind == "PLY":
+                bpy.ops.wm.ply_export(filepath=file, export_selected_objects=True, export_colors="SRGB")
+            elif kind == "STL":
+                bpy.ops.wm.stl_export(filepath=file, export_selected_objects=True)
+            elif kind == "USDC":
+                bpy.ops.wm.usd_export(filepath=file, selected_objects_only=True)
+            elif kind == "ABC":
+                bpy.ops.wm.alembic_export(filepath=file, selected=True, as_background_job=False)
+            else:
+                bpy.data.libraries.write(file, {avatar}, compress=True, fake_user=True)
+        # What an operator reports reaches scripts as RuntimeError; without the format there is no such operator.
+        except (RuntimeError, AttributeError) as error:
+            raise OutputError(
+                f"{path}: Blender cannot write it: {str(error).strip()}\n{said.getvalue()}".strip()
+            ) from error
+
+
+@contextlib.contextmanager
+def _selected(avatar: bpy.types.Object) -> Iterator[None]:
+    """Have the object be the only one selected, for exporters that write what is selected."""
+    layer = bpy.context.view_layer
+    selected, active = [item.name for item in layer.objects.selected], layer.objects.active
+    if avatar.name not in layer.objects:
+        raise OutputError(f"{avatar.name}: is not in this view layer; exporters do not see it")
+    hidden = avatar.hide_get(view_layer=layer)
+    try:
+        avatar.hide_set(False, view_layer=layer)
+        avatar_scene.select_only(bpy.context, avatar)
+        yield
+    finally:
+        avatar.hide_set(hidden, view_layer=layer)
+        for item in layer.objects:
+            item.select_set(item.name in selected, view_layer=layer)
+        layer.objects.active = active
+
+
 def _add_avatar(target: bpy.types.Scene, reconstruction: Reconstruction) -> bpy.types.Object:
-    avatar = avatar_scene.create_avatar(
-        reconstruction.mesh, collection=target.collection, report=reconstruction.report
-    )
+    avatar = avatar_scene.create_avatar(reconstruction.mesh, collection=target.collection, report=reconstruction.report)
     layer = target.view_layers[0]
     layer.update()
     avatar.select_set(True, view_layer=layer)

@@ -1,38 +1,134 @@
-"""Long work as a generator, with two drivers: blocking for scripts, a modal timer for people.
+"""Long work as a generator, with three drivers: at once for scripts, a second process for people, else a thread.
 
 The generator yields ``(fraction, message)`` between pieces of work and returns its result. It holds arrays, never bpy
-data: the user may undo, delete or switch scenes between two pieces.
+data: the user may undo, delete or switch scenes between two pieces, and beside the window bpy must not be touched.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Generator
+import threading
+from collections.abc import Callable
+from typing import NamedTuple
 
 import bpy
 
 from ..core.errors import MirrorScanError
+from . import kernels, remote
+from .texts import say
 
-Job = Generator[tuple[float, str], None, object]
+TICK_S = 0.05  # how often the window looks how far the work is
+LEAVE_S = 20.0  # how long Blender waits for a thread when the add-on goes
 
-TICK_S = 0.05  # how often a job gets its turn, and how long it goes on beginning new pieces then
+# Core's parallel kernels may be entered by one thread at a time (numba's “workqueue” layer aborts the process
+# otherwise), and a thread that was told to stop goes on to the end of its piece.
+_kernels = threading.Lock()
+_threads: list[Thread] = []  # those alive; they are no state: a file knows nothing of them
+
+
+class Task(NamedTuple):
+    """A generator function of :mod:`.tasks` by its name, and plain arguments for it."""
+
+    name: str
+    arguments: tuple
+
+    @property
+    def function(self) -> Callable:
+        from . import tasks  # numpy, which Blender's start must not wait for
+
+        return getattr(tasks, self.name)
+
+    def now(self, progress: Callable[[float], None] = lambda fraction: None) -> object:
+        """Its result, in this thread and process."""
+        kernels.prepare_kernels()
+        with _kernels:
+            job = self.function(*self.arguments)
+            while True:
+                try:
+                    fraction, _ = next(job)
+                except StopIteration as end:
+                    return end.value
+                progress(fraction)
+
+
+class Thread(threading.Thread):
+    """Runs a task beside the window where there is no second process; looks like a :class:`.remote.Errand`."""
+
+    def __init__(self, task: Task) -> None:
+        super().__init__(name="Mirror Scan")
+        self.progress: tuple[float, str] = (0.0, "Starting")
+        self.result: object = None
+        self.error: BaseException | None = None
+        self._task = task
+        self._stop_asked = threading.Event()
+
+    def start(self) -> None:
+        kernels.prepare_kernels()
+        _threads[:] = [thread for thread in _threads if thread.is_alive()]
+        _threads.append(self)
+        super().start()
+
+    def run(self) -> None:
+        with _kernels:
+            job = self._task.function(*self._task.arguments)
+            try:
+                while not self._stop_asked.is_set():
+                    self.progress = next(job)
+                job.close()
+            except StopIteration as end:
+                self.result = end.value
+            except BaseException as error:
+                self.error = error
+
+    def ask_to_stop(self) -> None:
+        """At the end of the present piece; what it has made until then is dropped."""
+        self._stop_asked.set()
+
+
+def begin(task: Task, thread: bool = False) -> remote.Errand | Thread:
+    """Have a task done beside the window; ``thread`` says that there is no second process.
+
+    Raises
+    ------
+    MirrorScanError
+        When numba is missing.
+    """
+    if not thread:
+        errand = remote.Errand(task.function, task.arguments)
+        try:
+            errand.start()
+            return errand
+        except remote.Unavailable:
+            pass
+    worker = Thread(task)
+    worker.start()
+    return worker
+
+
+def stop_threads() -> None:
+    """Tell all to stop and wait until they have; when the add-on goes."""
+    for thread in _threads:
+        thread.ask_to_stop()
+    for thread in _threads:
+        thread.join(LEAVE_S)
+    _threads.clear()
 
 
 class JobOperator:
     """Base of operators that run a job; subclasses give :meth:`start` and :meth:`finish`.
 
-    ``execute`` (scripts, background) runs the job to its end. ``invoke`` (a click) runs it piece by piece, with
+    ``execute`` (scripts, background) runs the job to its end. ``invoke`` (a click) runs it beside the window, with
     progress in the status bar and the panel, until it is done or Esc is pressed. Only :meth:`finish` changes the file,
     so what is cancelled or fails leaves it as it was. A :class:`MirrorScanError` becomes a report; any other error
     propagates.
     """
 
-    _job: Job | None = None
+    _worker: remote.Errand | Thread | None = None
+    _task: Task | None = None
     _timer: bpy.types.Timer | None = None
-    _scene_name = ""
+    _scene_uid = 0
 
-    def start(self, context: bpy.types.Context) -> Job:
-        """Check the input and return the job; raises :class:`MirrorScanError`."""
+    def start(self, context: bpy.types.Context) -> Task:
+        """Check the input and say what to do; raises :class:`MirrorScanError`."""
         raise NotImplementedError
 
     def finish(self, context: bpy.types.Context, scene: bpy.types.Scene, result: object) -> None:
@@ -43,85 +139,103 @@ class JobOperator:
         manager = context.window_manager
         manager.progress_begin(0, 100)
         try:
-            job = self.start(context)
-            while True:
-                try:
-                    fraction, _ = next(job)
-                except StopIteration as end:
-                    self.finish(context, context.scene, end.value)
-                    return {"FINISHED"}
-                manager.progress_update(round(100 * fraction))
-        except MirrorScanError as error:
-            return self._fail(error)
+            result = self.start(context).now(lambda fraction: manager.progress_update(round(100 * fraction)))
+            self.finish(context, context.scene, result)
+            return {"FINISHED"}
+        except REPORTED as error:
+            return self.fail(error)
         finally:
             manager.progress_end()
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        return self.run(context)
+
+    def run(self, context: bpy.types.Context) -> set[str]:
+        """What ``invoke`` does once its questions are answered."""
         if bpy.app.background:
             return self.execute(context)
         try:
-            self._job = self.start(context)
-        except MirrorScanError as error:
-            return self._fail(error)
-        self._scene_name = context.scene.name
+            self._task = self.start(context)
+            self._worker = begin(self._task)
+        except REPORTED as error:
+            return self.fail(error)
+        self._scene_uid = context.scene.session_uid
         self._timer = context.window_manager.event_timer_add(TICK_S, window=context.window)
         context.window_manager.modal_handler_add(self)
-        self._show(context, 0.0, "Starting")
+        self._show(context)
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if event.type == "ESC" and event.value == "PRESS":
             self.cancel(context)
-            self.report({"INFO"}, f"{self.bl_label}: cancelled, nothing was changed")
+            self.report({"INFO"}, say("{label}: cancelled, nothing was changed").format(label=say(self.bl_label)))
             return {"CANCELLED"}
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
-        try:
-            deadline = time.perf_counter() + TICK_S
-            while time.perf_counter() < deadline:
-                fraction, message = next(self._job)
-            self._show(context, fraction, message)
+        worker = self._worker
+        if worker.is_alive():
+            self._show(context)
             return {"PASS_THROUGH"}
-        except StopIteration as end:
-            self.cancel(context)
-            return self._deliver(context, end.value)
-        except MirrorScanError as error:
-            self.cancel(context)
-            return self._fail(error)
-        except BaseException:
-            self.cancel(context)
-            raise
+        if isinstance(worker.error, remote.Unavailable):
+            try:
+                self._worker = begin(self._task, thread=True)
+                return {"PASS_THROUGH"}
+            except REPORTED as error:
+                self.cancel(context)
+                return self.fail(error)
+        self.cancel(context)
+        if isinstance(worker.error, REPORTED):
+            return self.fail(worker.error)
+        if worker.error is not None:
+            raise worker.error
+        return self._deliver(context, worker.result)
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Stop the job and clear its traces from the window; Blender calls this too, when it loads another file."""
-        if self._job is not None:
-            self._job.close()
+        if self._worker is not None:
+            self._worker.ask_to_stop()
         if self._timer is not None:
             context.window_manager.event_timer_remove(self._timer)
-        self._job = self._timer = None
+        self._worker = self._timer = self._task = None
         context.workspace.status_text_set(None)
         redraw(context)
 
+    def fail(self, error: Exception) -> set[str]:
+        """Report an error and return what ``execute`` shall return."""
+        text = str(error)
+        if isinstance(error, MemoryError):
+            text = say("Not enough memory; close other programs or use fewer frames")
+        self.report({"ERROR"}, text)
+        return {"CANCELLED"}
+
     def _deliver(self, context: bpy.types.Context, result: object) -> set[str]:
-        scene = bpy.data.scenes.get(self._scene_name)
+        scene = next((scene for scene in bpy.data.scenes if scene.session_uid == self._scene_uid), None)
         if scene is None:
-            self.report({"ERROR"}, f"The scene “{self._scene_name}” was removed or renamed meanwhile; build again")
+            self.report({"ERROR"}, say("The scene this was started in is gone; nothing was changed"))
             return {"CANCELLED"}
         try:
             self.finish(context, scene, result)
-        except MirrorScanError as error:
-            return self._fail(error)
+        except REPORTED as error:
+            return self.fail(error)
         return {"FINISHED"}
 
-    def _fail(self, error: MirrorScanError) -> set[str]:
-        self.report({"ERROR"}, str(error))
-        return {"CANCELLED"}
-
-    def _show(self, context: bpy.types.Context, fraction: float, message: str) -> None:
+    def _show(self, context: bpy.types.Context) -> None:
+        fraction, message = self._worker.progress
         progress = context.window_manager.mirror_scan
-        progress.fraction, progress.message = fraction, message
-        context.workspace.status_text_set(f"{self.bl_label}: {message}  {fraction:.0%}    [Esc] Cancel")
+        if (progress.fraction, progress.message) == (fraction, message):
+            return
+        progress.fraction, progress.message, progress.label = fraction, message, self.bl_label
+        label, stage = say(self.bl_label), say(message)
+        context.workspace.status_text_set(say("{label}: {stage}  {done:.0%}    [Esc] Cancel").format(
+            label=label, stage=stage, done=fraction))  # fmt: skip
         redraw(context)
+
+
+UNAVAILABLE = remote.Unavailable
+"""There is no second process; :func:`begin` with ``thread``."""
+
+REPORTED = (MirrorScanError, MemoryError, OSError)
+"""What is reported in a line; everything else is a fault of ours and propagates."""
 
 
 def running(context: bpy.types.Context) -> bool:
@@ -139,3 +253,11 @@ def redraw(context: bpy.types.Context) -> None:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":
                 area.tag_redraw()
+
+
+def register() -> None:
+    """Nothing to add; :func:`unregister` waits for what is under way."""
+
+
+def unregister() -> None:
+    stop_threads()

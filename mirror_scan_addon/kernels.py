@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import logging
 import os
-import tempfile
 
 import bpy
 
@@ -66,6 +65,8 @@ def _extension_folder() -> str:
         reason = f"{folder} cannot be written to"
         if folder and os.path.isdir(folder) and os.access(folder, os.W_OK):
             return folder
+    import tempfile  # tens of milliseconds, which Blender's start must not wait for
+
     # Private and new in each session: the price is compiling again, never code that somebody else put there.
     temporary = tempfile.mkdtemp(prefix="mirror_scan_numba_")
     log.warning("Mirror Scan compiles again in each session, since its cache has no place: %s", reason)

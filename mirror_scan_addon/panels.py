@@ -1,92 +1,404 @@
-"""The “Mirror Scan” tab of the 3D viewport's sidebar, top to bottom the way the work goes."""
+"""The “Mirror Scan” tab of the 3D viewport's sidebar, top to bottom the way the work goes.
+
+Each step says its state in its header and what is missing below it; a button that cannot be pressed says why when the
+mouse rests on it (``poll`` messages).
+"""
 
 from __future__ import annotations
 
 import bpy
+from bl_operators.presets import AddPresetBase
+from bl_ui.utils import PresetPanel
 
-from . import jobs, scene
-from .operators.build_avatar import MIRRORSCAN_OT_build_avatar
+from . import jobs, reports, state
+from .texts import CONTEXT, say
+
+ICONS = {"GOOD": "CHECKMARK", "USABLE": "ERROR", "BAD": "CANCEL", "NONE": "DOT", "OK": "CHECKMARK", "WARN": "ERROR",
+         "": "BLANK1"}  # fmt: skip
 
 
 class _Panel:
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "Mirror Scan"
+    bl_translation_context = CONTEXT
+
+
+def _text(layout: bpy.types.UILayout, text: str, icon: str = "NONE", width: int = 34) -> None:
+    """A sentence over as many lines as it needs in a sidebar of usual width; sidebars do not wrap."""
+    column = layout.column(align=True)
+    column.scale_y = 0.8
+    line, lines = "", []
+    for word in text.split():
+        if line and len(line) + len(word) >= width:
+            lines.append(line)
+            line = word
+        else:
+            line = f"{line} {word}".strip()
+    below = "BLANK1" if icon != "NONE" else "NONE"
+    for number, part in enumerate([*lines, line]):
+        column.label(text=part, icon=below if number else icon, translate=False)
+
+
+def _table(layout: bpy.types.UILayout, lines: list[tuple[str, str, str]]) -> None:
+    """Label, value and a mark for each line."""
+    column = layout.column(align=True)
+    for label, value, mark in lines:
+        row = column.split(factor=0.42)
+        row.label(text=label, translate=False)
+        row.label(text=value, icon=ICONS[mark] if mark else "NONE", translate=False)
+
+
+def _step_done(layout: bpy.types.UILayout, done: bool) -> None:
+    layout.label(text="", icon="CHECKMARK" if done else "DOT")
+
+
+def _cloud(context: bpy.types.Context) -> bpy.types.Object | None:
+    target = context.scene.mirror_scan.cloud
+    return target if target is not None and target.name in context.scene.objects else None
 
 
 class MIRRORSCAN_PT_capture(_Panel, bpy.types.Panel):
     bl_label = "Capture"
 
+    def draw_header(self, context: bpy.types.Context) -> None:
+        _step_done(self.layout, _cloud(context) is not None)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        settings = context.scene.mirror_scan
+        _draw_progress(layout, context)
+        row = layout.row(align=True)
+        row.operator_context = "INVOKE_DEFAULT"
+        row.operator("mirror_scan.load_capture", icon="FILE_FOLDER", text_ctxt=CONTEXT)
+        if settings.capture_path:
+            again = row.operator("mirror_scan.load_capture", text="", icon="FILE_REFRESH")
+            again.filepath = settings.capture_path
+        column = layout.column()
+        column.use_property_split = True
+        column.use_property_decorate = False
+        column.prop(settings, "capture_path", text="Path", text_ctxt=CONTEXT, placeholder="Folder or file")
+        column.prop(settings, "frames", text="Frames (0 = all)", text_ctxt=CONTEXT)
+        cloud = _cloud(context)
+        if cloud is None:
+            _text(layout, say("Load a capture, or drop one of its files here"), "INFO")
+            return
+        _draw_pictures(layout, settings)
+        _draw_facts(layout, cloud)
+        column = layout.column()
+        column.use_property_split = True
+        column.use_property_decorate = False
+        column.prop(settings, "show_cloud")
+        column = column.column()
+        column.active = settings.show_cloud
+        column.prop(settings, "cloud_colors")
+        column.prop(settings, "point_size")
+
+
+def _draw_pictures(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+    row = layout.row(align=True)
+    for image in (settings.color_image, settings.depth_image):
+        if image is not None and image.preview is not None:
+            row.template_icon(icon_value=image.preview.icon_id, scale=6.0)
+
+
+def _draw_facts(layout: bpy.types.UILayout, cloud: bpy.types.Object) -> None:
+    from .cloud import cloud_info
+
+    try:
+        info = cloud_info(cloud)
+    except jobs.REPORTED as error:
+        _text(layout, str(error), "ERROR")
+        return
+    width, height = info.get("size", (0, 0))
+    frames = info.get("frames", 0)
+    lines = [
+        (say("Format"), str(info.get("format", "")), ""),
+        (say("Sensor"), f"{width} × {height}", ""),
+        (say("Frames"), str(frames), ""),
+        (say("Points"), f"{len(cloud.data.vertices):,}", ""),
+    ]
+    if info.get("sensor"):
+        lines.insert(1, (say("Camera"), str(info["sensor"]), ""))
+    _table(layout, lines)
+
+
+def _draw_progress(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    progress = context.window_manager.mirror_scan
+    if progress.picking or not jobs.running(context):
+        return
+    box = layout.box()
+    box.label(text=say(progress.label), icon="SORTTIME", translate=False)
+    box.progress(factor=progress.fraction, text=say(progress.message))
+    box.label(text="Press Esc to cancel", text_ctxt=CONTEXT)
+
+
+class MIRRORSCAN_UL_mirrors(bpy.types.UIList):
+    bl_idname = "MIRRORSCAN_UL_mirrors"
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flag=0) -> None:
+        row = layout.row(align=True)
+        quality = state.quality_of(item)
+        row.prop(item, "name", text="", emboss=False, icon=ICONS[quality])
+        right = row.row()
+        right.alignment = "RIGHT"
+        if quality == "NONE":
+            right.label(text=say("{count} picked").format(count=len(item.picks)), translate=False)
+        elif item.message:
+            right.label(text=say("not placed"), translate=False)
+        elif item.source == "given":
+            right.label(text=say("given"), translate=False)
+        else:
+            right.label(text=f"{item.residual_mm:.1f} mm", translate=False)
+
+
+class MIRRORSCAN_PT_mirrors(_Panel, bpy.types.Panel):
+    bl_label = "Mirrors"
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        mirrors = context.scene.mirror_scan.mirrors
+        _step_done(self.layout, bool(mirrors) and all(state.quality_of(item) in ("GOOD", "USABLE") for item in mirrors))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        settings = context.scene.mirror_scan
+        layout.operator_context = "INVOKE_DEFAULT"
+        layout.operator("mirror_scan.find_mirrors", icon="VIEWZOOM", text_ctxt=CONTEXT)
+        row = layout.row(align=True)
+        row.operator("mirror_scan.pick_mirror_points", icon="EYEDROPPER", text_ctxt=CONTEXT)
+        row.operator("mirror_scan.pick_mirror_points", text="", icon="ADD").add = True
+        if context.window_manager.mirror_scan.picking:
+            _draw_keys(layout)
+        if not settings.mirrors:
+            _text(layout, say("No mirror yet. Find them, or click points on their frames"), "INFO")
+            return
+        row = layout.row()
+        row.template_list("MIRRORSCAN_UL_mirrors", "", settings, "mirrors", settings, "mirror_index", rows=3)
+        column = row.column(align=True)
+        column.operator("mirror_scan.remove_mirror", text="", icon="REMOVE")
+        column.operator("mirror_scan.clear_mirrors", text="", icon="X")
+        column.separator()
+        column.operator("mirror_scan.save_mirrors", text="", icon="FILE_TICK")
+        item = settings.mirrors[min(settings.mirror_index, len(settings.mirrors) - 1)]
+        _draw_mirror(layout, item)
+        column = layout.column()
+        column.use_property_split = True
+        column.use_property_decorate = False
+        column.prop(settings, "show_mirrors")
+        column.prop(settings, "fold")
+        column.prop(settings.quality, "glass_offset")
+
+
+def _draw_keys(layout: bpy.types.UILayout) -> None:
+    box = layout.box()
+    column = box.column(align=True)
+    column.scale_y = 0.8
+    for keys, meaning in (
+        (say("Click"), say("pick a point, or drag one")),
+        (say("Right click"), say("remove a point")),
+        (say("Backspace"), say("drop the last point")),
+        (say("Tab"), say("next mirror")),
+        (say("Enter"), say("accept")),
+        (say("Esc"), say("cancel")),
+    ):
+        row = column.split(factor=0.36)
+        row.label(text=keys, translate=False)
+        row.label(text=meaning, translate=False)
+
+
+def _draw_mirror(layout: bpy.types.UILayout, item: bpy.types.PropertyGroup) -> None:
+    quality = state.quality_of(item)
+    plane = state.plane_of(item)
+    if item.message:
+        _text(layout, item.message, "CANCEL")
+    elif plane is None:
+        _text(layout, say("Pick at least 3 points on its frame, on two sides or more"), "INFO")
+    elif item.source != "given":
+        words = {
+            "GOOD": say("Good: the frame lies within {residual:.1f} mm of a plane"),
+            "USABLE": say("Usable: the frame lies within {residual:.1f} mm of a plane; more frames help"),
+            "BAD": say("Poor: {residual:.1f} mm off a plane. Are all points on the frame, none on the glass?"),
+        }[quality]
+        _text(layout, words.format(residual=item.residual_mm), ICONS[quality])
+        if not plane.get("refined", True):
+            _text(layout, say("The frame was not found around the points; pick more of them"), "ERROR")
+
+
+class MIRRORSCAN_PT_subject(_Panel, bpy.types.Panel):
+    bl_label = "Subject"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        _step_done(self.layout, bool(context.scene.mirror_scan.subject.message))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        settings = context.scene.mirror_scan
+        layout.operator_context = "INVOKE_DEFAULT"
+        layout.operator("mirror_scan.find_subject", icon="OUTLINER_OB_ARMATURE", text_ctxt=CONTEXT)
+        column = layout.column()
+        column.use_property_split = True
+        column.use_property_decorate = False
+        for name in ("depth_limit", "floor_clearance", "max_height", "reach"):
+            column.prop(settings.subject, name)
+        if settings.subject.message:
+            _text(layout, settings.subject.message, "CHECKMARK")
+            _text(layout, say("Person orange, floor green, too far red, room grey"))
+        else:
+            _text(layout, say("Optional: the build does this by itself. Look here when it takes a chair for a leg"))
+
+
+class MIRRORSCAN_PT_build(_Panel, bpy.types.Panel):
+    bl_label = "Build"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        settings = context.scene.mirror_scan
+        ready = bool(settings.capture_path) or settings.cloud is not None
+        row = layout.row()
+        row.enabled = ready
+        row.scale_y = 1.5
+        row.operator_context = "INVOKE_DEFAULT"
+        row.operator("mirror_scan.build_avatar", icon="OUTLINER_OB_ARMATURE", text_ctxt=CONTEXT)
+        if not ready:
+            _text(layout, say("Load a capture first"), "INFO")
+        elif not settings.mirrors:
+            _text(layout, say("No mirror is chosen: the capture's own are used, or they are found"), "INFO")
+        else:
+            bad = [item.name for item in settings.mirrors if state.quality_of(item) in ("BAD", "NONE")]
+            if bad:
+                _text(layout, say("Look at these mirrors first: {names}").format(names=", ".join(bad)), "ERROR")
+
+
+class MIRRORSCAN_OT_add_quality_preset(AddPresetBase, bpy.types.Operator):
+    """Keep the quality settings as a preset, or remove one"""
+
+    bl_idname = "mirror_scan.add_quality_preset"
+    bl_label = "Add Quality Preset"
+    bl_translation_context = CONTEXT
+    preset_menu = "MIRRORSCAN_PT_quality_presets"
+    preset_defines = ["quality = bpy.context.scene.mirror_scan.quality"]
+    preset_values = [f"quality.{name}" for name in ("smoothing", "close_gaps", "outline", "refine", "untangle")]
+    preset_subdir = "mirror_scan/quality"
+
+
+class MIRRORSCAN_PT_quality_presets(PresetPanel, bpy.types.Panel):
+    bl_label = "Quality Presets"
+    bl_translation_context = CONTEXT
+    preset_subdir = "mirror_scan/quality"
+    preset_operator = "script.execute_preset"
+    preset_add_operator = "mirror_scan.add_quality_preset"
+
+
+class MIRRORSCAN_PT_quality(_Panel, bpy.types.Panel):
+    bl_label = "Quality"
+    bl_parent_id = "MIRRORSCAN_PT_build"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw_header_preset(self, context: bpy.types.Context) -> None:
+        MIRRORSCAN_PT_quality_presets.draw_panel_header(self.layout)
+
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
-        settings = context.scene.mirror_scan
-        layout.prop(settings, "capture_path", text="Folder", placeholder="Choose a folder")
-        layout.prop(settings, "mirrors_path", placeholder="From the capture")
-        layout.prop(settings, "frames", text="Frames (0 = all)")
-
-
-class MIRRORSCAN_PT_build(_Panel, bpy.types.Panel):
-    bl_label = "Avatar"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout = self.layout
-        if jobs.running(context):
-            progress = context.window_manager.mirror_scan
-            layout.progress(factor=progress.fraction, text=progress.message)
-            layout.label(text="Press Esc to cancel")
-            return
-        chosen = bool(context.scene.mirror_scan.capture_path)
-        row = layout.row()
-        row.enabled = chosen
-        row.scale_y = 1.5
-        row.operator_context = "INVOKE_DEFAULT"
-        row.operator(MIRRORSCAN_OT_build_avatar.bl_idname, icon="OUTLINER_OB_ARMATURE")
-        if not chosen:
-            layout.label(text="Choose a capture folder first", icon="INFO")
+        quality = context.scene.mirror_scan.quality
+        layout.prop(quality, "preset")
+        column = layout.column()
+        for name in ("smoothing", "close_gaps", "outline", "refine", "untangle"):
+            column.prop(quality, name)
 
 
 class MIRRORSCAN_PT_check(_Panel, bpy.types.Panel):
     bl_label = "Check"
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return scene.avatar_report(context.object) is not None
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        avatar = context.object
+        report = reports.avatar_report(avatar)
+        layout.operator_context = "INVOKE_DEFAULT"
+        layout.operator("mirror_scan.check", icon="VIEWZOOM", text_ctxt=CONTEXT)
+        if report is None:
+            _text(layout, say("Select an avatar to see how it came out"), "INFO")
+            return
+        _table(layout, reports.summary(report))
+        lines = reports.distances(report)
+        if lines:
+            layout.separator(factor=0.5)
+            _table(layout, lines)
+        for warning in report.get("warnings", ()):
+            _text(layout, str(warning), "ERROR")
+        column = layout.column(align=True)
+        column.label(text="Colour By", text_ctxt=CONTEXT)
+        row = column.row(align=True)
+        for mode, label in (("CAPTURE", "Capture"), ("VIEW", "View"), ("KIND", "Kind")):
+            row.operator("mirror_scan.color_by", text=label, text_ctxt=CONTEXT).mode = mode
+        if "problems" in report:
+            _draw_problems(layout, context, report)
+
+
+def _draw_problems(layout: bpy.types.UILayout, context: bpy.types.Context, report: dict) -> None:
+    problems = reports.problems_of(report)
+    if not problems:
+        layout.label(text=say("No problem found"), icon="CHECKMARK", translate=False)
+        return
+    number = context.scene.mirror_scan.problem_index
+    row = layout.row(align=True)
+    row.operator("mirror_scan.jump_to_problem", text="", icon="TRIA_LEFT").direction = "PREVIOUS"
+    middle = row.row(align=True)
+    middle.alignment = "CENTER"
+    count = say("{count} places to look at").format(count=len(problems))
+    middle.label(text=f"{number} / {len(problems)}" if 0 < number <= len(problems) else count, translate=False)
+    row.operator("mirror_scan.jump_to_problem", text="", icon="TRIA_RIGHT").direction = "NEXT"
+    if 0 < number <= len(problems):
+        _text(layout, reports.problem_text(problems[number - 1]), "ERROR")
+
+
+class MIRRORSCAN_PT_export(_Panel, bpy.types.Panel):
+    bl_label = "Export"
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
-        report = scene.avatar_report(context.object)
-        column = layout.column(align=True)
-        for label, value in summary(report):
-            row = column.split(factor=0.45)
-            row.label(text=label)
-            row.label(text=value)
-        for warning in report.get("warnings", ()):
-            layout.label(text=str(warning), icon="ERROR")
+        layout.operator_context = "INVOKE_DEFAULT"
+        flow = layout.grid_flow(columns=4, even_columns=True, align=True)
+        for kind in ("GLB", "FBX", "OBJ", "PLY", "STL", "USDC", "ABC", "BLEND"):
+            flow.operator("mirror_scan.export_avatar", text=kind, translate=False).format = kind
 
 
-def summary(report: dict) -> list[tuple[str, str]]:
-    """What a report says of its mesh, as label and value in words; leaves out what the report does not have."""
-    mesh = report.get("mesh", {})
-    lines = []
-    if "height_m" in mesh:
-        lines.append(("Height", f"{mesh['height_m']:.2f} m"))
-    if "volume_l" in mesh:
-        lines.append(("Volume", f"{mesh['volume_l']:.1f} l"))
-    if "vertices" in mesh:
-        lines.append(("Vertices", f"{mesh['vertices']:,}"))
-    if "watertight" in mesh:
-        lines.append(("Surface", "closed" if mesh["watertight"] else "has holes"))
-    for mirror in report.get("mirrors", ()):
-        if mirror.get("residual_mm") is not None:
-            lines.append((f"Mirror {mirror.get('name', '')}", f"fits to {mirror['residual_mm']:.1f} mm"))
-    timings = report.get("timings_ms", {})
-    if timings:
-        lines.append(("Time", f"{timings.get('total', sum(timings.values())) / 1000:.1f} s"))
-    return lines
+class MIRRORSCAN_PT_rig(_Panel, bpy.types.Panel):
+    bl_label = "Virtual Rig"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.operator_context = "INVOKE_DEFAULT"
+        layout.operator("mirror_scan.add_rig", icon="OUTLINER_OB_CAMERA", text_ctxt=CONTEXT)
+        layout.operator("mirror_scan.simulate", icon="PLAY", text_ctxt=CONTEXT)
+        active = context.object
+        if active is not None and active.type == "MESH":
+            column = layout.column()
+            column.use_property_split = True
+            column.use_property_decorate = False
+            column.prop(active.mirror_scan, "is_mirror")
+            if active.mirror_scan.is_mirror:
+                column.prop(active.mirror_scan, "frame_width")
+                column.prop(active.mirror_scan, "frame_depth")
+        message = context.scene.mirror_scan.rig_message
+        _text(layout, message or say("Try a rig before buying glass: select a body, add a rig, scan it"), "INFO")
 
 
 register, unregister = bpy.utils.register_classes_factory(
-    (MIRRORSCAN_PT_capture, MIRRORSCAN_PT_build, MIRRORSCAN_PT_check)
+    (
+        MIRRORSCAN_UL_mirrors,
+        MIRRORSCAN_OT_add_quality_preset,
+        MIRRORSCAN_PT_quality_presets,
+        MIRRORSCAN_PT_capture,
+        MIRRORSCAN_PT_mirrors,
+        MIRRORSCAN_PT_subject,
+        MIRRORSCAN_PT_build,
+        MIRRORSCAN_PT_quality,
+        MIRRORSCAN_PT_check,
+        MIRRORSCAN_PT_export,
+        MIRRORSCAN_PT_rig,
+    )
 )

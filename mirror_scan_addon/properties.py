@@ -1,31 +1,284 @@
-"""Settings kept in the .blend with each scene, and the progress shown while a job runs."""
+"""What a scene and an object remember of a scan, kept in the .blend; and the progress shown while a job runs.
+
+Everything the panels show and the operators use is here or in attributes of the cloud and the avatar, so that saving,
+undo, copying and linking keep it; a session keeps nothing.
+"""
+
+from __future__ import annotations
 
 import bpy
-from bpy.props import FloatProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+from .texts import CONTEXT
+
+QUALITY = {
+    "FINE": {"smoothing": 0.7, "close_gaps": 2, "outline": 0.4, "refine": 1.4, "untangle": True},
+    "BALANCED": {"smoothing": 1.0, "close_gaps": 2, "outline": 0.5, "refine": 1.7, "untangle": True},
+    "SMOOTH": {"smoothing": 1.6, "close_gaps": 3, "outline": 0.6, "refine": 2.0, "untangle": True},
+    "DRAFT": {"smoothing": 1.0, "close_gaps": 2, "outline": 0.5, "refine": 3.0, "untangle": False},
+}
+"""Values of each preset, by the names of :class:`MIRRORSCAN_PG_quality`."""
+
+
+def _redraw(self, context: bpy.types.Context) -> None:
+    from .jobs import redraw
+
+    redraw(context)
+
+
+def _preset_chosen(self, context: bpy.types.Context) -> None:
+    for name, value in QUALITY.get(self.preset, {}).items():
+        if getattr(self, name) != value:
+            setattr(self, name, value)  # the preset turns “Custom” in between and is back after the last one
+
+
+def _quality_changed(self, context: bpy.types.Context) -> None:
+    """The preset goes to “Custom” when a value leaves it, and back when all fit again."""
+    fitting = (
+        preset
+        for preset, values in QUALITY.items()
+        if all(abs(getattr(self, name) - value) < 1e-6 for name, value in values.items())
+    )
+    preset = next(fitting, "CUSTOM")
+    if self.preset != preset:
+        self.preset = preset
+
+
+def _name_changed(self, context: bpy.types.Context) -> None:
+    if not self.name.strip():
+        self.name = "mirror"
+
+
+class MIRRORSCAN_PG_pick(bpy.types.PropertyGroup):
+    """One point picked on a mirror's frame."""
+
+    pixel: FloatVectorProperty(
+        name="Pixel", description="Where in the depth image: from the left and from the top, in pixels",
+        size=2, precision=1, translation_context=CONTEXT,
+    )  # fmt: skip
+
+
+class MIRRORSCAN_PG_mirror(bpy.types.PropertyGroup):
+    """One mirror: what was picked on it, and where it stands."""
+
+    name: StringProperty(
+        name="Name", description="What you call this mirror; the report uses it", default="mirror", maxlen=63,
+        update=_name_changed, translation_context=CONTEXT,
+    )  # fmt: skip
+    picks: CollectionProperty(
+        type=MIRRORSCAN_PG_pick, name="Picks", description="Points picked on the mirror's frame",
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    source: StringProperty(
+        name="Source", description="Where the mirror is known from: picked, given, found or a rig file",
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    plane: StringProperty(
+        name="Plane", description="The fitted mirror with all its figures, as JSON; empty while there is none",
+        options={"HIDDEN"}, translation_context=CONTEXT,
+    )  # fmt: skip
+    residual_mm: FloatProperty(
+        name="Residual", description="How far the frame's points lie off the fitted plane on average, in millimetres",
+        precision=1, translation_context=CONTEXT,
+    )  # fmt: skip
+    message: StringProperty(
+        name="Message", description="Why the mirror cannot be placed; empty when it is", translation_context=CONTEXT
+    )
+
+
+class MIRRORSCAN_PG_subject(bpy.types.PropertyGroup):
+    """How the person is told from the room."""
+
+    depth_limit: FloatProperty(
+        name="Depth Limit",
+        description="Everything farther from the camera than this is ignored; the way over a mirror counts whole. "
+        "0 m = no limit",
+        default=0.0, min=0.0, soft_max=8.0, step=5, precision=2, subtype="DISTANCE", unit="LENGTH",
+        update=_redraw, translation_context=CONTEXT,
+    )  # fmt: skip
+    floor_clearance: FloatProperty(
+        name="Floor Clearance",
+        description="Up to this height above the floor everything counts as the floor. Raise it when pieces of the "
+        "floor stick to the soles",
+        default=0.015, min=0.0, soft_max=0.1, max=0.5, step=0.1, precision=3, subtype="DISTANCE", unit="LENGTH",
+        update=_redraw, translation_context=CONTEXT,
+    )  # fmt: skip
+    reach: FloatProperty(
+        name="Reach",
+        description="How far from the place the mirrors look at the person may be",
+        default=1.15, min=0.2, soft_max=3.0, step=5, precision=2, subtype="DISTANCE", unit="LENGTH",
+        update=_redraw, translation_context=CONTEXT,
+    )  # fmt: skip
+    max_height: FloatProperty(
+        name="Max Height",
+        description="Everything higher above the floor than this is ignored, such as lamps and the ceiling",
+        default=2.4, min=0.2, soft_max=3.0, step=5, precision=2, subtype="DISTANCE", unit="LENGTH",
+        update=_redraw, translation_context=CONTEXT,
+    )  # fmt: skip
+    message: StringProperty(
+        name="Message", description="What the last search for the person found", translation_context=CONTEXT
+    )
+
+
+class MIRRORSCAN_PG_quality(bpy.types.PropertyGroup):
+    """How the avatar is made."""
+
+    preset: EnumProperty(
+        name="Preset",
+        description="A set of values that go together",
+        items=(
+            ("FINE", "Fine", "Less smoothing, finer seams: for a quiet camera or a long burst"),
+            ("BALANCED", "Balanced", "What fits most captures"),
+            ("SMOOTH", "Smooth", "More smoothing: for a noisy camera or a single frame"),
+            ("DRAFT", "Draft", "Quick, to see whether a capture is any good; seams may run through each other"),
+            ("CUSTOM", "Custom", "The values below as you set them"),
+        ),
+        default="BALANCED", update=_preset_chosen, translation_context=CONTEXT,
+    )  # fmt: skip
+    smoothing: FloatProperty(
+        name="Smoothing",
+        description="How strongly the camera's noise is smoothed, as a multiple of what the measured noise asks for. "
+        "0 = not at all",
+        default=1.0, min=0.0, soft_max=3.0, max=10.0, step=10, precision=2, update=_quality_changed,
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    close_gaps: IntProperty(
+        name="Close Gaps",
+        description="Spots without a reading inside the surface are closed up to this width",
+        default=2, min=0, soft_max=6, max=20, subtype="PIXEL", update=_quality_changed, translation_context=CONTEXT,
+    )  # fmt: skip
+    outline: FloatProperty(
+        name="Straighten Outlines",
+        description="How much of the ragged rim of each view is cut off before sewing. 0 = nothing",
+        default=0.5, min=0.0, max=0.6, step=5, precision=2, update=_quality_changed, translation_context=CONTEXT,
+    )  # fmt: skip
+    refine: FloatProperty(
+        name="Seam Coarseness",
+        description="Longest edge in seams and fills, as a multiple of the edges around them. Smaller is finer",
+        default=1.7, min=1.0, soft_max=4.0, max=10.0, step=10, precision=2, update=_quality_changed,
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    untangle: BoolProperty(
+        name="Untangle",
+        description="Smooth places where the surface runs through itself until it no longer does",
+        default=True, update=_quality_changed, translation_context=CONTEXT,
+    )  # fmt: skip
+    glass_offset: FloatProperty(
+        name="Glass Behind Frame",
+        description="How far the reflecting glass lies behind the front of the mirrors' frames. A wrong value puts the "
+        "back of the person off by twice the error",
+        default=0.0, soft_min=-0.02, soft_max=0.05, step=0.1, precision=4, subtype="DISTANCE", unit="LENGTH",
+        translation_context=CONTEXT,
+    )  # fmt: skip
+
+
+def _is_cloud(self, target: bpy.types.Object) -> bool:
+    from .cloud import is_cloud
+
+    return is_cloud(target)
 
 
 class MIRRORSCAN_PG_scene(bpy.types.PropertyGroup):
-    """What to build an avatar from."""
+    """A scan and what is to be made of it."""
 
     capture_path: StringProperty(
         name="Capture",
-        description="Folder the depth camera's images were recorded to: intrinsic.json, depth and color",
-        subtype="DIR_PATH",
-        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
-    )
-    mirrors_path: StringProperty(
-        name="Mirrors",
-        description="File with points picked on the mirrors' frames. Leave empty to use the capture's own mirrors.json",
-        subtype="FILE_PATH",
-        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
-    )
+        description="Folder or file that the depth camera's images were recorded to",
+        subtype="FILE_PATH", options={"PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
     frames: IntProperty(
         name="Frames",
         description="How many depth frames of the burst to average, 0 for all. More frames, less noise",
-        default=0,
-        min=0,
-        soft_max=60,
+        default=0, min=0, soft_max=60, translation_context=CONTEXT,
+    )  # fmt: skip
+    cloud: PointerProperty(
+        type=bpy.types.Object, name="Cloud", description="Object that holds the points of the capture", poll=_is_cloud,
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    color_image: PointerProperty(
+        type=bpy.types.Image, name="Colour", description="Colour picture of the capture", translation_context=CONTEXT
     )
+    depth_image: PointerProperty(
+        type=bpy.types.Image, name="Depth", description="Depth picture of the capture: near is yellow, far is violet",
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    mirrors: CollectionProperty(
+        type=MIRRORSCAN_PG_mirror, name="Mirrors", description="The mirrors of the capture", translation_context=CONTEXT
+    )
+    mirror_index: IntProperty(
+        name="Active Mirror", description="The mirror that is picked or removed", min=0, update=_redraw,
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    subject: PointerProperty(
+        type=MIRRORSCAN_PG_subject, name="Subject", description="How the person is told from the room",
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    quality: PointerProperty(
+        type=MIRRORSCAN_PG_quality, name="Quality", description="How the avatar is made", translation_context=CONTEXT
+    )
+    show_cloud: BoolProperty(
+        name="Show Points", description="Draw the points of the capture in the viewport", default=True, update=_redraw,
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    cloud_colors: EnumProperty(
+        name="Colour By",
+        description="What the colours of the points say",
+        items=(
+            ("CAPTURE", "Capture", "The colours of the capture; by distance when it has none"),
+            ("DEPTH", "Depth", "Distance from the camera: near is yellow, far is violet"),
+            ("VIEW", "View", "How the camera saw each point: directly, or through which mirror"),
+            ("PART", "Part", "Person orange, floor green, what is beyond the depth limit red, the rest grey"),
+        ),
+        update=_redraw, translation_context=CONTEXT,
+    )  # fmt: skip
+    fold: BoolProperty(
+        name="Reflect Back",
+        description="Draw what is seen through a mirror where it really is, flipped over the mirror's plane",
+        update=_redraw, translation_context=CONTEXT,
+    )  # fmt: skip
+    point_size: FloatProperty(
+        name="Point Size", description="How large a point is drawn", default=2.0, min=1.0, max=10.0, subtype="PIXEL",
+        update=_redraw, translation_context=CONTEXT,
+    )  # fmt: skip
+    show_mirrors: BoolProperty(
+        name="Show Mirrors", description="Draw the mirrors' planes, outlines and picked points", default=True,
+        update=_redraw, translation_context=CONTEXT,
+    )  # fmt: skip
+    rig_message: StringProperty(
+        name="Coverage", description="What the last virtual scan saw of the body", translation_context=CONTEXT
+    )
+    problem_index: IntProperty(
+        name="Problem", description="Which problem of the avatar was jumped to last, counted from 1; 0 = none",
+        min=0, translation_context=CONTEXT,
+    )  # fmt: skip
+
+
+class MIRRORSCAN_PG_object(bpy.types.PropertyGroup):
+    """What an object stands for in a virtual rig."""
+
+    is_mirror: BoolProperty(
+        name="Is a Mirror",
+        description="This flat object is a mirror of the virtual rig: its glass fills the object's bounding box and "
+        "reflects on the side its local Z axis points to",
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    frame_width: FloatProperty(
+        name="Frame Width", description="Width of the frame around the glass. 0 m = frameless", default=0.035, min=0.0,
+        soft_max=0.2, precision=3, subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
+    )  # fmt: skip
+    frame_depth: FloatProperty(
+        name="Frame Depth", description="How far the frame stands out before the glass", default=0.0, min=0.0,
+        soft_max=0.1, precision=3, subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
+    )  # fmt: skip
 
 
 class MIRRORSCAN_PG_progress(bpy.types.PropertyGroup):
@@ -33,20 +286,32 @@ class MIRRORSCAN_PG_progress(bpy.types.PropertyGroup):
 
     fraction: FloatProperty(name="Progress", subtype="FACTOR", min=0.0, max=1.0, options={"SKIP_SAVE"})
     message: StringProperty(name="Stage", options={"SKIP_SAVE"})
+    label: StringProperty(name="Job", options={"SKIP_SAVE"})
+    picking: BoolProperty(name="Picking", options={"SKIP_SAVE"})
 
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
-    (MIRRORSCAN_PG_scene, MIRRORSCAN_PG_progress)
+    (
+        MIRRORSCAN_PG_pick,
+        MIRRORSCAN_PG_mirror,
+        MIRRORSCAN_PG_subject,
+        MIRRORSCAN_PG_quality,
+        MIRRORSCAN_PG_scene,
+        MIRRORSCAN_PG_object,
+        MIRRORSCAN_PG_progress,
+    )
 )
 
 
 def register() -> None:
     _register_classes()
     bpy.types.Scene.mirror_scan = PointerProperty(type=MIRRORSCAN_PG_scene, name="Mirror Scan")
+    bpy.types.Object.mirror_scan = PointerProperty(type=MIRRORSCAN_PG_object, name="Mirror Scan")
     bpy.types.WindowManager.mirror_scan = PointerProperty(type=MIRRORSCAN_PG_progress, name="Mirror Scan Progress")
 
 
 def unregister() -> None:
     del bpy.types.WindowManager.mirror_scan
+    del bpy.types.Object.mirror_scan
     del bpy.types.Scene.mirror_scan
     _unregister_classes()

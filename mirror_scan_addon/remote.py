@@ -10,11 +10,7 @@ from __future__ import annotations
 import atexit
 import json
 import os
-import pickle
-import shutil
-import subprocess
 import sys
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -43,6 +39,10 @@ class Worker:
     def __init__(self) -> None:
         if not sys.executable or not os.path.isfile(sys.executable):
             raise Unavailable("this Blender has no Python program of its own")
+        import shutil  # 10 to 50 ms together, which Blender's start must not wait for
+        import subprocess
+        import tempfile
+
         self.folder = Path(tempfile.mkdtemp(prefix="mirror_scan_worker_"))
         root = Path(sys.modules[ROOT_PACKAGE].__path__[0])
         environment = dict(os.environ)
@@ -71,6 +71,8 @@ class Worker:
 
     def begin(self, function: Callable, arguments: tuple) -> None:
         """Hand over a task: a generator function that a Python without bpy can import, arguments that pickle."""
+        import pickle
+
         self._tasks += 1
         with open(self.folder / f"arguments{self._tasks}", "wb") as file:
             pickle.dump(arguments, file, protocol=5)
@@ -86,6 +88,8 @@ class Worker:
 
     def result(self) -> object:
         """What the last task returned."""
+        import pickle
+
         path = self.folder / f"result{self._tasks}"
         with open(path, "rb") as file:
             value = pickle.load(file)
@@ -101,6 +105,8 @@ class Worker:
 
     def close(self) -> None:
         """End the process, whatever it does, and remove its folder."""
+        import shutil
+
         self.process.kill()
         self.process.wait()
         self.process.stdin.close()

@@ -1,4 +1,4 @@
-"""Blender data from arrays; the only place that makes data-blocks."""
+"""Meshes and materials from arrays and back."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ import bpy
 import numpy as np
 
 from ..core.errors import OutputError
+from .reports import REPORT
+from .tasks import Surface
 
 if TYPE_CHECKING:
     from ..core.mesh import Mesh
 
 COLOR, VIEW, KIND = "Color", "view", "kind"  # attribute names
-REPORT = "mirror_scan_report"  # custom property of an avatar: report.json as text
 MATERIAL_TAG = "mirror_scan_material"  # custom property: the attribute our material shows
 
 log = logging.getLogger(__name__)
@@ -44,7 +45,7 @@ def create_avatar(
     collection : bpy.types.Collection, optional
         Where to link the object; by default it is linked nowhere.
     report : dict, optional
-        Kept with the object as JSON text, see :func:`avatar_report`.
+        Kept with the object as JSON text, see :func:`.reports.avatar_report`.
 
     Raises
     ------
@@ -68,18 +69,6 @@ def create_avatar(
         if collection is not None:
             collection.objects.link(avatar)
     return avatar
-
-
-def avatar_report(avatar: bpy.types.Object | None) -> dict | None:
-    """The report kept with an avatar, or None for any other object (also when its text was edited into nonsense)."""
-    text = avatar.get(REPORT) if avatar is not None else None
-    if not isinstance(text, str):
-        return None
-    try:
-        report = json.loads(text)
-    except ValueError:
-        return None
-    return report if isinstance(report, dict) else None
 
 
 def avatar_material(attribute: str) -> bpy.types.Material:
@@ -110,6 +99,85 @@ def avatar_material(attribute: str) -> bpy.types.Material:
             color.location = (-220, 0)
             tree.links.new(color.outputs["Color"], shader.inputs["Base Color"])
     return material
+
+
+def target_collection(context: bpy.types.Context, target: bpy.types.Scene) -> bpy.types.Collection:
+    """Where new objects go: the active collection, when it is of that scene, can be changed and is not excluded."""
+    collection = context.collection if target == context.scene else target.collection
+    if not collection.is_editable or (target == context.scene and context.layer_collection.exclude):
+        collection = target.collection
+    return collection
+
+
+def read_surface(avatar: bpy.types.Object) -> Surface:
+    """A mesh object's arrays in its own frame, as they are stored: polygons cut into triangles, no modifiers.
+
+    Raises
+    ------
+    OutputError
+        When it has no faces.
+    """
+    data = avatar.data
+    data.calc_loop_triangles()
+    count = len(data.loop_triangles)
+    if not count:
+        raise OutputError(f"{avatar.name}: has no faces")
+    vertices = np.empty((len(data.vertices), 3), np.float32)
+    data.attributes["position"].data.foreach_get("vector", vertices.ravel())
+    triangles = np.empty((count, 3), np.int32)
+    data.loop_triangles.foreach_get("vertices", triangles.ravel())
+    polygon = np.empty(count, np.int32)
+    data.loop_triangles.foreach_get("polygon_index", polygon)
+    kind, view = integers(data, KIND, "FACE"), integers(data, VIEW, "POINT")
+    kind = None if kind is None else kind[polygon]
+    return Surface(vertices.astype(np.float64), triangles, active_colors(data), view, kind)
+
+
+def active_colors(data: bpy.types.Mesh, but: str = "") -> np.ndarray | None:
+    """sRGB (V, 3) uint8 of the mesh's active colour attribute, when it has one by vertex; ``but`` is never meant."""
+    attribute = data.color_attributes.active_color
+    if attribute is not None and attribute.name == but:
+        attribute = next((other for other in data.color_attributes if other.name != but), None)
+    if attribute is None or attribute.domain != "POINT" or len(attribute.data) != len(data.vertices):
+        return None
+    rgba = np.empty((len(data.vertices), 4), np.float32)
+    attribute.data.foreach_get("color_srgb", rgba.ravel())
+    return np.rint(np.clip(rgba[:, :3], 0, 1) * 255).astype(np.uint8)
+
+
+def integers(data: bpy.types.Mesh, name: str, domain: str) -> np.ndarray | None:
+    """An attribute of whole numbers (N,) int8, or None when the mesh has none of that name there."""
+    attribute = data.attributes.get(name)
+    if attribute is None or attribute.domain != domain or attribute.data_type not in ("INT8", "INT"):
+        return None
+    values = np.empty(len(attribute.data), np.int32)
+    attribute.data.foreach_get("value", values)
+    return values.astype(np.int8)
+
+
+def set_colors(data: bpy.types.Mesh, name: str, colors: np.ndarray, domain: str) -> None:
+    """A colour attribute of sRGB bytes (N, 3), made or filled again."""
+    attribute = data.attributes.get(name)
+    if attribute is not None and (attribute.domain, attribute.data_type) != (domain, "BYTE_COLOR"):
+        data.attributes.remove(attribute)
+        attribute = None
+    if attribute is None:
+        attribute = data.color_attributes.new(name, "BYTE_COLOR", domain)
+    rgba = np.ones((len(colors), 4), np.float32)
+    np.divide(colors, 255, out=rgba[:, :3], casting="unsafe")
+    attribute.data.foreach_set("color_srgb", rgba.ravel())
+
+
+def show_colors(avatar: bpy.types.Object, name: str) -> None:
+    """Have the viewport, exporters and our material show a colour attribute of the mesh."""
+    data = avatar.data
+    data.color_attributes.active_color_name = name
+    index = data.color_attributes.find(name)
+    data.color_attributes.render_color_index = index
+    for slot in avatar.material_slots:
+        if slot.material is not None and slot.material.get(MATERIAL_TAG) is not None:
+            slot.material = avatar_material(name)
+    data.update_tag()
 
 
 def select_only(context: bpy.types.Context, target: bpy.types.Object) -> None:

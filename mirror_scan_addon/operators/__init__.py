@@ -1,9 +1,11 @@
-"""Operators, one a file."""
+"""Operators, an idea a file. Nothing heavy is imported here: numpy and core's stages are when a button is pressed."""
 
 from __future__ import annotations
 
 import bpy
 
-from .build_avatar import MIRRORSCAN_OT_build_avatar
+from . import build_avatar, check, color_by, export_avatar, find_subject, load_capture, mirrors, pick_mirror_points, rig
 
-register, unregister = bpy.utils.register_classes_factory((MIRRORSCAN_OT_build_avatar,))
+_modules = (load_capture, mirrors, pick_mirror_points, find_subject, build_avatar, check, color_by, export_avatar, rig)
+
+register, unregister = bpy.utils.register_classes_factory(tuple(kind for module in _modules for kind in module.CLASSES))

@@ -1,10 +1,16 @@
-"""Capture folder → avatar in the scene."""
+"""Capture → avatar in the scene."""
+
+from __future__ import annotations
+
+import os
 
 import bpy
 from bpy.props import IntProperty, StringProperty
 
 from ...core.errors import CaptureError
-from .. import jobs, kernels, scene
+from .. import jobs, state
+from ..texts import CONTEXT, say
+from .load_capture import look_at
 
 
 class MIRRORSCAN_OT_build_avatar(jobs.JobOperator, bpy.types.Operator):
@@ -12,91 +18,102 @@ class MIRRORSCAN_OT_build_avatar(jobs.JobOperator, bpy.types.Operator):
 
     bl_idname = "mirror_scan.build_avatar"
     bl_label = "Build Avatar"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO", "PRESET"}
 
     filepath: StringProperty(
-        name="Capture",
-        description="Folder of the capture. Leave empty for the one chosen in the scene",
-        subtype="FILE_PATH",
-        options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"},
-    )
+        name="Capture", description="Folder or file of the capture. Leave empty for the one loaded in the scene",
+        subtype="FILE_PATH", options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
     mirrors_filepath: StringProperty(
         name="Mirrors",
-        description="File with points picked on the mirrors' frames. Leave empty for the one chosen in the scene",
-        subtype="FILE_PATH",
-        options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"},
-    )
+        description="File with points picked on the mirrors' frames. Leave empty for the scene's mirrors",
+        subtype="FILE_PATH", options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
     frames: IntProperty(
         name="Frames",
         description="How many depth frames of the burst to average, 0 for all. Taken from the scene unless given",
-        default=0,
-        min=0,
-        soft_max=60,
-        options={"SKIP_SAVE"},
-    )
+        default=0, min=0, soft_max=60, options={"SKIP_SAVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+
+    _frame_view = False
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if context.mode != "OBJECT":
-            cls.poll_message_set("Leave the editing mode first: the avatar is added in Object Mode")
-            return False
-        if not context.scene.is_editable:
-            cls.poll_message_set("The scene is linked from another file and cannot be changed")
-            return False
-        if jobs.running(context):
-            cls.poll_message_set("Mirror Scan is busy; wait or press Esc")
-            return False
-        return True
+        if problem := state.editable(context):
+            cls.poll_message_set(problem)
+        return not problem
 
-    def start(self, context: bpy.types.Context) -> jobs.Job:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        self._frame_view = True
+        return self.run(context)
+
+    def start(self, context: bpy.types.Context) -> jobs.Task:
+        from .. import cloud
+
         settings = context.scene.mirror_scan
-        path = _absolute(self.filepath or settings.capture_path)
-        if not path:
-            raise CaptureError("No capture chosen; set the capture folder in the Mirror Scan tab of the sidebar")
-        mirrors_path = _absolute(self.mirrors_filepath or settings.mirrors_path)
         frames = self.frames if self.properties.is_property_set("frames") else settings.frames
-        return build_steps(path, mirrors_path, frames)
+        mirrors_path = state.absolute(self.mirrors_filepath)
+        if self.filepath:
+            path, points, mirrors = state.absolute(state.capture_root(self.filepath)), None, None
+        else:
+            points = cloud.cloud_of(context.scene)
+            path = state.capture_root(settings.capture_path)
+            if not path and points is None:
+                raise CaptureError(say("No capture is loaded; choose one in the Mirror Scan tab of the sidebar"))
+            mirrors = state.placed_mirrors(settings) if settings.mirrors and not mirrors_path else None
+        self._aligns = not self.filepath and points is not None
+        arrays = None
+        if points is not None:
+            try:
+                gone = not path or not os.path.exists(state.absolute(path))
+            except CaptureError:  # relative to a .blend that is not saved
+                gone = True
+            if gone:
+                if path:
+                    text = say("{path}: is not there any more; built from the points kept in this file instead")
+                    self.report({"WARNING"}, text.format(path=path))
+                path, arrays = "", cloud.read_cloud(points)
+        path = state.absolute(path)
+        options = state.build_settings(settings)
+        return jobs.Task("build_steps", (path, frames, mirrors, mirrors_path, options, arrays))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
+        from .. import cloud, scene
+
         # The user may be in another scene by now; the avatar belongs where the button was pressed.
         here = target == context.scene
-        collection = context.collection if here else target.collection
-        if not collection.is_editable or (here and context.layer_collection.exclude):
-            collection = target.collection
+        collection = scene.target_collection(context, target)
         avatar = scene.create_avatar(result.mesh, collection=collection, report=result.report)
+        settings = target.mirror_scan
+        settings.problem_index = 0
+        points = cloud.cloud_of(target)
+        if self._aligns and points is not None and points.library is None:
+            cloud.place(points, result.report["camera_to_avatar"])
+            settings.show_cloud = False  # it would cover the avatar that it now coincides with
+            if not settings.mirrors:
+                state.set_records(settings, result.mirrors)
         if here:
             scene.select_only(context, avatar)
+            if self._frame_view:
+                _show_colors(context)
+                look_at(context, avatar)
         dropped = len(result.mesh.triangles) - len(avatar.data.polygons)
         if dropped:
-            self.report({"WARNING"}, f"{avatar.name}: Blender removed {dropped} degenerate or doubled faces")
+            text = say("{name}: Blender removed {count} degenerate or doubled faces")
+            self.report({"WARNING"}, text.format(name=avatar.name, count=dropped))
         for warning in result.warnings:
             self.report({"WARNING"}, warning)
-        self.report({"INFO"}, f"{avatar.name}: {len(avatar.data.vertices):,} vertices")
+        text = say("{name}: {count:,} vertices").format(name=avatar.name, count=len(avatar.data.vertices))
+        self.report({"INFO"}, text)
 
 
-def _absolute(path: str) -> str:
-    """A path as the user typed it, made absolute; “//” stands for the .blend's folder."""
-    if path.startswith("//") and not bpy.data.filepath:
-        raise CaptureError(f"{path}: is relative to the .blend file, which has no place yet; save it first")
-    return bpy.path.abspath(path)
+def _show_colors(context: bpy.types.Context) -> None:
+    """A viewport in Solid mode that shows materials' colours shows those of the mesh instead."""
+    space = context.space_data
+    if space is not None and space.type == "VIEW_3D" and space.shading.type == "SOLID":
+        if space.shading.color_type == "MATERIAL":
+            space.shading.color_type = "VERTEX"
 
 
-def build_steps(path: str, mirrors_path: str, frames: int) -> jobs.Job:
-    """The job: read, then reconstruct; core's heavy modules are imported here, when somebody asks for them."""
-    yield 0.0, "Preparing (compiles once, at the first use)"
-    kernels.prepare_kernels()
-    from ...core.capture import open_capture
-    from ...core.capture.rgbd_folder import read_mirrors
-
-    yield 0.02, "Reading the capture"
-    capture = open_capture(path, frames or None)
-    mirrors = read_mirrors(mirrors_path, capture.intrinsics) if mirrors_path else None
-    from ...core.pipeline import reconstruction_steps
-
-    steps = reconstruction_steps(capture, mirrors)
-    while True:
-        try:
-            fraction, message = next(steps)
-        except StopIteration as end:
-            return end.value
-        yield 0.05 + 0.95 * fraction, message
+CLASSES = (MIRRORSCAN_OT_build_avatar,)

@@ -85,3 +85,23 @@ def reconstruction(capsule):
         "warnings": [],
     }
     return Reconstruction(capsule, "avatar", np.eye(4), report)
+
+
+@pytest.fixture(scope="session")
+def scan(tmp_path_factory):
+    """Capture folder of the mannequin, and its true height [m]."""
+    from mirror_scan.core.simulation.mannequin import mannequin
+    from mirror_scan.core.simulation.scene import default_rig
+    from mirror_scan.core.simulation.simulate import simulate, write_simulation
+
+    folder = tmp_path_factory.mktemp("scan") / "capture"
+    person = mannequin()
+    write_simulation(simulate(person, default_rig(sensor="azure_kinect", mirrors=2, frames=4, seed=3)), folder)
+    return folder, float(np.ptp(person.vertices[:, 2]))
+
+
+@pytest.fixture
+def loaded(bpy, scan):
+    """The capture loaded into an empty scene; the object that holds its points."""
+    assert bpy.ops.mirror_scan.load_capture(filepath=str(scan[0])) == {"FINISHED"}
+    return bpy.context.scene.mirror_scan.cloud

@@ -8,19 +8,6 @@ import pytest
 pytest.importorskip("bpy")
 
 
-@pytest.fixture(scope="module")
-def scan(tmp_path_factory):
-    """Capture folder of the mannequin, and its true height [m]."""
-    from mirror_scan.core.simulation.mannequin import mannequin
-    from mirror_scan.core.simulation.scene import default_rig
-    from mirror_scan.core.simulation.simulate import simulate, write_simulation
-
-    folder = tmp_path_factory.mktemp("scan") / "capture"
-    person = mannequin()
-    write_simulation(simulate(person, default_rig(sensor="azure_kinect", mirrors=2, frames=4, seed=3)), folder)
-    return folder, float(np.ptp(person.vertices[:, 2]))
-
-
 def test_a_scan_becomes_an_avatar(bpy, scan):
     folder, height = scan
     assert bpy.ops.mirror_scan.build_avatar(filepath=str(folder), frames=4) == {"FINISHED"}

@@ -1,0 +1,197 @@
+"""The capture in the .blend: an object of loose points that holds its whole depth map, and two pictures.
+
+A vertex is a pixel with a reading, where the camera saw it (camera frame; the object's matrix stands it upright). Its
+integer attribute ``pixel`` says which one, so that the depth map comes back exactly: z is the vertex's own, and the
+camera is kept with the object. What is found out about a point is an attribute too.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import asdict
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ..core.camera import Intrinsics, unproject
+from ..core.errors import CaptureError
+from .scene import COLOR, discard_on_error
+from .tasks import Cloud
+
+INFO = "mirror_scan_capture"  # custom property of the object: what is known of the capture, as JSON text
+STAMP = "mirror_scan_stamp"  # custom property of its mesh: new with each change, so that what is drawn can be kept
+PLACED = "mirror_scan_placed"  # custom property of the object: where we put it, to see whether somebody moved it
+PIXEL = "pixel"
+SEEN, VIEW, HEIGHT = "seen", "view", "height"  # attributes; as in core.views.Views, and above the floor [m]
+
+
+def is_cloud(target: bpy.types.Object | None) -> bool:
+    return target is not None and target.type == "MESH" and isinstance(target.get(INFO), str)
+
+
+def cloud_of(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """The scene's cloud, if it is there and still one."""
+    target = scene.mirror_scan.cloud
+    return target if is_cloud(target) and target.name in scene.objects else None
+
+
+def create_cloud(
+    name: str,
+    depth: np.ndarray,
+    color: np.ndarray | None,
+    intrinsics: Intrinsics,
+    info: dict,
+    placement: np.ndarray,
+    collection: bpy.types.Collection,
+) -> bpy.types.Object:
+    """An object with a vertex for each reading of ``depth`` (H, W) [m].
+
+    Raises
+    ------
+    CaptureError
+        When there is no reading at all. Nothing is left in the file then.
+    """
+    pixel = np.flatnonzero(depth.ravel() > 0).astype(np.int32)
+    if not len(pixel):
+        raise CaptureError(f"{name}: no pixel has a depth reading")
+    points = unproject(depth, intrinsics).reshape(-1, 3)[pixel].astype(np.float32)
+    points[:, 2] = depth.ravel()[pixel]
+    with discard_on_error() as made:
+        mesh = bpy.data.meshes.new(name)
+        made.append(mesh)
+        mesh.vertices.add(len(pixel))
+        mesh.attributes["position"].data.foreach_set("vector", points.ravel())
+        mesh.attributes.new(PIXEL, "INT", "POINT").data.foreach_set("value", pixel)
+        if color is not None:
+            rgba = np.ones((len(pixel), 4), np.float32)
+            rgba[:, :3] = color.reshape(-1, 3)[pixel] / np.float32(255)
+            attribute = mesh.color_attributes.new(COLOR, "BYTE_COLOR", "POINT")
+            attribute.data.foreach_set("color_srgb", rgba.ravel())
+        touch(mesh)
+        cloud = bpy.data.objects.new(name, mesh)
+        made.append(cloud)
+        cloud[INFO] = json.dumps(info | {"intrinsics": asdict(intrinsics)}, ensure_ascii=False)
+        cloud.display_type = "BOUNDS"  # its points are drawn by the overlay, in colour
+        cloud.hide_render = True
+        place(cloud, placement)
+        collection.objects.link(cloud)
+    return cloud
+
+
+def read_cloud(cloud: bpy.types.Object) -> Cloud:
+    """The arrays of a cloud object.
+
+    Raises
+    ------
+    CaptureError
+        When somebody's edits left nothing that can be read as a depth map.
+    """
+    info = cloud_info(cloud)
+    mesh = cloud.data
+    count = len(mesh.vertices)
+    pixel = values(mesh, PIXEL, np.int32)
+    try:
+        intrinsics = Intrinsics(**info.pop("intrinsics"))
+    except (KeyError, TypeError) as error:
+        raise CaptureError(f"{cloud.name}: does not know its camera any more; load the capture again") from error
+    size = intrinsics.width * intrinsics.height
+    if pixel is None or not count or pixel.min() < 0 or pixel.max() >= size:
+        raise CaptureError(f"{cloud.name}: its points are no depth map any more; load the capture again")
+    points = np.empty((count, 3), np.float32)
+    mesh.attributes["position"].data.foreach_get("vector", points.ravel())
+    color = None
+    attribute = mesh.attributes.get(COLOR)
+    if attribute is not None and len(attribute.data) == count:
+        rgba = np.empty((count, 4), np.float32)
+        attribute.data.foreach_get("color_srgb", rgba.ravel())
+        flat = np.zeros((size, 3), np.uint8)
+        flat[pixel] = np.rint(rgba[:, :3] * 255).astype(np.uint8)
+        color = flat.reshape(intrinsics.height, intrinsics.width, 3)
+    return Cloud(points, pixel, color, intrinsics, info)
+
+
+def cloud_info(cloud: bpy.types.Object) -> dict:
+    """What is known of the capture: name, format, path, frames, lines, intrinsics.
+
+    Raises
+    ------
+    CaptureError
+        When the text was edited into nonsense.
+    """
+    try:
+        info = json.loads(cloud[INFO])
+        if isinstance(info, dict):
+            return info
+    except ValueError:
+        pass
+    raise CaptureError(f"{cloud.name}: what was known of its capture is damaged; load the capture again")
+
+
+def values(mesh: bpy.types.Mesh, name: str, dtype: type) -> np.ndarray | None:
+    """A point attribute of single numbers (N,), or None when it is not there."""
+    attribute = mesh.attributes.get(name)
+    if attribute is None or attribute.domain != "POINT" or len(attribute.data) != len(mesh.vertices):
+        return None
+    found = np.empty(len(attribute.data), dtype)
+    attribute.data.foreach_get("value", found)
+    return found
+
+
+def set_values(mesh: bpy.types.Mesh, **maps: np.ndarray) -> None:
+    """Write images (H, W) of small integers (int8) or numbers (float32) as point attributes."""
+    pixel = values(mesh, PIXEL, np.int32)
+    for name, image in maps.items():
+        kind = "INT8" if image.dtype == np.int8 else "FLOAT"
+        attribute = mesh.attributes.get(name)
+        if attribute is not None and (attribute.data_type, attribute.domain) != (kind, "POINT"):
+            mesh.attributes.remove(attribute)
+            attribute = None
+        if attribute is None:
+            attribute = mesh.attributes.new(name, kind, "POINT")
+        attribute.data.foreach_set("value", np.ascontiguousarray(image.ravel()[pixel]))
+    touch(mesh)
+
+
+def forget_values(mesh: bpy.types.Mesh, *names: str) -> None:
+    """Remove attributes that are not true any more."""
+    for name in names:
+        attribute = mesh.attributes.get(name)
+        if attribute is not None:
+            mesh.attributes.remove(attribute)
+    touch(mesh)
+
+
+def touch(mesh: bpy.types.Mesh) -> None:
+    """Give the mesh a new stamp, unlike any before: undo brings the old one back with the old data."""
+    mesh[STAMP] = f"{time.time_ns():x}"
+    mesh.update_tag()
+
+
+def place(cloud: bpy.types.Object, matrix: np.ndarray) -> None:
+    """Put the cloud where ``matrix`` (4, 4), camera frame → world, says; unless somebody moved it by hand."""
+    where = Matrix([list(map(float, row)) for row in matrix])
+    before = cloud.get(PLACED)
+    if before is not None and not np.allclose(np.array(cloud.matrix_world).ravel(), list(before), atol=1e-5):
+        return
+    cloud.matrix_world = where
+    cloud[PLACED] = [value for row in where for value in row]
+
+
+def camera_to_world(cloud: bpy.types.Object) -> np.ndarray:
+    """(4, 4)."""
+    return np.array(cloud.matrix_world)
+
+
+def create_picture(name: str, pixels: np.ndarray) -> bpy.types.Image:
+    """An image data-block of ``pixels`` (H, W, 3) uint8 sRGB, packed into the .blend."""
+    height, width = pixels.shape[:2]
+    rgba = np.ones((height, width, 4), np.float32)
+    np.divide(pixels[::-1], 255, out=rgba[..., :3], casting="unsafe")
+    with discard_on_error() as made:
+        image = bpy.data.images.new(name, width, height)
+        made.append(image)
+        image.pixels.foreach_set(rgba.ravel())
+        image.pack()
+    return image

@@ -1,0 +1,150 @@
+"""Is the avatar sound, and where is it not."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import EnumProperty, IntProperty
+
+from .. import jobs, reports, state
+from ..texts import CONTEXT, say
+
+
+def no_mesh(context: bpy.types.Context) -> str:
+    """Why the active object cannot be looked over; "" when it can."""
+    active = context.object
+    if active is None or active.type != "MESH":
+        return say("Select an avatar first")
+    if not active.data.polygons:
+        return say("{name} has no faces").format(name=active.name)
+    return ""
+
+
+def not_ours(context: bpy.types.Context) -> str:
+    """Why the active object cannot be changed; "" when it can."""
+    active = context.object
+    if active is not None and (not active.is_editable or active.data is not None and not active.data.is_editable):
+        return say("{name} is linked from another file and cannot be changed").format(name=active.name)
+    return ""
+
+
+class MIRRORSCAN_OT_check(jobs.JobOperator, bpy.types.Operator):
+    """Look the selected mesh over: is it closed, in one piece, free of crossings; and where it is not"""
+
+    bl_idname = "mirror_scan.check"
+    bl_label = "Check Avatar"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if problem := state.editable(context) or no_mesh(context) or not_ours(context):
+            cls.poll_message_set(problem)
+        return not problem
+
+    def start(self, context: bpy.types.Context) -> jobs.Task:
+        from .. import scene
+
+        self._uid = context.object.session_uid
+        return jobs.Task("check_steps", (scene.read_surface(context.object),))
+
+    def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
+        from ...core.errors import OutputError
+
+        avatar = next((item for item in bpy.data.objects if item.session_uid == self._uid), None)
+        if avatar is None:
+            raise OutputError(say("The object that was checked is gone"))
+        report = reports.avatar_report(avatar) or {}
+        mesh = report.setdefault("mesh", {})
+        mesh.update({name: value for name, value in result.report.items() if name != "min_angle_deg"})
+        if result.report.get("volume_m3") is not None:
+            mesh["volume_l"] = 1000.0 * result.report["volume_m3"]
+        else:
+            mesh.pop("volume_l", None)
+        report["problems"] = result.problems
+        reports.set_report(avatar, report)
+        target.mirror_scan.problem_index = 0
+        if result.problems:
+            worst = reports.problem_text(result.problems[0])
+            text = say("{name}: {count} places to look at, first: {worst}")
+            self.report({"INFO"}, text.format(name=avatar.name, count=len(result.problems), worst=worst))
+        else:
+            self.report({"INFO"}, say("{name}: closed, in one piece, no problem found").format(name=avatar.name))
+
+
+class MIRRORSCAN_OT_jump_to_problem(bpy.types.Operator):
+    """Turn the view to a problem of the selected avatar and mark it"""
+
+    bl_idname = "mirror_scan.jump_to_problem"
+    bl_label = "Jump to Problem"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER"}
+
+    direction: EnumProperty(
+        name="Direction", description="Which problem to go to",
+        items=(("NEXT", "Next", "The next in the list"), ("PREVIOUS", "Previous", "The one before"),
+               ("NUMBER", "Number", "The one with that number")),
+        options={"SKIP_SAVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+    number: IntProperty(
+        name="Number", description="Which problem, counted from 1", default=1, min=1, options={"SKIP_SAVE"},
+        translation_context=CONTEXT,
+    )  # fmt: skip
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        problem = no_mesh(context)
+        if not problem and not context.scene.is_editable:
+            problem = say("The scene is linked from another file and cannot be changed")
+        if not problem:
+            report = reports.avatar_report(context.object)
+            if report is None or "problems" not in report:
+                problem = say("Check the avatar first")
+            elif not report["problems"]:
+                problem = say("The avatar has no problem")
+        if problem:
+            cls.poll_message_set(problem)
+        return not problem
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        settings, avatar = context.scene.mirror_scan, context.object
+        problems = reports.problems_of(reports.avatar_report(avatar))
+        if not problems:
+            self.report({"ERROR"}, say("The list of problems is damaged; check the avatar again"))
+            return {"CANCELLED"}
+        if self.direction == "NUMBER":
+            if self.number > len(problems):
+                self.report({"ERROR"}, say("There are {count} problems only").format(count=len(problems)))
+                return {"CANCELLED"}
+            number = self.number
+        else:
+            number = (settings.problem_index - 1 + (1 if self.direction == "NEXT" else -1)) % len(problems) + 1
+            if not settings.problem_index:
+                number = 1 if self.direction == "NEXT" else len(problems)
+        settings.problem_index = number
+        place = problems[number - 1]
+        _look_at(context, avatar, place)
+        text = f"{number}/{len(problems)}: {reports.problem_text(place)}"
+        self.report({"INFO"}, text)
+        return {"FINISHED"}
+
+
+def _look_at(context: bpy.types.Context, avatar: bpy.types.Object, place: dict) -> None:
+    """Turn the 3D viewport to look at a place from where its surface faces."""
+    from mathutils import Vector
+
+    area = context.area if context.area is not None and context.area.type == "VIEW_3D" else None
+    if area is None and context.screen is not None:
+        area = next((area for area in context.screen.areas if area.type == "VIEW_3D"), None)
+    if area is None:
+        return
+    view = area.spaces.active.region_3d
+    normal = (avatar.matrix_world.to_3x3() @ Vector(place["normal"])).normalized()
+    if normal.length == 0:
+        normal = Vector((0, -1, 0))
+    view.view_location = avatar.matrix_world @ Vector(place["point"])
+    view.view_rotation = normal.to_track_quat("Z", "Y")
+    view.view_distance = max(0.35, 4.0 * place["size"])
+    area.tag_redraw()
+
+
+CLASSES = (MIRRORSCAN_OT_check, MIRRORSCAN_OT_jump_to_problem)

@@ -1,0 +1,89 @@
+"""What the avatar's colours say."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import EnumProperty
+
+from .. import jobs, state
+from ..texts import CONTEXT, say
+from .check import no_mesh, not_ours
+
+DERIVED = {"VIEW": "View Colors", "KIND": "Kind Colors"}
+"""Colour attributes that are made for showing and removed again, by mode."""
+
+
+class MIRRORSCAN_OT_color_by(bpy.types.Operator):
+    """Show another property of the selected avatar's surface as its colours"""
+
+    bl_idname = "mirror_scan.color_by"
+    bl_label = "Colour By"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO"}
+
+    mode: EnumProperty(
+        name="Colour By", description="What the colours say",
+        items=(
+            ("CAPTURE", "Capture", "The colours of the capture"),
+            ("VIEW", "View", "Which view the surface is from: direct yellow, each mirror its own colour, made up grey"),
+            ("KIND", "Kind", "How the surface came about: measured grey, seam between two views red, fill blue"),
+        ),
+        translation_context=CONTEXT,
+    )  # fmt: skip
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if problem := state.editable(context) or no_mesh(context) or not_ours(context):
+            cls.poll_message_set(problem)
+        return not problem
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            self._show(context)
+        except jobs.REPORTED as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        space = context.space_data
+        if space is not None and space.type == "VIEW_3D" and space.shading.type == "SOLID":
+            space.shading.color_type = "VERTEX"
+        return {"FINISHED"}
+
+    def _show(self, context: bpy.types.Context) -> None:
+        import numpy as np
+
+        from ...core import palette
+        from ...core.errors import OutputError
+        from .. import scene
+
+        avatar = context.object
+        data = avatar.data
+        label, domain, colors_of = {
+            "CAPTURE": (scene.COLOR, None, None),
+            "VIEW": (scene.VIEW, "POINT", palette.view_colors),
+            "KIND": (scene.KIND, "FACE", palette.kind_colors),
+        }[self.mode]
+        name = DERIVED.get(self.mode, scene.COLOR)
+        if colors_of is None:
+            if data.color_attributes.get(scene.COLOR) is None:
+                raise OutputError(say("{name} has no colours of a capture").format(name=avatar.name))
+        else:
+            values = scene.integers(data, label, domain)
+            if values is None:
+                text = say("{name} does not know this; only avatars that Mirror Scan built do")
+                raise OutputError(text.format(name=avatar.name))
+            if self.mode == "KIND" and (values.min() < 0 or values.max() > 2):
+                raise OutputError(say("{name}: “kind” holds numbers that mean nothing").format(name=avatar.name))
+            colors = colors_of(values)
+            if domain == "FACE":  # colours of a face are those of its corners
+                totals = np.empty(len(data.polygons), np.int32)
+                data.polygons.foreach_get("loop_total", totals)
+                colors = np.repeat(colors, totals, axis=0)
+            scene.set_colors(data, name, colors, "POINT" if domain == "POINT" else "CORNER")
+        scene.show_colors(avatar, name)
+        for other in DERIVED.values():
+            if other != name and (attribute := data.attributes.get(other)) is not None:
+                data.attributes.remove(attribute)
+        scene.show_colors(avatar, name)  # indices have moved
+
+
+CLASSES = (MIRRORSCAN_OT_color_by,)

@@ -1,0 +1,108 @@
+"""The selected avatar → a file, in the formats Blender has."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import EnumProperty, StringProperty
+
+from ...core.errors import OutputError
+from .. import jobs, state
+from ..texts import CONTEXT, say
+from .check import no_mesh
+
+FORMATS = (
+    ("GLB", "glTF Binary (.glb)", "For the web and most 3D programs; with colours, in metres"),
+    ("FBX", "FBX (.fbx)", "For game engines; with colours, in metres"),
+    ("OBJ", "Wavefront (.obj)", "Read by nearly everything; with colours after each vertex"),
+    ("PLY", "Stanford (.ply)", "For scans and point processing; with colours, no rounding"),
+    ("STL", "STL (.stl)", "For 3D printing; no colours"),
+    ("USDC", "Universal Scene Description (.usdc)", "For film and Apple's devices; with colours"),
+    ("ABC", "Alembic (.abc)", "For film; with colours"),
+    ("BLEND", "Blender (.blend)", "The avatar alone, to append or link elsewhere"),
+)
+
+
+class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
+    """Write the selected avatar to a file. An existing file is replaced only when the new one is complete"""
+
+    bl_idname = "mirror_scan.export_avatar"
+    bl_label = "Export Avatar"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "PRESET"}
+
+    filepath: StringProperty(
+        name="File", description="File to write", subtype="FILE_PATH",
+        options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+    format: EnumProperty(
+        name="Format", description="Kind of file; taken from the file's ending unless given", items=FORMATS,
+        translation_context=CONTEXT,
+    )  # fmt: skip
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        problem = no_mesh(context)
+        if not problem and context.mode != "OBJECT":
+            problem = say("Leave the editing mode first: this works in Object Mode")
+        if not problem and jobs.running(context):
+            problem = say("Mirror Scan is busy; wait or press Esc")
+        if problem:
+            cls.poll_message_set(problem)
+        return not problem
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        import os
+
+        if not self.filepath:
+            folder = os.path.dirname(bpy.data.filepath)
+            self.filepath = os.path.join(folder, bpy.path.clean_name(context.object.name) + self._ending())
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def check(self, context: bpy.types.Context) -> bool:
+        """In the file browser: the name's ending follows the format."""
+        import os
+
+        stem, ending = os.path.splitext(self.filepath)
+        if ending.lower() == self._ending():
+            return False
+        self.filepath = (stem if ending.lower() in _endings() else self.filepath) + self._ending()
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        import os
+
+        from .. import export
+
+        try:
+            if not self.filepath:
+                raise OutputError(say("Give the name of a file to write"))
+            path = state.absolute(self.filepath)
+            ending = os.path.splitext(path)[1].lower()
+            kind = self.format
+            if not self.properties.is_property_set("format") and ending:
+                kind = _endings().get(ending)
+                if kind is None:
+                    text = say("{path}: {ending} is none of the formats; use {formats}")
+                    raise OutputError(text.format(path=path, ending=ending, formats=" ".join(sorted(_endings()))))
+            wanted = next(end for end, name in _endings().items() if name == kind)
+            if _endings().get(ending) != kind:
+                path += wanted
+            export.write_object(path, context.object, kind)
+        except jobs.REPORTED as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.report({"INFO"}, say("{name} written to {path}").format(name=context.object.name, path=path))
+        return {"FINISHED"}
+
+    def _ending(self) -> str:
+        return next(ending for ending, kind in _endings().items() if kind == self.format)
+
+
+def _endings() -> dict[str, str]:
+    """Ending → format, the usual ending of each first."""
+    endings = {f".{kind.lower()}": kind for kind, _, _ in FORMATS}
+    return endings | {".usd": "USDC", ".usda": "USDC"}
+
+
+CLASSES = (MIRRORSCAN_OT_export_avatar,)

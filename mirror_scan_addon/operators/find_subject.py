@@ -1,0 +1,56 @@
+"""Who is the person, what is floor and room."""
+
+from __future__ import annotations
+
+import bpy
+
+from .. import jobs, state
+from ..texts import CONTEXT, say
+
+
+class MIRRORSCAN_OT_find_subject(jobs.JobOperator, bpy.types.Operator):
+    """Tell the person from floor and room, directly and in each mirror, and show it as colours on the points"""
+
+    bl_idname = "mirror_scan.find_subject"
+    bl_label = "Find Subject"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if problem := state.editable(context) or state.no_cloud(context) or state.no_mirror(context):
+            cls.poll_message_set(problem)
+        return not problem
+
+    def start(self, context: bpy.types.Context) -> jobs.Task:
+        from .. import cloud
+
+        settings = context.scene.mirror_scan
+        arrays = cloud.read_cloud(cloud.cloud_of(context.scene))
+        mirrors = state.placed_mirrors(settings)
+        return jobs.Task(
+            "find_subject_steps", (arrays.depth, arrays.intrinsics, mirrors, state.view_settings(settings))
+        )
+
+    def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
+        from ...core.errors import CaptureError
+        from .. import cloud
+
+        settings = target.mirror_scan
+        points = cloud.cloud_of(target)
+        if points is None:
+            raise CaptureError(say("The points of the capture are gone; load it again"))
+        cloud.set_values(points.data, seen=result.seen, view=result.view, height=result.height)
+        cloud.place(points, result.placement)
+        settings.cloud_colors, settings.show_cloud = "PART", True
+        names = [say("direct"), *(item.name for item in settings.mirrors)]
+        counts = ", ".join(f"{name} {pixels:,}" for name, pixels in zip(names, result.pixels, strict=False))
+        settings.subject.message = say("Points of the person: {counts}").format(counts=counts)
+        if not result.floor:
+            self.report({"WARNING"}, say("No floor is seen; heights are counted from the person's lowest point"))
+        for warning in result.warnings:
+            self.report({"WARNING"}, warning)
+        self.report({"INFO"}, settings.subject.message)
+
+
+CLASSES = (MIRRORSCAN_OT_find_subject,)

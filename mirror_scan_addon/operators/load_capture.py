@@ -1,0 +1,173 @@
+"""Capture → points in the viewport."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import IntProperty, StringProperty
+
+from ...core.errors import CaptureError
+from .. import jobs, state
+from ..texts import CONTEXT, say
+
+
+class MIRRORSCAN_OT_load_capture(jobs.JobOperator, bpy.types.Operator):
+    """Read what a depth camera wrote and show it as coloured points. Takes the folder or any file of a capture"""
+
+    bl_idname = "mirror_scan.load_capture"
+    bl_label = "Load Capture"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: StringProperty(
+        name="Capture", description="Folder or file of the capture", subtype="FILE_PATH",
+        options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+    mirrors_filepath: StringProperty(
+        name="Mirrors", description="File with points picked on the mirrors' frames. Leave empty for the capture's own",
+        subtype="FILE_PATH", options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+    frames: IntProperty(
+        name="Frames",
+        description="How many depth frames of the burst to average, 0 for all. Taken from the scene unless given",
+        default=0, min=0, soft_max=60, options={"SKIP_SAVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+
+    _frame_view = False
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if problem := state.editable(context):
+            cls.poll_message_set(problem)
+        return not problem
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        self._frame_view = True
+        if self.filepath:
+            return self.run(context)
+        self.filepath = context.scene.mirror_scan.capture_path
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        # The file browser calls this when a file was chosen; people's work goes on beside the window then too.
+        if self._frame_view and not bpy.app.background and self._worker is None:
+            return self.run(context)
+        return super().execute(context)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        layout.prop(self, "frames")
+        layout.prop(self, "mirrors_filepath")
+
+    def start(self, context: bpy.types.Context) -> jobs.Task:
+        settings = context.scene.mirror_scan
+        path = state.absolute(state.capture_root(self.filepath or settings.capture_path))
+        if not path:
+            raise CaptureError(say("No capture is chosen; give its folder or file"))
+        frames = self.frames if self.properties.is_property_set("frames") else settings.frames
+        self._path, self._frames = state.capture_root(self.filepath or settings.capture_path), frames
+        return jobs.Task("load_steps", (path, frames, state.absolute(self.mirrors_filepath)))
+
+    def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
+        cloud = show_capture(context, target, result)
+        settings = target.mirror_scan
+        settings.capture_path, settings.frames = self._path, self._frames
+        if self._frame_view:
+            look_at(context, cloud)
+        count = len(cloud.data.vertices)
+        for mirror in settings.mirrors:
+            if mirror.message:
+                self.report({"WARNING"}, mirror.message)
+        text = say("{name}: {format}, {points:,} points, {mirrors} mirrors").format(
+            name=cloud.name, format=result.info["format"], points=count, mirrors=len(settings.mirrors)
+        )
+        self.report({"INFO"}, text)
+
+
+def show_capture(context: bpy.types.Context, target: bpy.types.Scene, loaded) -> bpy.types.Object:
+    """Put a loaded capture into a scene, in place of the one before."""
+    from .. import cloud, scene
+
+    settings = target.mirror_scan
+    name = loaded.info["name"]
+    collection = scene.target_collection(context, target)
+    with scene.discard_on_error() as made:
+        made.append(cloud.create_picture(f"{name} depth", loaded.depth_picture))
+        if loaded.color is not None:
+            made.append(cloud.create_picture(f"{name} colour", loaded.color))
+        points = cloud.create_cloud(
+            name, loaded.depth, loaded.color, loaded.intrinsics, loaded.info, loaded.placement, collection
+        )
+    forget_capture(target)
+    settings.cloud, settings.depth_image = points, made[0]
+    settings.color_image = made[1] if loaded.color is not None else None
+    for image in made:
+        image.preview_ensure()
+    state.set_records(settings, loaded.mirrors)
+    settings.mirror_index = 0
+    if loaded.seen is not None:
+        cloud.set_values(points.data, seen=loaded.seen)
+    settings.cloud_colors, settings.show_cloud, settings.fold = "CAPTURE", True, False
+    settings.subject.message = ""
+    if target == context.scene:
+        scene.select_only(context, points)
+    return points
+
+
+def forget_capture(target: bpy.types.Scene) -> None:
+    """Remove the scene's cloud and pictures, unless another scene or object uses them."""
+    settings = target.mirror_scan
+    cloud, images = settings.cloud, (settings.color_image, settings.depth_image)
+    settings.cloud = settings.color_image = settings.depth_image = None
+    if cloud is not None and cloud.library is None and set(cloud.users_scene) <= {target}:
+        mesh = cloud.data
+        bpy.data.objects.remove(cloud)
+        if mesh is not None and not mesh.users:
+            bpy.data.meshes.remove(mesh)
+    for image in images:
+        if image is not None and image.library is None and not image.users:
+            bpy.data.images.remove(image)
+
+
+def look_at(context: bpy.types.Context, target: bpy.types.Object, margin: float = 1.0) -> None:
+    """Have the 3D viewport frame an object that is selected; nothing happens without one."""
+    area = context.area if context.area is not None and context.area.type == "VIEW_3D" else None
+    if area is None and context.screen is not None:
+        area = next((area for area in context.screen.areas if area.type == "VIEW_3D"), None)
+    region = None if area is None else next((region for region in area.regions if region.type == "WINDOW"), None)
+    if region is None or bpy.app.background:
+        return
+    with context.temp_override(area=area, region=region):
+        if bpy.ops.view3d.view_selected.poll():
+            bpy.ops.view3d.view_selected()
+
+
+class MIRRORSCAN_FH_capture(bpy.types.FileHandler):
+    """Captures dropped into a 3D viewport; a folder is dropped by any JSON in it."""
+
+    bl_idname = "MIRRORSCAN_FH_capture"
+    bl_label = "Mirror Scan Capture"
+    bl_import_operator = "mirror_scan.load_capture"
+    bl_file_extensions = ".json;.mkv;.bag;.oni;.pcd;.npz;.r3d;.dump;.pclzf"
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        return context.area is not None and context.area.type == "VIEW_3D"
+
+
+class MIRRORSCAN_FH_picture(bpy.types.FileHandler):
+    """Pictures of a capture dropped on the sidebar; in the viewport itself they stay Blender's reference images."""
+
+    bl_idname = "MIRRORSCAN_FH_picture"
+    bl_label = "Mirror Scan Capture"
+    bl_import_operator = "mirror_scan.load_capture"
+    bl_file_extensions = ".png;.jpg;.jpeg;.ply"
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        in_viewport = context.area is not None and context.area.type == "VIEW_3D"
+        return in_viewport and context.region is not None and context.region.type == "UI"
+
+
+CLASSES = (MIRRORSCAN_OT_load_capture, MIRRORSCAN_FH_capture, MIRRORSCAN_FH_picture)

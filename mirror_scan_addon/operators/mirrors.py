@@ -1,0 +1,282 @@
+"""Mirrors: found, set by scripts, removed, written and read."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import FloatVectorProperty, IntProperty, StringProperty
+
+from ...core.errors import MirrorError, OutputError
+from .. import jobs, state
+from ..texts import CONTEXT, say
+
+
+class _MirrorOperator(jobs.JobOperator):
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if problem := state.editable(context) or state.no_cloud(context):
+            cls.poll_message_set(problem)
+        return not problem
+
+    def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
+        put_mirrors(target, result)
+
+
+def put_mirrors(target: bpy.types.Scene, fitted) -> None:
+    """Have a scene's mirrors be those of a fit; what was found out with the old ones is not true any more."""
+    from .. import cloud
+
+    state.set_records(target.mirror_scan, fitted.mirrors)
+    points = cloud.cloud_of(target)
+    if points is None:
+        raise MirrorError(say("The points of the capture are gone; load it again"))
+    cloud.forget_values(points.data, cloud.VIEW, cloud.HEIGHT)
+    if fitted.seen is None:
+        cloud.forget_values(points.data, cloud.SEEN)
+    else:
+        cloud.set_values(points.data, seen=fitted.seen)
+    target.mirror_scan.subject.message = ""
+
+
+class MIRRORSCAN_OT_find_mirrors(_MirrorOperator, bpy.types.Operator):
+    """Find the mirrors by their frames and by what they show. Replaces the mirrors there are"""
+
+    bl_idname = "mirror_scan.find_mirrors"
+    bl_label = "Find Mirrors"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO"}
+
+    def start(self, context: bpy.types.Context) -> jobs.Task:
+        from .. import cloud
+
+        arrays = cloud.read_cloud(cloud.cloud_of(context.scene))
+        offset = context.scene.mirror_scan.quality.glass_offset
+        return jobs.Task("find_mirrors_steps", (arrays.depth, arrays.color, arrays.intrinsics, offset))
+
+    def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
+        if not result.mirrors:
+            raise MirrorError(
+                say(
+                    "No mirror was found; pick points on their frames instead. A frame at least 3 cm wide and 10 cm "
+                    "off the wall, with the person's reflection in the glass, is found by itself"
+                )
+            )
+        super().finish(context, target, result)
+        names = ", ".join(record["name"] for record in result.mirrors)
+        self.report({"INFO"}, say("{count} mirrors found: {names}").format(count=len(result.mirrors), names=names))
+
+
+class MIRRORSCAN_OT_set_mirror(_MirrorOperator, bpy.types.Operator):
+    """Place one mirror by points on its frame or by a known plane; for scripts"""
+
+    bl_idname = "mirror_scan.set_mirror"
+    bl_label = "Set Mirror"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO"}
+
+    index: IntProperty(
+        name="Index", description="Which mirror, counted from 0; one past the last, or -1, adds a mirror", default=-1,
+        min=-1, options={"SKIP_SAVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+    points: StringProperty(
+        name="Points",
+        description="Text of a list of at least 3 points on the frame: pairs are pixels of the depth image, triples "
+        "are metres in the world",
+        options={"SKIP_SAVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+    name: StringProperty(
+        name="Name", description="What to call the mirror", maxlen=63, options={"SKIP_SAVE"},
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    point: FloatVectorProperty(
+        name="Point", description="A point of the mirror's plane in the camera's frame, in metres; with a normal",
+        size=3, subtype="XYZ", options={"SKIP_SAVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+    normal: FloatVectorProperty(
+        name="Normal", description="Where the mirror looks in the camera's frame: x right, y down, z forward",
+        size=3, subtype="XYZ", options={"SKIP_SAVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+
+    def start(self, context: bpy.types.Context) -> jobs.Task:
+        from .. import cloud
+
+        settings = context.scene.mirror_scan
+        records = state.records_of(settings)
+        index = len(records) if self.index < 0 else self.index
+        if index > len(records):
+            text = say("index: there are {count} mirrors, so {index} is too large")
+            raise MirrorError(text.format(count=len(records), index=index))
+        if index == len(records):
+            records.append(state.new_record(settings, self.name))
+        elif self.name:
+            records[index]["name"] = self.name
+        points = cloud.cloud_of(context.scene)
+        arrays = cloud.read_cloud(points)
+        if self.points:
+            picks = state.parse_points(self.points)
+            if len(picks[0]) == 3:
+                picks = _pixels_of(picks, cloud.camera_to_world(points), arrays.intrinsics)
+            records[index] |= {"picks": picks, "plane": "", "source": "picked"}
+        elif any(self.normal):
+            records[index] |= {"picks": [], "plane": _given_plane(records[index]["name"], self.point, self.normal)}
+        else:
+            raise MirrorError(say("Give points on the mirror's frame, or a point and the normal of its plane"))
+        self._index = index
+        offset = settings.quality.glass_offset
+        return jobs.Task("fit_steps", (arrays.depth, arrays.intrinsics, records, offset))
+
+    def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
+        record = result.mirrors[self._index]
+        if record["message"]:
+            raise MirrorError(record["message"])
+        super().finish(context, target, result)
+        target.mirror_scan.mirror_index = self._index
+        text = say("{name}: fits to {residual:.1f} mm").format(name=record["name"], residual=record["residual_mm"])
+        self.report({"INFO"}, text)
+
+
+def _pixels_of(points: list, camera_to_world, intrinsics) -> list:
+    """Pixels of points in the world."""
+    import numpy as np
+
+    from ...core.camera import project
+
+    world_to_camera = np.linalg.inv(camera_to_world)
+    pixels = project(np.array(points) @ world_to_camera[:3, :3].T + world_to_camera[:3, 3], intrinsics)
+    if not np.isfinite(pixels).all():
+        raise MirrorError(say("points: one lies behind the camera"))
+    return pixels.tolist()
+
+
+def _given_plane(name: str, point, normal) -> str:
+    from .. import kernels
+
+    kernels.prepare_kernels()
+    from ...core.mirror import plane_mirror
+    from ..tasks import record_of
+
+    return record_of(plane_mirror(name, list(point), list(normal)))["plane"]
+
+
+class MIRRORSCAN_OT_remove_mirror(bpy.types.Operator):
+    """Remove a mirror from the list"""
+
+    bl_idname = "mirror_scan.remove_mirror"
+    bl_label = "Remove Mirror"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO"}
+
+    index: IntProperty(
+        name="Index", description="Which mirror, counted from 0; -1 for the active one", default=-1, min=-1,
+        options={"SKIP_SAVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if problem := state.editable(context) or state.no_mirror(context):
+            cls.poll_message_set(problem)
+        return not problem
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        settings = context.scene.mirror_scan
+        index = settings.mirror_index if self.index < 0 else self.index
+        if index >= len(settings.mirrors):
+            text = say("There are {count} mirrors; none has the number {index}")
+            self.report({"ERROR"}, text.format(count=len(settings.mirrors), index=index))
+            return {"CANCELLED"}
+        settings.mirrors.remove(index)
+        settings.mirror_index = max(0, min(settings.mirror_index, len(settings.mirrors) - 1))
+        _forget_views(context.scene)
+        return {"FINISHED"}
+
+
+class MIRRORSCAN_OT_clear_mirrors(bpy.types.Operator):
+    """Remove all mirrors from the list"""
+
+    bl_idname = "mirror_scan.clear_mirrors"
+    bl_label = "Clear Mirrors"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO"}
+
+    poll = MIRRORSCAN_OT_remove_mirror.poll
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        settings = context.scene.mirror_scan
+        settings.mirrors.clear()
+        settings.mirror_index = 0
+        _forget_views(context.scene)
+        return {"FINISHED"}
+
+
+def _forget_views(target: bpy.types.Scene) -> None:
+    """The numbers of the views have changed; what was sorted by them is not true any more."""
+    from .. import cloud
+
+    points = cloud.cloud_of(target)
+    if points is not None and points.data.library is None:
+        cloud.forget_values(points.data, cloud.SEEN, cloud.VIEW, cloud.HEIGHT)
+    target.mirror_scan.subject.message = ""
+
+
+class MIRRORSCAN_OT_save_mirrors(bpy.types.Operator):
+    """Write the mirrors to a file, as mirrors.json beside the capture or for the next capture of the same rig"""
+
+    bl_idname = "mirror_scan.save_mirrors"
+    bl_label = "Save Mirrors"
+    bl_translation_context = CONTEXT
+
+    filepath: StringProperty(
+        name="File", description="JSON file to write", subtype="FILE_PATH", options={"SKIP_SAVE"},
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN", "SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if problem := state.no_mirror(context):
+            cls.poll_message_set(problem)
+        return not problem
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        import os
+
+        try:
+            root = state.absolute(state.capture_root(context.scene.mirror_scan.capture_path))
+        except jobs.REPORTED:
+            root = ""
+        self.filepath = self.filepath or os.path.join(root, "mirrors.json")
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        import json
+
+        from ...core.files import replacing
+
+        entries = []
+        for item in context.scene.mirror_scan.mirrors:
+            plane = state.plane_of(item)
+            if len(item.picks) >= 3:
+                pixels = [[round(value, 2) for value in pick.pixel] for pick in item.picks]
+                entries.append({"name": item.name, "frame_pixels": pixels})
+            elif plane is not None:
+                entries.append({"name": item.name, "plane": {"point": plane["point"], "normal": plane["normal"]}})
+        try:
+            if not self.filepath:
+                raise OutputError(say("Give the name of a file to write"))
+            path = state.absolute(self.filepath)
+            with replacing(path) as temporary:
+                temporary.write_text(json.dumps({"mirrors": entries}, indent=1, ensure_ascii=False), encoding="utf-8")
+        except jobs.REPORTED as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.report({"INFO"}, say("{count} mirrors written to {path}").format(count=len(entries), path=path))
+        return {"FINISHED"}
+
+
+CLASSES = (
+    MIRRORSCAN_OT_find_mirrors,
+    MIRRORSCAN_OT_set_mirror,
+    MIRRORSCAN_OT_remove_mirror,
+    MIRRORSCAN_OT_clear_mirrors,
+    MIRRORSCAN_OT_save_mirrors,
+)

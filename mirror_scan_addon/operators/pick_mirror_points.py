@@ -1,0 +1,427 @@
+"""Points on a mirror's frame, clicked in the viewport."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import BoolProperty
+
+from .. import jobs, overlay, state
+from ..texts import CONTEXT, say
+
+SNAP_PX, GRAB_PX = 14.0, 12.0
+"""How far from the mouse a point of the cloud is looked for, and a pick is taken hold of [px at 100 % scale]."""
+
+DEPTH_TOLERANCE = 0.12
+"""How much deeper than the front-most point under the mouse a point may lie to be meant [m]."""
+
+NAVIGATION = ("MIDDLEMOUSE", "WHEEL", "NUMPAD_", "TRACKPAD", "NDOF", "MOUSEROTATE", "MOUSESMARTZOOM", "HOME", "TIMER",
+              "WINDOW", "MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "EVT_", "ACCENT_GRAVE")  # fmt: skip
+"""Beginnings of event types that are Blender's while picking."""
+
+
+class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
+    """Click at least 3 points on the mirror's frame, not on its glass, on at least two of its sides; 8 are better"""
+
+    bl_idname = "mirror_scan.pick_mirror_points"
+    bl_label = "Pick Mirror Points"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO"}
+
+    add: BoolProperty(
+        name="New Mirror", description="Pick a mirror that is not in the list yet", options={"SKIP_SAVE"},
+        translation_context=CONTEXT,
+    )  # fmt: skip
+
+    _running = False
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        problem = state.editable(context) or state.no_cloud(context)
+        if not problem and (context.area is None or context.area.type != "VIEW_3D"):
+            problem = say("Points are picked in a 3D viewport; scripts use mirror_scan.set_mirror")
+        if problem:
+            cls.poll_message_set(problem)
+        return not problem
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        self.report({"ERROR"}, say("Points are picked with the mouse; scripts use mirror_scan.set_mirror"))
+        return {"CANCELLED"}
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        from .. import cloud
+
+        if bpy.app.background:
+            return self.execute(context)
+        target = cloud.cloud_of(context.scene)
+        try:
+            arrays = cloud.read_cloud(target)
+        except jobs.REPORTED as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        settings = context.scene.mirror_scan
+        self._points, self._pixel = arrays.points, arrays.pixel
+        self._depth, self._intrinsics = arrays.depth, arrays.intrinsics
+        self._before = state.records_of(settings)
+        self._seen_before = cloud.values(target.data, cloud.SEEN, "int8")
+        self._views_before = (settings.mirror_index, settings.show_cloud)
+        self._scene_uid, self._area = context.scene.session_uid, context.area.as_pointer()
+        self._errand = self._task = self._asked = self._dragged = None
+        self._accepting = False
+        settings.show_cloud = True
+        if self.add or not settings.mirrors:
+            self._add_mirror(settings)
+        settings.mirror_index = min(settings.mirror_index, len(settings.mirrors) - 1)
+        self._timer = context.window_manager.event_timer_add(jobs.TICK_S, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        context.window_manager.mirror_scan.picking = True
+        context.window.cursor_modal_set("CROSSHAIR")
+        self._running = True
+        self._tell(context)
+        return {"RUNNING_MODAL"}
+
+    # --- events -------------------------------------------------------------------------------------------------------
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        from .. import cloud
+
+        if context.scene.session_uid != self._scene_uid or cloud.cloud_of(context.scene) is None:
+            self._end(context)
+            self.report({"WARNING"}, say("The points of the capture are gone; picking has ended"))
+            return {"CANCELLED"}
+        if event.type == "TIMER":
+            return self._work(context)
+        if event.type == "ESC" and event.value == "PRESS":
+            self._undo_all(context)
+            return {"CANCELLED"}
+        if self._dragged is not None:
+            return self._drag(context, event)
+        region = region_under(context, event, self._area)
+        if region is None:  # panels, headers, other editors, the navigation gizmo
+            if overlay.hovered() is not None:
+                overlay.set_hover(None)
+                jobs.redraw(context)
+            context.window.cursor_modal_set("DEFAULT")
+            return {"PASS_THROUGH"}
+        context.window.cursor_modal_set("CROSSHAIR")
+        return self._in_viewport(context, event, region)
+
+    def _in_viewport(self, context, event, region) -> set[str]:
+        settings = context.scene.mirror_scan
+        pressed = event.value == "PRESS"
+        plain = not (event.alt or event.ctrl or event.shift or event.oskey)
+        if event.type == "MOUSEMOVE":
+            self._hover_over(context, event, region)
+            return {"PASS_THROUGH"}
+        if event.type == "LEFTMOUSE" and pressed and plain:
+            self._press(context, event, region)
+        elif event.type == "LEFTMOUSE" and not plain:
+            return {"PASS_THROUGH"}  # with Alt it turns the view for people without a middle button
+        elif event.type == "RIGHTMOUSE" and pressed:
+            number = self._pick_under(context, event, region)
+            if number is not None:
+                self._active(settings).picks.remove(number)
+                self._changed(context)
+        elif event.type in ("RET", "NUMPAD_ENTER") and pressed:
+            return self._accept(context)
+        elif event.type == "TAB" and pressed:
+            self._next_mirror(context, backwards=event.shift)
+        elif pressed and (event.type == "BACK_SPACE" or (event.type == "Z" and (event.ctrl or event.oskey))):
+            picks = self._active(settings).picks
+            if len(picks):
+                picks.remove(len(picks) - 1)
+                self._changed(context)
+        elif event.type.startswith(NAVIGATION) or event.type in ("N", "T"):
+            return {"PASS_THROUGH"}
+        return {"RUNNING_MODAL"}
+
+    def _press(self, context, event, region) -> None:
+        """Take hold of the pick under the mouse, or make one there."""
+        picks = self._active(context.scene.mirror_scan).picks
+        number = self._pick_under(context, event, region)
+        if number is None:
+            pixel = self._snap(context, event, region)
+            if pixel is None:
+                self.report({"WARNING"}, say("There is no point of the capture here; click on the mirror's frame"))
+                return
+            picks.add().pixel = pixel
+            number = len(picks) - 1
+            self._changed(context)
+        self._dragged = number
+        overlay.set_hover(None)
+
+    def _drag(self, context, event) -> set[str]:
+        if event.type == "LEFTMOUSE" and event.value == "RELEASE":
+            self._dragged = None
+            self._changed(context)
+        elif event.type == "MOUSEMOVE":
+            region = region_under(context, event, self._area)
+            pixel = None if region is None else self._snap(context, event, region)
+            picks = self._active(context.scene.mirror_scan).picks
+            if pixel is not None and self._dragged < len(picks):
+                picks[self._dragged].pixel = pixel
+                jobs.redraw(context)
+        return {"RUNNING_MODAL"}
+
+    def _hover_over(self, context, event, region) -> None:
+        index = self._nearest(context, event, region)
+        overlay.set_hover(None if index is None else self._points[index])
+        jobs.redraw(context)
+
+    def _next_mirror(self, context, backwards: bool) -> None:
+        """The next one; after the last, when something is picked on it, a new one."""
+        settings = context.scene.mirror_scan
+        last = len(settings.mirrors) - 1
+        active = self._active(settings)
+        if not backwards and settings.mirror_index == last and (len(active.picks) or active.plane):
+            self._add_mirror(settings)
+        else:
+            settings.mirror_index = (settings.mirror_index + (-1 if backwards else 1)) % (last + 1)
+        self._tell(context)
+
+    # --- where the mouse is -------------------------------------------------------------------------------------------
+
+    def _nearest(self, context, event, region) -> int | None:
+        """Index of the cloud's point that the mouse means."""
+        from ...core.picking import pick_point
+        from .. import cloud
+
+        space = region.data
+        target = cloud.cloud_of(context.scene)
+        scale = context.preferences.system.ui_scale
+        return pick_point(
+            self._points, space.view_matrix @ target.matrix_world, space.window_matrix, (region.width, region.height),
+            (event.mouse_x - region.x, event.mouse_y - region.y), SNAP_PX * scale, DEPTH_TOLERANCE,
+        )  # fmt: skip
+
+    def _snap(self, context, event, region) -> tuple[float, float] | None:
+        index = self._nearest(context, event, region)
+        if index is None:
+            return None
+        row, column = divmod(int(self._pixel[index]), self._intrinsics.width)
+        return float(column), float(row)
+
+    def _pick_under(self, context, event, region) -> int | None:
+        """Number of the active mirror's pick under the mouse, None without."""
+        import numpy as np
+
+        from ...core.picking import project_to_picture
+        from .. import cloud
+
+        settings = context.scene.mirror_scan
+        target = cloud.cloud_of(context.scene)
+        numbers, points = [], []
+        for number, pick in enumerate(self._active(settings).picks):
+            pixel = round(pick.pixel[1]) * self._intrinsics.width + round(pick.pixel[0])
+            at = int(np.searchsorted(self._pixel, pixel))
+            if at < len(self._pixel) and self._pixel[at] == pixel:
+                numbers.append(number)
+                points.append(self._points[at])
+        if not numbers:
+            return None
+        matrix = np.array(region.data.perspective_matrix @ target.matrix_world)
+        xy = project_to_picture(np.array(points), matrix, (region.width, region.height))
+        away = np.linalg.norm(xy - (event.mouse_x - region.x, event.mouse_y - region.y), axis=1)
+        away = np.where(np.isfinite(away), away, np.inf)
+        nearest = int(np.argmin(away))
+        return numbers[nearest] if away[nearest] <= GRAB_PX * context.preferences.system.ui_scale else None
+
+    # --- fitting, beside the window -----------------------------------------------------------------------------------
+
+    def _changed(self, context) -> None:
+        """The active mirror has other picks: its plane is not true any more, and fitted again at the next tick."""
+        item = self._active(context.scene.mirror_scan)
+        item.source, item.message = "picked", ""
+        if len(item.picks) < 3:
+            item.plane, item.residual_mm = "", 0.0
+        self._asked = None
+        self._tell(context)
+
+    def _work(self, context) -> set[str]:
+        """One tick: fetch a fit that is done, ask for one that is due, end when nothing is left to wait for."""
+        settings = context.scene.mirror_scan
+        if self._errand is not None and not self._errand.is_alive():
+            errand, self._errand = self._errand, None
+            if isinstance(errand.error, jobs.UNAVAILABLE):
+                self._errand = jobs.begin(self._task, thread=True)
+            elif isinstance(errand.error, jobs.REPORTED):
+                self._active(settings).message = str(errand.error)
+            elif errand.error is not None:
+                self._undo_all(context)
+                raise errand.error
+            elif self._asked is not None:
+                self._apply(context, errand.result)
+        if self._errand is None and self._dragged is None and self._asked is None:
+            records = state.records_of(settings)
+            self._asked = [number for number, record in enumerate(records) if len(record["picks"]) >= 3 or
+                           (record["plane"] and not record["picks"])]  # fmt: skip
+            if self._asked:
+                chosen = [records[number] for number in self._asked]
+                offset = settings.quality.glass_offset
+                self._task = jobs.Task("fit_steps", (self._depth, self._intrinsics, chosen, offset, self._asked))
+                self._errand = jobs.begin(self._task)
+            else:
+                self._set_seen(context, None)
+        if self._accepting and self._errand is None and self._asked is not None:
+            return self._finish(context)
+        return {"PASS_THROUGH"}
+
+    def _apply(self, context, fitted) -> None:
+        settings = context.scene.mirror_scan
+        for number, record in zip(self._asked, fitted.mirrors, strict=True):
+            item = settings.mirrors[number]
+            for name in ("plane", "residual_mm", "message", "source"):
+                setattr(item, name, record[name])
+        self._set_seen(context, fitted.seen)
+        self._tell(context)
+
+    def _set_seen(self, context, seen) -> None:
+        from .. import cloud
+
+        mesh = cloud.cloud_of(context.scene).data
+        if seen is None:
+            cloud.forget_values(mesh, cloud.SEEN)
+        else:
+            cloud.set_values(mesh, seen=seen)
+
+    # --- end ----------------------------------------------------------------------------------------------------------
+
+    def _accept(self, context) -> set[str]:
+        self._accepting = True
+        return {"RUNNING_MODAL"}
+
+    def _finish(self, context) -> set[str]:
+        from .. import cloud
+
+        settings = context.scene.mirror_scan
+        records = state.records_of(settings)
+        kept = [record for record in records if record["picks"] or record["plane"]]
+        short = [record for record in kept if 0 < len(record["picks"]) < 3]
+        if short:
+            self._accepting = False
+            text = say("{name}: {count} points are picked, 3 are needed; pick more, or Backspace to drop them")
+            self.report({"WARNING"}, text.format(name=short[0]["name"], count=len(short[0]["picks"])))
+            return {"PASS_THROUGH"}
+        if len(kept) < len(records):  # a mirror that nothing was picked on, which Tab added
+            numbers = [number for number, record in enumerate(records) if record in kept]
+            state.set_records(settings, kept)
+            mesh = cloud.cloud_of(context.scene).data
+            if numbers != list(range(len(kept))):
+                cloud.forget_values(mesh, cloud.SEEN)
+        cloud.forget_values(cloud.cloud_of(context.scene).data, cloud.VIEW, cloud.HEIGHT)
+        settings.subject.message = ""
+        self._end(context)
+        for record in kept:
+            if record["message"]:
+                self.report({"WARNING"}, record["message"])
+        self.report({"INFO"}, say("{count} mirrors").format(count=len(kept)))
+        return {"FINISHED"}
+
+    def _undo_all(self, context) -> None:
+        from .. import cloud
+
+        settings = context.scene.mirror_scan
+        state.set_records(settings, self._before)
+        settings.mirror_index, settings.show_cloud = self._views_before
+        mesh = cloud.cloud_of(context.scene).data
+        if self._seen_before is None:
+            cloud.forget_values(mesh, cloud.SEEN)
+        else:
+            mesh.attributes[cloud.SEEN].data.foreach_set("value", self._seen_before)
+            cloud.touch(mesh)
+        self._end(context)
+        self.report({"INFO"}, say("Picking was cancelled; the mirrors are as before"))
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Blender calls this when it loads another file."""
+        self._end(context)
+
+    def _end(self, context) -> None:
+        if not self._running:
+            return
+        self._running = False
+        if self._errand is not None:
+            self._errand.ask_to_stop()
+            self._errand = None
+        context.window_manager.event_timer_remove(self._timer)
+        context.window_manager.mirror_scan.picking = False
+        overlay.set_hover(None)
+        if context.window is not None:
+            context.window.cursor_modal_restore()
+        context.workspace.status_text_set(None)
+        jobs.redraw(context)
+
+    # --- helpers ------------------------------------------------------------------------------------------------------
+
+    def _active(self, settings) -> bpy.types.PropertyGroup:
+        return settings.mirrors[min(settings.mirror_index, len(settings.mirrors) - 1)]
+
+    def _add_mirror(self, settings) -> None:
+        state.set_record(settings.mirrors.add(), state.new_record(settings))
+        settings.mirror_index = len(settings.mirrors) - 1
+
+    def _tell(self, context) -> None:
+        item = self._active(context.scene.mirror_scan)
+        count = len(item.picks)
+        if item.message:
+            how = item.message
+        elif item.plane and count >= 3:
+            how = say("fits to {residual:.1f} mm").format(residual=item.residual_mm)
+        elif count < 3:
+            how = say("{more} more needed").format(more=3 - count)
+        else:
+            how = say("fitting")
+        text = say(
+            "{name}: {count} points, {how}    [Click] Pick or drag   [Right Click] Remove   [Backspace] Drop last   "
+            "[Tab] Next mirror   [Enter] Accept   [Esc] Cancel"
+        )
+        context.workspace.status_text_set(text.format(name=item.name, count=count, how=how))
+        jobs.redraw(context)
+
+
+def region_under(context, event, area_pointer: int):
+    """The window region of the viewport that picking was begun in, if the mouse is over it and over nothing that lies
+    on top of it: sidebars, headers, the navigation gizmo. Else None."""
+    area = next((area for area in context.window.screen.areas if area.as_pointer() == area_pointer), None)
+    if area is None or area.type != "VIEW_3D":
+        return None
+    x, y = event.mouse_x, event.mouse_y
+    window = None
+    right = 0
+    for region in area.regions:
+        if region.type == "WINDOW":
+            if _inside(region, x, y) and (window is None or len(area.spaces.active.region_quadviews)):
+                window = region
+        elif region.width > 1 and region.height > 1:
+            if region.type != "HUD" and _inside(region, x, y):
+                return None
+            if region.type == "UI" and region.alignment == "RIGHT":
+                right = region.width
+    if window is None or _on_gizmo(context, area, window, x, y, right):
+        return None
+    return window
+
+
+def _inside(region, x: int, y: int) -> bool:
+    return region.x <= x < region.x + region.width and region.y <= y < region.y + region.height
+
+
+def _on_gizmo(context, area, window, x: int, y: int, covered: int) -> bool:
+    """Whether the mouse is on the axes and buttons at the viewport's upper right."""
+    space = area.spaces.active
+    if not (space.show_gizmo and space.show_gizmo_navigate):
+        return False
+    scale = context.preferences.system.ui_scale
+    ball = (context.preferences.view.gizmo_size_navigate_v3d + 20) * scale
+    right = window.x + window.width - covered
+    top = window.y + window.height
+    for region in area.regions:  # headers lie over the viewport where regions overlap
+        if region.type in ("HEADER", "TOOL_HEADER") and region.alignment == "TOP" and region.y < top:
+            if region.height > 1 and _inside(window, region.x + region.width // 2, region.y):
+                top = min(top, region.y)
+    if not right - ball <= x <= right:
+        return False
+    # below the ball stand some small buttons in a column at its right
+    return y >= top - ball or (x >= right - 48 * scale and y >= top - ball - 150 * scale)
+
+
+CLASSES = (MIRRORSCAN_OT_pick_mirror_points,)

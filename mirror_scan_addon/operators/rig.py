@@ -1,0 +1,151 @@
+"""A virtual rig: objects of the scene stand for camera and mirrors, and a mesh is scanned with them."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
+
+from ...core.errors import MirrorScanError
+from .. import jobs, state
+from ..texts import CONTEXT, say
+from .load_capture import look_at, show_capture
+
+SENSORS = (
+    ("azure_kinect", "Azure Kinect", "Time of flight, 640 × 576"),
+    ("femto_bolt", "Femto Bolt", "Time of flight, 640 × 576"),
+    ("kinect_v1", "Kinect v1", "Structured light, 640 × 480; loses what two patterns light"),
+    ("realsense_d455", "RealSense D455", "Active stereo, 848 × 480"),
+    ("ideal", "Ideal", "No noise, 640 × 480"),
+)
+
+
+class MIRRORSCAN_OT_add_rig(bpy.types.Operator):
+    """Add a camera and mirrors to plan a rig with: where they stand is where the virtual ones will"""
+
+    bl_idname = "mirror_scan.add_rig"
+    bl_label = "Add Rig"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO"}
+
+    sensor: EnumProperty(
+        name="Sensor", description="Depth camera whose field of view the camera gets", items=SENSORS,
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    mirrors: IntProperty(
+        name="Mirrors", description="How many mirrors", default=2, min=0, max=6, translation_context=CONTEXT
+    )
+    distance: FloatProperty(
+        name="Distance", description="From the camera to the person", default=2.5, min=0.5, soft_max=4.0,
+        subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
+    )  # fmt: skip
+    angle: FloatProperty(
+        name="View Angle",
+        description="How far around the person the mirrors look at them from, 180° would be from behind",
+        default=2.0943951, min=1.0471976, max=3.0543262, subtype="ANGLE", unit="ROTATION", translation_context=CONTEXT,
+    )  # fmt: skip
+    path: FloatProperty(
+        name="Path", description="From the camera over a mirror to the person", default=4.6, min=1.0, soft_max=7.0,
+        subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
+    )  # fmt: skip
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if problem := state.editable(context):
+            cls.poll_message_set(problem)
+        return not problem
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        import math
+
+        from ...core.simulation.scene import default_rig
+        from .. import rig
+
+        try:
+            arranged = default_rig(
+                self.sensor, self.distance, math.degrees(self.angle), self.mirrors, path_length=self.path
+            )
+            made = rig.add_objects(context.scene, arranged)
+        except jobs.REPORTED as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.report({"INFO"}, say("Added a camera and {count} mirrors").format(count=len(made) - 1))
+        return {"FINISHED"}
+
+
+class MIRRORSCAN_OT_simulate(jobs.JobOperator, bpy.types.Operator):
+    """Scan the selected mesh with a virtual rig: the scene's camera and the objects marked as mirrors, or the usual
+    rig where there are none. Shows the capture, and on the mesh which part of it the rig sees"""
+
+    bl_idname = "mirror_scan.simulate"
+    bl_label = "Scan Virtually"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO", "PRESET"}
+
+    filepath: StringProperty(
+        name="Folder", description="Empty folder to write the capture to. Leave empty to keep it in the .blend only",
+        subtype="DIR_PATH", options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+    sensor: EnumProperty(
+        name="Sensor", description="Depth camera that is imitated, with its field of view and its noise",
+        items=SENSORS, translation_context=CONTEXT,
+    )  # fmt: skip
+    frames: IntProperty(
+        name="Frames", description="Depth frames of the burst", default=10, min=1, soft_max=60, max=500,
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    seed: IntProperty(
+        name="Seed", description="Of the noise: the same number gives the same capture", default=0, min=0,
+        translation_context=CONTEXT,
+    )  # fmt: skip
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        problem = state.editable(context)
+        active = context.object
+        if not problem and active is not None and active.type == "MESH" and active.data.polygons:
+            if not active.mirror_scan.is_mirror and not active.data.is_editable:
+                problem = say("{name} is linked from another file; make it local to show on it what the rig sees")
+                problem = problem.format(name=active.name)
+        if problem:
+            cls.poll_message_set(problem)
+        return not problem
+
+    def start(self, context: bpy.types.Context) -> jobs.Task:
+        from .. import rig
+
+        body = rig.subject_of(context)
+        self._uid = 0 if body is None else body.session_uid
+        surface = None if body is None else rig.world_surface(context, body)
+        options = {"sensor": self.sensor, "frames": self.frames, "seed": self.seed}
+        mirrors = rig.mirrors_of(context.scene) or None
+        if mirrors and context.scene.camera is None:
+            raise MirrorScanError(say("There are mirrors but no camera; add one and make it the scene's camera"))
+        if mirrors:
+            options |= rig.camera_of(context.scene.camera) | {"room": None}
+        self._folder = state.absolute(self.filepath)
+        return jobs.Task("simulate_steps", (surface, options, mirrors, self._folder))
+
+    def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
+        from ...core import palette
+        from .. import rig, scene
+
+        body = next((item for item in bpy.data.objects if self._uid and item.session_uid == self._uid), None)
+        if body is not None and len(body.data.vertices) == len(result.coverage) and body.data.is_editable:
+            scene.set_colors(body.data, rig.COVERAGE, palette.view_colors(result.coverage), "POINT")
+            scene.show_colors(body, rig.COVERAGE)
+        points = show_capture(context, target, result.loaded)
+        target.mirror_scan.capture_path = self.filepath if self._folder else ""
+        if target == context.scene:
+            if body is not None:
+                scene.select_only(context, body)
+            if not bpy.app.background and self._worker is None and context.area is not None:
+                look_at(context, body or points)
+        names = [say("direct"), *(mirror.name for mirror in target.mirror_scan.mirrors)]
+        parts = [f"{name} {share:.0%}" for name, share in zip(names, result.shares, strict=False)]
+        text = say("The rig sees {seen:.0%} of the surface: {parts}; not seen {rest:.0%}")
+        text = text.format(seen=1 - result.shares[-1], parts=", ".join(parts), rest=result.shares[-1])
+        target.mirror_scan.rig_message = text
+        self.report({"INFO"}, text)
+
+
+CLASSES = (MIRRORSCAN_OT_add_rig, MIRRORSCAN_OT_simulate)

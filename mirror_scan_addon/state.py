@@ -1,0 +1,180 @@
+"""What a scene remembers, as the plain values that jobs take: mirrors as records, settings as dicts, paths."""
+
+from __future__ import annotations
+
+import ast
+import json
+import math
+from pathlib import Path
+
+import bpy
+
+from ..core.errors import CaptureError, MirrorError
+from .texts import say
+
+GOOD_MM, USABLE_MM = 5.0, 12.0
+"""Residual of a mirror up to which it is good, and up to which it is usable [mm]."""
+
+RECORD = ("name", "source", "plane", "residual_mm", "message")
+
+
+def absolute(path: str) -> str:
+    """A path as the user typed it, made absolute; “//” stands for the .blend's folder.
+
+    Raises
+    ------
+    CaptureError
+        When it is relative to a .blend that has no place yet.
+    """
+    if path.startswith("//") and not bpy.data.filepath:
+        text = say("{path}: is relative to the .blend file, which has no place yet; save it first")
+        raise CaptureError(text.format(path=path))
+    return bpy.path.abspath(path)
+
+
+def capture_root(path: str) -> str:
+    """What to open when somebody points at a file: images and JSON stand for the folder of the capture they are in."""
+    file = Path(path)
+    if path and file.suffix.lower() in (".png", ".jpg", ".jpeg", ".json") and not file.is_dir():
+        folder = file.parent
+        return str(folder.parent if folder.name.lower() in ("depth", "color") else folder)
+    return path
+
+
+def records_of(settings: bpy.types.PropertyGroup) -> list[dict]:
+    """The scene's mirrors as records."""
+    return [
+        {name: getattr(item, name) for name in RECORD} | {"picks": [list(pick.pixel) for pick in item.picks]}
+        for item in settings.mirrors
+    ]
+
+
+def set_records(settings: bpy.types.PropertyGroup, records: list[dict]) -> None:
+    """Have the scene's mirrors be ``records``."""
+    settings.mirrors.clear()
+    for record in records:
+        set_record(settings.mirrors.add(), record)
+    settings.mirror_index = min(settings.mirror_index, max(len(records) - 1, 0))
+
+
+def set_record(item: bpy.types.PropertyGroup, record: dict) -> None:
+    for name in RECORD:
+        setattr(item, name, record[name])
+    item.picks.clear()
+    for pixel in record["picks"]:
+        item.picks.add().pixel = pixel
+
+
+def new_record(settings: bpy.types.PropertyGroup, name: str = "") -> dict:
+    """The record of a mirror that nothing is known of yet, under a name that is free."""
+    taken = {item.name for item in settings.mirrors}
+    number = len(taken)
+    while not name or name in taken:
+        number += 1
+        name = f"mirror {number}"
+    return {"name": name, "picks": [], "source": "picked", "plane": "", "residual_mm": 0.0, "message": ""}
+
+
+def placed_mirrors(settings: bpy.types.PropertyGroup) -> list[dict]:
+    """Records of mirrors that are all placed.
+
+    Raises
+    ------
+    MirrorError
+        When there is none, or one that is not placed.
+    """
+    records = records_of(settings)
+    if not records:
+        raise MirrorError(say("There is no mirror yet; find the mirrors or pick points on their frames first"))
+    for record in records:
+        if not record["plane"]:
+            text = say("{name}: is not placed; pick at least 3 points on its frame, or remove it")
+            raise MirrorError(record["message"] or text.format(name=record["name"]))
+    return records
+
+
+def plane_of(item: bpy.types.PropertyGroup) -> dict | None:
+    """The fitted mirror of an item in plain lists, for drawing; None when there is none."""
+    if not item.plane:
+        return None
+    try:
+        content = json.loads(item.plane)
+    except ValueError:
+        return None
+    return content if isinstance(content, dict) and {"point", "normal", "basis"} <= content.keys() else None
+
+
+def quality_of(item: bpy.types.PropertyGroup) -> str:
+    """How well a mirror is placed: "GOOD", "USABLE", "BAD", or "NONE" when it is not."""
+    if item.message:
+        return "BAD"
+    if not item.plane:
+        return "NONE"
+    return "GOOD" if item.residual_mm <= GOOD_MM else "USABLE" if item.residual_mm <= USABLE_MM else "BAD"
+
+
+def parse_points(text: str) -> list[list[float]]:
+    """Points as a script passes them: the text of a list of pairs (pixels) or of triples (metres in the world).
+
+    Raises
+    ------
+    MirrorError
+        When it is anything else.
+    """
+    try:
+        points = [[float(value) for value in point] for point in ast.literal_eval(text)]
+    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError) as error:
+        raise MirrorError(say("points: must be a list such as [[485, 393], [561, 404], [568, 319]]")) from error
+    sizes = {len(point) for point in points}
+    if sizes not in ({2}, {3}) or not all(math.isfinite(value) for point in points for value in point):
+        raise MirrorError(say("points: must be pairs of pixels or triples of metres, all finite numbers"))
+    return points
+
+
+def view_settings(settings: bpy.types.PropertyGroup) -> dict:
+    """Fields of ``core.views.ViewSettings``."""
+    return {name: getattr(settings.subject, name) for name in ("depth_limit", "floor_clearance", "reach", "max_height")}
+
+
+def build_settings(settings: bpy.types.PropertyGroup) -> dict:
+    """What the panels set of ``core.pipeline.Settings``, stage by stage."""
+    quality = settings.quality
+    return {
+        "depth": {"smoothing": quality.smoothing, "close_gaps": quality.close_gaps},
+        "mirror": {"glass_offset": quality.glass_offset},
+        "views": view_settings(settings),
+        "triangulation": {"outline": quality.outline},
+        "closing": {"refine": quality.refine, "untangle": quality.untangle},
+    }
+
+
+def editable(context: bpy.types.Context) -> str:
+    """Why the scene cannot be changed now; "" when it can. Cheap enough for ``poll``."""
+    from . import jobs
+
+    if not context.scene.is_editable:
+        return say("The scene is linked from another file and cannot be changed")
+    if jobs.running(context):
+        return say("Mirror Scan is busy; wait or press Esc")
+    if context.mode != "OBJECT":
+        return say("Leave the editing mode first: this works in Object Mode")
+    return ""
+
+
+def no_cloud(context: bpy.types.Context) -> str:
+    """Why there is no cloud to work on; "" when there is one."""
+    from . import cloud
+
+    found = cloud.cloud_of(context.scene)
+    if found is None:
+        return say("Load a capture first")
+    if found.library is not None or found.data.library is not None:
+        return say("The points are linked from another file and cannot be changed; load the capture here")
+    return ""
+
+
+def no_mirror(context: bpy.types.Context) -> str:
+    """Why no mirror can be worked with; "" when one can."""
+    if not context.scene.mirror_scan.mirrors:
+        return say("Find the mirrors or pick points on their frames first")
+    return ""

@@ -1,0 +1,457 @@
+"""The jobs that take long, as generator functions that need no bpy: any process may run them (:mod:`.remote`).
+
+They take and give plain values, arrays and :class:`core.camera.Intrinsics`, so that handing them over imports nothing
+heavy: numba stays out of Blender's window. Mirrors go as *records*, the plain form :mod:`.state` keeps in a scene:
+``{"name", "picks", "source", "plane", "residual_mm", "message"}``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+from ..core.camera import Intrinsics
+from ..core.errors import CaptureError, MirrorError, MirrorScanError
+from ..core.palette import depth_colors
+
+if TYPE_CHECKING:
+    from ..core.capture import Capture
+    from ..core.mirror import Mirror
+
+Result = TypeVar("Result")
+Steps = Generator[tuple[float, str], None, Result]
+
+READING, AVERAGING = "Reading the capture", "Averaging the frames"
+FINDING, FITTING = "Finding the mirrors", "Fitting the mirrors"
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """A capture's points.
+
+    Parameters
+    ----------
+    points : np.ndarray [shape=(N, 3), dtype=float32]
+        Camera frame [m].
+    pixel : np.ndarray [shape=(N,), dtype=int32]
+        Row · width + column of each.
+    color : np.ndarray [shape=(H, W, 3), dtype=uint8] or None
+    intrinsics : Intrinsics
+    info : dict
+        name, format, path, frames and lines about the capture.
+    """
+
+    points: np.ndarray
+    pixel: np.ndarray
+    color: np.ndarray | None
+    intrinsics: Intrinsics
+    info: dict
+
+    @property
+    def depth(self) -> np.ndarray:
+        """Depth map (H, W) float32 [m], 0 = no reading."""
+        depth = np.zeros(self.intrinsics.height * self.intrinsics.width, np.float32)
+        depth[self.pixel] = self.points[:, 2]
+        return depth.reshape(self.intrinsics.height, self.intrinsics.width)
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A capture averaged to one depth map (H, W) [m], its pictures (H, W, 3) uint8, and what it says of mirrors."""
+
+    depth: np.ndarray
+    color: np.ndarray | None
+    depth_picture: np.ndarray
+    intrinsics: Intrinsics
+    info: dict
+    placement: np.ndarray
+    mirrors: list[dict]
+    seen: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Mirrors after a fit, and through which of them each pixel (H, W) was seen (0 directly, -1 unknown)."""
+
+    mirrors: list[dict]
+    seen: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class Subject:
+    """The capture sorted: maps (H, W); ``height`` [m] is above the floor, or the lowest point of the person."""
+
+    seen: np.ndarray
+    view: np.ndarray
+    height: np.ndarray
+    floor: bool
+    clearance: float
+    placement: np.ndarray
+    pixels: list[int]
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The arrays of a :class:`core.mesh.Mesh`, without what it imports."""
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    colors: np.ndarray | None
+    view: np.ndarray | None
+    kind: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class Built:
+    """What of a reconstruction goes into the file; ``mirrors`` as they were in the end."""
+
+    mesh: Surface
+    report: dict
+    warnings: tuple[str, ...]
+    mirrors: list[dict]
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What a mesh is (:func:`core.metrics.mesh_report`) and its problems, as plain dicts."""
+
+    report: dict
+    problems: list[dict]
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A virtual capture, and what of the body (V,) int8 each view sees best, with the shares of its surface."""
+
+    loaded: Loaded
+    coverage: np.ndarray
+    shares: list[float]
+
+
+# --- capture ---------------------------------------------------------------------------------------------------------
+
+
+def load_steps(path: str, frames: int, mirrors_path: str = "") -> Steps[Loaded]:
+    """Read a capture, average its burst, and fit the mirrors it knows."""
+    yield 0.0, READING
+    capture = _open(path, frames, mirrors_path)
+    return (yield from _loaded(capture, path))
+
+
+def _open(path: str, frames: int, mirrors_path: str) -> Capture:
+    from ..core.capture import open_capture
+
+    capture = open_capture(path, frames or None)
+    if mirrors_path:
+        from ..core.capture.rgbd_folder import read_mirrors
+
+        capture = dataclasses.replace(capture, mirrors=read_mirrors(mirrors_path, capture.intrinsics))
+    return capture
+
+
+def _loaded(capture: Capture, path: str) -> Steps[Loaded]:
+    yield 0.4, AVERAGING
+    from ..core.capture import describe
+    from ..core.depth import fuse_burst, remove_flying_pixels
+
+    depth, _ = fuse_burst(capture.depth)
+    depth = remove_flying_pixels(depth, 1.0 / capture.intrinsics.fx)
+    yield 0.7, FITTING
+    from ..core.placement import upright_frame
+
+    records = [_record_of_picks(known) for known in capture.mirrors]
+    fitted = _fit(depth, capture.intrinsics, records, 0.0)
+    info = {
+        "name": capture.name,
+        "format": capture.format,
+        "path": path,
+        "frames": len(capture.depth),
+        "size": [capture.intrinsics.width, capture.intrinsics.height],
+        "color": capture.color is not None,
+        "words": list(describe.words(capture)),
+    }
+    return Loaded(
+        depth, capture.color, depth_colors(depth), capture.intrinsics, info,
+        upright_frame(depth, capture.intrinsics), fitted.mirrors, fitted.seen,
+    )  # fmt: skip
+
+
+# --- mirrors ---------------------------------------------------------------------------------------------------------
+
+
+def fit_steps(
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    mirrors: list[dict],
+    glass_offset: float,
+    numbers: list[int] | None = None,
+) -> Steps[Fitted]:
+    """Fit every mirror that has picks; one that cannot be fitted says why in its record.
+
+    ``numbers`` are the mirrors' places in the scene's list, from 0, when these are not all.
+    """
+    yield 0.0, FITTING
+    return _fit(depth, intrinsics, mirrors, glass_offset, numbers)
+
+
+def find_mirrors_steps(
+    depth: np.ndarray, color: np.ndarray | None, intrinsics: Intrinsics, glass_offset: float
+) -> Steps[Fitted]:
+    """Mirrors that show themselves; none found gives an empty list."""
+    yield 0.0, FINDING
+    from ..core.mirror_detection import find_mirrors
+
+    found = find_mirrors(depth, intrinsics, color, glass_offset=glass_offset)
+    yield 0.9, FITTING
+    return Fitted([record_of(mirror) for mirror in found], _seen(depth, intrinsics, found) if found else None)
+
+
+def _fit(
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    records: list[dict],
+    glass_offset: float,
+    places: list[int] | None = None,
+) -> Fitted:
+    from ..core.mirror import MirrorSettings, place_mirror
+
+    settings = MirrorSettings(glass_offset=glass_offset)
+    answers, placed, numbers = [], [], [-1, 0]
+    for place, record in zip(places or range(len(records)), records, strict=True):
+        try:
+            if record["picks"]:
+                mirror = place_mirror(_picks_of(record), depth, intrinsics, settings)
+            else:
+                mirror = mirror_of(record)
+        except MirrorError as error:
+            answers.append(record | {"plane": "", "residual_mm": 0.0, "message": str(error)})
+        else:
+            answers.append(record_of(mirror, record["picks"]))
+            placed.append(mirror)
+            numbers.append(place + 1)
+    if not placed:
+        return Fitted(answers, None)
+    # a view's number is its mirror's place in the list, whether those before it are placed or not
+    return Fitted(answers, np.array(numbers, np.int8)[_seen(depth, intrinsics, placed) + 1])
+
+
+def _seen(depth: np.ndarray, intrinsics: Intrinsics, mirrors: list[Mirror]) -> np.ndarray:
+    from ..core.camera import unproject
+    from ..core.views import sort_rays
+
+    return sort_rays(depth, unproject(depth, intrinsics), mirrors, 0.0)[0]
+
+
+def record_of(mirror: Mirror, picks: Sequence = ()) -> dict:
+    """A fitted mirror as a record; ``plane`` holds every field of it as JSON."""
+
+    def plain(value):
+        return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+    content = {field.name: plain(getattr(mirror, field.name)) for field in dataclasses.fields(mirror)}
+    return {
+        "name": mirror.name,
+        "picks": [list(map(float, pick)) for pick in picks],
+        "source": mirror.source,
+        "plane": json.dumps(content),
+        "residual_mm": 1000.0 * float(mirror.residual),
+        "message": "",
+    }
+
+
+def mirror_of(record: dict) -> Mirror:
+    """The fitted mirror of a record, under the name that the record has now.
+
+    Raises
+    ------
+    MirrorError
+        When the record has none, or one that somebody edited into nonsense.
+    """
+    from ..core.mirror import Mirror
+
+    try:
+        content = json.loads(record["plane"])
+        known = {field.name for field in dataclasses.fields(Mirror)}
+        values = {
+            name: np.array(value, dtype=np.float64) if isinstance(value, list) else value
+            for name, value in content.items()
+            if name in known
+        }
+        return Mirror(**(values | {"name": record["name"]}))
+    except (ValueError, TypeError, AttributeError) as error:
+        raise MirrorError(f"{record['name']}: is not placed; find the mirrors or pick points on its frame") from error
+
+
+def _picks_of(record: dict):
+    from ..core.capture import MirrorPicks
+
+    return MirrorPicks(record["name"], np.array(record["picks"], dtype=np.float64).reshape(-1, 2))
+
+
+def _record_of_picks(known) -> dict:
+    """What a capture says of a mirror, as a record that is not fitted yet, or of the plane it gives."""
+    if known.frame_pixels is None:
+        from ..core.mirror import plane_mirror
+
+        return record_of(plane_mirror(known.name, known.point, known.normal))
+    picks = np.asarray(known.frame_pixels, dtype=float).tolist()
+    return {"name": known.name, "picks": picks, "source": "picked", "plane": "", "residual_mm": 0.0, "message": ""}
+
+
+# --- subject ---------------------------------------------------------------------------------------------------------
+
+
+def find_subject_steps(depth: np.ndarray, intrinsics: Intrinsics, mirrors: list[dict], views: dict) -> Steps[Subject]:
+    """Sort every pixel into view and part; ``views`` are the fields of ``core.views.ViewSettings``."""
+    yield 0.0, "Finding the person"
+    from ..core.pipeline import avatar_frame
+    from ..core.views import ViewSettings, find_subject
+
+    settings = ViewSettings(**views)
+    placed = [mirror_of(record) for record in mirrors]
+    found = find_subject(depth, intrinsics, placed, settings)
+    subject = found.points[found.labels >= 0]
+    lowest = float((subject @ found.up).min()) if found.floor is None else found.floor
+    return Subject(
+        found.seen,
+        found.labels,
+        (found.points @ found.up - lowest).astype(np.float32),
+        found.floor is not None,
+        max(settings.floor_clearance, 3.0 * found.floor_noise),
+        avatar_frame(SimpleNamespace(vertices=subject), found),
+        [int((found.labels == view).sum()) for view in range(len(placed) + 1)],
+        found.warnings,
+    )
+
+
+# --- avatar ----------------------------------------------------------------------------------------------------------
+
+
+def build_steps(
+    path: str,
+    frames: int,
+    mirrors: list[dict] | None = None,
+    mirrors_path: str = "",
+    settings: dict | None = None,
+    cloud: Cloud | None = None,
+) -> Steps[Built]:
+    """Read a capture and reconstruct it.
+
+    Parameters
+    ----------
+    path, frames
+        What to read; an empty path takes ``cloud`` instead.
+    mirrors : list of dict, optional
+        Records; by default what the capture or ``mirrors_path`` says, and if that is nothing they are found.
+    settings : dict, optional
+        By the names of ``core.pipeline.Settings``, each a dict of the fields that differ from the defaults.
+    """
+    yield 0.0, READING
+    if path:
+        capture = _open(path, frames, mirrors_path)
+    elif cloud is not None:
+        capture = _capture_of(cloud)
+    else:
+        raise CaptureError("no capture is chosen; load one first")
+    yield 0.05, "Loading the program"
+    from ..core.pipeline import Settings, reconstruction_steps
+
+    base = Settings()
+    chosen = {name: dataclasses.replace(getattr(base, name), **fields) for name, fields in (settings or {}).items()}
+    known = None if mirrors is None else tuple(_known(record) for record in mirrors)
+    steps = reconstruction_steps(capture, known, dataclasses.replace(base, **chosen))
+    while True:
+        try:
+            fraction, message = next(steps)
+        except StopIteration as end:
+            return _built(end.value)
+        yield 0.1 + 0.9 * fraction, message
+
+
+def _capture_of(cloud: Cloud) -> Capture:
+    from ..core.capture import Capture
+
+    return Capture(cloud.depth[None], cloud.color, cloud.intrinsics, (), cloud.info["name"], cloud.info["format"])
+
+
+def _known(record: dict):
+    """What to build with: picks, which are fitted again to all frames, else the plane that was given or found."""
+    return _picks_of(record) if len(record["picks"]) >= 3 else mirror_of(record)
+
+
+def _built(result) -> Built:
+    mesh = result.mesh
+    surface = Surface(mesh.vertices, mesh.triangles, mesh.colors, mesh.view, mesh.kind)
+    return Built(surface, result.report, result.warnings, [record_of(mirror) for mirror in result.mirrors])
+
+
+# --- check -----------------------------------------------------------------------------------------------------------
+
+
+def check_steps(mesh: Surface) -> Steps[Checked]:
+    """Look a mesh over: closed, in one piece, without crossings; and where it is not."""
+    yield 0.0, "Checking the surface"
+    from ..core.mesh import Mesh
+    from ..core.metrics import mesh_report
+    from ..core.problems import find_problems
+
+    checked = Mesh(mesh.vertices, mesh.triangles, mesh.colors, mesh.view, mesh.kind)
+    report = mesh_report(checked)
+    yield 0.5, "Looking for problems"
+    return Checked(report, [dataclasses.asdict(problem) for problem in find_problems(checked)])
+
+
+# --- virtual rig -----------------------------------------------------------------------------------------------------
+
+
+def simulate_steps(body: Surface | None, rig: dict, mirrors: list[dict] | None, folder: str = "") -> Steps[Simulated]:
+    """Scan a body (the mannequin without one) with a virtual rig.
+
+    Parameters
+    ----------
+    body : Surface or None
+        World frame: Z up, floor on z = 0 [m].
+    rig : dict
+        Fields of ``core.simulation.scene.Rig`` other than mirrors; without ``camera`` arguments of ``default_rig``.
+    mirrors : list of dict, optional
+        Fields of ``FramedMirror``; None leaves the default rig's own.
+    folder : str
+        Where to write the capture; "" = nowhere.
+    """
+    yield 0.0, "Preparing the body"
+    from ..core.mesh import Mesh
+    from ..core.simulation.coverage import coverage, shares
+    from ..core.simulation.mannequin import mannequin
+    from ..core.simulation.scene import FramedMirror, Rig, default_rig
+    from ..core.simulation.sensors import find_sensor
+    from ..core.simulation.simulate import simulate, write_simulation
+
+    subject = mannequin() if body is None else Mesh(body.vertices, body.triangles, body.colors, body.view, body.kind)
+    if "camera" in rig:
+        intrinsics = find_sensor(rig["sensor"]).intrinsics
+        arranged = Rig(intrinsics=intrinsics, mirrors=tuple(FramedMirror(**mirror) for mirror in mirrors or ()), **rig)
+    else:
+        arranged = default_rig(**rig)
+        if mirrors is not None:
+            arranged = dataclasses.replace(arranged, mirrors=tuple(FramedMirror(**mirror) for mirror in mirrors))
+    yield 0.2, "Following the light"
+    simulation = simulate(subject, arranged)
+    if not simulation.capture.depth.any():
+        raise MirrorScanError("the virtual camera sees nothing; turn it towards the body, or bring it within range")
+    yield 0.7, "Measuring coverage"
+    view = coverage(simulation)
+    share = shares(view, subject.vertices, subject.triangles, len(arranged.mirrors) + 1)
+    if folder:
+        yield 0.75, "Writing the capture"
+        write_simulation(simulation, Path(folder))
+    loaded = yield from _loaded(simulation.capture, folder)
+    # The rig stands in the world already: the points belong where it put them.
+    return Simulated(dataclasses.replace(loaded, placement=arranged.camera_to_avatar), view, share)

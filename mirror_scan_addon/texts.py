@@ -1,0 +1,25 @@
+"""Texts for people: the translation context of everything this add-on says, and its look-up."""
+
+from __future__ import annotations
+
+import bpy
+
+CONTEXT = "MirrorScan"
+"""Translation context (msgctxt) of our labels, tooltips and reports."""
+
+
+def say(text: str) -> str:
+    """``text`` in the user's language; the placeholders in it are filled in afterwards."""
+    return bpy.app.translations.pgettext_rpt(text, CONTEXT)
+
+
+TRANSLATIONS: dict[str, dict[tuple[str, str], str]] = {}
+"""Locale → (context, English) → translation, as ``bpy.app.translations`` wants it; English is what the code says."""
+
+
+def register() -> None:
+    bpy.app.translations.register(__name__, TRANSLATIONS)
+
+
+def unregister() -> None:
+    bpy.app.translations.unregister(__name__)

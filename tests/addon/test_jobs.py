@@ -1,0 +1,191 @@
+"""The drivers of long work: at once, beside the window, and what the window sees of it."""
+
+from __future__ import annotations
+
+import threading
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip("bpy")
+
+
+class Window:
+    """What the modal driver uses of a context, recorded."""
+
+    def __init__(self, bpy):
+        self.status, self.timers, self.handlers = [], 0, 0
+        self.scene = bpy.context.scene
+        self.window = None
+        self.workspace = SimpleNamespace(status_text_set=self.status.append)
+        self.window_manager = SimpleNamespace(
+            windows=[], mirror_scan=SimpleNamespace(fraction=0.0, message="", label=""),
+            event_timer_add=self.add, event_timer_remove=self.remove, modal_handler_add=self.handle,
+        )  # fmt: skip
+
+    def add(self, step, window):
+        self.timers += 1
+        return object()
+
+    def remove(self, timer):
+        self.timers -= 1
+
+    def handle(self, operator):
+        self.handlers += 1
+
+
+class Worker:
+    """Work beside the window that goes on when the test says so."""
+
+    def __init__(self):
+        self.progress, self.result, self.error = (0.0, "Starting"), None, None
+        self.alive, self.stopped = True, False
+
+    def is_alive(self):
+        return self.alive
+
+    def ask_to_stop(self):
+        self.stopped = True
+
+    def end(self, result=None, error=None):
+        self.result, self.error, self.alive = result, error, False
+
+
+@pytest.fixture
+def job(bpy, monkeypatch):
+    """A running modal job, its window, and the workers that were begun (``True`` for threads)."""
+    from mirror_scan.mirror_scan_addon import jobs
+
+    class Operator(jobs.JobOperator):
+        bl_label = "Build"
+
+        def __init__(self):
+            self.reports, self.results = [], []
+
+        def report(self, kind, text):
+            self.reports.append((kind.copy().pop(), text))
+
+        def start(self, context):
+            return jobs.Task("build_steps", ())
+
+        def finish(self, context, scene, result):
+            self.results.append((scene.name, result))
+
+    begun = []
+
+    def begin(task, thread=False):
+        worker = Worker()
+        begun.append((worker, thread))
+        return worker
+
+    monkeypatch.setattr(jobs, "begin", begin)
+    fake = SimpleNamespace(app=SimpleNamespace(background=False, translations=bpy.app.translations), data=bpy.data)
+    monkeypatch.setattr(jobs, "bpy", fake)
+    operator, window = Operator(), Window(bpy)
+    assert operator.invoke(window, None) == {"RUNNING_MODAL"} and window.timers == window.handlers == 1
+    return SimpleNamespace(operator=operator, window=window, begun=begun, worker=begun[0][0])
+
+
+TIMER, ESC, MOUSE = (SimpleNamespace(type=kind, value="PRESS") for kind in ("TIMER", "ESC", "MOUSEMOVE"))
+
+
+def clean(job) -> bool:
+    return job.window.timers == 0 and job.window.status[-1] is None
+
+
+def test_progress_is_shown_then_the_result_is_delivered(job):
+    operator, window = job.operator, job.window
+    assert operator.modal(window, MOUSE) == {"PASS_THROUGH"}
+    for turn in range(3):
+        job.worker.progress = (turn / 4, f"Stage {turn}")
+        assert operator.modal(window, TIMER) == {"PASS_THROUGH"}
+        assert window.window_manager.mirror_scan.message == f"Stage {turn}"
+        assert "Esc" in window.status[-1] and f"Stage {turn}" in window.status[-1]
+    job.worker.end("done")
+    assert operator.modal(window, TIMER) == {"FINISHED"}
+    assert operator.results == [("Scene", "done")] and clean(job)
+
+
+def test_escape_stops_it_and_changes_nothing(job):
+    assert job.operator.modal(job.window, ESC) == {"CANCELLED"}
+    assert job.worker.stopped and job.operator.results == [] and clean(job)
+    assert job.operator.reports[-1][0] == "INFO"
+
+
+@pytest.mark.parametrize("error", [MemoryError(), OSError("disk gone"), None])
+def test_what_fails_is_a_line(job, error):
+    from mirror_scan.core.errors import ReconstructionError
+
+    job.worker.end(error=error or ReconstructionError("nobody there"))
+    assert job.operator.modal(job.window, TIMER) == {"CANCELLED"}
+    ((kind, text),) = job.operator.reports
+    assert kind == "ERROR" and text and job.operator.results == [] and clean(job)
+
+
+def test_a_fault_of_ours_is_shown_as_one(job):
+    job.worker.end(error=ZeroDivisionError("ours"))
+    with pytest.raises(ZeroDivisionError):
+        job.operator.modal(job.window, TIMER)
+    assert clean(job)
+
+
+def test_without_a_second_process_a_thread_takes_over(job):
+    from mirror_scan.mirror_scan_addon import remote
+
+    job.worker.end(error=remote.Unavailable("no Python"))
+    assert job.operator.modal(job.window, TIMER) == {"PASS_THROUGH"}
+    assert [thread for _, thread in job.begun] == [False, True] and job.window.timers == 1
+    job.begun[1][0].end("done")
+    assert job.operator.modal(job.window, TIMER) == {"FINISHED"}
+    assert job.operator.results == [("Scene", "done")] and clean(job)
+
+
+def test_a_renamed_scene_gets_its_result_a_removed_one_is_told(job, bpy):
+    job.window.scene.name = "Renamed"
+    job.worker.end("done")
+    assert job.operator.modal(job.window, TIMER) == {"FINISHED"}
+    assert job.operator.results == [("Renamed", "done")]
+    assert job.operator.invoke(job.window, None) == {"RUNNING_MODAL"}
+    bpy.data.scenes.remove(bpy.data.scenes["Renamed"]) if len(bpy.data.scenes) > 1 else None
+    job.operator._scene_uid = -1
+    job.begun[-1][0].end("done")
+    assert job.operator.modal(job.window, TIMER) == {"CANCELLED"}
+    assert "gone" in job.operator.reports[-1][1] and len(job.operator.results) == 1
+
+
+def test_a_thread_does_one_task_after_the_other_and_stops_when_asked(addon, monkeypatch):
+    from mirror_scan.core.errors import CaptureError
+    from mirror_scan.mirror_scan_addon import jobs, tasks
+
+    entered, go = threading.Event(), threading.Event()
+
+    def endless(log):
+        log.append("begun")
+        try:
+            while True:
+                yield 0.5, "Waiting"
+                entered.set()
+                go.wait(5)
+        finally:
+            log.append("closed")
+
+    def refuse(log):
+        log.append("second")
+        yield 0.0, "Reading"
+        raise CaptureError("no")
+
+    monkeypatch.setattr(tasks, "endless", endless, raising=False)
+    monkeypatch.setattr(tasks, "refuse", refuse, raising=False)
+    log: list[str] = []
+    first = jobs.begin(jobs.Task("endless", (log,)), thread=True)
+    assert entered.wait(5)
+    second = jobs.begin(jobs.Task("refuse", (log,)), thread=True)
+    first.ask_to_stop()
+    go.set()
+    first.join(5)
+    second.join(5)
+    assert log == ["begun", "closed", "second"] and not first.is_alive() and not second.is_alive()
+    assert first.result is None and first.error is None and first.progress == (0.5, "Waiting")
+    assert isinstance(second.error, CaptureError)
+    jobs.stop_threads()
+    assert jobs._threads == []
