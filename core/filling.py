@@ -77,13 +77,12 @@ def fill_loops(
 
 
 def _view_arguments(maps: ViewMaps) -> tuple:
-    k = maps.intrinsics
-    return maps.to_view, maps.depth, maps.seen, k.fx, k.fy, k.cx, k.cy, maps.noise
+    return maps.to_view, maps.depth, maps.seen, maps.lens, maps.noise
 
 
 def _no_view() -> tuple:
     """Arguments of a camera that sees nothing."""
-    return np.empty((0, 4, 4)), np.zeros((1, 1), np.float32), np.zeros((1, 1), np.int8), 1.0, 1.0, 0.0, 0.0, np.empty(0)
+    return np.empty((0, 4, 4)), np.zeros((1, 1), np.float32), np.zeros((1, 1), np.int8), np.empty((0, 4)), np.empty(0)
 
 
 @njit(cache=True, nogil=True)
@@ -123,7 +122,7 @@ def _key(i, j, count):
 
 
 @njit(cache=True, nogil=True)
-def _fill_kernel(vertices, triangles, flat, starts, rim, largest, to_view, depth, seen, fx, fy, cx, cy, noise):
+def _fill_kernel(vertices, triangles, flat, starts, rim, largest, to_view, depth, seen, lens, noise):
     count = len(vertices)
     on_loop = np.zeros(count, np.bool_)
     for v in flat:
@@ -173,7 +172,7 @@ def _fill_kernel(vertices, triangles, flat, starts, rim, largest, to_view, depth
                         continue
                     if _key(flat[piece[i]], flat[piece[j]], count) in taken:
                         blocked[i, j] = True
-                    elif n > 6 and bridge_is_free(points[i], points[j], to_view, depth, seen, fx, fy, cx, cy, noise):
+                    elif n > 6 and bridge_is_free(points[i], points[j], to_view, depth, seen, lens, noise):
                         penalty[i, j] = 10.0
             apex = _weight_kernel(points, normals, blocked, penalty)
             if apex[0, n - 1] >= 0:

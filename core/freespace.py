@@ -9,14 +9,14 @@ from .overlap import look_at
 
 
 @njit(cache=True, nogil=True)
-def in_free_space(p, to_view, depth, seen, fx, fy, cx, cy, noise, slack):
+def in_free_space(p, to_view, depth, seen, lens, noise, slack):
     """Whether some view looks through ``p`` at something farther: then nothing of the subject is there.
 
     A view speaks only where the readings around the pixel are all its own and lie farther by more than ``slack`` and
     noise.
     """
     for k in range(len(to_view)):
-        v, u, z = look_at(p, to_view[k], depth, fx, fy, cx, cy)
+        v, u, z = look_at(p, to_view[k], depth, lens[k])
         if v < 1 or u < 1 or v > depth.shape[0] - 2 or u > depth.shape[1] - 2:
             continue
         y, x = int(v + 0.5), int(u + 0.5)
@@ -36,13 +36,13 @@ def in_free_space(p, to_view, depth, seen, fx, fy, cx, cy, noise, slack):
 
 
 @njit(cache=True, nogil=True)
-def bridge_is_free(a, b, to_view, depth, seen, fx, fy, cx, cy, noise):
+def bridge_is_free(a, b, to_view, depth, seen, lens, noise):
     """Whether the straight bridge from a to b crosses space that was seen to be empty."""
     length = np.sqrt(((a - b) ** 2).sum())
     if length < 0.02:
         return False
     steps = min(int(length / 0.015) + 1, 12)
     for s in range(1, steps):
-        if in_free_space(a + (b - a) * (s / steps), to_view, depth, seen, fx, fy, cx, cy, noise, 0.015):
+        if in_free_space(a + (b - a) * (s / steps), to_view, depth, seen, lens, noise, 0.015):
             return True
     return False

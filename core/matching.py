@@ -44,7 +44,6 @@ def find_partners(
     Searches outwards along ``up``: O(B · candidates within ``limit``) time, O(B) memory.
     """
     level = dot(boundary.point, up)
-    k = maps.intrinsics
     return _partners_kernel(
         boundary.point,
         level,
@@ -60,10 +59,7 @@ def find_partners(
         maps.to_view,
         maps.depth,
         maps.seen,
-        k.fx,
-        k.fy,
-        k.cx,
-        k.cy,
+        maps.lens,
         maps.noise,
     )
 
@@ -100,10 +96,7 @@ def _partners_kernel(
     to_view,
     depth,
     seen,
-    fx,
-    fy,
-    cx,
-    cy,
+    lens,
     noise,
 ):
     """For each boundary vertex the one it would best be bridged to (index, -1 none) and at what cost [m]."""
@@ -149,7 +142,7 @@ def _partners_kernel(
             cost = d * (1.0 + 0.6 * (1.0 + along) + 0.5 * (1.0 - facing) + 0.4 * (2.0 - out_i - out_j))
             if cost >= best:
                 continue
-            if bridge_is_free(point[i], point[j], to_view, depth, seen, fx, fy, cx, cy, noise):
+            if bridge_is_free(point[i], point[j], to_view, depth, seen, lens, noise):
                 continue
             best = cost
             which = j

@@ -13,6 +13,7 @@ from numba import njit
 
 from .camera import Intrinsics
 from .clipping import clip, distance_to_zero, smooth_on_mesh, trim_outline
+from .linear import transform
 from .mesh import Mesh, triangles_touching, vertex_normals
 from .mirror import Mirror, reflection_matrix
 from .threads import each
@@ -45,7 +46,9 @@ class OverlapSettings:
 class ViewMaps:
     """What every view says of any point in space: the smoothed depth map with per-pixel normals and confidence.
 
-    ``to_view`` (N+1, 4, 4) takes a point to where view k's camera lays it (identity, then each mirror's reflection).
+    ``to_view`` (N+1, 4, 4) takes a point to where view k's camera lays it (identity, then each mirror's reflection; of
+    several cameras also each one's pose), ``lens`` (N+1, 4) its fx, fy, cx, cy [px]. Several cameras share one map:
+    their images stand below one another, each with its own ``cy`` (:func:`stack_maps`).
     """
 
     depth: np.ndarray
@@ -54,7 +57,7 @@ class ViewMaps:
     normals: np.ndarray
     confidence: np.ndarray
     to_view: np.ndarray
-    intrinsics: Intrinsics
+    lens: np.ndarray
     noise: np.ndarray
 
 
@@ -72,15 +75,60 @@ def view_maps(
     readings are better, and the last pixels of an outline mix foreground with background.
     """
     to_view = np.stack([np.eye(4)] + [reflection_matrix(m) for m in mirrors])
-    normals, confidence = _maps_kernel(
-        depth, labels, intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, to_view
+    lens = np.tile((intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy), (len(to_view), 1))
+    normals, confidence = _maps_kernel(depth, labels, lens[0], to_view)
+    return ViewMaps(depth, labels, seen, normals, confidence, to_view, lens, noise)
+
+
+_APART = 4  # blank rows between the images of two cameras, more than any window reaches [px]
+
+
+def stack_maps(maps: list[ViewMaps], poses: list[np.ndarray]) -> ViewMaps:
+    """The maps of several cameras as one, its views numbered through, camera by camera.
+
+    Parameters
+    ----------
+    maps : list of ViewMaps
+        One a camera, each in its own camera frame.
+    poses : list of np.ndarray [shape=(4, 4)]
+        Rigid: camera frame → the frame they share.
+    """
+    rows = sum(m.depth.shape[0] + _APART for m in maps)
+    columns = max(m.depth.shape[1] for m in maps)
+    depth = np.zeros((rows, columns), np.float32)
+    labels, seen = np.full((rows, columns), -1, np.int8), np.full((rows, columns), -1, np.int8)
+    normals, confidence = np.zeros((rows, columns, 3)), np.zeros((rows, columns))
+    to_view, lenses = [], []
+    top = views = 0
+    for one, pose in zip(maps, poses, strict=True):
+        height, width = one.depth.shape
+        part = (slice(top, top + height), slice(0, width))
+        depth[part], confidence[part] = one.depth, one.confidence
+        labels[part] = np.where(one.labels >= 0, one.labels + views, -1)
+        seen[part] = np.where(one.seen >= 0, one.seen + views, -1)
+        turn = np.eye(4)
+        turn[:3, :3] = pose[:3, :3]
+        normals[part] = transform(one.normals, turn)
+        to_view.append(one.to_view @ np.linalg.inv(pose))
+        lenses.append(one.lens + (0.0, 0.0, 0.0, top))
+        top += height + _APART
+        views += len(one.to_view)
+    return ViewMaps(
+        depth,
+        labels,
+        seen,
+        normals,
+        confidence,
+        np.concatenate(to_view),
+        np.concatenate(lenses),
+        np.concatenate([one.noise for one in maps]),
     )
-    return ViewMaps(depth, labels, seen, normals, confidence, to_view, intrinsics, noise)
 
 
 @njit(cache=True, nogil=True)
-def _maps_kernel(depth, labels, fx, fy, cx, cy, to_view):
+def _maps_kernel(depth, labels, lens, to_view):
     height, width = depth.shape
+    fx, fy, cx, cy = lens
     normals = np.zeros((height, width, 3))
     confidence = np.zeros((height, width))
     for v in range(1, height - 1):
@@ -138,23 +186,23 @@ def _maps_kernel(depth, labels, fx, fy, cx, cy, to_view):
             if cosine <= 0:
                 continue
             confidence[v, u] = cosine * cosine / z * border / 3.0
-            for r in range(3):  # a reflection is its own inverse, and its linear part symmetric
+            for r in range(3):  # back from where the view lays it: the inverse of a turn is its transpose
                 s = 0.0
                 for c in range(3):
-                    s += to_view[k, r, c] * n[c]
+                    s += to_view[k, c, r] * n[c]
                 normals[v, u, r] = s
     return normals, confidence
 
 
 @njit(cache=True, nogil=True)
-def look_at(p, matrix, depth, fx, fy, cx, cy):
+def look_at(p, matrix, depth, lens):
     """Where view lays p: pixel and z there; (row, column) -1 when it is outside the image or behind the camera."""
     x = matrix[0, 0] * p[0] + matrix[0, 1] * p[1] + matrix[0, 2] * p[2] + matrix[0, 3]
     y = matrix[1, 0] * p[0] + matrix[1, 1] * p[1] + matrix[1, 2] * p[2] + matrix[1, 3]
     z = matrix[2, 0] * p[0] + matrix[2, 1] * p[1] + matrix[2, 2] * p[2] + matrix[2, 3]
     if z <= 0.05:
         return -1.0, -1.0, z
-    u, v = x / z * fx + cx, y / z * fy + cy
+    u, v = x / z * lens[0] + lens[2], y / z * lens[1] + lens[3]
     if not (0 <= u <= depth.shape[1] - 1 and 0 <= v <= depth.shape[0] - 1):
         return -1.0, -1.0, z
     return v, u, z
@@ -225,7 +273,6 @@ def compare_views(
     shift : np.ndarray [shape=(V, 3)]
         To the confidence-weighted mean of all views that see it [m].
     """
-    k = maps.intrinsics
     return _compare_kernel(
         vertices,
         view,
@@ -236,10 +283,7 @@ def compare_views(
         maps.labels,
         maps.normals,
         maps.confidence,
-        k.fx,
-        k.fy,
-        k.cx,
-        k.cy,
+        maps.lens,
         settings.reach,
         maps.noise,
         np.zeros(3) if center is None else center,
@@ -249,10 +293,15 @@ def compare_views(
 
 @njit(cache=True, nogil=True)
 def _compare_kernel(
-    vertices, view, vertex_normals, own, to_view, depth, labels, normals, confidence, fx, fy, cx, cy, reach, noise,
-    center, lean
+    vertices, view, vertex_normals, own, to_view, depth, labels, normals, confidence, lens, reach, noise, center,
+    lean
 ):
     count = len(vertices)
+    eyes = np.zeros((len(to_view), 3))  # where each view's camera stands
+    for k in range(len(to_view)):
+        for c in range(3):
+            for r in range(3):
+                eyes[k, c] -= to_view[k, r, c] * to_view[k, r, 3]
     advantage = np.full(count, np.inf)
     shift = np.zeros((count, 3))
     for i in range(count):
@@ -262,13 +311,14 @@ def _compare_kernel(
         for k in range(len(to_view)):
             if k == view[i]:
                 continue
-            v, u, z = look_at(p, to_view[k], depth, fx, fy, cx, cy)
+            v, u, z = look_at(p, to_view[k], depth, lens[k])
             if v < 0 or not _sample(v, u, k, depth, labels, normals, confidence, out):
                 continue
             agree = out[1] * vertex_normals[i, 0] + out[2] * vertex_normals[i, 1] + out[3] * vertex_normals[i, 2]
             if agree < 0.2:
                 continue
             # the step along the ray seen across the surface: ray direction · normal
+            fx, fy, cx, cy = lens[k]
             px, py = (u - cx) / fx, (v - cy) / fy
             m = to_view[k]
             rx = m[0, 0] * px + m[1, 0] * py + m[2, 0]
@@ -278,10 +328,10 @@ def _compare_kernel(
             if abs(step) > reach + 3.0 * noise[k] * z:
                 continue
             gain = np.log((own[i] + 1e-9) / (out[4] + 1e-9))
-            if lean > 0.0:  # a reflection's camera stands where the origin is reflected to
+            if lean > 0.0:
                 away = along = 0.0
                 for c in range(3):
-                    apart = to_view[view[i], c, 3] - to_view[k, c, 3]
+                    apart = eyes[view[i], c] - eyes[k, c]
                     away += apart * apart
                     along += apart * (p[c] - center[c])
                 gain += lean * along / np.sqrt(away)
@@ -343,7 +393,6 @@ def _strip_doubles(patches: list[Mesh], maps: ViewMaps, settings: OverlapSetting
     Smoothing the cut line and noise let a patch reach over its neighbour here and there; where both remain, their
     boundaries cross and no zipper can run between them.
     """
-    k = maps.intrinsics
     kept = _kept_pixels(patches, maps)
     normals = each(lambda patch: vertex_normals(patch.vertices, patch.triangles), patches)
     suspects = each(
@@ -371,7 +420,7 @@ def _strip_doubles(patches: list[Mesh], maps: ViewMaps, settings: OverlapSetting
         patch = clean_patch(patch, 12)
         stripped[view] = patch
         kept[kept == view] = -1
-        _mark_kernel(patch.vertices, patch.view, maps.to_view, kept, k.fx, k.fy, k.cx, k.cy)
+        _mark_kernel(patch.vertices, patch.view, maps.to_view, kept, maps.lens)
     return stripped
 
 
@@ -379,7 +428,6 @@ def _covered(
     patch: Mesh, normals: np.ndarray, vertices: np.ndarray, kept: np.ndarray, maps: ViewMaps, settings: OverlapSettings
 ) -> np.ndarray:
     """Those of the ``vertices`` (K,) that lie over another view's ``kept`` pixels, or right beside one of them."""
-    k = maps.intrinsics
     return vertices[
         _covered_kernel(
             vertices,
@@ -390,10 +438,7 @@ def _covered(
             maps.depth,
             kept,
             maps.normals,
-            k.fx,
-            k.fy,
-            k.cx,
-            k.cy,
+            maps.lens,
             settings.reach,
             maps.noise,
             0.5 * settings.gap,
@@ -403,25 +448,24 @@ def _covered(
 
 def _kept_pixels(patches: list[Mesh], maps: ViewMaps) -> np.ndarray:
     """View (H, W) int8 of each pixel whose vertex is still in its patch, -1 elsewhere."""
-    k = maps.intrinsics
     kept = np.full(maps.depth.shape, -1, np.int8)
     for patch in patches:
         if len(patch.triangles):
-            _mark_kernel(patch.vertices, patch.view, maps.to_view, kept, k.fx, k.fy, k.cx, k.cy)
+            _mark_kernel(patch.vertices, patch.view, maps.to_view, kept, maps.lens)
     return kept
 
 
 @njit(cache=True, nogil=True)
-def _mark_kernel(vertices, view, to_view, kept, fx, fy, cx, cy):
+def _mark_kernel(vertices, view, to_view, kept, lens):
     for i in range(len(vertices)):
-        v, u, _ = look_at(vertices[i], to_view[view[i]], kept, fx, fy, cx, cy)
+        v, u, _ = look_at(vertices[i], to_view[view[i]], kept, lens[view[i]])
         if v >= 0:
             kept[int(v + 0.5), int(u + 0.5)] = view[i]
 
 
 @njit(cache=True, nogil=True)
 def _covered_kernel(
-    chosen, vertices, view, vertex_normals, to_view, depth, kept, normals, fx, fy, cx, cy, reach, noise, margin
+    chosen, vertices, view, vertex_normals, to_view, depth, kept, normals, lens, reach, noise, margin
 ):
     covered = np.zeros(len(chosen), np.bool_)
     for at in range(len(chosen)):
@@ -429,11 +473,12 @@ def _covered_kernel(
         for k in range(len(to_view)):
             if k == view[i]:
                 continue
-            v, u, z = look_at(vertices[i], to_view[k], depth, fx, fy, cx, cy)
+            v, u, z = look_at(vertices[i], to_view[k], depth, lens[k])
             if v < 1 or u < 1 or v > depth.shape[0] - 2 or u > depth.shape[1] - 2:
                 continue
             y0, x0 = int(v + 0.5), int(u + 0.5)
             m = to_view[k]
+            fx, fy, cx, cy = lens[k]
             px, py = (u - cx) / fx, (v - cy) / fy
             inside = True
             for dv in range(-1, 2):
@@ -461,17 +506,14 @@ def _covered_kernel(
 
 def own_confidence(patch: Mesh, maps: ViewMaps) -> np.ndarray:
     """Confidence (V,) of a patch's vertices in the view they come from."""
-    k = maps.intrinsics
-    return _own_kernel(
-        patch.vertices, patch.view, maps.to_view, maps.confidence, k.fx, k.fy, k.cx, k.cy
-    )
+    return _own_kernel(patch.vertices, patch.view, maps.to_view, maps.confidence, maps.lens)
 
 
 @njit(cache=True, nogil=True)
-def _own_kernel(vertices, view, to_view, confidence, fx, fy, cx, cy):
+def _own_kernel(vertices, view, to_view, confidence, lens):
     own = np.zeros(len(vertices))
     for i in range(len(vertices)):
-        v, u, _ = look_at(vertices[i], to_view[view[i]], confidence, fx, fy, cx, cy)
+        v, u, _ = look_at(vertices[i], to_view[view[i]], confidence, lens[view[i]])
         if v >= 0:
             own[i] = confidence[int(v + 0.5), int(u + 0.5)]
     return own

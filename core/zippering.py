@@ -305,7 +305,6 @@ def _compact_candidates(
     """
     if solidity(maps.labels) < settings.compactness:
         return []
-    k = maps.intrinsics
     entry = np.full(len(mesh.vertices), -1)
     entry[boundary.vertex] = np.arange(len(boundary.vertex))
     candidates = []
@@ -313,7 +312,7 @@ def _compact_candidates(
         at_a, at_b, path = entry[a.vertices], entry[b.vertices[::-1]], warping.path
         p, q = boundary.point[at_a[path[:, 0]]], boundary.point[at_b[path[:, 1]]]
         near = np.linalg.norm(p - q, axis=1) <= settings.compact_gap
-        near &= ~_free_bridges(p, q, maps.to_view, maps.depth, maps.seen, k.fx, k.fy, k.cx, k.cy, maps.noise)
+        near &= ~_free_bridges(p, q, maps.to_view, maps.depth, maps.seen, maps.lens, maps.noise)
         standing = np.ones(len(p), np.bool_)
         if floor is not None:  # soles have nothing to be matched with
             standing = (dot(p, up) > floor + settings.floor_band) & (dot(q, up) > floor + settings.floor_band)
@@ -356,10 +355,10 @@ def _runs_of(mask: np.ndarray, shortest: int) -> list[tuple[int, int]]:
 
 
 @njit(cache=True, nogil=True)
-def _free_bridges(p, q, to_view, depth, seen, fx, fy, cx, cy, noise):
+def _free_bridges(p, q, to_view, depth, seen, lens, noise):
     free = np.zeros(len(p), np.bool_)
     for i in range(len(p)):
-        free[i] = bridge_is_free(p[i], q[i], to_view, depth, seen, fx, fy, cx, cy, noise)
+        free[i] = bridge_is_free(p[i], q[i], to_view, depth, seen, lens, noise)
     return free
 
 
