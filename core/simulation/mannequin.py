@@ -18,6 +18,7 @@ DRAWN_HEIGHT = 1.70
 _LIMITS = {
     "arm_angle_deg": (20.0, 78.0), "elbow_bend_deg": (0.0, 45.0), "leg_spread_deg": (3.0, 22.0), "girth": (0.8, 1.35),
     "shoulder_width": (0.88, 1.15), "hip_width": (0.88, 1.15), "head_turn_deg": (-45.0, 45.0), "bust": (0.0, 1.0),
+    "arm_forward_deg": (-20.0, 80.0), "step_deg": (-20.0, 20.0),
 }
 
 
@@ -41,6 +42,11 @@ class Figure:
         0 = flat chest, 1 = full.
     head_turn_deg : float
         Head about the vertical, positive to the subject's left, -45 to 45.
+    arm_forward_deg : float
+        Arms about the vertical through the shoulders, 0 = out to the sides, 80 = almost straight ahead; from -20.
+    step_deg : float
+        Left leg forward and right leg back from the vertical, both feet flat on the floor; negative the other way
+        round, -20 to 20. The legs are drawn as much longer as keeps the hips at their height, 6 % at most.
     skin, hair, shirt, stripe, trousers, shoes : tuple of int
         sRGB.
     """
@@ -53,6 +59,8 @@ class Figure:
     hip_width: float = 1.0
     bust: float = 0.0
     head_turn_deg: float = 0.0
+    arm_forward_deg: float = 0.0
+    step_deg: float = 0.0
     skin: tuple[int, int, int] = (226, 178, 146)
     hair: tuple[int, int, int] = (74, 50, 36)
     shirt: tuple[int, int, int] = (46, 96, 168)
@@ -213,10 +221,10 @@ def _trunk(solid: Solid, f: Figure) -> None:
 
 def _leg(solid: Solid, f: Figure, side: int) -> None:
     g = f.girth
-    spread = np.radians(f.leg_spread_deg)
-    down = np.array([np.sin(spread), 0.0, -np.cos(spread)])
+    down = np.array([np.tan(np.radians(f.leg_spread_deg)), -np.tan(np.radians(side * f.step_deg)), -1.0])
+    down /= np.linalg.norm(down)
     hip = np.array([0.088 * f.hip_width * (1 + 0.5 * (g - 1)), 0.005, 0.875])
-    length = (hip[2] - 0.085) / np.cos(spread)
+    length = (hip[2] - 0.085) / -down[2]
     knee, ankle = hip + 0.49 * length * down, hip + length * down
     knee[1] -= 0.008
     ankle[1] += 0.016
@@ -253,9 +261,10 @@ def _leg(solid: Solid, f: Figure, side: int) -> None:
 def _arm(solid: Solid, f: Figure, side: int) -> None:
     g = 1 + 0.8 * (f.girth - 1)
     a = np.radians(f.arm_angle_deg)
-    along = np.array([np.cos(a), 0.0, -np.sin(a)])
-    up = np.array([np.sin(a), 0.0, np.cos(a)])
-    ahead = np.array([0.0, -1.0, 0.0])
+    forward = _rotation(2, -f.arm_forward_deg)
+    along = forward @ np.array([np.cos(a), 0.0, -np.sin(a)])
+    up = forward @ np.array([np.sin(a), 0.0, np.cos(a)])
+    ahead = forward @ np.array([0.0, -1.0, 0.0])
     bend = np.radians(f.elbow_bend_deg)
     forearm = np.cos(bend) * along + np.sin(bend) * ahead
     shoulder = np.array([0.172 * f.shoulder_width * (1 + 0.25 * (f.girth - 1)), 0.016, 1.375])

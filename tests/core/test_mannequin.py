@@ -28,6 +28,7 @@ def check_closed(vertices, triangles):
         (1.52, Figure(girth=1.35, arm_angle_deg=78, leg_spread_deg=3, bust=1.0, hip_width=1.15), 0.010),
         (1.95, Figure(girth=0.8, arm_angle_deg=20, elbow_bend_deg=45, leg_spread_deg=22, head_turn_deg=-45), 0.016),
         (1.10, random_figure(np.random.default_rng(7)), 0.009),
+        (1.70, Figure(arm_angle_deg=25, arm_forward_deg=70, step_deg=-20, leg_spread_deg=3), 0.012),
     ],
 )
 def test_closed_handle_free_and_as_tall_as_asked(height, figure, resolution):
@@ -58,6 +59,18 @@ def test_arms_hang_as_told():
     assert spans[0] > spans[1] + 0.15 > spans[2] + 0.30
 
 
+def test_arms_reach_forward_and_legs_step_as_told():
+    still, reaching, stepping = (
+        mannequin(figure=Figure(arm_angle_deg=30, **pose), resolution=0.011).vertices
+        for pose in ({}, {"arm_forward_deg": 70}, {"step_deg": 15})
+    )
+    assert reaching[:, 1].min() < still[:, 1].min() - 0.3 and np.ptp(reaching[:, 0]) < np.ptp(still[:, 0]) - 0.5
+    left, right = (stepping[(stepping[:, 2] < 0.01) & (side * stepping[:, 0] > 0)] for side in (1, -1))
+    assert len(left) > 20 and len(right) > 20, "a foot is off the floor"
+    # the left ahead (-Y) by twice 0.79 m · tan 15°
+    assert right[:, 1].mean() - left[:, 1].mean() == pytest.approx(0.42, abs=0.03)
+
+
 def test_seed_draws_a_figure():
     one, same, other = (mannequin(resolution=0.018, seed=s) for s in (1, 1, 2))
     assert np.array_equal(one.vertices, same.vertices) and np.array_equal(one.colors, same.colors)
@@ -69,6 +82,7 @@ def test_seed_draws_a_figure():
     [
         lambda: Figure(arm_angle_deg=95),
         lambda: Figure(girth=float("nan")),
+        lambda: Figure(step_deg=30),
         lambda: Figure(skin=(1, 2, 300)),
         lambda: mannequin(height=170),
         lambda: mannequin(resolution=0.0),
