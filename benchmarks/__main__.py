@@ -1,4 +1,4 @@
-"""``python -m benchmarks [--only quality|speed|dtw|import …] [--markdown FILE]``"""
+"""``python -m benchmarks [--only quality|speed|cleaning|dtw|import …] [--markdown FILE]``"""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from .machine import describe
 from .results import Finding, limits_table
 
-MODULES = {"quality": "quality", "speed": "speed", "dtw": "dtw", "import": "imports"}
+MODULES = {"quality": "quality", "speed": "speed", "cleaning": "cleaning", "dtw": "dtw", "import": "imports"}
 
 
 def main() -> int:

@@ -177,11 +177,12 @@ def remove_flying_pixels(
     return _flying_kernel(depth, pixel_angle * np.tan(np.radians(80.0)), 3.0 * growth, settings.support)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, parallel=True)
 def _flying_kernel(depth, slope, noise, support):
     height, width = depth.shape
     out = depth.copy()
-    for v in range(height):
+    tolerance = np.array((slope + 0.003, slope * np.sqrt(2.0) + 0.003))  # beside, across the corner
+    for v in prange(height):
         for u in range(width):
             z = depth[v, u]
             if z == 0:
@@ -192,7 +193,7 @@ def _flying_kernel(depth, slope, noise, support):
                     y, x = v + dv, u + du
                     if (dv == 0 and du == 0) or y < 0 or x < 0 or y >= height or x >= width or depth[y, x] == 0:
                         continue
-                    if abs(depth[y, x] - z) <= (slope * np.sqrt(du * du + dv * dv) + 0.003 + noise * z) * z:
+                    if abs(depth[y, x] - z) <= (tolerance[abs(du * dv)] + noise * z) * z:
                         near += 1
             if near < support:
                 out[v, u] = 0
@@ -221,11 +222,11 @@ def close_dropouts(depth: np.ndarray, labels: np.ndarray, width: int) -> tuple[n
     return depth, labels
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, parallel=True)
 def _close_kernel(depth, labels):
     height, width = depth.shape
     new_depth, new_labels = depth.copy(), labels.copy()
-    for v in range(1, height - 1):
+    for v in prange(1, height - 1):
         for u in range(1, width - 1):
             if labels[v, u] >= 0:
                 continue

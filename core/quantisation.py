@@ -30,7 +30,7 @@ def find_step(depth: np.ndarray) -> float:
     depth : np.ndarray [shape=(H, W)]
         z [m], 0 = no reading.
     """
-    counts = _count_kernel(np.ascontiguousarray(depth[::2], np.float32), _BIN, 8000)
+    counts = _count_kernel(np.ascontiguousarray(depth[::3], np.float32), _BIN, 8000)
     counts[:1500] = 0
     occupied = np.flatnonzero(counts)
     if not 12 <= len(occupied) <= 2000:  # hardly anything there, or no gaps

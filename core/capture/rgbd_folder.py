@@ -16,6 +16,7 @@ import numpy as np
 from ..camera import Intrinsics
 from ..errors import CaptureError, MirrorError, MirrorScanError
 from ..images import read_image
+from ..threads import each
 from . import Capture, FrameChoice, MirrorPicks, ReadOptions, chosen_frames, empty_burst
 from .nominal import nominal_camera
 
@@ -220,32 +221,41 @@ def _images(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
 
 def _read_depth(files: list[Path], intrinsics: Intrinsics, scale: float) -> np.ndarray:
     """Frames (F, H, W) float32 [m]."""
-    width, height = intrinsics.width, intrinsics.height
-    depth = None
-    for i, file in enumerate(files):
-        frame = read_image(file)
-        if frame.ndim != 2 or frame.dtype != np.uint16:
-            bits = {"uint8": 8, "uint16": 16}.get(frame.dtype.name, 32)
-            channels = "gray" if frame.ndim == 2 else f"{frame.shape[2]}-channel"
-            raise CaptureError(
-                f"{file}: is a {bits}-bit {channels} image; depth must be 16-bit gray, in millimetres. "
-                "Save the frame again without converting it"
-            )
-        if frame.shape != (height, width):
-            other = f"{files[0].name} and intrinsic.json have" if i else "intrinsic.json says"
-            raise CaptureError(
-                f"{file}: is {frame.shape[1]}×{frame.shape[0]} pixels, but {other} {width}×{height}; "
-                + ("keep frames of one size only" if i else "give the intrinsics of this resolution")
-            )
-        if depth is None:
-            depth = empty_burst(file.parent, len(files), height, width)
-        np.divide(frame, np.float32(scale), out=depth[i])
-    if depth is None or not depth.any():
+    first = _depth_frame(files[0], intrinsics, files)
+    depth = empty_burst(files[0].parent, len(files), intrinsics.height, intrinsics.width)
+    np.divide(first, np.float32(scale), out=depth[0])
+
+    def read(i: int) -> None:
+        np.divide(_depth_frame(files[i], intrinsics, files), np.float32(scale), out=depth[i])
+
+    each(read, range(1, len(files)))
+    if not depth.any():
         raise CaptureError(
             f"{files[0].parent}: no pixel of {len(files)} frame{'s' if len(files) > 1 else ''} has a depth reading; "
             "check that the depth stream was on and record again"
         )
     return depth
+
+
+def _depth_frame(file: Path, intrinsics: Intrinsics, files: list[Path]) -> np.ndarray:
+    """One frame as stored (H, W) uint16."""
+    frame = read_image(file)
+    if frame.ndim != 2 or frame.dtype != np.uint16:
+        bits = {"uint8": 8, "uint16": 16}.get(frame.dtype.name, 32)
+        channels = "gray" if frame.ndim == 2 else f"{frame.shape[2]}-channel"
+        raise CaptureError(
+            f"{file}: is a {bits}-bit {channels} image; depth must be 16-bit gray, in millimetres. "
+            "Save the frame again without converting it"
+        )
+    width, height = intrinsics.width, intrinsics.height
+    if frame.shape != (height, width):
+        first = file == files[0]
+        other = "intrinsic.json says" if first else f"{files[0].name} and intrinsic.json have"
+        raise CaptureError(
+            f"{file}: is {frame.shape[1]}×{frame.shape[0]} pixels, but {other} {width}×{height}; "
+            + ("give the intrinsics of this resolution" if first else "keep frames of one size only")
+        )
+    return frame
 
 
 def _read_color(file: Path, intrinsics: Intrinsics) -> np.ndarray:
