@@ -62,6 +62,9 @@ class Mirror:
         The frame's own pixels were pulled in.
     source : str
         Where it is from: "picked", "given" (its plane was), "found" (without a click) or "rig file".
+    covariance : np.ndarray [shape=(3, 3)] or None
+        How sure the plane is, about ``point``: of its slope along a and along b [rad], and of its shift along the
+        normal [m]. None for a plane that was given.
     """
 
     name: str
@@ -74,6 +77,28 @@ class Mirror:
     points_used: int = 0
     refined: bool = False
     source: str = "picked"
+    covariance: np.ndarray | None = None
+
+    def displacement(self, points: np.ndarray) -> float | None:
+        """Expected error of reflected ``points`` (N, 3), root mean square over them [m]; None without a covariance.
+
+        To first order a slope (α, β) and a shift δ move the image of a point at r from ``point``, s in front of the
+        plane, by 2 (α a·r + β b·r + δ) n + 2 s (α a + β b).
+        """
+        if self.covariance is None:
+            return None
+        a, b, n = self.basis.T
+        offset = np.asarray(points, dtype=np.float64).reshape(-1, 3) - self.point
+        ahead = (offset @ n)[:, None]
+        moves = np.stack(
+            (
+                2.0 * ((offset @ a)[:, None] * n + ahead * a),
+                2.0 * ((offset @ b)[:, None] * n + ahead * b),
+                np.broadcast_to(2.0 * n, offset.shape),
+            ),
+            axis=2,
+        )
+        return float(np.sqrt(np.einsum("nci,ij,ncj->n", moves, self.covariance, moves).mean()))
 
 
 def fit_plane(points: np.ndarray, name: str = "mirror") -> Mirror:
@@ -103,13 +128,18 @@ def fit_plane(points: np.ndarray, name: str = "mirror") -> Mirror:
         raise MirrorError(
             f"{name}: the {len(points)} frame points lie on one line; pick points on at least two of its sides"
         )
-    normal = axes[2]
+    normal, basis = oriented(axes[2], center)
+    misses = offset @ normal
+    A = np.column_stack((offset @ basis[:, :2], np.ones(len(points))))
+    noise = float(misses @ misses) / max(len(points) - 3, 1)
     return Mirror(
         name,
         center,
-        *oriented(normal, center),
-        residual=float(np.sqrt(np.mean((offset @ normal) ** 2))),
+        normal,
+        basis,
+        residual=float(np.sqrt(np.mean(misses**2))),
         points_used=len(points),
+        covariance=noise * np.linalg.inv(A.T @ A) if len(points) > 3 else None,
     )
 
 
@@ -275,11 +305,23 @@ def _grow(
             break
     weights = _tukey_weights(coefficients, u, v, depth[v, u])
     points = cloud[v, u][weights > 0.1]
+    low, high = (v.min(), u.min()), (v.max() + 1, u.max() + 1)
+    v, u = np.nonzero(frame_core(mask[low[0] : high[0], low[1] : high[1]]))
+    v, u = v + low[0], u + low[1]
+    core = disparity_plane(u, v, depth[v, u])
+    if core is not None:
+        fitted, previous = core, normal
+        normal, d = plane_of_disparity(fitted.coefficients, intrinsics)
+        normal, d = (normal, d) if normal @ previous > 0 else (-normal, -d)
     center = points.mean(axis=0)
     center = center - (normal @ center - d) * normal
     grown = Mirror(plane.name, center, *oriented(normal, center), points_used=len(points), refined=True)
     residual = (points - center) @ grown.normal
-    grown = replace(grown, residual=float(np.sqrt(np.mean(residual**2))))
+    grown = replace(
+        grown,
+        residual=float(np.sqrt(np.mean(residual**2))),
+        covariance=plane_covariance(fitted, intrinsics, center, grown.basis),
+    )
     picked = cloud[seeds[:, 1], seeds[:, 0]]
     on_plane = np.abs((picked - center) @ normal) < max(0.05, 4 * grown.residual)
     return with_rectangle(grown, points, picked[on_plane] if on_plane.any() else points, intrinsics)
@@ -315,19 +357,19 @@ def _grow_kernel(depth, cloud, seeds, normal, d, band, mask):
 
 @dataclass(frozen=True)
 class DisparityPlane:
-    """1/z = a·u + b·v + c: ``coefficients`` (3,), its inverse normal matrix ``cofactor`` (3, 3) (times the variance
-    of 1/z it is the coefficients' covariance), ``scale`` (robust standard deviation of 1/z) and ``weights`` (K,)."""
+    """1/z = a·u + b·v + c: ``coefficients`` (3,), their ``covariance`` (3, 3), and ``weights`` (K,) of the pixels."""
 
     coefficients: np.ndarray
-    cofactor: np.ndarray
-    scale: float
+    covariance: np.ndarray
     weights: np.ndarray
 
 
 def disparity_plane(u: np.ndarray, v: np.ndarray, z: np.ndarray) -> DisparityPlane | None:
     """Robust plane 1/z = a·u + b·v + c by iteratively re-weighted least squares (Tukey); None when all are on a line.
 
-    A depth camera's error is even in 1/z, and a plane is linear there.
+    A depth camera's error is even in 1/z, and a plane is linear there. Neighbouring pixels share errors (edges,
+    quantisation, smoothing inside the camera), so the covariance is that of clustered data: pixels are pooled by their
+    direction from the middle, and the pools' scores are taken as independent (Liang and Zeger 1986).
     """
     A = np.column_stack((u, v, np.ones(len(u)))).astype(np.float64)
     d = 1.0 / z.astype(np.float64)
@@ -342,23 +384,33 @@ def disparity_plane(u: np.ndarray, v: np.ndarray, z: np.ndarray) -> DisparityPla
         if np.linalg.det(normal) < 1e-10 * np.trace(normal) ** 3:  # all on one line
             return None
         previous, solution = solution, np.linalg.solve(normal, weighted.T @ d)
-        weights, spread = _weights_of(d - A @ solution)
+        weights = _weights_of(d - A @ solution)
         if np.abs(solution - previous).max() < 1e-5 * np.abs(solution).max():
             break
+    pool = ((np.arctan2(A[:, 1] * scale[1], A[:, 0] * scale[0]) / (2.0 * np.pi) + 0.5) * _POOLS).astype(
+        np.intp
+    ) % _POOLS
+    score = weights * (d - A @ solution)
+    pooled = np.stack([np.bincount(pool, score * A[:, k], _POOLS) for k in range(3)])
+    inverse = np.linalg.inv(normal)
     unscale = np.diag(1.0 / scale)
     unscale[2, :2] = -center[:2] / scale[:2]
-    return DisparityPlane(unscale @ solution, unscale @ np.linalg.inv(normal) @ unscale.T, spread, weights)
+    sandwich = unscale @ inverse @ pooled
+    return DisparityPlane(unscale @ solution, sandwich @ sandwich.T * (_POOLS / (_POOLS - 3.0)), weights)
 
 
-def _weights_of(residual: np.ndarray) -> tuple[np.ndarray, float]:
-    """Tukey's weights of residuals, and their robust standard deviation."""
+_POOLS = 36
+
+
+def _weights_of(residual: np.ndarray) -> np.ndarray:
+    """Tukey's weights of residuals."""
     scale = 1.4826 * float(np.median(np.abs(residual[:: len(residual) // 2000 + 1]))) + 1e-9
     r = residual / (4.7 * scale)
-    return np.where(np.abs(r) < 1, (1 - r * r) ** 2, 0.0), scale
+    return np.where(np.abs(r) < 1, (1 - r * r) ** 2, 0.0)
 
 
 def _tukey_weights(coefficients: np.ndarray, u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray:
-    return _weights_of(1.0 / z.astype(np.float64) - np.column_stack((u, v, np.ones(len(u)))) @ coefficients)[0]
+    return _weights_of(1.0 / z.astype(np.float64) - np.column_stack((u, v, np.ones(len(u)))) @ coefficients)
 
 
 def plane_of_disparity(coefficients: np.ndarray, intrinsics: Intrinsics) -> tuple[np.ndarray, float]:
@@ -367,6 +419,67 @@ def plane_of_disparity(coefficients: np.ndarray, intrinsics: Intrinsics) -> tupl
     n = np.array((a * intrinsics.fx, b * intrinsics.fy, a * intrinsics.cx + b * intrinsics.cy + c))
     length = np.linalg.norm(n)
     return n / length, 1.0 / length
+
+
+def plane_covariance(
+    fitted: DisparityPlane, intrinsics: Intrinsics, point: np.ndarray, basis: np.ndarray
+) -> np.ndarray:
+    """:attr:`Mirror.covariance` (3, 3) about ``point`` from that of the disparity plane's coefficients.
+
+    With m = (a·fx, b·fy, a·cx + b·cy + c) the plane is m·p = 1; a change of m lifts it at p by -δm·p / |m|.
+    """
+    to_m = np.array(((intrinsics.fx, 0, 0), (0, intrinsics.fy, 0), (intrinsics.cx, intrinsics.cy, 1)))
+    length = np.linalg.norm(to_m @ fitted.coefficients)
+    transfer = -np.array((basis[:, 0], basis[:, 1], point)) @ to_m / length
+    return transfer @ fitted.covariance @ transfer.T
+
+
+def frame_core(mask: np.ndarray) -> np.ndarray:
+    """The pixels of a frame without its edges, which cameras smear: as far from them as leaves a third of the frame.
+
+    Parameters
+    ----------
+    mask : np.ndarray [shape=(H, W), dtype=bool]
+
+    Returns
+    -------
+    np.ndarray [shape=(H, W), dtype=bool]
+        Eroded by 2, 1 or 0 pixels.
+    """
+    depth = _erosion_kernel(mask)
+    count = np.bincount(depth.ravel(), minlength=4)
+    frame = count[1:].sum()
+    for edge in (2, 1):
+        kept = count[edge + 1 :].sum()
+        if kept > 0.33 * frame and kept > 200:
+            return depth > edge
+    return mask
+
+
+@njit(cache=True, nogil=True)
+def _erosion_kernel(mask):
+    """0 off the mask, else 1 + how many rings of 8-neighbours are all on it, up to 3."""
+    height, width = mask.shape
+    out = np.zeros(mask.shape, np.uint8)
+    for v in range(height):
+        for u in range(width):
+            if not mask[v, u]:
+                continue
+            rings = 0
+            while rings < 2:
+                r = rings + 1
+                if v < r or u < r or v >= height - r or u >= width - r:
+                    break
+                whole = True
+                for k in range(-r, r + 1):
+                    if not (mask[v - r, u + k] and mask[v + r, u + k] and mask[v + k, u - r] and mask[v + k, u + r]):
+                        whole = False
+                        break
+                if not whole:
+                    break
+                rings = r
+            out[v, u] = 1 + rings
+    return out
 
 
 def _extent(frame: np.ndarray, picked: np.ndarray, mirror: Mirror) -> np.ndarray:

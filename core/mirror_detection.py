@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from .camera import Intrinsics, project, unproject
+from .camera import Intrinsics, project
 from .mirror import Mirror, at_border, reflection_matrix
 from .mirror_refinement import fit_frame
 
@@ -41,6 +41,9 @@ class DetectionSettings:
     min_shown : float
         A mirror must show at least this share of its readings on or close behind what is seen directly; the floor does
         not count.
+    min_rim : float
+        Share of the circumference, as far as nothing hides it, where frame or wall must stand in the mirror's plane;
+        0.13 more when only two sides are seen.
     max_violation : float
         Share of the readings in the glass that may, flipped, end up where the camera looks through.
     empty_rig : bool
@@ -55,6 +58,7 @@ class DetectionSettings:
     max_size: float = 3.0
     straightness: float = 2.5
     min_shown: float = 0.02
+    min_rim: float = 0.62
     max_violation: float = 0.12
     empty_rig: bool = False
     max_mirrors: int = 8
@@ -464,6 +468,29 @@ def _fourth(
     return best
 
 
+def rim_share(guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics) -> float:
+    """Share of the rectangle's circumference, as far as nothing hides it, just outside of which something stands in
+    the plane: a frame or a wall; 0 when too little of it can be judged."""
+    (left, right), (top, bottom) = guess.rectangle + np.array((-0.015, 0.015))
+    along = np.linspace(0.0, 1.0, 41)[1:-1]
+    corners = np.array(((left, top), (right, top), (right, bottom), (left, bottom), (left, top)))
+    at = np.concatenate([a + along[:, None] * (b - a) for a, b in zip(corners[:-1], corners[1:], strict=True)])
+    weight = np.repeat(np.linalg.norm(np.diff(corners, axis=0), axis=1), len(along))
+    points = guess.point + at @ guess.basis[:, :2].T
+    u, v = project(points, intrinsics).T
+    inside = (u > 0) & (v > 0) & (u < intrinsics.width - 1) & (v < intrinsics.height - 1)  # false where NaN
+    read = np.zeros(len(points))
+    read[inside] = depth[np.rint(v[inside]).astype(int), np.rint(u[inside]).astype(int)]
+    apart = read - points[:, 2]
+    slack = 0.02 * points[:, 2] + 0.02
+    on = inside & (np.abs(apart) < slack)
+    beyond = inside & (read > 0) & (apart >= slack)
+    judged = weight[on].sum() + weight[beyond].sum()
+    if weight[on].sum() < 0.3 * weight.sum():
+        return 0.0
+    return float(weight[on].sum() / judged)
+
+
 def verify(
     guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics, floor: float, settings: DetectionSettings
 ) -> Hypothesis | None:
@@ -493,18 +520,18 @@ def verify(
         return None
     if TOP not in guess.sides and BOTTOM not in guess.sides:
         # two uprights alone, such as legs or door posts, must leave the picture where the lying side would be
-        top = min(s.ends[0, 1] for s in guess.sides.values())
-        if top > 0.04 * intrinsics.height:
+        if min(s.ends[0, 1] for s in guess.sides.values()) > 0.04 * intrinsics.height:
             return None
     judged = violated + shown + hidden + ground
     violation = violated / max(judged, 1.0)
-    perimeter = 2.0 * float(np.sum(guess.rectangle[:, 1] - guess.rectangle[:, 0]))
-    rim = min(1.0, sum(s.length for s in guess.sides.values()) / perimeter)
+    rim = rim_share(guess, depth, intrinsics)
     made = replace(guess, shown=shown, violated=violation, behind=behind / total, score=rim * (1.0 - violation))
+    if rim < settings.min_rim + (0.13 if len(guess.sides) == 2 else 0.0):
+        return None
     if violation > settings.max_violation:
         return None
     if settings.empty_rig:
-        return made if len(guess.sides) >= 3 or shown >= 30 else None
+        return made if len(guess.sides) >= 3 or shown >= 30.0 else None
     return made if shown >= max(30.0, settings.min_shown * behind) else None
 
 
@@ -557,13 +584,16 @@ def _verify_kernel(depth, camera, basis, point, rectangle, flip, low, high, floo
                 counts[3] += 1
                 continue
             x, y = int(np.rint(q[0] / q[2] * fx + cx)), int(np.rint(q[1] / q[2] * fy + cy))
+            # a reading's error points sideways once it is flipped: look about the place by what noise at z may be
+            reach = int(fx * (0.01 + 0.003 * z * z) / q[2]) + 2
             if x < 2 or y < 2 or x >= width - 2 or y >= height - 2:
                 counts[3] += 1
                 continue
             nearest, farthest = np.inf, 0.0
-            for dy in range(-2, 3):
-                for dx in range(-2, 3):
-                    seen = depth[y + dy, x + dx]
+            for ky in range(-3, 4):
+                for kx in range(-3, 4):
+                    row = min(max(y + ky * reach // 3, 0), height - 1)
+                    seen = depth[row, min(max(x + kx * reach // 3, 0), width - 1)]
                     if seen > 0:
                         nearest, farthest = min(nearest, seen), max(farthest, seen)
             if farthest == 0.0:
@@ -607,14 +637,18 @@ def find_mirrors(
     O(H W) and the square of the number of straight rims; deterministic.
     """
     found = []
-    for guess in _apart(hypotheses(depth, intrinsics, settings), intrinsics)[: settings.max_mirrors]:
+    guesses = hypotheses(depth, intrinsics, replace(settings, max_violation=2.0 * settings.max_violation))
+    for guess in _apart(guesses, intrinsics)[: settings.max_mirrors]:
         mirror = Mirror("", guess.point, guess.basis[:, 2], guess.basis, guess.rectangle, source="found")
         fitted = fit_frame(mirror, depth, intrinsics)
         if fitted is None:
             continue
-        mirror = fitted[0]
-        mirror = replace(mirror, point=mirror.point - glass_offset * mirror.normal)
-        found.append(at_border(mirror, intrinsics, _unseen(guess)))
+        # what the glass shows must make sense with the plane as it is now
+        final = replace(guess, point=fitted.point, basis=fitted.basis)
+        if verify(final, depth, intrinsics, _ground(depth, intrinsics, fitted.basis), settings) is None:
+            continue
+        behind = replace(fitted, point=fitted.point - glass_offset * fitted.normal)
+        found.append(at_border(behind, intrinsics, _unseen(guess)))
     found.sort(key=lambda m: m.point[0] / m.point[2])
     return [replace(m, name=name) for m, name in zip(found, _names(found), strict=True)]
 
@@ -654,22 +688,20 @@ def _apart(good: list[Hypothesis], intrinsics: Intrinsics) -> list[Hypothesis]:
 
 
 def hypotheses(depth: np.ndarray, intrinsics: Intrinsics, settings: DetectionSettings) -> list[Hypothesis]:
-    """Verified rectangles, the best first; of those that share pixels only the best."""
-    segments = find_rims(depth, intrinsics, settings)
-    cloud = unproject(depth[::4, ::4], _every(intrinsics, 4)).reshape(-1, 3)
-    cloud = cloud[cloud[:, 2] > 0]
+    """Verified rectangles, the best first."""
     good = []
-    for guess in propose(segments, settings):
-        floor = float(np.quantile(cloud @ guess.basis[:, 1], 0.97)) - 0.15
-        checked = verify(guess, depth, intrinsics, floor, settings)
+    for guess in propose(find_rims(depth, intrinsics, settings), settings):
+        checked = verify(guess, depth, intrinsics, _ground(depth, intrinsics, guess.basis), settings)
         if checked is not None:
             good.append(checked)
     good.sort(key=lambda h: -h.score)
     return good
 
 
-def _every(intrinsics: Intrinsics, step: int) -> Intrinsics:
-    width, height = -(-intrinsics.width // step), -(-intrinsics.height // step)
-    return Intrinsics(
-        width, height, intrinsics.fx / step, intrinsics.fy / step, intrinsics.cx / step, intrinsics.cy / step
-    )
+def _ground(depth: np.ndarray, intrinsics: Intrinsics, basis: np.ndarray) -> float:
+    """How far down, along the rectangle, readings may belong to a floor [m]."""
+    z = depth[::8, ::8]
+    v, u = np.nonzero(z)
+    down = basis[:, 1]
+    slope = (8.0 * u - intrinsics.cx) / intrinsics.fx * down[0] + (8.0 * v - intrinsics.cy) / intrinsics.fy * down[1]
+    return float(np.quantile(z[v, u] * (slope + down[2]), 0.97)) - 0.15

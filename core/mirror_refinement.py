@@ -8,12 +8,12 @@ import numpy as np
 from numba import njit
 
 from .camera import Intrinsics, project
-from .mirror import Mirror, disparity_plane, oriented, plane_of_disparity
+from .mirror import Mirror, disparity_plane, frame_core, oriented, plane_covariance, plane_of_disparity
 
 
 def fit_frame(
     mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, outward: float = 0.12, band: float = 0.02
-) -> tuple[Mirror, np.ndarray] | None:
+) -> Mirror | None:
     """The plane refitted to every reading on the frame: the ring about the glass, inside a thin slab about the plane.
 
     Parameters
@@ -29,9 +29,9 @@ def fit_frame(
 
     Returns
     -------
-    (mirror, pixels) or None
-        The plane turned and moved, its rectangle about the new point, and the frame's pixels (K, 2) as (u, v); None
-        when there are fewer than 30 or all on one line.
+    Mirror or None
+        The plane turned and moved, its rectangle about the new point and grown to the frame; None when there are fewer
+        than 30 pixels or all on one line.
     """
     rectangle = mirror.rectangle
     corners = np.array([(x, y) for x in rectangle[0] + (-outward, outward) for y in rectangle[1] + (-outward, outward)])
@@ -64,30 +64,33 @@ def fit_frame(
         moved = np.arccos(min(normal @ previous[0], 1.0)) + abs(d - previous[1])
         if turn and moved < 1e-3:  # the slab is centred well enough
             break
-    return _placed(mirror, normal, d, fitted, u, v, z, intrinsics), pixels[:n].copy()
-
-
-def _placed(mirror, normal, d, fitted, u, v, z, intrinsics) -> Mirror:
+    mask = np.zeros(high[::-1] - low[::-1], np.bool_)
+    mask[v - low[1], u - low[0]] = True
+    v, u = np.nonzero(frame_core(mask))
+    u, v = u + low[0], v + low[1]
+    core = disparity_plane(u, v, depth[v, u])
+    if core is None:
+        return None
+    turned, d = plane_of_disparity(core.coefficients, intrinsics)
+    normal, d = (turned, d) if turned @ normal > 0 else (-turned, -d)
+    point = mirror.point - (normal @ mirror.point - d) * normal
+    basis = oriented(normal, point, mirror.basis[:, 1])[1]
+    kept = core.weights > 0.1
     rays = np.column_stack(((u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy, np.ones(len(u))))
-    kept = fitted.weights > 0.1
-    points = (rays * z[:, None])[kept]
-    shift = mirror.point - (normal @ mirror.point - d) * normal
-    basis = oriented(normal, shift, mirror.basis[:, 1])[1]
-    residual = points @ basis[:, 2] - shift @ basis[:, 2]
-    at = (points - shift) @ basis[:, :2]
-    extent = np.quantile(at, (0.002, 0.998), axis=0).T
-    rectangle = np.column_stack(
-        (np.minimum(mirror.rectangle[:, 0], extent[:, 0]), np.maximum(mirror.rectangle[:, 1], extent[:, 1]))
-    )
+    offset = (rays * depth[v, u][:, None])[kept] - point
+    extent = np.quantile(offset @ basis[:, :2], (0.005, 0.995), axis=0).T
     return replace(
         mirror,
-        point=shift,
+        point=point,
         normal=basis[:, 2],
         basis=basis,
-        rectangle=rectangle,
-        residual=float(np.sqrt(np.mean(residual**2))),
+        rectangle=np.column_stack(
+            (np.minimum(rectangle[:, 0], extent[:, 0]), np.maximum(rectangle[:, 1], extent[:, 1]))
+        ),
+        residual=float(np.sqrt(np.mean((offset @ basis[:, 2]) ** 2))),
         points_used=int(kept.sum()),
         refined=True,
+        covariance=plane_covariance(core, intrinsics, point, basis),
     )
 
 

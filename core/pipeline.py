@@ -280,6 +280,7 @@ def _report(
 ) -> dict:
     checked = mesh_report(mesh)
     names = view_names(mirrors)
+    person = views.points[views.labels >= 0][::97]
     clock.lap("checking")
     return {
         "camera_to_avatar": to_avatar.tolist(),
@@ -293,6 +294,8 @@ def _report(
                 "points_used": m.points_used,
                 "source": m.source,
                 "refined": m.refined,
+                "covariance": None if m.covariance is None else m.covariance.tolist(),
+                "displacement_mm": None if m.covariance is None else 1000.0 * m.displacement(person),
             }
             for m in mirrors
         ],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -13,6 +15,7 @@ from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.mirror import (
     MirrorSettings,
     fit_plane,
+    frame_core,
     place_mirror,
     plane_mirror,
     reflect,
@@ -234,3 +237,44 @@ def test_clicks_that_place_no_mirror():
         place(np.repeat(good[:1], 5, axis=0))
     with pytest.raises(MirrorError, match="left one.*reading"):
         place(good, np.zeros_like(depth))
+
+
+def test_displacement_of_a_reflection_is_what_the_covariance_says():
+    """To first order, against planes drawn from the covariance."""
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(3, 3)) * np.array((1e-4, 2e-4, 3e-4))[:, None]
+    mirror = replace(TRUE, covariance=root @ root.T)
+    body = CENTRE + 1.6 * NORMAL + rng.uniform(-0.5, 0.5, (40, 3))
+    squares = []
+    for _ in range(1500):
+        alpha, beta, shift = root @ rng.normal(size=3)
+        a, b, n = TRUE.basis.T
+        turned = plane_mirror("m", CENTRE + shift * n, n - alpha * a - beta * b)
+        squares.append(np.sum((reflect(body, turned) - reflect(body, TRUE)) ** 2, axis=1).mean())
+    assert mirror.displacement(body) == pytest.approx(np.sqrt(np.mean(squares)), rel=0.06)
+    assert TRUE.displacement(body) is None
+
+
+def test_the_expected_error_is_the_one_made():
+    """Over many noisy scenes: what the covariance promises against the displacement there is."""
+    body = CENTRE + 1.6 * NORMAL + np.random.default_rng(9).uniform((-0.4, -0.85, -0.2), (0.4, 0.85, 0.2), (50, 3))
+    for settings_ in (MirrorSettings(), MirrorSettings(grow=False)):
+        made, promised = [], []
+        for seed in range(16):
+            depth, _ = scene(0.004, seed)
+            mirror = place_mirror(MirrorPicks("right", clicks(seed)), depth, LENS, settings_)
+            made.append(np.linalg.norm(reflect(body, mirror) - reflect(body, TRUE), axis=1) ** 2)
+            promised.append(mirror.displacement(body) ** 2)
+        ratio = np.sqrt(np.mean(made) / np.mean(promised))
+        assert 0.4 < ratio < 2.6, (settings_, ratio)
+
+
+def test_the_frames_core():
+    mask = np.zeros((60, 80), np.bool_)
+    mask[5:55, 10:20] = True
+    core = frame_core(mask)
+    assert core.sum() == 46 * 6 and core[7:53, 12:18].all()
+    thin = np.zeros((300, 80), np.bool_)
+    thin[:, 10:12] = True
+    np.testing.assert_array_equal(frame_core(thin), thin)
+    assert not frame_core(np.zeros((9, 9), np.bool_)).any()

@@ -42,7 +42,7 @@ def check_found(simulation, limit: float):
 
 
 @pytest.mark.parametrize(
-    ("sensor", "limit"), [("ideal", 0.0005), ("azure_kinect", 0.003), ("realsense_d455", 0.010), ("kinect_v1", 0.006)]
+    ("sensor", "limit"), [("ideal", 0.0005), ("azure_kinect", 0.003), ("realsense_d455", 0.006), ("kinect_v1", 0.006)]
 )
 def test_both_mirrors_are_found(simulated, sensor, limit):
     simulation = simulated(sensor)
