@@ -224,7 +224,7 @@ def color_on_depth(
     _check_size(color, color_camera, "colour image")
     out = np.zeros((*depth.shape, 3), np.uint8)
     pitch = max(color_camera.fx / camera.fx, color_camera.fy / camera.fy, 1.0)
-    buffer = np.full((math.ceil(color.shape[0] / pitch) + 2, math.ceil(color.shape[1] / pitch) + 2), np.inf, np.float32)
+    buffer = np.full((math.ceil(color.shape[0] / pitch) + 3, math.ceil(color.shape[1] / pitch) + 3), np.inf, np.float32)
     inside, readings = _color_on_depth(
         np.ascontiguousarray(depth, np.float32),
         _pack(camera),
@@ -295,7 +295,11 @@ def _moved(pick: MirrorPicks, pixels, vector=lambda p: p) -> MirrorPicks:
 
 
 def _straight_pixels(pixels: np.ndarray, camera: Intrinsics, straight: Intrinsics) -> np.ndarray:
+    """Pixels (K, 2) in the straightened image; those beyond the lens's field are left out."""
     rays = undistort((pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy), camera.distortion)
+    rays = rays[np.isfinite(rays).all(axis=1)]
+    if len(rays) < 3:
+        raise CaptureError("picks on a mirror's frame lie beyond the field the lens model holds for; pick further in")
     return project(np.column_stack((rays, np.ones(len(rays)))), straight)
 
 
@@ -431,6 +435,12 @@ def _into_color(column, row, z, camera, lens, fold, pose):
 
 
 @njit(cache=True, nogil=True)
+def _cell(position):
+    """First of the two buffer cells around a position; rounding must not split whole ones, where grids agree."""
+    return int(math.floor(position + 1e-6)) + 1
+
+
+@njit(cache=True, nogil=True)
 def _color_on_depth(depth, camera, color, lens, fold, pose, pitch, buffer, out):
     height, width = depth.shape
     rows, columns = color.shape[:2]
@@ -442,7 +452,7 @@ def _color_on_depth(depth, camera, color, lens, fold, pose, pitch, buffer, out):
                 u, v, z = _into_color(column, row, depth[row, column], camera, lens, fold, pose)
                 if z > 0 and u > -0.5 and v > -0.5 and u < columns - 0.5 and v < rows - 0.5:
                     inside += 1
-                    i, j = int((v + 0.5) / pitch), int((u + 0.5) / pitch)
+                    i, j = _cell(v / pitch), _cell(u / pitch)
                     for k in range(2):  # a footprint of 2 x 2 cells leaves no gaps between neighbouring readings
                         for m in range(2):
                             buffer[i + k, j + m] = min(buffer[i + k, j + m], z)
@@ -456,8 +466,9 @@ def _color_on_depth(depth, camera, color, lens, fold, pose, pitch, buffer, out):
                 continue
             u, v, z = _into_color(column, row, filled[column], camera, lens, fold, pose)
             if z > 0 and u > -0.5 and v > -0.5 and u < columns - 0.5 and v < rows - 0.5:
-                # the second cell of each axis was reached by this reading, too, and holds no farther surface's rim
-                before = buffer[int((v + 0.5) / pitch) + 1, int((u + 0.5) / pitch) + 1]
+                # hidden where all four cells are nearer: the footprint's rim alone hides nothing
+                i, j = _cell(v / pitch), _cell(u / pitch)
+                before = max(buffer[i, j], buffer[i, j + 1], buffer[i + 1, j], buffer[i + 1, j + 1])
                 hidden[column] = before < z * (1 - _SAME_SURFACE) - 0.01
                 _sample(color, u, v, out[row, column])
         _borrow(out[row], filled, hidden)

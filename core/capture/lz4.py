@@ -54,12 +54,12 @@ def lz4_decompress(data: bytes | memoryview, size: int) -> np.ndarray:
 def _block(data, i, end, out, o):
     """Decode one block onto ``out[o:]``, which earlier blocks filled up to there; -1 when it is damaged."""
     while i < end:
-        token = int(data[i])
+        token = np.int64(data[i])
         i += 1
         length = token >> 4
         if length == 15:
             while i < end:
-                length += int(data[i])
+                length += np.int64(data[i])
                 i += 1
                 if data[i - 1] != 255:
                     break
@@ -73,12 +73,12 @@ def _block(data, i, end, out, o):
             return o
         if i + 2 > end:
             return -1
-        source = o - (int(data[i]) | int(data[i + 1]) << 8)
+        source = o - (np.int64(data[i]) | np.int64(data[i + 1]) << 8)
         i += 2
         length = token & 15
         if length == 15:
             while i < end:
-                length += int(data[i])
+                length += np.int64(data[i])
                 i += 1
                 if data[i - 1] != 255:
                     break

@@ -32,22 +32,22 @@ def _decompress(data, out):
         control = data[i]
         i += 1
         if control < 32:
-            length = int(control) + 1
+            length = np.int64(control) + 1
             if i + length > len(data) or o + length > len(out):
                 return -1
             for k in range(length):
                 out[o + k] = data[i + k]
             i += length
         else:
-            length = int(control >> 5)
+            length = np.int64(control >> 5)
             if length == 7:
                 if i >= len(data):
                     return -1
-                length += int(data[i])
+                length += np.int64(data[i])
                 i += 1
             if i >= len(data):
                 return -1
-            source = o - (int(control & 31) << 8) - int(data[i]) - 1
+            source = o - (np.int64(control & 31) << 8) - np.int64(data[i]) - 1
             i += 1
             length += 2
             if source < 0 or o + length > len(out):

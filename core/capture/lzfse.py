@@ -131,7 +131,7 @@ def _frequencies(data, out):
     bits, count, position = 0, 0, 0
     for i in range(len(out)):
         while position < len(data) and count <= 24:
-            bits |= int(data[position]) << count
+            bits |= np.int64(data[position]) << count
             count += 8
             position += 1
         low = bits & 31
@@ -183,7 +183,7 @@ def _pull(source, start, position, count):
     value, got = 0, 0
     byte, shift = position >> 3, position & 7
     while got < count:
-        value |= (int(source[byte]) >> shift) << got
+        value |= (np.int64(source[byte]) >> shift) << got
         got += 8 - shift
         shift = 0
         byte += 1

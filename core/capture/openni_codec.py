@@ -41,13 +41,13 @@ def decode_16z(data: bytes | memoryview, count: int, table: bool) -> np.ndarray:
 def _decode(data, values, table, out):
     if len(data) < 2 or len(out) < 1:
         return -1
-    last = int(data[0]) | int(data[1]) << 8
+    last = np.int64(data[0]) | np.int64(data[1]) << 8
     i, o = 2, 0
     if not _put(last, values, table, out, o):
         return -1
     o = 1
     while i < len(data):
-        byte = int(data[i])
+        byte = np.int64(data[i])
         i += 1
         whole = byte == 0xFF
         if byte < 0xE0:
@@ -70,14 +70,14 @@ def _decode(data, values, table, out):
         if whole:
             if i >= len(data):
                 return -1
-            byte = int(data[i])
+            byte = np.int64(data[i])
             i += 1
             if byte & 0x80:
                 last = (last - (byte - 192)) & 0xFFFF
             else:
                 if i >= len(data):
                     return -1
-                last = byte << 8 | int(data[i])
+                last = byte << 8 | np.int64(data[i])
                 i += 1
             if not _put(last, values, table, out, o):
                 return -1

@@ -62,9 +62,8 @@ class RosBag:
                 self._index(header, data[first:last])
                 indexed.add(len(self._chunks) - 1)
         for number in range(len(self._chunks)):
-            if number not in indexed or not self.topics:
+            if number not in indexed or not all(topic.name for topic in self.topics.values()):
                 self._walk(number, number not in indexed)
-        self._places: dict[int, Topic] = self.topics
 
     def find(self, name_ends: str, kind: str) -> Topic | None:
         """The first topic with messages whose name ends so, of a message type."""

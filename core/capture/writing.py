@@ -1,0 +1,100 @@
+"""An RGB-D folder written frame by frame: what a live recorder, a conversion and a simulation have in common."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+
+from ..camera import Intrinsics
+from ..errors import OutputError
+from ..images import write_png
+from . import Capture
+from .rgbd_folder import mirrors_to
+
+MAX_METRES = 65.535  # what 16-bit millimetres hold
+
+
+class FolderWriter:
+    """Writes ``intrinsic.json`` at once, then a depth PNG (16-bit millimetres) a frame.
+
+    Parameters
+    ----------
+    folder : path
+        Made when it is missing; must not hold another capture's frames.
+    intrinsics : Intrinsics
+        Pinhole of the depth map.
+    sensor : str
+        As in :class:`Capture`; left out when unknown.
+
+    Raises
+    ------
+    OutputError
+        When the folder holds frames already, cannot be written, or the camera has distortion.
+    """
+
+    def __init__(self, folder: str | os.PathLike, intrinsics: Intrinsics, sensor: str = "unknown") -> None:
+        self.folder = Path(folder)
+        self.frames = 0
+        self._shape = (intrinsics.height, intrinsics.width)
+        if not intrinsics.is_pinhole:
+            raise OutputError(f"{self.folder}: an RGB-D folder holds straight pictures; undistort them first")
+        others = sorted(p.name for sub in ("depth", "color") for p in (self.folder / sub).glob("*"))
+        if others:
+            raise OutputError(f"{self.folder}: holds another capture's {others[0]}; choose an empty folder")
+        matrix = [intrinsics.fx, 0, 0, 0, intrinsics.fy, 0, intrinsics.cx, intrinsics.cy, 1]
+        content = {"width": intrinsics.width, "height": intrinsics.height, "intrinsic_matrix": matrix}
+        if sensor != "unknown":
+            content["sensor"] = sensor
+        try:
+            (self.folder / "depth").mkdir(parents=True, exist_ok=True)
+            self.write_json("intrinsic.json", content)
+        except OSError as error:
+            raise OutputError(f"{self.folder}: cannot be written: {error.strerror or error}") from error
+
+    def add(self, depth: np.ndarray) -> None:
+        """One more frame (H, W) [m]; what 16-bit millimetres cannot hold becomes 0, no reading."""
+        if depth.shape != self._shape:
+            raise OutputError(f"{self.folder}: frame {self.frames} is {depth.shape}, not {self._shape} as the first")
+        known = (depth > 0) & (depth <= MAX_METRES)  # false for NaN
+        units = np.rint(np.where(known, depth, 0) * 1000.0).astype(np.uint16)
+        write_png(self.folder / "depth" / f"{self.frames:06d}.png", units)
+        self.frames += 1
+
+    def set_color(self, color: np.ndarray) -> None:
+        """The colour image (H, W, 3) uint8, aligned to depth."""
+        if color.shape[:2] != self._shape:
+            raise OutputError(f"{self.folder}: colour is {color.shape[:2]}, depth {self._shape}; align it first")
+        try:
+            (self.folder / "color").mkdir(exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"{self.folder}: cannot be written: {error.strerror or error}") from error
+        write_png(self.folder / "color" / "000000.png", color)
+
+    def write_json(self, name: str, content: object) -> None:
+        """A JSON file of the folder."""
+        try:
+            (self.folder / name).write_text(json.dumps(content, indent=1), encoding="utf-8")
+        except OSError as error:
+            raise OutputError(f"{self.folder / name}: cannot be written: {error.strerror or error}") from error
+
+
+def write_folder(folder: str | os.PathLike, capture: Capture) -> None:
+    """Write an opened capture as an RGB-D folder.
+
+    Depth is rounded to millimetres. Metadata an RGB-D folder has no place for (confidence, notes) is left out.
+
+    Raises
+    ------
+    OutputError
+        See :class:`FolderWriter`.
+    """
+    writer = FolderWriter(folder, capture.intrinsics, capture.sensor)
+    for frame in capture.depth:
+        writer.add(frame)
+    if capture.color is not None:
+        writer.set_color(capture.color)
+    if capture.mirrors:
+        writer.write_json("mirrors.json", {"mirrors": mirrors_to(capture.mirrors)})
