@@ -70,11 +70,21 @@ def dtw(x: np.ndarray, y: np.ndarray, skip: float = np.inf, memory: int = 1 << 2
         raise MirrorScanError("dtw needs finite values; a sequence holds NaN or infinity")
     if skip < 0 or np.isnan(skip):
         raise MirrorScanError(f"dtw: the cost of skipping a vertex must not be negative, got {skip}")
-    flip = len(x) > len(y)  # the shorter one indexes the diagonals' cells
+    path, distance = warp(np.ascontiguousarray(x.T), np.ascontiguousarray(y.T), float(skip), memory)
+    return Warping(path, float(distance))
+
+
+@njit(cache=True, nogil=True)
+def warp(x, y, skip, memory=1 << 26):
+    """:func:`dtw` from inside another kernel: sequences (D, N) and (D, M), unchecked; path (K, 2) and distance."""
+    flip = x.shape[1] > y.shape[1]  # the shorter one indexes the diagonals' cells
     if flip:
         x, y = y, x
-    path, distance = _warp(np.ascontiguousarray(x.T), np.ascontiguousarray(y[::-1].T), float(skip), memory)
-    return Warping(path[:, ::-1].copy() if flip else path, float(distance))
+    path, distance = _warp(x, y[:, ::-1].copy(), skip, memory)
+    if flip:
+        for k in range(len(path)):
+            path[k, 0], path[k, 1] = path[k, 1], path[k, 0]
+    return path, distance
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -7,9 +7,11 @@ import numpy as np
 from numba import njit, prange
 
 from .boundary import Boundary
+from .dtw import warp
 from .freespace import bridge_is_free
 from .linear import dot
 from .overlap import ViewMaps
+from .weaving import Candidates
 
 
 def find_partners(
@@ -64,20 +66,93 @@ def find_partners(
     )
 
 
-def find_runs(
-    boundary: Boundary, partner: np.ndarray, tolerance: float, min_run: int
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Pairs of chains (entries of the boundary): the first in its loop's direction, the second against its own."""
-    rows = _runs_kernel(partner, boundary.loop, boundary.start, boundary.point, tolerance, min_run)
-    pairs = []
-    for loop_a, first_a, n_a, loop_b, first_b, n_b in rows:
-        size_a = boundary.start[loop_a + 1] - boundary.start[loop_a]
-        size_b = boundary.start[loop_b + 1] - boundary.start[loop_b]
-        at_a = boundary.start[loop_a] + (first_a + np.arange(n_a)) % size_a
-        at_b = boundary.start[loop_b] + (first_b - np.arange(n_b)) % size_b
-        if len(at_b) >= 2 and not (loop_a == loop_b and np.intersect1d(at_a, at_b).size):
-            pairs.append((at_a, at_b))
-    return pairs
+def warp_runs(
+    boundary: Boundary, partner: np.ndarray, price: np.ndarray, edge: float, min_run: int
+) -> Candidates:
+    """Runs of vertices whose partners are mutual and follow each other, warped, the best matched and longest first.
+
+    Parameters
+    ----------
+    boundary : Boundary
+    partner, price : np.ndarray [shape=(B,)]
+        Of :func:`find_partners`.
+    edge : float
+        Usual distance of boundary vertices [m].
+    min_run : int
+        Shorter runs are left out [vertices].
+
+    Notes
+    -----
+    DTW compares position, and direction and normal scaled to centimetres, so that they part equal distances; at either
+    end vertices may stay unmatched, for what they would cost at the run's mean price.
+    """
+    rows = _runs_kernel(partner, boundary.loop, boundary.start, boundary.point, 2.0 * edge, min_run)
+    at_a, begin_a, at_b, begin_b, path, begin_path, mean = _warp_kernel(
+        rows, boundary.start, boundary.point, boundary.tangent, boundary.normal, price, edge
+    )
+    length = np.minimum(np.diff(begin_a), 200)
+    order = np.lexsort((at_a[begin_a[:-1]], mean - 1e-4 * length))
+    return Candidates(
+        *_in_order(at_a, begin_a, order), *_in_order(at_b, begin_b, order), *_in_order(path, begin_path, order)
+    )
+
+
+def _in_order(flat: np.ndarray, begin: np.ndarray, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Stretches ``flat[begin[k]:begin[k + 1]]`` brought into the given order."""
+    length = np.diff(begin)[order]
+    moved = np.concatenate(([0], np.cumsum(length)))
+    place = np.arange(moved[-1]) + np.repeat(begin[:-1][order] - moved[:-1], length)
+    return flat[place], moved
+
+
+@njit(cache=True, nogil=True)
+def _warp_kernel(rows, start, point, tangent, normal, price, edge):
+    """Entries and warping path of each run, flat, and its mean cost along the path [m]."""
+    count, room_a, room_b = len(rows), 0, 0
+    for r in range(count):
+        room_a += rows[r, 2]
+        room_b += rows[r, 5]
+    at_a, at_b = np.empty(room_a, np.int64), np.empty(room_b, np.int64)
+    path = np.empty((room_a + room_b, 2), np.int32)
+    begin = np.zeros((3, count + 1), np.int64)
+    mean = np.empty(count)
+    on_a = np.zeros(len(point), np.bool_)
+    kept = n_a = n_b = n_path = 0
+    for r in range(count):
+        loop_a, first_a, size_a, loop_b, first_b, size_b = rows[r]
+        whole_a, whole_b = start[loop_a + 1] - start[loop_a], start[loop_b + 1] - start[loop_b]
+        a, b = at_a[n_a : n_a + size_a], at_b[n_b : n_b + size_b]
+        total, priced = 0.0, 0
+        for k in range(size_a):
+            a[k] = start[loop_a] + (first_a + k) % whole_a
+            on_a[a[k]] = True
+            if np.isfinite(price[a[k]]):
+                total += price[a[k]]
+                priced += 1
+        shared = False
+        for k in range(size_b):
+            b[k] = start[loop_b] + (first_b - k) % whole_b
+            shared = shared or on_a[b[k]]
+        for k in range(size_a):
+            on_a[a[k]] = False
+        if size_b < 2 or shared:
+            continue
+        x, y = np.empty((9, size_a)), np.empty((9, size_b))
+        for c in range(3):
+            for k in range(size_a):
+                x[c, k], x[3 + c, k], x[6 + c, k] = point[a[k], c], 0.01 * tangent[a[k], c], 0.01 * normal[a[k], c]
+            for k in range(size_b):
+                y[c, k], y[3 + c, k], y[6 + c, k] = point[b[k], c], -0.01 * tangent[b[k], c], 0.01 * normal[b[k], c]
+        steps, distance = warp(x, y, 2.0 * edge + total / max(priced, 1))
+        path[n_path : n_path + len(steps)] = steps
+        n_a, n_b, n_path = n_a + size_a, n_b + size_b, n_path + len(steps)
+        mean[kept] = distance / len(steps)
+        kept += 1
+        begin[0, kept], begin[1, kept], begin[2, kept] = n_a, n_b, n_path
+    return (
+        at_a[:n_a].copy(), begin[0, : kept + 1].copy(), at_b[:n_b].copy(), begin[1, : kept + 1].copy(),
+        path[:n_path].copy(), begin[2, : kept + 1].copy(), mean[:kept].copy()
+    )
 
 
 @njit(cache=True, nogil=True, parallel=True)

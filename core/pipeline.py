@@ -24,7 +24,8 @@ from .sensors import NoiseModel
 from .threads import each
 from .triangulation import TriangulationSettings, triangulate_view
 from .views import Views, ViewSettings, find_subject
-from .zippering import Seam, ZipperSettings, zip_patches
+from .weaving import Seam
+from .zippering import ZipperSettings, zip_patches
 
 Progress = Callable[[float, str], None]
 

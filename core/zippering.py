@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
 from .boundary import Boundary, boundary_of
 from .coronal import match_chains, outer_chains, solidity
-from .dtw import dtw
 from .filling import fill_loops
 from .freespace import bridge_is_free
 from .linear import dot
-from .matching import find_partners, find_runs
-from .mesh import SEAM, Mesh, components_of, extend_open_edges, merge, open_edges, twins
+from .matching import find_partners, warp_runs
+from .mesh import Mesh, components_of, extend_open_edges, merge, open_edges, twins
 from .overlap import ViewMaps
+from .weaving import Candidates, Seam, begin_weave, weave_seams
 
 
 @dataclass(frozen=True)
@@ -45,100 +45,6 @@ class ZipperSettings:
     compact_gap: float = 0.05
     compact_share: float = 0.35
     floor_band: float = 0.05
-
-
-@dataclass(frozen=True)
-class Seam:
-    """One zippered seam, for the report: the two views, its length, mean and widest gap [m], and how it was matched."""
-
-    views: tuple[int, int]
-    length: float
-    mean_gap: float
-    max_gap: float
-    method: str
-    distance: float
-
-
-def zip_chains(points: np.ndarray, a: np.ndarray, b: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """Triangles along a warping path between two chains.
-
-    Parameters
-    ----------
-    points : np.ndarray [shape=(V, 3)]
-        Mesh vertices [m].
-    a, b : np.ndarray [shape=(N,)], [shape=(M,)]
-        Vertex indices; ``a`` in its boundary's direction (surface on the left), ``b`` against its own.
-    path : np.ndarray [shape=(K, 2)]
-        Warping path over (a, b).
-
-    Returns
-    -------
-    np.ndarray [shape=(T, 3), dtype=int32]
-        A strip wound like the patches; a diagonal step gives two triangles, split along the shorter diagonal.
-    """
-    return _strip_kernel(points, a, b, path)
-
-
-@njit(cache=True, nogil=True)
-def _strip_kernel(points, a, b, path):
-    out = np.empty((2 * len(path), 3), np.int32)
-    n = 0
-    for k in range(1, len(path)):
-        i0, j0 = path[k - 1]
-        i1, j1 = path[k]
-        a0, a1, b0, b1 = a[i0], a[i1], b[j0], b[j1]
-        if i1 > i0 and j1 > j0:
-            if ((points[a1] - points[b0]) ** 2).sum() <= ((points[a0] - points[b1]) ** 2).sum():
-                out[n, 0], out[n, 1], out[n, 2] = a1, a0, b0
-                out[n + 1, 0], out[n + 1, 1], out[n + 1, 2] = b0, b1, a1
-            else:
-                out[n, 0], out[n, 1], out[n, 2] = b0, b1, a0
-                out[n + 1, 0], out[n + 1, 1], out[n + 1, 2] = a1, a0, b1
-            n += 2
-        elif i1 > i0:
-            out[n, 0], out[n, 1], out[n, 2] = a1, a0, b0
-            n += 1
-        else:
-            out[n, 0], out[n, 1], out[n, 2] = b0, b1, a0
-            n += 1
-    return out[:n].copy()
-
-
-def add_triangles(triangles: np.ndarray, new: np.ndarray, vertex_count: int) -> np.ndarray:
-    """Which of the ``new`` triangles (K, 3) can join ``triangles`` without a directed edge coming twice: bool (K,).
-
-    Tested in order, so an earlier new triangle may shut a later one out. Degenerate triangles are refused.
-    """
-    return _first_come_kernel(triangles, new, vertex_count)
-
-
-@njit(cache=True, nogil=True)
-def _first_come_kernel(triangles, new, vertex_count):
-    touched = np.zeros(vertex_count, np.bool_)
-    for t in range(len(new)):
-        for k in range(3):
-            touched[new[t, k]] = True
-    # only edges between vertices of new triangles can clash
-    taken = dict()
-    taken[np.int64(-1)] = True
-    for t in range(len(triangles)):
-        for k in range(3):
-            i, j = triangles[t, k], triangles[t, (k + 1) % 3]
-            if touched[i] and touched[j]:
-                taken[np.int64(i) * vertex_count + j] = True
-    ok = np.zeros(len(new), np.bool_)
-    for t in range(len(new)):
-        i, j, m = np.int64(new[t, 0]), np.int64(new[t, 1]), np.int64(new[t, 2])
-        if i == j or j == m or m == i:
-            continue
-        a, b, c = i * vertex_count + j, j * vertex_count + m, m * vertex_count + i
-        if a in taken or b in taken or c in taken:
-            continue
-        ok[t] = True
-        taken[a] = True
-        taken[b] = True
-        taken[c] = True
-    return ok
 
 
 def zip_patches(
@@ -190,7 +96,8 @@ def zip_patches(
         return mesh, seams
     candidates = _compact_candidates(mesh, patches, boundary, maps, up, axis, floor, settings)
     known = len(mesh.triangles)
-    mesh, seams = _zip_all(mesh, boundary, _begin(boundary, piece, root), candidates, "coronal and sagittal planes")
+    weave = begin_weave(boundary, piece, root)
+    mesh, seams = weave_seams(mesh, boundary, weave, candidates, "coronal and sagittal planes")
     for reach in settings.gaps:
         edges = extend_open_edges(edges, mesh.triangles, known, len(mesh.vertices))
         boundary = boundary_of(mesh, edges)
@@ -198,7 +105,8 @@ def zip_patches(
             break
         candidates = _facing_candidates(mesh, boundary, maps, reach, up, floor, settings)
         known = len(mesh.triangles)
-        mesh, found = _zip_all(mesh, boundary, _begin(boundary, piece, root), candidates, "facing runs")
+        weave = begin_weave(boundary, piece, root)
+        mesh, found = weave_seams(mesh, boundary, weave, candidates, "facing runs")
         seams += found
         # a hole no wider than the gaps just zippered is a hole in one surface, not two boundaries to match
         edges = extend_open_edges(edges, mesh.triangles, known, len(mesh.vertices))
@@ -207,86 +115,6 @@ def zip_patches(
         # a hole closed round a new vertex never meets a boundary again: its piece does not matter
         piece = np.concatenate((piece, np.zeros(len(mesh.vertices) - len(piece), np.int64)))
     return mesh, seams
-
-
-@dataclass
-class _Weave:
-    """What a round of zippering keeps up to date: which loop and which piece every boundary entry belongs to.
-
-    ``after`` (B,) next entry along the boundary as it is now, ``loop`` (B,) its loop, ``piece`` (B,) the connected
-    piece
-    of the mesh, ``root`` (P,) union-find over the pieces, ``used`` (B,) edges that a seam has taken.
-    """
-
-    after: np.ndarray
-    loop: np.ndarray
-    piece: np.ndarray
-    root: np.ndarray
-    used: np.ndarray
-
-
-def _begin(boundary: Boundary, piece: np.ndarray, root: np.ndarray) -> _Weave:
-    after = np.arange(1, len(boundary.vertex) + 1)
-    after[boundary.start[1:] - 1] = boundary.start[:-1]
-    return _Weave(after, boundary.loop.copy(), piece[boundary.vertex], root, np.zeros(len(boundary.vertex), np.bool_))
-
-
-@njit(cache=True, nogil=True)
-def _admit(after, loop, piece, root, a0, a1, b0, b1, sure):
-    """Join a0…a1 with b0…b1 (b against its direction) in the linked boundary, unless that makes a handle.
-
-    A seam between two pieces joins them, one along a single loop parts it in two: both leave a sphere a sphere. One
-    between two loops of the same piece adds a handle (a tunnel), and is taken only where it is ``sure``.
-    """
-    p, q = piece[a0], piece[b0]
-    while root[p] != p:
-        p = root[p]
-    while root[q] != q:
-        q = root[q]
-    if p == q and loop[a0] != loop[b0] and not sure:
-        return False
-    root[max(p, q)] = min(p, q)
-    after[a0] = b0
-    after[b1] = a1
-    name = loop.max() + 1
-    for begin in (a0, b1):
-        k = begin
-        for _ in range(len(after)):
-            loop[k] = name
-            k = after[k]
-            if k == begin:
-                break
-        name += 1
-    return True
-
-
-def _zip_all(
-    mesh: Mesh,
-    boundary: Boundary,
-    weave: _Weave,
-    candidates: list[tuple[np.ndarray, np.ndarray, np.ndarray]],
-    method: str,
-) -> tuple[Mesh, list[Seam]]:
-    """Turn candidates (at_a, at_b, path), best first, into seams: each takes what earlier ones left of its boundary."""
-    strips, seams = [], []
-    for at_a, at_b, warped in candidates:
-        path = _longest_free(warped, weave.used[at_a], weave.used[at_b])
-        if path is None:
-            continue
-        (i0, j0), (i1, j1) = path[0], path[-1]
-        if i0 == i1 or j0 == j1:
-            continue
-        gap = np.linalg.norm(boundary.point[at_a[path[:, 0]]] - boundary.point[at_b[path[:, 1]]], axis=1)
-        run = float(np.linalg.norm(np.diff(boundary.point[at_a[i0 : i1 + 1]], axis=0), axis=1).sum())
-        sure = run > 12.0 * gap.mean() and run > 0.08
-        if not _admit(weave.after, weave.loop, weave.piece, weave.root, at_a[i0], at_a[i1], at_b[j0], at_b[j1], sure):
-            continue
-        weave.used[at_a[i0:i1]] = True
-        weave.used[at_b[j0 + 1 : j1 + 1]] = True
-        strips.append(zip_chains(mesh.vertices, boundary.vertex[at_a], boundary.vertex[at_b], path))
-        views = sorted((int(mesh.view[boundary.vertex[at_a[i0]]]), int(mesh.view[boundary.vertex[at_b[j0]]])))
-        seams.append(Seam((views[0], views[1]), run, float(gap.mean()), float(gap.max()), method, float(gap.sum())))
-    return _with_strips(mesh, strips), seams
 
 
 def _compact_candidates(
@@ -298,13 +126,13 @@ def _compact_candidates(
     axis: np.ndarray,
     floor: float | None,
     settings: ZipperSettings,
-) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+) -> Candidates:
     """The paper's matching (4.2.2), kept where the boundaries it pairs run along each other.
 
     Empty for a figure that is not compact, or on which they mostly do not: all is left to the general matching.
     """
     if solidity(maps.labels) < settings.compactness:
-        return []
+        return Candidates.of([])
     entry = np.full(len(mesh.vertices), -1)
     entry[boundary.vertex] = np.arange(len(boundary.vertex))
     candidates = []
@@ -318,9 +146,9 @@ def _compact_candidates(
             standing = (dot(p, up) > floor + settings.floor_band) & (dot(q, up) > floor + settings.floor_band)
         near &= standing
         if near.sum() < settings.compact_share * standing.sum():
-            return []
+            return Candidates.of([])
         candidates += [(at_a, at_b, path[first:last]) for first, last in _runs_of(near, settings.min_run)]
-    return candidates
+    return Candidates.of(candidates)
 
 
 def _facing_candidates(
@@ -331,21 +159,14 @@ def _facing_candidates(
     up: np.ndarray,
     floor: float | None,
     settings: ZipperSettings,
-) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+) -> Candidates:
     """Runs that face each other over gaps up to ``reach``, warped, the best matched and longest first."""
     edge = np.median(np.linalg.norm(np.diff(boundary.point[: boundary.start[1]], axis=0), axis=1))
     limit = np.full(len(boundary.vertex), reach)
     if floor is not None:
         limit[dot(boundary.point, up) < floor + settings.floor_band] = min(reach, settings.gaps[0])
     partner, price = find_partners(boundary, limit, up, mesh.view[boundary.vertex], maps)
-    ranked = []
-    for at_a, at_b in find_runs(boundary, partner, 2.0 * edge, settings.min_run):
-        skip = float(2.0 * edge + price[at_a][np.isfinite(price[at_a])].mean())
-        warping = dtw(_features(boundary, at_a, 1.0), _features(boundary, at_b, -1.0), skip)
-        mean = warping.distance / len(warping.path)
-        ranked.append((mean - 1e-4 * min(len(at_a), 200), at_a, at_b, warping.path))
-    ranked.sort(key=lambda candidate: (candidate[0], int(candidate[1][0])))
-    return [candidate[1:] for candidate in ranked]
+    return warp_runs(boundary, partner, price, edge, settings.min_run)
 
 
 def _runs_of(mask: np.ndarray, shortest: int) -> list[tuple[int, int]]:
@@ -360,40 +181,3 @@ def _free_bridges(p, q, to_view, depth, seen, lens, noise):
     for i in range(len(p)):
         free[i] = bridge_is_free(p[i], q[i], to_view, depth, seen, lens, noise)
     return free
-
-
-def _with_strips(mesh: Mesh, strips: list[np.ndarray]) -> Mesh:
-    """The mesh with the strips' triangles, but for those that would repeat a directed edge."""
-    if not strips:
-        return mesh
-    new = np.concatenate(strips)
-    new = new[add_triangles(mesh.triangles, new, len(mesh.vertices))]
-    return replace(
-        mesh,
-        triangles=np.concatenate((mesh.triangles, new)),
-        kind=np.concatenate((mesh.kind, np.full(len(new), SEAM, np.int8))),
-    )
-
-
-def _features(boundary: Boundary, at: np.ndarray, direction: float) -> np.ndarray:
-    """What DTW compares: position, and direction and normal scaled to centimetres, so that they part equal
-    distances."""
-    return np.concatenate(
-        (boundary.point[at], 0.01 * direction * boundary.tangent[at], 0.01 * boundary.normal[at]), axis=1
-    )
-
-
-def _longest_free(path: np.ndarray, used_a: np.ndarray, used_b: np.ndarray) -> np.ndarray | None:
-    """Longest part of a warping path whose steps run over boundary edges that no seam has taken yet."""
-    if not (used_a.any() or used_b.any()):
-        return path if len(path) > 2 else None
-    i, j = path[:, 0], path[:, 1]
-    # step k goes over edge i → i+1 of a (entry i) and, a chain against its direction, j+1 → j of b (entry j+1)
-    free = np.ones(len(path) - 1, np.bool_)
-    free &= ~((np.diff(i) > 0) & used_a[i[:-1]])
-    free &= ~((np.diff(j) > 0) & used_b[j[1:]])
-    runs = _runs_of(free, 2)
-    if not runs:
-        return None
-    first, last = max(runs, key=lambda run: run[1] - run[0])
-    return path[first : last + 1]

@@ -23,7 +23,8 @@ from ..mesh import SEAM, SURFACE, Mesh, compact, drop_small_components, keep_tri
 from ..metrics import SurfaceDistance, mesh_report, surface_distance
 from ..overlap import ViewMaps, view_maps
 from ..preview import KIND_COLORS, SIDES, draw_text, render_views
-from ..zippering import Seam, ZipperSettings, zip_patches
+from ..weaving import Seam
+from ..zippering import ZipperSettings, zip_patches
 
 STEPS = (0, 10, 20, 30, 40, 50)
 """Vertices taken from the two back parts [%] (paper 5.3)."""

@@ -13,7 +13,8 @@ from mirror_scan.core.coronal import Chain, match_chains, pairings, solidity, sp
 from mirror_scan.core.dtw import dtw
 from mirror_scan.core.mesh import SURFACE, Mesh, boundary_edges, boundary_loops, triangle_normals, twins
 from mirror_scan.core.overlap import view_maps
-from mirror_scan.core.zippering import ZipperSettings, add_triangles, zip_chains, zip_patches
+from mirror_scan.core.weaving import add_triangles, zip_chains
+from mirror_scan.core.zippering import ZipperSettings, zip_patches
 
 UP = np.array((0.0, 0.0, 1.0))
 
