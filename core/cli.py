@@ -80,12 +80,16 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
     command = commands.add_parser("reconstruct", help="make an avatar of a capture")
-    command.add_argument("capture", metavar="CAPTURE", type=Path, help="folder with intrinsic.json and depth/*.png")
+    command.add_argument(
+        "captures", metavar="CAPTURE", type=Path, nargs="+",
+        help="folder with intrinsic.json and depth/*.png; several with --poses, or one folder of them with poses.json",
+    )  # fmt: skip
     command.add_argument(
         "-o", dest="outputs", metavar="OUT", type=Path, action="append", required=True,
         help="file to write, by suffix: .ply .obj .stl, with Blender also .blend .glb .fbx; may be given several times",
     )  # fmt: skip
     command.add_argument("--mirrors", metavar="FILE", type=Path, help="mirrors.json to use instead of the capture's")
+    command.add_argument("--poses", metavar="FILE", type=Path, help="poses.json of several cameras, by capture")
     command.add_argument("--report", metavar="FILE", type=Path, help="write what was found and measured, as JSON")
     command.add_argument("--frame", choices=("avatar", "camera"), default="avatar", help="coordinates (default avatar)")
     command.add_argument("--single-frame", action="store_true", help="use only the first depth frame of a burst")
@@ -153,18 +157,7 @@ def _reconstruct(options: argparse.Namespace, writers: Writers) -> None:
     outputs = _plan_outputs(options.outputs, writers)
     _check_targets([*options.outputs, *([options.report] if options.report else [])])
 
-    from .capture import open_capture
-    from .capture.rgbd_folder import read_mirrors
-
-    started = time.perf_counter()
-    capture = open_capture(options.capture, frames=1 if options.single_frame else None)
-    mirrors = read_mirrors(options.mirrors, capture.intrinsics) if options.mirrors else None
-    read_ms = (time.perf_counter() - started) * 1e3
-
-    from .pipeline import reconstruct  # brings numba; a capture that cannot be read is told before that
-
-    with _progress(options.quiet) as progress:
-        result = reconstruct(capture, mirrors, progress=progress, frame=options.frame)
+    result, read_ms = _reconstructed(options)
     for warning in result.warnings:
         _complain("warning", warning)
     _write_outputs(result, outputs, options.report, read_ms)
@@ -172,6 +165,33 @@ def _reconstruct(options: argparse.Namespace, writers: Writers) -> None:
         _say(_summary(result))
         for path, _ in outputs:
             _say(f"  {path}")
+
+
+def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
+    """What the captures of a command line give, and the milliseconds that reading them took."""
+    from .capture import open_capture
+    from .capture.rgbd_folder import read_mirrors
+
+    started = time.perf_counter()
+    frames = 1 if options.single_frame else None
+    first = options.captures[0]
+    if options.poses or len(options.captures) > 1 or (first / "poses.json").is_file():
+        if options.mirrors:
+            raise CaptureError("--mirrors is for one camera; keep mirrors.json beside the capture it belongs to")
+        from .poses import open_posed_captures, reconstruct_views
+
+        captures, poses = open_posed_captures(options.captures, options.poses, frames)
+        read_ms = (time.perf_counter() - started) * 1e3
+        with _progress(options.quiet) as progress:
+            return reconstruct_views(captures, poses, progress=progress, frame=options.frame), read_ms
+    capture = open_capture(first, frames=frames)
+    mirrors = read_mirrors(options.mirrors, capture.intrinsics) if options.mirrors else None
+    read_ms = (time.perf_counter() - started) * 1e3
+
+    from .pipeline import reconstruct  # brings numba; a capture that cannot be read is told before that
+
+    with _progress(options.quiet) as progress:
+        return reconstruct(capture, mirrors, progress=progress, frame=options.frame), read_ms
 
 
 def _demo(options: argparse.Namespace, writers: Writers) -> None:

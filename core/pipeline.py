@@ -18,8 +18,9 @@ from .linear import transform
 from .mesh import FILL, SEAM, Mesh
 from .metrics import mesh_report
 from .mirror import Mirror, MirrorSettings, place_mirror, reflection_matrix
-from .mirror_detection import DetectionSettings, find_mirrors
-from .overlap import OverlapSettings, part_overlaps, view_maps
+from .mirror_detection import DetectionSettings, find_mirror_at, find_mirrors
+from .overlap import OverlapSettings, ViewMaps, part_overlaps, view_maps
+from .rig_file import moved_warning
 from .sensors import NoiseModel
 from .threads import each
 from .triangulation import TriangulationSettings, triangulate_view
@@ -77,7 +78,7 @@ class Reconstruction:
 
 def reconstruct(
     capture: Capture,
-    mirrors: tuple[MirrorPicks, ...] | None = None,
+    mirrors: tuple[MirrorPicks | Mirror, ...] | None = None,
     settings: Settings = Settings(),
     progress: Progress | None = None,
     frame: str = "avatar",
@@ -88,7 +89,7 @@ def reconstruct(
     ----------
     capture : Capture
         One snapshot or a burst.
-    mirrors : tuple of MirrorPicks, optional
+    mirrors : tuple of MirrorPicks or Mirror, optional
         What is known of each mirror; by default what the capture itself holds. Empty: they are found.
     settings : Settings
     progress : callable(fraction, message), optional
@@ -101,7 +102,13 @@ def reconstruct(
     CaptureError, MirrorError, ReconstructionError
         The input or the scene is at fault; the message says what to do.
     """
-    steps = reconstruction_steps(capture, mirrors, settings, frame)
+    return finish(reconstruction_steps(capture, mirrors, settings, frame), progress)
+
+
+def finish(
+    steps: Generator[tuple[float, str], None, Reconstruction], progress: Progress | None = None
+) -> Reconstruction:
+    """Run all the pieces of a job, telling ``progress`` of each."""
     while True:
         try:
             fraction, message = next(steps)
@@ -113,31 +120,82 @@ def reconstruct(
 
 def reconstruction_steps(
     capture: Capture,
-    mirrors: tuple[MirrorPicks, ...] | None = None,
+    mirrors: tuple[MirrorPicks | Mirror, ...] | None = None,
     settings: Settings = Settings(),
     frame: str = "avatar",
 ) -> Generator[tuple[float, str], None, Reconstruction]:
     """:func:`reconstruct` in pieces: yields (fraction done, what comes next), returns the :class:`Reconstruction`."""
-    if frame not in ("avatar", "camera"):
-        raise ReconstructionError(f'frame must be "avatar" or "camera", got "{frame}"')
+    check_frame(frame)
     picks = capture.mirrors if mirrors is None else tuple(mirrors)
     clock = Clock()
-    camera = capture.intrinsics
+    scan = yield from scan_steps(capture, picks, settings, clock, (0.0, 0.6))
+    return (yield from joining_steps(scan, settings, frame, clock))
 
-    yield 0.0, "Fusing the burst"
+
+@dataclass(frozen=True)
+class Scan:
+    """What one camera saw, or several in one frame: a patch and a map a view.
+
+    Parameters
+    ----------
+    patches : list of Mesh
+        One a view, where the subject really is.
+    maps : ViewMaps
+    up, axis : np.ndarray [shape=(3,)]
+        Vertical, and a point of the vertical through the subject.
+    floor : float or None
+        Height of the floor along ``up`` [m].
+    names : list of str
+        Of the views.
+    mirrors : list of Mirror
+    sensor : str
+    warnings : tuple of str
+    """
+
+    patches: list[Mesh]
+    maps: ViewMaps
+    up: np.ndarray
+    axis: np.ndarray
+    floor: float | None
+    names: list[str]
+    mirrors: list[Mirror]
+    sensor: str
+    warnings: tuple[str, ...]
+
+
+def scan_steps(
+    capture: Capture,
+    picks: tuple[MirrorPicks | Mirror, ...],
+    settings: Settings,
+    clock: Clock,
+    part: tuple[float, float],
+    meeting: np.ndarray | None = None,
+    find: bool = True,
+) -> Generator[tuple[float, str], None, Scan]:
+    """One camera's readings → patches: the first half of the job, ``part`` of the whole.
+
+    ``meeting``: where the subject is meant to stand, camera frame [m]; by default where the mirrors look. ``find``:
+    without ``picks`` mirrors are searched for.
+    """
+
+    def at(share: float) -> float:
+        return part[0] + (part[1] - part[0]) * share
+
+    camera = capture.intrinsics
+    yield at(0.0), "Fusing the burst"
     depth, spread = fuse_burst(capture.depth, settings.depth)
     depth = remove_flying_pixels(depth, 1.0 / camera.fx, settings.depth)
     clock.lap("depth")
 
-    yield 0.1, "Fitting the mirrors"
-    placed = place_mirrors(picks, depth, capture, settings)
+    yield at(0.17), "Fitting the mirrors"
+    placed, told = place_mirrors(picks, depth, capture, settings) if picks or find else ([], ())
     clock.lap("mirrors")
 
-    yield 0.2, "Finding the subject"
-    views = find_subject(depth, camera, placed, settings.views)
+    yield at(0.33), "Finding the subject"
+    views = find_subject(depth, camera, placed, settings.views, meeting)
     clock.lap("views")
 
-    yield 0.35, "Smoothing the depth"
+    yield at(0.58), "Smoothing the depth"
     sensor, model = recognise(capture, settings.depth)
     moved = still_warning(capture.depth, views.labels, camera.fx, settings.depth)
     depth, views, noise = clean_views(
@@ -145,50 +203,69 @@ def reconstruction_steps(
     )
     clock.lap("smoothing")
 
-    yield 0.5, "Triangulating the views"
+    yield at(0.83), "Triangulating the views"
     patches = make_patches(depth, views, placed, noise, capture, settings.triangulation)
     maps = view_maps(depth, views.labels, views.seen, camera, placed, noise)
     clock.lap("triangulation")
+    warnings = (*told, *((moved,) if moved else ()), *views.warnings)
+    return Scan(patches, maps, views.up, views.axis, views.floor, view_names(placed), placed, sensor, warnings)
 
+
+def joining_steps(
+    scan: Scan, settings: Settings, frame: str, clock: Clock
+) -> Generator[tuple[float, str], None, Reconstruction]:
+    """Patches → one closed mesh: the second half of the job."""
     yield 0.6, "Parting overlaps"
-    patches = part_overlaps(patches, maps, settings.overlap)
+    patches = part_overlaps(scan.patches, scan.maps, settings.overlap)
     clock.lap("overlap")
 
     yield 0.7, "Zippering the seams"
-    open_mesh, seams = zip_patches(patches, maps, views.up, views.axis, views.floor, settings.zipper)
+    open_mesh, seams = zip_patches(patches, scan.maps, scan.up, scan.axis, scan.floor, settings.zipper)
     clock.lap("zippering")
 
     yield 0.8, "Closing the mesh"
-    closed, notes = close_mesh(open_mesh, maps, views.up, views.floor, settings.closing)
+    closed, notes = close_mesh(open_mesh, scan.maps, scan.up, scan.floor, settings.closing)
     clock.lap("closing")
 
     yield 0.95, "Checking the result"
-    to_avatar = avatar_frame(closed, views)
+    to_avatar = avatar_frame(closed, scan)
     mesh = closed.transformed(to_avatar)
-    warnings = (*((moved,) if moved else ()), *views.warnings, *notes)
-    report = _report(mesh, to_avatar, sensor, placed, views, patches, seams, warnings, clock)
+    warnings = (*scan.warnings, *notes)
+    report = _report(mesh, to_avatar, scan, patches, seams, warnings, clock)
     return Reconstruction(
-        mesh if frame == "avatar" else closed, frame, to_avatar, report, warnings, tuple(patches), tuple(placed)
+        mesh if frame == "avatar" else closed, frame, to_avatar, report, warnings, tuple(patches), tuple(scan.mirrors)
     )
 
 
+def check_frame(frame: str) -> None:
+    if frame not in ("avatar", "camera"):
+        raise ReconstructionError(f'frame must be "avatar" or "camera", got "{frame}"')
+
+
 def place_mirrors(
-    picks: tuple[MirrorPicks, ...], depth: np.ndarray, capture: Capture, settings: Settings
-) -> list[Mirror]:
-    """The mirrors that were picked or given; without picks those that the depth map shows."""
-    if picks:
-        return [
-            pick if isinstance(pick, Mirror) else place_mirror(pick, depth, capture.intrinsics, settings.mirror)
-            for pick in picks
-        ]
-    found = find_mirrors(depth, capture.intrinsics, capture.color, settings.detection, settings.mirror.glass_offset)
-    if not found:
+    known: tuple[MirrorPicks | Mirror, ...], depth: np.ndarray, capture: Capture, settings: Settings
+) -> tuple[list[Mirror], tuple[str, ...]]:
+    """The mirrors that were picked or given, or else those that the depth map shows; and what to warn of."""
+    camera, offset = capture.intrinsics, settings.mirror.glass_offset
+    placed, warnings = [], []
+    for one in known:
+        if isinstance(one, Mirror):
+            moved = moved_warning(one, depth, camera) if one.source == "rig file" else None
+            warnings += [moved] if moved else []
+            placed.append(one)
+        elif one.frame_pixels is not None and len(one.frame_pixels) < 3:
+            placed.append(find_mirror_at(one, depth, camera, settings.detection, offset))
+        else:
+            placed.append(place_mirror(one, depth, camera, settings.mirror))
+    if not known:
+        placed = find_mirrors(depth, camera, capture.color, settings.detection, offset)
+    if not placed:
         raise MirrorError(
             f"{capture.name}: no mirror was found: none is given, and no straight frame with the person's reflection "
             "in it is seen; pick points on each mirror's frame and save them in mirrors.json beside the capture, or "
             "pass them with --mirrors; a frame at least 3 cm wide and 10 cm off the wall is found by itself"
         )
-    return found
+    return placed, tuple(warnings)
 
 
 def clean_views(
@@ -234,7 +311,7 @@ def make_patches(
     return patches
 
 
-def avatar_frame(mesh: Mesh, views: Views) -> np.ndarray:
+def avatar_frame(mesh: Mesh, views: Views | Scan) -> np.ndarray:
     """Camera frame → avatar frame (4, 4): Z up, facing −Y (towards the camera), soles on z = 0, between the feet x =
     y = 0."""
     up = views.up
@@ -271,21 +348,19 @@ def view_names(mirrors: list[Mirror]) -> list[str]:
 def _report(
     mesh: Mesh,
     to_avatar: np.ndarray,
-    sensor: str,
-    mirrors: list[Mirror],
-    views: Views,
+    scan: Scan,
     patches: list[Mesh],
     seams: list[Seam],
     warnings: tuple[str, ...],
     clock: Clock,
 ) -> dict:
     checked = mesh_report(mesh)
-    names = view_names(mirrors)
-    person = views.points[views.labels >= 0][::97]
+    names = scan.names
+    person = np.concatenate([patch.vertices for patch in patches])[::97]
     clock.lap("checking")
     return {
         "camera_to_avatar": to_avatar.tolist(),
-        "sensor": sensor,
+        "sensor": scan.sensor,
         "mirrors": [
             {
                 "name": m.name,
@@ -298,12 +373,12 @@ def _report(
                 "covariance": None if m.covariance is None else m.covariance.tolist(),
                 "displacement_mm": None if m.covariance is None else 1000.0 * m.displacement(person),
             }
-            for m in mirrors
+            for m in scan.mirrors
         ],
         "views": [
             {
                 "name": name,
-                "pixels": int((views.labels == k).sum()),
+                "pixels": int((scan.maps.labels == k).sum()),
                 "vertices": len(patch.vertices),
                 "triangles": len(patch.triangles),
             }

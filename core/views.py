@@ -301,7 +301,11 @@ def _visible_middle(mirror: Mirror, intrinsics: Intrinsics) -> np.ndarray:
 
 
 def find_subject(
-    depth: np.ndarray, intrinsics: Intrinsics, mirrors: list[Mirror], settings: ViewSettings = ViewSettings()
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    mirrors: list[Mirror],
+    settings: ViewSettings = ViewSettings(),
+    meeting: np.ndarray | None = None,
 ) -> Views:
     """Sort every pixel into its view and keep the subject: the connected figure above the floor where the rig looks.
 
@@ -309,6 +313,8 @@ def find_subject(
     ----------
     depth : np.ndarray [shape=(H, W), dtype=float32]
         Fused depth, z [m], 0 = no reading.
+    meeting : np.ndarray [shape=(3,)], optional
+        A point of the vertical line where the subject is meant to stand [m]; by default where the mirrors look.
 
     Raises
     ------
@@ -334,7 +340,8 @@ def find_subject(
         highest = floor_height + settings.max_height
     standing = _between_kernel(points, seen, up, lowest, highest)
     component, sizes = connected_pixels(depth, standing, 1.0 / intrinsics.fx)
-    direct = _direct_subject(component, len(sizes), seen, points, up, rig_axis(mirrors, up, intrinsics), settings)
+    meeting = rig_axis(mirrors, up, intrinsics) if meeting is None else meeting
+    direct = _direct_subject(component, len(sizes), seen, points, up, meeting, settings)
     if direct is None:
         raise ReconstructionError(
             "nobody stands between the camera and the mirrors: no connected figure is seen directly "

@@ -1,0 +1,314 @@
+"""Several calibrated cameras about one subject, with or without mirrors: :func:`reconstruct_views`."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Generator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from .capture import Capture, MirrorPicks, open_capture
+from .errors import CaptureError, ReconstructionError
+from .linear import transform
+from .mirror import Mirror
+from .overlap import stack_maps
+from .pipeline import (
+    Clock,
+    Progress,
+    Reconstruction,
+    Scan,
+    Settings,
+    check_frame,
+    finish,
+    joining_steps,
+    scan_steps,
+)
+
+POSES_FILE = "poses.json"
+
+MAX_VIEWS = 127
+"""Views are numbered in one signed byte."""
+
+DEFAULTS = Settings()
+
+_SAME_SUBJECT = 0.5
+"""Cameras that place the subject farther apart than this do not see the same one, or their poses are wrong [m]."""
+
+_SAME_FLOOR = 0.04
+"""Floors of two cameras that lie farther apart than this under the subject are told [m]."""
+
+_SAME_UP = 3.0
+"""Verticals of two cameras that differ more than this are told [degrees]."""
+
+
+def reconstruct_views(
+    captures: Sequence[Capture],
+    poses: Sequence[np.ndarray],
+    mirrors: Sequence[tuple[MirrorPicks, ...] | None] | None = None,
+    settings: Settings = DEFAULTS,
+    progress: Progress | None = None,
+    frame: str = "avatar",
+) -> Reconstruction:
+    """Several captures of one still subject, taken from known poses → one closed, coloured avatar.
+
+    Parameters
+    ----------
+    captures : sequence of Capture
+        One a camera; the first looks at the subject's front. Cameras may differ in make and resolution.
+    poses : sequence of np.ndarray [shape=(4, 4)]
+        Rigid: each camera frame → a frame they all share, any [m].
+    mirrors : sequence of (tuple of MirrorPicks or None), optional
+        What is known of each camera's mirrors; None: what its capture holds. Unlike in :func:`.pipeline.reconstruct`
+        mirrors are not searched for: a camera without any is the common case here.
+    settings, progress, frame
+        As in :func:`.pipeline.reconstruct`; the "camera" frame is the first camera's.
+
+    Raises
+    ------
+    CaptureError, MirrorError, ReconstructionError
+        The input or the scene is at fault; the message says what to do.
+    """
+    return finish(reconstruction_views_steps(captures, poses, mirrors, settings, frame), progress)
+
+
+def reconstruction_views_steps(
+    captures: Sequence[Capture],
+    poses: Sequence[np.ndarray],
+    mirrors: Sequence[tuple[MirrorPicks, ...] | None] | None = None,
+    settings: Settings = DEFAULTS,
+    frame: str = "avatar",
+) -> Generator[tuple[float, str], None, Reconstruction]:
+    """:func:`reconstruct_views` in pieces, as :func:`.pipeline.reconstruction_steps`."""
+    check_frame(frame)
+    if not captures or len(poses) != len(captures):
+        raise CaptureError(f"{len(captures)} capture(s) come with {len(poses)} pose(s); give one pose for each capture")
+    names = _distinct([capture.name for capture in captures])
+    to_world = [check_pose(pose, name) for pose, name in zip(poses, names, strict=True)]
+    to_first = [np.linalg.inv(to_world[0]) @ pose for pose in to_world]
+    known = [
+        tuple(capture.mirrors if mirrors is None or mirrors[k] is None else mirrors[k])
+        for k, capture in enumerate(captures)
+    ]
+    views = len(captures) + sum(map(len, known))
+    if views > MAX_VIEWS:
+        raise CaptureError(f"{views} views are more than the {MAX_VIEWS} that can be joined; leave some captures out")
+    clock = Clock()
+    crossing = lines_of_sight_crossing(to_first)
+    scans = []
+    for k, (capture, pose) in enumerate(zip(captures, to_first, strict=True)):
+        meeting = None if crossing is None else transform(crossing[None], np.linalg.inv(pose))[0]
+        part = (0.6 * k / len(captures), 0.6 * (k + 1) / len(captures))
+        scan = yield from scan_steps(capture, known[k], settings, clock, part, meeting, find=False)
+        scans.append(scan)
+    return (yield from joining_steps(join_scans(scans, to_first, names), settings, frame, clock))
+
+
+def check_pose(pose: np.ndarray, name: str) -> np.ndarray:
+    """The pose as float64 (4, 4), its rotation made exact.
+
+    Raises
+    ------
+    CaptureError
+        When it is not a rigid motion.
+    """
+    pose = np.array(pose, dtype=np.float64)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all() or np.abs(pose[3] - (0, 0, 0, 1)).max() > 1e-6:
+        raise CaptureError(f"{name}: a pose is a 4×4 matrix of finite numbers whose last row is 0 0 0 1")
+    left, scale, right = np.linalg.svd(pose[:3, :3])
+    if np.abs(scale - 1).max() > 1e-2 or np.linalg.det(pose[:3, :3]) < 0:
+        raise CaptureError(
+            f"{name}: its pose is not a rigid motion: the upper left 3×3 part must be a rotation, without scale or "
+            "reflection; give metres, and camera axes x right, y down, z forward"
+        )
+    pose[:3, :3] = left @ right
+    return pose
+
+
+def lines_of_sight_crossing(poses: Sequence[np.ndarray]) -> np.ndarray | None:
+    """The point nearest to all cameras' optical axes; None for one camera, or for parallel axes.
+
+    Parameters
+    ----------
+    poses : sequence of np.ndarray [shape=(4, 4)]
+        Camera frame → the frame of the answer.
+    """
+    A, b = np.zeros((3, 3)), np.zeros(3)
+    for pose in poses:
+        P = np.eye(3) - np.outer(pose[:3, 2], pose[:3, 2])
+        A += P
+        b += P @ pose[:3, 3]
+    return np.linalg.solve(A, b) if np.linalg.eigvalsh(A)[0] > 1e-2 else None
+
+
+def join_scans(scans: Sequence[Scan], poses: Sequence[np.ndarray], names: Sequence[str]) -> Scan:
+    """What several cameras saw, in one frame: views numbered through, vertical and floor agreed upon.
+
+    Parameters
+    ----------
+    scans : sequence of Scan
+        Each in its camera's frame.
+    poses : sequence of np.ndarray [shape=(4, 4)]
+        Each camera's frame → the common frame.
+    names : sequence of str
+        Of the cameras.
+
+    Raises
+    ------
+    ReconstructionError
+        The cameras do not see the same subject where the poses say it is.
+    """
+    warnings = [f"{name}: {text}" for name, scan in zip(names, scans, strict=True) for text in scan.warnings]
+    axes = np.array([transform(scan.axis[None], pose)[0] for scan, pose in zip(scans, poses, strict=True)])
+    weights = np.array([float((scan.maps.labels >= 0).sum()) for scan in scans])
+    sure = np.array([scan.floor is not None for scan in scans])
+    ups = np.array([pose[:3, :3] @ scan.up for scan, pose in zip(scans, poses, strict=True)])
+    chosen = sure if sure.any() else np.ones(len(scans), np.bool_)
+    up = np.average(ups[chosen], axis=0, weights=weights[chosen])
+    up /= np.linalg.norm(up)
+    axis = np.average(axes, axis=0, weights=weights)
+    offset = axes - axis
+    aside = np.linalg.norm(offset - np.outer((offset * up).sum(axis=1), up), axis=1)
+    if aside.max() > _SAME_SUBJECT:
+        worst = int(np.argmax(aside))
+        raise ReconstructionError(
+            f"{names[worst]}: its subject stands {aside[worst]:.2f} m from where the other cameras see theirs; check "
+            "the poses (camera frame → common frame, metres), and that all captures show the same subject standing "
+            "still"
+        )
+    floor = None
+    if sure.any():
+        # each camera's floor, as high as it is under the subject
+        heights = np.array(
+            [
+                (axis @ up) - (axis @ u - (scan.floor + u @ pose[:3, 3]))
+                for scan, pose, u, seen in zip(scans, poses, ups, sure, strict=True)
+                if seen
+            ]
+        )
+        floor = float(np.average(heights, weights=weights[sure]))
+        tilt = np.degrees(np.arccos(np.clip((ups[sure] * up).sum(axis=1), -1, 1)))
+        apart = np.abs(heights - np.median(heights))
+        if tilt.max() > _SAME_UP or apart.max() > _SAME_FLOOR:
+            worst = np.flatnonzero(sure)[int(np.argmax(np.maximum(tilt / _SAME_UP, apart / _SAME_FLOOR)))]
+            warnings.append(
+                f"{names[worst]}: its floor does not agree with the other cameras' (up to {tilt.max():.1f}° tilted, "
+                f"{1e3 * apart.max():.0f} mm higher or lower); seams may show steps: calibrate the poses again"
+            )
+    patches, first = [], 0
+    for scan, pose in zip(scans, poses, strict=True):
+        for patch in scan.patches:
+            moved = patch.transformed(pose)
+            patches.append(replace(moved, view=(moved.view + first).astype(np.int8)))
+        first += len(scan.patches)
+    return Scan(
+        patches,
+        stack_maps([scan.maps for scan in scans], list(poses)),
+        up,
+        axis,
+        floor,
+        [f"{name}: {view}" if len(scan.names) > 1 else name for name, scan in zip(names, scans, strict=True)
+         for view in scan.names],
+        [_moved(mirror, pose, name) for name, scan, pose in zip(names, scans, poses, strict=True)
+         for mirror in scan.mirrors],
+        ", ".join(dict.fromkeys(scan.sensor for scan in scans)),
+        tuple(warnings),
+    )  # fmt: skip
+
+
+def _moved(mirror: Mirror, pose: np.ndarray, camera: str) -> Mirror:
+    """The mirror in another frame, under the camera's name; its outline stays that camera's."""
+    basis = pose[:3, :3] @ mirror.basis
+    point = transform(mirror.point[None], pose)[0]
+    return replace(mirror, name=f"{camera}: {mirror.name}", point=point, normal=basis[:, 2], basis=basis)
+
+
+def _distinct(names: list[str]) -> list[str]:
+    """Names told apart by a number where several are the same."""
+    return [name if names.count(name) == 1 else f"{name} {names[:k].count(name) + 1}" for k, name in enumerate(names)]
+
+
+def read_poses(path: str | os.PathLike) -> dict[str, np.ndarray]:
+    """Poses by the captures' names, in the file's order.
+
+    The file: ``{"cameras": [{"capture": NAME, "camera_to_world": [[…] × 4]}, …]}``; NAME is a path relative to it.
+
+    Raises
+    ------
+    CaptureError
+        When it cannot be read or does not hold that.
+    """
+    path = Path(path)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise CaptureError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except ValueError as error:
+        raise CaptureError(f"{path}: is not JSON: {error}") from error
+    cameras = content.get("cameras") if isinstance(content, dict) else None
+    if not isinstance(cameras, list) or not cameras:
+        raise CaptureError(f'{path}: holds no list "cameras" of {{"capture": …, "camera_to_world": 4×4}}')
+    poses: dict[str, np.ndarray] = {}
+    for k, camera in enumerate(cameras):
+        name = camera.get("capture") if isinstance(camera, dict) else None
+        if not isinstance(name, str) or not name:
+            raise CaptureError(f'{path}: camera {k + 1} has no "capture", the name of its recording')
+        if name in poses:
+            raise CaptureError(f"{path}: {name} is listed twice; give each capture one pose")
+        try:
+            matrix = np.array(camera.get("camera_to_world"), dtype=np.float64)
+        except (TypeError, ValueError):
+            matrix = np.zeros(0)
+        poses[name] = check_pose(matrix, f"{path}: {name}")
+    return poses
+
+
+def holds_poses(path: str | os.PathLike) -> bool:
+    """Whether ``path`` is a folder of several captures with their poses."""
+    return (Path(path) / POSES_FILE).is_file()
+
+
+def open_posed_captures(
+    paths: Sequence[str | os.PathLike], poses: str | os.PathLike | None = None, frames: int | str | None = None
+) -> tuple[list[Capture], list[np.ndarray]]:
+    """Captures of several cameras and the pose of each.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        The captures; or one folder that holds ``poses.json`` and, beside it, the captures that it names.
+    poses : path, optional
+        File of :func:`read_poses`; its captures are matched with ``paths`` by their file or folder name.
+    frames
+        As in :func:`.capture.open_capture`.
+
+    Raises
+    ------
+    CaptureError
+        When a capture has no pose, or one of both cannot be read.
+    """
+    if poses is None:
+        if len(paths) != 1 or not holds_poses(paths[0]):
+            raise CaptureError(
+                f"{len(paths)} captures were given without their cameras' poses; add --poses FILE, or give one folder "
+                f"that holds them and {POSES_FILE}"
+            )
+        poses = Path(paths[0]) / POSES_FILE
+        paths = []
+    known = read_poses(poses)
+    if not paths:
+        chosen = {name: Path(poses).parent / name for name in known}
+    else:
+        by_name = {Path(name).name: name for name in known}
+        if len(by_name) < len(known):
+            raise CaptureError(f"{poses}: two captures have the same file name; give each its own")
+        chosen = {}
+        for path in map(Path, paths):
+            name = by_name.get(path.name) or by_name.get(path.resolve().name)
+            if name is None:
+                raise CaptureError(f"{path}: {poses} holds no pose for it, only for {', '.join(known)}")
+            chosen[name] = path
+    captures = [replace(open_capture(path, frames=frames), name=name) for name, path in chosen.items()]
+    return captures, [known[name] for name in chosen]
