@@ -89,12 +89,22 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
         help="file to write, by suffix: .ply .obj .stl, with Blender also .blend .glb .fbx; may be given several times",
     )  # fmt: skip
     command.add_argument("--mirrors", metavar="FILE", type=Path, help="mirrors.json to use instead of the capture's")
+    command.add_argument("--rig", metavar="FILE", type=Path, help="rig file of “calibrate” to take the mirrors from")
     command.add_argument("--poses", metavar="FILE", type=Path, help="poses.json of several cameras, by capture")
     command.add_argument("--report", metavar="FILE", type=Path, help="write what was found and measured, as JSON")
     command.add_argument("--frame", choices=("avatar", "camera"), default="avatar", help="coordinates (default avatar)")
     command.add_argument("--single-frame", action="store_true", help="use only the first depth frame of a burst")
     command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
     command.set_defaults(run=_reconstruct)
+
+    command = commands.add_parser("calibrate", help="place the mirrors of a rig once, for all its later captures")
+    command.add_argument("capture", metavar="CAPTURE", type=Path, help="capture of the rig, best with nobody in it")
+    command.add_argument(
+        "-o", dest="rig", metavar="RIG", type=Path, required=True, help="rig file to write, for “reconstruct --rig”"
+    )
+    command.add_argument("--mirrors", metavar="FILE", type=Path, help="mirrors.json to use instead of the capture's")
+    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    command.set_defaults(run=_calibrate)
 
     command = commands.add_parser("demo", help="scan a virtual person and reconstruct it")
     command.add_argument(
@@ -186,12 +196,35 @@ def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
             return reconstruct_views(captures, poses, progress=progress, frame=options.frame), read_ms
     capture = open_capture(first, frames=frames)
     mirrors = read_mirrors(options.mirrors, capture.intrinsics) if options.mirrors else None
+    if options.rig:
+        from .rig_file import mirrors_for, read_rig
+
+        mirrors = mirrors_for(read_rig(options.rig), capture.intrinsics)
     read_ms = (time.perf_counter() - started) * 1e3
 
     from .pipeline import reconstruct  # brings numba; a capture that cannot be read is told before that
 
     with _progress(options.quiet) as progress:
         return reconstruct(capture, mirrors, progress=progress, frame=options.frame), read_ms
+
+
+def _calibrate(options: argparse.Namespace, writers: Writers) -> None:
+    _check_targets([options.rig])
+
+    from .capture import open_capture
+    from .capture.rgbd_folder import read_mirrors
+    from .rig_file import calibrate, write_rig
+
+    capture = open_capture(options.capture)
+    rig = calibrate(capture, read_mirrors(options.mirrors, capture.intrinsics) if options.mirrors else None)
+    write_rig(options.rig, rig)
+    if options.quiet:
+        return
+    for mirror in rig.mirrors:
+        sure = mirror.displacement(mirror.point + 1.5 * mirror.normal)
+        expected = "" if sure is None else f", expected error {1000.0 * sure:.1f} mm at a person 1.5 m before it"
+        _say(f"{mirror.name}: {mirror.source}, residual {1000.0 * mirror.residual:.1f} mm{expected}")
+    _say(f"  {options.rig}")
 
 
 def _demo(options: argparse.Namespace, writers: Writers) -> None:

@@ -16,6 +16,8 @@ import numpy as np
 from numba import njit
 
 from .camera import Intrinsics, project
+from .capture import MirrorPicks
+from .errors import MirrorError
 from .mirror import Mirror, at_border, reflection_matrix
 from .mirror_refinement import fit_frame
 
@@ -471,12 +473,26 @@ def _fourth(
 def rim_share(guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics) -> float:
     """Share of the rectangle's circumference, as far as nothing hides it, just outside of which something stands in
     the plane: a frame or a wall; 0 when too little of it can be judged."""
-    (left, right), (top, bottom) = guess.rectangle + np.array((-0.015, 0.015))
+    on, beyond = circumference(guess.point, guess.basis, guess.rectangle, depth, intrinsics)
+    return on / (on + beyond) if on >= 0.3 else 0.0
+
+
+def circumference(
+    point: np.ndarray,
+    basis: np.ndarray,
+    rectangle: np.ndarray,
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    outward: float = 0.015,
+) -> tuple[float, float]:
+    """Shares of a mirror's circumference where, ``outward`` of its rectangle [m], something stands in its plane, and
+    where the camera sees beyond."""
+    (left, right), (top, bottom) = rectangle + np.array((-outward, outward))
     along = np.linspace(0.0, 1.0, 41)[1:-1]
     corners = np.array(((left, top), (right, top), (right, bottom), (left, bottom), (left, top)))
     at = np.concatenate([a + along[:, None] * (b - a) for a, b in zip(corners[:-1], corners[1:], strict=True)])
     weight = np.repeat(np.linalg.norm(np.diff(corners, axis=0), axis=1), len(along))
-    points = guess.point + at @ guess.basis[:, :2].T
+    points = point + at @ basis[:, :2].T
     u, v = project(points, intrinsics).T
     inside = (u > 0) & (v > 0) & (u < intrinsics.width - 1) & (v < intrinsics.height - 1)  # false where NaN
     read = np.zeros(len(points))
@@ -485,10 +501,7 @@ def rim_share(guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics) -> f
     slack = 0.02 * points[:, 2] + 0.02
     on = inside & (np.abs(apart) < slack)
     beyond = inside & (read > 0) & (apart >= slack)
-    judged = weight[on].sum() + weight[beyond].sum()
-    if weight[on].sum() < 0.3 * weight.sum():
-        return 0.0
-    return float(weight[on].sum() / judged)
+    return float(weight[on].sum() / weight.sum()), float(weight[beyond].sum() / weight.sum())
 
 
 def verify(
@@ -639,18 +652,75 @@ def find_mirrors(
     found = []
     guesses = hypotheses(depth, intrinsics, replace(settings, max_violation=2.0 * settings.max_violation))
     for guess in _apart(guesses, intrinsics)[: settings.max_mirrors]:
-        mirror = Mirror("", guess.point, guess.basis[:, 2], guess.basis, guess.rectangle, source="found")
-        fitted = fit_frame(mirror, depth, intrinsics)
-        if fitted is None:
-            continue
-        # what the glass shows must make sense with the plane as it is now
-        final = replace(guess, point=fitted.point, basis=fitted.basis)
-        if verify(final, depth, intrinsics, _ground(depth, intrinsics, fitted.basis), settings) is None:
-            continue
-        behind = replace(fitted, point=fitted.point - glass_offset * fitted.normal)
-        found.append(at_border(behind, intrinsics, _unseen(guess)))
+        mirror = _settled(guess, depth, intrinsics, settings, glass_offset)
+        if mirror is not None:
+            found.append(mirror)
     found.sort(key=lambda m: m.point[0] / m.point[2])
     return [replace(m, name=name) for m, name in zip(found, _names(found), strict=True)]
+
+
+def find_mirror_at(
+    picks: MirrorPicks,
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    settings: DetectionSettings = DetectionSettings(),
+    glass_offset: float = 0.0,
+) -> Mirror:
+    """The mirror whose rim is nearest to one or two picked pixels, too few for a plane of their own.
+
+    That a mirror is there is the user's word: it need not show anybody.
+
+    Parameters
+    ----------
+    picks : MirrorPicks
+        One pixel or more on the mirror's frame; in the glass will do.
+
+    Raises
+    ------
+    MirrorError
+        No rim is near.
+    """
+    trusting = replace(settings, empty_rig=True, max_violation=max(2.0 * settings.max_violation, 0.3))
+    pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)
+    best, nearest = None, np.inf
+    for guess in hypotheses(depth, intrinsics, trusting):
+        mirror = _settled(guess, depth, intrinsics, trusting, glass_offset)
+        if mirror is None:
+            continue
+        corners = np.nan_to_num(mirror.outline)
+        distance = np.mean([_to_outline(pixel, corners) for pixel in pixels])
+        size = np.ptp(corners, axis=0).min()
+        if distance < nearest and distance < 0.5 * size:
+            best, nearest = mirror, distance
+    if best is None:
+        u, v = pixels[0]
+        raise MirrorError(
+            f"{picks.name}: no straight frame is seen near ({u:g}, {v:g}), and {len(pixels)} pick(s) are too few for a "
+            "plane; pick at least 3 points on its frame, on two sides"
+        )
+    return replace(best, name=picks.name, source="picked")
+
+
+def _to_outline(pixel: np.ndarray, corners: np.ndarray) -> float:
+    """Distance of a pixel from the outline [px]."""
+    start, along = corners, np.roll(corners, -1, axis=0) - corners
+    share = ((pixel - start) * along).sum(axis=1) / np.maximum((along * along).sum(axis=1), 1e-9)
+    return float(np.linalg.norm(start + np.clip(share, 0.0, 1.0)[:, None] * along - pixel, axis=1).min())
+
+
+def _settled(
+    guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics, settings: DetectionSettings, glass_offset: float
+) -> Mirror | None:
+    """The hypothesis as a mirror on its frame's plane; None when what it shows makes no sense with that plane."""
+    mirror = Mirror("", guess.point, guess.basis[:, 2], guess.basis, guess.rectangle, source="found")
+    fitted = fit_frame(mirror, depth, intrinsics)
+    if fitted is None:
+        return None
+    final = replace(guess, point=fitted.point, basis=fitted.basis)
+    if verify(final, depth, intrinsics, _ground(depth, intrinsics, fitted.basis), settings) is None:
+        return None
+    behind = replace(fitted, point=fitted.point - glass_offset * fitted.normal)
+    return at_border(behind, intrinsics, _unseen(guess))
 
 
 def _unseen(guess: Hypothesis) -> np.ndarray:

@@ -12,7 +12,12 @@ from .mirror import Mirror, disparity_plane, frame_core, oriented, plane_covaria
 
 
 def fit_frame(
-    mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, outward: float = 0.12, band: float = 0.02
+    mirror: Mirror,
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    outward: float = 0.12,
+    band: float = 0.02,
+    inward: float = 0.02,
 ) -> Mirror | None:
     """The plane refitted to every reading on the frame: the ring about the glass, inside a thin slab about the plane.
 
@@ -23,9 +28,11 @@ def fit_frame(
     depth : np.ndarray [shape=(H, W), dtype=float32]
         z [m], 0 = no reading.
     outward : float
-        How far about the rectangle the frame is looked for [m].
+        How far about the rectangle the frame is looked for [m]; half as far below it, where a floor may be.
     band : float
         Half thickness of the slab, relative to z.
+    inward : float
+        How far inside of the rectangle [m].
 
     Returns
     -------
@@ -47,7 +54,7 @@ def fit_frame(
     pixels = np.empty((max(int(np.prod(np.maximum(high - low, 0))), 1), 2), np.int32)
     for turn in range(4):
         n = _ring_kernel(
-            depth, camera, mirror.basis, mirror.point, normal, d, rectangle, outward, band, low, high, pixels
+            depth, camera, mirror.basis, mirror.point, normal, d, rectangle, outward, inward, band, low, high, pixels
         )  # fmt: skip
         if n < 30:
             return None
@@ -95,7 +102,7 @@ def fit_frame(
 
 
 @njit(cache=True, nogil=True)
-def _ring_kernel(depth, camera, basis, center, normal, d, rectangle, outward, band, low, high, pixels):
+def _ring_kernel(depth, camera, basis, center, normal, d, rectangle, outward, inward, band, low, high, pixels):
     """Pixels within ``band``·z of the plane whose place on it is about, not inside, the rectangle."""
     fx, fy, cx, cy = camera
     n = 0
@@ -113,9 +120,9 @@ def _ring_kernel(depth, camera, basis, center, normal, d, rectangle, outward, ba
                 s = 0.0
                 for c in range(3):
                     s += basis[c, k] * (p[c] - center[c])
-                if not rectangle[k, 0] + 0.02 < s < rectangle[k, 1] - 0.02:
+                if not rectangle[k, 0] + inward < s < rectangle[k, 1] - inward:
                     inside = False
-                if not rectangle[k, 0] - outward < s < rectangle[k, 1] + outward:
+                if not rectangle[k, 0] - outward < s < rectangle[k, 1] + outward / (k + 1):
                     about = False
             if about and not inside:
                 pixels[n, 0], pixels[n, 1] = u, v

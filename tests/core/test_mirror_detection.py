@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mirror_scan.core.capture import MirrorPicks
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
+from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.mirror import plane_mirror, reflect
-from mirror_scan.core.mirror_detection import find_mirrors
+from mirror_scan.core.mirror_detection import find_mirror_at, find_mirrors
 from mirror_scan.core.pipeline import reconstruct
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
@@ -70,3 +72,17 @@ def test_pictures_that_show_nothing():
     rng = np.random.default_rng(0)
     for depth in (np.zeros(shape), np.full(shape, 2.0), rng.uniform(0.5, 5.0, shape), rng.uniform(0, 1, shape) > 0.999):
         assert find_mirrors(depth.astype(np.float32), lens) == []
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_one_pick_is_enough_to_say_which(simulated, count):
+    simulation = simulated("azure_kinect")
+    capture, truth = simulation.capture, simulation.truth
+    depth = clean(capture)
+    for picks, true in zip(capture.mirrors, truth.mirrors, strict=True):
+        few = replace(picks, frame_pixels=picks.frame_pixels[2 : 2 + count])
+        mirror = find_mirror_at(few, depth, capture.intrinsics)
+        assert mirror.name == picks.name and mirror.source == "picked" and mirror.refined
+        assert misplaced(mirror, true, truth.body.vertices) < 0.003
+    with pytest.raises(MirrorError, match=r"left: no straight frame.*\(320, 60\)"):
+        find_mirror_at(MirrorPicks("left", np.array([(320.0, 60.0)])), depth, capture.intrinsics)

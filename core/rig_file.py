@@ -1,0 +1,232 @@
+"""A rig calibrated once, kept as a JSON file and used for every later snapshot, as long as it has not moved.
+
+``{"format": "mirror-scan rig", "version": 1, "intrinsics": {…}, "mirrors": [{"name", "point", "normal", "down",
+"rectangle", "outline", "covariance", "residual_mm", "points_used"}, …]}``: metres, camera frame; the covariance is
+:attr:`.mirror.Mirror.covariance`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from .camera import Intrinsics
+from .capture import Capture, MirrorPicks
+from .depth import DepthSettings, fuse_burst, remove_flying_pixels
+from .errors import CaptureError, MirrorError
+from .files import replacing
+from .mirror import Mirror, MirrorSettings, at_border, oriented, place_mirror, plane_mirror, reflect
+from .mirror_detection import DetectionSettings, circumference, find_mirrors
+from .mirror_refinement import fit_frame
+
+FORMAT, VERSION = "mirror-scan rig", 1
+MAX_BYTES = 1_000_000
+_MIRROR, _DEPTH, _EMPTY = MirrorSettings(), DepthSettings(), DetectionSettings(empty_rig=True)
+_LENS = ("width", "height", "fx", "fy", "cx", "cy")
+
+
+@dataclass(frozen=True)
+class RigFile:
+    """A camera's intrinsics and the mirrors before it."""
+
+    intrinsics: Intrinsics
+    mirrors: tuple[Mirror, ...]
+
+
+def calibrate(
+    capture: Capture,
+    picks: tuple[MirrorPicks, ...] | None = None,
+    mirror: MirrorSettings = _MIRROR,
+    depth: DepthSettings = _DEPTH,
+) -> RigFile:
+    """The rig that a snapshot of it shows, with nobody in it or somebody; a long burst makes it surer.
+
+    Parameters
+    ----------
+    capture : Capture
+    picks : tuple of MirrorPicks, optional
+        What is known of each mirror; by default what the capture holds, and when that is nothing they are found.
+
+    Raises
+    ------
+    CaptureError, MirrorError
+        No readings, no mirrors, or picks that place none.
+    """
+    lens = capture.intrinsics
+    known = capture.mirrors if picks is None else tuple(picks)
+    fused = remove_flying_pixels(fuse_burst(capture.depth, depth)[0], 1.0 / lens.fx, depth)
+    if known:
+        placed = [place_mirror(pick, fused, lens, mirror) for pick in known]
+    else:
+        placed = find_mirrors(fused, lens, capture.color, _EMPTY, mirror.glass_offset)
+    if not placed:
+        raise MirrorError(
+            f"{capture.name}: no mirror was found; see that each mirror's frame is in the picture and stands clear of "
+            "walls, or pick points on the frames and pass them with --mirrors"
+        )
+    for m in placed:
+        if m.rectangle is None:
+            raise MirrorError(f"{m.name}: a plane alone is no calibration; pick points on this mirror's frame instead")
+    return RigFile(lens, tuple(placed))
+
+
+def write_rig(path: str | os.PathLike, rig: RigFile) -> None:
+    """Write a rig file; what was there is replaced only by a complete one. Raises OutputError."""
+    content = {
+        "format": FORMAT,
+        "version": VERSION,
+        "intrinsics": {key: getattr(rig.intrinsics, key) for key in _LENS},
+        "mirrors": [
+            {
+                "name": m.name,
+                "point": m.point.tolist(),
+                "normal": m.normal.tolist(),
+                "down": m.basis[:, 1].tolist(),
+                "rectangle": m.rectangle.tolist(),
+                "outline": m.outline.tolist(),
+                "covariance": None if m.covariance is None else m.covariance.tolist(),
+                "residual_mm": 1000.0 * m.residual,
+                "points_used": m.points_used,
+            }
+            for m in rig.mirrors
+        ],
+    }
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def read_rig(path: str | os.PathLike) -> RigFile:
+    """Read what :func:`write_rig` wrote.
+
+    Raises
+    ------
+    MirrorError
+        The file is missing, no rig file, of a later version, or holds values that cannot be.
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise MirrorError(f"{path}: is too large for a rig file; make one with “mirror-scan calibrate”")
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not JSON"
+        raise MirrorError(f"{path}: cannot be read as a rig file: {reason}") from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise MirrorError(f"{path}: is no rig file; make one with “mirror-scan calibrate”")
+    if content.get("version") != VERSION:
+        raise MirrorError(
+            f"{path}: is of version {content.get('version')}, this program reads {VERSION}; calibrate again"
+        )
+    lens, entries = content.get("intrinsics"), content.get("mirrors")
+    if not isinstance(lens, dict) or not isinstance(entries, list) or not entries:
+        raise MirrorError(f"{path}: holds no camera or no mirrors; calibrate again")
+    values = [_number(path, "intrinsics", lens.get(key)) for key in _LENS]
+    try:
+        intrinsics = Intrinsics(int(values[0]), int(values[1]), *values[2:])
+    except CaptureError as error:
+        raise MirrorError(f"{path}: {error}") from error
+    return RigFile(intrinsics, tuple(_mirror(path, k, entry, intrinsics) for k, entry in enumerate(entries, start=1)))
+
+
+def _number(path: Path, where: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise MirrorError(f"{path}: {where}: a number is missing or not finite; calibrate again")
+    return float(value)
+
+
+def _array(path: Path, name: str, entry: dict, key: str, shape: tuple[int, ...]) -> np.ndarray:
+    try:
+        array = np.array(entry.get(key), dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise MirrorError(f"{path}: {name}: “{key}” holds no numbers; calibrate again") from error
+    if array.shape != shape or not np.isfinite(array).all():
+        raise MirrorError(f"{path}: {name}: “{key}” must hold {' × '.join(map(str, shape))} finite numbers")
+    return array
+
+
+def _mirror(path: Path, place: int, entry: object, intrinsics: Intrinsics) -> Mirror:
+    if not isinstance(entry, dict):
+        raise MirrorError(f"{path}: mirror {place} is no object; calibrate again")
+    name = entry.get("name") if isinstance(entry.get("name"), str) else f"mirror {place}"
+    point, normal, down = (_array(path, name, entry, key, (3,)) for key in ("point", "normal", "down"))
+    rectangle = _array(path, name, entry, "rectangle", (2, 2))
+    if (rectangle[:, 0] >= rectangle[:, 1]).any() or np.linalg.norm(np.cross(normal, down)) < 0.1:
+        raise MirrorError(f"{path}: {name}: has no extent, or its normal points down its own side; calibrate again")
+    placed = plane_mirror(name, point, normal)
+    normal, basis = oriented(placed.normal, point, down)
+    covariance = entry.get("covariance")
+    if covariance is not None:
+        covariance = _array(path, name, entry, "covariance", (3, 3))
+    return at_border(
+        replace(
+            placed,
+            normal=normal,
+            basis=basis,
+            rectangle=rectangle,
+            residual=_number(path, name, entry.get("residual_mm")) / 1000.0,
+            points_used=int(_number(path, name, entry.get("points_used"))),
+            refined=True,
+            source="rig file",
+            covariance=covariance,
+        ),
+        intrinsics,
+        np.zeros((2, 2), np.bool_),
+    )
+
+
+def mirrors_for(rig: RigFile, intrinsics: Intrinsics) -> tuple[Mirror, ...]:
+    """The rig's mirrors, when it was calibrated with this camera; else MirrorError."""
+    old = rig.intrinsics
+    if (old.width, old.height) != (intrinsics.width, intrinsics.height):
+        raise MirrorError(
+            f"the rig was calibrated at {old.width}×{old.height} pixels, the capture has "
+            f"{intrinsics.width}×{intrinsics.height}; calibrate it with the same camera and mode"
+        )
+    apart = max(abs(old.fx / intrinsics.fx - 1), abs(old.fy / intrinsics.fy - 1))
+    if apart > 0.005 or max(abs(old.cx - intrinsics.cx), abs(old.cy - intrinsics.cy)) > 2.0:
+        raise MirrorError(
+            "the rig was calibrated with another lens: its focal lengths or centre differ from the capture's; "
+            "calibrate it with the same camera and mode"
+        )
+    return rig.mirrors
+
+
+def moved_warning(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, limit: float = 0.010) -> str | None:
+    """What to tell the user when a mirror no longer stands where the rig file has it; None when it does, or cannot be
+    seen.
+
+    The frame as it is seen now is fitted anew about the stored plane. It has moved when that changes the reflection of
+    a person 1.5 m before the mirror by more than ``limit`` [m] and three times what both fits' covariances allow.
+
+    Parameters
+    ----------
+    mirror : Mirror
+        From a rig file.
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        Fused depth of the snapshot, z [m].
+    """
+    again = f"{mirror.name}: the rig has moved since it was calibrated"
+    seen = fit_frame(mirror, depth, intrinsics, inward=0.06)
+    if seen is None:
+        # is there anything that stands behind the place of the frame, where it should hide it?
+        return (
+            f"{again}: its frame is not where it was; calibrate it again" if _empty(mirror, depth, intrinsics) else None
+        )
+    middle = mirror.point + mirror.basis[:, :2] @ mirror.rectangle.mean(axis=1)
+    x, y = np.meshgrid((-0.3, 0.3), (-0.8, 0.0, 0.8))
+    person = middle + 1.5 * mirror.normal + np.column_stack((x.ravel(), y.ravel())) @ mirror.basis[:, :2].T
+    shift = float(np.sqrt(np.mean(np.sum((reflect(person, seen) - reflect(person, mirror)) ** 2, axis=1))))
+    sure = np.hypot(seen.displacement(person), mirror.displacement(person) or 0.0)
+    if shift <= max(limit, 3.0 * sure):
+        return None
+    return f"{again}, by about {1000.0 * shift:.0f} mm at the person; calibrate it again"
+
+
+def _empty(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> bool:
+    """Most of the frame's place shows what is farther away."""
+    return circumference(mirror.point, mirror.basis, mirror.rectangle, depth, intrinsics, outward=-0.015)[1] > 0.5

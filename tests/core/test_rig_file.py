@@ -1,0 +1,124 @@
+"""A rig calibrated empty, written, read and used again; damage to the file; a rig that has moved."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
+from mirror_scan.core.errors import MirrorError
+from mirror_scan.core.mesh import Mesh
+from mirror_scan.core.mirror import plane_mirror, reflect
+from mirror_scan.core.pipeline import reconstruct
+from mirror_scan.core.rig_file import calibrate, mirrors_for, moved_warning, read_rig, write_rig
+from mirror_scan.core.simulation.scene import default_rig
+from mirror_scan.core.simulation.simulate import simulate
+
+SPECK = Mesh(np.array([(9.0, 9, 9), (9.1, 9, 9), (9, 9.1, 9)]), np.array([(0, 1, 2)], np.int32))
+"""Nobody: a triangle outside the room."""
+
+
+@pytest.fixture(scope="module")
+def empty():
+    return simulate(SPECK, default_rig("azure_kinect", frames=8, seed=5))
+
+
+@pytest.fixture(scope="module")
+def rig(empty):
+    return calibrate(replace(empty.capture, mirrors=()))
+
+
+def clean(capture):
+    return remove_flying_pixels(fuse_burst(capture.depth)[0], 1.0 / capture.intrinsics.fx)
+
+
+def test_an_empty_rig(rig, empty, simulated):
+    body = simulated("azure_kinect").truth.body.vertices
+    true = {m.name: plane_mirror(m.name, m.point, m.normal) for m in empty.truth.mirrors}
+    assert {m.name for m in rig.mirrors} == set(true)
+    for mirror in rig.mirrors:
+        error = np.linalg.norm(reflect(body, mirror) - reflect(body, true[mirror.name]), axis=1)
+        assert np.median(error) < 0.002 and mirror.displacement(body) < 0.002
+
+
+def test_written_and_read(rig, tmp_path):
+    write_rig(tmp_path / "rig.json", rig)
+    again = read_rig(tmp_path / "rig.json")
+    assert again.intrinsics == rig.intrinsics
+    for a, b in zip(again.mirrors, rig.mirrors, strict=True):
+        assert a.name == b.name and a.source == "rig file" and a.refined and a.points_used == b.points_used
+        for field in ("point", "normal", "basis", "rectangle", "outline", "covariance"):
+            np.testing.assert_allclose(getattr(a, field), getattr(b, field), atol=1e-12)
+    assert mirrors_for(again, rig.intrinsics) == again.mirrors
+
+
+def test_used_for_a_later_snapshot(rig, simulated):
+    capture = simulated("azure_kinect").capture
+    made = reconstruct(capture, mirrors=rig.mirrors)
+    assert not [w for w in made.warnings if "moved" in w] and made.report["mesh"]["watertight"]
+
+
+def test_a_rig_that_moved_is_told(rig, simulated, person):
+    standing = clean(simulated("azure_kinect").capture)
+    lens = rig.intrinsics
+    for mirror in rig.mirrors:
+        file = replace(mirror, source="rig file")
+        assert moved_warning(file, standing, lens) is None
+        pushed = replace(file, point=file.point + 0.015 * file.normal)
+        assert "moved" in moved_warning(pushed, standing, lens)
+        away = replace(file, point=file.point + 0.15 * file.normal)
+        assert "not where it was" in moved_warning(away, standing, lens)
+        assert moved_warning(file, np.zeros_like(standing), lens) is None, "what is not seen is not blamed"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda c: c.update(format="other"), "no rig file"),
+        (lambda c: c.update(version=9), "version 9"),
+        (lambda c: c.update(mirrors=[]), "no mirrors"),
+        (lambda c: c["intrinsics"].update(fx="x"), "intrinsics.*number"),
+        (lambda c: c["intrinsics"].update(fx=-1), "positive"),
+        (lambda c: c["mirrors"][0].update(point=[1, 2]), "“point” must hold 3"),
+        (lambda c: c["mirrors"][0].update(normal=[0, 0, 0]), "left"),
+        (lambda c: c["mirrors"][0].update(rectangle=[[1, 0], [0, 1]]), "no extent"),
+        (lambda c: c["mirrors"][0].update(covariance=[["a"]]), "no numbers"),
+        (lambda c: c["mirrors"].append(3), "mirror 3"),
+    ],
+)
+def test_damaged_files(rig, tmp_path, change, said):
+    path = tmp_path / "rig.json"
+    write_rig(path, rig)
+    content = json.loads(path.read_text(encoding="utf-8"))
+    change(content)
+    path.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(MirrorError, match=said) as caught:
+        read_rig(path)
+    assert "rig.json" in str(caught.value) or "left" in str(caught.value)
+
+
+def test_files_that_are_none(tmp_path):
+    with pytest.raises(MirrorError, match="cannot be read"):
+        read_rig(tmp_path / "none.json")
+    (tmp_path / "text.json").write_text("[[", encoding="utf-8")
+    with pytest.raises(MirrorError, match="not JSON"):
+        read_rig(tmp_path / "text.json")
+
+
+def test_another_camera(rig):
+    lens = rig.intrinsics
+    with pytest.raises(MirrorError, match="pixels"):
+        mirrors_for(rig, replace(lens, width=320))
+    with pytest.raises(MirrorError, match="lens"):
+        mirrors_for(rig, replace(lens, fx=1.02 * lens.fx))
+
+
+def test_a_rig_without_mirrors(simulated, empty):
+    bare = simulate(SPECK, replace(default_rig("azure_kinect", frames=1), mirrors=()))
+    with pytest.raises(MirrorError, match="no mirror was found"):
+        calibrate(bare.capture)
+    plane = empty.truth.mirrors[:1]
+    with pytest.raises(MirrorError, match="plane alone"):
+        calibrate(empty.capture, plane)
