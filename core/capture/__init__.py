@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..camera import Intrinsics
-from ..errors import CaptureError
+from ..errors import CaptureError, MirrorScanError
 
 MAX_BURST_PIXELS = 256_000_000  # 1 GB as float32; about 800 frames of 640 x 480
 FrameChoice = int | str | None
@@ -184,6 +184,12 @@ def open_capture(path: str | os.PathLike, frames: FrameChoice = None, options: R
                 return _prepared(path, reader.read(path, frames, options), options)
         except OSError as error:
             raise CaptureError(f"{path}: cannot be read: {error.strerror or error}") from error
+        except MirrorScanError as error:
+            # files may put anything into names that are quoted: one printable line, that names the file
+            text = "".join(c if c.isprintable() else "?" for c in str(error))
+            if text == str(error) and str(path) in text:
+                raise
+            raise type(error)(text if str(path) in text else f"{path}: {text}") from error
     raise CaptureError(
         f"{path}: is not a capture; give a folder that holds intrinsic.json and depth/*.png, or a recording "
         "(.mkv, .bag, .oni, .pcd, .ply, .r3d; see docs/formats.md)"
@@ -262,10 +268,7 @@ def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:
     if not camera.is_pinhole or (color is not None and capture.color_intrinsics is not None):
         from ..registration import align  # brings numba, which a plain RGB-D folder does not need
 
-        try:
-            capture = align(capture)
-        except CaptureError as error:
-            raise CaptureError(f"{path}: {error}") from error
+        capture = align(capture)
         if not capture.depth.any():
             raise CaptureError(f"{path}: no reading is left after straightening; check the distortion coefficients")
     elif color is not None and color.shape[:2] != (height, width):

@@ -30,12 +30,15 @@ def mapped(path: Path) -> Iterator[memoryview]:
     with open(path, "rb") as file:
         if not path.stat().st_size:
             raise CaptureError(f"{path}: is empty; copy or record it again")
-        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as view:
-            data = memoryview(view)
-            try:
-                yield data
-            finally:
+        view = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        data = memoryview(view)
+        try:
+            yield data
+        finally:
+            # An error on its way out still holds slices in its traceback; the mapping then closes with it.
+            with contextlib.suppress(BufferError):
                 data.release()
+                view.close()
 
 
 @contextlib.contextmanager

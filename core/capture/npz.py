@@ -51,7 +51,7 @@ def write_npz(path: str | os.PathLike, capture: Capture) -> None:
         raise OutputError(f"{path}: holds opened captures only; straighten and align this one first")
     arrays = {
         "depth": np.asarray(capture.depth, np.float32),
-        "camera": np.array((camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)),
+        "camera": np.array((camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy), np.float64),
         "color": capture.color,
         "confidence": capture.confidence,
     }

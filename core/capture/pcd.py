@@ -33,7 +33,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     """Read one organized cloud; its camera is fitted from the points."""
     chosen_frames(path, frames, 1)
     data = read_limited(path, MAX_BYTES)
-    with blaming(path, "a .pcd"):
+    with blaming(path, "a .pcd"), np.errstate(all="ignore"):
         header, start = _header(data)
         fields, points = _layout(path, header)
         width, height = int(header["WIDTH"][0]), int(header["HEIGHT"][0])

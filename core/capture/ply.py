@@ -45,7 +45,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     """Read one organized cloud; its camera is fitted from the points."""
     chosen_frames(path, frames, 1)
     data = read_limited(path, MAX_BYTES)
-    with blaming(path, "a .ply"):
+    with blaming(path, "a .ply"), np.errstate(all="ignore"):
         kind, elements, said, start = _header(data)
         vertices, position = _vertices(path, data, start, kind, elements)
         missing = {"x", "y", "z"} - set(vertices)
@@ -144,7 +144,8 @@ def _vertices(
         columns = {}
         for i, (name, type_, _) in enumerate(element.properties):
             column = rows[:, i]
-            columns[name] = column.astype(type_) if type_[0] == "f" else np.clip(column, 0, 255).astype(np.uint8)
+            whole = type_[0] != "f"
+            columns[name] = np.clip(np.nan_to_num(column), 0, 255).astype(np.uint8) if whole else column.astype(type_)
         return columns, len(data)
     order = "<" if kind == "binary_little_endian" else ">"
     record = np.dtype([(name, order + type_) for name, type_, _ in element.properties])
