@@ -22,16 +22,21 @@ from typing import TYPE_CHECKING
 from .errors import CaptureError, MirrorScanError, OutputError
 
 if TYPE_CHECKING:
+    from .capture import Capture
     from .mesh import Mesh
-    from .pipeline import Progress, Reconstruction
+    from .pipeline import Progress, Reconstruction, Settings
 
 Writers = Mapping[str, Callable[["Path", "Reconstruction"], object]]
 
 BLENDER_SUFFIXES = (".blend", ".glb", ".fbx")
 PLAIN_SUFFIXES = (".ply", ".obj", ".stl")
 SENSORS = ("ideal", "kinect_v1", "azure_kinect", "femto_bolt", "realsense_d455")
+CAMERAS = ("realsense",)
 DEMO_FOLDER = "mirror_scan_demo"
-EXPERIMENT_FOLDER = "zippering_experiment"
+EXPERIMENT_FOLDER = "{}_experiment"
+CLEANING = {"outliers": {"burst_tolerance": math.inf}, "flying": {"support": 0}, "gaps": {"close_gaps": 0},
+            "steps": {"dequantise": False}, "smoothing": {"smoothing": 0.0}}  # fmt: skip
+"""Steps of cleaning that can be left out, and the :class:`.depth.DepthSettings` that do so."""
 SIMULATION_ENTRIES = {"intrinsic.json", "mirrors.json", "depth", "color", "truth"}
 
 
@@ -94,6 +99,8 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     command.add_argument("--report", metavar="FILE", type=Path, help="write what was found and measured, as JSON")
     command.add_argument("--frame", choices=("avatar", "camera"), default="avatar", help="coordinates (default avatar)")
     command.add_argument("--single-frame", action="store_true", help="use only the first depth frame of a burst")
+    _add_reading(command)
+    _add_cleaning(command)
     command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
     command.set_defaults(run=_reconstruct)
 
@@ -124,10 +131,33 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
     command.set_defaults(run=_simulate)
 
-    command = commands.add_parser("inspect", help="say what a capture holds")
-    command.add_argument("capture", metavar="CAPTURE", type=Path, help="folder with intrinsic.json and depth/*.png")
-    command.add_argument("-o", dest="preview", metavar="PNG", type=Path, help="write a picture of depth and colour")
+    command = commands.add_parser("inspect", help="say what a capture holds, and whether it can be right")
+    command.add_argument("capture", metavar="CAPTURE", type=Path, help="folder or file of a depth camera")
+    _add_reading(command)
+    _add_cleaning(command)
+    command.add_argument(
+        "-o", dest="preview", metavar="PNG", type=Path, help="write a picture of depth, colour and cleaned depth"
+    )
     command.set_defaults(run=_inspect)
+
+    command = commands.add_parser("convert", help="write a capture of any format as an RGB-D folder")
+    command.add_argument("capture", metavar="CAPTURE", type=Path, help="folder or file of a depth camera")
+    _add_reading(command)
+    command.add_argument("folder", metavar="DIR", type=Path, help="folder to make")
+    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    command.set_defaults(run=_convert)
+
+    command = commands.add_parser("record", help="record a burst of a camera that is connected")
+    command.add_argument("folder", metavar="DIR", type=Path, help="folder to make")
+    command.add_argument("--camera", choices=CAMERAS, default=CAMERAS[0], help=f"driver, default {CAMERAS[0]}")
+    command.add_argument("--serial", metavar="NUMBER", help="of the camera, where there are several")
+    command.add_argument("--frames", metavar="N", type=_whole(1, 300), default=30, help="of the burst, default 30")
+    command.add_argument(
+        "--size", metavar="WxH", type=_size, default=(848, 480), help="of the depth picture, default 848x480"
+    )
+    command.add_argument("--rate", metavar="HZ", type=_whole(1, 120), default=30, help="frames a second, default 30")
+    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    command.set_defaults(run=_record)
 
     command = commands.add_parser("evaluate", help="measure a mesh against the true one")
     command.add_argument("mesh", metavar="MESH", type=Path, help=".ply, .obj or .stl")
@@ -144,8 +174,8 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
         help="closed body, Z up, facing -Y, in metres; default a mannequin",
     )  # fmt: skip
     command.add_argument(
-        "-o", dest="folder", metavar="DIR", type=Path, default=Path(EXPERIMENT_FOLDER),
-        help=f"where to put table.csv, result.png and plot.png (default {EXPERIMENT_FOLDER})",
+        "-o", dest="folder", metavar="DIR", type=Path, default=Path(EXPERIMENT_FOLDER.format("zippering")),
+        help=f"where to put table.csv, result.png and plot.png (default {EXPERIMENT_FOLDER.format('zippering')})",
     )  # fmt: skip
     command.add_argument(
         "--steps", metavar="PERCENT", type=_percentages, default=(0, 10, 20, 30, 40, 50),
@@ -158,6 +188,40 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
     command.set_defaults(run=_experiment_zippering)
     return parser
+
+
+def _add_reading(command: argparse.ArgumentParser) -> None:
+    """What a file cannot say of itself."""
+    group = command.add_argument_group("reading", "what the file cannot say, or says wrongly")
+    group.add_argument("--frames", metavar="A:B", help="frames to read: 5 the sixth alone, 10: from the eleventh on")
+    group.add_argument("--intrinsics", metavar="FILE", type=Path, help="intrinsic.json of the depth camera")
+    group.add_argument("--depth-unit", metavar="METRES", type=float, help="what one unit of depth means (0.001 = 1 mm)")
+    group.add_argument("--turn", type=int, choices=(0, 90, 180, 270), help="clockwise degrees that make it upright")
+    group.add_argument(
+        "--mirrored", action=argparse.BooleanOptionalAction, default=None, help="left and right are exchanged, or not"
+    )
+    group.add_argument(
+        "--disparity", choices=("factory", "linear", "tangent"), default="factory",
+        help="formula of raw Kinect v1 values (default factory)",
+    )  # fmt: skip
+    group.add_argument(
+        "--kinect-calibration", choices=("factory", "burrus"), default="factory", help="of a Kinect v1 that brings none"
+    )
+    group.add_argument(
+        "--min-confidence", type=int, choices=(0, 1, 2), default=1, help="drop what the camera trusts less, default 1"
+    )
+    group.add_argument("--no-color", action="store_true", help="go without colour")
+
+
+def _add_cleaning(command: argparse.ArgumentParser) -> None:
+    group = command.add_argument_group("cleaning")
+    group.add_argument(
+        "--sensor", default="auto", help="noise model to use: auto (default), unknown, or a sensor's name, as kinect_v1"
+    )
+    group.add_argument(
+        "--without", metavar="STEP", action="append", choices=tuple(CLEANING), default=[],
+        help=f"leave out a step: {', '.join(CLEANING)}; may be given several times",
+    )  # fmt: skip
 
 
 # --- commands --------------------------------------------------------------------------------------------------------
@@ -179,22 +243,21 @@ def _reconstruct(options: argparse.Namespace, writers: Writers) -> None:
 
 def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
     """What the captures of a command line give, and the milliseconds that reading them took."""
-    from .capture import open_capture
     from .capture.rgbd_folder import read_mirrors
 
     started = time.perf_counter()
     frames = 1 if options.single_frame else None
     first = options.captures[0]
     if options.poses or len(options.captures) > 1 or (first / "poses.json").is_file():
-        if options.mirrors:
-            raise CaptureError("--mirrors is for one camera; keep mirrors.json beside the capture it belongs to")
+        if options.mirrors or options.rig:
+            raise CaptureError("--mirrors and --rig are for one camera; keep mirrors.json beside the capture it is of")
         from .poses import open_posed_captures, reconstruct_views
 
         captures, poses = open_posed_captures(options.captures, options.poses, frames)
         read_ms = (time.perf_counter() - started) * 1e3
         with _progress(options.quiet) as progress:
             return reconstruct_views(captures, poses, progress=progress, frame=options.frame), read_ms
-    capture = open_capture(first, frames=frames)
+    capture = _open(first, options)
     mirrors = read_mirrors(options.mirrors, capture.intrinsics) if options.mirrors else None
     if options.rig:
         from .rig_file import mirrors_for, read_rig
@@ -204,8 +267,10 @@ def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
 
     from .pipeline import reconstruct  # brings numba; a capture that cannot be read is told before that
 
+    for note in capture.notes:
+        _complain("note", note)
     with _progress(options.quiet) as progress:
-        return reconstruct(capture, mirrors, progress=progress, frame=options.frame), read_ms
+        return reconstruct(capture, mirrors, _settings(options), progress=progress, frame=options.frame), read_ms
 
 
 def _calibrate(options: argparse.Namespace, writers: Writers) -> None:
@@ -295,17 +360,90 @@ def _inspect(options: argparse.Namespace, writers: Writers) -> None:
             raise OutputError(f"{options.preview}: the preview is a PNG; give a name that ends in .png")
         _check_targets([options.preview])
 
-    from .capture import open_capture
-    from .capture.describe import picture, words
     from .images import write_png
 
-    capture = open_capture(options.capture)
+    capture = _open(options.capture, options)
+    from .inspection import inspect_capture, inspection_picture  # brings numba, as above
+
+    found = inspect_capture(capture, _settings(options))
     if options.preview:
-        write_png(options.preview, picture(capture))
-    for line in words(capture):
+        write_png(options.preview, inspection_picture(capture, found.cleaned))
+    for line in found.lines:
         _say(line)
     if options.preview:
         _say(f"  {options.preview}")
+    for warning in found.warnings:
+        _complain("warning", warning)
+
+
+def _convert(options: argparse.Namespace, writers: Writers) -> None:
+    from .capture.writing import write_folder
+
+    with _fresh_folder(options.folder) as fresh:
+        capture = _open(options.capture, options)
+        write_folder(fresh, capture)
+    for note in capture.notes:
+        _complain("note", note)
+    if not options.quiet:
+        frames = f"{len(capture.depth)} frame{'s' if len(capture.depth) > 1 else ''}"
+        _say(f"{options.folder}: {frames} of {capture.format}, {capture.intrinsics.width}×{capture.intrinsics.height}")
+
+
+def _record(options: argparse.Namespace, writers: Writers) -> None:
+    from .record import DRIVERS, record
+
+    with (
+        _progress(options.quiet) as progress,
+        DRIVERS[options.camera](options.size, options.rate, options.serial) as stream,
+    ):
+        record(stream, options.folder, options.frames, progress=progress)
+    if not options.quiet:
+        _say(f"{options.folder}: {options.frames} frames; look at it with “mirror-scan inspect {options.folder}”")
+
+
+def _open(path: Path, options: argparse.Namespace) -> Capture:
+    """The capture at ``path``, read as the options of :func:`_add_reading` say."""
+    from .capture import ReadOptions, open_capture
+    from .capture.rgbd_folder import read_intrinsics
+
+    lens = read_intrinsics(options.intrinsics)[0] if options.intrinsics else None
+    reading = ReadOptions(
+        intrinsics=lens, depth_unit_m=options.depth_unit, disparity=options.disparity,
+        kinect_calibration=options.kinect_calibration, turn_degrees=options.turn, mirrored=options.mirrored,
+        min_confidence=options.min_confidence, color=not options.no_color,
+    )  # fmt: skip
+    single = getattr(options, "single_frame", False)
+    return open_capture(path, 1 if single else options.frames, reading)
+
+
+def _settings(options: argparse.Namespace) -> Settings:
+    """Settings with what :func:`_add_cleaning` leaves out."""
+    from .depth import DepthSettings
+    from .pipeline import Settings
+
+    changes: dict = {"sensor": options.sensor}
+    for step in options.without:
+        changes |= CLEANING[step]
+    return Settings(depth=DepthSettings(**changes))
+
+
+@contextlib.contextmanager
+def _fresh_folder(folder: Path) -> Iterator[Path]:
+    """A folder to fill that takes the name ``folder`` when the block ends well."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise OutputError(f"{folder}: exists already; choose another name")
+    parent = folder.absolute().parent
+    if not parent.is_dir():
+        raise OutputError(f"{folder}: the folder {parent} does not exist; create it first")
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=parent) as temporary:
+            fresh = Path(temporary) / "new"
+            yield fresh
+            if folder.exists():
+                folder.rmdir()
+            shutil.move(fresh, folder)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written: {error.strerror or error}") from error
 
 
 def _evaluate(options: argparse.Namespace, writers: Writers) -> None:
@@ -567,6 +705,14 @@ def _whole(low: int, high: int) -> Callable[[str], int]:
         return value
 
     return whole_number
+
+
+def _size(text: str) -> tuple[int, int]:
+    """argparse type: width and height, as 848x480."""
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 4096 and 0 < int(height) <= 4096):
+        raise argparse.ArgumentTypeError(f"must be as 848x480, not {text}")
+    return int(width), int(height)
 
 
 def _percentages(text: str) -> tuple[float, ...]:

@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 from mirror_scan.core import cli
 from mirror_scan.core.capture import open_capture
+from mirror_scan.core.capture.npz import write_npz
+from mirror_scan.core.capture.writing import write_folder
 from mirror_scan.core.errors import OutputError, ReconstructionError
 from mirror_scan.core.images import read_image, write_png
 from mirror_scan.core.io import read_mesh, write_mesh
@@ -139,7 +141,7 @@ def pipeline(monkeypatch):
     """Stands in for the reconstruction, to look at what the command line does with its answer or its error."""
     from mirror_scan.core import pipeline
 
-    def reconstruct(capture, mirrors=None, progress=None, frame="avatar"):
+    def reconstruct(capture, mirrors=None, settings=None, progress=None, frame="avatar"):
         if mirrors:
             raise ReconstructionError("nobody stands\nbetween camera and mirrors")
         report = {
@@ -298,10 +300,56 @@ def test_inspect_says_what_the_file_holds(folder, capsys):
     ):  # fmt: skip
         assert words in out
     picture = read_image(folder.parent / "p.png")
-    assert picture.shape == (HEIGHT, WIDTH, 3)
-    assert (picture[40] == 0).sum() > 100
+    assert picture.shape == (HEIGHT, 2 * WIDTH, 3), "the cleaned depth is on the right"
+    assert (picture[40, :WIDTH] == 0).sum() > 100
     assert picture[5, 5].tolist() == [255, 40, 40]
     refused(capsys, ["inspect", folder, "-o", folder.parent / "p.jpg"], r"ends in \.png")
+
+
+def test_inspect_tells_mixed_up_units(folder, capsys):
+    """A wall 2 m away, read as if its millimetres were metres, and as if they were 5000 to a metre."""
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    floor = np.where(rows > 30, 60 * 1.1 / np.maximum(rows - 23.5, 1), 4.0).clip(0, 4)  # the camera 1.1 m above it
+    depth(folder, np.rint(1000 * floor).astype(np.uint16))
+    for unit, words in (("1", "multiply .* by 0.001"), ("0.005", "multiply .* by 0.2"), ("0.001", "")):
+        assert cli.main(["inspect", str(folder), "--depth-unit", unit]) == 0
+        out, err = capsys.readouterr()
+        told = [line for line in err.splitlines() if "depth-unit" in line]
+        assert len(told) == bool(words) and re.search(words, "".join(told)), (unit, err)
+    assert re.search(r"the camera is 1\.1\d m above", out)
+
+
+def test_inspect_shows_what_cleaning_does(simulated, tmp_path, capsys):
+    folder = tmp_path / "scan"
+    write_folder(folder, simulated("kinect_v1").capture)
+    assert cli.main(["inspect", str(folder)]) == 0
+    out, err = capsys.readouterr()
+    assert re.search(r"Kinect v1 .*told by its steps", out) and "noise averages them out" in out and not err, err
+    before, fused = map(float, re.search(r"8 frames fused: noise ([\d.]+) to ([\d.]+) mm", out).groups())
+    assert 2 < before / fused < 4  # √8
+    assert re.search(r"subject  1\.[67]\d m tall", out) and "did not move" in out
+    without = ["--without", "flying", "--without", "smoothing", "--sensor", "unknown"]
+    assert cli.main(["inspect", str(folder), *without]) == 0
+    out = capsys.readouterr().out
+    assert "flying pixels dropped: 0 " in out and "moved by 0.00 mm" in out and "sensor   unknown" in out
+    refused(capsys, ["inspect", folder, "--sensor", "kinect_v3"], "kinect_v3")
+
+
+def test_convert_writes_what_it_read(simulated, tmp_path, capsys):
+    made = simulated("azure_kinect").capture
+    write_npz(tmp_path / "scan.npz", made)
+    assert cli.main(["convert", str(tmp_path / "scan.npz"), str(tmp_path / "folder"), "--frames", "1:3"]) == 0
+    assert "2 frames" in capsys.readouterr().out
+    back = open_capture(tmp_path / "folder")
+    assert back.format == "RGB-D folder" and back.intrinsics == made.intrinsics
+    np.testing.assert_allclose(back.depth, made.depth[1:3], atol=0.5001e-3)
+    np.testing.assert_array_equal(back.color, made.color)
+    assert [m.name for m in back.mirrors] == [m.name for m in made.mirrors]
+    np.testing.assert_array_equal(back.mirrors[0].frame_pixels, made.mirrors[0].frame_pixels)
+    before = listing(tmp_path)
+    refused(capsys, ["convert", tmp_path / "scan.npz", tmp_path / "folder"], "exists already")
+    refused(capsys, ["convert", tmp_path / "scan.npz", tmp_path / "new", "--frames", "9"], "chooses none")
+    assert listing(tmp_path) == before
 
 
 def test_simulate_replaces_a_simulation_but_never_a_recording(folder, capsys):

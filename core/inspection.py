@@ -1,0 +1,202 @@
+"""What a capture holds and whether it can be right: for the person who is about to reconstruct it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .camera import unproject
+from .capture import Capture
+from .capture.describe import picture, words
+from .cleaning import clean, recognise, still_warning
+from .depth import DepthSettings, close_dropouts, fuse_burst, measure_noise, remove_flying_pixels
+from .errors import MirrorScanError
+from .mirror import Mirror, place_mirror
+from .mirror_detection import find_mirrors
+from .pipeline import Settings
+from .quantisation import find_step
+from .sensors import SENSORS, NoiseModel
+from .views import find_floor, find_subject
+
+_USUAL = (0.25, 12.0)  # m: median distance of what a depth camera looks at
+_CAMERA_HEIGHTS = (0.2, 3.2)  # m above the floor
+_PERSON_HEIGHTS = (0.6, 2.3)  # m
+_UNITS = (
+    ("millimetres taken for metres", 0.001),
+    ("metres taken for millimetres", 1000.0),
+    ("TUM's 5000 to a metre taken for millimetres", 0.2),
+    ("tenths of millimetres taken for millimetres", 0.1),
+)
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """``lines`` to print, ``warnings`` of what looks wrong, and the ``cleaned`` depth map (H, W) float32 [m]."""
+
+    lines: tuple[str, ...]
+    warnings: tuple[str, ...]
+    cleaned: np.ndarray
+
+
+def inspect_capture(capture: Capture, settings: Settings = Settings()) -> Inspection:  # noqa: B008 - frozen
+    """Look a capture over: contents, sensor, units, stillness, and what each step of cleaning does to it."""
+    lines = list(words(capture))
+    warnings = list(capture.notes)
+    sensor, model = recognise(capture, settings.depth)
+    lines[1:1] = [_sensor_line(capture, sensor, model, settings.depth)]
+    units, wrong = check_units(capture)
+    lines += units
+    warnings += wrong
+    cleaned = capture.depth[0]
+    if not wrong:
+        effect, cleaned, more = _effect(capture, model, settings)
+        lines += effect
+        warnings += more
+    return Inspection(tuple(lines), tuple(warnings), cleaned)
+
+
+def inspection_picture(capture: Capture, cleaned: np.ndarray) -> np.ndarray:
+    """:func:`.describe.picture` with the cleaned depth on its right, in the same colours.
+
+    Returns
+    -------
+    np.ndarray [shape=(H, 2 W or 3 W, 3), dtype=uint8]
+    """
+    bare = replace(capture, depth=np.stack((cleaned,)), color=None, mirrors=())
+    return np.hstack((picture(capture), picture(bare)))
+
+
+def _sensor_line(capture: Capture, sensor: str, model: NoiseModel | None, settings: DepthSettings) -> str:
+    if model is None:
+        return f"  sensor   {sensor if sensor != 'unknown' else 'unknown; noise is measured on the readings'}"
+    z = float(np.median(capture.depth[0][capture.depth[0] > 0])) if capture.depth[0].any() else 2.0
+    how = "the file says so" if capture.sensor == sensor else "told by its steps"
+    how = how if settings.sensor == "auto" else "set"
+    sigma = 1e3 * float(model.sigma(z, capture.intrinsics.fx))
+    return f"  sensor   {model.title}, {how}; noise at {z:.1f} m should be {sigma:.1f} mm a frame"
+
+
+# --- units -----------------------------------------------------------------------------------------------------------
+
+
+def check_units(capture: Capture) -> tuple[list[str], list[str]]:
+    """Whether a metre is a metre: usual distances, the camera's height above the floor, a Kinect's steps.
+
+    Returns
+    -------
+    lines, warnings : list of str
+    """
+    depth = capture.depth[0] if capture.depth[0].any() else capture.depth.max(axis=0)
+    camera = capture.intrinsics
+    median = float(np.median(depth[depth > 0]))
+    if not _USUAL[0] <= median <= _USUAL[1]:
+        what = f"half of the readings are beyond {median:.3g} m"
+        return [], [_unit_warning(what, _mistake(lambda f: _USUAL[0] <= median * f <= _USUAL[1]))]
+    step = find_step(depth)
+    told = step * camera.fx * SENSORS["kinect_v1"].baseline / SENSORS["kinect_v1"].disparity_step if step else 0.0
+    points = unproject(depth, camera)[depth > 0]
+    floor = find_floor(points, np.array((0.0, -1.0, 0.0)), tilt_limit=35.0)
+    lines = []
+    if floor is None or floor[2] > 0.03:
+        lines.append("  units    distances are usual; no floor is seen that would tell more")
+    else:
+        up, height, noise = floor
+        tilt = np.degrees(np.arcsin(np.clip(up[2], -1, 1)))
+        lines.append(
+            f"  units    the camera is {-height:.2f} m above the lowest level plane (flat to {1e3 * noise:.0f} mm), "
+            f"tilted {abs(tilt):.0f}° {'down' if tilt < 0 else 'up'}"
+        )
+        factor = _mistake(lambda f: _CAMERA_HEIGHTS[0] <= -height * f <= _CAMERA_HEIGHTS[1])
+        if not _CAMERA_HEIGHTS[0] <= -height <= _CAMERA_HEIGHTS[1] and factor:  # a table may be the lowest that is seen
+            return lines, [_unit_warning(f"the camera would be {-height:.2f} m above the floor", factor)]
+    if step:
+        lines.append(f"  steps    readings come in steps of {1e3 * step * median**2:.0f} mm at {median:.1f} m")
+        if not 0.7 < told < 1.4:  # other cameras have steps of their own, much finer ones
+            lines[-1] += f"; a Kinect v1 would have {1e3 * step / told * median**2:.0f} mm"
+    return lines, []
+
+
+def _mistake(fits: Callable[[float], bool]) -> tuple[str, float] | None:
+    """The first of the usual mix-ups of units that explains it."""
+    return next(((name, factor) for name, factor in _UNITS if fits(factor)), None)
+
+
+def _unit_warning(what: str, mistake: tuple[str, float] | None) -> str:
+    if mistake is None:
+        return f"{what}: check the depth unit (--depth-unit) and the intrinsics"
+    name, factor = mistake
+    return f"{what}: it looks like {name}; multiply the depth unit (--depth-unit) by {factor:g}"
+
+
+# --- cleaning --------------------------------------------------------------------------------------------------------
+
+
+def _effect(capture: Capture, model: NoiseModel | None, settings: Settings) -> tuple[list[str], np.ndarray, list[str]]:
+    """What each step of cleaning does, on the subject where it is found, else on all that is seen."""
+    camera, frames, options = capture.intrinsics, len(capture.depth), settings.depth
+    warnings = []
+    fused, spread = fuse_burst(capture.depth, options)
+    kept = remove_flying_pixels(fused, 1.0 / camera.fx, options)
+    labels = np.where(kept > 0, 0, -1).astype(np.int8)
+    views, where, height = 1, "on the whole picture", None
+    lines = []
+    try:
+        mirrors = _mirrors(capture, kept, settings)
+        found = find_subject(kept, camera, mirrors, settings.views) if mirrors else None
+    except MirrorScanError as error:
+        warnings.append(str(error))
+        found = None
+    if found is not None:
+        if not capture.mirrors:
+            lines.append(f"  mirrors  {len(mirrors)} are found without picks: {', '.join(m.name for m in mirrors)}")
+        labels, views, where = found.labels, len(mirrors) + 1, "on the subject"
+        body = found.points[labels >= 0] @ found.up
+        height = float(body.max() - (body.min() if found.floor is None else found.floor))
+    lines.append(f"  cleaning {where}")
+    dropped = (fused > 0) & (kept == 0)
+    single = np.where(capture.depth[0] > 0, labels, -1).astype(np.int8)
+    noise = [_noise_mm(capture.depth[0], single), _noise_mm(kept, labels)]
+    if frames > 1:
+        lines.append(f"    {frames} frames fused: noise {noise[0]:.2f} to {noise[1]:.2f} mm")
+    lines.append(f"    flying pixels dropped: {dropped.sum()} ({dropped.sum() / max((fused > 0).sum(), 1):.1%} of all)")
+    closed_depth, closed = close_dropouts(kept, labels, options.close_gaps)
+    lines.append(f"    drop-outs closed: {((closed >= 0) & (labels < 0)).sum()}")
+    burst = spread if frames > 1 else None
+    undone = clean(kept, labels, views, camera.fx, replace(options, smoothing=0.0), model, burst)[0]
+    moved = np.abs(undone - closed_depth)[closed >= 0]
+    if model is not None and model.disparity_step:
+        text = f"{1e3 * np.median(moved[moved > 0]):.1f} mm moved" if moved.any() else "noise averages them out"
+        lines.append(f"    steps undone: {text}")
+    smooth, closed, _ = clean(kept, labels, views, camera.fx, options, model, burst)
+    shift = np.abs(smooth - undone)[closed >= 0]
+    lines.append(
+        f"    smoothed: readings moved by {1e3 * np.median(shift):.2f} mm, noise {_noise_mm(undone, closed):.2f} to "
+        f"{_noise_mm(smooth, closed):.2f} mm"
+    )
+    if height is not None:
+        pixels = [int((labels == k).sum()) for k in range(views)]
+        lines.append(f"  subject  {height:.2f} m tall; {', '.join(str(n) for n in pixels)} px in {views} views")
+        if not _PERSON_HEIGHTS[0] <= height <= _PERSON_HEIGHTS[1]:
+            what = f"the subject would be {height:.2f} m tall"
+            mistake = _mistake(lambda f: _PERSON_HEIGHTS[0] <= height * f <= _PERSON_HEIGHTS[1])
+            warnings.append(_unit_warning(what, mistake))
+    still = still_warning(capture.depth, labels, camera.fx, options)
+    if still:
+        warnings.append(still)
+    elif frames > 1:
+        lines.append("  still    the subject did not move during the burst")
+    return lines, np.where(closed >= 0, smooth, 0).astype(np.float32), warnings
+
+
+def _mirrors(capture: Capture, depth: np.ndarray, settings: Settings) -> list[Mirror]:
+    if capture.mirrors:
+        return [place_mirror(pick, depth, capture.intrinsics, settings.mirror) for pick in capture.mirrors]
+    return find_mirrors(depth, capture.intrinsics, capture.color, settings.detection, settings.mirror.glass_offset)
+
+
+def _noise_mm(depth: np.ndarray, labels: np.ndarray) -> float:
+    """Noise of the readings [mm], of all views together."""
+    mine = np.where(labels >= 0, 0, -1).astype(np.int8)
+    return 1e3 * float(measure_noise(depth, mine, 1)[0] * np.median(depth[mine >= 0])) if (mine >= 0).any() else 0.0

@@ -1,0 +1,218 @@
+"""A live camera → an RGB-D folder.
+
+The seam for other cameras: a driver is one function ``open_…(size, rate, serial)``, a context manager that yields a
+:class:`Stream`, entered in :data:`DRIVERS` under the name the command line knows it by. All else (which frames to
+keep, the folder, stopping) is :func:`record`, for every camera alike.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .camera import Intrinsics
+from .capture.rgbd_folder import sensor_named
+from .capture.writing import FolderWriter
+from .errors import CaptureError, MirrorScanError, OutputError
+
+SETTLE = 15  # frames until exposure and laser have settled
+TIMEOUT_MS = 5000
+
+
+@dataclass(frozen=True)
+class Stream:
+    """A camera that is running.
+
+    Parameters
+    ----------
+    intrinsics : Intrinsics
+        Pinhole of the depth frames.
+    sensor : str
+        As in :class:`.capture.Capture`: ``realsense_d435``, …, or ``unknown``.
+    frames : iterator of (depth, color)
+        ``depth`` (H, W) float32 z [m], 0 = no reading; ``color`` (H, W, 3) uint8 sRGB aligned to depth, or None.
+        Endless; ends when the camera is gone.
+    """
+
+    intrinsics: Intrinsics
+    sensor: str
+    frames: Iterator[tuple[np.ndarray, np.ndarray | None]]
+
+
+def record(
+    stream: Stream,
+    folder: str | os.PathLike,
+    frames: int = 30,
+    settle: int = SETTLE,
+    progress: Callable[[float, str], None] | None = None,
+) -> Path:
+    """Save a burst of a running camera as an RGB-D folder, which appears only when it is whole.
+
+    Parameters
+    ----------
+    stream : Stream
+    folder : path
+        Must not exist, or be empty.
+    frames : int
+        Depth frames to keep; of colour the last one is kept.
+    settle : int
+        Frames to let pass before.
+    progress : callable(fraction, message) or None
+        Called at each frame; an exception it raises stops the recording, and nothing is written.
+
+    Raises
+    ------
+    CaptureError
+        When the camera stops before, or sees nothing.
+    OutputError
+        When the folder cannot be written.
+    """
+    folder = Path(folder)
+    if frames < 1:
+        raise CaptureError(f"at least one frame must be recorded, not {frames}")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise OutputError(f"{folder}: exists already; choose another name")
+    parent = folder.absolute().parent
+    if not parent.is_dir():
+        raise OutputError(f"{folder}: the folder {parent} does not exist; create it first")
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=parent) as temporary:
+            fresh = Path(temporary) / "new"
+            _save(stream, fresh, frames, settle, progress)
+            if folder.exists():
+                folder.rmdir()
+            shutil.move(fresh, folder)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    return folder
+
+
+def _save(stream: Stream, folder: Path, frames: int, settle: int, progress) -> None:
+    # kept in memory first: writing PNGs takes longer than a frame lasts
+    kept = np.zeros((frames, stream.intrinsics.height, stream.intrinsics.width), np.float32)
+    color = None
+    taken = 0
+    for number, (depth, picture) in enumerate(itertools.islice(stream.frames, settle + frames)):
+        if progress:
+            waiting = number < settle
+            message = "the camera settles" if waiting else f"recording, frame {number - settle + 1} of {frames}"
+            progress(0.8 * number / (settle + frames), message)
+        if number >= settle:
+            kept[number - settle] = depth
+            color = picture if picture is not None else color
+            taken += 1
+    if taken < frames:
+        raise CaptureError(f"the camera stopped after {taken} of {frames} frames; check its cable and record again")
+    if not kept.any():
+        raise CaptureError("the camera sees nothing: no pixel of any frame has a depth reading; uncover and aim it")
+    writer = FolderWriter(folder, stream.intrinsics, stream.sensor)
+    for number, depth in enumerate(kept):
+        if progress:
+            progress(0.8 + 0.2 * number / frames, "writing")
+        writer.add(depth)
+    if color is not None:
+        writer.set_color(color)
+
+
+# --- RealSense -------------------------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def open_realsense(size: tuple[int, int] = (848, 480), rate: int = 30, serial: str | None = None) -> Iterator[Stream]:
+    """A RealSense camera by Intel's SDK, colour aligned to depth.
+
+    Raises
+    ------
+    CaptureError
+        When no camera is connected, or it has not this size or rate.
+    MirrorScanError
+        When pyrealsense2 is missing.
+    """
+    rs = realsense()
+    pipeline, config = rs.pipeline(), rs.config()
+    if serial:
+        config.enable_device(serial)
+    config.enable_stream(rs.stream.depth, *size, rs.format.z16, rate)
+    config.enable_stream(rs.stream.color, rs.format.rgb8, rate)
+    try:
+        profile = pipeline.start(config)
+    except RuntimeError as error:
+        raise CaptureError(
+            f"the RealSense camera cannot be started ({' '.join(str(error).split())}); connect it to USB 3, close "
+            f"other programs that use it, and choose a size and rate it has, not {size[0]}×{size[1]} at {rate} Hz"
+        ) from error
+    try:
+        device = profile.get_device()
+        name = device.get_info(rs.camera_info.name) if device.supports(rs.camera_info.name) else ""
+        scale = device.first_depth_sensor().get_depth_scale()
+        lens = profile.get_stream(rs.stream.depth).as_video_stream_profile().get_intrinsics()
+        yield realsense_stream(lambda: pipeline.wait_for_frames(TIMEOUT_MS), lens, scale, name)
+    finally:
+        pipeline.stop()
+
+
+def realsense_stream(wait: Callable[[], object], lens: object, scale: float, name: str = "") -> Stream:
+    """A :class:`Stream` of what librealsense delivers.
+
+    Parameters
+    ----------
+    wait : callable
+        Returns the next ``rs.composite_frame``; raises RuntimeError when none comes.
+    lens : rs.intrinsics
+        Of the depth stream.
+    scale : float
+        Metres a unit of depth.
+    name : str
+        What the camera calls itself.
+    """
+    if any(abs(k) > 1e-9 for k in lens.coeffs):
+        raise CaptureError(f"the depth stream of {name or 'this camera'} is distorted; choose a rectified stream")
+    camera = Intrinsics(lens.width, lens.height, lens.fx, lens.fy, lens.ppx, lens.ppy)
+    return Stream(camera, sensor_named(name), _realsense_frames(wait, scale))
+
+
+def _realsense_frames(wait: Callable[[], object], scale: float) -> Iterator[tuple[np.ndarray, np.ndarray | None]]:
+    rs = realsense()
+    align = rs.align(rs.stream.depth)
+    while True:
+        try:
+            frames = wait()
+        except RuntimeError:  # librealsense's only exception: nothing came in time
+            return
+        if not frames.get_depth_frame():
+            continue
+        if frames.get_color_frame():
+            frames = align.process(frames)
+        depth = np.asanyarray(frames.get_depth_frame().get_data())
+        color = frames.get_color_frame()
+        picture = np.asanyarray(color.get_data()).copy() if color else None
+        yield depth.astype(np.float32) * np.float32(scale), picture
+
+
+def realsense():
+    """The module pyrealsense2.
+
+    Raises
+    ------
+    MirrorScanError
+        When it is missing.
+    """
+    try:
+        import pyrealsense2
+    except ImportError as error:
+        raise MirrorScanError(
+            f"recording from a RealSense camera needs pyrealsense2, which cannot be imported ({error}); install it "
+            "with “pip install pyrealsense2”"
+        ) from error
+    return pyrealsense2
+
+
+DRIVERS: dict[str, Callable[..., contextlib.AbstractContextManager[Stream]]] = {"realsense": open_realsense}
