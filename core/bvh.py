@@ -50,8 +50,11 @@ class Bvh(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def build_bvh(vertices: np.ndarray, triangles: np.ndarray) -> Bvh:
+def build_bvh(vertices: np.ndarray, triangles: np.ndarray, quick: bool = False) -> Bvh:
     """Build the tree by a binned surface area heuristic (Wald 2007) on the widest axis.
+
+    ``quick`` halves the triangles along a space-filling curve instead (Lauterbach et al. 2009): built in a third of the
+    time, for a tree that is searched once.
 
     Time O(T log T), memory about 300 bytes a triangle. May be called from other njit code.
 
@@ -94,6 +97,9 @@ def build_bvh(vertices: np.ndarray, triangles: np.ndarray) -> Bvh:
             bounds[i, axis] = min(a, b, c) - origin[axis]
             bounds[i, axis + 3] = max(a, b, c) - origin[axis]
 
+    if quick:
+        order = _along_curve(bounds).astype(np.int32)
+        bounds = bounds[order]
     capacity = max(2 * total - 1, 0)
     child = np.empty(capacity, dtype=np.int32)
     count = np.empty(capacity, dtype=np.int32)
@@ -112,7 +118,7 @@ def build_bvh(vertices: np.ndarray, triangles: np.ndarray) -> Bvh:
             child[node], count[node] = first, end - first
             continue
         middle = (first + end) // 2
-        if depth < _HALVE_BELOW:
+        if depth < _HALVE_BELOW and not quick:
             middle = _split(bounds, order, first, end, bin_box, bin_count, right_cost)
         child[node], count[node] = used, 0
         # the second child waits below the first, so that places and nodes run depth-first
@@ -142,6 +148,42 @@ def build_bvh(vertices: np.ndarray, triangles: np.ndarray) -> Bvh:
                         high = max(high, corners[i, k, axis])
                 boxes[node, axis], boxes[node, axis + 3] = low, high
     return Bvh(boxes, child[:used].copy(), count[:used].copy(), order, corners)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _along_curve(bounds):
+    """Order of boxes (T, 6) by the Morton code of their middles, 10 bits an axis; a radix sort. O(T)."""
+    total = len(bounds)
+    low, extent = np.full(3, np.inf), 1e-30
+    for i in range(total):
+        for k in range(3):
+            low[k] = min(low[k], bounds[i, k] + bounds[i, k + 3])
+    for i in range(total):
+        for k in range(3):
+            extent = max(extent, bounds[i, k] + bounds[i, k + 3] - low[k])
+    code = np.empty(total, np.int64)
+    for i in range(total):
+        code[i] = 0
+        for k in range(3):
+            cell = np.int64((bounds[i, k] + bounds[i, k + 3] - low[k]) / extent * 1023.0)
+            cell = (cell | (cell << 16)) & 0x030000FF
+            cell = (cell | (cell << 8)) & 0x0300F00F
+            cell = (cell | (cell << 4)) & 0x030C30C3
+            cell = (cell | (cell << 2)) & 0x09249249
+            code[i] |= cell << k
+    order, moved = np.arange(total), np.empty(total, np.int64)
+    for shift in (0, 10, 20):
+        begin = np.zeros(1025, np.int64)
+        for i in range(total):
+            begin[((code[i] >> shift) & 1023) + 1] += 1
+        for d in range(1024):
+            begin[d + 1] += begin[d]
+        for i in order:
+            digit = (code[i] >> shift) & 1023
+            moved[begin[digit]] = i
+            begin[digit] += 1
+        order, moved = moved, order
+    return order
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -675,28 +717,30 @@ def _pair_meets(corners, normals, index, i, j):
 
     ``normals`` (T, 3) are as long as twice the area; ``index`` (T, 3) names the vertices of ``corners`` (T, 3, 3).
     """
-    common, i_free, j_free, i_at, j_at = 0, 3, 3, 0, 0
-    for k in range(3):
-        vertex = index[i, k]
-        for m in range(3):
-            if vertex == index[j, m]:
-                common += 1
-                i_at, j_at = k, m
-                i_free, j_free = i_free - k, j_free - m
+    # counted without branches: which corners agree is as good as random
+    a0, a1, a2, b0, b1, b2 = index[i, 0], index[i, 1], index[i, 2], index[j, 0], index[j, 1], index[j, 2]
+    i0 = np.int64(a0 == b0) + np.int64(a0 == b1) + np.int64(a0 == b2)
+    i1 = np.int64(a1 == b0) + np.int64(a1 == b1) + np.int64(a1 == b2)
+    i2 = np.int64(a2 == b0) + np.int64(a2 == b1) + np.int64(a2 == b2)
+    j1 = np.int64(b1 == a0) + np.int64(b1 == a1) + np.int64(b1 == a2)
+    j2 = np.int64(b2 == a0) + np.int64(b2 == a1) + np.int64(b2 == a2)
+    common = i0 + i1 + i2
+    i_at, j_at = i1 + 2 * i2, j1 + 2 * j2  # sums of the numbers of the corners that agree
     if common == 0:
         return _triangles_meet(corners, normals, i, j)
     if common == 1:
         return _fan_meets(corners, normals, i, i_at, j, j_at)
     if common == 2:
+        i_free, j_free = 3 - i_at, 3 - j_at
         return 0 <= i_free <= 2 and 0 <= j_free <= 2 and _folded(corners, normals, i, i_free, j, j_free)
     return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _by_place(bvh, triangles):
-    """Per place in the order: box (T, 6), normal (T, 3), vertices (T, 3); per node: where its places end (M,)."""
-    boxes, child, count, corners, order = bvh.boxes, bvh.child, bvh.count, bvh.corners, bvh.order
-    nodes, total = boxes.shape[0], order.shape[0]
+    """Per place in the order: box (T, 6), normal (T, 3), vertices (T, 3)."""
+    corners, order = bvh.corners, bvh.order
+    total = order.shape[0]
     box, normals = np.empty((total, 6)), np.empty((total, 3))
     index = np.empty((total, 3), dtype=np.int32)
     for i in range(total):
@@ -708,60 +752,102 @@ def _by_place(bvh, triangles):
         ux, uy, uz = corners[i, 1, 0] - px, corners[i, 1, 1] - py, corners[i, 1, 2] - pz
         vx, vy, vz = corners[i, 2, 0] - px, corners[i, 2, 1] - py, corners[i, 2, 2] - pz
         normals[i, 0], normals[i, 1], normals[i, 2] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    end = np.empty(nodes, dtype=np.int32)
-    for node in range(nodes - 1, -1, -1):
-        end[node] = child[node] + count[node] if count[node] > 0 else end[child[node] + 1]
-    return box, normals, index, end
+    return box, normals, index
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _boxes_meet(boxes, i, j):
-    for axis in range(3):
-        if boxes[i, axis] > boxes[j, axis + 3] or boxes[j, axis] > boxes[i, axis + 3]:
-            return False
-    return True
+    return (  # & rather than and: one branch instead of six
+        (boxes[i, 0] <= boxes[j, 3])
+        & (boxes[j, 0] <= boxes[i, 3])
+        & (boxes[i, 1] <= boxes[j, 4])
+        & (boxes[j, 1] <= boxes[i, 4])
+        & (boxes[i, 2] <= boxes[j, 5])
+        & (boxes[j, 2] <= boxes[i, 5])
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _pairs_of_leaves(bvh, box, normals, index, end, first_node, last_node, pairs):
-    """Pairs that the leaves among nodes ``first_node:last_node`` make with what comes after them in the order.
+def _halves(bvh, a, b, stack, depth):
+    """Push the pairs of nodes that the pair (a, b), not two leaves, falls into; returns the stack's new depth."""
+    child, count = bvh.child, bvh.count
+    if a == b:
+        left, right = child[a], child[a] + 1
+        stack[depth, 0], stack[depth, 1] = right, right
+        stack[depth + 1, 0], stack[depth + 1, 1] = left, right
+        stack[depth + 2, 0], stack[depth + 2, 1] = left, left
+        return depth + 3
+    if count[a] > 0 or (count[b] == 0 and _extent(bvh.boxes, b) > _extent(bvh.boxes, a)):
+        stack[depth, 0], stack[depth, 1] = a, child[b] + 1
+        stack[depth + 1, 0], stack[depth + 1, 1] = a, child[b]
+    else:
+        stack[depth, 0], stack[depth, 1] = child[a] + 1, b
+        stack[depth + 1, 0], stack[depth + 1, 1] = child[a], b
+    return depth + 2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _extent(boxes, node):
+    return boxes[node, 3] - boxes[node, 0] + boxes[node, 4] - boxes[node, 1] + boxes[node, 5] - boxes[node, 2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _node_pairs(bvh, wanted):
+    """About ``wanted`` pairs of nodes (K, 2) that together hold all pairs of triangles whose boxes meet."""
+    if len(bvh.count) == 0:
+        return np.empty((0, 2), np.int32)
+    now, after = np.zeros((1, 2), np.int32), np.empty((3, 2), np.int32)
+    while True:
+        n, opened = 0, False
+        for k in range(len(now)):
+            a, b = now[k, 0], now[k, 1]
+            if a != b and not _boxes_meet(bvh.boxes, a, b):
+                continue
+            if bvh.count[a] > 0 and bvh.count[b] > 0:
+                after[n, 0], after[n, 1] = a, b
+                n += 1
+            else:
+                n = _halves(bvh, a, b, after, n)
+                opened = True
+        now = after[:n].copy()
+        if not opened or n >= wanted:
+            return now
+        after = np.empty((3 * n, 2), np.int32)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _pairs_below(bvh, box, normals, index, a, b, pairs):
+    """Pairs of triangles, one below node a and one below b, that meet, by descending both at once.
 
     Writes as many as fit into ``pairs`` (room, 2); returns how many there are.
     """
     boxes, child, count, corners, order = bvh.boxes, bvh.child, bvh.count, bvh.corners, bvh.order
-    stack = np.empty(STACK, dtype=np.int32)
+    stack = np.empty((4 * STACK, 2), dtype=np.int32)
+    stack[0, 0], stack[0, 1] = a, b
+    depth = 1
     held = 0
-    for leaf in range(first_node, last_node):
-        if count[leaf] == 0:
+    while depth > 0:
+        depth -= 1
+        a, b = stack[depth, 0], stack[depth, 1]
+        if a != b and not _boxes_meet(boxes, a, b):
             continue
-        first, last = child[leaf], end[leaf]
-        stack[0] = 0
-        depth = 1
-        while depth > 0:
-            depth -= 1
-            node = stack[depth]
-            if end[node] <= first or not _boxes_meet(boxes, leaf, node):
-                continue
-            if count[node] == 0:
-                stack[depth], stack[depth + 1] = child[node] + 1, child[node]
-                depth += 2
-                continue
-            for i in range(first, last):
-                for j in range(max(child[node], i + 1), end[node]):
-                    if _boxes_meet(box, i, j) and _pair_meets(corners, normals, index, i, j):
-                        if held < pairs.shape[0]:
-                            pairs[held, 0], pairs[held, 1] = min(order[i], order[j]), max(order[i], order[j])
-                        held += 1
+        if count[a] == 0 or count[b] == 0:
+            depth = _halves(bvh, a, b, stack, depth)
+            continue
+        for i in range(child[a], child[a] + count[a]):
+            for j in range(i + 1 if a == b else child[b], child[b] + count[b]):
+                if _boxes_meet(box, i, j) and _pair_meets(corners, normals, index, i, j):
+                    if held < pairs.shape[0]:
+                        pairs[held, 0], pairs[held, 1] = min(order[i], order[j]), max(order[i], order[j])
+                    held += 1
     return held
 
 
 @njit(cache=True, nogil=True, parallel=True, error_model="numpy")
-def _self_intersection_kernel(bvh, box, normals, index, end, pairs, found):
-    """Share the leaves among tasks: ``pairs`` (tasks, room, 2), ``found`` (tasks,)."""
-    tasks, nodes = pairs.shape[0], end.shape[0]
-    for task in prange(tasks):
-        first, last = nodes * task // tasks, nodes * (task + 1) // tasks
-        found[task] = _pairs_of_leaves(bvh, box, normals, index, end, first, last, pairs[task])
+def _self_intersection_kernel(bvh, box, normals, index, nodes, pairs, found):
+    """One task a pair of ``nodes`` (K, 2): ``pairs`` (K, room, 2), ``found`` (K,)."""
+    for task in prange(len(nodes)):
+        found[task] = _pairs_below(bvh, box, normals, index, nodes[task, 0], nodes[task, 1], pairs[task])
 
 
 def self_intersections(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -791,13 +877,15 @@ def self_intersections(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarra
         When an index is out of range, or a used vertex is not finite.
     """
     triangles = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3)
-    bvh = build_bvh(np.ascontiguousarray(vertices, dtype=np.float64), triangles)
+    bvh = build_bvh(np.ascontiguousarray(vertices, dtype=np.float64), triangles, True)
     by_place = _by_place(bvh, triangles)
-    tasks = max(1, min(64, len(triangles) // 512))
+    nodes = _node_pairs(bvh, min(128, len(triangles) // 64))
+    if not len(nodes):
+        return np.empty((0, 2), dtype=np.int32)
     room = 64
     while True:
-        pairs, found = np.empty((tasks, room, 2), dtype=np.int32), np.empty(tasks, dtype=np.int64)
-        _self_intersection_kernel(bvh, *by_place, pairs, found)
+        pairs, found = np.empty((len(nodes), room, 2), dtype=np.int32), np.empty(len(nodes), dtype=np.int64)
+        _self_intersection_kernel(bvh, *by_place, nodes, pairs, found)
         if found.max() <= room:
             break
         room = int(found.max())

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .mesh import triangles_touching
-
 
 @njit(cache=True, nogil=True)
 def neighbours(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -17,7 +15,7 @@ def neighbours(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np
             start[triangles[t, k] + 1] += 2
     for v in range(vertex_count):
         start[v + 1] += start[v]
-    heads = np.empty(start[-1], np.int64)
+    heads = np.empty(start[-1], np.int32)
     count = np.zeros(vertex_count, np.int64)
     for t in range(len(triangles)):
         for k in range(3):
@@ -32,7 +30,7 @@ def neighbours(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np
                     heads[start[i] + count[i]] = j
                     count[i] += 1
     packed = np.zeros(vertex_count + 1, np.int64)
-    out = np.empty(count.sum(), np.int64)
+    out = np.empty(count.sum(), np.int32)
     for v in range(vertex_count):
         packed[v + 1] = packed[v] + count[v]
         out[packed[v] : packed[v + 1]] = heads[start[v] : start[v] + count[v]]
@@ -61,17 +59,10 @@ def fair(vertices: np.ndarray, triangles: np.ndarray, stiffness: np.ndarray, ite
     free = np.isfinite(stiffness)
     if not free.any():
         return vertices
-    touched = triangles_touching(triangles, free)
-    near = np.zeros(len(vertices), np.bool_)
-    near[triangles[touched]] = True
-    around = triangles_touching(triangles, near)  # one-rings of the touched vertices are complete here
-    in_use = np.zeros(len(vertices), np.bool_)
-    in_use[triangles[around]] = True
-    used = np.flatnonzero(in_use)
-    local = (np.cumsum(in_use) - 1)[triangles[around]]
+    used, local, near = _surroundings(triangles, free)
     start, heads = neighbours(local, len(used))
     moved = _fair_kernel(
-        vertices[used].copy(),
+        vertices.take(used, axis=0),
         start,
         heads,
         free[used],
@@ -82,6 +73,36 @@ def fair(vertices: np.ndarray, triangles: np.ndarray, stiffness: np.ndarray, ite
     out = vertices.copy()
     out[used] = moved
     return out
+
+
+@njit(cache=True, nogil=True)
+def _surroundings(triangles, free):
+    """What fairing the ``free`` vertices (V,) bool takes: the vertices in use (U,), the triangles in their numbers
+    (K, 3), and which vertices (V,) share a triangle with a free one; their one-rings are complete."""
+    count = len(free)
+    near, needed = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
+    for t in range(len(triangles)):
+        i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        if free[i] or free[j] or free[k]:
+            near[i] = near[j] = near[k] = True
+    chosen = 0
+    for t in range(len(triangles)):
+        i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        if near[i] or near[j] or near[k]:
+            needed[i] = needed[j] = needed[k] = True
+            chosen += 1
+    used = np.flatnonzero(needed)
+    index = np.empty(count, np.int32)
+    for n in range(len(used)):
+        index[used[n]] = n
+    local = np.empty((chosen, 3), np.int32)
+    n = 0
+    for t in range(len(triangles)):
+        i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        if near[i] or near[j] or near[k]:
+            local[n, 0], local[n, 1], local[n, 2] = index[i], index[j], index[k]
+            n += 1
+    return used, local, near
 
 
 @njit(cache=True, nogil=True)
