@@ -27,13 +27,13 @@ command -v debootstrap >/dev/null || apt-get install -y debootstrap
 run apt-get install -y --no-install-recommends blender xvfb libgl1-mesa-dri libegl1 imagemagick \
     python3-numpy python3-requests python3-zstandard python3-attr python3-typing-extensions
 
-# What Debian lacks comes as wheels for its Python: cattrs for the extension manager, the rest for us.
+# What blender.org's builds have and Debian's lacks comes as wheels: cattrs for the extension manager, OpenImageIO for us.
 python=$(run python3 -c 'import sys; print(f"{sys.version_info[0]}.{sys.version_info[1]}")')
 wheels=$(mktemp -d)
 trap 'rm -rf "$wheels"' EXIT
 python3 -m pip download -q --no-deps --only-binary=:all: --python-version "$python" --implementation cp \
     --platform manylinux_2_28_x86_64 --platform manylinux_2_27_x86_64 --platform any \
-    -d "$wheels" cattrs numba llvmlite OpenImageIO tqdm
+    -d "$wheels" cattrs OpenImageIO
 packages=$root/usr/local/lib/python$python/dist-packages
 mkdir -p "$packages"
 for wheel in "$wheels"/*.whl; do

@@ -1,0 +1,230 @@
+"""Install the zip in a real Blender with a window and go the whole way in it, with simulated mouse and keyboard.
+
+    BLENDER=/path/to/blender python tests/blender/run.py OUT         an installed Blender; needs a display or Xvfb
+    MIRROR_SCAN_CHROOT=/folder python tests/blender/run.py OUT       the one of make_blender_chroot.sh, as root
+
+Screenshots and ``result.json`` are written into OUT. The Python of this script needs the packages of the project.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import re
+import runpy
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+ADDON = "bl_ext.user_default.mirror_scan"
+SCREEN = "1280x800x24"
+PLATFORM = {"linux": "linux-x64", "win32": "windows-x64", "darwin": "macos-arm64"}[sys.platform]
+
+START = f"""
+import time, json, bpy, addon_utils
+started = time.perf_counter()
+addon_utils.enable({ADDON!r})
+print("FIGURE", json.dumps(1000 * (time.perf_counter() - started)))
+"""
+
+
+class Impossible(Exception):
+    """Why there is no such run on this machine."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where Blender is: on this machine, or in a chroot that sees ``share`` as /share."""
+
+    blender: str
+    share: Path
+    chroot: Path | None = None
+
+    def run(self, command: Sequence[str], timeout: float, **settings: str) -> subprocess.CompletedProcess:
+        """A command beside Blender, in a home of its own; output is kept."""
+        home = self.share / "home"
+        home.mkdir(exist_ok=True)
+        settings |= {"HOME": self.seen(home), "XDG_RUNTIME_DIR": self.seen(home), "LIBGL_ALWAYS_SOFTWARE": "1"}
+        environment = dict(os.environ)
+        if self.chroot is not None:
+            words = [f"{name}={value}" for name, value in settings.items()]
+            command = [str(HERE / "in_chroot.sh"), str(self.chroot), "env", *words, *command]
+            environment["SHARE"] = str(self.share)
+        else:
+            environment = {k: v for k, v in environment.items() if k != "NUMBA_CACHE_DIR"} | settings
+            environment["BLENDER_USER_RESOURCES"] = str(home)
+        process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace", env=environment,
+            start_new_session=True,
+        )  # fmt: skip
+        try:
+            said, _ = process.communicate(timeout=timeout)
+        finally:
+            if process.poll() is None:  # not the shell alone: Xvfb, Blender and what it started
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+        return subprocess.CompletedProcess(command, process.returncode, said)
+
+    def seen(self, path: Path) -> str:
+        """A path under ``share`` or the checkout, as Blender sees it."""
+        if self.chroot is None:
+            return str(path)
+        if path.is_relative_to(self.share):
+            return str(Path("/share") / path.relative_to(self.share))
+        return str(Path("/checkout") / path.relative_to(ROOT))
+
+
+def find_place(share: Path) -> Place:
+    """From the environment; raises :class:`Impossible` with what is missing."""
+    if blender := os.environ.get("BLENDER"):
+        if shutil.which(blender) is None:
+            raise Impossible(f"BLENDER={blender} is no program")
+        if sys.platform == "linux" and not os.environ.get("DISPLAY") and shutil.which("Xvfb") is None:
+            raise Impossible("there is neither a display nor Xvfb")
+        return Place(shutil.which(blender), share)
+    if chroot := os.environ.get("MIRROR_SCAN_CHROOT"):
+        if not (Path(chroot) / "usr" / "bin" / "blender").exists():
+            raise Impossible(f"MIRROR_SCAN_CHROOT={chroot} holds no Blender; make it by make_blender_chroot.sh")
+        if os.geteuid() != 0:
+            raise Impossible("a chroot needs root")
+        return Place("blender", share, Path(chroot))
+    raise Impossible("neither BLENDER (an installed one) nor MIRROR_SCAN_CHROOT (from make_blender_chroot.sh) is set")
+
+
+def python_of(place: Place) -> str:
+    """Version of Blender's Python, as 3.13."""
+    code = "import sys; print('PYTHON', *sys.version_info[:2])"
+    done = place.run([place.blender, "--background", "--factory-startup", "--python-expr", code], 120)
+    for line in done.stdout.splitlines():
+        if line.startswith("PYTHON "):
+            return ".".join(line.split()[1:])
+    raise Impossible(f"{place.blender} does not start:\n{done.stdout[-1000:]}")
+
+
+def prepare(place: Place) -> None:
+    """Build the zip for this Blender, install it, write a capture."""
+    builder = ROOT / "tools" / "extension.py"
+    done = subprocess.run(
+        [sys.executable, str(builder), "--platform", PLATFORM, "--python", python_of(place),
+         "--output", str(place.share), "--wheels", os.environ.get("MIRROR_SCAN_WHEELS", str(ROOT / "wheels"))],
+        capture_output=True, text=True, env={k: v for k, v in os.environ.items() if k != "BLENDER"},
+    )  # fmt: skip
+    if done.returncode:
+        raise RuntimeError(done.stderr)
+    (package,) = place.share.glob("mirror_scan-*.zip")
+    install = ["--command", "extension", "install-file", "-r", "user_default", "--enable", place.seen(package)]
+    done = place.run([place.blender, *install], 300)
+    if not re.search(r"STATUS (Installed|Reinstalled)", done.stdout):
+        raise RuntimeError(f"the zip was not installed:\n{done.stdout}")
+    if not (place.share / "capture").exists():
+        write_capture(place.share / "capture")
+
+
+def write_capture(folder: Path) -> None:
+    """A virtual capture of the mannequin, nearly 300 000 points in a frame."""
+    runpy.run_path(str(ROOT / "tests" / "conftest.py"))
+    from mirror_scan.core.simulation.mannequin import mannequin
+    from mirror_scan.core.simulation.scene import default_rig
+    from mirror_scan.core.simulation.simulate import simulate, write_simulation
+
+    rig = default_rig(sensor="azure_kinect", mirrors=2, frames=6, seed=3)
+    write_simulation(simulate(mannequin(), rig), folder)
+
+
+def start_figures(place: Place, runs: int = 3) -> list[float]:
+    """Milliseconds that enabling takes, each in a fresh Blender."""
+    spent = []
+    for _ in range(runs):
+        # Factory settings know no extensions until they are told; only then is the add-on's own time taken.
+        done = place.run([place.blender, "--background", "--python-exit-code", "1", "--python-expr",
+                          f"import addon_utils; addon_utils.disable({ADDON!r})\n{PURGE}{START}"], 120)  # fmt: skip
+        spent += [json.loads(line.split()[1]) for line in done.stdout.splitlines() if line.startswith("FIGURE ")]
+        if done.returncode or not spent:
+            raise RuntimeError(done.stdout)
+    return spent
+
+
+PURGE = f"import sys; [sys.modules.pop(name) for name in list(sys.modules) if name.startswith({ADDON!r})]\n"
+
+
+def go(place: Place, out: Path, timeout: float = 900) -> dict:
+    """The run in the window; returns what it found, pictures are in ``out``."""
+    inner = place.share / "out"
+    inner.mkdir(exist_ok=True)
+    settings = {
+        "MIRROR_SCAN_OUT": place.seen(inner),
+        "MIRROR_SCAN_CAPTURE": place.seen(place.share / "capture"),
+        "MIRROR_SCAN_ID": ADDON,
+    }
+    blender = [place.blender, "--enable-event-simulate", "--no-window-focus", "--window-geometry", "0", "0", "1280",
+               "800", "--python-exit-code", "1", "--python", place.seen(HERE / "window.py")]  # fmt: skip
+    if sys.platform == "linux" and (place.chroot is not None or not os.environ.get("DISPLAY")):
+        number = place.seen(place.share / "display")
+        script = (
+            f"rm -f {number}; "
+            f"Xvfb -displayfd 3 -screen 0 {SCREEN} +extension GLX -nolisten tcp 3>{number} 2>/dev/null & x=$!; "
+            f"for i in $(seq 100); do [ -s {number} ] && break; sleep 0.1; done; "
+            f"DISPLAY=:$(cat {number}) {shlex.join(blender)}; code=$?; kill $x; exit $code"
+        )
+        blender = ["sh", "-c", script]
+    done = place.run(blender, timeout, **settings)
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "blender.log").write_text(done.stdout, encoding="utf-8")
+    for path in inner.iterdir():
+        shutil.copy(path, out / path.name)
+    if not (out / "result.json").exists():
+        raise RuntimeError(f"Blender ended with {done.returncode} before the end:\n{done.stdout[-3000:]}")
+    return json.loads((out / "result.json").read_text(encoding="utf-8")) | {"code": done.returncode}
+
+
+def write_images(place: Place, out: Path, folder: Path) -> None:
+    """Pictures for the documentation: the viewport of each screenshot, small, in few colours."""
+    inner = place.share / "images"
+    inner.mkdir(exist_ok=True)
+    for path in sorted(out.glob("[1-7]_*.png")):
+        source, target = place.share / "out" / path.name, inner / f"blender_{path.name}"
+        done = place.run(
+            ["convert", place.seen(source), "-crop", "1052x774+0+26", "+repage", "-resize", "840x",
+             "+dither", "-colors", "120", "-strip", f"png8:{place.seen(target)}"], 60)  # fmt: skip
+        if done.returncode:
+            raise RuntimeError(done.stdout)
+        shutil.copy(target, folder / target.name)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("out", type=Path, help="folder for screenshots and result.json")
+    parser.add_argument("--share", type=Path, metavar="FOLDER", help="keep Blender's home there, compiled kernels too")
+    parser.add_argument("--images", type=Path, metavar="FOLDER", help="write the documentation's pictures there")
+    options = parser.parse_args()
+    if options.share is not None:
+        options.share.mkdir(parents=True, exist_ok=True)
+    with contextlib.ExitStack() as stack:
+        share = options.share or stack.enter_context(tempfile.TemporaryDirectory(prefix="mirror_scan_window_"))
+        try:
+            place = find_place(Path(share).resolve())
+        except Impossible as error:
+            print(f"not run: {error}", file=sys.stderr)
+            return 2
+        prepare(place)
+        found = go(place, options.out)
+        found["figures"]["enable_ms"] = start_figures(place)
+        (options.out / "result.json").write_text(json.dumps(found, indent=1))
+        if options.images is not None and found["code"] == 0:
+            write_images(place, options.out, options.images)
+    print(json.dumps(found, indent=1))
+    return found["code"]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,70 @@
+"""A real Blender with a window: the zip installed, the whole way gone by mouse and keyboard. See ``run.py``.
+
+Needs BLENDER or MIRROR_SCAN_CHROOT. MIRROR_SCAN_SHOTS names a folder to keep the screenshots in. Compiling all kernels
+for a fresh Blender is part of it: some minutes.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+spec = importlib.util.spec_from_file_location("run_in_blender", Path(__file__).with_name("run.py"))
+run = importlib.util.module_from_spec(spec)
+sys.modules[spec.name] = run
+spec.loader.exec_module(run)
+
+SHOTS = (
+    "1_panel", "2_browser", "2_capture", "3_mirrors", "4_picking", "5_subject", "6_building", "7_avatar", "8_light",
+    "8_narrow", "9_reloaded",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory) -> tuple[dict, Path]:
+    """What the run found, and the folder of its screenshots."""
+    share = tmp_path_factory.mktemp("share")
+    try:
+        place = run.find_place(share)
+    except run.Impossible as error:
+        pytest.skip(f"not run in a real Blender: {error}")
+    run.prepare(place)
+    out = Path(os.environ.get("MIRROR_SCAN_SHOTS") or tmp_path_factory.mktemp("shots"))
+    result = run.go(place, out)
+    yield result, out
+    shutil.rmtree(share, ignore_errors=True)  # wheels and kernels: half a gigabyte
+
+
+def test_the_whole_way(found):
+    result, _ = found
+    assert result["code"] == 0, result.get("error")
+    steps = {entry["step"] for entry in result["steps"]}
+    assert len(steps) >= 12 and not any("error" in entry for entry in result["steps"])
+    figures = result["figures"]
+    assert figures["watertight"] and figures["points"] > 100_000
+    # Figures of a busy machine without a graphics card; benchmarks/blender.py holds them to their limits.
+    assert figures["picking_ms"] < 300 and figures["mesh_ms"] < 800
+
+
+def test_screenshots_show_something(found):
+    from mirror_scan.core.images import read_image
+
+    result, out = found
+    assert set(SHOTS) <= set(result["screenshots"])
+    for name in SHOTS:
+        picture = read_image(out / f"{name}.png")
+        assert picture.shape[0] >= 700 and picture.shape[1] >= 1200, name
+        assert picture[..., :3].std() > 10, f"{name} is empty"
+    light, dark = (read_image(out / f"{name}.png")[..., :3].mean() for name in ("8_light", "7_avatar"))
+    assert light > dark + 30
+
+
+def test_nothing_was_printed_as_an_error(found):
+    _, out = found
+    text = (out / "blender.log").read_text(encoding="utf-8")
+    assert "Traceback" not in text and "ERROR Python" not in text, text[-3000:]
