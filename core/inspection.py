@@ -13,12 +13,13 @@ from .capture.describe import picture, words
 from .cleaning import clean, recognise, still_warning
 from .depth import DepthSettings, close_dropouts, fuse_burst, measure_noise, remove_flying_pixels
 from .errors import MirrorScanError
+from .ground import find_floor
 from .mirror import Mirror, place_mirror
 from .mirror_detection import find_mirrors
 from .pipeline import Settings
 from .quantisation import find_step
 from .sensors import SENSORS, NoiseModel
-from .views import find_floor, find_subject
+from .subject import find_subject
 
 _USUAL = (0.25, 12.0)  # m: median distance of what a depth camera looks at
 _CAMERA_HEIGHTS = (0.2, 3.2)  # m above the floor

@@ -65,6 +65,8 @@ class Mirror:
     covariance : np.ndarray [shape=(3, 3)] or None
         How sure the plane is, about ``point``: of its slope along a and along b [rad], and of its shift along the
         normal [m]. None for a plane that was given.
+    polygon : np.ndarray [shape=(K, 2)] or None
+        Corners of a glass that is no rectangle, along a and b about ``point`` [m], inside ``rectangle``.
     """
 
     name: str
@@ -78,6 +80,7 @@ class Mirror:
     refined: bool = False
     source: str = "picked"
     covariance: np.ndarray | None = None
+    polygon: np.ndarray | None = None
 
     def displacement(self, points: np.ndarray) -> float | None:
         """Expected error of reflected ``points`` (N, 3), root mean square over them [m]; None without a covariance.

@@ -22,9 +22,10 @@ from .mirror_detection import DetectionSettings, find_mirror_at, find_mirrors
 from .overlap import OverlapSettings, ViewMaps, part_overlaps, view_maps
 from .rig_file import moved_warning
 from .sensors import NoiseModel
+from .subject import find_subject
 from .threads import each
 from .triangulation import TriangulationSettings, triangulate_view
-from .views import Views, ViewSettings, find_subject
+from .views import Views, ViewSettings
 from .weaving import Seam
 from .zippering import ZipperSettings, zip_patches
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .camera import Intrinsics, unproject
-from .views import find_floor
+from .ground import find_floor
 
 DISTANCE = 2.5
 """Where a subject is expected before the camera [m]: at the world's origin."""

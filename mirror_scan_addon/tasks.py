@@ -313,7 +313,8 @@ def find_subject_steps(depth: np.ndarray, intrinsics: Intrinsics, mirrors: list[
     """Sort every pixel into view and part; ``views`` are the fields of ``core.views.ViewSettings``."""
     yield 0.0, "Finding the person"
     from ..core.pipeline import avatar_frame
-    from ..core.views import ViewSettings, find_subject
+    from ..core.subject import find_subject
+    from ..core.views import ViewSettings
 
     settings = ViewSettings(**views)
     placed = [mirror_of(record) for record in mirrors]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +10,11 @@ from numba import njit, prange
 
 from ..bvh import STACK, Bvh, build_bvh, raycast_one
 from ..mesh import Mesh
+from .props import together
 from .scene import BACKING, Rig
 
-NOTHING, BODY, FLOOR, WALL, FRAME = 0, 1, 2, 3, 4
-OBJECT_NAMES = ("nothing", "body", "floor", "wall", "frame")
+NOTHING, BODY, FLOOR, WALL, FRAME, PROP = 0, 1, 2, 3, 4, 5
+OBJECT_NAMES = ("nothing", "body", "floor", "wall", "frame", "prop")
 MAX_BOUNCES = 6
 SILVER = 0.88
 """Share of the light a mirror gives back."""
@@ -24,7 +26,8 @@ class Sight:
     """What each pixel sees; every array is (H, W) or (H, W, 3).
 
     ``depth`` float64 [m]: z of the point laid straight on behind the mirrors, 0 = nothing. ``object`` uint8:
-    ``NOTHING``, ``BODY``, ``FLOOR``, ``WALL``, ``FRAME``. ``index`` int32: triangle of the body, number of the wall
+    ``NOTHING``, ``BODY``, ``FLOOR``, ``WALL``, ``FRAME``, ``PROP``. ``index`` int32: triangle of the body (of what else
+    stands there, those of the body counted first), number of the wall
     or, from 0, of the mirror whose frame it is; else -1. ``view`` int8: 0 = direct, n = by way of mirror n first.
     ``bounces`` uint8: reflections on the way; 2 or more are images in images. ``incidence`` float32 [rad]: ray to
     surface normal. ``color`` uint8 sRGB. ``point``, ``normal`` float64: where the light comes from, avatar frame.
@@ -41,15 +44,16 @@ class Sight:
     normal: np.ndarray
 
 
-def look(subject: Mesh, rig: Rig) -> tuple[Sight, Bvh]:
+def look(subject: Mesh, rig: Rig, props: Sequence[Mesh] = ()) -> tuple[Sight, Bvh]:
     """Trace one ray a pixel through the scene.
 
-    O(H · W · log T); about 120 bytes a pixel. The subject is in the avatar frame.
+    O(H · W · log T); about 120 bytes a pixel. Subject and props are in the avatar frame.
     """
-    vertices = np.ascontiguousarray(subject.vertices, dtype=np.float64)
-    triangles = np.ascontiguousarray(subject.triangles, dtype=np.int32)
+    everything = together(subject, *props)
+    vertices = np.ascontiguousarray(everything.vertices, dtype=np.float64)
+    triangles = np.ascontiguousarray(everything.triangles, dtype=np.int32)
     bvh = build_bvh(vertices, triangles)
-    colors = np.full((len(vertices), 3), 190.0) if subject.colors is None else subject.colors[:, :3].astype(np.float64)
+    colors = everything.colors.astype(np.float64)
     lens, pose = rig.intrinsics, rig.camera_to_avatar
     shape = (lens.height, lens.width)
     depth, color = np.zeros(shape), np.zeros((*shape, 3), dtype=np.uint8)
@@ -57,7 +61,8 @@ def look(subject: Mesh, rig: Rig) -> tuple[Sight, Bvh]:
     view, bounces = np.zeros(shape, dtype=np.int8), np.zeros(shape, dtype=np.uint8)
     incidence, point, normal = np.zeros(shape, dtype=np.float32), np.zeros((*shape, 3)), np.zeros((*shape, 3))
     _look(
-        bvh, triangles, _vertex_normals(vertices, triangles), colors, _mirror_rows(rig), _room_box(rig),
+        bvh, triangles, len(subject.triangles), _vertex_normals(vertices, triangles), colors, _mirror_rows(rig),
+        _room_box(rig),
         pose[:3, 3].copy(), pose[:3, :3].copy(), lens.fx, lens.fy, lens.cx, lens.cy,
         depth, kind, index, view, bounces, incidence, color, point, normal,
     )  # fmt: skip
@@ -178,19 +183,20 @@ def _mirror(row, origin, direction, t_max, local_o, local_d, low, high, normal):
 
 @njit(cache=True, nogil=True, parallel=True)
 def _look(
-    bvh, triangles, vertex_normals, vertex_colors, mirrors, room, eye, turn, fx, fy, cx, cy,
+    bvh, triangles, of_body, vertex_normals, vertex_colors, mirrors, room, eye, turn, fx, fy, cx, cy,
     depth, kind, index, view, bounces, incidence, color, point, normals,
 ):  # fmt: skip
     for v in prange(depth.shape[0]):
         _look_row(
-            np.int64(v), bvh, triangles, vertex_normals, vertex_colors, mirrors, room, eye, turn, fx, fy, cx, cy,
+            np.int64(v), bvh, triangles, of_body, vertex_normals, vertex_colors, mirrors, room, eye, turn, fx, fy, cx,
+            cy,
             depth, kind, index, view, bounces, incidence, color, point, normals,
         )  # fmt: skip
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _look_row(
-    v, bvh, triangles, vertex_normals, vertex_colors, mirrors, room, eye, turn, fx, fy, cx, cy,
+    v, bvh, triangles, of_body, vertex_normals, vertex_colors, mirrors, room, eye, turn, fx, fy, cx, cy,
     depth, kind, index, view, bounces, incidence, color, point, normals,
 ):  # fmt: skip
     stack = np.empty(STACK, dtype=np.int32)
@@ -208,7 +214,7 @@ def _look_row(
             t, tri, wb, wc = raycast_one(bvh, o[0], o[1], o[2], d[0], d[1], d[2], np.inf, stack)
             what, which = NOTHING, -1
             if tri >= 0:
-                what, which = BODY, tri
+                what, which = BODY if tri < of_body else PROP, tri
             for a in range(3):
                 if d[a] != 0.0:
                     side = a if d[a] < 0.0 else a + 3
@@ -243,7 +249,7 @@ def _look_row(
         view[v, u], bounces[v, u] = first, bounce
         if bounce > MAX_BOUNCES or what == NOTHING or not np.isfinite(travelled):
             continue
-        if what == BODY:
+        if what == BODY or what == PROP:
             i, j, k = triangles[which, 0], triangles[which, 1], triangles[which, 2]
             wa = 1.0 - wb - wc
             for a in range(3):

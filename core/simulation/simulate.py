@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -64,8 +65,8 @@ class Simulation:
     rig: Rig
 
 
-def simulate(subject: Mesh, rig: Rig) -> Simulation:
-    """Take a virtual snapshot of ``subject`` (avatar frame) with ``rig``.
+def simulate(subject: Mesh, rig: Rig, props: Sequence[Mesh] = ()) -> Simulation:
+    """Take a virtual snapshot of ``subject`` (avatar frame) with ``rig``; ``props`` stand in the room besides.
 
     The capture's ``mirrors`` are eight picks on each frame, missed by up to 0.7 px like a careful click; a mirror
     whose frame is hardly in the picture (or that has none) comes with its true plane instead.
@@ -78,7 +79,7 @@ def simulate(subject: Mesh, rig: Rig) -> Simulation:
     sensor = find_sensor(rig.sensor)
     seeds = np.random.SeedSequence(rig.seed).spawn(3)
     noise, clicks, grain = (np.random.default_rng(s) for s in seeds)
-    sight, bvh = look(subject, rig)
+    sight, bvh = look(subject, rig, props)
     readable = sight.object > 0
     interference = sensor.interference if rig.interference is None else rig.interference
     if interference or sensor.baseline > 0:

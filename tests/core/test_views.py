@@ -9,11 +9,13 @@ import pytest
 from mirror_scan.core.camera import unproject
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
 from mirror_scan.core.errors import ReconstructionError
+from mirror_scan.core.ground import find_floor, vertical
 from mirror_scan.core.mirror import place_mirror, plane_mirror, reflect
 from mirror_scan.core.simulation.rays import BODY
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
-from mirror_scan.core.views import connected_pixels, find_floor, find_subject, sort_rays, vertical
+from mirror_scan.core.subject import connected_pixels, find_subject
+from mirror_scan.core.views import sort_rays
 from scipy.ndimage import binary_dilation
 
 
