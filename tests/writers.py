@@ -344,6 +344,43 @@ def realsense_bag(frames, color=None, compression="none", unit=0.001, lens=(), m
     return out
 
 
+def realsense_db3(path, frames, color=None, unit=0.001):
+    """A recording of RealSense's SDK since 2.57, as an SQLite file at ``path``."""
+    import sqlite3
+
+    height, width = frames[0].shape
+
+    def text(value):
+        return b"\0\1\0\0" + struct.pack("<I", len(value) + 1) + value.encode() + b"\0"
+
+    def png(pixels):
+        write_png(path.with_suffix(".png"), pixels)
+        return b"\0\1\0\0" + bytes(40) + path.with_suffix(".png").read_bytes()
+
+    lens = "model=Brown Conrady;coeffs=0,0,0,0,0"
+    info = f"width={width};height={height};fx=60;ppx={width / 2};fy=61;ppy={height / 2};{lens}"
+    place = "rotation=1,0,0,0,1,0,0,0,1;translation=0,0,0"
+    base, paint = "/device_0/sensor_0/Depth_0", "/device_0/sensor_1/Color_0"
+    messages = [
+        ("/device_0/info", text("Name=Intel RealSense D435I")), (f"{base}/camera_info", text(info)),
+        ("/device_0/sensor_0/option/Depth_Units/value", text(f"{unit:f}")), (f"{base}/tf/ref_1", text(place)),
+    ]  # fmt: skip
+    messages += [(f"{base}/image/data/compressedDepth", png(frame)) for frame in frames]
+    if color is not None:
+        messages += [(f"{paint}/camera_info", text(info)), (f"{paint}/tf/ref_1", text(place))]
+        messages += [(f"{paint}/image/data/compressed", png(color))]
+    names = list(dict.fromkeys(name for name, _ in messages))
+    with sqlite3.connect(path) as file:
+        file.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL)")
+        file.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
+        file.executemany("INSERT INTO topics VALUES(?, ?)", enumerate(names))
+        rows = ((names.index(name), i, body) for i, (name, body) in enumerate(messages))
+        file.executemany("INSERT INTO messages(topic_id, timestamp, data) VALUES(?, ?, ?)", rows)
+    file.close()
+    path.with_suffix(".png").unlink()
+    return path
+
+
 def pclzf(pixels, kind):
     """A .pclzf of depth16 (H, W) uint16 or rgb24 (H, W, 3) uint8."""
     height, width = pixels.shape[:2]

@@ -25,6 +25,7 @@ READERS = (
     "npz",
     "azure_mkv",
     "realsense_bag",
+    "realsense_db3",
     "oni",
     "pcd",
     "ply",

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import contextlib
 import mmap
+import re
 import struct
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
 from ..errors import CaptureError
 from ..images import read_image
+
+_NPY_HEADER = re.compile(
+    r"\{'descr': '([<>|][uif][1248])', 'fortran_order': (True|False), 'shape': \(((?:\d{1,9},? ?){0,4})\),? \}\s*"
+)
 
 
 def starts_with(path: Path, *signatures: bytes) -> bool:
@@ -49,6 +55,29 @@ def blaming(path: Path, what: str) -> Iterator[None]:
     except (struct.error, IndexError, KeyError, ValueError, OverflowError, TypeError, UnicodeError) as error:
         reason = " ".join(str(error).split())[:100]
         raise CaptureError(f"{path}: is damaged or not {what} ({reason}); copy or record it again") from error
+
+
+def npy_header(file: BinaryIO) -> tuple[tuple[int, ...], np.dtype]:
+    """Shape and type of an array in numpy's format; the file is then at its first number.
+
+    Only plain arrays of numbers in C order; numpy's own parser evaluates the header as Python text.
+
+    Raises
+    ------
+    ValueError, struct.error
+        When it is anything else.
+    """
+    magic = file.read(8)
+    if magic[:6] != b"\x93NUMPY" or magic[6:] not in (b"\1\0", b"\2\0"):
+        raise ValueError("no array of numpy's format 1 or 2")
+    (length,) = struct.unpack("<H", file.read(2)) if magic[6] == 1 else struct.unpack("<I", file.read(4))
+    if length > 10_000:
+        raise ValueError("the header of an array is too long")
+    match = _NPY_HEADER.fullmatch(file.read(length).decode("latin-1"))
+    if match is None or match[2] != "False":
+        raise ValueError("the array is not of plain numbers in C order")
+    shape = tuple(int(n) for n in match[3].split(",") if n.strip())
+    return shape, np.dtype(match[1])
 
 
 def read_limited(path: Path, limit: int) -> bytes:

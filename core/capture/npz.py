@@ -20,7 +20,7 @@ from ..camera import Intrinsics
 from ..errors import CaptureError, OutputError
 from ..files import replacing
 from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
-from .binary import blaming, starts_with
+from .binary import blaming, npy_header, starts_with
 from .rgbd_folder import mirrors_from, mirrors_to
 
 FORMAT = "Mirror Scan .npz"
@@ -120,12 +120,8 @@ def _member(archive: zipfile.ZipFile, path: Path, name: str, kinds: tuple[str, .
     if entry.compress_type != zipfile.ZIP_STORED and entry.file_size > 1100 * max(entry.compress_size, 1):
         raise CaptureError(f"{path}: {name} unpacks to more than it can hold; save it again")
     with archive.open(entry) as file:
-        version = np.lib.format.read_magic(file)
-        if version not in ((1, 0), (2, 0)):
-            raise ValueError(f"{name} is of an unknown version of numpy's format")
-        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, fortran, dtype = read_header(file)
-        if dtype.str[1:] not in kinds or fortran or len(shape) != dimensions:
+        shape, dtype = npy_header(file)
+        if dtype.str[1:] not in kinds or len(shape) != dimensions:
             raise ValueError(f"{name} is {dtype} with {len(shape)} dimensions")
         size = math.prod(shape) * dtype.itemsize
         if size != entry.file_size - file.tell():

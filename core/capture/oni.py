@@ -14,7 +14,6 @@ from ..errors import CaptureError
 from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
 from .binary import blaming, image_in, mapped, rgb, starts_with, yuyv_to_rgb
 from .kinect_v1 import NOMINAL_COLOR, depth_of_disparity
-from .openni_codec import decode_16z
 
 FORMAT = "OpenNI .oni"
 SIGNATURE = b"NI10"
@@ -203,6 +202,8 @@ def _unit(node: _Node, options: ReadOptions) -> tuple[float, np.ndarray | None]:
 
 def _depth_values(data: bytes, codec: bytes, count: int) -> np.ndarray:
     if codec in (b"16zP", b"16zT"):
+        from .openni_codec import decode_16z  # brings numba
+
         return decode_16z(data, count, table=codec == b"16zT")
     if codec in (b"NONE", b"\0\0\0\0"):
         if len(data) != 2 * count:

@@ -10,7 +10,6 @@ import numpy as np
 from ..errors import CaptureError
 from . import Capture, FrameChoice, ReadOptions, chosen_frames
 from .binary import blaming, read_limited
-from .lzf import lzf_decompress
 from .organized import depth_of_cloud
 
 FORMAT = "organized .pcd"
@@ -129,6 +128,8 @@ def _compressed(data: bytes, start: int, fields: list, points: int) -> dict[str,
         raise ValueError("the size of the points is not what the header says")
     if packed > len(data) - start - 8:
         raise ValueError("the list of points is cut short")
+    from .lzf import lzf_decompress  # brings numba
+
     raw = lzf_decompress(data[start + 8 : start + 8 + packed], unpacked)
     columns, position = {}, 0
     for name, kind, count in fields:  # field by field, unlike the other two

@@ -16,7 +16,6 @@ from ..errors import CaptureError
 from ..images import MAX_PIXELS
 from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
 from .binary import blaming, read_limited, starts_with, yuyv_to_rgb
-from .lzf import lzf_decompress
 from .nominal import nominal_camera
 from .units import metres
 
@@ -83,6 +82,8 @@ def read_pclzf(path: Path) -> tuple[str, np.ndarray]:
             raise ValueError(f"{width}×{height} {kind[:16]}")
         if unpacked != width * height * BYTES[kind] or packed > len(data) - HEADER.size:
             raise ValueError("the size of the image is not what the header says")
+        from .lzf import lzf_decompress  # brings numba
+
         raw = lzf_decompress(data[HEADER.size : HEADER.size + packed], unpacked)
     if kind == "depth16":
         return kind, raw.view("<u2").reshape(height, width)

@@ -22,7 +22,6 @@ from ..errors import CaptureError
 from ..images import read_image
 from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
 from .binary import blaming, image_in, read_limited, rgb, starts_with
-from .lzfse import lzfse_decompress
 
 FORMAT = "Record3D"
 MAX_MEMBER = 64_000_000
@@ -104,8 +103,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
                 raise ValueError("depth frames are not of one size")
             np.copyto(depth[i], values, where=np.isfinite(values) & (values > 0))
             if confidence is not None:
-                packed = files.read(f"rgbd/{number}.conf")
-                confidence[i] = lzfse_decompress(packed, values.size).reshape(values.shape)
+                confidence[i] = _unpacked(files, f"rgbd/{number}.conf", values.size).reshape(values.shape)
         if options.depth_unit_m is not None:
             depth *= np.float32(options.depth_unit_m)
         rows, columns = depth.shape[1:]
@@ -190,7 +188,13 @@ def _lzfse(files: _Files, name: str, size: tuple[int, int]) -> np.ndarray:
     width, height = size
     if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE):
         raise ValueError(f"depth of {width}×{height}")
-    return lzfse_decompress(files.read(name), 4 * width * height).view("<f4").reshape(height, width)
+    return _unpacked(files, name, 4 * width * height).view("<f4").reshape(height, width)
+
+
+def _unpacked(files: _Files, name: str, size: int) -> np.ndarray:
+    from .lzfse import lzfse_decompress  # brings numba
+
+    return lzfse_decompress(files.read(name), size)
 
 
 def _exr(files: _Files, name: str) -> np.ndarray:

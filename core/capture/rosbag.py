@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import CaptureError
-from .lz4 import lz4_decompress
 
 SIGNATURE = b"#ROSBAG V2.0\n"
 MAX_CHUNK = 256_000_000
@@ -145,6 +144,8 @@ class RosBag:
             compression, size, first, last = self._chunks[number]
             packed = bytes(self._data[first:last])
             if compression == "lz4":
+                from .lz4 import lz4_decompress  # brings numba
+
                 raw = lz4_decompress(packed, size)
             elif compression == "bz2":
                 raw = np.frombuffer(bz2.BZ2Decompressor().decompress(packed, size), np.uint8)

@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import CaptureError
 from ..images import MAX_PIXELS, read_image
 from . import MAX_BURST_PIXELS, Capture, FrameChoice, ReadOptions, chosen_frames
-from .binary import blaming, read_limited, rgb, starts_with
+from .binary import blaming, npy_header, read_limited, rgb, starts_with
 from .kinect_v1 import calibration, depth_of_disparity
 from .nominal import nominal_camera
 from .rgbd_folder import INTRINSIC_NAMES, read_intrinsics
@@ -106,14 +106,8 @@ def read_values(path: Path, frames: FrameChoice = None) -> np.ndarray:
 def _read_npy(path: Path, frames: FrameChoice) -> np.ndarray:
     with blaming(path, "an array of numpy"):
         with open(path, "rb") as file:
-            version = np.lib.format.read_magic(file)
-            if version not in ((1, 0), (2, 0)):
-                raise ValueError(f"version {version}")
-            read_header = (
-                np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-            )
-            shape, fortran, dtype = read_header(file)
-            if dtype.kind not in "uif" or len(shape) not in (2, 3) or fortran or 0 in shape:
+            shape, dtype = npy_header(file)
+            if len(shape) not in (2, 3) or 0 in shape:
                 raise ValueError(f"{dtype} of shape {shape}")
             start = file.tell()
         if path.stat().st_size - start != math.prod(shape) * dtype.itemsize:
