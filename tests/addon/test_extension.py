@@ -139,8 +139,10 @@ class TestReviewRules:
 
     def test_imports(self, sources):
         """Relative among ourselves; nothing that Blender lacks, reaches the network, or starts threads by itself."""
-        ours = {"bpy", "bmesh", "bpy_extras", "bl_ui", "addon_utils", "gpu", "gpu_extras", "blf", "bl_operators", "mathutils",
-                "numpy", "numba", "llvmlite", "OpenImageIO", "tqdm", "matplotlib", "rna_prop_ui"}  # fmt: skip
+        ours = {
+            "bpy", "bmesh", "bpy_extras", "bl_ui", "bl_operators", "addon_utils", "gpu", "gpu_extras", "blf",
+            "mathutils", "rna_prop_ui", "numpy", "numba", "llvmlite", "OpenImageIO", "tqdm", "matplotlib",
+        }  # fmt: skip
         never = {"socket", "urllib", "http", "ftplib", "ssl", "webbrowser", "pip", "ensurepip", "ctypes", "marshal"}
         for name, imported in self._imports(sources):
             top = imported.split(".")[0]
