@@ -20,7 +20,7 @@ def capture(monkeypatch, reconstruction, tmp_path):
     import mirror_scan.core.capture as capture
     import mirror_scan.core.pipeline as pipeline
 
-    monkeypatch.setattr(capture, "open_capture", lambda path, frames=None: None)
+    monkeypatch.setattr(capture, "open_capture", lambda *_, **__: None)
     monkeypatch.setattr(pipeline, "reconstruct", lambda *_, **__: reconstruction, raising=False)
     folder = tmp_path / "capture"
     folder.mkdir()
