@@ -259,7 +259,7 @@ def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:
     depth = capture.depth
     if capture.confidence is not None and options.min_confidence > 0:
         depth = np.where(capture.confidence >= options.min_confidence, depth, np.float32(0))
-    if not depth.any():
+    if not any(frame.any() for frame in depth):  # as a rule the first one answers
         frames = f"{len(depth)} frame{'s' if len(depth) > 1 else ''}"
         raise CaptureError(
             f"{path}: no pixel of {frames} has a depth reading; check that the depth stream was on and record again"

@@ -27,7 +27,8 @@ COLOR_SUFFIXES = (".png", ".jpg", ".jpeg")
 DEFAULT_DEPTH_SCALE = 1000.0  # depth units per metre
 SENSOR_WORDS = {
     "kinect_v2": ("kinectv2", "kinect2", "kinectone", "kinectforwindowsv2"),
-    "azure_kinect": ("azurekinect", "azure", "k4a", "femto"),
+    "femto_bolt": ("femto",),
+    "azure_kinect": ("azurekinect", "azure", "k4a"),
     "kinect_v1": ("kinectv1", "kinect1", "kinect360", "primesense", "xtion", "ps1080", "kinect"),
     "realsense_d415": ("d415",),
     "realsense_d435": ("d435",),
@@ -229,7 +230,7 @@ def _read_depth(files: list[Path], intrinsics: Intrinsics, scale: float) -> np.n
         np.divide(_depth_frame(files[i], intrinsics, files), np.float32(scale), out=depth[i])
 
     each(read, range(1, len(files)))
-    if not depth.any():
+    if not any(frame.any() for frame in depth):
         raise CaptureError(
             f"{files[0].parent}: no pixel of {len(files)} frame{'s' if len(files) > 1 else ''} has a depth reading; "
             "check that the depth stream was on and record again"

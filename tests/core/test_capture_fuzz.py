@@ -23,7 +23,7 @@ from mirror_scan.core.capture.npz import write_npz
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.images import openimageio, write_png
 
-CASES = int(os.environ.get("MIRROR_SCAN_FUZZ_CASES", "400"))
+CASES = int(os.environ.get("MIRROR_SCAN_FUZZ_CASES", "300"))
 SLOWEST_S = 10.0  # a case that takes this long hangs; honest ones take milliseconds, but machines may be busy
 INTERESTING = (0, 1, 0x7F, 0x80, 0xFF)
 SIDECAR = '{"width":64,"height":48,"intrinsic_matrix":[60,0,0,0,61,0,31.5,24,1]}'
@@ -225,7 +225,7 @@ SIGNATURES = [
 
 
 @settings(
-    max_examples=max(200, CASES // 10), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=max(100, CASES // 10), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(st.sampled_from(SIGNATURES), st.binary(max_size=300) | st.text(max_size=300).map(str.encode))
 def test_anything_after_a_signature(tmp_path, signature, rest):
@@ -242,9 +242,7 @@ json_values = st.recursive(
 )
 
 
-@settings(
-    max_examples=max(120, CASES // 20), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=max(60, CASES // 20), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.dictionaries(st.sampled_from(["w", "h", "dw", "dh", "K", "perFrameIntrinsicCoeffs", "fps"]), json_values))
 def test_any_metadata_of_a_phone(tmp_path, about):
     (tmp_path / "depth").mkdir(exist_ok=True)
@@ -253,9 +251,7 @@ def test_any_metadata_of_a_phone(tmp_path, about):
         open_capture(tmp_path)
 
 
-@settings(
-    max_examples=max(120, CASES // 20), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=max(60, CASES // 20), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.sampled_from(["WIDTH", "HEIGHT", "POINTS", "FIELDS", "SIZE", "TYPE", "COUNT", "DATA"]), st.text(max_size=20))
 def test_any_value_in_a_header(tmp_path, key, value):
     depth, color = writers.scene(16, 12)
