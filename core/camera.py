@@ -194,14 +194,13 @@ def unproject(depth: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
             f"the depth map is {width}×{height}, its intrinsics are for {intrinsics.width}×{intrinsics.height}; "
             "use the intrinsics of this resolution"
         )
+    if intrinsics.is_pinhole:
+        from .linear import lay_grid  # here: to name a lens must not cost the import of numba
+
+        return lay_grid(depth, intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy)
     z = depth.astype(np.float64)
     points = np.empty((height, width, 3))
-    if not intrinsics.is_pinhole:
-        points[..., :2] = np.where((z > 0)[..., None], rays_of_pixels(intrinsics) * z[..., None], 0)
-        points[..., 2] = z
-        return points
-    points[..., 0] = (np.arange(width) - intrinsics.cx) / intrinsics.fx * z
-    points[..., 1] = ((np.arange(height) - intrinsics.cy) / intrinsics.fy)[:, None] * z
+    points[..., :2] = np.where((z > 0)[..., None], rays_of_pixels(intrinsics) * z[..., None], 0)
     points[..., 2] = z
     return points
 

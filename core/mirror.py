@@ -374,46 +374,72 @@ def disparity_plane(u: np.ndarray, v: np.ndarray, z: np.ndarray) -> DisparityPla
     quantisation, smoothing inside the camera), so the covariance is that of clustered data: pixels are pooled by their
     direction from the middle, and the pools' scores are taken as independent (Liang and Zeger 1986).
     """
-    A = np.column_stack((u, v, np.ones(len(u)))).astype(np.float64)
-    d = 1.0 / z.astype(np.float64)
-    weights = np.ones(len(d))
-    center, scale = A.mean(axis=0), np.maximum(np.abs(A).max(axis=0), 1.0)
-    center[2] = 0.0
-    A = (A - center) / scale  # well conditioned, so that the normal equations are exact enough
-    solution = np.zeros(3)
-    for _ in range(12):
-        weighted = A * weights[:, None]
-        normal = weighted.T @ A
-        if np.linalg.det(normal) < 1e-10 * np.trace(normal) ** 3:  # all on one line
-            return None
-        previous, solution = solution, np.linalg.solve(normal, weighted.T @ d)
-        weights = _weights_of(d - A @ solution)
-        if np.abs(solution - previous).max() < 1e-5 * np.abs(solution).max():
-            break
-    pool = ((np.arctan2(A[:, 1] * scale[1], A[:, 0] * scale[0]) / (2.0 * np.pi) + 0.5) * _POOLS).astype(
-        np.intp
-    ) % _POOLS
-    score = weights * (d - A @ solution)
-    pooled = np.stack([np.bincount(pool, score * A[:, k], _POOLS) for k in range(3)])
-    inverse = np.linalg.inv(normal)
+    found, solution, normal, weights, center, scale, pooled = _reweighted_kernel(
+        np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64), 1.0 / z.astype(np.float64)
+    )
+    if not found:
+        return None
     unscale = np.diag(1.0 / scale)
     unscale[2, :2] = -center[:2] / scale[:2]
-    sandwich = unscale @ inverse @ pooled
+    sandwich = unscale @ np.linalg.inv(normal) @ pooled
     return DisparityPlane(unscale @ solution, sandwich @ sandwich.T * (_POOLS / (_POOLS - 3.0)), weights)
 
 
 _POOLS = 36
 
 
-def _weights_of(residual: np.ndarray) -> np.ndarray:
+@njit(cache=True, nogil=True)
+def _reweighted_kernel(u, v, d):
+    """Tukey's re-weighted least squares of d over (u, v, 1), centred and scaled so that the normal equations are exact
+    enough: found, solution (3,), their matrix (3, 3), weights (K,), centre and scale (3,), pooled scores (3, pools)."""
+    count = len(d)
+    center, scale = np.zeros(3), np.ones(3)
+    center[0], center[1] = u.mean(), v.mean()
+    scale[0], scale[1] = max(np.abs(u).max(), 1.0), max(np.abs(v).max(), 1.0)
+    weights, residual, row = np.ones(count), np.empty(count), np.ones(3)
+    solution, normal, pooled = np.zeros(3), np.zeros((3, 3)), np.zeros((3, _POOLS))
+    for _ in range(12):
+        normal[:] = 0.0
+        right = np.zeros(3)
+        for i in range(count):
+            row[0], row[1] = (u[i] - center[0]) / scale[0], (v[i] - center[1]) / scale[1]
+            for a in range(3):
+                right[a] += weights[i] * row[a] * d[i]
+                for b in range(3):
+                    normal[a, b] += weights[i] * row[a] * row[b]
+        if np.linalg.det(normal) < 1e-10 * np.trace(normal) ** 3:  # all on one line
+            return False, solution, normal, weights, center, scale, pooled
+        previous, solution = solution, np.linalg.solve(normal, right)
+        for i in range(count):
+            x, y = (u[i] - center[0]) / scale[0], (v[i] - center[1]) / scale[1]
+            residual[i] = d[i] - (solution[0] * x + solution[1] * y + solution[2])
+        _weigh(residual, weights)
+        if np.abs(solution - previous).max() < 1e-5 * np.abs(solution).max():
+            break
+    for i in range(count):
+        x, y = u[i] - center[0], v[i] - center[1]
+        pool = int((np.arctan2(y, x) / (2.0 * np.pi) + 0.5) * _POOLS) % _POOLS
+        score = weights[i] * residual[i]
+        pooled[0, pool] += score * x / scale[0]
+        pooled[1, pool] += score * y / scale[1]
+        pooled[2, pool] += score
+    return True, solution, normal, weights, center, scale, pooled
+
+
+@njit(cache=True, nogil=True)
+def _weigh(residual, weights):
     """Tukey's weights of residuals."""
-    scale = 1.4826 * float(np.median(np.abs(residual[:: len(residual) // 2000 + 1]))) + 1e-9
-    r = residual / (4.7 * scale)
-    return np.where(np.abs(r) < 1, (1 - r * r) ** 2, 0.0)
+    scale = 1.4826 * np.median(np.abs(residual[:: len(residual) // 2000 + 1])) + 1e-9
+    for i in range(len(residual)):
+        r = residual[i] / (4.7 * scale)
+        weights[i] = (1.0 - r * r) ** 2 if abs(r) < 1.0 else 0.0
 
 
 def _tukey_weights(coefficients: np.ndarray, u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray:
-    return _weights_of(1.0 / z.astype(np.float64) - np.column_stack((u, v, np.ones(len(u)))) @ coefficients)
+    residual = 1.0 / z.astype(np.float64) - (coefficients[0] * u + coefficients[1] * v + coefficients[2])
+    weights = np.empty(len(residual))
+    _weigh(residual, weights)
+    return weights
 
 
 def plane_of_disparity(coefficients: np.ndarray, intrinsics: Intrinsics) -> tuple[np.ndarray, float]:
