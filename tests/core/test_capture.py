@@ -5,7 +5,10 @@ from __future__ import annotations
 import json
 import math
 import struct
+import subprocess
+import sys
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -52,6 +55,18 @@ def test_a_good_folder(tmp_path):
     np.testing.assert_array_equal(capture.mirrors[1].normal, [0, 0, -1])
     assert (capture.name, capture.format) == ("Anna & Bob", "RGB-D folder")
     assert len(open_capture(folder, frames=1).depth) == 1
+
+
+def test_a_folder_is_read_without_numba(tmp_path):
+    """Compiling takes seconds; who only looks at a capture, or mistyped its name, must not wait for it."""
+    folder = write_folder(tmp_path / "a")
+    code = (
+        f"import sys; sys.path.insert(0, {str(Path(__file__).parents[1])!r}); import conftest\n"
+        "from mirror_scan.core.capture import open_capture\n"
+        f"open_capture({str(folder)!r})\n"
+        "sys.exit('numba' in sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_frames_come_in_natural_order_and_scale_is_heeded(tmp_path):

@@ -1,7 +1,7 @@
 """Damaged and hostile captures: always our error naming the file, never a crash, a hang, or memory without measure.
 
-``MIRROR_SCAN_FUZZ_CASES`` sets how many mutations are tried (``make fuzz`` tries 20 000); the seed is fixed, and a case
-is repeated by its number alone.
+``MIRROR_SCAN_FUZZ_CASES`` sets how many mutations are tried (20 000 before a release); the seed is fixed, and a case is
+repeated by its number alone.
 """
 
 from __future__ import annotations
