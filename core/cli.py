@@ -187,6 +187,28 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     )  # fmt: skip
     command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
     command.set_defaults(run=_experiment_zippering)
+
+    for name, words in (
+        ("reflection", "what a mirror costs: the same back by way of a mirror and directly, over the same path"),
+        ("distance", "what distance costs: the same figure from 3 to 5 m"),
+    ):
+        command = experiments.add_parser(name, help=words)
+        command.add_argument(
+            "mesh", metavar="MESH", type=Path, nargs="?", help="body, Z up, in metres; default a mannequin"
+        )
+        command.add_argument(
+            "-o", dest="folder", metavar="DIR", type=Path, default=Path(EXPERIMENT_FOLDER.format(name)),
+            help=f"where to put table.csv, result.png and plot.png (default {EXPERIMENT_FOLDER.format(name)})",
+        )  # fmt: skip
+        command.add_argument(
+            "--sensor", choices=SENSORS, default="kinect_v1", help="depth camera, default the paper's kinect_v1"
+        )
+        command.add_argument(
+            "--frames", metavar="N", type=_whole(1, 100), default=10, help="of each burst, default the paper's 10"
+        )
+        command.add_argument("--seed", metavar="N", type=_whole(0, 2**32 - 1), default=0, help="of the noise")
+        command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+        command.set_defaults(run=_experiment_capture, experiment=name)
     return parser
 
 
@@ -484,6 +506,34 @@ def _experiment_zippering(options: argparse.Namespace, writers: Writers) -> None
     for line in table(steps, body):
         _say(line)
     _say("distances between the surfaces, of both directions the larger; % of the body's height")
+    for path in paths:
+        _say(f"  {path}")
+    if note:
+        _say(f"  {note}")
+
+
+def _experiment_capture(options: argparse.Namespace, writers: Writers) -> None:
+    import importlib
+
+    _make_folder(options.folder)
+    _check_targets([options.folder / name for name in ("table.csv", "result.png", "plot.png")])
+    experiment = importlib.import_module(f".experiments.{options.experiment}", __package__)
+
+    from .io import read_mesh
+    from .simulation.mannequin import mannequin
+
+    with _progress(options.quiet) as progress:
+        _advance(progress, 0.0, "reading the body" if options.mesh else "making a mannequin")
+        body = _stand(read_mesh(options.mesh), options.mesh) if options.mesh else mannequin()
+        outcome = experiment.run(
+            body, options.sensor, options.frames, options.seed, progress=_part(progress, 0.05, 0.95)
+        )
+        _advance(progress, 0.95, "writing")
+        paths, note = experiment.write_results(outcome, options.folder)
+    if options.quiet:
+        return
+    for line in experiment.table(outcome):
+        _say(line)
     for path in paths:
         _say(f"  {path}")
     if note:
