@@ -15,7 +15,7 @@ from ..camera import Intrinsics
 from ..errors import CaptureError
 from ..images import MAX_PIXELS
 from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
-from .binary import blaming, read_limited, starts_with, yuyv_to_rgb
+from .binary import blaming, read_limited, starts_with, yuv_to_rgb
 from .nominal import nominal_camera
 from .units import metres
 
@@ -64,16 +64,14 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     rgb_file = first.parent / f"{base}_rgb.pclzf"
     if options.color and rgb_file.is_file() and rgb_file != first:
         kind, image = read_pclzf(rgb_file)
-        color = {"rgb24": lambda p: p, "yuv422": lambda p: yuyv_to_rgb(p, luma_first=False)}.get(kind, lambda p: None)(
-            image
-        )
+        color = image if image.ndim == 3 else None
         if color is None:
             notes.append(f"{rgb_file.name} is left out: {kind} is no colour image")
     return Capture(depth, color, camera, name=path.stem, format=FORMAT, sensor="kinect_v1", notes=tuple(notes))
 
 
 def read_pclzf(path: Path) -> tuple[str, np.ndarray]:
-    """Kind and pixels of one file: (H, W) uint16 depth, (H, W, 3) colour, (H, W, 2) packed YUV or (H, W) Bayer."""
+    """Kind and pixels of one file: depth (H, W) uint16, colour (H, W, 3) uint8, or a Bayer pattern (H, W) uint8."""
     data = read_limited(path, 8 * MAX_PIXELS)
     with blaming(path, "a .pclzf"):
         magic, width, height, kind, packed, unpacked = HEADER.unpack_from(data)
@@ -82,6 +80,9 @@ def read_pclzf(path: Path) -> tuple[str, np.ndarray]:
             raise ValueError(f"{width}×{height} {kind[:16]}")
         if unpacked != width * height * BYTES[kind] or packed > len(data) - HEADER.size:
             raise ValueError("the size of the image is not what the header says")
+        if kind == "yuv422" and width % 2:
+            raise ValueError("yuv422 of odd width")
+
         from .lzf import lzf_decompress  # brings numba
 
         raw = lzf_decompress(data[HEADER.size : HEADER.size + packed], unpacked)
@@ -89,13 +90,11 @@ def read_pclzf(path: Path) -> tuple[str, np.ndarray]:
         return kind, raw.view("<u2").reshape(height, width)
     if kind == "rgb24":  # plane by plane
         return kind, np.ascontiguousarray(raw.reshape(3, height, width).transpose(1, 2, 0))
-    if kind == "yuv422":  # u, y and v one after the other
-        quarter = width * height // 2
-        u, y, v = raw[:quarter], raw[quarter : 3 * quarter], raw[3 * quarter :]
-        packed_yuv = np.empty((height, width, 2), np.uint8)
-        packed_yuv[..., 1] = y.reshape(height, width)
-        packed_yuv[:, 0::2, 0], packed_yuv[:, 1::2, 0] = u.reshape(height, -1), v.reshape(height, -1)
-        return kind, packed_yuv
+    if kind == "yuv422":  # u, y and v one after the other, u and v at half the width
+        half = width * height // 2
+        u, y, v = raw[:half], raw[half : 3 * half], raw[3 * half :]
+        u, v = (np.repeat(plane.reshape(height, -1), 2, axis=1) for plane in (u, v))
+        return kind, yuv_to_rgb(y.reshape(height, width), u, v)
     return kind, raw.reshape(height, width)
 
 
