@@ -166,29 +166,44 @@ def _range_grid(
         return None
     if kind == "ascii" or element.count > MAX_POINTS:
         raise ValueError("a range grid is read from binary files only")
-    before = [e for e in elements if e.count and e.name not in ("vertex", "range_grid")]
-    if any(elements.index(e) < elements.index(element) for e in before):
-        for e in before:  # PCL writes its camera between the two
-            if elements.index(e) < elements.index(element):
-                if any(counts for *_, counts in e.properties):
-                    raise ValueError(f"{e.name} comes before the range grid")
-                position += e.count * sum(np.dtype(type_).itemsize for _, type_, _ in e.properties)
+    for between in elements[: elements.index(element)]:  # PCL writes its camera there
+        if between.name != "vertex":
+            if any(counts for *_, counts in between.properties):
+                raise ValueError(f"{between.name[:30]} comes before the range grid")
+            position += between.count * sum(np.dtype(type_).itemsize for _, type_, _ in between.properties)
     if len(element.properties) != 1 or element.properties[0][2] is None:
         raise ValueError("the range grid is no list")
     order = "<" if kind == "binary_little_endian" else ">"
     _, type_, counts = element.properties[0]
-    count_type, index_type = np.dtype(order + counts), np.dtype(order + type_)
+    index_type = np.dtype(order + type_)
+    if np.dtype(counts).itemsize != 1 or index_type.kind == "f":
+        raise ValueError("the range grid is not of whole numbers, counted by bytes")
+    places = _places(data[position:], element.count, index_type.itemsize)
     pixels = np.full(element.count, -1, np.int64)
-    if len(data) - position < element.count * count_type.itemsize:
-        raise ValueError("the range grid is cut short")
-    for i in range(element.count):
-        length = int(np.frombuffer(data, count_type, 1, position)[0])
-        position += count_type.itemsize
-        if length == 1:
-            pixels[i] = np.frombuffer(data, index_type, 1, position)[0]
-        elif length:
-            raise ValueError("a pixel of the range grid has more than one vertex")
-        position += length * index_type.itemsize
+    bytes_ = np.frombuffer(data, np.uint8)[position:]
+    seen = places >= 0
+    spread = places[seen][:, None] + np.arange(index_type.itemsize)
+    pixels[seen] = np.ascontiguousarray(bytes_[spread]).view(index_type)[:, 0]
     if (pixels >= points).any() or (pixels < -1).any():
         raise ValueError("the range grid names vertices that are not there")
     return pixels
+
+
+def _places(data: bytes, count: int, size: int) -> np.ndarray:
+    """Where each pixel's index stands (count,) int64 in a list of lists with none or one; -1 for none."""
+    places, position, end = [], 0, len(data)
+    for _ in range(count):
+        if position >= end:
+            raise ValueError("the range grid is cut short")
+        length = data[position]
+        position += 1
+        if length == 1:
+            places.append(position)
+            position += size
+        elif length == 0:
+            places.append(-1)
+        else:
+            raise ValueError("a pixel of the range grid has more than one vertex")
+    if position > end:
+        raise ValueError("the range grid is cut short")
+    return np.array(places, np.int64)
