@@ -533,15 +533,40 @@ def with_rectangle(mirror: Mirror, frame: np.ndarray, picked: np.ndarray, intrin
 
     Notes
     -----
-    A side that lies at the image's border is cut off by it: the glass goes on beyond.
+    A side that lies at the image's border, or beyond it, is cut off by it: the glass goes on there.
     """
-    return at_border(replace(mirror, rectangle=_extent(frame, picked, mirror)), intrinsics)
+    rectangle = _extent(frame, picked, mirror)
+    cut = _cut_off(frame, mirror, rectangle, intrinsics)
+    return at_border(replace(mirror, rectangle=rectangle), intrinsics, cut=cut)
 
 
-def at_border(mirror: Mirror, intrinsics: Intrinsics, open_ends: np.ndarray | None = None) -> Mirror:
+def _cut_off(frame: np.ndarray, mirror: Mirror, rectangle: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
+    """Which sides of the rectangle (2, 2) bool the image's border cuts off: the frame reaches the border on that side,
+    and has no bar along it."""
+    pixels, middle = project(frame, intrinsics), project(mirror.point, intrinsics)
+    place = (frame - mirror.point) @ mirror.basis[:, :2]
+    size = np.array((intrinsics.width, intrinsics.height)) - 1
+    cut = np.zeros((2, 2), np.bool_)
+    for axis in range(2):
+        low, high = rectangle[1 - axis]
+        for end in range(2):
+            at = np.empty(2)
+            at[axis], at[1 - axis] = rectangle[axis, end], rectangle[1 - axis].mean()
+            beyond = project(mirror.point + mirror.basis[:, :2] @ at, intrinsics)[axis] > middle[axis]
+            reaches = (pixels[:, axis] > size[axis] - 2).sum() if beyond else (pixels[:, axis] < 2).sum()
+            along = place[np.abs(place[:, axis] - rectangle[axis, end]) < 0.04, 1 - axis]
+            cells = np.unique(np.floor(20.0 * (along - low) / max(high - low, 1e-9)))
+            cut[axis, end] = reaches >= 3 and len(cells) < 8
+    return cut
+
+
+def at_border(
+    mirror: Mirror, intrinsics: Intrinsics, open_ends: np.ndarray | None = None, cut: np.ndarray | None = None
+) -> Mirror:
     """The mirror with the outline of its rectangle [px]; sides at the image's border are moved beyond it.
 
-    ``open_ends`` (2, 2) bool, as ``rectangle``, says which ends may be cut off; by default any.
+    ``open_ends`` (2, 2) bool, as ``rectangle``, says which ends may be cut off; by default any. ``cut`` (2, 2) bool
+    says which are known to be.
     """
     rectangle = np.array(mirror.rectangle)
     margin = 0.04 * np.array((intrinsics.width, intrinsics.height))
@@ -553,7 +578,8 @@ def at_border(mirror: Mirror, intrinsics: Intrinsics, open_ends: np.ndarray | No
             at[axis], at[1 - axis] = rectangle[axis, end], rectangle[1 - axis].mean()
             pixel = project(mirror.point + mirror.basis[:, :2] @ at, intrinsics)[axis]
             size = (intrinsics.width, intrinsics.height)[axis]
-            if not margin[axis] < pixel < size - 1 - margin[axis]:
+            known = cut is not None and cut[axis, end]
+            if known or not margin[axis] < pixel < size - 1 - margin[axis]:
                 rectangle[axis, end] += (-_BEYOND, _BEYOND)[end]
     (left, right), (top, bottom) = rectangle
     corners = np.array(((left, top), (right, top), (right, bottom), (left, bottom)))

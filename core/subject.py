@@ -136,20 +136,27 @@ def _direct_subject(component, count, seen, points, up, meeting, settings) -> np
         return None
     best = int(np.argmax(score))
     chosen = [best]
-    low, high = box[best, 0] - 0.12, box[best, 1] + 0.12
-    near = ((box[:, 0] < high) & (box[:, 1] > low)).all(axis=1)
-    near[best] = False
-    body = None
-    for k in np.flatnonzero(near & (score >= 40)):
-        if body is None:
-            body = points[component == best]
-        piece = points[component == k]
-        if ((piece > low) & (piece < high)).all(axis=1).mean() > 0.9:
+    body = points[component == best]
+    low, high = box[best, 0].copy(), box[best, 1].copy()
+    waiting = [int(k) for k in np.argsort(-score, kind="stable") if k != best and score[k] >= 40]
+    joined = True
+    while joined:  # a piece may reach the body through another one: a hand through a forearm
+        joined = False
+        for k in list(waiting):
+            if not ((box[k, 0] < high + 0.12) & (box[k, 1] > low - 0.12)).all():
+                continue
+            piece = points[component == k]
             gap = np.linalg.norm(
                 piece[:: len(piece) // 20 + 1, None] - body[None, :: len(body) // 4000 + 1], axis=2
             ).min()
-            if gap < 0.12:
-                chosen.append(int(k))
+            beside = ((piece > low - 0.12) & (piece < high + 0.12)).all(axis=1).mean() > 0.9
+            # a head whose neck was not read stands out of the rest; another person is as large as the rest
+            if gap < (0.12 if beside else 0.08) and (beside or len(piece) < 0.3 * len(body)):
+                chosen.append(k)
+                waiting.remove(k)
+                body = np.concatenate((body, piece))
+                low, high = np.minimum(low, box[k, 0]), np.maximum(high, box[k, 1])
+                joined = True
     return np.array(chosen)
 
 
