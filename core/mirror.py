@@ -407,9 +407,10 @@ def _reweighted_kernel(u, v, d):
                 right[a] += weights[i] * row[a] * d[i]
                 for b in range(3):
                     normal[a, b] += weights[i] * row[a] * row[b]
-        if np.linalg.det(normal) < 1e-10 * np.trace(normal) ** 3:  # all on one line
-            return False, solution, normal, weights, center, scale, pooled
-        previous, solution = solution, np.linalg.solve(normal, right)
+        previous = solution
+        found, solution = _solve_3x3(normal, right)
+        if not found:  # all on one line
+            return False, previous, normal, weights, center, scale, pooled
         for i in range(count):
             x, y = (u[i] - center[0]) / scale[0], (v[i] - center[1]) / scale[1]
             residual[i] = d[i] - (solution[0] * x + solution[1] * y + solution[2])
@@ -424,6 +425,28 @@ def _reweighted_kernel(u, v, d):
         pooled[1, pool] += score * y / scale[1]
         pooled[2, pool] += score
     return True, solution, normal, weights, center, scale, pooled
+
+
+@njit(cache=True, nogil=True)
+def _solve_3x3(matrix, right):
+    """Cramer's rule, and whether the determinant is far enough from 0; numba's own solver needs scipy, which Blender
+    has not."""
+    a, b, c = matrix[0], matrix[1], matrix[2]
+    minors = np.empty((3, 3))
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        minors[0, k] = b[i] * c[j] - b[j] * c[i]
+        minors[1, k] = c[i] * a[j] - c[j] * a[i]
+        minors[2, k] = a[i] * b[j] - a[j] * b[i]
+    determinant = a[0] * minors[0, 0] + a[1] * minors[0, 1] + a[2] * minors[0, 2]
+    trace = a[0] + b[1] + c[2]
+    solution = np.zeros(3)
+    if determinant < 1e-10 * trace * trace * trace:
+        return False, solution
+    for k in range(3):
+        for row in range(3):
+            solution[k] += minors[row, k] * right[row] / determinant
+    return True, solution
 
 
 @njit(cache=True, nogil=True)
