@@ -36,10 +36,12 @@ def find_step(depth: np.ndarray) -> float:
     if not 12 <= len(occupied) <= 2000:  # hardly anything there, or no gaps
         return 0.0
     # a value on the border of two bins fills both
-    groups = np.split(occupied, np.flatnonzero(np.diff(occupied) > 1) + 1)
-    if len(groups) < 12 or max(len(group) for group in groups) > 3:
+    starts = np.flatnonzero(np.diff(occupied, prepend=-2) > 1)
+    lengths = np.diff(starts, append=len(occupied))
+    if len(starts) < 12 or lengths.max() > 3:
         return 0.0
-    z = np.array([np.average(group, weights=counts[group]) + 0.5 for group in groups]) * _BIN
+    weights = counts[occupied]
+    z = (np.add.reduceat(occupied * weights, starts) / np.add.reduceat(weights, starts) + 0.5) * _BIN
     inverse = 1.0 / z
     gaps = -np.diff(inverse)
     step = float(np.median(gaps))
