@@ -114,7 +114,7 @@ def _draw_facts(layout: bpy.types.UILayout, cloud: bpy.types.Object) -> None:
     frames = info.get("frames", 0)
     lines = [
         (say("Format"), str(info.get("format", "")), ""),
-        (say("Sensor"), f"{width} × {height}", ""),
+        (say("Size"), f"{width} × {height} px", ""),
         (say("Frames"), str(frames), ""),
         (say("Points"), f"{len(cloud.data.vertices):,}", ""),
     ]
@@ -239,7 +239,7 @@ class MIRRORSCAN_PT_subject(_Panel, bpy.types.Panel):
         column = layout.column()
         column.use_property_split = True
         column.use_property_decorate = False
-        for name in ("depth_limit", "floor_clearance", "max_height", "reach"):
+        for name in ("depth_limit", "floor_clearance", "max_height", "reach", "object"):
             column.prop(settings.subject, name)
         if settings.subject.message:
             _text(layout, settings.subject.message, "CHECKMARK")

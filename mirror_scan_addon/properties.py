@@ -101,7 +101,7 @@ class MIRRORSCAN_PG_subject(bpy.types.PropertyGroup):
     depth_limit: FloatProperty(
         name="Depth Limit",
         description="Everything farther from the camera than this is ignored; the way over a mirror counts whole. "
-        "0 m = no limit",
+        "0 m = by itself, from where the person can be",
         default=0.0, min=0.0, soft_max=8.0, step=5, precision=2, subtype="DISTANCE", unit="LENGTH",
         update=_redraw, translation_context=CONTEXT,
     )  # fmt: skip
@@ -109,7 +109,7 @@ class MIRRORSCAN_PG_subject(bpy.types.PropertyGroup):
         name="Floor Clearance",
         description="Up to this height above the floor everything counts as the floor. Raise it when pieces of the "
         "floor stick to the soles",
-        default=0.015, min=0.0, soft_max=0.1, max=0.5, step=0.1, precision=3, subtype="DISTANCE", unit="LENGTH",
+        default=0.004, min=0.0, soft_max=0.1, max=0.5, step=0.1, precision=3, subtype="DISTANCE", unit="LENGTH",
         update=_redraw, translation_context=CONTEXT,
     )  # fmt: skip
     reach: FloatProperty(
@@ -122,6 +122,12 @@ class MIRRORSCAN_PG_subject(bpy.types.PropertyGroup):
         name="Max Height",
         description="Everything higher above the floor than this is ignored, such as lamps and the ceiling",
         default=2.4, min=0.2, soft_max=3.0, step=5, precision=2, subtype="DISTANCE", unit="LENGTH",
+        update=_redraw, translation_context=CONTEXT,
+    )  # fmt: skip
+    object: BoolProperty(
+        name="Any Thing",
+        description="The subject may be a thing of any height, on the floor, a table or a plinth: what it stands on is "
+        "cut off",
         update=_redraw, translation_context=CONTEXT,
     )  # fmt: skip
     message: StringProperty(
@@ -157,7 +163,7 @@ class MIRRORSCAN_PG_quality(bpy.types.PropertyGroup):
         default=2, min=0, soft_max=6, max=20, subtype="PIXEL", update=_quality_changed, translation_context=CONTEXT,
     )  # fmt: skip
     outline: FloatProperty(
-        name="Straighten Outlines",
+        name="Trim Outlines",
         description="How much of the ragged rim of each view is cut off before sewing. 0 = nothing",
         default=0.5, min=0.0, max=0.6, step=5, precision=2, update=_quality_changed, translation_context=CONTEXT,
     )  # fmt: skip
@@ -173,7 +179,7 @@ class MIRRORSCAN_PG_quality(bpy.types.PropertyGroup):
         default=True, update=_quality_changed, translation_context=CONTEXT,
     )  # fmt: skip
     glass_offset: FloatProperty(
-        name="Glass Behind Frame",
+        name="Glass Depth",
         description="How far the reflecting glass lies behind the front of the mirrors' frames. A wrong value puts the "
         "back of the person off by twice the error",
         default=0.0, soft_min=-0.02, soft_max=0.05, step=0.1, precision=4, subtype="DISTANCE", unit="LENGTH",

@@ -101,7 +101,18 @@ def plane_of(item: bpy.types.PropertyGroup) -> dict | None:
         content = json.loads(item.plane)
     except ValueError:
         return None
-    return content if isinstance(content, dict) and {"point", "normal", "basis"} <= content.keys() else None
+    if not isinstance(content, dict):
+        return None
+    basis, rectangle = content.get("basis"), content.get("rectangle")
+    sound = _numbers(content.get("point"), 3) and _numbers(content.get("normal"), 3)
+    sound = sound and isinstance(basis, list) and len(basis) == 3 and all(_numbers(row, 3) for row in basis)
+    if sound and rectangle is not None:
+        sound = isinstance(rectangle, list) and len(rectangle) == 2 and all(_numbers(row, 2) for row in rectangle)
+    return content if sound else None
+
+
+def _numbers(value: object, count: int) -> bool:
+    return isinstance(value, list) and len(value) == count and all(isinstance(item, int | float) for item in value)
 
 
 def quality_of(item: bpy.types.PropertyGroup) -> str:
@@ -133,7 +144,8 @@ def parse_points(text: str) -> list[list[float]]:
 
 def view_settings(settings: bpy.types.PropertyGroup) -> dict:
     """Fields of ``core.views.ViewSettings``."""
-    return {name: getattr(settings.subject, name) for name in ("depth_limit", "floor_clearance", "reach", "max_height")}
+    names = ("depth_limit", "floor_clearance", "reach", "max_height", "object")
+    return {name: getattr(settings.subject, name) for name in names}
 
 
 def build_settings(settings: bpy.types.PropertyGroup) -> dict:

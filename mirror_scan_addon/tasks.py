@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 Result = TypeVar("Result")
 Steps = Generator[tuple[float, str], None, Result]
 
+ENOUGH = 3  # picks that make a plane; with fewer the mirror is looked for around them
 READING, AVERAGING = "Reading the capture", "Averaging the frames"
 FINDING, FITTING = "Finding the mirrors", "Fitting the mirrors"
 
@@ -227,8 +228,12 @@ def _fit(
     answers, placed, numbers = [], [], [-1, 0]
     for place, record in zip(places or range(len(records)), records, strict=True):
         try:
-            if record["picks"]:
+            if len(record["picks"]) >= ENOUGH:
                 mirror = place_mirror(_picks_of(record), depth, intrinsics, settings)
+            elif record["picks"]:
+                from ..core.mirror_detection import find_mirror_at
+
+                mirror = find_mirror_at(_picks_of(record), depth, intrinsics, glass_offset=glass_offset)
             else:
                 mirror = mirror_of(record)
         except MirrorError as error:
@@ -285,7 +290,11 @@ def mirror_of(record: dict) -> Mirror:
             for name, value in content.items()
             if name in known
         }
-        return Mirror(**(values | {"name": record["name"]}))
+        mirror = Mirror(**(values | {"name": record["name"]}))
+        shapes = [np.shape(value) for value in (mirror.point, mirror.normal, mirror.basis)]
+        if shapes != [(3,), (3,), (3, 3)]:
+            raise ValueError(f"shapes are {shapes}")
+        return mirror
     except (ValueError, TypeError, AttributeError) as error:
         raise MirrorError(f"{record['name']}: is not placed; find the mirrors or pick points on its frame") from error
 
@@ -385,7 +394,7 @@ def _capture_of(cloud: Cloud) -> Capture:
 
 def _known(record: dict):
     """What to build with: picks, which are fitted again to all frames, else the plane that was given or found."""
-    return _picks_of(record) if len(record["picks"]) >= 3 else mirror_of(record)
+    return _picks_of(record) if len(record["picks"]) >= ENOUGH else mirror_of(record)
 
 
 def _built(result) -> Built:

@@ -7,6 +7,7 @@ from bpy.props import EnumProperty, IntProperty
 
 from .. import jobs, reports, state
 from ..texts import CONTEXT, say
+from .load_capture import viewport
 
 
 def no_mesh(context: bpy.types.Context) -> str:
@@ -132,9 +133,7 @@ def _look_at(context: bpy.types.Context, avatar: bpy.types.Object, place: dict) 
     """Turn the 3D viewport to look at a place from where its surface faces."""
     from mathutils import Vector
 
-    area = context.area if context.area is not None and context.area.type == "VIEW_3D" else None
-    if area is None and context.screen is not None:
-        area = next((area for area in context.screen.areas if area.type == "VIEW_3D"), None)
+    area = viewport(context)
     if area is None:
         return
     view = area.spaces.active.region_3d

@@ -74,7 +74,7 @@ class MIRRORSCAN_OT_load_capture(jobs.JobOperator, bpy.types.Operator):
         settings = target.mirror_scan
         settings.capture_path, settings.frames = self._path, self._frames
         if self._frame_view:
-            look_at(context, cloud)
+            look_from_camera(context, cloud)
         count = len(cloud.data.vertices)
         for mirror in settings.mirrors:
             if mirror.message:
@@ -112,6 +112,7 @@ def show_capture(context: bpy.types.Context, target: bpy.types.Scene, loaded) ->
     settings.subject.message = ""
     if target == context.scene:
         scene.select_only(context, points)
+        points.select_set(False, view_layer=context.view_layer)  # its box would draw the eye
     return points
 
 
@@ -130,11 +131,31 @@ def forget_capture(target: bpy.types.Scene) -> None:
             bpy.data.images.remove(image)
 
 
-def look_at(context: bpy.types.Context, target: bpy.types.Object, margin: float = 1.0) -> None:
+def viewport(context: bpy.types.Context) -> bpy.types.Area | None:
+    """The 3D viewport that was clicked in, else any in this window."""
+    if context.area is not None and context.area.type == "VIEW_3D":
+        return context.area
+    areas = () if context.screen is None else context.screen.areas
+    return next((area for area in areas if area.type == "VIEW_3D"), None)
+
+
+def look_from_camera(context: bpy.types.Context, cloud: bpy.types.Object) -> None:
+    """Have the 3D viewport look as the depth camera did, from a little farther back: no point hides another then."""
+    from mathutils import Matrix, Vector
+
+    area = viewport(context)
+    if area is None:
+        return
+    view = area.spaces.active.region_3d
+    view.view_perspective = "PERSP"
+    view.view_rotation = (cloud.matrix_world.to_3x3() @ Matrix.Rotation(3.14159265, 3, "X")).to_quaternion()
+    view.view_location = cloud.matrix_world @ Vector((0, 0, 2.5))
+    view.view_distance = 4.0
+
+
+def look_at(context: bpy.types.Context, target: bpy.types.Object) -> None:
     """Have the 3D viewport frame an object that is selected; nothing happens without one."""
-    area = context.area if context.area is not None and context.area.type == "VIEW_3D" else None
-    if area is None and context.screen is not None:
-        area = next((area for area in context.screen.areas if area.type == "VIEW_3D"), None)
+    area = viewport(context)
     region = None if area is None else next((region for region in area.regions if region.type == "WINDOW"), None)
     if region is None or bpy.app.background:
         return

@@ -14,13 +14,16 @@ SNAP_PX, GRAB_PX = 14.0, 12.0
 DEPTH_TOLERANCE = 0.12
 """How much deeper than the front-most point under the mouse a point may lie to be meant [m]."""
 
+ENOUGH = 3  # picks that make a plane; with fewer the mirror is looked for around them
+
 NAVIGATION = ("MIDDLEMOUSE", "WHEEL", "NUMPAD_", "TRACKPAD", "NDOF", "MOUSEROTATE", "MOUSESMARTZOOM", "HOME", "TIMER",
               "WINDOW", "MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "EVT_", "ACCENT_GRAVE")  # fmt: skip
 """Beginnings of event types that are Blender's while picking."""
 
 
 class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
-    """Click at least 3 points on the mirror's frame, not on its glass, on at least two of its sides; 8 are better"""
+    """Click points on the mirror's frame, not on its glass. One is enough where the frame is plain to see; 8 on all
+    sides are best, 3 on two sides the least"""
 
     bl_idname = "mirror_scan.pick_mirror_points"
     bl_label = "Pick Mirror Points"
@@ -231,7 +234,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         """The active mirror has other picks: its plane is not true any more, and fitted again at the next tick."""
         item = self._active(context.scene.mirror_scan)
         item.source, item.message = "picked", ""
-        if len(item.picks) < 3:
+        if not len(item.picks):
             item.plane, item.residual_mm = "", 0.0
         self._asked = None
         self._tell(context)
@@ -252,8 +255,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
                 self._apply(context, errand.result)
         if self._errand is None and self._dragged is None and self._asked is None:
             records = state.records_of(settings)
-            self._asked = [number for number, record in enumerate(records) if len(record["picks"]) >= 3 or
-                           (record["plane"] and not record["picks"])]  # fmt: skip
+            self._asked = [number for number, record in enumerate(records) if record["picks"] or record["plane"]]
             if self._asked:
                 chosen = [records[number] for number in self._asked]
                 offset = settings.quality.glass_offset
@@ -271,6 +273,8 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             item = settings.mirrors[number]
             for name in ("plane", "residual_mm", "message", "source"):
                 setattr(item, name, record[name])
+            if 0 < len(record["picks"]) < ENOUGH:
+                item.message = ""  # that is no fault yet: more picks are to come
         self._set_seen(context, fitted.seen)
         self._tell(context)
 
@@ -295,7 +299,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         settings = context.scene.mirror_scan
         records = state.records_of(settings)
         kept = [record for record in records if record["picks"] or record["plane"]]
-        short = [record for record in kept if 0 < len(record["picks"]) < 3]
+        short = [record for record in kept if 0 < len(record["picks"]) < ENOUGH and not record["plane"]]
         if short:
             self._accepting = False
             text = say("{name}: {count} points are picked, 3 are needed; pick more, or Backspace to drop them")
@@ -364,10 +368,10 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         count = len(item.picks)
         if item.message:
             how = item.message
-        elif item.plane and count >= 3:
+        elif item.plane and count:
             how = say("fits to {residual:.1f} mm").format(residual=item.residual_mm)
-        elif count < 3:
-            how = say("{more} more needed").format(more=3 - count)
+        elif count < ENOUGH:
+            how = say("{more} more needed").format(more=ENOUGH - count)
         else:
             how = say("fitting")
         text = say(

@@ -28,7 +28,7 @@ def run_fresh(code: str, **environment: str) -> str:
 
 
 def test_start_is_cheap(tmp_path):
-    """CPU time of the thread, since other things may run; with byte code, as Blender has it from the second start on."""
+    """CPU time of the thread, since other things may run; with byte code, as from Blender's second start on."""
     code = """
 import gc, json, time
 start = time.thread_time(); import mirror_scan; imported = time.thread_time() - start

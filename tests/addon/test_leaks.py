@@ -1,0 +1,66 @@
+"""Doing and undoing over and over leaves nothing behind."""
+
+from __future__ import annotations
+
+import gc
+import resource
+import sys
+
+import pytest
+
+pytest.importorskip("bpy")
+
+BLOCKS = ("objects", "meshes", "materials", "images", "collections", "cameras", "scenes", "node_groups")
+
+
+def blocks(bpy) -> dict[str, int]:
+    return {name: len(getattr(bpy.data, name)) for name in BLOCKS}
+
+
+def resident_mb() -> float:
+    if sys.platform == "linux":
+        with open("/proc/self/statm") as file:
+            return int(file.read().split()[1]) * resource.getpagesize() / 1e6
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+
+
+def test_fifty_builds_with_undo(bpy, capsule_60k, monkeypatch, tmp_path):
+    from mirror_scan.mirror_scan_addon import tasks
+
+    surface = tasks.Surface(
+        capsule_60k.vertices, capsule_60k.triangles, capsule_60k.colors, capsule_60k.view, capsule_60k.kind
+    )
+
+    def build_steps(*arguments):
+        yield 0.5, "Zippering"
+        return tasks.Built(surface, {"camera_to_avatar": None}, (), [])
+
+    monkeypatch.setattr(tasks, "build_steps", build_steps)
+    bpy.ops.ed.undo_push(message="start")
+    bare = blocks(bpy)
+    handlers = {name: len(value) for name in dir(bpy.app.handlers)
+                if isinstance(value := getattr(bpy.app.handlers, name), list)}  # fmt: skip
+    memory = []
+    for turn in range(50):
+        assert bpy.ops.mirror_scan.build_avatar(filepath=str(tmp_path)) == {"FINISHED"}
+        bpy.ops.ed.undo_push(message="built")
+        assert len(bpy.data.meshes) == 1
+        bpy.ops.ed.undo()
+        assert blocks(bpy) == bare, turn
+        gc.collect()
+        memory.append(resident_mb())
+    assert handlers == {name: len(getattr(bpy.app.handlers, name)) for name in handlers}
+    # one such mesh is 8 MB: it would show if builds were kept
+    assert memory[-1] - memory[14] < 25, memory
+
+
+def test_captures_loaded_over_and_over(bpy, scan):
+    bpy.ops.mirror_scan.load_capture(filepath=str(scan[0]), frames=1)
+    once, memory = blocks(bpy), []
+    for _ in range(6):
+        bpy.ops.mirror_scan.load_capture(filepath=str(scan[0]), frames=1)
+        assert blocks(bpy) == once
+        memory.append(resident_mb())
+    bpy.data.orphans_purge(do_recursive=True)
+    assert blocks(bpy) == once  # nothing was orphaned
+    assert memory[-1] - memory[1] < 40, memory

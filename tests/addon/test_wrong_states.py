@@ -1,0 +1,138 @@
+"""Every operator in every state it was not made for: a line for the user, never a traceback, and nothing changed."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("bpy")
+
+OPERATORS = {
+    "load_capture": {},
+    "find_mirrors": {},
+    "set_mirror": {"points": "[[100, 100], [200, 100], [100, 200]]"},
+    "pick_mirror_points": {},
+    "remove_mirror": {},
+    "clear_mirrors": {},
+    "save_mirrors": {"filepath": "/proc/mirrors.json"},
+    "find_subject": {},
+    "build_avatar": {},
+    "check": {},
+    "jump_to_problem": {},
+    "color_by": {"mode": "KIND"},
+    "export_avatar": {"filepath": "/proc/avatar.ply"},
+    "add_rig": {},
+    "simulate": {"frames": 1, "filepath": "/proc/scan"},
+}
+
+
+def empty(bpy, capsule, tmp_path):
+    """Nothing at all: no capture, no object."""
+
+
+def edit_mode(bpy, capsule, tmp_path):
+    bpy.ops.mesh.primitive_cube_add()
+    bpy.ops.object.mode_set(mode="EDIT")
+
+
+def not_a_mesh(bpy, capsule, tmp_path):
+    bpy.ops.object.empty_add()
+
+
+def no_faces(bpy, capsule, tmp_path):
+    item = bpy.data.objects.new("Points", bpy.data.meshes.new("Points"))
+    bpy.context.collection.objects.link(item)
+    bpy.context.view_layer.objects.active = item
+
+
+def foreign_mesh(bpy, capsule, tmp_path):
+    bpy.ops.mesh.primitive_cube_add()
+
+
+def linked_object(bpy, capsule, tmp_path):
+    from mirror_scan.mirror_scan_addon.scene import create_avatar
+
+    create_avatar(capsule, name="Far", collection=bpy.context.collection, report={"problems": []})
+    library = str(tmp_path / "library.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=library)
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    with bpy.data.libraries.load(library, link=True) as (_, here):
+        here.objects = ["Far"]
+    bpy.context.collection.objects.link(bpy.data.objects["Far"])
+    bpy.context.view_layer.objects.active = bpy.data.objects["Far"]
+
+
+def linked_scene(bpy, capsule, tmp_path):
+    bpy.context.scene.name = "Linked"
+    library = str(tmp_path / "library.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=library)
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    with bpy.data.libraries.load(library, link=True) as (_, here):
+        here.scenes = ["Linked"]
+    bpy.context.window.scene = bpy.data.scenes["Linked"]
+
+
+def gone_capture(bpy, capsule, tmp_path):
+    bpy.context.scene.mirror_scan.capture_path = str(tmp_path / "gone")
+
+
+def unsaved_relative(bpy, capsule, tmp_path):
+    bpy.context.scene.mirror_scan.capture_path = "//capture"
+
+
+def spoiled_cloud(bpy, capsule, tmp_path):
+    """An object that says it is a cloud, but whose data somebody spoiled."""
+    mesh = bpy.data.meshes.new("Spoiled")
+    mesh.from_pydata([(0, 0, 1), (0, 0, 2)], [], [])
+    item = bpy.data.objects.new("Spoiled", mesh)
+    item["mirror_scan_capture"] = '{"name": "x", "format": "y"}'
+    bpy.context.collection.objects.link(item)
+    bpy.context.scene.mirror_scan.cloud = item
+    bpy.context.scene.mirror_scan.mirrors.add()
+
+
+def removed_cloud(bpy, capsule, tmp_path):
+    spoiled_cloud(bpy, capsule, tmp_path)
+    bpy.context.collection.objects.unlink(bpy.data.objects["Spoiled"])
+
+
+def spoiled_mirror(bpy, capsule, tmp_path):
+    spoiled_cloud(bpy, capsule, tmp_path)
+    item = bpy.context.scene.mirror_scan.mirrors[0]
+    item.plane = '{"point": 1, "normal": "x", "basis": []}'
+
+
+STATES = (empty, edit_mode, not_a_mesh, no_faces, foreign_mesh, linked_object, linked_scene, gone_capture,
+          unsaved_relative, spoiled_cloud, removed_cloud, spoiled_mirror)  # fmt: skip
+
+
+@pytest.mark.parametrize("state", STATES, ids=lambda state: state.__name__)
+def test_a_wrong_state_is_answered_in_words(bpy, capsule, tmp_path, capfd, state):
+    for name, options in OPERATORS.items():
+        bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+        state(bpy, capsule, tmp_path)
+        before = {kind: len(getattr(bpy.data, kind)) for kind in ("objects", "meshes", "images", "materials")}
+        try:
+            done = getattr(bpy.ops.mirror_scan, name)(**options)
+        except RuntimeError as error:
+            text = str(error)
+            assert "Traceback" not in text and "Error: Python" not in text, (name, text)
+            assert "poll() failed" not in text, f"{name}: poll says no without a reason"
+            after = {kind: len(getattr(bpy.data, kind)) for kind in before}
+            assert after == before, (name, before, after)
+        else:
+            assert done in ({"FINISHED"}, {"CANCELLED"}), name
+        said = capfd.readouterr()
+        assert "Traceback" not in said.out + said.err, name
+
+
+def test_every_poll_answers_quickly_with_a_bool(bpy):
+    import time
+
+    for name in OPERATORS:
+        start = time.thread_time()
+        assert getattr(bpy.ops.mirror_scan, name).poll() in (True, False)
+        assert time.thread_time() - start < 0.02
+
+
+def test_every_operator_is_listed_here(bpy):
+    assert set(dir(bpy.ops.mirror_scan)) - {"add_quality_preset"} == set(OPERATORS)
