@@ -44,7 +44,7 @@ def test_a_click_on_a_sphere_hits_its_near_side(projection):
     # true places on the side that faces the viewer, seen steeply enough not to be the rim
     truth = sphere(400, 1).astype(float)
     facing = truth @ toward if projection[3, 3] else np.einsum("ij,ij->i", truth, camera - truth)
-    truth = truth[facing > 0.3 * (1 if projection[3, 3] else 5)]
+    truth = truth[facing > 0.6 * (1 if projection[3, 3] else 5)]
     pixels = project_to_picture(truth, projection @ view, SIZE)
     for place, pixel in zip(truth[:60], pixels[:60], strict=True):
         index = pick_point(points, view, projection, SIZE, pixel)
