@@ -1,9 +1,4 @@
-"""How depth cameras err, as data and one function.
-
-Figures: Kinect v1 axial and lateral noise after Nguyen, Izadi and Lovell (2012), baseline and disparity step as in the
-OpenNI/ROS drivers; Azure Kinect range and noise from its specification; RealSense from the vendor's depth RMS formula
-``z² · subpixel / (f · baseline)``.
-"""
+"""How virtual depth cameras err, as data and one function; noise and quantisation are those of :mod:`..sensors`."""
 
 from __future__ import annotations
 
@@ -13,6 +8,7 @@ import numpy as np
 
 from ..camera import Intrinsics
 from ..errors import MirrorScanError
+from ..sensors import SENSORS as NOISE_MODELS
 
 
 @dataclass(frozen=True)
@@ -62,23 +58,34 @@ class Sensor:
     interference: bool = False
 
 
+def _noise(name: str) -> dict:
+    """The fields of :class:`Sensor` that cleaning knows by the same figures."""
+    model = NOISE_MODELS[name]
+    return {
+        "baseline": model.baseline,
+        "disparity_noise": model.disparity_noise,
+        "disparity_step": model.disparity_step,
+        "axial_noise": model.axial,
+        "lateral_jitter": model.lateral,
+    }
+
+
 _AZURE = Sensor(
-    Intrinsics(640, 576, 504.0, 504.0, 319.5, 287.5), 0.5, 6.0, axial_noise=(0.0012, 0.0003),
-    flying=0.2, dropped=0.1, max_incidence_deg=86.0, dropout=0.0005,
+    Intrinsics(640, 576, 504.0, 504.0, 319.5, 287.5), 0.5, 6.0,
+    flying=0.2, dropped=0.1, max_incidence_deg=86.0, dropout=0.0005, **_noise("azure_kinect"),
 )  # fmt: skip
 
 SENSORS: dict[str, Sensor] = {
     "ideal": Sensor(Intrinsics(640, 480, 585.0, 585.0, 319.5, 239.5), 0.05, 60.0),
-    # 0.056 px before the 1/8 px quantum gives Nguyen's axial 1.2 mm + 1.9 mm (z - 0.4)² within 10 % from 1.5 to 5 m.
     "kinect_v1": Sensor(
-        Intrinsics(640, 480, 585.0, 585.0, 319.5, 239.5), 0.5, 6.5, baseline=0.075, disparity_noise=0.056,
-        disparity_step=0.125, lateral_jitter=(0.8, 0.035), max_incidence_deg=80.0, dropout=0.001, interference=True,
+        Intrinsics(640, 480, 585.0, 585.0, 319.5, 239.5), 0.5, 6.5, max_incidence_deg=80.0, dropout=0.001,
+        interference=True, **_noise("kinect_v1"),
     ),
     "azure_kinect": _AZURE,
     "femto_bolt": _AZURE,
     "realsense_d455": Sensor(
-        Intrinsics(848, 480, 428.0, 428.0, 423.5, 239.5), 0.4, 8.0, baseline=0.095, disparity_noise=0.08, fattening=2,
-        max_incidence_deg=84.0, dropout=0.002,
+        Intrinsics(848, 480, 428.0, 428.0, 423.5, 239.5), 0.4, 8.0, fattening=2, max_incidence_deg=84.0,
+        dropout=0.002, **_noise("realsense_d455"),
     ),
 }  # fmt: skip
 
