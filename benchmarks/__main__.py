@@ -1,4 +1,4 @@
-"""``python -m benchmarks [--only quality|speed|cleaning|dtw|import|blender …] [--markdown FILE]``"""
+"""``python -m benchmarks [--only quality|speed|cleaning|mirrors|dtw|import|blender …] [--markdown FILE]``"""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from pathlib import Path
 from .machine import describe
 from .results import Finding, limits_table
 
-MODULES = {"quality": "quality", "speed": "speed", "cleaning": "cleaning", "dtw": "dtw", "import": "imports",
-           "blender": "blender"}  # fmt: skip
+MODULES = {"quality": "quality", "speed": "speed", "cleaning": "cleaning", "mirrors": "mirrors", "dtw": "dtw",
+           "import": "imports", "blender": "blender"}  # fmt: skip
 
 
 def main() -> int:

@@ -543,6 +543,10 @@ def _extent(frame: np.ndarray, picked: np.ndarray, mirror: Mirror) -> np.ndarray
     upper = grown[grown[:, 1] < top + 0.7 * (bottom - top)]
     left, right = np.quantile(upper[:, 0], (0.005, 0.995))
     low, high = picks.min(axis=0), picks.max(axis=0)
+    beyond = ((grown < low - _FRAME) | (grown > high + _FRAME)).any(axis=1)
+    if beyond.mean() > 0.3:  # a wall goes on in the frame's plane: only the picks say how far the mirror goes
+        left, right = np.clip((left, right), low[0] - _FRAME / 4, high[0] + _FRAME / 4)
+        top, bottom = np.clip((top, bottom), low[1] - _FRAME / 4, high[1] + _FRAME / 4)
     return np.array(((min(left, low[0]), max(right, high[0])), (min(top, low[1]), max(bottom, high[1]))))
 
 
@@ -611,4 +615,5 @@ def at_border(
     )
 
 
+_FRAME = 0.15  # more than a frame is wide [m]
 _BEYOND = 2.0  # how far glass is taken to go on past the image's border [m]

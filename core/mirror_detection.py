@@ -537,6 +537,8 @@ def verify(
             return None
     judged = violated + shown + hidden + ground
     violation = violated / max(judged, 1.0)
+    if len(guess.sides) == 2 and min(s.length for s in guess.sides.values()) < 0.5:
+        return None  # a leg and the edge of its shadow, a table and one of its legs
     rim = rim_share(guess, depth, intrinsics)
     made = replace(guess, shown=shown, violated=violation, behind=behind / total, score=rim * (1.0 - violation))
     if rim < settings.min_rim + (0.13 if len(guess.sides) == 2 else 0.0):

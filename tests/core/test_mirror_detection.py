@@ -86,3 +86,50 @@ def test_one_pick_is_enough_to_say_which(simulated, count):
         assert misplaced(mirror, true, truth.body.vertices) < 0.003
     with pytest.raises(MirrorError, match=r"left: no straight frame.*\(320, 60\)"):
         find_mirror_at(MirrorPicks("left", np.array([(320.0, 60.0)])), depth, capture.intrinsics)
+
+
+def test_a_mirror_cut_by_the_picture_and_one_behind_the_person(person):
+    """The camera is panned until the right mirror leaves the picture; the left one is partly hidden by the body."""
+    rig = default_rig("azure_kinect", frames=4, roll_deg=5.0, lean_deg=(1.5, -2.0), seed=3)
+    rig = replace(rig, pan_deg=-8.0)
+    right, left = rig.mirrors
+    nearer = replace(left, centre=tuple(np.array(left.centre) + (0.35, 0.1, 0.0)))
+    simulation = simulate(person, replace(rig, mirrors=(right, nearer)))
+    found = find_mirrors(clean(simulation.capture), simulation.capture.intrinsics)
+    assert [m.name for m in found] == ["left", "right"]
+    true = {m.name: m for m in simulation.truth.mirrors}
+    for mirror in found:
+        assert misplaced(mirror, true[mirror.name], simulation.truth.body.vertices) < 0.006
+    assert found[1].outline[:, 0].max() > simulation.capture.intrinsics.width - 30
+
+
+def test_what_looks_like_a_mirror():
+    """An empty frame before a wall 1 m behind it: flipped, that wall would hang in the air before the camera."""
+    lens = default_rig("ideal").intrinsics
+    v, u = np.mgrid[: lens.height, : lens.width]
+    rays = np.stack(((u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy, np.ones(u.shape)), axis=-1)
+    for turn in (0.0, 0.5):
+        normal = np.array((np.sin(turn), 0.0, -np.cos(turn)))
+        z = normal @ (0, 0, 2.5) / (rays @ normal)
+        at = rays * z[..., None] - (0, 0, 2.5)
+        across, down = np.abs(at @ (np.cos(turn), 0.0, np.sin(turn))), np.abs(at[..., 1])
+        frame = (across < 0.45) & (down < 0.8) & ~((across < 0.4) & (down < 0.75))
+        floor = 1.0 / np.maximum(rays[..., 1], 1e-6)
+        depth = np.minimum(np.where(frame, z, 3.5), floor).astype(np.float32)
+        assert find_mirrors(depth, lens) == []
+
+
+def test_a_longer_burst_is_surer(person):
+    """Errors fall with the root of the frames, and the covariance says so; edges set the floor."""
+    simulation = simulate(person, default_rig("azure_kinect", frames=32, seed=8))
+    capture, body = simulation.capture, simulation.truth.body.vertices
+    promised = []
+    for frames in (1, 4, 16, 32):
+        depth = clean(replace(capture, depth=capture.depth[:frames]))
+        found = find_mirrors(depth, capture.intrinsics)
+        true = {m.name: m for m in simulation.truth.mirrors}
+        promised.append(np.mean([m.displacement(body) for m in found]))
+        for mirror in found:
+            assert misplaced(mirror, true[mirror.name], body) < 4 * mirror.displacement(body) + 3e-4
+    assert promised[1] < 0.7 * promised[0] and promised[2] < 0.4 * promised[0] and promised[3] < promised[1]
+    assert promised[2] > 0.1 * promised[0], "no better than the root promises, by far"
