@@ -18,6 +18,7 @@ from ..camera import Intrinsics
 from ..errors import CaptureError, MirrorScanError
 
 MAX_BURST_PIXELS = 256_000_000  # 1 GB as float32; about 800 frames of 640 x 480
+MAX_MESSAGE = 400  # characters of an error beside the path
 FrameChoice = int | str | None
 
 # In the order they are asked; the narrow ones first. Imported one by one: some bring numba.
@@ -188,6 +189,8 @@ def open_capture(path: str | os.PathLike, frames: FrameChoice = None, options: R
         except MirrorScanError as error:
             # files may put anything into names that are quoted: one printable line, that names the file
             text = "".join(c if c.isprintable() else "?" for c in str(error))
+            longest = len(str(path)) + MAX_MESSAGE
+            text = text if len(text) <= longest else text[: longest - 1] + "…"
             if text == str(error) and str(path) in text:
                 raise
             raise type(error)(text if str(path) in text else f"{path}: {text}") from error
