@@ -1,4 +1,4 @@
-"""``python -m benchmarks [--only quality|speed|cleaning|mirrors|dtw|import|blender …] [--markdown FILE]``"""
+"""``python -m benchmarks [--only quality|speed|corpus|… …] [--quick] [--pictures DIR] [--markdown FILE]``"""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ from .machine import describe
 from .results import Finding, limits_table
 
 MODULES = {"quality": "quality", "speed": "speed", "cleaning": "cleaning", "mirrors": "mirrors", "dtw": "dtw",
-           "import": "imports", "blender": "blender"}  # fmt: skip
+           "import": "imports", "blender": "blender", "corpus": "corpus"}  # fmt: skip
 
 
 def main() -> int:
     parser = argparse.ArgumentParser("python -m benchmarks", description="Measure Mirror Scan against named peers.")
     parser.add_argument("--only", nargs="+", choices=tuple(MODULES), help="these tables only")
+    parser.add_argument("--quick", action="store_true", help="a few scenes of the corpus only")
+    parser.add_argument("--pictures", type=Path, metavar="DIR", help="write sheets of the corpus's results there")
     parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the tables there as well")
     options = parser.parse_args()
     if importlib.util.find_spec("mirror_scan") is None:
@@ -32,7 +34,8 @@ def main() -> int:
     pages.append("\n".join(f"- {line}" for line in heading))
     findings: list[Finding] = []
     for name in options.only or MODULES:
-        result = importlib.import_module(f".{MODULES[name]}", __package__).run()
+        module = importlib.import_module(f".{MODULES[name]}", __package__)
+        result = module.run(quick=options.quick, pictures=options.pictures) if name == "corpus" else module.run()
         findings += result.findings
         for table in result.tables:
             print(f"\n{table.text()}", flush=True)

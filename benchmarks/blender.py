@@ -1,53 +1,101 @@
-"""Blender's bridge in a process of its own: run as ``python -m benchmarks.blender PATCHES.npz RESULT.npz``.
+"""The add-on in a real Blender's window: what its start, its clicks and its jobs cost whoever looks at it.
 
-bpy brings its own versions of libraries that the other peers bring too, and its tools can crash or take for ever on
-what a scan hands them; neither must end the run. Prints the time of the call [ms].
+Run where BLENDER names an installed Blender, or MIRROR_SCAN_CHROOT the folder of
+``tests/blender/make_blender_chroot.sh``; elsewhere only what the bpy module can tell is measured.
 """
 
 from __future__ import annotations
 
-import subprocess
+import importlib.util
 import sys
 import tempfile
-import time
 from pathlib import Path
+from statistics import median
+from types import ModuleType
 
-import numpy as np
-from mirror_scan.core.mesh import Mesh
+from .machine import installed, medians, say
+from .results import Finding, Result, Table, number, yes
 
-TIME_LIMIT = 60.0
 ROOT = Path(__file__).resolve().parents[1]
+LIMITS = {  # name of the figure: (what, unit, limit)
+    "enable_ms": ("enabling the add-on, fresh Blender", "ms", 50.0),
+    "points_shown_s": ("load and show 300 k points", "s", 1.0),
+    "picking_ms": ("a click when picking, longest", "ms", 30.0),
+    "second_build_blocks_ms": ("longest block of the window while building", "ms", 150.0),
+    "first_build_blocks_ms": ("the same, first build, kernels compiling", "ms", 150.0),
+    "mesh_ms": ("mesh of 60 k vertices with attributes", "ms", 80.0),
+}
+MESH_RUNS = 7
 
 
-def blender_bridge(patches: Mesh) -> tuple[Mesh, float] | str:
-    """The mesh that Blender makes of the patches and the time of the call [ms]; or why there is none."""
-    with tempfile.TemporaryDirectory() as folder:
-        given, made = Path(folder) / "patches.npz", Path(folder) / "result.npz"
-        np.savez(given, vertices=patches.vertices, triangles=patches.triangles, view=patches.view)
-        command = [sys.executable, "-m", "benchmarks.blender", str(given), str(made)]
+def run() -> Result:
+    table = Table("In Blender", ("what", "where", "measured", "limit", "holds"), left=2)
+    findings = []
+    figures, where, why_not = in_window()
+    if why_not:
+        table.notes.append(f"No run in a real Blender: {why_not}.")
+        if installed("bpy"):
+            figures, where = {"mesh_ms": mesh_in_module()}, "bpy module"
+    for name, (what, unit, limit) in LIMITS.items():
+        text = f"{what} < {limit:g} {unit}"
+        if name not in figures:
+            table.rows.append((what, "–", "–", f"{limit:g} {unit}", "–"))
+            findings.append(Finding(text, why_not or "the run ended before it", None))
+            continue
+        value = median(figures[name]) if isinstance(figures[name], list) else figures[name]
+        shown = f"{number(value, 2 if unit == 's' else 0)} {unit}"
+        table.rows.append((what, where, shown, f"{limit:g} {unit}", yes(value < limit)))
+        findings.append(Finding(text, shown, value < limit))
+    if "points_shown" in figures:
+        table.notes.append(f"The cloud has {figures['points_shown']:,} points, the mesh {figures['mesh_vertices']:,}.")
+    return Result([table], findings)
+
+
+def in_window() -> tuple[dict, str, str]:
+    """Figures of the run in a window, where it was, and why there was none."""
+    runner = _load_runner()
+    with tempfile.TemporaryDirectory(prefix="mirror_scan_bench_") as folder:
         try:
-            done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=TIME_LIMIT)
-        except subprocess.TimeoutExpired:
-            return f"stopped after {TIME_LIMIT:.0f} s"
-        if done.returncode != 0:
-            last = done.stderr.strip().splitlines()
-            return f"exit code {done.returncode}" + (f": {last[-1]}" if last else "")
-        with np.load(made) as arrays:
-            return Mesh(arrays["vertices"], arrays["triangles"]), float(arrays["milliseconds"])
+            place = runner.find_place(Path(folder) / "share")
+        except runner.Impossible as error:
+            return {}, "", str(error)
+        say("real Blender: build, install, go the whole way; some minutes")
+        place.share.mkdir()
+        runner.prepare(place)
+        found = runner.go(place, Path(folder) / "out")
+        if found["code"]:
+            say(found.get("error", "the run in Blender failed"))
+        return found["figures"] | {"enable_ms": runner.start_figures(place)}, found.get("blender", "Blender"), ""
 
 
-def main(given: str, made: str) -> None:
-    import bpy  # noqa: F401  registers bmesh and mathutils in the bpy module
-    from mirror_scan.mirror_scan_addon.bridging import bridge_and_fill
+def mesh_in_module() -> float:
+    """Milliseconds for a sheet of 60 000 vertices, in the bpy module."""
+    say("mesh into bpy")
+    import bpy
+    import numpy as np
+    from mirror_scan.core.mesh import Mesh
+    from mirror_scan.mirror_scan_addon import scene
 
-    with np.load(given) as arrays:
-        patches = Mesh(arrays["vertices"], arrays["triangles"], view=arrays["view"])
-    bridge_and_fill(patches)  # warm: the boundary loops' kernel is compiled
-    start = time.perf_counter()
-    mesh = bridge_and_fill(patches)
-    spent = 1000.0 * (time.perf_counter() - start)
-    np.savez(made, vertices=mesh.vertices, triangles=mesh.triangles, milliseconds=spent)
+    n = 245
+    x, y = np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n))
+    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    triangles = np.concatenate(
+        (np.stack((corner, corner + 1, corner + n), 1), np.stack((corner + 1, corner + n + 1, corner + n), 1))
+    ).astype(np.int32)
+    vertices = np.stack((x, y, 0.1 * np.sin(9 * x)), -1).reshape(-1, 3)
+    colors = np.zeros((n * n, 3), np.uint8)
+    mesh = Mesh(vertices, triangles, colors, np.zeros(n * n, np.int8), np.zeros(len(triangles), np.int8))
+
+    def create() -> None:
+        bpy.data.meshes.remove(scene.create_avatar(mesh).data)
+
+    spent, _ = medians({"mesh": create}, MESH_RUNS)
+    return spent["mesh"]
 
 
-if __name__ == "__main__":
-    main(*sys.argv[1:])
+def _load_runner() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("run_in_blender", ROOT / "tests" / "blender" / "run.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from statistics import median
 
 import numpy as np
@@ -20,6 +21,7 @@ from .results import Finding, Result, Table, number, yes
 from .scenes import SHARED, SIMULATED, Scene, origins, scenes
 
 OURS = "Mirror Scan"
+CORE = "core.metrics.evaluate"
 RUNS = 3
 MAX_CROSSING_PCT = 1.0
 PAPER = "The paper (5.1): mean 2.08 mm, max 12.9 mm between a mirrored and a direct capture of a mannequin."
@@ -45,11 +47,11 @@ class Surface:
 Scorer = Callable[[Mesh, Mesh], dict]
 
 
-def scorer() -> tuple[Scorer, str]:
+def scorer(samples: int = 100_000) -> tuple[Scorer, str]:
     """The scoring tool kept beside the checkout, or core's own, which gives the same fields; and its name."""
     tool = SHARED / "tools" / "score.py"
     if not tool.exists() or not all(map(installed, ("trimesh", "open3d", "pymeshlab"))):
-        return evaluate, "core.metrics.evaluate"
+        return partial(evaluate, samples=samples), CORE
     import trimesh
 
     spec = importlib.util.spec_from_file_location("score", tool)
@@ -58,7 +60,7 @@ def scorer() -> tuple[Scorer, str]:
 
     def score(mesh: Mesh, truth: Mesh) -> dict:
         a, b = (trimesh.Trimesh(m.vertices, m.triangles, process=False) for m in (mesh, truth))
-        return module.score(a, b)
+        return module.score(a, b, n=samples)
 
     return score, "../shared/tools/score.py"
 
