@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
 from .camera import Intrinsics, unproject
 from .errors import ReconstructionError
-from .ground import find_floor, vertical
+from .ground import find_ground
 from .linear import dot
 from .mesh import root_of
 from .mirror import Mirror, reflect
 from .views import Views, ViewSettings, sort_rays
 
 DEFAULTS = ViewSettings()
+
+_NEAR_FLOOR = 0.12  # readings within this of the floor tell how each view sees it [m]
+_OUTLINE = 0.08  # a view's points may stick out of the subject's outline in another view by this much [m]
+_ROUGH = 0.014  # a floor's noise is less [m]
+_ROW = 3  # px to either side that a pixel near the floor is judged by
+_CLICK_RADIUS = 6  # px: a click without a reading takes the nearest one
+_AXIS_SPREAD, _THING_SPREAD = 0.5, 0.3  # how far off the rig's crossing a person or thing counts less [m]
 
 
 def rig_axis(mirrors: list[Mirror], up: np.ndarray, intrinsics: Intrinsics) -> np.ndarray | None:
@@ -61,103 +68,535 @@ def find_subject(
 ) -> Views:
     """Sort every pixel into its view and keep the subject: the connected figure above the floor where the rig looks.
 
+    What is seen directly is chosen first: the connected figure nearest to where the lines of sight meet, or the one
+    clicked on. What a mirror shows is the subject's where the direct view does not contradict it: it lies inside the
+    directly seen outline, or out of the direct view's sight.
+
     Parameters
     ----------
     depth : np.ndarray [shape=(H, W), dtype=float32]
         Fused depth, z [m], 0 = no reading.
+    intrinsics : Intrinsics
+    mirrors : list of Mirror
+    settings : ViewSettings
     meeting : np.ndarray [shape=(3,)], optional
         A point of the vertical line where the subject is meant to stand [m]; by default where the mirrors look.
 
     Raises
     ------
     ReconstructionError
-        Nobody stands between the camera and the mirrors.
+        Nobody stands between the camera and the mirrors, or nothing is where the click is.
 
     Notes
     -----
-    O(H W); about 60 bytes a pixel.
+    O(H W); about 80 bytes a pixel.
     """
     warnings = []
-    seen, points = sort_rays(depth, unproject(depth, intrinsics), mirrors, settings.depth_limit)
-    up = vertical(mirrors)
-    direct = np.flatnonzero(seen == 0)
-    floor = find_floor(points.reshape(-1, 3)[direct[:: len(direct) // 20000 + 1]], up)
-    floor_height, floor_noise = None, 0.0
-    if floor is not None:
-        up, floor_height, floor_noise = floor
-    if floor_height is None:
-        lowest, highest = -np.inf, np.inf
-    else:
-        lowest = floor_height + max(settings.floor_clearance, 3.0 * floor_noise)
-        highest = floor_height + settings.max_height
-    standing = _between_kernel(points, seen, up, lowest, highest)
-    component, sizes = connected_pixels(depth, standing, 1.0 / intrinsics.fx)
+    seen, points = sort_rays(depth, unproject(depth, intrinsics), mirrors, settings.depth_limit, settings.near)
+    ground = find_ground(points, seen, mirrors)
+    up = ground.up
+    clicked = None if settings.click is None else _clicked_pixel(settings.click, depth, seen)
     meeting = rig_axis(mirrors, up, intrinsics) if meeting is None else meeting
-    direct = _direct_subject(component, len(sizes), seen, points, up, meeting, settings)
-    if direct is None:
-        raise ReconstructionError(
-            "nobody stands between the camera and the mirrors: no connected figure is seen directly "
-            f"within {settings.reach:g} m of where the mirrors look; stand where both mirrors show you, 2 to 3 m from "
-            "the camera"
-        )
+    if clicked is not None:
+        meeting = points[clicked]
+    floors, clearance = _floor_of_views(points, seen, up, ground.floor, len(mirrors) + 1, meeting, settings)
+    highest = np.inf if ground.floor is None or settings.object else ground.floor + settings.max_height
+    standing = _standing_kernel(points, seen, up, floors, clearance, highest)
+    pixel_angle = 1.0 / intrinsics.fx
+    component, sizes = connected_pixels(depth, standing, pixel_angle)
+    chosen = _direct_subject(depth, component, len(sizes), seen, points, up, meeting, clicked, pixel_angle, settings)
+    support = None
+    if settings.object and chosen is not None:
+        support = _support(points[component == chosen[0]], up, settings)
+        if support is not None:
+            # from here on what the thing stands on is its floor
+            floors[:, :3], floors[:, 3] = up, support
+            clearance = np.maximum(clearance, 0.008)
+            standing = _standing_kernel(points, seen, up, floors, clearance, highest)
+            component, sizes = connected_pixels(depth, standing, pixel_angle)
+            chosen = _direct_subject(
+                depth, component, len(sizes), seen, points, up, meeting, clicked, pixel_angle, settings
+            )
+    if chosen is None:
+        raise ReconstructionError(_nobody(settings, clicked))
     labels = np.full(depth.shape, -1, np.int8)
-    _label_kernel(component, _member_table(direct, len(sizes)), 0, labels)
+    _label_kernel(component, _member_table(chosen, len(sizes)), 0, labels)
     inside = points[labels == 0]
     axis = np.median(inside, axis=0)
     height = dot(inside, up)
-    radius = np.sqrt(_squared_distance(inside, axis, _across(up)).max())
+    reach = (np.sqrt(_squared_distance(inside, axis, _across(up)).max()) + 0.35) ** 2
+    wide = _dilated(labels == 0, int(np.ceil(_OUTLINE * intrinsics.fx / np.median(depth[labels == 0]))) + 1)
+    # how deep a figure is behind its front; a thing may be as deep as it is wide
+    deepest = 0.5 if not settings.object else max(0.3, 3.0 * np.sqrt(reach) - 1.05)
+    lens = np.array((intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy))
     for i, m in enumerate(mirrors, start=1):
-        # components among this mirror's pixels that lie where the directly seen subject stands
-        total, within, _ = _component_kernel(
-            component, len(sizes), seen, i, points, axis, _across(up), (radius + 0.35) ** 2, up,
-            (height.min() - 0.15, height.max() + 0.15)
-        )
-        chosen = np.flatnonzero((within > 0.6 * total) & (within >= 30))
-        if within[chosen].sum() < settings.min_pixels:
+        verdict = _verdict_kernel(
+            component, seen, i, points, depth, labels, lens, wide, axis, _across(up), reach, up,
+            (height.min() - 0.15, height.max() + 0.15), deepest,
+        )  # fmt: skip
+        if _take_mirror(component, len(sizes), verdict, i, points, 0.05 / pixel_angle, labels) < settings.min_pixels:
+            labels[labels == i] = -1
             warnings.append(
                 f"{m.name}: nobody is seen in this mirror, its side of the body is guessed; "
                 "turn the mirror until the camera sees the subject's back in it"
             )
+    floor = ground.floor if support is None else support
+    return Views(
+        labels, seen, points, up, floor, ground.noise, axis, tuple(warnings),
+        _limits(depth, labels, len(mirrors) + 1), ground.disagreement_deg,
+    )  # fmt: skip
+
+
+def _nobody(settings: ViewSettings, clicked: tuple[int, int] | None) -> str:
+    if clicked is not None:
+        u, v = settings.click
+        return (
+            f"nothing that stands on the floor is seen directly at or behind the click ({u:g}, {v:g}); "
+            "click on the middle of the subject, where it is seen directly"
+        )
+    what = "nothing stands" if settings.object else "nobody stands"
+    return (
+        f"{what} between the camera and the mirrors: no connected figure is seen directly "
+        f"within {settings.reach:g} m of where the mirrors look; stand where both mirrors show you, 2 to 3 m from "
+        "the camera"
+    )
+
+
+def _clicked_pixel(click: tuple[float, float], depth: np.ndarray, seen: np.ndarray) -> tuple[int, int]:
+    """Row and column of the reading nearest to the click."""
+    height, width = depth.shape
+    u, v = click
+    if not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):
+        raise ReconstructionError(f"the click ({u:g}, {v:g}) is outside the {width}×{height} depth image")
+    row, column, r = int(round(v)), int(round(u)), _CLICK_RADIUS
+    top, left = max(row - r, 0), max(column - r, 0)
+    rows, columns = np.nonzero(seen[top : row + r + 1, left : column + r + 1] >= 0)
+    if not len(rows):
+        raise ReconstructionError(
+            f"there is no reading within {r} px of the click ({u:g}, {v:g}); click where the depth image shows the "
+            "subject"
+        )
+    nearest = int(np.argmin((rows + top - v) ** 2 + (columns + left - u) ** 2))
+    return int(rows[nearest] + top), int(columns[nearest] + left)
+
+
+def _floor_of_views(
+    points: np.ndarray,
+    seen: np.ndarray,
+    up: np.ndarray,
+    floor: float | None,
+    views: int,
+    meeting: np.ndarray | None,
+    settings: ViewSettings,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The floor as each view sees it about the subject, and how far above it a reading is no floor any more.
+
+    A mirror's plane is off by a little, and by twice that the floor in it; a longer path is noisier. So each view has
+    its own plane (views, 4), n·p = d, and clearance (views,) [m].
+    """
+    planes = np.zeros((views, 4))
+    planes[:, :3], planes[:, 3] = up, -np.inf if floor is None else floor
+    clearance = np.full(views, settings.floor_clearance)
+    if floor is None:
+        return planes, clearance
+    near = 0.9 * settings.reach  # farther off it is noisier
+    rows = _near_floor_kernel(
+        points, seen, up, floor, _NEAR_FLOOR, np.zeros(3) if meeting is None else meeting,
+        np.inf if meeting is None else near * near, _across(up), views,
+    )  # fmt: skip
+    for view, sample in enumerate(rows):
+        if len(sample) < 200:
             continue
-        _label_kernel(component, _member_table(chosen, len(sizes)), i, labels)
-    return Views(labels, seen, points, up, floor_height, floor_noise, axis, tuple(warnings))
+        fitted = _fit_floor(sample, up, floor)
+        if fitted is not None:
+            planes[view, :3], planes[view, 3], noise = fitted
+            clearance[view] = max(settings.floor_clearance, noise)  # of a row's median
+    return planes, clearance
 
 
-def _direct_subject(component, count, seen, points, up, meeting, settings) -> np.ndarray | None:
-    """Components seen directly that are the subject: the largest near the rig's meeting point and what touches it."""
+def _fit_floor(sample: np.ndarray, up: np.ndarray, floor: float) -> tuple[np.ndarray, float, float] | None:
+    """Plane n·p = d and noise of the level surface among points near the floor; None when there is hardly any."""
+    height = dot(sample, up)
+    # feet are spread over all heights, the floor has one
+    bins = np.bincount(np.floor((height - floor + _NEAR_FLOOR) / 0.005).astype(np.int64).clip(0))
+    level = np.convolve(bins, np.ones(4), mode="same")
+    normal, d, band = up, floor - _NEAR_FLOOR + 0.005 * (float(np.argmax(level)) + 0.5), 0.03
+    noise = None
+    for _ in range(6):
+        kept = sample[np.abs(dot(sample, normal) - d) < band]
+        if len(kept) < 150:
+            return None
+        center = kept.mean(axis=0)
+        scatter = np.cov(kept.T)
+        spread, axes = np.linalg.eigh(scatter)
+        fitted = axes[:, 0] if axes[:, 0] @ up > 0 else -axes[:, 0]
+        # a narrow strip does not tell its tilt
+        wide = spread[1] > 0.12**2 and fitted @ up > np.cos(np.radians(3.0))
+        normal = fitted if wide else up
+        d = float(normal @ center)
+        noise = 1.4826 * float(np.median(np.abs(dot(kept, normal) - d)))
+        band = max(4.0 * noise, 0.008)
+    # what is rougher are feet, in a mirror that shows no floor
+    return (normal, d, noise) if noise < _ROUGH and abs(d - floor) < _NEAR_FLOOR - 0.03 else None
+
+
+@njit(cache=True, nogil=True)
+def _near_floor_kernel(points, seen, up, floor, band, center, reach2, across, views):
+    """Up to 4000 points of each view within ``band`` of the floor and ``reach2`` about the subject, evenly taken."""
+    height, width = seen.shape
+    count = np.zeros(views, np.int64)
+    out = np.empty((2, views), np.int64)
+    for k in range(views):
+        out[0, k], out[1, k] = 1, 0
+    samples = [np.empty((4000, 3)) for _ in range(views)]
+    for turn in range(2):
+        count[:] = 0
+        for v in range(0, height, 2):  # every other pixel tells enough
+            for u in range(0, width, 2):
+                k = seen[v, u]
+                if k < 0:
+                    continue
+                p = points[v, u]
+                h = up[0] * p[0] + up[1] * p[1] + up[2] * p[2] - floor
+                if abs(h) > band:
+                    continue
+                x, y, z = p[0] - center[0], p[1] - center[1], p[2] - center[2]
+                squared = 0.0
+                for r in range(3):
+                    squared += (across[r, 0] * x + across[r, 1] * y + across[r, 2] * z) ** 2
+                if squared > reach2:
+                    continue
+                if turn == 1 and count[k] % out[0, k] == 0 and out[1, k] < 4000:
+                    samples[k][out[1, k]] = p
+                    out[1, k] += 1
+                count[k] += 1
+        if turn == 0:
+            for k in range(views):
+                out[0, k] = count[k] // 4000 + 1
+    return [samples[k][: out[1, k]].copy() for k in range(views)]
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _standing_kernel(points, seen, up, floors, clearance, highest):
+    """``seen`` where a pixel's point is above its view's floor and below ``highest`` along ``up``, else -1.
+
+    Near the floor the median of a pixel's row neighbours decides, which halves the noise and keeps a foot's sides where
+    they are; and a pixel amid floor pixels is the floor's as well.
+    """
+    height, width = seen.shape
+    out = np.full(seen.shape, -1, np.int8)
+    above = np.full(seen.shape, np.float32(np.inf))
+    for v in prange(height):
+        for u in range(width):
+            k = seen[v, u]
+            if k < 0:
+                continue
+            p = points[v, u]
+            a = p[0] * floors[k, 0] + p[1] * floors[k, 1] + p[2] * floors[k, 2] - floors[k, 3]
+            above[v, u] = a
+            if a > 0.0 and p[0] * up[0] + p[1] * up[1] + p[2] * up[2] < highest:
+                out[v, u] = k
+    low = np.zeros(seen.shape, np.bool_)
+    for v in prange(height):
+        window = np.empty(2 * _ROW + 1, np.float32)
+        for u in range(width):
+            k = seen[v, u]
+            if k < 0 or abs(above[v, u]) > 4.0 * clearance[k] + 0.01:
+                continue
+            n = 0
+            for x in range(max(u - _ROW, 0), min(u + _ROW + 1, width)):
+                if seen[v, x] == k and abs(points[v, x, 2] - points[v, u, 2]) < 0.1:
+                    # insertion keeps the window sorted
+                    at = n
+                    while at > 0 and window[at - 1] > above[v, x]:
+                        window[at] = window[at - 1]
+                        at -= 1
+                    window[at] = above[v, x]
+                    n += 1
+            low[v, u] = 0.5 * (window[(n - 1) // 2] + window[n // 2]) <= clearance[k]
+    for v in prange(height):
+        for u in range(width):
+            k = seen[v, u]
+            if k < 0:
+                continue
+            if low[v, u]:
+                out[v, u] = -1
+            elif out[v, u] >= 0 and above[v, u] < 3.0 * clearance[k] + 0.01:
+                floor = 0
+                other = 0
+                for y in range(max(v - 2, 0), min(v + 3, height)):
+                    for x in range(max(u - 2, 0), min(u + 3, width)):
+                        if low[y, x]:
+                            floor += 1
+                        elif seen[y, x] >= 0:
+                            other += 1
+                if floor > 2 * other:
+                    out[v, u] = -1
+            elif out[v, u] < 0 and above[v, u] > -4.0 * clearance[k]:
+                # under the floor by noise, amid what stands on it
+                p = points[v, u]
+                if p[0] * up[0] + p[1] * up[1] + p[2] * up[2] < highest:
+                    out[v, u] = k
+    return out
+
+
+def _direct_subject(
+    depth, component, count, seen, points, up, meeting, clicked, pixel_angle, settings
+) -> np.ndarray | None:
+    """Components seen directly that are the subject: the chosen one first, then what belongs to it."""
     # without a rig that tells where it looks: near the vertical plane straight ahead of the camera
     axis, across = (np.zeros(3), np.diag((1.0, 0, 0))) if meeting is None else (meeting, _across(up))
-    total, within, box = _component_kernel(
-        component, count, seen, 0, points, axis, across, settings.reach**2, up, (-np.inf, np.inf)
+    spread = _THING_SPREAD if settings.object or clicked is not None else _AXIS_SPREAD
+    total, within, weight, box = _pieces_kernel(
+        component, count, seen, points, axis, across, settings.reach**2, spread**2, pixel_angle
     )
     # a wall or a chair row that only passes through the place is mostly outside of it
-    score = np.where(within > 0.6 * total, within, 0)
-    if not len(score) or score.max() < settings.min_pixels:
-        return None
-    best = int(np.argmax(score))
-    chosen = [best]
-    body = points[component == best]
-    low, high = box[best, 0].copy(), box[best, 1].copy()
-    waiting = [int(k) for k in np.argsort(-score, kind="stable") if k != best and score[k] >= 40]
-    joined = True
-    while joined:  # a piece may reach the body through another one: a hand through a forearm
-        joined = False
-        for k in list(waiting):
-            if not ((box[k, 0] < high + 0.12) & (box[k, 1] > low - 0.12)).all():
+    score = np.where((within > 0.6 * total) & (within >= 20), weight, 0.0)
+    if clicked is not None and seen[clicked] == 0 and component[clicked] >= 0:
+        best = int(component[clicked])
+    else:
+        whole = np.where(within >= settings.min_pixels, score, 0.0)
+        if not count or whole.max() <= 0:
+            return None
+        best = int(np.argmax(whole))
+    member = _member_table(np.array([best]), count)
+    lowest = _lowest_kernel(component, count, points, up)
+    floor_reach = lowest[best] + 0.05
+    while True:  # a piece may reach the body through another one: a hand through a forearm
+        low, high = box[member, 0].min(axis=0) - 0.12, box[member, 1].max(axis=0) + 0.12
+        near = ~member & (score > 0) & (box[:, 0] < high).all(axis=1) & (box[:, 1] > low).all(axis=1)
+        if not near.any():
+            break
+        gap = _gap_kernel(component, member, near, points, total, 0.12 / pixel_angle)
+        inside = (box[:, 0] > low).all(axis=1) & (box[:, 1] < high).all(axis=1)
+        # a head whose neck was not read stands out of the rest; another person is as large as the rest, and what
+        # stands on the floor by itself is furniture unless it is right at the figure: a leg behind a drop-out
+        limit = np.where(inside, 0.12, np.where(total < 0.3 * total[member].sum(), 0.08, 0.0))
+        joined = near & (gap < np.where(lowest < floor_reach, np.minimum(limit, 0.04), limit))
+        if not joined.any():
+            break
+        member |= joined
+    others = np.flatnonzero(member)
+    return np.concatenate(([best], others[others != best]))
+
+
+@njit(cache=True, nogil=True)
+def _pieces_kernel(component, count, seen, points, origin, projection, reach2, spread2, pixel_angle):
+    """Per component of the direct view: pixels, those within reach, their area weighed by how near they are, box."""
+    total, within = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    weight = np.zeros(count)
+    box = np.empty((count, 2, 3))
+    box[:, 0], box[:, 1] = np.inf, -np.inf
+    for v in range(component.shape[0]):
+        for u in range(component.shape[1]):
+            k = component[v, u]
+            if k < 0 or seen[v, u] != 0:
                 continue
-            piece = points[component == k]
-            gap = np.linalg.norm(
-                piece[:: len(piece) // 20 + 1, None] - body[None, :: len(body) // 4000 + 1], axis=2
-            ).min()
-            beside = ((piece > low - 0.12) & (piece < high + 0.12)).all(axis=1).mean() > 0.9
-            # a head whose neck was not read stands out of the rest; another person is as large as the rest
-            if gap < (0.12 if beside else 0.08) and (beside or len(piece) < 0.3 * len(body)):
-                chosen.append(k)
-                waiting.remove(k)
-                body = np.concatenate((body, piece))
-                low, high = np.minimum(low, box[k, 0]), np.maximum(high, box[k, 1])
-                joined = True
-    return np.array(chosen)
+            p = points[v, u]
+            total[k] += 1
+            for c in range(3):
+                box[k, 0, c] = min(box[k, 0, c], p[c])
+                box[k, 1, c] = max(box[k, 1, c], p[c])
+            x, y, z = p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]
+            squared = 0.0
+            for r in range(3):
+                squared += (projection[r, 0] * x + projection[r, 1] * y + projection[r, 2] * z) ** 2
+            if squared < reach2:
+                within[k] += 1
+                weight[k] += (p[2] * pixel_angle) ** 2 * np.exp(-squared / spread2)
+    return total, within, weight, box
+
+
+@njit(cache=True, nogil=True)
+def _lowest_kernel(component, count, points, up):
+    """Lowest height (C,) of each component along ``up``."""
+    low = np.full(count, np.inf)
+    for v in range(component.shape[0]):
+        for u in range(component.shape[1]):
+            k = component[v, u]
+            if k >= 0:
+                p = points[v, u]
+                low[k] = min(low[k], p[0] * up[0] + p[1] * up[1] + p[2] * up[2])
+    return low
+
+
+@njit(cache=True, nogil=True)
+def _gap_kernel(component, member, near, points, total, reach):
+    """Least distance (C,) [m] from each ``near`` component to a ``member`` about it in the image, ``reach``/z px off.
+
+    Its outline is asked, thinned out where it is long, and of what is around it every other row and column.
+    """
+    height, width = component.shape
+    gap = np.full(len(member), np.inf)
+    met = np.zeros(len(member), np.int64)
+    for v in range(height):
+        for u in range(width):
+            k = component[v, u]
+            if k < 0 or not near[k]:
+                continue
+            met[k] += 1
+            border = v == 0 or u == 0 or v == height - 1 or u == width - 1
+            if not border:  # the nearest pixel is one of the outline
+                border = (
+                    component[v - 1, u] != k or component[v + 1, u] != k
+                    or component[v, u - 1] != k or component[v, u + 1] != k
+                )  # fmt: skip
+            if not border or met[k] % (total[k] // 3000 + 1):
+                continue
+            radius = min(int(reach / max(points[v, u, 2], 0.2)) + 2, 60)
+            for y in range(max(v - radius, 0), min(v + radius + 1, height), 2):
+                for x in range(max(u - radius, 0), min(u + radius + 1, width), 2):
+                    j = component[y, x]
+                    if j >= 0 and member[j]:
+                        d = 0.0
+                        for c in range(3):
+                            d += (points[v, u, c] - points[y, x, c]) ** 2
+                        gap[k] = min(gap[k], d)
+    return np.sqrt(gap)
+
+
+def _support(points: np.ndarray, up: np.ndarray, settings: ViewSettings) -> float | None:
+    """Height of the table or plinth a thing stands on; None when it stands on the floor.
+
+    Parameters
+    ----------
+    points : np.ndarray [shape=(K, 3)]
+        The connected figure, thing and what it stands on.
+
+    Notes
+    -----
+    A support is a level surface wider than what rises above it; the lowest that has the whole thing on it counts.
+    """
+    height = dot(points, up)
+    across = _across(up)
+    first = across[:, int(np.argmin(np.abs(up)))]
+    first /= np.linalg.norm(first)
+    second = np.cross(up, first)
+    cell = 0.02
+    plan = np.column_stack((dot(points, first), dot(points, second)))
+    key = np.floor((plan - plan.min(axis=0)) / cell).astype(np.int64)
+    key = key[:, 0] * 100_000 + key[:, 1]
+    bins = np.floor((height - height.min()) / 0.01).astype(np.int64)
+    counted = np.bincount(bins)
+    best = None
+    for level in np.argsort(-counted)[:12]:
+        at = height.min() + (level + 0.5) * 0.01
+        on = np.abs(height - at) < 0.015
+        above = height > at + 0.03
+        if above.sum() < settings.min_pixels:
+            continue
+        # cells of a level surface are only that: nothing of it reaches through the level from below or above
+        flat = np.setdiff1d(key[on], key[(height > at + 0.03) | (height < at - 0.03)])
+        if len(flat) < 40 or len(flat) < 0.6 * len(np.unique(key[above])):
+            continue
+        if best is None or counted[level] > best[1]:
+            near = height[np.isin(key, flat) & on]
+            best = (float(np.median(near)), counted[level])
+    return None if best is None else best[0]
+
+
+def _dilated(mask: np.ndarray, radius: int) -> np.ndarray:
+    """The mask grown by a square of so many pixels."""
+    for axis in (0, 1):
+        total = np.cumsum(mask, axis=axis, dtype=np.int32)
+        size = mask.shape[axis]
+        upper = np.take(total, np.minimum(np.arange(size) + radius, size - 1), axis=axis)
+        lower = np.take(total, np.maximum(np.arange(size) - radius - 1, 0), axis=axis)
+        first = [slice(None), slice(None)]
+        first[axis] = slice(0, radius + 1)
+        lower[tuple(first)] = 0
+        mask = upper > lower
+    return mask
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _verdict_kernel(
+    component, seen, view, points, depth, labels, lens, wide, axis, across, reach2, up, heights, deepest
+):
+    """What the direct view says of each standing pixel of a mirror: 2 the subject's, 1 it hides behind the subject, 0
+    cannot tell, -1 not the subject's; -2 elsewhere. ``wide`` is the directly seen outline, grown."""
+    height, width = component.shape
+    out = np.full((height, width), -2, np.int8)
+    for v in prange(height):
+        for u in range(width):
+            if component[v, u] < 0 or seen[v, u] != view:
+                continue
+            p = points[v, u]
+            out[v, u] = -1
+            level = up[0] * p[0] + up[1] * p[1] + up[2] * p[2]
+            if not heights[0] < level < heights[1]:
+                continue
+            x, y, z = p[0] - axis[0], p[1] - axis[1], p[2] - axis[2]
+            squared = 0.0
+            for r in range(3):
+                squared += (across[r, 0] * x + across[r, 1] * y + across[r, 2] * z) ** 2
+            if squared > reach2:
+                continue
+            out[v, u] = 0
+            if p[2] <= 0.05:
+                continue
+            row = int(np.floor(p[1] / p[2] * lens[1] + lens[3] + 0.5))
+            column = int(np.floor(p[0] / p[2] * lens[0] + lens[2] + 0.5))
+            if row < 0 or column < 0 or row >= height or column >= width:
+                continue
+            if labels[row, column] == 0:
+                # behind the subject's front; too far behind it is something that the subject hides
+                out[v, u] = 1 if p[2] - depth[row, column] > deepest else 2
+            elif not wide[row, column] and depth[row, column] > p[2] - 0.05:
+                out[v, u] = -1
+    return out
+
+
+def _take_mirror(
+    component: np.ndarray,
+    count: int,
+    verdict: np.ndarray,
+    view: int,
+    points: np.ndarray,
+    reach: float,
+    labels: np.ndarray,
+) -> int:
+    """Label one mirror's components that the direct view does not deny; how many pixels."""
+    yes, hidden, unsure, no = _count_kernel(component, verdict, count)
+    told = yes + hidden + no
+    chosen = (yes + unsure >= 30) & (yes > 0.6 * told) & (yes > 0.25 * (told + unsure))
+    # a piece that the direct view cannot see, right at the figure: a foot behind a chair's leg
+    loose = ~chosen & (yes + unsure >= 20) & (yes + unsure > 0.7 * (told + unsure))
+    if chosen.any() and loose.any():
+        chosen |= loose & (_gap_kernel(component, chosen, loose, points, yes + unsure, reach) < 0.05)
+    return _take_kernel(component, chosen, verdict, view, labels)
+
+
+@njit(cache=True, nogil=True)
+def _count_kernel(component, verdict, count):
+    """Pixels (4, C) of each component with verdict 2, 1, 0 and -1."""
+    out = np.zeros((4, count), np.int64)
+    for v in range(component.shape[0]):
+        for u in range(component.shape[1]):
+            if verdict[v, u] >= -1:
+                out[2 - verdict[v, u], component[v, u]] += 1
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _take_kernel(component, chosen, verdict, view, labels):
+    taken = 0
+    for v in range(component.shape[0]):
+        for u in range(component.shape[1]):
+            if verdict[v, u] >= 0 and chosen[component[v, u]]:
+                labels[v, u] = view
+                taken += 1
+    return taken
+
+
+def _limits(depth: np.ndarray, labels: np.ndarray, views: int) -> np.ndarray:
+    """Nearest and farthest z (views, 2) of the subject in each view with 5 cm to spare; NaN where it is not seen."""
+    limits = np.full((views, 2), np.nan)
+    for view in range(views):
+        mine = depth[labels == view]
+        if len(mine):
+            limits[view] = mine.min() - 0.05, mine.max() + 0.05
+    return limits
 
 
 def _member_table(chosen: np.ndarray, count: int) -> np.ndarray:
@@ -194,36 +633,6 @@ def _squared_distance(points, origin, projection):
     return out
 
 
-@njit(cache=True, nogil=True)
-def _component_kernel(component, count, seen, view, points, origin, projection, reach2, up, heights):
-    """Per component of one view's pixels: how many (C,), how many inside, and their box (C, 2, 3).
-
-    Inside: |projection · (point − origin)|² below ``reach2``, height along ``up`` between ``heights``.
-    """
-    total, within = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    box = np.empty((count, 2, 3))
-    box[:, 0], box[:, 1] = np.inf, -np.inf
-    for v in range(component.shape[0]):
-        for u in range(component.shape[1]):
-            k = component[v, u]
-            if k < 0 or seen[v, u] != view:
-                continue
-            p = points[v, u]
-            total[k] += 1
-            for c in range(3):
-                box[k, 0, c] = min(box[k, 0, c], p[c])
-                box[k, 1, c] = max(box[k, 1, c], p[c])
-            height = up[0] * p[0] + up[1] * p[1] + up[2] * p[2]
-            if not heights[0] < height < heights[1]:
-                continue
-            x, y, z = p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]
-            squared = 0.0
-            for r in range(3):
-                squared += (projection[r, 0] * x + projection[r, 1] * y + projection[r, 2] * z) ** 2
-            within[k] += squared < reach2
-    return total, within, box
-
-
 def connected_pixels(depth: np.ndarray, seen: np.ndarray, pixel_angle: float) -> tuple[np.ndarray, np.ndarray]:
     """Connected components of each view's pixels, not connected over depth jumps (two-pass union-find).
 
@@ -234,20 +643,6 @@ def connected_pixels(depth: np.ndarray, seen: np.ndarray, pixel_angle: float) ->
     sizes : np.ndarray [shape=(C,), dtype=int64]
     """
     return _components_kernel(depth, seen, pixel_angle)
-
-
-@njit(cache=True, nogil=True)
-def _between_kernel(points, seen, up, lowest, highest):
-    """``seen`` where a pixel's point is higher than ``lowest`` and lower than ``highest`` along ``up``, else -1."""
-    out = np.full(seen.shape, -1, np.int8)
-    for v in range(seen.shape[0]):
-        for u in range(seen.shape[1]):
-            if seen[v, u] >= 0:
-                p = points[v, u]
-                height = p[0] * up[0] + p[1] * up[1] + p[2] * up[2]
-                if lowest < height < highest:
-                    out[v, u] = seen[v, u]
-    return out
 
 
 @njit(cache=True, nogil=True)
