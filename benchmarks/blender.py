@@ -23,6 +23,7 @@ LIMITS = {  # name of the figure: (what, unit, limit)
     "picking_ms": ("a click when picking, longest", "ms", 30.0),
     "second_build_blocks_ms": ("longest block of the window while building", "ms", 150.0),
     "first_build_blocks_ms": ("the same, first build, kernels compiling", "ms", 150.0),
+    "build_own_ms": ("of that in the add-on's own code, longest", "ms", 150.0),
     "mesh_ms": ("mesh of 60 k vertices with attributes", "ms", 80.0),
 }
 MESH_RUNS = 7
@@ -46,6 +47,10 @@ def run() -> Result:
         shown = f"{number(value, 2 if unit == 's' else 0)} {unit}"
         table.rows.append((what, where, shown, f"{limit:g} {unit}", yes(value < limit)))
         findings.append(Finding(text, shown, value < limit))
+    if "redraw_ms" in figures:
+        table.notes.append(
+            f"Drawing the window once takes {number(figures['redraw_ms'], 0)} ms there, blocks include it."
+        )
     if "points_shown" in figures:
         table.notes.append(f"The cloud has {figures['points_shown']:,} points, the mesh {figures['mesh_vertices']:,}.")
     return Result([table], findings)

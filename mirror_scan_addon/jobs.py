@@ -228,7 +228,7 @@ class JobOperator:
         label, stage = say(self.bl_label), say(message)
         context.workspace.status_text_set(say("{label}: {stage}  {done:.0%}    [Esc] Cancel").format(
             label=label, stage=stage, done=fraction))  # fmt: skip
-        redraw(context)
+        redraw(context, panels_only=True)
 
 
 UNAVAILABLE = remote.Unavailable
@@ -247,12 +247,14 @@ def running(context: bpy.types.Context) -> bool:
     )
 
 
-def redraw(context: bpy.types.Context) -> None:
-    """Have every 3D viewport, and with it our panels, drawn again."""
+def redraw(context: bpy.types.Context, panels_only: bool = False) -> None:
+    """Have every 3D viewport, and with it our panels, drawn again; or the panels only, since points take their time."""
     for window in context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":
-                area.tag_redraw()
+                for region in area.regions:
+                    if region.type == "UI" or not panels_only:
+                        region.tag_redraw()
 
 
 def register() -> None:

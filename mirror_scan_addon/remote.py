@@ -50,7 +50,7 @@ class Worker:
             environment["NUMBA_CACHE_DIR"] = cache
         flags = 0
         if sys.platform == "win32":
-            flags = subprocess.CREATE_NO_WINDOW | subprocess.BELOW_NORMAL_PRIORITY_CLASS
+            flags = subprocess.CREATE_NO_WINDOW
         script = root / __package__.rpartition(".")[2] / "worker.py"
         try:
             with open(self.folder / "output", "wb") as output:

@@ -8,7 +8,6 @@ input, so that it never outlives Blender for longer than its task.
 
 from __future__ import annotations
 
-import contextlib
 import importlib
 import importlib.util
 import json
@@ -19,8 +18,6 @@ import traceback
 import types
 from collections.abc import Callable, Iterator
 from pathlib import Path
-
-NICENESS = 5  # the window goes first
 
 
 def main() -> None:
@@ -34,8 +31,6 @@ def main() -> None:
             messages.write(json.dumps(message) + "\n")
 
         try:
-            with contextlib.suppress(AttributeError, OSError):  # not on Windows, where it is given at the start
-                os.nice(NICENESS)
             _make_package(place["package"], place["root"])
             importlib.import_module(place["package"] + ".core.images").openimageio()
             _tell_compilations(say)

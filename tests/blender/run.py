@@ -157,7 +157,7 @@ def start_figures(place: Place, runs: int = 3) -> list[float]:
 PURGE = f"import sys; [sys.modules.pop(name) for name in list(sys.modules) if name.startswith({ADDON!r})]\n"
 
 
-def go(place: Place, out: Path, timeout: float = 900) -> dict:
+def go(place: Place, out: Path, timeout: float = 1500) -> dict:
     """The run in the window; returns what it found, pictures are in ``out``."""
     inner = place.share / "out"
     inner.mkdir(exist_ok=True)
