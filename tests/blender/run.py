@@ -191,7 +191,7 @@ def write_images(place: Place, out: Path, folder: Path) -> None:
     """Pictures for the documentation: the viewport of each screenshot, small, in few colours."""
     inner = place.share / "images"
     inner.mkdir(exist_ok=True)
-    for path in sorted(out.glob("[1-7]_*.png")):
+    for path in sorted(set(out.glob("[1-7]_*.png")) - {out / "2_browser.png"}):
         source, target = place.share / "out" / path.name, inner / f"blender_{path.name}"
         done = place.run(
             ["convert", place.seen(source), "-crop", "1052x774+0+26", "+repage", "-resize", "840x",
