@@ -101,7 +101,7 @@ def find_subject(
         meeting = points[clicked]
     floors, clearance = _floor_of_views(points, seen, up, ground.floor, len(mirrors) + 1, meeting, settings)
     highest = np.inf if ground.floor is None or settings.object else ground.floor + settings.max_height
-    standing = _standing_kernel(points, seen, up, floors, clearance, highest)
+    standing = _standing(points, seen, up, floors, clearance, highest)
     pixel_angle = 1.0 / intrinsics.fx
     component, sizes = connected_pixels(depth, standing, pixel_angle)
     chosen = _direct_subject(depth, component, len(sizes), seen, points, up, meeting, clicked, pixel_angle, settings)
@@ -112,7 +112,7 @@ def find_subject(
             # from here on what the thing stands on is its floor
             floors[:, :3], floors[:, 3] = up, support
             clearance = np.maximum(clearance, 0.008)
-            standing = _standing_kernel(points, seen, up, floors, clearance, highest)
+            standing = _standing(points, seen, up, floors, clearance, highest)
             component, sizes = connected_pixels(depth, standing, pixel_angle)
             chosen = _direct_subject(
                 depth, component, len(sizes), seen, points, up, meeting, clicked, pixel_angle, settings
@@ -125,21 +125,23 @@ def find_subject(
     axis = np.median(inside, axis=0)
     height = dot(inside, up)
     reach = (np.sqrt(_squared_distance(inside, axis, _across(up)).max()) + 0.35) ** 2
-    wide = _dilated(labels == 0, int(np.ceil(_OUTLINE * intrinsics.fx / np.median(depth[labels == 0]))) + 1)
+    wide = _dilated(labels, int(np.ceil(_OUTLINE * intrinsics.fx / np.median(depth[labels == 0]))) + 1)
+    lens = np.array((intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy))
     # how deep a figure is behind its front; a thing may be as deep as it is wide
     deepest = 0.5 if not settings.object else max(0.3, 3.0 * np.sqrt(reach) - 1.05)
-    lens = np.array((intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy))
-    for i, m in enumerate(mirrors, start=1):
-        verdict = _verdict_kernel(
-            component, seen, i, points, depth, labels, lens, wide, axis, _across(up), reach, up,
+    if mirrors:
+        verdict, votes = _verdict_kernel(
+            component, len(sizes), seen, points, depth, labels, lens, wide, axis, _across(up), reach, up,
             (height.min() - 0.15, height.max() + 0.15), deepest,
         )  # fmt: skip
-        if _take_mirror(component, len(sizes), verdict, i, points, 0.05 / pixel_angle, labels) < settings.min_pixels:
-            labels[labels == i] = -1
-            warnings.append(
-                f"{m.name}: nobody is seen in this mirror, its side of the body is guessed; "
-                "turn the mirror until the camera sees the subject's back in it"
-            )
+        taken = _take_mirrors(component, verdict, votes, seen, points, 0.05 / pixel_angle, labels, len(mirrors) + 1)
+        for i, m in enumerate(mirrors, start=1):
+            if taken[i] < settings.min_pixels:
+                labels[labels == i] = -1
+                warnings.append(
+                    f"{m.name}: nobody is seen in this mirror, its side of the body is guessed; "
+                    "turn the mirror until the camera sees the subject's back in it"
+                )
     floor = ground.floor if support is None else support
     return Views(
         labels, seen, points, up, floor, ground.noise, axis, tuple(warnings),
@@ -222,7 +224,7 @@ def _fit_floor(sample: np.ndarray, up: np.ndarray, floor: float) -> tuple[np.nda
     level = np.convolve(bins, np.ones(4), mode="same")
     normal, d, band = up, floor - _NEAR_FLOOR + 0.005 * (float(np.argmax(level)) + 0.5), 0.03
     noise = None
-    for _ in range(6):
+    for _ in range(4):
         kept = sample[np.abs(dot(sample, normal) - d) < band]
         if len(kept) < 150:
             return None
@@ -242,13 +244,13 @@ def _fit_floor(sample: np.ndarray, up: np.ndarray, floor: float) -> tuple[np.nda
 
 @njit(cache=True, nogil=True)
 def _near_floor_kernel(points, seen, up, floor, band, center, reach2, across, views):
-    """Up to 4000 points of each view within ``band`` of the floor and ``reach2`` about the subject, evenly taken."""
+    """Up to 1500 points of each view within ``band`` of the floor and ``reach2`` about the subject, evenly taken."""
     height, width = seen.shape
     count = np.zeros(views, np.int64)
     out = np.empty((2, views), np.int64)
     for k in range(views):
         out[0, k], out[1, k] = 1, 0
-    samples = [np.empty((4000, 3)) for _ in range(views)]
+    samples = [np.empty((1500, 3)) for _ in range(views)]
     for turn in range(2):
         count[:] = 0
         for v in range(0, height, 2):  # every other pixel tells enough
@@ -266,78 +268,87 @@ def _near_floor_kernel(points, seen, up, floor, band, center, reach2, across, vi
                     squared += (across[r, 0] * x + across[r, 1] * y + across[r, 2] * z) ** 2
                 if squared > reach2:
                     continue
-                if turn == 1 and count[k] % out[0, k] == 0 and out[1, k] < 4000:
+                if turn == 1 and count[k] % out[0, k] == 0 and out[1, k] < 1500:
                     samples[k][out[1, k]] = p
                     out[1, k] += 1
                 count[k] += 1
         if turn == 0:
             for k in range(views):
-                out[0, k] = count[k] // 4000 + 1
+                out[0, k] = count[k] // 1500 + 1
     return [samples[k][: out[1, k]].copy() for k in range(views)]
 
 
-@njit(cache=True, nogil=True, parallel=True)
-def _standing_kernel(points, seen, up, floors, clearance, highest):
+def _standing(points, seen, up, floors, clearance, highest):
     """``seen`` where a pixel's point is above its view's floor and below ``highest`` along ``up``, else -1.
 
     Near the floor the median of a pixel's row neighbours decides, which halves the noise and keeps a foot's sides where
     they are; and a pixel amid floor pixels is the floor's as well.
     """
+    out, above = _above_kernel(points, seen, up, floors, highest)
+    _feet_kernel(points, seen, above, clearance, out)
+    return out
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _above_kernel(points, seen, up, floors, highest):
+    """``seen`` where a point is above its view's floor and below ``highest``, and its height above that floor [m]."""
     height, width = seen.shape
     out = np.full(seen.shape, -1, np.int8)
-    above = np.full(seen.shape, np.float32(np.inf))
+    above = np.empty(seen.shape, np.float32)
     for v in prange(height):
         for u in range(width):
             k = seen[v, u]
+            above[v, u] = np.inf
             if k < 0:
                 continue
             p = points[v, u]
-            a = p[0] * floors[k, 0] + p[1] * floors[k, 1] + p[2] * floors[k, 2] - floors[k, 3]
-            above[v, u] = a
-            if a > 0.0 and p[0] * up[0] + p[1] * up[1] + p[2] * up[2] < highest:
-                out[v, u] = k
+            if p[0] * up[0] + p[1] * up[1] + p[2] * up[2] < highest:
+                a = p[0] * floors[k, 0] + p[1] * floors[k, 1] + p[2] * floors[k, 2] - floors[k, 3]
+                above[v, u] = a
+                if a > 0.0:
+                    out[v, u] = k
+    return out, above
+
+
+@njit(cache=True, nogil=True)
+def _feet_kernel(points, seen, above, clearance, out):
+    """Decide anew for pixels near the floor, in ``out``."""
+    height, width = seen.shape
     low = np.zeros(seen.shape, np.bool_)
-    for v in prange(height):
-        window = np.empty(2 * _ROW + 1, np.float32)
+    near = np.empty(seen.size, np.int32)
+    count = 0
+    for v in range(height):
         for u in range(width):
             k = seen[v, u]
-            if k < 0 or abs(above[v, u]) > 4.0 * clearance[k] + 0.01:
+            if k < 0 or above[v, u] > 4.0 * clearance[k] + 0.01:
                 continue
-            n = 0
+            if above[v, u] < -4.0 * clearance[k] - 0.01:
+                low[v, u] = True
+                continue
+            near[count] = v * width + u
+            count += 1
+            balance = 0  # the median of the row is above where most of the row is
             for x in range(max(u - _ROW, 0), min(u + _ROW + 1, width)):
                 if seen[v, x] == k and abs(points[v, x, 2] - points[v, u, 2]) < 0.1:
-                    # insertion keeps the window sorted
-                    at = n
-                    while at > 0 and window[at - 1] > above[v, x]:
-                        window[at] = window[at - 1]
-                        at -= 1
-                    window[at] = above[v, x]
-                    n += 1
-            low[v, u] = 0.5 * (window[(n - 1) // 2] + window[n // 2]) <= clearance[k]
-    for v in prange(height):
-        for u in range(width):
-            k = seen[v, u]
-            if k < 0:
-                continue
-            if low[v, u]:
-                out[v, u] = -1
-            elif out[v, u] >= 0 and above[v, u] < 3.0 * clearance[k] + 0.01:
-                floor = 0
-                other = 0
-                for y in range(max(v - 2, 0), min(v + 3, height)):
-                    for x in range(max(u - 2, 0), min(u + 3, width)):
-                        if low[y, x]:
-                            floor += 1
-                        elif seen[y, x] >= 0:
-                            other += 1
-                if floor > 2 * other:
-                    out[v, u] = -1
-            elif out[v, u] < 0 and above[v, u] > -4.0 * clearance[k]:
-                # under the floor by noise, amid what stands on it
-                p = points[v, u]
-                if p[0] * up[0] + p[1] * up[1] + p[2] * up[2] < highest:
-                    out[v, u] = k
-    return out
+                    balance += 1 if above[v, x] > clearance[k] else -1
+            low[v, u] = balance <= 0
+    for i in range(count):
+        v, u = near[i] // width, near[i] % width
+        k = seen[v, u]
+        if low[v, u]:
+            out[v, u] = -1
+            continue
+        out[v, u] = k  # what noise puts under the floor amid a foot as well
+        floor = 0
+        other = 0
+        for y in range(max(v - 2, 0), min(v + 3, height)):
+            for x in range(max(u - 2, 0), min(u + 3, width)):
+                if low[y, x]:
+                    floor += 1
+                elif seen[y, x] >= 0:
+                    other += 1
+        if floor > 2 * other:
+            out[v, u] = -1
 
 
 def _direct_subject(
@@ -495,97 +506,106 @@ def _support(points: np.ndarray, up: np.ndarray, settings: ViewSettings) -> floa
     return None if best is None else best[0]
 
 
-def _dilated(mask: np.ndarray, radius: int) -> np.ndarray:
-    """The mask grown by a square of so many pixels."""
-    for axis in (0, 1):
-        total = np.cumsum(mask, axis=axis, dtype=np.int32)
-        size = mask.shape[axis]
-        upper = np.take(total, np.minimum(np.arange(size) + radius, size - 1), axis=axis)
-        lower = np.take(total, np.maximum(np.arange(size) - radius - 1, 0), axis=axis)
-        first = [slice(None), slice(None)]
-        first[axis] = slice(0, radius + 1)
-        lower[tuple(first)] = 0
-        mask = upper > lower
-    return mask
+@njit(cache=True, nogil=True)
+def _dilated(labels, radius):
+    """Where a pixel of the direct view (label 0) is within a square of so many pixels to either side."""
+    height, width = labels.shape
+    rows = np.zeros((height, width), np.bool_)
+    for v in range(height):
+        until = -1
+        for u in range(width):
+            if labels[v, u] == 0:
+                until = u + radius
+                for x in range(u - 1, max(u - radius, 0) - 1, -1):
+                    if rows[v, x]:
+                        break
+                    rows[v, x] = True
+            if u <= until:
+                rows[v, u] = True
+    out = np.zeros((height, width), np.bool_)
+    seen_at = np.full(width, -radius - 1)
+    for v in range(height):
+        for u in range(width):
+            if rows[v, u]:
+                seen_at[u] = v
+            out[v, u] = v - seen_at[u] <= radius
+    seen_at[:] = height + radius + 1
+    for v in range(height - 1, -1, -1):
+        for u in range(width):
+            if rows[v, u]:
+                seen_at[u] = v
+            out[v, u] |= seen_at[u] - v <= radius
+    return out
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _verdict_kernel(
-    component, seen, view, points, depth, labels, lens, wide, axis, across, reach2, up, heights, deepest
+    component, count, seen, points, depth, labels, lens, wide, axis, across, reach2, up, heights, deepest
 ):
     """What the direct view says of each standing pixel of a mirror: 2 the subject's, 1 it hides behind the subject, 0
-    cannot tell, -1 not the subject's; -2 elsewhere. ``wide`` is the directly seen outline, grown."""
+    cannot tell, -1 not the subject's; -2 elsewhere. And how many of each (4, C) a component has, 2 first.
+
+    ``wide`` is the directly seen outline, grown.
+    """
     height, width = component.shape
     out = np.full((height, width), -2, np.int8)
-    for v in prange(height):
+    votes = np.zeros((4, count), np.int64)
+    for v in range(height):
         for u in range(width):
-            if component[v, u] < 0 or seen[v, u] != view:
+            if component[v, u] < 0 or seen[v, u] <= 0:
                 continue
             p = points[v, u]
-            out[v, u] = -1
             level = up[0] * p[0] + up[1] * p[1] + up[2] * p[2]
-            if not heights[0] < level < heights[1]:
-                continue
             x, y, z = p[0] - axis[0], p[1] - axis[1], p[2] - axis[2]
             squared = 0.0
             for r in range(3):
                 squared += (across[r, 0] * x + across[r, 1] * y + across[r, 2] * z) ** 2
-            if squared > reach2:
-                continue
-            out[v, u] = 0
-            if p[2] <= 0.05:
-                continue
-            row = int(np.floor(p[1] / p[2] * lens[1] + lens[3] + 0.5))
-            column = int(np.floor(p[0] / p[2] * lens[0] + lens[2] + 0.5))
-            if row < 0 or column < 0 or row >= height or column >= width:
-                continue
-            if labels[row, column] == 0:
-                # behind the subject's front; too far behind it is something that the subject hides
-                out[v, u] = 1 if p[2] - depth[row, column] > deepest else 2
-            elif not wide[row, column] and depth[row, column] > p[2] - 0.05:
-                out[v, u] = -1
-    return out
+            verdict = -1
+            if heights[0] < level < heights[1] and squared <= reach2:
+                verdict = 0
+                if p[2] > 0.05:
+                    row = int(np.floor(p[1] / p[2] * lens[1] + lens[3] + 0.5))
+                    column = int(np.floor(p[0] / p[2] * lens[0] + lens[2] + 0.5))
+                    if 0 <= row < height and 0 <= column < width:
+                        if labels[row, column] == 0:
+                            # behind the subject's front; too far behind it is something that the subject hides
+                            verdict = 1 if p[2] - depth[row, column] > deepest else 2
+                        elif not wide[row, column] and depth[row, column] > p[2] - 0.05:
+                            verdict = -1
+            out[v, u] = verdict
+            votes[2 - verdict, component[v, u]] += 1
+    return out, votes
 
 
-def _take_mirror(
+def _take_mirrors(
     component: np.ndarray,
-    count: int,
     verdict: np.ndarray,
-    view: int,
+    votes: np.ndarray,
+    seen: np.ndarray,
     points: np.ndarray,
     reach: float,
     labels: np.ndarray,
-) -> int:
-    """Label one mirror's components that the direct view does not deny; how many pixels."""
-    yes, hidden, unsure, no = _count_kernel(component, verdict, count)
+    views: int,
+) -> np.ndarray:
+    """Label the mirrors' components that the direct view does not deny; how many pixels (views,) each view has."""
+    yes, hidden, unsure, no = votes
     told = yes + hidden + no
     chosen = (yes + unsure >= 30) & (yes > 0.6 * told) & (yes > 0.25 * (told + unsure))
     # a piece that the direct view cannot see, right at the figure: a foot behind a chair's leg
     loose = ~chosen & (yes + unsure >= 20) & (yes + unsure > 0.7 * (told + unsure))
     if chosen.any() and loose.any():
         chosen |= loose & (_gap_kernel(component, chosen, loose, points, yes + unsure, reach) < 0.05)
-    return _take_kernel(component, chosen, verdict, view, labels)
+    return _take_kernel(component, chosen, verdict, seen, labels, views)
 
 
 @njit(cache=True, nogil=True)
-def _count_kernel(component, verdict, count):
-    """Pixels (4, C) of each component with verdict 2, 1, 0 and -1."""
-    out = np.zeros((4, count), np.int64)
-    for v in range(component.shape[0]):
-        for u in range(component.shape[1]):
-            if verdict[v, u] >= -1:
-                out[2 - verdict[v, u], component[v, u]] += 1
-    return out
-
-
-@njit(cache=True, nogil=True)
-def _take_kernel(component, chosen, verdict, view, labels):
-    taken = 0
+def _take_kernel(component, chosen, verdict, seen, labels, views):
+    taken = np.zeros(views, np.int64)
     for v in range(component.shape[0]):
         for u in range(component.shape[1]):
             if verdict[v, u] >= 0 and chosen[component[v, u]]:
-                labels[v, u] = view
-                taken += 1
+                labels[v, u] = seen[v, u]
+                taken[seen[v, u]] += 1
     return taken
 
 
