@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -13,7 +13,7 @@ from .filling import fill_loops
 from .freespace import bridge_is_free
 from .linear import dot
 from .matching import find_partners, warp_runs
-from .mesh import Mesh, components_of, extend_open_edges, merge, open_edges, twins
+from .mesh import Mesh, components_of, extend_open_edges, merge, open_edges, triangles_touching, twins
 from .overlap import ViewMaps
 from .weaving import Candidates, Seam, begin_weave, weave_seams
 
@@ -91,9 +91,16 @@ def zip_patches(
     piece, root = np.zeros(count, np.int64), np.arange(pieces)
     piece[mesh.triangles] = label[:, None]
     edges = open_edges(mesh.triangles, count, twin)
-    boundary = boundary_of(mesh, edges)
-    if not len(boundary.vertex):
+    if not len(edges):
         return mesh, seams
+    # all that follows asks for triangles at the boundary only: those farther in wait aside
+    shore = np.zeros(count, np.bool_)
+    shore[edges[:, 0]] = True
+    shore = triangles_touching(mesh.triangles, shore)
+    inland = mesh.triangles[~shore], mesh.kind[~shore]
+    edges[:, 2] = (np.cumsum(shore) - 1)[edges[:, 2]]
+    mesh = replace(mesh, triangles=mesh.triangles[shore], kind=mesh.kind[shore])
+    boundary = boundary_of(mesh, edges)
     candidates = _compact_candidates(mesh, patches, boundary, maps, up, axis, floor, settings)
     known = len(mesh.triangles)
     weave = begin_weave(boundary, piece, root)
@@ -114,7 +121,8 @@ def zip_patches(
         mesh = fill_loops(mesh, maps, diameter=reach, edges=edges)
         # a hole closed round a new vertex never meets a boundary again: its piece does not matter
         piece = np.concatenate((piece, np.zeros(len(mesh.vertices) - len(piece), np.int64)))
-    return mesh, seams
+    triangles, kind = np.concatenate((inland[0], mesh.triangles)), np.concatenate((inland[1], mesh.kind))
+    return replace(mesh, triangles=triangles, kind=kind), seams
 
 
 def _compact_candidates(
