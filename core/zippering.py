@@ -93,11 +93,11 @@ def zip_patches(
     edges = open_edges(mesh.triangles, count, twin)
     if not len(edges):
         return mesh, seams
-    # all that follows asks for triangles at the boundary only: those farther in wait aside
+    # all that follows asks for triangles at the boundary only: those farther in wait
     shore = np.zeros(count, np.bool_)
     shore[edges[:, 0]] = True
     shore = triangles_touching(mesh.triangles, shore)
-    inland = mesh.triangles[~shore], mesh.kind[~shore]
+    whole, measured = mesh, int(shore.sum())
     edges[:, 2] = (np.cumsum(shore) - 1)[edges[:, 2]]
     mesh = replace(mesh, triangles=mesh.triangles[shore], kind=mesh.kind[shore])
     boundary = boundary_of(mesh, edges)
@@ -121,8 +121,8 @@ def zip_patches(
         mesh = fill_loops(mesh, maps, diameter=reach, edges=edges)
         # a hole closed round a new vertex never meets a boundary again: its piece does not matter
         piece = np.concatenate((piece, np.zeros(len(mesh.vertices) - len(piece), np.int64)))
-    triangles, kind = np.concatenate((inland[0], mesh.triangles)), np.concatenate((inland[1], mesh.kind))
-    return replace(mesh, triangles=triangles, kind=kind), seams
+    triangles = np.concatenate((whole.triangles, mesh.triangles[measured:]))
+    return replace(mesh, triangles=triangles, kind=np.concatenate((whole.kind, mesh.kind[measured:]))), seams
 
 
 def _compact_candidates(
