@@ -20,7 +20,10 @@ def capture(monkeypatch, reconstruction, tmp_path):
     import mirror_scan.core.capture as capture
     import mirror_scan.core.pipeline as pipeline
 
-    monkeypatch.setattr(capture, "open_capture", lambda *_, **__: None)
+    from mirror_scan.core.camera import Intrinsics
+
+    empty = capture.Capture(np.zeros((1, 4, 4), np.float32), None, Intrinsics(4, 4, 4.0, 4.0, 1.5, 1.5))
+    monkeypatch.setattr(capture, "open_capture", lambda *_, **__: empty)
     monkeypatch.setattr(pipeline, "reconstruct", lambda *_, **__: reconstruction, raising=False)
     folder = tmp_path / "capture"
     folder.mkdir()
