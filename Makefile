@@ -15,11 +15,13 @@ PY := $(BIN)/python
 export NUMBA_CACHE_DIR := $(abspath $(VENV))/numba_cache
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test bench extension clean
+.PHONY: help demo test test-addon test-window bench extension clean
 
 help:
 	@echo "make demo       scan a virtual person and reconstruct it, into $(DEMO)/"
 	@echo "make test       run the tests"
+	@echo "make test-addon   run the add-on's tests in each of the Blender modules $(BPYS)"
+	@echo "make test-window  run a real Blender with a window (set BLENDER, or MIRROR_SCAN_CHROOT)"
 	@echo "make bench      print the benchmark tables"
 	@echo "make extension  build the Blender extension for each platform, into dist/"
 	@echo "make clean      remove $(VENV) and what was built"
@@ -29,6 +31,26 @@ demo: $(VENV)/ready-bpy
 
 test: $(VENV)/ready-bpy,test
 	$(PY) -m pytest -q
+
+# Each bpy fits one Python. Those that are not here are left out, by name.
+BPYS ?= 4.5.15 5.0.1 5.2.3
+
+test-addon: $(BPYS:%=test-addon-%)
+
+test-addon-%:
+	@minor=3.11; case $* in 5.[1-9]*) minor=3.13;; esac; \
+	python=$$(for p in python$$minor $$HOME/.pyenv/versions/$$minor.*/bin/python; do \
+		$$p -c 'import ensurepip, venv' 2>/dev/null && echo $$p && break; done); \
+	if [ -z "$$python" ]; then echo "bpy $*: not tested, needs Python $$minor with venv"; exit 0; fi; \
+	set -e; venv=$(VENV)-bpy$*; [ -e $$venv/ready ] || { \
+		$$python -m venv $$venv; \
+		$$venv/bin/python -m pip install -q bpy==$* numba OpenImageIO tqdm pytest trimesh; \
+		touch $$venv/ready; }; \
+	echo "bpy $*, $$($$venv/bin/python -c 'import numpy, sys; print("Python", sys.version.split()[0], "numpy", numpy.__version__)')"; \
+	NUMBA_CACHE_DIR=$(NUMBA_CACHE_DIR) $$venv/bin/python -m pytest -q tests/addon
+
+test-window: $(VENV)/ready-bpy,test
+	$(PY) -m pytest -q -rs tests/blender
 
 bench: $(VENV)/ready-bpy,test,bench
 	$(PY) -m benchmarks
