@@ -19,7 +19,6 @@ def capture(monkeypatch, reconstruction, tmp_path):
     """A folder whose reading and reconstruction are stood in for: these tests are about writing."""
     import mirror_scan.core.capture as capture
     import mirror_scan.core.pipeline as pipeline
-
     from mirror_scan.core.camera import Intrinsics
 
     empty = capture.Capture(np.zeros((1, 4, 4), np.float32), None, Intrinsics(4, 4, 4.0, 4.0, 1.5, 1.5))
