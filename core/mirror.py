@@ -544,7 +544,10 @@ def _extent(frame: np.ndarray, picked: np.ndarray, mirror: Mirror) -> np.ndarray
     left, right = np.quantile(upper[:, 0], (0.005, 0.995))
     low, high = picks.min(axis=0), picks.max(axis=0)
     beyond = ((grown < low - _FRAME) | (grown > high + _FRAME)).any(axis=1)
-    if beyond.mean() > 0.3:  # a wall goes on in the frame's plane: only the picks say how far the mirror goes
+    # a frame that goes on past the picks stays a rim, a wall is a surface
+    inset = np.minimum(grown - (left, top), (right, bottom) - grown).min(axis=1)
+    wall = beyond & (np.abs(inset) > 1.5 * _FRAME)
+    if wall.mean() > 0.3:  # a wall goes on in the frame's plane: only the picks say how far the mirror goes
         left, right = np.clip((left, right), low[0] - _FRAME / 4, high[0] + _FRAME / 4)
         top, bottom = np.clip((top, bottom), low[1] - _FRAME / 4, high[1] + _FRAME / 4)
     return np.array(((min(left, low[0]), max(right, high[0])), (min(top, low[1]), max(bottom, high[1]))))

@@ -21,6 +21,7 @@ from .mirror import Mirror, MirrorSettings, place_mirror, reflection_matrix
 from .mirror_detection import DetectionSettings, find_mirror_at, find_mirrors
 from .overlap import OverlapSettings, ViewMaps, part_overlaps, view_maps
 from .rig_file import moved_warning
+from .scene_check import check_scene, quoted
 from .sensors import NoiseModel
 from .subject import find_subject
 from .threads import each
@@ -198,6 +199,7 @@ def scan_steps(
 
     yield at(0.58), "Smoothing the depth"
     sensor, model = recognise(capture, settings.depth)
+    faults = check_scene(depth, views, placed, camera, model)
     moved = still_warning(capture.depth, views.labels, camera.fx, settings.depth)
     depth, views, noise = clean_views(
         depth, views, len(placed), camera, settings.depth, model, spread if len(capture.depth) > 1 else None
@@ -208,7 +210,11 @@ def scan_steps(
     patches = make_patches(depth, views, placed, noise, capture, settings.triangulation)
     maps = view_maps(depth, views.labels, views.seen, camera, placed, noise)
     clock.lap("triangulation")
-    warnings = (*told, *((moved,) if moved else ()), *views.warnings)
+    blind = [  # the reason why a mirror shows nobody is told instead where it is known
+        text for text in views.warnings
+        if not any(text.startswith(f"{m.name}:") and quoted(m) in fault for m in placed for fault in faults)
+    ]  # fmt: skip
+    warnings = (*told, *((moved,) if moved else ()), *blind, *faults)
     return Scan(patches, maps, views.up, views.axis, views.floor, view_names(placed), placed, sensor, warnings)
 
 

@@ -1,0 +1,256 @@
+"""What is wrong with a scene, in words a user understands, and what to move: :func:`check_scene`.
+
+All is geometry: the subject's directly seen points are laid into each mirror, and it is looked at where they would be
+seen: on the glass or past it, in the image or out of it, behind something, farther than the camera reads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .camera import Intrinsics
+from .ground import leans
+from .linear import dot, transform
+from .mirror import Mirror, reflection_matrix
+from .sensors import NoiseModel
+from .views import Views, glass_corners
+
+MAX_LEAN_DEG = 4.0
+"""Mirrors that lean more than this are told."""
+
+MAX_CUT = 0.05
+"""Of the subject, by height or width, that may be cut off before it is told [share]."""
+
+MAX_HIDDEN = 0.3
+"""Of a reflection that may be hidden by the subject's own body before it is told [share]."""
+
+MAX_UNREAD = 0.75
+"""Of a reflection, beyond the camera's range, that may have no reading before it is told [share]; where two patterns
+light a surface a structured-light camera loses half of it at any distance."""
+
+MIN_APART_DEG = 25.0
+"""Views from directions less apart than this show the same side."""
+
+MAX_GAP_DEG = 200.0
+"""A wider gap between the directions the subject is seen from leaves a side unseen."""
+
+_BORDER_PIXELS = 6  # of the subject at the image's border that mean it is cut
+
+
+@dataclass(frozen=True)
+class Reflection:
+    """Where the subject's reflection in a mirror ought to be: shares of its directly seen points.
+
+    ``left`` … ``bottom``: how far the subject reaches over that edge of the glass, and ``image_left`` … of the image
+    [m at the mirror, m at the subject]; ``seen`` share inside both; ``hidden`` share of those behind the subject's own
+    body; ``unread`` share without a reading; ``distance`` median z along the folded path [m].
+    """
+
+    over_glass: dict[str, float]
+    over_image: dict[str, float]
+    seen: float
+    hidden: float
+    unread: float
+    distance: float
+
+
+def check_scene(
+    depth: np.ndarray, views: Views, mirrors: list[Mirror], intrinsics: Intrinsics, model: NoiseModel | None = None
+) -> list[str]:
+    """Warnings about a scene from which a result is possible, the worst for the result first.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    views : Views
+        Of :func:`.subject.find_subject`.
+    mirrors : list of Mirror
+    intrinsics : Intrinsics
+    model : NoiseModel or None
+        Of the camera, where it is known: how far it reads.
+
+    Returns
+    -------
+    list of str
+        Each says what is wrong, where, and what to do. Empty for a good scene.
+    """
+    told = _cut_by_image(views, intrinsics)
+    subject = views.points[views.labels == 0]
+    subject = subject[:: len(subject) // 4000 + 1]
+    if len(subject):
+        for k, mirror in enumerate(mirrors, start=1):
+            told += _about(
+                mirror, foresee(subject, depth, views, mirror, k, intrinsics), (views.labels == k).any(), model
+            )
+    told += _about_rig(views, mirrors)
+    return told
+
+
+def quoted(mirror: Mirror) -> str:
+    return f"the mirror “{mirror.name}”"
+
+
+def _cut_by_image(views: Views, intrinsics: Intrinsics) -> list[str]:
+    """The subject, seen directly, at the image's border."""
+    mine = views.labels == 0
+    height, width = mine.shape
+    # the last pixels of an image often have no reading
+    edge, aside = 3, "step to the middle of the image or farther back"
+    advice = {
+        "upper": (mine[:edge].any(axis=0).sum(), "the head", "tilt the camera up or step back"),
+        "lower": (mine[height - edge :].any(axis=0).sum(), "the feet", "tilt the camera down or step back"),
+        "left": (mine[:, :edge].any(axis=1).sum(), "a side", aside),
+        "right": (mine[:, width - edge :].any(axis=1).sum(), "a side", aside),
+    }  # fmt: skip
+    return [
+        f"the subject is cut off by the image's {side} border: {what} is missing there and closed by guess; {do}"
+        for side, (pixels, what, do) in advice.items()
+        if pixels >= _BORDER_PIXELS
+    ]
+
+
+def foresee(
+    subject: np.ndarray, depth: np.ndarray, views: Views, mirror: Mirror, view: int, intrinsics: Intrinsics
+) -> Reflection:
+    """Where the mirror ought to show the subject, by its directly seen points (N, 3)."""
+    k = intrinsics
+    laid = transform(subject, reflection_matrix(mirror))
+    ahead = laid[:, 2] > 0.1
+    z = np.where(ahead, laid[:, 2], 1.0)
+    u, v = laid[:, 0] / z * k.fx + k.cx, laid[:, 1] / z * k.fy + k.cy
+    share = (mirror.normal @ mirror.point) / dot(laid, mirror.normal)
+    on = laid * share[:, None] - mirror.point  # where the line of sight meets the mirror's plane
+    a, b = dot(on, mirror.basis[:, 0]), dot(on, mirror.basis[:, 1])
+    corners = glass_corners(mirror)
+    over_glass = dict.fromkeys(("left", "right", "top", "bottom"), 0.0)
+    through = ahead & (share > 0) & (share < 1)
+    if corners is not None:
+        (a0, b0), (a1, b1) = corners.min(axis=0), corners.max(axis=0)
+        # seen by the camera a points left, b down
+        over_glass = {"left": a - a1, "right": a0 - a, "top": b0 - b, "bottom": b - b1}
+        through &= (a > a0) & (a < a1) & (b > b0) & (b < b1)
+        over_glass = {side: _beyond(np.where(ahead, value, np.inf)) for side, value in over_glass.items()}
+    per_pixel = z / k.fx
+    over_image = {
+        "left": _beyond(-u * per_pixel), "right": _beyond((u - k.width + 1) * per_pixel),
+        "top": _beyond(-v * per_pixel), "bottom": _beyond((v - k.height + 1) * per_pixel),
+    }  # fmt: skip
+    inside = through & (u >= 0) & (v >= 0) & (u <= k.width - 1) & (v <= k.height - 1)
+    row, column = np.rint(v[inside]).astype(int), np.rint(u[inside]).astype(int)
+    label, reading = views.labels[row, column], depth[row, column]
+    hidden = (label == 0) | ((reading > 0) & (views.seen[row, column] == 0))
+    unread = reading == 0
+    count = max(int(inside.sum()), 1)
+    return Reflection(
+        over_glass, over_image, float(inside.mean()), float(hidden.sum() / count), float(unread.sum() / count),
+        float(np.median(z)),
+    )  # fmt: skip
+
+
+def _beyond(distance: np.ndarray) -> float:
+    """How far the subject reaches beyond an edge, but for its outermost hundredth [m]; 0 = not at all."""
+    return max(float(np.quantile(distance, 0.99)), 0.0)
+
+
+def _about(mirror: Mirror, found: Reflection, shown: bool, model: NoiseModel | None) -> list[str]:
+    """What is wrong with one mirror's reflection."""
+    name, told = quoted(mirror), []
+    glass = {side: value for side, value in found.over_glass.items() if value > 0.04}
+    image = {side: value for side, value in found.over_image.items() if value > 0.04}
+    if found.seen < 0.05:
+        told.append(
+            f"{name} does not show the subject: its reflection lies {_sides(glass or image)} of the "
+            f"{'glass' if glass else 'image'}; turn {name} towards the line between camera and subject until the "
+            "camera sees the subject's back in it"
+        )
+        return told
+    if found.seen < 1 - MAX_CUT and glass:
+        for one, other, what in (("top", "bottom", "high"), ("left", "right", "wide")):
+            if one in glass and other in glass:
+                told.append(
+                    f"{name} is too small: it is {100 * (glass[one] + glass[other]):.0f} cm less {what} than the "
+                    "reflection of the subject; use a larger mirror, or move it nearer to the subject"
+                )
+                glass = {side: value for side, value in glass.items() if side not in (one, other)}
+        for side, value in glass.items():
+            what, do = {
+                "top": ("its upper edge", "raise it"), "bottom": ("its lower edge", "lower it"),
+                "left": ("its left edge", "move it to the left"), "right": ("its right edge", "move it to the right"),
+            }[side]  # fmt: skip
+            told.append(
+                f"the subject is partly out of {name}: {what} cuts the reflection off; {do} by {100 * value:.0f} cm "
+                "(as seen by the camera), or turn it, or step aside"
+            )
+    if found.seen < 1 - MAX_CUT:
+        for side, value in image.items():
+            what, do = {
+                "top": ("upper", "tilt the camera up"), "bottom": ("lower", "tilt the camera down"),
+                "left": ("left", "turn the mirror or the camera to the left"),
+                "right": ("right", "turn the mirror or the camera to the right"),
+            }[side]  # fmt: skip
+            told.append(
+                f"the reflection in {name} is cut off by the image's {what} border, {100 * value:.0f} cm of the "
+                f"subject; {do}, or move the camera back"
+            )
+    if model is not None and found.distance > model.max_range and (found.unread > MAX_UNREAD or not shown):
+        told.append(
+            f"the way over {name} is {found.distance:.1f} m, and {model.title} reads well to {model.max_range:.1f} m: "
+            f"{found.unread:.0%} of the reflection has no reading; move the mirror and the camera nearer to the subject"
+        )
+    elif found.hidden > MAX_HIDDEN:
+        told.append(
+            f"{found.hidden:.0%} of the reflection in {name} is hidden by what stands before it, most likely the "
+            f"subject's own body or arms; move {name} outwards, or hold the arms closer to the body"
+        )
+    return told
+
+
+def _sides(over: dict[str, float]) -> str:
+    names = {"left": "to the left", "right": "to the right", "top": "above", "bottom": "below"}
+    worst = max(over, key=over.get, default=None)
+    return "outside" if worst is None else names[worst]
+
+
+def _about_rig(views: Views, mirrors: list[Mirror]) -> list[str]:
+    told = []
+    if views.floor is not None:
+        for mirror, lean in zip(mirrors, leans(mirrors, views.up), strict=True):
+            if abs(lean) > MAX_LEAN_DEG:
+                way = "towards" if lean > 0 else "away from"
+                told.append(
+                    f"{quoted(mirror)} is not vertical: its top leans {abs(lean):.0f}° {way} the subject; set "
+                    "it upright, or the reflection loses head or feet"
+                )
+    elif views.disagreement_deg is None and len(mirrors) < 2:
+        told.append(
+            "no floor is seen, so that the vertical is taken from the camera; let the camera see the floor about the "
+            "feet, or level the camera"
+        )
+    angles = directions(views, mirrors)
+    order = np.argsort(angles)
+    names = ["the camera", *map(quoted, mirrors)]
+    for i, j in zip(order, np.roll(order, -1), strict=True):
+        apart = (angles[j] - angles[i]) % 360.0
+        if len(angles) > 1 and apart < MIN_APART_DEG:
+            told.append(
+                f"{names[i]} and {names[j]} show the subject from nearly the same side, {apart:.0f}° apart; turn the "
+                "mirrors so that the views are about 120° apart"
+            )
+        elif apart > MAX_GAP_DEG and mirrors:
+            told.append(
+                f"nothing is seen of one side of the subject: from {names[i]} to {names[j]} there are {apart:.0f}° "
+                "without a view, and that side is guessed; add a mirror there"
+            )
+    return told
+
+
+def directions(views: Views, mirrors: list[Mirror]) -> np.ndarray:
+    """Directions about the vertical the subject is seen from, one a view [degrees]; 0 = the camera's."""
+    eyes = np.stack([np.zeros(3), *(reflection_matrix(mirror)[:3, 3] for mirror in mirrors)])
+    away = eyes - views.axis
+    away -= np.outer(dot(away, views.up), views.up)
+    side = np.cross(views.up, away[0])
+    return np.degrees(np.arctan2(dot(away, side) / np.linalg.norm(side), dot(away, away[0] / np.linalg.norm(away[0]))))
