@@ -91,17 +91,24 @@ class Mirror:
         if self.covariance is None:
             return None
         a, b, n = self.basis.T
-        offset = np.asarray(points, dtype=np.float64).reshape(-1, 3) - self.point
-        ahead = (offset @ n)[:, None]
-        moves = np.stack(
-            (
-                2.0 * ((offset @ a)[:, None] * n + ahead * a),
-                2.0 * ((offset @ b)[:, None] * n + ahead * b),
-                np.broadcast_to(2.0 * n, offset.shape),
-            ),
-            axis=2,
-        )
+        moves = reflection_moves(self, points)
         return float(np.sqrt(np.einsum("nci,ij,ncj->n", moves, self.covariance, moves).mean()))
+
+
+def reflection_moves(mirror: Mirror, points: np.ndarray) -> np.ndarray:
+    """How the reflections of ``points`` (N, 3) move with the mirror: derivatives (N, 3, 3), the last axis over its
+    slopes along a and b and its shift along the normal."""
+    a, b, n = mirror.basis.T
+    offset = np.asarray(points, dtype=np.float64).reshape(-1, 3) - mirror.point
+    ahead = (offset @ n)[:, None]
+    return np.stack(
+        (
+            2.0 * ((offset @ a)[:, None] * n + ahead * a),
+            2.0 * ((offset @ b)[:, None] * n + ahead * b),
+            np.broadcast_to(2.0 * n, offset.shape),
+        ),
+        axis=2,
+    )
 
 
 def fit_plane(points: np.ndarray, name: str = "mirror") -> Mirror:

@@ -1,14 +1,23 @@
-"""A mirror's plane from all of its frame's pixels, and how sure it is."""
+"""A mirror's plane from all of its frame's pixels, and from what is seen both directly and in it; how sure it is."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
 
 from .camera import Intrinsics, project
-from .mirror import Mirror, disparity_plane, frame_core, oriented, plane_covariance, plane_of_disparity
+from .mirror import (
+    Mirror,
+    disparity_plane,
+    frame_core,
+    oriented,
+    plane_covariance,
+    plane_of_disparity,
+    reflection_matrix,
+    reflection_moves,
+)
 
 
 def fit_frame(
@@ -128,3 +137,273 @@ def _ring_kernel(depth, camera, basis, center, normal, d, rectangle, outward, in
                 pixels[n, 0], pixels[n, 1] = u, v
                 n += 1
     return n
+
+
+@dataclass(frozen=True)
+class JointSettings:
+    """When what is seen both directly and in a mirror may move the mirror.
+
+    Parameters
+    ----------
+    use : bool
+        Off leaves the planes where their frames are.
+    gate : float
+        Surfaces farther apart than this are not taken for one another [m].
+    offset : float
+        How far the glass may well lie off the frame's plane, one standard deviation [m].
+    max_shift, max_slope : float
+        Bounds of the whole step [m], [rad].
+    gain : float
+        The step is made only when it brings the distance of surfaces it was not fitted to down to this share.
+    min_pairs : int
+        Of surface points seen both ways.
+    two_sided : bool
+        The two sides of a thin board count as one surface.
+    """
+
+    use: bool = True
+    gate: float = 0.06
+    offset: float = 0.01
+    max_shift: float = 0.03
+    max_slope: float = 0.01
+    gain: float = 0.5
+    min_pairs: int = 24
+    two_sided: bool = False
+
+
+def align_reflections(
+    mirrors: list[Mirror], depth: np.ndarray, intrinsics: Intrinsics, settings: JointSettings | None = None
+) -> tuple[list[Mirror], tuple[str, ...]]:
+    """Mirrors moved until what they show meets what is seen directly; each stays when that cannot be shown to help.
+
+    A frame may stand proud of its glass, which puts the reflection off by twice as much and which no fit of the frame
+    can tell. Readings in the glass are flipped, laid on the direct readings in the same line of sight, and the
+    distances along these surfaces' normals minimised over two slopes and a shift, with the frame's covariance (and
+    ``offset``) as prior. The pairs are split into two sets of image blocks; both must ask for the same step, and what
+    one asks for must bring the other's pairs together.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        Fused depth, z [m].
+
+    Returns
+    -------
+    mirrors : list of Mirror
+    notes : tuple of str
+        What was moved, for the user.
+    """
+    settings = settings or JointSettings()
+    if not settings.use:
+        return list(mirrors), ()
+    out, notes = [], []
+    for mirror in mirrors:
+        movable = mirror.covariance is not None and mirror.source in ("picked", "found")
+        moved = _aligned(mirror, depth, intrinsics, settings) if movable and mirror.rectangle is not None else None
+        if moved is not None:
+            shift = 1000.0 * float((moved.point - mirror.point) @ mirror.normal)
+            notes.append(
+                f"{mirror.name}: its glass lies {abs(shift):.0f} mm {'behind' if shift < 0 else 'before'} the front of "
+                "its frame, as what is seen both directly and in it shows; the mirror's plane was moved there"
+            )
+        out.append(moved or mirror)
+    return out, tuple(notes)
+
+
+def _aligned(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, settings: JointSettings) -> Mirror | None:
+    shown = _shown(mirror, depth, intrinsics, settings)
+    if len(shown[0]) < settings.min_pairs:
+        return None
+
+    def pairs(step: np.ndarray, gate: float, half: int = -1) -> tuple[Mirror, np.ndarray, np.ndarray, np.ndarray]:
+        at = _moved(mirror, step)
+        chosen = slice(None) if half < 0 else shown[2] == half
+        return at, *_pairs(at, shown[0][chosen], shown[1][chosen], depth, intrinsics, settings, gate)
+
+    def fit(half: int) -> tuple[np.ndarray, np.ndarray] | None:
+        """Slopes and shift that bring one half of the pairs together (-1: all), and their covariance."""
+        step, weight = np.zeros(3), np.linalg.inv(mirror.covariance + np.diag((0.0, 0.0, settings.offset**2)))
+        for turn in range(8):
+            at, q, normals, gap = pairs(step, settings.gate if turn < 4 else 0.4 * settings.gate, half)
+            if len(gap) < settings.min_pairs // 3:
+                return None
+            moves = np.einsum("nci,nc->ni", reflection_moves(at, q), normals)
+            scale = max(1.4826 * float(np.median(np.abs(gap))), 0.002)
+            w = 1.0 / (1.0 + (gap / scale) ** 2) / scale**2 / _SHARED
+            information = (moves * w[:, None]).T @ moves
+            change = np.linalg.solve(information + weight, (moves * w[:, None]).T @ gap - weight @ step)
+            step = step + change
+            if turn >= 4 and np.abs(change).max() < 2e-5:
+                break
+        return step, np.linalg.inv(information + weight)
+
+    gap = pairs(np.zeros(3), settings.gate)[3]
+    if len(gap) < settings.min_pairs or np.median(np.abs(gap)) < 0.003:  # nothing to gain
+        return None
+    fits = [fit(half) for half in (0, 1, -1)]
+    if None in fits:
+        return None
+    steps = np.array([f[0] for f in fits])
+    # each half is judged by what the other asks for
+    before, after = [], []
+    for half in (0, 1):
+        before.append(pairs(np.zeros(3), settings.gate, half)[3])
+        after.append(pairs(steps[1 - half], settings.gate, half)[3])
+    if min(len(gap) for gap in before + after) < settings.min_pairs // 3:
+        return None
+    apart, left = (float(np.median(np.abs(np.concatenate(gap)))) for gap in (before, after))
+    if left > settings.gain * apart or apart - left < 0.003:
+        return None
+    step = steps[2]
+    if abs(steps[0, 2] - steps[1, 2]) > 0.35 * abs(step[2]):
+        return None
+    if abs(step[2]) > settings.max_shift or np.abs(step[:2]).max() > settings.max_slope:
+        return None
+    return replace(_moved(mirror, step), covariance=fits[2][1])
+
+
+_SHARED = 10.0  # neighbouring pixels share so much of their errors that this many count as one
+
+
+def _moved(mirror: Mirror, step: np.ndarray) -> Mirror:
+    """The mirror tilted by two slopes and shifted along its normal."""
+    a, b, n = mirror.basis.T
+    point = mirror.point + step[2] * n
+    normal, basis = oriented(n - step[0] * a - step[1] * b, point, b)
+    return replace(mirror, point=point, normal=normal, basis=basis)
+
+
+def _shown(mirror, depth, intrinsics, settings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What the glass shows turned so that the camera might see it directly too: points (N, 3) and normals (N, 3) where
+    they are laid, behind the glass, and halves (N,) by image blocks."""
+    corners = np.array([(x, y) for x in mirror.rectangle[0] for y in mirror.rectangle[1]])
+    box = project(mirror.point + corners @ mirror.basis[:, :2].T, intrinsics)
+    size = np.array((intrinsics.width, intrinsics.height))
+    if not np.isfinite(box).all():
+        box = np.array(((0.0, 0.0), size))
+    low = np.clip(box.min(axis=0), 3, size - 3).astype(np.int64)
+    high = np.clip(box.max(axis=0), 3, size - 3).astype(np.int64)
+    room = max(int(np.prod(high - low)), 1)
+    points, normals, half = np.empty((room, 3)), np.empty((room, 3)), np.empty(room, np.int8)
+    n = _shown_kernel(
+        depth, _camera(intrinsics), mirror.basis, mirror.point, mirror.rectangle, reflection_matrix(mirror), low, high,
+        settings.two_sided, points, normals, half,
+    )  # fmt: skip
+    return points[:n], normals[:n], half[:n]
+
+
+def _pairs(mirror, points, facing, depth, intrinsics, settings, gate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Flipped points (N, 3), normals (N, 3) of the direct surfaces they meet, and distances (N,) along these."""
+    q, normals, gap = np.empty_like(points), np.empty_like(points), np.empty(len(points))
+    n = _pairs_kernel(
+        depth, _camera(intrinsics), mirror.normal, float(mirror.normal @ mirror.point), points, facing,
+        reflection_matrix(mirror), gate, settings.two_sided, q, normals, gap,
+    )  # fmt: skip
+    return q[:n], normals[:n], gap[:n]
+
+
+def _camera(intrinsics: Intrinsics) -> np.ndarray:
+    return np.array((intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy))
+
+
+@njit(cache=True, nogil=True)
+def _surface(depth, camera, u, v, p, n):
+    """Point and unit normal towards the camera of the reading at a pixel; False at an edge or a gap."""
+    fx, fy, cx, cy = camera
+    z = depth[v, u]
+    if z == 0:
+        return False
+    step = 2
+    left, right, up, down = depth[v, u - step], depth[v, u + step], depth[v - step, u], depth[v + step, u]
+    for other in (left, right, up, down):
+        if other == 0 or abs(other - z) > 0.05:
+            return False
+    x, y = (u - cx) / fx, (v - cy) / fy
+    p[0], p[1], p[2] = x * z, y * z, z
+    ax, ay, az = (x + step / fx) * right - (x - step / fx) * left, y * (right - left), right - left
+    bx, by, bz = x * (down - up), (y + step / fy) * down - (y - step / fy) * up, down - up
+    n[0], n[1], n[2] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    length = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+    if n[0] * p[0] + n[1] * p[1] + n[2] * p[2] > 0:
+        length = -length
+    for k in range(3):
+        n[k] /= length
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _shown_kernel(
+    depth, camera, basis, center, rectangle, flip, low, high, two_sided, out_p, out_n, out_half
+):  # fmt: skip
+    fx, fy, cx, cy = camera
+    p, n = np.empty(3), np.empty(3)
+    offset = basis[0, 2] * center[0] + basis[1, 2] * center[1] + basis[2, 2] * center[2]
+    count = 0
+    for v in range(low[1], high[1]):
+        y = (v - cy) / fy
+        for u in range(low[0], high[0]):
+            z = depth[v, u]
+            if z == 0:
+                continue
+            x = (u - cx) / fx
+            slope = x * basis[0, 2] + y * basis[1, 2] + basis[2, 2]
+            if slope >= 0 or z < offset / slope + 0.15:
+                continue
+            at, inside = offset / slope, True
+            for k in range(2):
+                s = basis[0, k] * (x * at - center[0]) + basis[1, k] * (y * at - center[1])
+                s += basis[2, k] * (at - center[2])
+                if s < rectangle[k, 0] + 0.04 or s > rectangle[k, 1] - 0.04:
+                    inside = False
+            if not inside or not _surface(depth, camera, u, v, p, n):
+                continue
+            # what stands across the mirror, like the floor, tells nothing of its place
+            if abs(n[0] * basis[0, 2] + n[1] * basis[1, 2] + n[2] * basis[2, 2]) < 0.2:
+                continue
+            toward = 0.0
+            for r in range(3):
+                q = flip[r, 3] + flip[r, 0] * p[0] + flip[r, 1] * p[1] + flip[r, 2] * p[2]
+                toward += q * (flip[r, 0] * n[0] + flip[r, 1] * n[1] + flip[r, 2] * n[2])
+            if toward > 0 and not two_sided:
+                continue
+            for c in range(3):
+                out_p[count, c], out_n[count, c] = p[c], n[c]
+            out_half[count] = (u // 12 + v // 12) % 2
+            count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _pairs_kernel(
+    depth, camera, normal, offset, points, facing, flip, gate, two_sided, out_q, out_n, out_gap
+):  # fmt: skip
+    height, width = depth.shape
+    fx, fy, cx, cy = camera
+    q, d, e = np.empty(3), np.empty(3), np.empty(3)
+    count = 0
+    for i in range(len(points)):
+        for r in range(3):
+            q[r] = flip[r, 3]
+            for c in range(3):
+                q[r] += flip[r, c] * points[i, c]
+        if q[2] < 0.3:
+            continue
+        x, y = int(np.rint(q[0] / q[2] * fx + cx)), int(np.rint(q[1] / q[2] * fy + cy))
+        if x < 3 or y < 3 or x >= width - 3 or y >= height - 3 or not _surface(depth, camera, x, y, d, e):
+            continue
+        alike, gap, far, ahead = 0.0, 0.0, 0.0, -offset
+        for r in range(3):
+            m = flip[r, 0] * facing[i, 0] + flip[r, 1] * facing[i, 1] + flip[r, 2] * facing[i, 2]
+            alike += m * e[r]
+            gap += e[r] * (d[r] - q[r])
+            far += (d[r] - q[r]) ** 2
+            ahead += normal[r] * d[r]
+        if alike < 0.8 and not (two_sided and alike < -0.9):
+            continue
+        if abs(gap) > gate or far > 9.0 * gate * gate or ahead < 0.1:
+            continue
+        for c in range(3):
+            out_q[count, c], out_n[count, c] = q[c], e[c]
+        out_gap[count] = gap
+        count += 1
+    return count

@@ -19,6 +19,7 @@ from .mesh import FILL, SEAM, Mesh
 from .metrics import mesh_report
 from .mirror import Mirror, MirrorSettings, place_mirror, reflection_matrix
 from .mirror_detection import DetectionSettings, find_mirror_at, find_mirrors
+from .mirror_refinement import JointSettings, align_reflections
 from .overlap import OverlapSettings, ViewMaps, part_overlaps, view_maps
 from .rig_file import moved_warning
 from .scene_check import check_scene, quoted
@@ -40,6 +41,7 @@ class Settings:
     depth: DepthSettings = DepthSettings()
     mirror: MirrorSettings = MirrorSettings()
     detection: DetectionSettings = DetectionSettings()
+    alignment: JointSettings = JointSettings()
     views: ViewSettings = ViewSettings()
     triangulation: TriangulationSettings = TriangulationSettings()
     overlap: OverlapSettings = OverlapSettings()
@@ -272,7 +274,8 @@ def place_mirrors(
             "in it is seen; pick points on each mirror's frame and save them in mirrors.json beside the capture, or "
             "pass them with --mirrors; a frame at least 3 cm wide and 10 cm off the wall is found by itself"
         )
-    return placed, tuple(warnings)
+    placed, notes = align_reflections(placed, depth, camera, settings.alignment)
+    return placed, (*warnings, *notes)
 
 
 def clean_views(

@@ -22,10 +22,11 @@ from .errors import CaptureError, MirrorError
 from .files import replacing
 from .mirror import Mirror, MirrorSettings, at_border, oriented, place_mirror, plane_mirror, reflect
 from .mirror_detection import DetectionSettings, circumference, find_mirrors
-from .mirror_refinement import fit_frame
+from .mirror_refinement import JointSettings, align_reflections, fit_frame
 
 FORMAT, VERSION = "mirror-scan rig", 1
 MAX_BYTES = 1_000_000
+_BOARD = JointSettings(two_sided=True)
 _MIRROR, _DEPTH, _EMPTY = MirrorSettings(), DepthSettings(), DetectionSettings(empty_rig=True)
 _LENS = ("width", "height", "fx", "fy", "cx", "cy")
 
@@ -45,6 +46,9 @@ def calibrate(
     depth: DepthSettings = _DEPTH,
 ) -> RigFile:
     """The rig that a snapshot of it shows, with nobody in it or somebody; a long burst makes it surer.
+
+    A thin flat board that stands where people will, and is seen directly and in the mirrors, tells where the glass is
+    even when the frames stand proud of it.
 
     Parameters
     ----------
@@ -69,6 +73,7 @@ def calibrate(
             f"{capture.name}: no mirror was found; see that each mirror's frame is in the picture and stands clear of "
             "walls, or pick points on the frames and pass them with --mirrors"
         )
+    placed = align_reflections(placed, fused, lens, _BOARD)[0]
     for m in placed:
         if m.rectangle is None:
             raise MirrorError(f"{m.name}: a plane alone is no calibration; pick points on this mirror's frame instead")

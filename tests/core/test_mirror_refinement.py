@@ -1,0 +1,89 @@
+"""Mirrors moved by what is seen both directly and in them: frames that stand proud of their glass."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
+from mirror_scan.core.mesh import Mesh
+from mirror_scan.core.mirror import plane_mirror, reflect, reflection_moves
+from mirror_scan.core.mirror_detection import find_mirrors
+from mirror_scan.core.mirror_refinement import JointSettings, align_reflections
+from mirror_scan.core.rig_file import calibrate
+from mirror_scan.core.simulation.scene import default_rig
+from mirror_scan.core.simulation.simulate import simulate
+
+
+def misplaced(mirrors, simulation, body) -> np.ndarray:
+    true = {m.name: plane_mirror(m.name, m.point, m.normal) for m in simulation.truth.mirrors}
+    apart = [np.linalg.norm(reflect(body, m) - reflect(body, true[m.name]), axis=1) for m in mirrors]
+    return np.median(apart, axis=1)
+
+
+def placed(simulation):
+    capture = simulation.capture
+    depth = remove_flying_pixels(fuse_burst(capture.depth)[0], 1.0 / capture.intrinsics.fx)
+    return find_mirrors(depth, capture.intrinsics), depth, capture.intrinsics
+
+
+def test_a_proud_frame_is_seen_through(person):
+    simulation = simulate(person, default_rig("azure_kinect", frames=6, frame_depth=0.008, seed=1))
+    body = simulation.truth.body.vertices
+    before, depth, lens = placed(simulation)
+    after, notes = align_reflections(before, depth, lens)
+    wrong, right = misplaced(before, simulation, body), misplaced(after, simulation, body)
+    assert (wrong > 0.014).all() and (right <= wrong + 1e-9).all() and right.min() < 0.003
+    moved = [a for a, b in zip(after, before, strict=True) if a is not b]
+    assert moved and len(notes) == len(moved) and all("behind the front of its frame" in n for n in notes)
+    unused, nothing = align_reflections(before, depth, lens, JointSettings(use=False))
+    assert unused == before and nothing == ()
+
+
+@pytest.mark.parametrize("sensor", ["azure_kinect", "kinect_v1", "realsense_d455"])
+def test_a_flush_frame_is_left_alone(simulated, sensor):
+    before, depth, lens = placed(simulated(sensor))
+    after, notes = align_reflections(before, depth, lens)
+    assert notes == () and all(a is b for a, b in zip(after, before, strict=True))
+
+
+def test_what_has_no_pairs_stays(simulated):
+    before, depth, lens = placed(simulated("azure_kinect"))
+    for ugly in (np.zeros_like(depth), np.full_like(depth, 3.0)):
+        assert align_reflections(before, ugly, lens)[0] == before
+    given = [replace(m, covariance=None) for m in before]
+    assert align_reflections(given, depth, lens)[0] == given and align_reflections([], depth, lens) == ([], ())
+
+
+def board(turn: float, thickness: float = 0.002) -> Mesh:
+    """A flat board 0.6 m wide and 1.2 m high, turned about the vertical [rad]."""
+    x, y, z = np.array((0.3, thickness / 2, 0.6))[:, None] * np.array(
+        [(-1, 1, 1, -1, -1, 1, 1, -1), (-1, -1, 1, 1, -1, -1, 1, 1), (-1, -1, -1, -1, 1, 1, 1, 1)]
+    )
+    c, s = np.cos(turn), np.sin(turn)
+    faces = [(0, 2, 1), (0, 3, 2), (4, 5, 6), (4, 6, 7), (0, 1, 5), (0, 5, 4), (1, 2, 6), (1, 6, 5), (2, 3, 7),
+             (2, 7, 6), (3, 0, 4), (3, 4, 7)]  # fmt: skip
+    return Mesh(np.column_stack((c * x - s * y, s * x + c * y, z + 0.9)), np.array(faces, np.int32))
+
+
+def test_a_board_tells_where_the_glass_is(person):
+    rig = default_rig("azure_kinect", frames=6, frame_depth=0.01, seed=2)
+    simulation = simulate(board(0.1), rig)
+    body = simulate(person, replace(rig, frames=1)).truth.body.vertices
+    found = calibrate(replace(simulation.capture, mirrors=())).mirrors
+    assert (misplaced(found, simulation, body) < 0.008).all(), "20 mm by the frames alone, 2 mm of them the board's"
+
+
+def test_reflection_moves_are_derivatives(simulated):
+    mirror = placed(simulated("azure_kinect"))[0][0]
+    points = np.random.default_rng(0).uniform(-1, 1, (20, 3)) + (0, 0, 2.5)
+    moves, small = reflection_moves(mirror, points), 1e-6
+    a, b, n = mirror.basis.T
+    for k, (normal, point) in enumerate(
+        ((n - small * a, mirror.point), (n - small * b, mirror.point), (n, mirror.point + small * n))
+    ):
+        turned = plane_mirror("m", point, normal)
+        np.testing.assert_allclose(
+            (reflect(points, turned) - reflect(points, mirror)) / small, moves[..., k], atol=1e-4
+        )
