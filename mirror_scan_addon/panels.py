@@ -74,6 +74,7 @@ class MIRRORSCAN_PT_capture(_Panel, bpy.types.Panel):
         if settings.capture_path:
             again = row.operator("mirror_scan.load_capture", text="", icon="FILE_REFRESH")
             again.filepath = settings.capture_path
+        row.operator("mirror_scan.record", text="", icon="RADIOBUT_ON")
         column = layout.column()
         column.use_property_split = True
         column.use_property_decorate = False
@@ -118,7 +119,7 @@ def _draw_facts(layout: bpy.types.UILayout, cloud: bpy.types.Object) -> None:
         (say("Frames"), str(frames), ""),
         (say("Points"), f"{len(cloud.data.vertices):,}", ""),
     ]
-    if info.get("sensor"):
+    if info.get("sensor", "unknown") != "unknown":
         lines.insert(1, (say("Camera"), str(info["sensor"]), ""))
     _table(layout, lines)
 
@@ -212,7 +213,7 @@ def _draw_mirror(layout: bpy.types.UILayout, item: bpy.types.PropertyGroup) -> N
     if item.message:
         _text(layout, item.message, "CANCEL")
     elif plane is None:
-        _text(layout, say("Pick at least 3 points on its frame, on two sides or more"), "INFO")
+        _text(layout, say("Pick points on its frame, not on its glass; 8 on all four sides are best"), "INFO")
     elif item.source != "given":
         words = {
             "GOOD": say("Good: the frame lies within {residual:.1f} mm of a plane"),

@@ -147,6 +147,18 @@ def load_steps(path: str, frames: int, mirrors_path: str = "") -> Steps[Loaded]:
     return (yield from _loaded(capture, path))
 
 
+def record_steps(camera: str, folder: str, frames: int) -> Steps[Loaded]:
+    """Record a burst of a live camera (a name of ``core.record.DRIVERS``) into ``folder``, and load it."""
+    yield 0.0, "Starting the camera"
+    from ..core.record import DRIVERS, record
+
+    with DRIVERS[camera]() as stream:
+        yield 0.1, "Recording: hold still"
+        record(stream, folder, frames)
+    yield 0.3, READING
+    return (yield from load_steps(folder, 0))
+
+
 def _open(path: str, frames: int, mirrors_path: str) -> Capture:
     from ..core.capture import open_capture
 
@@ -177,6 +189,8 @@ def _loaded(capture: Capture, path: str) -> Steps[Loaded]:
         "frames": len(capture.depth),
         "size": [capture.intrinsics.width, capture.intrinsics.height],
         "color": capture.color is not None,
+        "sensor": capture.sensor,
+        "notes": list(capture.notes),
         "words": list(describe.words(capture)),
     }
     return Loaded(
@@ -389,7 +403,8 @@ def build_steps(
 def _capture_of(cloud: Cloud) -> Capture:
     from ..core.capture import Capture
 
-    return Capture(cloud.depth[None], cloud.color, cloud.intrinsics, (), cloud.info["name"], cloud.info["format"])
+    known = {key: str(cloud.info[key]) for key in ("name", "format", "sensor") if key in cloud.info}
+    return Capture(cloud.depth[None], cloud.color, cloud.intrinsics, **known)
 
 
 def _known(record: dict):

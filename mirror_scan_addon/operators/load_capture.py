@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import bpy
-from bpy.props import IntProperty, StringProperty
+from bpy.props import EnumProperty, IntProperty, StringProperty
 
 from ...core.errors import CaptureError
 from .. import jobs, state
@@ -76,6 +76,8 @@ class MIRRORSCAN_OT_load_capture(jobs.JobOperator, bpy.types.Operator):
         if self._frame_view:
             look_from_camera(context, cloud)
         count = len(cloud.data.vertices)
+        for note in result.info["notes"]:
+            self.report({"WARNING"}, note)
         for mirror in settings.mirrors:
             if mirror.message:
                 self.report({"WARNING"}, mirror.message)
@@ -83,6 +85,57 @@ class MIRRORSCAN_OT_load_capture(jobs.JobOperator, bpy.types.Operator):
             name=cloud.name, format=result.info["format"], points=count, mirrors=len(settings.mirrors)
         )
         self.report({"INFO"}, text)
+
+
+class MIRRORSCAN_OT_record(jobs.JobOperator, bpy.types.Operator):
+    """Record a burst of a depth camera that is connected, into a new folder, and load it. Hold still meanwhile"""
+
+    bl_idname = "mirror_scan.record"
+    bl_label = "Record"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: StringProperty(
+        name="Folder", description="New folder for the recording", subtype="FILE_PATH",
+        options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+    camera: EnumProperty(
+        name="Camera", description="Which camera to record from",
+        items=(("realsense", "Intel RealSense", "Any RealSense depth camera; needs the Python package pyrealsense2"),),
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    frames: IntProperty(
+        name="Frames", description="Depth frames to record; 30 are about a second", default=30, min=1, soft_max=90,
+        max=500, translation_context=CONTEXT,
+    )  # fmt: skip
+
+    poll = MIRRORSCAN_OT_load_capture.poll
+    _asked = False
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        self._asked = True
+        if self.filepath:
+            return self.run(context)
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        if self._asked and not bpy.app.background:  # the file browser calls this
+            return self.run(context)
+        return super().execute(context)
+
+    def start(self, context: bpy.types.Context) -> jobs.Task:
+        folder = state.absolute(self.filepath)
+        if not folder:
+            raise CaptureError(say("Give the name of a new folder for the recording"))
+        return jobs.Task("record_steps", (self.camera, folder, self.frames))
+
+    def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
+        cloud = show_capture(context, target, result)
+        target.mirror_scan.capture_path = self.filepath
+        if self._asked:
+            look_from_camera(context, cloud)
+        self.report({"INFO"}, say("Recorded to {path}").format(path=self.filepath))
 
 
 def show_capture(context: bpy.types.Context, target: bpy.types.Scene, loaded) -> bpy.types.Object:
@@ -150,7 +203,7 @@ def look_from_camera(context: bpy.types.Context, cloud: bpy.types.Object) -> Non
     view.view_perspective = "PERSP"
     view.view_rotation = (cloud.matrix_world.to_3x3() @ Matrix.Rotation(3.14159265, 3, "X")).to_quaternion()
     view.view_location = cloud.matrix_world @ Vector((0, 0, 2.5))
-    view.view_distance = 4.0
+    view.view_distance = 4.8
 
 
 def look_at(context: bpy.types.Context, target: bpy.types.Object) -> None:
@@ -170,7 +223,7 @@ class MIRRORSCAN_FH_capture(bpy.types.FileHandler):
     bl_idname = "MIRRORSCAN_FH_capture"
     bl_label = "Mirror Scan Capture"
     bl_import_operator = "mirror_scan.load_capture"
-    bl_file_extensions = ".json;.mkv;.bag;.oni;.pcd;.npz;.r3d;.dump;.pclzf"
+    bl_file_extensions = ".json;.mkv;.bag;.db3;.oni;.pcd;.npz;.r3d;.dump;.pclzf"
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
@@ -191,4 +244,4 @@ class MIRRORSCAN_FH_picture(bpy.types.FileHandler):
         return in_viewport and context.region is not None and context.region.type == "UI"
 
 
-CLASSES = (MIRRORSCAN_OT_load_capture, MIRRORSCAN_FH_capture, MIRRORSCAN_FH_picture)
+CLASSES = (MIRRORSCAN_OT_load_capture, MIRRORSCAN_OT_record, MIRRORSCAN_FH_capture, MIRRORSCAN_FH_picture)

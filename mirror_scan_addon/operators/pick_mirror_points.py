@@ -360,7 +360,8 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         return settings.mirrors[min(settings.mirror_index, len(settings.mirrors) - 1)]
 
     def _add_mirror(self, settings) -> None:
-        state.set_record(settings.mirrors.add(), state.new_record(settings))
+        record = state.new_record(settings)
+        state.set_record(settings.mirrors.add(), record)
         settings.mirror_index = len(settings.mirrors) - 1
 
     def _tell(self, context) -> None:

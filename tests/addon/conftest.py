@@ -33,6 +33,11 @@ def capsule():
 
 
 @pytest.fixture(scope="session")
+def capsule_10k():
+    return _make_capsule(120, 80)
+
+
+@pytest.fixture(scope="session")
 def capsule_60k():
     return _make_capsule(300, 200)
 

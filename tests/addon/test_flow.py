@@ -159,7 +159,7 @@ def test_a_mirror_is_set_by_pixels_by_places_and_by_its_plane(bpy, scan, loaded)
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"points": "[[1, 2], [3, 4]]"}, "plane needs at least 3"),
+        ({"points": "[[1, 2], [3, 4]]"}, "too few for a plane"),
         ({"points": "[[1, 2], [3, 4], [5, 60000]]"}, "outside the 640×576"),
         ({"points": "[[100, 20], [320, 20], [540, 20]]"}, "depth reading|one line"),
         ({"points": "import os"}, "must be a list"),

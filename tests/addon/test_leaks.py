@@ -24,12 +24,11 @@ def resident_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
 
 
-def test_fifty_builds_with_undo(bpy, capsule_60k, monkeypatch, tmp_path):
+def test_fifty_builds_with_undo(bpy, capsule_10k, monkeypatch, tmp_path):
     from mirror_scan.mirror_scan_addon import tasks
 
-    surface = tasks.Surface(
-        capsule_60k.vertices, capsule_60k.triangles, capsule_60k.colors, capsule_60k.view, capsule_60k.kind
-    )
+    made = capsule_10k
+    surface = tasks.Surface(made.vertices, made.triangles, made.colors, made.view, made.kind)
 
     def build_steps(*arguments):
         yield 0.5, "Zippering"
@@ -50,8 +49,8 @@ def test_fifty_builds_with_undo(bpy, capsule_60k, monkeypatch, tmp_path):
         gc.collect()
         memory.append(resident_mb())
     assert handlers == {name: len(getattr(bpy.app.handlers, name)) for name in handlers}
-    # one such mesh is 8 MB: it would show if builds were kept
-    assert memory[-1] - memory[14] < 25, memory
+    # one such mesh is 1.3 MB: 45 MB would show if builds were kept
+    assert memory[-1] - memory[14] < 15, memory
 
 
 def test_captures_loaded_over_and_over(bpy, scan):
