@@ -13,7 +13,8 @@ from .machine import describe
 from .results import Finding, limits_table
 
 MODULES = {"quality": "quality", "speed": "speed", "cleaning": "cleaning", "mirrors": "mirrors", "dtw": "dtw",
-           "import": "imports", "blender": "blender", "corpus": "corpus"}  # fmt: skip
+           "import": "imports", "blender": "blender", "corpus": "corpus", "seams": "seams",
+           "growth": "growth", "experiment": "experiment"}  # fmt: skip
 
 
 def main() -> int:

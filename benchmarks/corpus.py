@@ -45,6 +45,8 @@ TAILS = tuple(key for key in FIGURES if key not in MEANS)
 DIRECTIONS = ((0, -1, 0), (1, 0, 0), (0, 1, 0), (-1, 0, 0), (0.7, 0.7, 0), (-0.7, 0.7, 0))
 """Front, left, back, right, and the two sides of the back."""
 PANEL = (150, 240)
+SHEET = 8
+"""Scenes on one picture."""
 
 
 @dataclass(frozen=True)
@@ -146,9 +148,10 @@ def run(
             parted.append(max(abs(ours[key] / theirs[key] - 1) for key in MEANS))
         if pictures is not None:
             panels.append(_panel(recipe, scan))
-    if pictures is not None:
-        pictures.mkdir(parents=True, exist_ok=True)
-        _write_sheets(panels, pictures)
+            if len(panels) % SHEET == 0 or len(done) == len(numbers):
+                pictures.mkdir(parents=True, exist_ok=True)
+                first = (len(panels) - 1) // SHEET * SHEET
+                write_png(pictures / f"corpus_{first // SHEET + 1:02d}.png", np.concatenate(panels[first:]))
     tables = [_soundness(done), _distances(done), _by_kind(done), _nearer(done)]
     tables[1].notes += [
         f"Mean distances within {100 * max(parted):.1f} % of {name}'s in the first {len(parted)} scenes."
@@ -372,11 +375,6 @@ def _panel(recipe: Recipe, scan: Reconstruction | None) -> np.ndarray:
     image = Image.fromarray(picture)
     ImageDraw.Draw(image).text((6, 3), str(recipe) + ("" if scan else ": FAILED"), fill=(0, 0, 0))
     return np.array(image)
-
-
-def _write_sheets(panels: list[np.ndarray], folder: Path, rows: int = 8) -> None:
-    for k in range(0, len(panels), rows):
-        write_png(folder / f"corpus_{k // rows + 1:02d}.png", np.concatenate(panels[k : k + rows]))
 
 
 # --- command line ----------------------------------------------------------------------------------------------------

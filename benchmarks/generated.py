@@ -19,6 +19,8 @@ QUICK = (0, 1, 2, 7, 13, 18, 25, 36)
 """Of all sensors, poses and numbers of mirrors some."""
 SEED = 20121
 SENSORS = ("azure_kinect", "kinect_v1", "realsense_d455", "ideal")
+FARTHER = {"kinect_v1": 2.8, "ideal": 2.8}
+"""Distance at which a tall person fits into a lower picture [m]."""
 MIRRORS = (2, 2, 3, 2, 1, 2, 2, 3, 2, 2, 1, 3, 2)  # 13 and 10 share no factor: each body meets each number
 BODIES = (
     ("mh_base_neutral", "A-pose"), ("mannequin", "A-pose"), ("mh_woman_armsdown", "arms down"),
@@ -68,13 +70,16 @@ def recipes(numbers: tuple[int, ...] | None = None) -> Iterator[Recipe]:
         angles = [(side * right,), (right, -left), (right, -left, side * (right if side > 0 else left) + side * 32.0)]
         # three mirrors light the back three times over: with interference next to nothing of it can be read
         interference = (None, None, True, False)[rng.integers(4)] if count < 3 else False
+        sensor = SENSORS[(number + number // len(BODIES)) % len(SENSORS)]
+        height, tilt = float(rng.uniform(1.52, 1.88)), float(rng.uniform(0.0, 6.0))
+        distance = FARTHER.get(sensor, 2.5)
         rig = default_rig(
-            SENSORS[(number + number // len(BODIES)) % len(SENSORS)], mirrors=angles[count - 1],
-            path_length=rng.uniform(4.3, 4.9), lean_deg=rng.uniform(-1.0, 1.0, count), tilt_deg=rng.uniform(0.0, 6.0),
-            roll_deg=rng.uniform(-3.0, 3.0), frames=int(rng.choice((1, 3, 10, 30))), seed=number,
-            interference=interference,
+            sensor, subject_distance=distance, mirrors=angles[count - 1], path_length=rng.uniform(4.4, 4.9),
+            lean_deg=rng.uniform(-1.0, 1.0, count), roll_deg=rng.uniform(-3.0, 3.0), tilt_deg=tilt,
+            camera_height=height / 2 + distance * np.tan(np.radians(tilt)),  # it looks at the middle of the body
+            frames=int(rng.choice((1, 3, 10, 30))), seed=number, interference=interference,
         )  # fmt: skip
-        yield Recipe(number, body, pose, float(rng.uniform(1.52, 1.88)), rig)
+        yield Recipe(number, body, pose, height, rig)
 
 
 def make(recipe: Recipe) -> Simulation:

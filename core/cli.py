@@ -40,7 +40,13 @@ CLEANING = {"outliers": {"burst_tolerance": math.inf}, "flying": {"support": 0},
 SIMULATION_ENTRIES = {"intrinsic.json", "mirrors.json", "depth", "color", "truth"}
 
 
-def main(argv: Sequence[str] | None = None, *, prog: str = "mirror-scan", writers: Writers | None = None) -> int:
+def main(
+    argv: Sequence[str] | None = None,
+    *,
+    prog: str = "mirror-scan",
+    writers: Writers | None = None,
+    find_bridge: Callable[[], Callable[[Mesh], Mesh] | None] | None = None,
+) -> int:
     """Run one command.
 
     Parameters
@@ -52,6 +58,8 @@ def main(argv: Sequence[str] | None = None, *, prog: str = "mirror-scan", writer
     writers : mapping or None
         Suffix (".blend") → ``function(path, reconstruction)`` for formats core cannot write; looking one up may raise
         :class:`OutputError` to say why it cannot be had.
+    find_bridge : function() or None
+        Gives Blender's way of closing patches, for the zippering experiment; None where there is no Blender.
 
     Returns
     -------
@@ -63,6 +71,7 @@ def main(argv: Sequence[str] | None = None, *, prog: str = "mirror-scan", writer
         options = build_parser(prog).parse_args(argv)
     except SystemExit as stop:  # argparse has said what there is to say
         return stop.code if isinstance(stop.code, int) else 2
+    options.find_bridge = find_bridge
     try:
         options.run(options, writers or {})
     except MirrorScanError as error:
@@ -495,7 +504,8 @@ def _experiment_zippering(options: argparse.Namespace, writers: Writers) -> None
     with _progress(options.quiet) as progress:
         _advance(progress, 0.0, "reading the body" if options.mesh else "making a mannequin")
         body = read_mesh(options.mesh) if options.mesh else mannequin()
-        steps = run(body, options.steps, options.matching, progress=_part(progress, 0.05, 0.95))
+        bridge = options.find_bridge() if options.find_bridge else None
+        steps = run(body, options.steps, options.matching, progress=_part(progress, 0.05, 0.95), bridge=bridge)
         _advance(progress, 0.95, "writing")
         paths, note = write_results(steps, body, options.folder)
     for step in steps:
@@ -506,6 +516,8 @@ def _experiment_zippering(options: argparse.Namespace, writers: Writers) -> None
     for line in table(steps, body):
         _say(line)
     _say("distances between the surfaces, of both directions the larger; % of the body's height")
+    if bridge is None:
+        _say("without Blender's Bridge Edge Loops beside it: bpy cannot be imported here; “pip install bpy”")
     for path in paths:
         _say(f"  {path}")
     if note:

@@ -43,11 +43,22 @@ class BlenderWriters(Mapping):
         return len(BLENDER_FORMATS)
 
 
+def find_bridge() -> Callable | None:
+    """:func:`.bridging.bridge_and_fill`; None in a Python that has no bpy."""
+    try:
+        import bpy  # noqa: F401
+    except ImportError:
+        return None
+    from .bridging import bridge_and_fill
+
+    return bridge_and_fill
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of pip's script ``mirror-scan``; returns the exit code."""
     from ..core import cli
 
-    return cli.main(argv, writers=BlenderWriters())
+    return cli.main(argv, writers=BlenderWriters(), find_bridge=find_bridge)
 
 
 def blender_main(argv: Sequence[str]) -> int:
@@ -62,7 +73,7 @@ def blender_main(argv: Sequence[str]) -> int:
         if not {"-h", "--help"}.intersection(argv):
             print(f"error: {error}", file=sys.stderr)
             return 1
-    return cli.main(argv, prog="blender --command mirror_scan", writers=BlenderWriters())
+    return cli.main(argv, prog="blender --command mirror_scan", writers=BlenderWriters(), find_bridge=find_bridge)
 
 
 def register() -> None:

@@ -19,7 +19,7 @@ from ..coronal import solidity
 from ..errors import MirrorScanError, OutputError
 from ..files import replacing
 from ..images import write_png
-from ..mesh import SEAM, SURFACE, Mesh, compact, drop_small_components, keep_triangles, remove_bowties, twins
+from ..mesh import SEAM, SURFACE, Mesh, compact, drop_small_components, keep_triangles, merge, remove_bowties, twins
 from ..metrics import SurfaceDistance, mesh_report, surface_distance
 from ..overlap import ViewMaps, view_maps
 from ..preview import KIND_COLORS, SIDES, draw_text, render_views
@@ -39,24 +39,14 @@ _HEIGHTS = (0.2, 3.0)  # m: what the widths of gaps in ZipperSettings are made f
 
 
 @dataclass(frozen=True)
-class Step:
-    """One row of the table.
+class Closed:
+    """A closed split: the ``mesh``, its ``report`` of :func:`metrics.mesh_report`, and the distances ``there``, from it
+    to the original, and ``back``, the other way [m]."""
 
-    ``decimation`` [%], ``vertices`` of the three parts, ``seams`` with their ``seam_triangles``, ``method`` (how much
-    of the seams' length was matched how), ``report`` of :func:`metrics.mesh_report`, ``there`` from the result to the
-    original and ``back`` the other way [m], ``notes`` of the closing, and the ``mesh`` itself.
-    """
-
-    decimation: float
-    vertices: tuple[int, int, int]
-    seams: list[Seam]
-    seam_triangles: int
-    method: str
+    mesh: Mesh
     report: dict
     there: SurfaceDistance
     back: SurfaceDistance
-    notes: list[str]
-    mesh: Mesh
 
     @property
     def mean(self) -> float:
@@ -72,12 +62,31 @@ class Step:
         return max(self.there.max, self.back.max)
 
 
+@dataclass(frozen=True)
+class Step(Closed):
+    """One row of the table: what was zippered, and how.
+
+    ``decimation`` [%], ``vertices`` of the three parts, ``seams`` with their ``seam_triangles``, ``method`` (how much
+    of the seams' length was matched how), ``notes`` of the closing; ``bridged``, what the other tool made of the same
+    three parts, or None.
+    """
+
+    decimation: float
+    vertices: tuple[int, int, int]
+    seams: list[Seam]
+    seam_triangles: int
+    method: str
+    notes: list[str]
+    bridged: Closed | None = None
+
+
 def run(
     body: Mesh,
     steps: Sequence[float] = STEPS,
     matching: str = "auto",
     samples: int = 100_000,
     progress: Callable[[float, str], None] | None = None,
+    bridge: Callable[[Mesh], Mesh | None] | None = None,
 ) -> list[Step]:
     """Cut, thin, zipper and close a body once for each step, and measure how far the result is from it.
 
@@ -92,6 +101,9 @@ def run(
     samples : int
         Points on each surface for the distances.
     progress : function(fraction, message) or None
+    bridge : function(mesh) or None
+        Another tool that closes three parts, told apart by ``view``, in its own way, to compare with; it may return
+        None where it cannot.
 
     Returns
     -------
@@ -122,14 +134,20 @@ def run(
         zipped, seams = zip_patches(thinned, maps, UP, axis, None, settings)
         sewn = int(np.count_nonzero(zipped.kind == SEAM))
         mesh, notes = close_mesh(zipped, maps, UP, None)
+        other = bridge(merge(thinned)) if bridge else None
+        bridged = _compare(other, body, samples) if other is not None else None
         vertices = tuple(len(part.vertices) for part in thinned)
-        done.append(
-            Step(
-                float(percent), vertices, seams, sewn, _method(seams), mesh_report(mesh),
-                surface_distance(mesh, body, samples), surface_distance(body, mesh, samples), notes, mesh,
-            )  # fmt: skip
-        )
+        made = _compare(mesh, body, samples)
+        done.append(Step(
+            made.mesh, made.report, made.there, made.back, float(percent), vertices, seams, sewn, _method(seams), notes,
+            bridged,
+        ))  # fmt: skip
     return done
+
+
+def _compare(mesh: Mesh, body: Mesh, samples: int) -> Closed:
+    there, back = surface_distance(mesh, body, samples), surface_distance(body, mesh, samples)
+    return Closed(mesh, mesh_report(mesh), there, back)
 
 
 # --- the cut ---------------------------------------------------------------------------------------------------------
@@ -463,13 +481,23 @@ def table(steps: Sequence[Step], body: Mesh) -> list[str]:
     ]
     for s in steps:
         parts = " + ".join(str(v) for v in s.vertices)
-        yes = ["yes" if s.report[key] else "NO" for key in ("watertight", "manifold")]
-        mm = "".join(f"{1000 * value:9.3f}" for value in (s.mean, s.rms, s.max))
-        percent = f"{100 * s.mean / tall:9.4f}{100 * s.max / tall:8.3f}"
         lines.append(
-            f"{s.decimation:5.4g} %   {parts:>28}{s.seam_triangles:13}{yes[0]:>8}{yes[1]:>10}{mm}{percent}   {s.method}"
+            f"{s.decimation:5.4g} %   {parts:>28}{s.seam_triangles:13}{_figures(s, tall)}   {s.method}"
         )
+    if any(s.bridged for s in steps):
+        lines.append("the same parts by Blender's Bridge Edge Loops and Fill Holes")
+    for s in steps:
+        if s.bridged:
+            pieces, crossing = (s.bridged.report[key] for key in ("components", "self_intersections"))
+            flaws = f"{pieces} pieces, {crossing} faces cross" if pieces > 1 else f"{crossing} faces cross"
+            lines.append(f"{s.decimation:5.4g} %{'':44}{_figures(s.bridged, tall)}   {flaws}")
     return lines
+
+
+def _figures(made: Closed, tall: float) -> str:
+    yes = ["yes" if made.report[key] else "NO" for key in ("watertight", "manifold")]
+    mm = "".join(f"{1000 * value:9.3f}" for value in (made.mean, made.rms, made.max))
+    return f"{yes[0]:>8}{yes[1]:>10}{mm}{100 * made.mean / tall:10.4f}{100 * made.max / tall:8.3f}"
 
 
 def write_results(steps: Sequence[Step], body: Mesh, folder: Path) -> tuple[list[Path], str]:
@@ -506,6 +534,10 @@ def write_results(steps: Sequence[Step], body: Mesh, folder: Path) -> tuple[list
     x = [s.decimation for s in order]
     axes.plot(x, [1000 * s.there.mean for s in order], "o-", label="result to original")
     axes.plot(x, [1000 * s.back.mean for s in order], "s--", label="original to result")
+    bridged = [s for s in order if s.bridged]
+    if bridged:
+        at, means = [s.decimation for s in bridged], [1000 * s.bridged.mean for s in bridged]
+        axes.plot(at, means, "^:", color="tab:gray", label="Blender's bridge, the larger of both ways")
     axes.set(xlabel="vertices taken from the back parts [%]", ylabel="mean distance [mm]", ylim=(0, None))
     percent = axes.secondary_yaxis("right", functions=(lambda mm: mm / (10 * tall), lambda p: p * 10 * tall))
     percent.set_ylabel("of the height [%]")
@@ -525,13 +557,18 @@ def _csv(steps: Sequence[Step], tall: float) -> str:
     rows.writerow(
         ["decimation_pct", "vertices_front", "vertices_back_left", "vertices_back_right", "seam_triangles", "method"]
         + [*flags, *distances, "mean_pct_of_height", "rms_pct_of_height", "max_pct_of_height"]
+        + [f"blender_{name}" for name in (*flags, *distances)]
     )
+
+    def told(made: Closed) -> list:
+        values = [getattr(way, key) for way in (made.there, made.back) for key in figures]
+        return [made.report[flag] for flag in flags] + [f"{1000 * value:.5f}" for value in values]
+
     for s in steps:
-        values = [getattr(way, key) for way in (s.there, s.back) for key in figures]
         rows.writerow(
-            [f"{s.decimation:g}", *s.vertices, s.seam_triangles, s.method, *(s.report[flag] for flag in flags)]
-            + [f"{1000 * value:.5f}" for value in values]
+            [f"{s.decimation:g}", *s.vertices, s.seam_triangles, s.method, *told(s)]
             + [f"{100 * value / tall:.6f}" for value in (s.mean, s.rms, s.max)]
+            + (told(s.bridged) if s.bridged else [""] * (len(flags) + len(distances)))
         )
     return text.getvalue()
 

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from mirror_scan.core import cli
 from mirror_scan.core.errors import MirrorScanError
-from mirror_scan.core.experiments.zippering import decimate, run, split
+from mirror_scan.core.experiments.zippering import decimate, run, split, write_results
 from mirror_scan.core.io import write_mesh
 from mirror_scan.core.mesh import Mesh, boundary_loops, triangle_components, twins, vertex_fans
 
@@ -123,12 +123,32 @@ def test_what_cannot_be_cut_is_refused(person):
             run(mesh_of(ball), *arguments)
 
 
+def test_another_tool_gets_the_same_parts(person, tmp_path):
+    given = []
+
+    def keep_open(parts):
+        given.append(parts)
+        return parts
+
+    (step,) = run(person, (30,), samples=5_000, bridge=keep_open)
+    assert sum(step.vertices) == len(given[0].vertices) and set(given[0].view.tolist()) == {0, 1, 2}
+    assert not step.bridged.report["watertight"] and step.report["watertight"]
+    assert step.bridged.there.mean < step.bridged.back.mean, "what is there is on the original, but some is missing"
+    write_results([step], person, tmp_path)
+    (row,) = csv.DictReader((tmp_path / "table.csv").read_text().splitlines())
+    assert row["blender_watertight"] == "False"
+    assert float(row["blender_original_to_result_mean_mm"]) == pytest.approx(1000 * step.bridged.back.mean, abs=1e-4)
+    (step,) = run(person, (30,), samples=5_000, bridge=lambda parts: None)
+    assert step.bridged is None
+
+
 def test_on_the_command_line(tmp_path, capsys):
     write_mesh(tmp_path / "ball.ply", mesh_of(trimesh.creation.icosphere(subdivisions=5, radius=0.5)))
     words = ["experiment", "zippering", str(tmp_path / "ball.ply"), "-o", str(tmp_path / "out"), "--steps", "0,40"]
     assert cli.main(words) == 0
     said = capsys.readouterr().out
     assert "coronal and sagittal planes" in said  # a ball is compact
+    assert "without Blender's Bridge Edge Loops" in said  # core itself knows no Blender
     rows = list(csv.DictReader((tmp_path / "out" / "table.csv").read_text().splitlines()))
     assert [row["decimation_pct"] for row in rows] == ["0", "40"]
     assert all(row["watertight"] == row["manifold"] == "True" for row in rows)
