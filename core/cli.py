@@ -105,6 +105,11 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     command.add_argument("--mirrors", metavar="FILE", type=Path, help="mirrors.json to use instead of the capture's")
     command.add_argument("--rig", metavar="FILE", type=Path, help="rig file of “calibrate” to take the mirrors from")
     command.add_argument("--poses", metavar="FILE", type=Path, help="poses.json of several cameras, by capture")
+    command.add_argument(
+        "--subject", metavar="U,V", type=_pixel, help="pixel of the depth image on the subject, where another is chosen"
+    )
+    command.add_argument("--object", action="store_true", help="the subject is any thing: cut off what it stands on")
+    command.add_argument("--keep-islands", action="store_true", help="keep pieces that nothing connects to the body")
     command.add_argument("--report", metavar="FILE", type=Path, help="write what was found and measured, as JSON")
     command.add_argument("--frame", choices=("avatar", "camera"), default="avatar", help="coordinates (default avatar)")
     command.add_argument("--single-frame", action="store_true", help="use only the first depth frame of a burst")
@@ -282,12 +287,17 @@ def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
     if options.poses or len(options.captures) > 1 or (first / "poses.json").is_file():
         if options.mirrors or options.rig:
             raise CaptureError("--mirrors and --rig are for one camera; keep mirrors.json beside the capture it is of")
+        if options.subject:
+            raise CaptureError("--subject is for one camera; with poses the subject is where the cameras' axes cross")
         from .poses import open_posed_captures, reconstruct_views
 
         captures, poses = open_posed_captures(options.captures, options.poses, frames)
         read_ms = (time.perf_counter() - started) * 1e3
         with _progress(options.quiet) as progress:
-            return reconstruct_views(captures, poses, progress=progress, frame=options.frame), read_ms
+            result = reconstruct_views(
+                captures, poses, settings=_settings(options), progress=progress, frame=options.frame
+            )
+            return result, read_ms
     capture = _open(first, options)
     mirrors = read_mirrors(options.mirrors, capture.intrinsics) if options.mirrors else None
     if options.rig:
@@ -448,14 +458,21 @@ def _open(path: Path, options: argparse.Namespace) -> Capture:
 
 
 def _settings(options: argparse.Namespace) -> Settings:
-    """Settings with what :func:`_add_cleaning` leaves out."""
+    """Settings with what :func:`_add_cleaning` leaves out, and what a command says of the subject."""
+    from .closing import ClosingSettings
     from .depth import DepthSettings
     from .pipeline import Settings
+    from .views import ViewSettings
 
+    given = vars(options)
     changes: dict = {"sensor": options.sensor}
     for step in options.without:
         changes |= CLEANING[step]
-    return Settings(depth=DepthSettings(**changes))
+    return Settings(
+        depth=DepthSettings(**changes),
+        views=ViewSettings(click=given.get("subject"), object=given.get("object", False)),
+        closing=ClosingSettings(keep_islands=given.get("keep_islands", False)),
+    )
 
 
 @contextlib.contextmanager
@@ -775,6 +792,17 @@ def _size(text: str) -> tuple[int, int]:
     if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 4096 and 0 < int(height) <= 4096):
         raise argparse.ArgumentTypeError(f"must be as 848x480, not {text}")
     return int(width), int(height)
+
+
+def _pixel(text: str) -> tuple[float, float]:
+    """argparse type: a pixel as column,row."""
+    u, v = (float(part) for part in text.split(","))
+    if not math.isfinite(u) or not math.isfinite(v):
+        raise argparse.ArgumentTypeError(f"must be two numbers, column,row, not {text}")
+    return u, v
+
+
+_pixel.__name__ = "pixel as column,row"  # argparse names the type when it cannot be read
 
 
 def _percentages(text: str) -> tuple[float, ...]:

@@ -44,6 +44,10 @@ class ClosingSettings:
         Smooth what runs through itself until it does not.
     floor_reach : float
         Loops that lie lower than this above the floor are soles: they are let down to it and closed flat [m].
+    keep_islands : bool
+        Keep pieces that nothing connects to the body, each closed on its own.
+    min_island : int
+        Islands with fewer triangles are dropped all the same.
     """
 
     largest_loop: int = 64
@@ -51,6 +55,8 @@ class ClosingSettings:
     fairness: float = 0.3
     floor_reach: float = 0.09
     untangle: bool = True
+    keep_islands: bool = False
+    min_island: int = 200
 
 
 def close_mesh(
@@ -82,7 +88,9 @@ def close_mesh(
     if floor is not None:
         mesh, edges = drop_soles(mesh, edges, up, floor, settings.floor_reach)
     mesh = fill_loops(mesh, maps, settings.largest_loop, edges=edges)
-    mesh, dropped = largest_component(mesh)
+    mesh, kept, dropped = keep_components(mesh, settings.min_island if settings.keep_islands else None)
+    if kept:
+        notes.append(f"{kept} piece(s) that nothing connects to the body are kept, each closed on its own")
     if dropped:
         notes.append(f"{dropped} small piece(s) that nothing connects to the body were left out")
     mesh = refine(mesh, edge_length_at_vertices(mesh), settings.refine)
@@ -103,15 +111,28 @@ def close_mesh(
     return mesh, notes
 
 
-def largest_component(mesh: Mesh) -> tuple[Mesh, int]:
-    """The connected piece with the most triangles, without bow-ties, and how many other pieces were dropped."""
+def keep_components(mesh: Mesh, min_island: int | None = None) -> tuple[Mesh, int, int]:
+    """The connected piece with the most triangles and, where asked for, others of at least ``min_island`` triangles.
+
+    Returns
+    -------
+    mesh : Mesh
+        Without bow-ties.
+    kept, dropped : int
+        Pieces beside the largest one.
+    """
     twin = twins(mesh.triangles, len(mesh.vertices))
     label, count = components_of(twin, len(mesh.triangles))
+    kept = 0
     if count > 1:
-        keep = label == np.bincount(label).argmax()
+        size = np.bincount(label)
+        chosen = np.zeros(count, np.bool_) if min_island is None else size >= min_island
+        chosen[size.argmax()] = True
+        kept = int(chosen.sum()) - 1
+        keep = chosen[label]
         twin = keep_twins(twin, keep)
         mesh = keep_triangles(mesh, keep)
-    return remove_bowties(mesh, twin), count - 1
+    return remove_bowties(mesh, twin), kept, count - 1 - kept
 
 
 def drop_soles(mesh: Mesh, edges: np.ndarray, up: np.ndarray, floor: float, reach: float) -> tuple[Mesh, np.ndarray]:

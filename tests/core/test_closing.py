@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mirror_scan.core.closing import ClosingSettings, close_mesh, largest_component
+from mirror_scan.core.closing import ClosingSettings, close_mesh, keep_components
 from mirror_scan.core.mesh import FILL, SURFACE, Mesh, compact, merge, twins, vertex_fans
 from mirror_scan.core.metrics import mesh_report
 
@@ -108,10 +108,30 @@ def test_crumbs_are_left_out_and_said_so(blind_maps):
     check_closed(closed)
     assert closed.vertices[:, 0].min() > 0 and closed.vertices[:, 0].max() < 1
     assert len(notes) == 1 and "2 small piece" in notes[0]
-    kept, dropped = largest_component(scene)
-    assert dropped == 2 and len(kept.triangles) == len(post(0.02).triangles)
-    alone, none = largest_component(post(0.02))
-    assert none == 0 and len(alone.triangles) == len(kept.triangles)
+    left, kept, dropped = keep_components(scene)
+    assert (kept, dropped) == (0, 2) and len(left.triangles) == len(post(0.02).triangles)
+    alone, kept, dropped = keep_components(post(0.02))
+    assert (kept, dropped) == (0, 0) and len(alone.triangles) == len(left.triangles)
+
+
+def test_islands_are_kept_on_request(blind_maps):
+    """An open island is closed on its own; specks go all the same."""
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.1)
+    cap = ball.faces[ball.vertices[ball.faces][:, :, 2].mean(axis=1) > -0.03]
+    crumb = trimesh.creation.icosphere(subdivisions=1, radius=0.02)
+    scene = merge(
+        [
+            post(0.02), measured(ball.vertices + (1.5, 0, 0.5), cap),
+            measured(crumb.vertices - (2, 0, 0), crumb.faces),
+        ]
+    )  # fmt: skip
+    closed, notes = close_mesh(scene, blind_maps, UP, 0.0, ClosingSettings(keep_islands=True))
+    report = mesh_report(closed)
+    assert report["watertight"] and report["manifold"] and report["components"] == 2
+    island = trimesh.Trimesh(closed.vertices, closed.triangles, process=False).split()
+    volumes = sorted(piece.volume for piece in island)
+    assert volumes[0] > 0.5 * 4 / 3 * np.pi * 0.1**3 and len(island) == 2
+    assert "1 piece(s) that nothing connects to the body are kept" in notes[0] and "1 small piece" in notes[1]
 
 
 def test_closed_already(blind_maps):

@@ -1,0 +1,121 @@
+"""The subject among furniture, walls and other people, on a table, on a plinth, and by a click."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
+from mirror_scan.core.errors import ReconstructionError
+from mirror_scan.core.ground import find_ground, leans, mirrors_vertical
+from mirror_scan.core.mirror import place_mirror, plane_mirror
+from mirror_scan.core.simulation import props
+from mirror_scan.core.simulation.mannequin import mannequin
+from mirror_scan.core.simulation.rays import BODY
+from mirror_scan.core.simulation.scene import default_rig
+from mirror_scan.core.simulation.simulate import simulate
+from mirror_scan.core.subject import find_subject
+from mirror_scan.core.views import ViewSettings
+
+
+def sorted_out(simulation, settings=None):
+    """Views, and shares: of the subject's pixels in the right view, of what is kept that is not the subject."""
+    lens = simulation.capture.intrinsics
+    depth = remove_flying_pixels(fuse_burst(simulation.capture.depth)[0], 1 / lens.fx)
+    mirrors = [place_mirror(m, depth, lens) for m in simulation.capture.mirrors]
+    views = find_subject(depth, lens, mirrors, settings or ViewSettings())
+    truth, sight = simulation.truth.labels, simulation.truth.sight
+    told = np.abs(depth / np.where(sight.depth > 0, sight.depth, np.inf) - 1) < 0.02
+    body, kept = told & (truth >= 0), views.labels >= 0
+    right = (views.labels == truth)[body].mean()
+    left = (kept & told & (sight.object != BODY)).sum() / kept.sum()
+    print(f"\n{100 * right:.2f} % right, {100 * left:.3f} % left over, {[(views.labels == k).sum() for k in range(3)]}")
+    return views, right, left, body
+
+
+@pytest.fixture(scope="module")
+def other():
+    return mannequin(1.8, seed=3, resolution=0.018)
+
+
+@pytest.mark.parametrize(
+    "case",
+    ["bystander behind", "bystander beside", "bystander behind the camera", "chair beside", "chair behind", "walls"],
+)
+def test_others_and_furniture_are_dropped(person, other, case):
+    rig = default_rig("azure_kinect", frames=3)
+    stand = {
+        "bystander behind": [props.placed(other, 0.55, 1.2, 30)],
+        "bystander beside": [props.placed(other, -1.75, -0.1, -50)],
+        "bystander behind the camera": [props.placed(other, 0.4, -3.6, 180)],
+        "chair beside": [props.placed(props.chair(), 0.62, 0.3, 20)],
+        "chair behind": [props.placed(props.chair(), -0.1, 0.75, 180)],
+        "walls": [],
+    }[case]
+    if case == "walls":
+        rig = replace(rig, room=(-1.6, 1.6, -3.4, 1.05, 2.4))
+    views, right, left, _ = sorted_out(simulate(person, rig, stand))
+    assert right > 0.995 and left < 0.002 and views.warnings == ()
+
+
+def test_feet_and_hair_stay_and_the_floor_goes(simulated):
+    for sensor, lost_feet in (("ideal", 0.02), ("azure_kinect", 0.03), ("realsense_d455", 0.03), ("kinect_v1", 0.08)):
+        simulation = simulated(sensor)
+        views, _, left, body = sorted_out(simulation)
+        height = simulation.truth.sight.point[..., 2]
+        for name, part, limit in (("feet", height < 0.12, lost_feet), ("hair", height > 1.58, 0.005)):
+            lost = (views.labels < 0)[body & part].mean()
+            print(f"{sensor}: {name} {100 * lost:.2f} % lost")
+            assert lost < limit
+        assert left < 0.002
+        assert views.limits.shape == (3, 2) and (views.limits[1:, 0] > views.limits[0, 1]).all()
+
+
+def test_a_click_chooses(person, other):
+    """Somebody nearer to the rig's crossing than the one who is meant, clicked on directly and in a mirror."""
+    rig = default_rig("azure_kinect", frames=2, mirrors=[125.0])
+    meant = replace(person, vertices=person.vertices + (-0.75, 0.3, 0))
+    simulation = simulate(meant, rig, [props.placed(other, 0.35, -0.1)])
+    assert sorted_out(simulation)[1] < 0.5, "without a click the one at the crossing is taken"
+    for view in (0, 1):
+        rows, columns = np.nonzero(simulation.truth.labels == view)
+        middle = len(rows) // 2
+        settings = ViewSettings(click=(float(columns[middle]), float(rows[middle])))
+        views, right, left, _ = sorted_out(simulation, settings)
+        assert (views.labels == 0).sum() > 10_000 and right > 0.9 and left < 0.02
+    with pytest.raises(ReconstructionError, match="outside the 640×576"):
+        sorted_out(simulation, ViewSettings(click=(700.0, 20.0)))
+
+
+@pytest.mark.parametrize("stand", ["floor", "table", "plinth"])
+def test_a_thing(stand):
+    """Not a person: 40 cm tall, on the floor, a table or a plinth, which is cut off."""
+    height = {"floor": 0.0, "table": 0.72, "plinth": 0.6}[stand]
+    thing = mannequin(0.42, resolution=0.0045)
+    thing = replace(thing, vertices=thing.vertices + (0, 0, height))
+    rig = default_rig("azure_kinect", frames=4, subject_distance=1.4, path_length=2.8, camera_height=height + 0.55,
+                      tilt_deg=14.0)  # fmt: skip
+    under = {"floor": [], "table": [props.table()], "plinth": [props.plinth()]}[stand]
+    views, right, left, _ = sorted_out(simulate(thing, rig, under), ViewSettings(object=True))
+    assert right > 0.97 and left < 0.01
+    assert views.floor == pytest.approx(-0.55, abs=0.012), "the height of what it stands on, from the camera"
+
+
+def test_gravity_from_mirrors_and_floor():
+    up = np.array((0.0, -1.0, 0.0))
+    lean = np.radians(5.0)
+    upright = plane_mirror("a", (1, 0, 3), (-0.6, 0, -0.8))
+    leaning = plane_mirror("b", (-1, 0, 3), (0.6 * np.cos(lean), np.sin(lean), -0.8 * np.cos(lean)))
+    assert leans([upright, leaning], up) == pytest.approx([0.0, 5.0], abs=1e-9)
+    rng = np.random.default_rng(0)
+    floor = np.column_stack((rng.uniform(-2, 2, 9000), np.full(9000, 0.9), rng.uniform(1, 4, 9000)))
+    seen = np.zeros((90, 100), np.int8)
+    ground = find_ground(floor.reshape(90, 100, 3), seen, [upright, leaning])
+    np.testing.assert_allclose(ground.up, up, atol=1e-6)
+    assert ground.floor == pytest.approx(-0.9) and 4.0 < ground.disagreement_deg < 9.0
+    # seen only by way of a mirror it is still the floor
+    assert find_ground(floor.reshape(90, 100, 3), seen + 1, [upright]).floor == pytest.approx(-0.9)
+    nothing = find_ground(floor.reshape(90, 100, 3), seen - 1, [upright, leaning])
+    assert nothing.floor is None and nothing.disagreement_deg is None
+    assert mirrors_vertical([upright, leaning])[1] and not mirrors_vertical([upright])[1]
