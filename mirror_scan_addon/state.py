@@ -5,11 +5,12 @@ from __future__ import annotations
 import ast
 import json
 import math
+import os
 from pathlib import Path
 
 import bpy
 
-from ..core.errors import CaptureError, MirrorError
+from ..core.errors import CaptureError, MirrorError, OutputError
 from .texts import say
 
 GOOD_MM, USABLE_MM = 5.0, 12.0
@@ -39,6 +40,22 @@ def capture_root(path: str) -> str:
         folder = file.parent
         return str(folder.parent if folder.name.lower() in ("depth", "color") else folder)
     return path
+
+
+def check_folder(folder: str) -> None:
+    """Refuse a folder that cannot be made, before the work is done that would fill it.
+
+    Raises
+    ------
+    OutputError
+    """
+    try:
+        if not os.path.isdir(folder):
+            os.mkdir(folder)
+            os.rmdir(folder)
+    except OSError as error:
+        text = say("{folder}: cannot be written: {reason}; choose another folder")
+        raise OutputError(text.format(folder=folder, reason=error.strerror or error)) from error
 
 
 def records_of(settings: bpy.types.PropertyGroup) -> list[dict]:

@@ -128,6 +128,7 @@ class MIRRORSCAN_OT_record(jobs.JobOperator, bpy.types.Operator):
         folder = state.absolute(self.filepath)
         if not folder:
             raise CaptureError(say("Give the name of a new folder for the recording"))
+        state.check_folder(folder)
         return jobs.Task("record_steps", (self.camera, folder, self.frames))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:

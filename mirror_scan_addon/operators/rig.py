@@ -124,7 +124,7 @@ class MIRRORSCAN_OT_simulate(jobs.JobOperator, bpy.types.Operator):
             options |= rig.camera_of(context.scene.camera) | {"room": None}
         self._folder = state.absolute(self.filepath)
         if self._folder:
-            _check_folder(self._folder)
+            state.check_folder(self._folder)
         return jobs.Task("simulate_steps", (surface, options, mirrors, self._folder))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
@@ -148,15 +148,6 @@ class MIRRORSCAN_OT_simulate(jobs.JobOperator, bpy.types.Operator):
         text = text.format(seen=1 - result.shares[-1], parts=", ".join(parts), rest=result.shares[-1])
         target.mirror_scan.rig_message = text
         self.report({"INFO"}, text)
-
-
-def _check_folder(folder: str) -> None:
-    """Refuse a folder that cannot be written to before the work is done; raises ``OSError``."""
-    import os
-
-    if not os.path.isdir(folder):
-        os.makedirs(folder)
-        os.rmdir(folder)
 
 
 CLASSES = (MIRRORSCAN_OT_add_rig, MIRRORSCAN_OT_simulate)

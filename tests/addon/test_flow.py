@@ -75,6 +75,28 @@ def test_loading_again_replaces(bpy, scan, loaded):
     assert [item.name for item in settings_of(bpy).mirrors] == ["right", "left"]
 
 
+def test_a_live_camera_is_recorded_and_shown(bpy, scan, tmp_path, monkeypatch):
+    import contextlib
+
+    from mirror_scan.core import record
+    from mirror_scan.core.capture import open_capture
+
+    capture = open_capture(scan[0])
+
+    @contextlib.contextmanager
+    def camera(*arguments):
+        yield record.Stream(capture.intrinsics, "realsense_d455", iter([(capture.depth[0], capture.color)] * 40))
+
+    monkeypatch.setitem(record.DRIVERS, "realsense", camera)
+    folder = tmp_path / "new"
+    assert bpy.ops.mirror_scan.record(filepath=str(folder), frames=2) == {"FINISHED"}
+    assert len(list((folder / "depth").iterdir())) == 2
+    settings = settings_of(bpy)
+    assert settings.capture_path == str(folder) and len(settings.cloud.data.vertices) > 100_000
+    with pytest.raises(RuntimeError, match="exists already"):
+        bpy.ops.mirror_scan.record(filepath=str(folder), frames=2)
+
+
 def test_handlers_take_what_belongs_to_captures(bpy):
     from mirror_scan.mirror_scan_addon.operators.load_capture import MIRRORSCAN_FH_capture, MIRRORSCAN_FH_picture
 
