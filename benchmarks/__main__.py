@@ -12,8 +12,8 @@ from pathlib import Path
 from .machine import describe
 from .results import Finding, limits_table
 
-MODULES = {"quality": "quality", "speed": "speed", "cleaning": "cleaning", "mirrors": "mirrors", "dtw": "dtw",
-           "import": "imports", "blender": "blender", "corpus": "corpus", "seams": "seams",
+MODULES = {"quality": "quality", "speed": "speed", "cleaning": "cleaning", "mirrors": "mirrors", "subject": "subject",
+           "dtw": "dtw", "import": "imports", "blender": "blender", "corpus": "corpus", "seams": "seams",
            "growth": "growth", "experiment": "experiment"}  # fmt: skip
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mirror_scan.core.camera import unproject
+from mirror_scan.core.camera import Intrinsics, unproject
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
 from mirror_scan.core.errors import ReconstructionError
 from mirror_scan.core.ground import find_floor, vertical
@@ -15,7 +15,7 @@ from mirror_scan.core.simulation.rays import BODY
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
 from mirror_scan.core.subject import connected_pixels, find_subject
-from mirror_scan.core.views import sort_rays
+from mirror_scan.core.views import glass_of_outline, sort_rays
 from scipy.ndimage import binary_dilation
 
 
@@ -91,6 +91,29 @@ def test_images_of_images_are_nobody_s():
     assert (seen[0] == 0).all() and (seen[1] == 1).all() and (seen[2] == 2).all()
     assert (seen[3] == -1).all(), "an image of an image was taken for somebody"
     np.testing.assert_allclose(placed[:3], np.broadcast_to(real, (3, 200, 3)), atol=1e-12)
+
+
+def test_the_glass_s_outline_decides():
+    """A round glass: rays through it are reflected, those that pass its rectangle's corners see the wall behind."""
+    angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    square = replace(plane_mirror("square", (0, 0, 2.0), (0, 0, -1)), rectangle=np.array(((-0.5, 0.5), (-0.5, 0.5))))
+    lens = Intrinsics(201, 201, 200.0, 200.0, 100.0, 100.0)
+    outline = 100.0 + 50.0 * np.column_stack((np.cos(angle), np.sin(angle)))
+    polygon = glass_of_outline(square, outline, lens)
+    assert np.linalg.norm(polygon, axis=1) == pytest.approx(np.full(60, 0.5))
+    depth = np.full((201, 201), 4.0, np.float32)
+    points = unproject(depth, lens)
+    v, u = np.mgrid[:201, :201] - 100.0
+    radius = np.hypot(u, v)
+    furthest = np.maximum(abs(u), abs(v))
+    for mirror, from_middle in ((replace(square, polygon=polygon), radius), (square, furthest)):
+        seen, _ = sort_rays(depth, points, [mirror])
+        inside, sure = from_middle < 49.9, abs(from_middle - 50) > 0.5
+        np.testing.assert_array_equal((seen == 1)[sure], inside[sure])
+    # what stands before the glass is seen directly, wherever the ray would go on to
+    near = np.full_like(depth, 1.5)
+    assert (sort_rays(near, unproject(near, lens), [square])[0] == 0).all()
+    assert (sort_rays(depth, points, [square], near=4.5)[0] == -1).all()
 
 
 def test_nobody_there(simulated, person):

@@ -1,0 +1,114 @@
+"""Bad scenes are told in words, each with what to move; good ones are left in peace."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mirror_scan.core.capture import open_capture
+from mirror_scan.core.cleaning import recognise
+from mirror_scan.core.depth import DepthSettings, fuse_burst, remove_flying_pixels
+from mirror_scan.core.mirror import place_mirror, plane_mirror
+from mirror_scan.core.scene_check import check_scene, directions
+from mirror_scan.core.sensors import SENSORS
+from mirror_scan.core.simulation.scene import default_rig
+from mirror_scan.core.simulation.simulate import simulate
+from mirror_scan.core.subject import find_subject
+
+
+def checked(capture, model=None):
+    lens = capture.intrinsics
+    depth = remove_flying_pixels(fuse_burst(capture.depth)[0], 1 / lens.fx)
+    mirrors = [place_mirror(m, depth, lens) for m in capture.mirrors]
+    views = find_subject(depth, lens, mirrors)
+    model = recognise(capture, DepthSettings())[1] if model is None else model
+    told = check_scene(depth, views, mirrors, lens, model)
+    print("\n" + "\n".join(told))
+    return told
+
+
+def scene(person, **changes):
+    return simulate(person, default_rig("azure_kinect", frames=2, **changes)).capture
+
+
+@pytest.mark.parametrize("sensor", ["ideal", "kinect_v1", "azure_kinect", "realsense_d455"])
+def test_nothing_is_said_of_a_good_scene(simulated, sensor):
+    assert checked(simulated(sensor).capture) == []
+
+
+def test_nothing_is_said_of_the_good_captures(shared_captures):
+    for folder in shared_captures:
+        assert checked(open_capture(folder)) == [], folder.name
+
+
+@pytest.fixture(scope="module")
+def shared_captures():
+    from pathlib import Path
+
+    folders = sorted((Path(__file__).resolve().parents[3] / "shared" / "data" / "simulated").glob("*/intrinsic.json"))
+    if not folders:
+        pytest.skip("there is no ../shared/data/simulated beside the checkout")
+    return [path.parent for path in folders]
+
+
+def test_a_mirror_too_small(person):
+    told = checked(scene(person, mirror_size=(0.22, 1.75)))
+    assert len(told) == 2 and all("too small" in text and "less wide" in text for text in told)
+
+
+def test_out_of_the_mirror(person):
+    farther = replace(person, vertices=person.vertices + (0, 0.5, 0))
+    told = checked(scene(farther))
+    assert any("partly out of" in text and "edge cuts" in text for text in told)
+
+
+def test_a_mirror_that_shows_nobody(person):
+    rig = default_rig("azure_kinect", frames=2)
+    right, left = rig.mirrors
+    turned = replace(left, normal=(0.05, -1.0, 0.0))
+    told = checked(simulate(person, replace(rig, mirrors=(right, turned))).capture)
+    assert any("“left” does not show the subject" in text and "turn" in text for text in told)
+
+
+def test_a_mirror_that_leans(person):
+    told = checked(scene(person, lean_deg=(6.0, 0.0)))
+    assert any("“right” is not vertical" in text and "leans 6° towards" in text for text in told)
+    assert not any("“left” is not vertical" in text for text in told)
+
+
+@pytest.mark.parametrize(("tilt", "words"), [(-9.0, "lower border: the feet are"), (14.0, "upper border: the head is")])
+def test_cut_by_the_image(person, tilt, words):
+    told = checked(scene(person, tilt_deg=tilt, subject_distance=1.9, path_length=4.2))
+    assert any(words in text and "tilt the camera" in text for text in told)
+
+
+def test_beyond_the_camera_s_range(person):
+    capture = scene(person)
+    depth = np.where(capture.depth > 3.9, 0, capture.depth)  # what the camera reads no more
+    told = checked(replace(capture, depth=depth), replace(SENSORS["azure_kinect"], max_range=3.9))
+    assert sum("reads well to 3.9 m" in text and "nearer" in text for text in told) == 2
+
+
+def test_hidden_behind_the_subject(person):
+    told = checked(scene(person, mirrors=(172.0,)))
+    assert any("is hidden by what stands before it" in text and "arms" in text for text in told)
+
+
+def test_mirrors_nearly_parallel(person):
+    told = checked(scene(person, mirrors=(112.0, 128.0), mirror_size=(0.5, 1.75)))
+    assert any("nearly the same side" in text for text in told)
+    assert any("nothing is seen of one side" in text for text in told)
+
+
+def test_one_mirror_leaves_a_side_unseen(person):
+    told = checked(scene(person, mirrors=(120.0,)))
+    assert len(told) == 1 and "nothing is seen of one side" in told[0] and "add a mirror" in told[0]
+
+
+def test_directions(simulated):
+    simulation = simulated("ideal")
+    depth, lens = simulation.capture.depth[0], simulation.capture.intrinsics
+    mirrors = [plane_mirror(m.name, m.point, m.normal) for m in simulation.truth.mirrors]
+    views = find_subject(depth, lens, [place_mirror(m, depth, lens) for m in simulation.capture.mirrors])
+    np.testing.assert_allclose(np.abs(directions(views, mirrors)), (0, 120, 120), atol=2.0)
