@@ -68,13 +68,19 @@ def pick_point(
     -----
     O(N): about 5 ms for 300 000 points; 40 bytes a point.
     """
-    view = np.asarray(view, dtype=np.float64)
-    xy = project_to_picture(points, np.asarray(projection, dtype=np.float64) @ view, size)
-    near = np.flatnonzero(np.abs(xy[:, 0] - np.float32(at[0])) <= radius)  # false for NaN
-    squared = ((xy[near] - np.asarray(at, np.float32)) ** 2).sum(axis=1)
+    points, view = np.asarray(points), np.asarray(view, dtype=np.float64)
+    matrix = np.asarray(projection, dtype=np.float64) @ view
+    # |x / w - a| ≤ r for all points without dividing: |x - a w| ≤ r w
+    half = 0.5 * np.asarray(size, dtype=np.float64)
+    rows = np.stack((*(matrix[:2] - (np.asarray(at) / half - 1.0)[:, None] * matrix[3]), matrix[3])).astype(np.float32)
+    x, y, w = rows[:, :3] @ np.asarray(points, np.float32).T + rows[:, 3:]
+    np.abs(x, out=x)
+    near = np.flatnonzero(x <= np.float32(radius / half[0]) * w)  # false for NaN
+    near = near[np.abs(y[near]) <= np.float32(radius / half[1]) * w[near]]
+    squared = ((project_to_picture(points[near], matrix, size) - np.asarray(at, np.float32)) ** 2).sum(axis=1)
     near, squared = near[squared <= radius * radius], squared[squared <= radius * radius]
     if not len(near):
         return None
-    depth = -(np.asarray(points)[near].astype(np.float64) @ view[2, :3] + view[2, 3])
+    depth = -(points[near].astype(np.float64) @ view[2, :3] + view[2, 3])
     squared[depth > depth.min() + depth_tolerance] = np.inf
     return int(near[np.argmin(squared)])

@@ -23,6 +23,7 @@ from .tasks import Cloud
 INFO = "mirror_scan_capture"  # custom property of the object: what is known of the capture, as JSON text
 STAMP = "mirror_scan_stamp"  # custom property of its mesh: new with each change, so that what is drawn can be kept
 PLACED = "mirror_scan_placed"  # custom property of the object: where we put it, to see whether somebody moved it
+PICTURE = 320  # least width of a picture kept beside the points [px]
 PIXEL = "pixel"
 SEEN, VIEW, HEIGHT = "seen", "view", "height"  # attributes; as in core.views.Views, and above the floor [m]
 
@@ -185,7 +186,9 @@ def camera_to_world(cloud: bpy.types.Object) -> np.ndarray:
 
 
 def create_picture(name: str, pixels: np.ndarray) -> bpy.types.Image:
-    """An image data-block of ``pixels`` (H, W, 3) uint8 sRGB, packed into the .blend."""
+    """An image data-block of ``pixels`` (H, W, 3) uint8 sRGB, packed into the .blend; a large one is thinned to
+    ``PICTURE`` pixels: it is for looking at."""
+    pixels = pixels[:: max(1, pixels.shape[1] // PICTURE), :: max(1, pixels.shape[1] // PICTURE)]
     height, width = pixels.shape[:2]
     rgba = np.ones((height, width, 4), np.float32)
     np.divide(pixels[::-1], 255, out=rgba[..., :3], casting="unsafe")
