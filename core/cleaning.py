@@ -9,10 +9,12 @@ from .depth import DepthSettings, close_dropouts, measure_noise
 from .errors import MirrorScanError
 from .quantisation import dequantise, find_step
 from .sensors import SENSORS, NoiseModel
-from .smoothing import smooth_view, smoothing_sigma
+from .smoothing import keep_relief, smooth_view, smoothing_sigma
 from .stillness import burst_motion
 
 _DITHER = 0.3  # noise below this share of a quantum does not average its steps out
+_ROUNDING = 0.001 / 12**0.5  # m: standard deviation that rounding to millimetres leaves
+_RELIEF = (1.05, 1.15)  # from where to where noise in the median window over that in the calmest ones tells of relief
 
 
 def recognise(capture: Capture, settings: DepthSettings) -> tuple[str, NoiseModel | None]:
@@ -97,11 +99,32 @@ def clean(
             noise[view] = model.sigma(z, focal) / z
         if settings.smoothing <= 0:
             continue
-        sigma = smoothing_sigma(noise[view], z, 1.0 / focal, settings)
-        depth = smooth_view(depth, labels, view, noise[view], sigma, settings)
+        calm, relief = _relief(depth, labels, view, noise[view], z)
+        before, sigma = depth, smoothing_sigma(noise[view], z, 1.0 / focal, settings)
+        depth = smooth_view(before, labels, view, noise[view], sigma, settings)
+        if relief > 0:
+            depth = keep_relief(before, depth, labels, view, calm, relief)
         # a Gaussian window averages about 4π·sigma² readings, the quadratic fit half
         noise[view] /= max(1.0, 2.5 * sigma)
     return depth, labels, noise
+
+
+def _relief(depth: np.ndarray, labels: np.ndarray, view: int, noise: float, z: float) -> tuple[float, float]:
+    """Noise that is left for certain, and how far what is beyond it must be taken for relief [0..1].
+
+    Only readings as good as their millimetres can tell the two apart: a camera's own noise differs from place to place
+    by more than relief does.
+    """
+    if noise * z > 8 * _ROUNDING:
+        return noise, 0.0
+    calm = float(measure_noise(depth, np.where(labels == view, 0, -1).astype(np.int8), 1, calm=True)[0])
+    if calm == 0:
+        return noise, 0.0
+    low, high = _RELIEF
+    uneven = min(max((noise / calm - low) / (high - low), 0.0), 1.0)
+    if calm * z < 1.3 * _ROUNDING:  # there is no other noise to be had
+        uneven = 1.0
+    return min(calm, _ROUNDING / z), uneven * min(max(2.0 - calm * z / (2 * _ROUNDING), 0.0), 1.0)
 
 
 def still_warning(depth: np.ndarray, labels: np.ndarray, focal: float, settings: DepthSettings) -> str | None:

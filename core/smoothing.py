@@ -82,6 +82,54 @@ def smooth_view(
     return _smooth_kernel(depth, labels, view, max(noise, 2e-4), sigma, radius, rows[0], rows[-1] + 1)
 
 
+def keep_relief(
+    depth: np.ndarray, smooth: np.ndarray, labels: np.ndarray, view: int, noise: float, share: float
+) -> np.ndarray:
+    """``smooth`` held back where it takes away more than the noise: what goes there is relief.
+
+    Within 5×5 windows the change of :func:`smooth_view` is shrunk to the noise's standard deviation (shrinkage as of
+    James and Stein 1961, a window at a time).
+
+    Parameters
+    ----------
+    depth, smooth : np.ndarray [shape=(H, W), dtype=float32]
+        Before and after smoothing [m].
+    labels : np.ndarray [shape=(H, W), dtype=int8]
+        View of each pixel.
+    view : int
+        The one that was smoothed.
+    noise : float
+        Standard deviation of a reading relative to z.
+    share : float
+        How far to go: 0 gives ``smooth``, 1 holds back all that is more than noise [0..1].
+
+    Returns
+    -------
+    np.ndarray [shape=(H, W), dtype=float32]
+    """
+    return _relief_kernel(depth, smooth, labels, view, noise, share)
+
+
+@njit(cache=True, nogil=True)
+def _relief_kernel(depth, smooth, labels, view, noise, share):
+    height, width = depth.shape
+    out = smooth.copy()
+    for v in range(height):
+        for u in range(width):
+            if labels[v, u] != view:
+                continue
+            total, count = 0.0, 0
+            for y in range(max(v - 2, 0), min(v + 3, height)):
+                for x in range(max(u - 2, 0), min(u + 3, width)):
+                    if labels[y, x] == view:
+                        change = smooth[y, x] / depth[y, x] - 1.0
+                        total += change * change
+                        count += 1
+            held = 1.0 - min(1.0, noise * noise * count / total) if total > 0 else 0.0
+            out[v, u] += share * held * (depth[v, u] - smooth[v, u])
+    return out
+
+
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
 def _across(weights, row, radius, low, high, out):
     """out[a, u] = Σ weights[a, |k|] · (±1)^a · row[u + radius + k] over k from -radius to radius.

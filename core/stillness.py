@@ -7,16 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
-_BLOCK = 4  # px: readings that are averaged before frames are compared
+_CELL = 4  # px: the smallest square whose noise is looked at
+_BLOCKS = (2, 4)  # cells: the side of a block that moves as one; the larger where noise asks for it
 _LEAST_MOVE = 0.006  # m: less does no harm that the rest of the job would notice
+_SURE = 3.5  # standard deviations
+_JUMP = 0.04  # of 1/z: more is another surface
 
 
 @dataclass(frozen=True)
 class Motion:
-    """What moved between the first and the last third of a burst.
+    """What moved from the first frame of a burst to its last.
 
-    ``share`` of the subject's blocks of 4 × 4 px that are elsewhere, beyond what differs by chance [0..1]; ``median``
-    and ``largest`` (95th percentile) of how far they went [m].
+    ``share`` of the subject's blocks of 8 or 16 px that are elsewhere, beyond what differs by chance [0..1];
+    ``median`` and ``largest`` (95th percentile) of how far they went [m], taken as steady.
     """
 
     share: float
@@ -27,9 +30,10 @@ class Motion:
 def burst_motion(depth: np.ndarray, labels: np.ndarray, pixel_angle: float) -> Motion:
     """Whether the subject stood still: the burst's first third against its last.
 
-    Surfaces are compared by their depth, silhouettes by the area they swept over. Noise is allowed for by comparing
-    also two groups of frames that are as large but mixed in time. Motion along a surface that stays where it is (a
-    turning cylinder) cannot be seen.
+    Surfaces are compared by their depth, silhouettes by the area they swept over. A block counts when it went further
+    than its noise explains, which is measured in space (how differently cells of 4 × 4 px go that touch each other)
+    and so needs no frames to spare; from six frames on what two groups mixed in time differ by is taken off as well.
+    Motion along a surface that stays where it is (a turning cylinder) cannot be seen.
 
     Parameters
     ----------
@@ -54,70 +58,100 @@ def burst_motion(depth: np.ndarray, labels: np.ndarray, pixel_angle: float) -> M
         return Motion(0.0, 0.0, 0.0)
     size = max(1, frames // 3)
     order = np.arange(frames)
-    first, last = order[:size], order[frames - size :]
-    # pairs from both ends inwards: one frame of a pair to each group, in turn, so that their mean times agree
-    ends = [(k, frames - 1 - k) for k in range(frames // 2)]
-    mixed_a = np.array([f for pair in ends[0::2] for f in pair][:size])
-    mixed_b = np.array([f for pair in ends[1::2] for f in pair][:size])
-    moved = _compare(depth, labels, first, last, pixel_angle)
-    if len(mixed_a) < size or len(mixed_b) < size:  # a burst of two to five frames has no frames to spare
-        mixed_a, mixed_b = order[:0], order[:0]
-    chance = _compare(depth, labels, mixed_a, mixed_b, pixel_angle) if len(mixed_a) else None
-    floor = _LEAST_MOVE if chance is None else max(_LEAST_MOVE, 1.5 * float(np.percentile(chance, 95)))
-    far = moved > floor
-    by_chance = 0.0 if chance is None else float((chance > floor).mean())
-    share = max(float(far.mean()) - by_chance, 0.0)
-    if not far.any() or share == 0:
+    steady = (frames - 1) / (frames - size)  # from the distance of the groups' mean times to the whole burst's
+    moved = steady * _compare(depth, labels, order[:size], order[frames - size :], pixel_angle)
+    share = float((moved > _LEAST_MOVE).mean()) if len(moved) else 0.0
+    if frames >= 6:
+        # pairs from both ends inwards: one frame of a pair to each group, in turn, so that their mean times agree
+        ends = [(k, frames - 1 - k) for k in range(frames // 2)]
+        a, b = (np.array([f for pair in ends[k::2] for f in pair][:size]) for k in (0, 1))
+        chance = steady * _compare(depth, labels, a, b[: len(a)], pixel_angle)
+        share -= float((chance > _LEAST_MOVE).mean()) if len(chance) else 0.0
+    if share <= 0:
         return Motion(0.0, 0.0, 0.0)
-    return Motion(share, float(np.median(moved[far])), float(np.percentile(moved[far], 95)))
+    went = moved[moved > _LEAST_MOVE]
+    return Motion(share, float(np.median(went)), float(np.percentile(went, 95)))
 
 
 def _compare(depth: np.ndarray, labels: np.ndarray, a: np.ndarray, b: np.ndarray, pixel_angle: float) -> np.ndarray:
-    """How far each block of the subject went between two groups of frames [m]."""
-    moved = _motion_kernel(depth, labels, a, b, pixel_angle)
-    moved = moved[moved >= 0]
-    return moved if len(moved) else np.zeros(1)
+    """How far each block of the subject went between two groups of frames [m]; 0 where noise would do that too."""
+    cells = _cell_kernel(depth, labels, a, b)
+    views = cells[0]
+    moved = [_view_motion(np.where(views == k, cells[1:], 0.0), pixel_angle) for k in np.unique(views[views >= 0])]
+    return np.concatenate(moved) if moved else np.zeros(0)
+
+
+def _view_motion(cells: np.ndarray, pixel_angle: float) -> np.ndarray:
+    """:func:`_compare` of one view, from the sums over its cells; those of other views are 0."""
+    subject, near, surface, shift, flips, net = cells
+    z = float(subject.sum() / near.sum())
+    whole = surface >= _CELL * _CELL / 2
+    mean = np.divide(shift, surface, out=np.zeros_like(shift), where=whole)
+    # cells side by side go together, whatever the motion; what they differ by is noise
+    beside = np.concatenate(
+        [
+            np.abs(mean[1:] - mean[:-1])[whole[1:] & whole[:-1]],
+            np.abs(mean[:, 1:] - mean[:, :-1])[whole[:, 1:] & whole[:, :-1]],
+        ]
+    )
+    noise = float(np.median(beside)) / (0.6745 * np.sqrt(2)) if len(beside) else 0.0
+    small, large = _BLOCKS
+    side = small if _SURE * noise * z * z <= _LEAST_MOVE * small else large
+    height, width = (n // side * side for n in subject.shape)
+
+    def blocks(values: np.ndarray) -> np.ndarray:
+        return values[:height, :width].reshape(height // side, side, width // side, side).sum(axis=(1, 3))
+
+    mine = blocks(subject) >= (side * _CELL) ** 2 / 4
+    count = blocks(whole.astype(float))
+    toward = np.divide(np.abs(blocks(mean)), count, out=np.zeros_like(count), where=count > 0)
+    toward[toward * np.sqrt(count) < _SURE * noise] = 0
+    # Pixels that noise flips between near and far cancel within a cell; those that a silhouette sweeps over agree.
+    swept = blocks(np.abs(net) - 0.8 * np.sqrt(flips))  # E|net| of n fair coins is 0.8 sqrt(n)
+    swept[swept < _SURE * 0.6 * np.sqrt(blocks(flips))] = 0
+    return np.maximum(toward * z * z, swept / (side * _CELL) * z * pixel_angle)[mine]
 
 
 @njit(cache=True, nogil=True, parallel=True)
-def _motion_kernel(depth, labels, a, b, pixel_angle):
-    """Distance [m] a block, -1 where there is no subject."""
+def _cell_kernel(depth, labels, a, b):
+    """Sums over cells (7, H / 4, W / 4): view, subject pixels, Σ 1/z, surface pixels, Σ shift of 1/z, flips, net flips.
+
+    A pixel flips when it is the subject's in one group of frames and another surface or nothing in the other; +1 to
+    nearer, -1 to farther. A cell counts the pixels of the first view found in it.
+    """
     height, width = labels.shape
-    rows, columns = height // _BLOCK, width // _BLOCK
-    out = np.full((rows, columns), -1.0)
+    rows, columns = height // _CELL, width // _CELL
+    out = np.zeros((7, rows, columns))
     for r in prange(rows):
-        for c in range(r % 2, columns, 2):  # every other block tells enough
-            subject = flips = surface = 0
-            shift = 0.0
-            near = np.inf
-            for v in range(r * _BLOCK, (r + 1) * _BLOCK):
-                for u in range(c * _BLOCK, (c + 1) * _BLOCK):
-                    if labels[v, u] < 0:
+        for c in range(columns):
+            view = -1
+            for v in range(r * _CELL, (r + 1) * _CELL):
+                for u in range(c * _CELL, (c + 1) * _CELL):
+                    if labels[v, u] < 0 or (view >= 0 and labels[v, u] != view):
                         continue
-                    subject += 1
-                    mean_a, count_a = _mean(depth, a, v, u)
-                    mean_b, count_b = _mean(depth, b, v, u)
+                    inverse_a, count_a = _mean(depth, a, v, u)
+                    inverse_b, count_b = _mean(depth, b, v, u)
                     # most frames of a group must say the same
-                    if 2 * count_a <= len(a) and 2 * count_b <= len(b):
+                    read_a, read_b = 2 * count_a > len(a), 2 * count_b > len(b)
+                    if not (read_a or read_b):
                         continue
-                    if 2 * count_a <= len(a) or 2 * count_b <= len(b) or abs(mean_a - mean_b) > 0.04 * mean_a:
-                        flips += 1
-                        near = min(near, mean_a if mean_a > 0 else np.inf, mean_b if mean_b > 0 else np.inf)
+                    view = labels[v, u]
+                    out[1, r, c] += 1
+                    out[2, r, c] += max(inverse_a if read_a else 0.0, inverse_b if read_b else 0.0)
+                    if read_a and read_b and abs(inverse_a - inverse_b) <= _JUMP * inverse_a:
+                        out[3, r, c] += 1
+                        out[4, r, c] += inverse_b - inverse_a
                     else:
-                        surface += 1
-                        shift += 1.0 / mean_b - 1.0 / mean_a
-                        near = min(near, mean_a)
-            if subject < _BLOCK * _BLOCK // 2 or surface + flips == 0:
-                continue
-            toward = abs(shift) / surface * near * near if surface else 0.0
-            sideways = flips / _BLOCK * near * pixel_angle
-            out[r, c] = max(toward, sideways)
+                        out[5, r, c] += 1
+                        nearer = read_b and (not read_a or inverse_b > inverse_a)
+                        out[6, r, c] += 1 if nearer else -1
+            out[0, r, c] = view
     return out
 
 
 @njit(cache=True, nogil=True)
 def _mean(depth, frames, v, u):
-    """Harmonic mean of the readings that a group of frames has at a pixel, and their number."""
+    """Mean of 1/z of the readings that a group of frames has at a pixel, and their number."""
     total = 0.0
     count = 0
     for f in frames:
@@ -125,4 +159,4 @@ def _mean(depth, frames, v, u):
         if z > 0:
             total += 1.0 / z
             count += 1
-    return (count / total if count else 0.0), count
+    return (total / count if count else 0.0), count

@@ -275,6 +275,24 @@ def test_smooth_surfaces_against_least_squares(sigma):
         assert out[v, u] == pytest.approx(depth[v, u] / (1 + fit[0]), rel=3e-4)
 
 
+@pytest.mark.parametrize("name", ["ideal", "folds", "ball"])
+def test_cleaning_does_not_spoil_what_is_clean(name, simulated):
+    """Readings that only rounding has touched: as good afterwards, though they hold relief as fine as the pixels."""
+    if name == "ideal":
+        made = simulated("ideal")
+        labels = np.where(made.truth.labels == 0, 0, -1).astype(np.int8)
+        truth, depth, focal = made.truth.sight.depth, made.capture.depth[0], made.capture.intrinsics.fx
+    else:
+        folds = 0.002 * np.sin(U / 1.3) * (U > 30)
+        truth, focal = (plane() + folds if name == "folds" else sphere()), FOCAL
+        depth = np.round(truth, 3).astype(np.float32)
+        labels = np.where(depth > 0, 0, -1).astype(np.int8)
+    out, kept, _ = clean(depth, labels, 1, focal, DepthSettings())
+    before, after = (1e3 * np.sqrt(np.mean((z - truth)[labels == 0] ** 2)) for z in (depth, out))
+    print(f"\n{name}: {before:.3f} mm rounded, {after:.3f} mm cleaned")
+    assert after < 1.05 * before
+
+
 # --- steps -----------------------------------------------------------------------------------------------------------
 
 
@@ -343,9 +361,10 @@ def test_cleaning_each_step_can_be_turned_off():
 # --- standing still --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("frames", [2, 3, 10])
+@pytest.mark.parametrize("frames", [2, 3, 10, 30])
+@pytest.mark.parametrize("noise", [0.001, 0.009])  # of a time-of-flight camera near by, of a stereo camera far off
 @pytest.mark.parametrize("toward", [True, False])
-def test_a_moving_subject_is_told_with_how_far(frames, toward):
+def test_a_moving_subject_is_told_with_how_far(frames, toward, noise):
     rng = np.random.default_rng(0)
 
     def burst(far):
@@ -354,20 +373,34 @@ def test_a_moving_subject_is_told_with_how_far(frames, toward):
             ball = sphere((0.02 + (0 if toward else far * t), -0.01, 2.5 + (far * t if toward else 0)), 0.28)
             shots.append(np.where(ball > 0, ball, 4.0))
         depth = np.stack(shots)
-        return (depth * (1 + 0.001 * rng.normal(size=depth.shape))).astype(np.float32)
+        return (depth * (1 + noise * rng.normal(size=depth.shape))).astype(np.float32)
 
     labels = np.where(sphere((0.02, -0.01, 2.5), 0.28) > 0, 0, -1).astype(np.int8)
     still = burst(0.0)
-    assert burst_motion(still, labels, 1 / FOCAL).share < 0.05
+    assert burst_motion(still, labels, 1 / FOCAL).share < 0.04
     assert still_warning(still, labels, FOCAL, DepthSettings()) is None
-    moving = burst(0.05)
-    motion = burst_motion(moving, labels, 1 / FOCAL)
-    between = 0.05 * (1 - max(1, frames // 3) / frames) * frames / (frames - 1)  # of the groups' mean times
-    if toward:
-        assert motion.share > 0.8 and motion.median == pytest.approx(between, rel=0.2)
-    else:
-        assert motion.share > 0.1 and 0.3 * between < motion.median < 1.5 * between
-    warning = still_warning(moving, labels, FOCAL, DepthSettings())
-    assert f"{1e3 * motion.median:.0f} mm" in warning
+    for far in (0.01, 0.05):
+        if far < 0.02 and noise > 0.005 and not toward:
+            continue  # 1.6 px of a silhouette whose pixels flip
+        moving = burst(far)
+        motion = burst_motion(moving, labels, 1 / FOCAL)
+        if toward:
+            assert motion.share > 0.6 and motion.median == pytest.approx(far, rel=0.2, abs=0.002)
+        else:
+            assert motion.share > 0.1 and 0.4 * far < motion.median < 1.5 * far
+        warning = still_warning(moving, labels, FOCAL, DepthSettings())
+        assert f"{1e3 * motion.median:.0f} mm" in warning
     assert still_warning(moving, labels, FOCAL, DepthSettings(still_share=1.0)) is None
     assert still_warning(moving[:1], labels, FOCAL, DepthSettings()) is None
+
+
+@pytest.mark.parametrize("sensor", ["kinect_v1", "azure_kinect", "realsense_d455"])
+def test_no_sensor_makes_a_still_subject_move(simulated, sensor):
+    """Noise of centimetres at the mirrors, flying pixels, silhouettes that jitter: bursts of two frames and more."""
+    made = simulated(sensor)
+    labels, focal = made.truth.labels.astype(np.int8), made.capture.intrinsics.fx
+    for frames in range(2, len(made.capture.depth) + 1):
+        burst = made.capture.depth[:frames]
+        assert burst_motion(burst, labels, 1 / focal).share < 0.04
+        moved = np.concatenate((burst[:-1], np.where(burst[-1:] > 0, burst[-1:] + np.float32(0.02), 0)))
+        assert frames > 5 or still_warning(moved, labels, focal, DepthSettings()), "the last frame alone is a third"
