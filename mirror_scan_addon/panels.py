@@ -13,6 +13,7 @@ from bl_ui.utils import PresetPanel
 from . import jobs, reports, state
 from .texts import CONTEXT, say
 
+LINE, LETTER = 34, 6.5  # letters in a line of a sidebar of usual width, and how wide one is [px]
 ICONS = {"GOOD": "CHECKMARK", "USABLE": "ERROR", "BAD": "CANCEL", "NONE": "DOT", "OK": "CHECKMARK", "WARN": "ERROR",
          "": "BLANK1"}  # fmt: skip
 
@@ -24,8 +25,11 @@ class _Panel:
     bl_translation_context = CONTEXT
 
 
-def _text(layout: bpy.types.UILayout, text: str, icon: str = "NONE", width: int = 34) -> None:
-    """A sentence over as many lines as it needs in a sidebar of usual width; sidebars do not wrap."""
+def _text(layout: bpy.types.UILayout, text: str, icon: str = "NONE") -> None:
+    """A sentence over as many lines as the sidebar's width asks for; Blender's labels do not wrap."""
+    region, width = bpy.context.region, LINE
+    if region is not None and region.type == "UI":
+        width = max(12, int((region.width / bpy.context.preferences.system.ui_scale - 24) / LETTER))
     column = layout.column(align=True)
     column.scale_y = 0.8
     line, lines = "", []

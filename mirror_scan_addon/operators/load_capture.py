@@ -154,6 +154,10 @@ def show_capture(context: bpy.types.Context, target: bpy.types.Scene, loaded) ->
             name, loaded.depth, loaded.color, loaded.intrinsics, loaded.info, loaded.placement, collection
         )
     forget_capture(target)
+    # the names that those before may have held
+    points.name = points.data.name = name
+    for image, kind in zip(made, ("depth", "colour"), strict=False):
+        image.name = f"{name} {kind}"
     settings.cloud, settings.depth_image = points, made[0]
     settings.color_image = made[1] if loaded.color is not None else None
     for image in made:

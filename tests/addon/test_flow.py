@@ -72,7 +72,9 @@ def test_loading_again_replaces(bpy, scan, loaded):
     before = count(bpy)
     bpy.ops.mirror_scan.load_capture(filepath=str(scan[0]))
     assert count(bpy) == before
-    assert [item.name for item in settings_of(bpy).mirrors] == ["right", "left"]
+    settings = settings_of(bpy)
+    assert [item.name for item in settings.mirrors] == ["right", "left"]
+    assert [settings.cloud.name, settings.color_image.name] == ["capture", "capture colour"]  # no “.001”
 
 
 def test_a_live_camera_is_recorded_and_shown(bpy, scan, tmp_path, monkeypatch):
