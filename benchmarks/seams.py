@@ -133,7 +133,7 @@ def strips_of(zipped: Mesh, patches: Mesh) -> Strips:
     boundary = boundary_of(patches, edges)
     outward = np.zeros((count, 3))
     outward[boundary.vertex] = boundary.outward
-    rim = set(map(tuple, np.sort(np.asarray(edges, np.int64), axis=1).tolist()))
+    rim = set(map(tuple, np.sort(edges[:, :2], axis=1).tolist()))
     triangles = zipped.triangles[zipped.kind == SEAM].astype(np.int64)
     triangles = triangles[(triangles < count).all(axis=1)]
     rows = []
