@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import functools
 import logging
 import os
+import shutil
 
 import bpy
 
@@ -69,6 +71,7 @@ def _extension_folder() -> str:
 
     # Private and new in each session: the price is compiling again, never code that somebody else put there.
     temporary = tempfile.mkdtemp(prefix="mirror_scan_numba_")
+    atexit.register(shutil.rmtree, temporary, ignore_errors=True)
     log.warning("Mirror Scan compiles again in each session, since its cache has no place: %s", reason)
     return temporary
 
