@@ -43,9 +43,10 @@ _BORDER_PIXELS = 6  # of the subject at the image's border that mean it is cut
 class Reflection:
     """Where the subject's reflection in a mirror ought to be: shares of its directly seen points.
 
-    ``left`` … ``bottom``: how far the subject reaches over that edge of the glass, and ``image_left`` … of the image
-    [m at the mirror, m at the subject]; ``seen`` share inside both; ``hidden`` share of those behind the subject's own
-    body; ``unread`` share without a reading; ``distance`` median z along the folded path [m].
+    ``over_glass``, ``over_image``: how far the subject reaches over the left, right, top and bottom edge of the glass
+    [m on the mirror] and of the image [m at the subject], negative = room to spare; ``seen``: share inside both;
+    ``hidden``: share of those behind the subject's own body; ``unread``: share without a reading; ``distance``: median
+    z along the folded path [m].
     """
 
     over_glass: dict[str, float]
@@ -100,13 +101,13 @@ def _cut_by_image(views: Views, intrinsics: Intrinsics) -> list[str]:
     # the last pixels of an image often have no reading
     edge, aside = 3, "step to the middle of the image or farther back"
     advice = {
-        "upper": (mine[:edge].any(axis=0).sum(), "the head", "tilt the camera up or step back"),
-        "lower": (mine[height - edge :].any(axis=0).sum(), "the feet", "tilt the camera down or step back"),
-        "left": (mine[:, :edge].any(axis=1).sum(), "a side", aside),
-        "right": (mine[:, width - edge :].any(axis=1).sum(), "a side", aside),
+        "upper": (mine[:edge].any(axis=0).sum(), "the head is", "tilt the camera up or step back"),
+        "lower": (mine[height - edge :].any(axis=0).sum(), "the feet are", "tilt the camera down or step back"),
+        "left": (mine[:, :edge].any(axis=1).sum(), "a side is", aside),
+        "right": (mine[:, width - edge :].any(axis=1).sum(), "a side is", aside),
     }  # fmt: skip
     return [
-        f"the subject is cut off by the image's {side} border: {what} is missing there and closed by guess; {do}"
+        f"the subject is cut off by the image's {side} border: {what} missing there and closed by guess; {do}"
         for side, (pixels, what, do) in advice.items()
         if pixels >= _BORDER_PIXELS
     ]
@@ -125,7 +126,7 @@ def foresee(
     on = laid * share[:, None] - mirror.point  # where the line of sight meets the mirror's plane
     a, b = dot(on, mirror.basis[:, 0]), dot(on, mirror.basis[:, 1])
     corners = glass_corners(mirror)
-    over_glass = dict.fromkeys(("left", "right", "top", "bottom"), 0.0)
+    over_glass = dict.fromkeys(("left", "right", "top", "bottom"), -np.inf)
     through = ahead & (share > 0) & (share < 1)
     if corners is not None:
         (a0, b0), (a1, b1) = corners.min(axis=0), corners.max(axis=0)
@@ -151,8 +152,8 @@ def foresee(
 
 
 def _beyond(distance: np.ndarray) -> float:
-    """How far the subject reaches beyond an edge, but for its outermost hundredth [m]; 0 = not at all."""
-    return max(float(np.quantile(distance, 0.99)), 0.0)
+    """How far the subject reaches beyond an edge, but for its outermost hundredth [m]; negative = room to spare."""
+    return float(np.quantile(distance, 0.99))
 
 
 def _about(mirror: Mirror, found: Reflection, shown: bool, model: NoiseModel | None) -> list[str]:
@@ -169,9 +170,10 @@ def _about(mirror: Mirror, found: Reflection, shown: bool, model: NoiseModel | N
         return told
     if found.seen < 1 - MAX_CUT and glass:
         for one, other, what in (("top", "bottom", "high"), ("left", "right", "wide")):
-            if one in glass and other in glass:
+            lacking = found.over_glass[one] + found.over_glass[other]
+            if (one in glass or other in glass) and lacking > 0:
                 told.append(
-                    f"{name} is too small: it is {100 * (glass[one] + glass[other]):.0f} cm less {what} than the "
+                    f"{name} is too small: it is {100 * lacking:.0f} cm less {what} than the "
                     "reflection of the subject; use a larger mirror, or move it nearer to the subject"
                 )
                 glass = {side: value for side, value in glass.items() if side not in (one, other)}

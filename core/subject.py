@@ -110,8 +110,7 @@ def find_subject(
         support = _support(points[component == chosen[0]], up, settings)
         if support is not None:
             # from here on what the thing stands on is its floor
-            floors[:, :3], floors[:, 3] = up, support
-            clearance = np.maximum(clearance, 0.008)
+            floors, clearance = _floor_of_views(points, seen, up, support, len(mirrors) + 1, meeting, settings)
             standing = _standing(points, seen, up, floors, clearance, highest)
             component, sizes = connected_pixels(depth, standing, pixel_angle)
             chosen = _direct_subject(

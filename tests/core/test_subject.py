@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mirror_scan.core.cli import _settings, build_parser
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
 from mirror_scan.core.errors import ReconstructionError
 from mirror_scan.core.ground import find_ground, leans, mirrors_vertical
 from mirror_scan.core.mirror import place_mirror, plane_mirror
+from mirror_scan.core.pipeline import Settings
 from mirror_scan.core.simulation import props
 from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.rays import BODY
@@ -119,3 +121,15 @@ def test_gravity_from_mirrors_and_floor():
     nothing = find_ground(floor.reshape(90, 100, 3), seen - 1, [upright, leaning])
     assert nothing.floor is None and nothing.disagreement_deg is None
     assert mirrors_vertical([upright, leaning])[1] and not mirrors_vertical([upright])[1]
+
+
+def test_options_on_the_command_line(capsys):
+    line = ["reconstruct", "scan", "-o", "a.ply"]
+    options = build_parser("mirror-scan").parse_args([*line, "--subject", "120,340.5", "--object", "--keep-islands"])
+    settings = _settings(options)
+    assert settings.views == ViewSettings(click=(120.0, 340.5), object=True) and settings.closing.keep_islands
+    assert _settings(build_parser("mirror-scan").parse_args(line)) == Settings()
+    for text in ("12", "a,b", "1,nan"):
+        with pytest.raises(SystemExit):
+            build_parser("mirror-scan").parse_args([*line, "--subject", text])
+        assert "--subject" in capsys.readouterr().err
