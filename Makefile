@@ -22,7 +22,7 @@ help:
 	@echo "make test       run the tests"
 	@echo "make test-addon   run the add-on's tests in each of the Blender modules $(BPYS)"
 	@echo "make test-window  run a real Blender with a window (set BLENDER, or MIRROR_SCAN_CHROOT)"
-	@echo "make bench      print the benchmark tables"
+	@echo "make bench      print the benchmark tables; BENCH_OPTIONS=--quick for fewer scenes"
 	@echo "make extension  build the Blender extension for each platform, into dist/"
 	@echo "make clean      remove $(VENV) and what was built"
 
@@ -53,7 +53,7 @@ test-window: $(VENV)/ready-bpy,test
 	$(PY) -m pytest -q -rs tests/blender
 
 bench: $(VENV)/ready-bpy,test,bench
-	$(PY) -m benchmarks
+	$(PY) -m benchmarks $(BENCH_OPTIONS)
 
 # One zip a platform, by Blender's own builder: BLENDER's, or the one in the bpy module. Wheels are kept in wheels/.
 extension: $(VENV)/ready-bpy

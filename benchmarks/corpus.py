@@ -301,6 +301,11 @@ def _nearer(done: Done) -> Table:
                                        number(other.score[key]), _flaws(other)))  # fmt: skip
     if not table.rows:
         table.rows.append(("none", *["–"] * (len(table.columns) - 1)))
+    table.notes = [
+        "A surface with holes, pieces or layers through each other can lie nearer: what is left open cannot be wrong, "
+        "and of two layers that disagree, as where a mirror is misplaced, one is often the nearer to the truth. Ours "
+        "keeps one and closes it. The last column says what is the matter with the peer's.",
+    ]
     return table
 
 
