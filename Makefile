@@ -15,11 +15,12 @@ PY := $(BIN)/python
 export NUMBA_CACHE_DIR := $(abspath $(VENV))/numba_cache
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test test-addon test-window bench extension clean
+.PHONY: help demo test fuzz test-addon test-window bench extension clean
 
 help:
 	@echo "make demo       scan a virtual person and reconstruct it, into $(DEMO)/"
 	@echo "make test       run the tests"
+	@echo "make fuzz       open $(FUZZ_CASES) damaged captures, some minutes (FUZZ_CASES=N for another number)"
 	@echo "make test-addon   run the add-on's tests in each of the Blender modules $(BPYS)"
 	@echo "make test-window  run a real Blender with a window (set BLENDER, or MIRROR_SCAN_CHROOT)"
 	@echo "make bench      print the benchmark tables; BENCH_OPTIONS=--quick for fewer scenes"
@@ -31,6 +32,11 @@ demo: $(VENV)/ready-bpy
 
 test: $(VENV)/ready-bpy,test
 	$(PY) -m pytest -q
+
+FUZZ_CASES ?= 20000
+
+fuzz: $(VENV)/ready-bpy,test
+	MIRROR_SCAN_FUZZ_CASES=$(FUZZ_CASES) $(PY) -m pytest -q tests/core/test_capture_fuzz.py
 
 # Each bpy fits one Python. Those that are not here are left out, by name.
 BPYS ?= 4.5.15 5.0.1 5.2.3

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 from .errors import CaptureError, MirrorScanError, OutputError
 
 if TYPE_CHECKING:
-    from .capture import Capture
+    from .capture import Capture, FrameChoice, ReadOptions
     from .mesh import Mesh
     from .pipeline import Progress, Reconstruction, Settings
 
@@ -282,7 +282,6 @@ def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
     from .capture.rgbd_folder import read_mirrors
 
     started = time.perf_counter()
-    frames = 1 if options.single_frame else None
     first = options.captures[0]
     if options.poses or len(options.captures) > 1 or (first / "poses.json").is_file():
         if options.mirrors or options.rig:
@@ -291,8 +290,11 @@ def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
             raise CaptureError("--subject is for one camera; with poses the subject is where the cameras' axes cross")
         from .poses import open_posed_captures, reconstruct_views
 
-        captures, poses = open_posed_captures(options.captures, options.poses, frames)
+        captures, poses = open_posed_captures(options.captures, options.poses, *_reading(options))
         read_ms = (time.perf_counter() - started) * 1e3
+        for capture in captures:
+            for note in capture.notes:
+                _complain("note", f"{capture.name}: {note}")
         with _progress(options.quiet) as progress:
             result = reconstruct_views(
                 captures, poses, settings=_settings(options), progress=progress, frame=options.frame
@@ -444,7 +446,14 @@ def _record(options: argparse.Namespace, writers: Writers) -> None:
 
 def _open(path: Path, options: argparse.Namespace) -> Capture:
     """The capture at ``path``, read as the options of :func:`_add_reading` say."""
-    from .capture import ReadOptions, open_capture
+    from .capture import open_capture
+
+    return open_capture(path, *_reading(options))
+
+
+def _reading(options: argparse.Namespace) -> tuple[FrameChoice, ReadOptions]:
+    """Which frames to read, and what the options of :func:`_add_reading` say of the file."""
+    from .capture import ReadOptions
     from .capture.rgbd_folder import read_intrinsics
 
     lens = read_intrinsics(options.intrinsics)[0] if options.intrinsics else None
@@ -453,8 +462,7 @@ def _open(path: Path, options: argparse.Namespace) -> Capture:
         kinect_calibration=options.kinect_calibration, turn_degrees=options.turn, mirrored=options.mirrored,
         min_confidence=options.min_confidence, color=not options.no_color,
     )  # fmt: skip
-    single = getattr(options, "single_frame", False)
-    return open_capture(path, 1 if single else options.frames, reading)
+    return (1 if getattr(options, "single_frame", False) else options.frames), reading
 
 
 def _settings(options: argparse.Namespace) -> Settings:

@@ -99,31 +99,41 @@ def fuse_burst(depth: np.ndarray, settings: DepthSettings = DepthSettings()) -> 
     return fused, spread
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
 def _fuse_kernel(depth, low, high, tolerance, needed):
     frames, height, width = depth.shape
     fused = np.zeros((height, width), np.float32)
     spread = np.zeros((height, width), np.float32)
     for v in prange(height):
         readings = np.empty(frames, np.float32)
+        # Sums over the row a frame at a time: most pixels need no more, and this the compiler vectorises.
+        number = np.zeros(width, np.int32)
+        nearest_of, farthest_of = np.full(width, np.inf, np.float32), np.zeros(width, np.float32)
+        total_of, squares_of = np.zeros(width), np.zeros(width)
+        for f in range(frames):
+            row = depth[f, v]
+            for u in range(width):
+                z = row[u]
+                good = (z >= low) & (z <= high)  # false for NaN
+                d = 1.0 / (z if good else np.inf)
+                number[u] += np.int32(good)
+                nearest_of[u] = min(nearest_of[u], z if good else np.float32(np.inf))
+                farthest_of[u] = max(farthest_of[u], z if good else np.float32(0.0))
+                total_of[u] += d
+                squares_of[u] += d * d
         for u in range(width):
-            n = 0
-            nearest, farthest = np.inf, 0.0
-            total = 0.0
-            squares = 0.0
-            for f in range(frames):
-                z = depth[f, v, u]
-                if low <= z <= high:  # false for NaN
-                    readings[n] = z
-                    n += 1
-                    nearest, farthest = min(nearest, z), max(farthest, z)
-                    d = 1.0 / z
-                    total += d
-                    squares += d * d
+            n = number[u]
             if n < needed:
                 continue
+            nearest, farthest, total, squares = nearest_of[u], farthest_of[u], total_of[u], squares_of[u]
             kept = n
             if farthest > (1.0 + tolerance) * nearest:  # else all agree with their median, whichever it is
+                n = 0
+                for f in range(frames):
+                    z = depth[f, v, u]
+                    if low <= z <= high:
+                        readings[n] = z
+                        n += 1
                 for f in range(1, n):  # insertion sort: bursts are short
                     z = readings[f]
                     k = f
@@ -189,6 +199,8 @@ def _flying_kernel(depth, slope, noise, support):
                 continue
             near = 0
             for dv in range(-1, 2):
+                if near >= support:
+                    break
                 for du in range(-1, 2):
                     y, x = v + dv, u + du
                     if (dv == 0 and du == 0) or y < 0 or x < 0 or y >= height or x >= width or depth[y, x] == 0:
@@ -230,6 +242,8 @@ def _close_kernel(depth, labels):
         for u in range(1, width - 1):
             if labels[v, u] >= 0:
                 continue
+            if labels[v, u - 1] < 0 and labels[v, u + 1] < 0 and labels[v - 1, u] < 0:
+                continue  # three of 8 are none already: as nearly everywhere
             view = -1
             count = 0
             total = 0.0

@@ -61,7 +61,7 @@ def read_image(path: str | os.PathLike) -> np.ndarray:
     path = Path(path)
     if not path.is_file():
         raise CaptureError(f"{path}: there is no such file")
-    _check_png(path)
+    checked_png(path)
     oiio = openimageio()
     config = oiio.ImageSpec()
     config["oiio:UnassociatedAlpha"] = 1
@@ -118,13 +118,19 @@ def write_png(path: str | os.PathLike, array: np.ndarray) -> None:
             raise OutputError(f"{path}: cannot be written ({_reason(output.geterror())})")
 
 
-def _check_png(path: Path) -> None:
-    """Refuse a PNG that is cut, altered or of absurd size; libpng itself would complain on the terminal."""
+def checked_png(path: Path) -> bytes | None:
+    """The bytes of a PNG, None for another file; libpng itself would complain on the terminal.
+
+    Raises
+    ------
+    CaptureError
+        When the file is cut, altered, of absurd size, or a PNG by its name only.
+    """
     data = path.read_bytes()
     if not data.startswith(PNG_SIGNATURE):
         if path.suffix.lower() == ".png":
             raise CaptureError(f"{path}: is not a PNG file, whatever its name says")
-        return
+        return None
     position, kind = len(PNG_SIGNATURE), b""
     while kind != b"IEND":
         if position + 12 > len(data):
@@ -140,6 +146,7 @@ def _check_png(path: Path) -> None:
             if not 0 < width * height <= MAX_PIXELS:
                 raise CaptureError(f"{path}: {width}×{height} pixels is no size an image here can have")
         position = end + 4
+    return data
 
 
 def _reason(text: str) -> str:

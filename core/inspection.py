@@ -43,8 +43,8 @@ class Inspection:
 
 def inspect_capture(capture: Capture, settings: Settings = Settings()) -> Inspection:  # noqa: B008 - frozen
     """Look a capture over: contents, sensor, units, stillness, and what each step of cleaning does to it."""
-    lines = list(words(capture))
-    warnings = list(capture.notes)
+    lines = list(words(replace(capture, sensor="unknown")))  # more is told of the sensor here
+    warnings: list[str] = []
     sensor, model = recognise(capture, settings.depth)
     lines[1:1] = [_sensor_line(capture, sensor, model, settings.depth)]
     units, wrong = check_units(capture)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .capture import Capture, MirrorPicks, open_capture
+from .capture import Capture, FrameChoice, MirrorPicks, ReadOptions, open_capture
 from .errors import CaptureError, ReconstructionError
 from .linear import transform
 from .mirror import Mirror
@@ -271,7 +271,10 @@ def holds_poses(path: str | os.PathLike) -> bool:
 
 
 def open_posed_captures(
-    paths: Sequence[str | os.PathLike], poses: str | os.PathLike | None = None, frames: int | str | None = None
+    paths: Sequence[str | os.PathLike],
+    poses: str | os.PathLike | None = None,
+    frames: FrameChoice = None,
+    options: ReadOptions | None = None,
 ) -> tuple[list[Capture], list[np.ndarray]]:
     """Captures of several cameras and the pose of each.
 
@@ -281,8 +284,8 @@ def open_posed_captures(
         The captures; or one folder that holds ``poses.json`` and, beside it, the captures that it names.
     poses : path, optional
         File of :func:`read_poses`; its captures are matched with ``paths`` by their file or folder name.
-    frames
-        As in :func:`.capture.open_capture`.
+    frames, options
+        As in :func:`.capture.open_capture`, for all captures alike.
 
     Raises
     ------
@@ -310,5 +313,5 @@ def open_posed_captures(
             if name is None:
                 raise CaptureError(f"{path}: {poses} holds no pose for it, only for {', '.join(known)}")
             chosen[name] = path
-    captures = [replace(open_capture(path, frames=frames), name=name) for name, path in chosen.items()]
+    captures = [replace(open_capture(path, frames, options), name=name) for name, path in chosen.items()]
     return captures, [known[name] for name in chosen]

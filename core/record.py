@@ -137,6 +137,8 @@ def open_realsense(size: tuple[int, int] = (848, 480), rate: int = 30, serial: s
         When pyrealsense2 is missing.
     """
     rs = realsense()
+    if not len(rs.context().query_devices()):  # to start would wait 15 s for one
+        raise CaptureError("no RealSense camera is connected; plug it into a USB 3 port, with a cable made for that")
     pipeline, config = rs.pipeline(), rs.config()
     if serial:
         config.enable_device(serial)

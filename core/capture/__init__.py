@@ -185,7 +185,8 @@ def open_capture(path: str | os.PathLike, frames: FrameChoice = None, options: R
             if reader.recognises(path):
                 return _prepared(path, reader.read(path, frames, options), options)
         except OSError as error:
-            raise CaptureError(f"{path}: cannot be read: {error.strerror or error}") from error
+            culprit = error.filename if str(path) in str(error.filename) else path
+            raise CaptureError(f"{culprit}: cannot be read: {error.strerror or error}") from error
         except MirrorScanError as error:
             # files may put anything into names that are quoted: one printable line, that names the file
             text = "".join(c if c.isprintable() else "?" for c in str(error))

@@ -11,7 +11,7 @@ from . import Capture
 
 
 def words(capture: Capture) -> Iterator[str]:
-    """Lines for a person: sizes, range, coverage, noise, mirrors, and a histogram of the range."""
+    """Lines for a person: sensor, sizes, range, coverage, noise, mirrors, notes, and a histogram of the range."""
     depth, camera = capture.depth, capture.intrinsics
     frames = len(depth)
     valid = depth > 0
@@ -20,6 +20,8 @@ def words(capture: Capture) -> Iterator[str]:
     fov = [2 * math.degrees(math.atan2(n, 2 * f)) for n, f in ((camera.width, camera.fx), (camera.height, camera.fy))]
     yield f"{capture.name}: {capture.format}"
     count = f"{frames} frames" if frames > 1 else "1 frame"
+    if capture.sensor != "unknown":
+        yield f"  sensor   {capture.sensor}"
     yield f"  depth    {camera.width}×{camera.height}, {count}, {near:.2f} to {far:.2f} m"
     yield (
         f"  camera   fx {camera.fx:.1f}, fy {camera.fy:.1f}, cx {camera.cx:.1f}, cy {camera.cy:.1f} px; "
@@ -40,6 +42,8 @@ def words(capture: Capture) -> Iterator[str]:
     for mirror in capture.mirrors:
         known = f"{len(mirror.frame_pixels)} points on its frame" if mirror.frame_pixels is not None else "known plane"
         yield f"  mirror   {mirror.name}: {known}"
+    for note in capture.notes:
+        yield f"  note     {note}"
     yield "  range    share of the readings"
     edges = np.linspace(near, far, 11) if far > near else np.array((near - 0.05, near + 0.05))
     shares = np.histogram(np.clip(z, edges[0], edges[-1]), edges)[0] / z.size

@@ -9,13 +9,15 @@ import json
 import math
 import os
 import re
+import struct
+import sys
 from pathlib import Path
 
 import numpy as np
 
 from ..camera import Intrinsics
 from ..errors import CaptureError, MirrorError, MirrorScanError
-from ..images import read_image
+from ..images import checked_png, read_image
 from ..threads import each
 from . import Capture, FrameChoice, MirrorPicks, ReadOptions, chosen_frames, empty_burst
 from .nominal import nominal_camera
@@ -222,14 +224,19 @@ def _images(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
 
 def _read_depth(files: list[Path], intrinsics: Intrinsics, scale: float) -> np.ndarray:
     """Frames (F, H, W) float32 [m]."""
-    first = _depth_frame(files[0], intrinsics, files)
+    header = checked_png(files[0])
+    if header is None or struct.unpack_from(">II", header, 16) != (intrinsics.width, intrinsics.height):
+        _depth_frame(files[0], intrinsics, files)  # tells what is wrong before memory is asked for
     depth = empty_burst(files[0].parent, len(files), intrinsics.height, intrinsics.width)
-    np.divide(first, np.float32(scale), out=depth[0])
+    decode = None
+    if "numba" in sys.modules:  # to read a folder must not cost the import of numba, which takes longer than that
+        from .depth_png import decode_metres as decode
 
     def read(i: int) -> None:
-        np.divide(_depth_frame(files[i], intrinsics, files), np.float32(scale), out=depth[i])
+        if not (decode and (data := checked_png(files[i])) and decode(data, scale, depth[i])):
+            np.divide(_depth_frame(files[i], intrinsics, files), np.float32(scale), out=depth[i])
 
-    each(read, range(1, len(files)))
+    each(read, range(len(files)))
     if not any(frame.any() for frame in depth):
         raise CaptureError(
             f"{files[0].parent}: no pixel of {len(files)} frame{'s' if len(files) > 1 else ''} has a depth reading; "

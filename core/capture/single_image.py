@@ -127,7 +127,7 @@ def _read_pgm(path: Path) -> np.ndarray:
         rb"P5(?:\s|#[^\n]*\n)+(\d{1,6})(?:\s|#[^\n]*\n)+(\d{1,6})(?:\s|#[^\n]*\n)+(\d{1,5})\s", data[:4096]
     )
     if match is None:
-        raise CaptureError(f"{path}: has no header of a PGM; copy or record it again")
+        raise CaptureError(f"{path}: has no header of a PGM, or one of an impossible size; copy or record it again")
     width, height, largest = (int(n) for n in match.groups())
     size = width * height
     if largest < 256:

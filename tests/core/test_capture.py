@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mirror_scan.core.capture import open_capture
+from mirror_scan.core.capture.depth_png import decode_metres
 from mirror_scan.core.capture.rgbd_folder import read_mirrors
 from mirror_scan.core.errors import CaptureError, MirrorError, MirrorScanError
-from mirror_scan.core.images import write_png
+from mirror_scan.core.images import read_image, write_png
 
 WIDTH, HEIGHT = 64, 48
 MATRIX = [60.0, 0, 0, 0, 61.0, 0, 31.5, 23.5, 1]
@@ -260,3 +261,40 @@ def assert_one_line_naming(error: MirrorScanError, path) -> None:
     assert str(path) in text
     assert "\n" not in text
     assert len(text) < 400 + len(str(path))
+
+
+def test_depth_frames_are_decoded_as_openimageio_does(tmp_path):
+    """Each of PNG's filters, on smooth and on random pixels; what is not such a picture is left to OpenImageIO."""
+    rng = np.random.default_rng(0)
+    smooth = (2000 + 3 * np.arange(WIDTH) + 7 * np.arange(HEIGHT)[:, None]).astype(np.uint16)
+
+    def chunk(kind, content):
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+    def png(body, bits=16, interlace=0):
+        header = struct.pack(">IIBBBBB", WIDTH, HEIGHT, bits, 0, 0, 0, interlace)
+        half = len(body) // 2
+        parts = (b"IHDR", header), (b"tEXt", b"a\0b"), (b"IDAT", body[:half]), (b"IDAT", body[half:]), (b"IEND", b"")
+        return b"\x89PNG\r\n\x1a\n" + b"".join(chunk(*part) for part in parts)
+
+    path = tmp_path / "a.png"
+    out = np.empty((HEIGHT, WIDTH), np.float32)
+    for image in (smooth, rng.integers(0, 65536, smooth.shape).astype(np.uint16)):
+        bytes_of = image.astype(">u2").view(np.uint8).astype(int)
+        left, above, corner = (np.zeros_like(bytes_of) for _ in range(3))
+        left[:, 2:], above[1:], corner[1:, 2:] = bytes_of[:, :-2], bytes_of[:-1], bytes_of[:-1, :-2]
+        guess = left + above - corner
+        misses = [np.abs(guess - n) for n in (left, above, corner)]
+        paeth = np.choose(np.argmin(misses, axis=0), (left, above, corner))  # argmin takes the first, as PNG does
+        filtered = [bytes_of - p for p in (0 * left, left, above, (left + above) // 2, paeth)]
+        rows = [bytes([v % 5]) + (filtered[v % 5][v] % 256).astype(np.uint8).tobytes() for v in range(HEIGHT)]
+        data = png(zlib.compress(b"".join(rows)))
+        path.write_bytes(data)
+        np.testing.assert_array_equal(read_image(path), image)
+        assert decode_metres(data, 1000.0, out)
+        np.testing.assert_array_equal(out, image / np.float32(1000))
+        assert not decode_metres(data, 1000.0, np.empty((HEIGHT, WIDTH + 1), np.float32))
+    body = b"".join(rows)
+    for bad in (png(zlib.compress(body), bits=8), png(zlib.compress(body), interlace=1), png(zlib.compress(body[:-1])),
+                png(zlib.compress(body + b"x")), png(b"nothing"), png(zlib.compress(b"\x05" + body[1:]))):  # fmt: skip
+        assert not decode_metres(bad, 1000.0, out)

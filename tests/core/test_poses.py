@@ -148,6 +148,8 @@ def test_a_folder_of_captures_on_the_command_line(around, tmp_path, capsys):
         ([folder / "front", folder / "gone", "--poses", folder / "poses.json"], "no pose for it"),
         ([folder, "--mirrors", folder / "front" / "mirrors.json"], "one camera"),
         ([folder / "front", "--poses", tmp_path / "none.json"], "cannot be read"),
+        ([folder, "--frames", "3:"], "chooses none"),
+        ([folder, "--depth-unit", "1e-6"], "depth reading"),
     ):
         assert cli.main(["reconstruct", *map(str, arguments), "-o", str(out)]) == 1
         assert words in capsys.readouterr().err
