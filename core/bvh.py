@@ -583,12 +583,18 @@ def closest_point(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _height(corners, normals, i, j, k):
-    """Distance of corner k of triangle j from the plane of triangle i, times the length of i's normal."""
-    return (
-        normals[i, 0] * (corners[j, k, 0] - corners[i, 0, 0])
-        + normals[i, 1] * (corners[j, k, 1] - corners[i, 0, 1])
-        + normals[i, 2] * (corners[j, k, 2] - corners[i, 0, 2])
-    )
+    """Distance of corner k of triangle j from the plane of triangle i, times the length of i's normal.
+
+    What rounding alone may make of a corner in the plane counts as none: flat neighbours would else seem to cross.
+    """
+    x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
+    dx = corners[j, k, 0] - corners[i, 0, 0]
+    dy = corners[j, k, 1] - corners[i, 0, 1]
+    dz = corners[j, k, 2] - corners[i, 0, 2]
+    height = x * dx + y * dy + z * dz
+    if height * height <= 1e-24 * (x * x + y * y + z * z) * (dx * dx + dy * dy + dz * dz):
+        return 0.0
+    return height
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -657,7 +663,7 @@ def _flat_overlap(corners, normals, i, j):
 def _triangles_meet(corners, normals, i, j):
     """Whether two triangles without a common vertex overlap or touch.
 
-    Signs of float64 determinants, zero taken as zero. A triangle without area counts only where it pierces the other.
+    Signs of float64 determinants, zero within rounding. A triangle without area counts only where it pierces the other.
     """
     if _apart(corners, normals, i, j) or _apart(corners, normals, j, i):
         return False

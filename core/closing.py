@@ -8,7 +8,7 @@ import numpy as np
 
 from .fairing import fair
 from .filling import fill_loops
-from .linear import dot
+from .linear import dot, transform
 from .mesh import (
     FILL,
     SURFACE,
@@ -40,6 +40,8 @@ class ClosingSettings:
     fairness : float
         How stiffly the outermost measured vertices hold their place while seams and fills are faired; larger is
         stiffer.
+    fair_noise : float
+        Noise of a reading at which they hold it with just that stiffness [m]; surer ones hold it better.
     untangle : bool
         Smooth what runs through itself until it does not.
     floor_reach : float
@@ -53,6 +55,7 @@ class ClosingSettings:
     largest_loop: int = 64
     refine: float = 1.7
     fairness: float = 0.3
+    fair_noise: float = 0.001
     floor_reach: float = 0.09
     untangle: bool = True
     keep_islands: bool = False
@@ -100,7 +103,7 @@ def close_mesh(
         flat = made & (np.abs(dot(mesh.vertices, up) - floor) < 1e-6)
     rim = np.zeros(len(mesh.vertices), np.bool_)
     rim[mesh.triangles[mesh.kind != SURFACE]] = True
-    stiffness = np.where(flat, np.inf, np.where(made, 0.0, np.where(rim, settings.fairness, np.inf)))
+    stiffness = np.where(flat, np.inf, np.where(made, 0.0, np.where(rim, _stiffness(mesh, maps, settings), np.inf)))
     mesh = replace(mesh, vertices=fair(mesh.vertices, mesh.triangles, stiffness))
     if settings.untangle:
         mesh, left = untangle(mesh)
@@ -109,6 +112,17 @@ def close_mesh(
                 f"{left} triangles run through others; look at the seams there, a longer burst or a clearer view helps"
             )
     return mesh, notes
+
+
+def _stiffness(mesh: Mesh, maps: ViewMaps, settings: ClosingSettings) -> np.ndarray:
+    """How stiffly each vertex (V,) holds its place: the surer its reading, the stiffer; infinite without noise."""
+    view = np.clip(mesh.view, 0, len(maps.noise) - 1)
+    noise = np.zeros(len(mesh.vertices))
+    for k, relative in enumerate(maps.noise):
+        mine = np.flatnonzero(view == k)
+        noise[mine] = relative * transform(mesh.vertices[mine], maps.to_view[k])[:, 2]
+    with np.errstate(divide="ignore"):
+        return settings.fairness * np.maximum(settings.fair_noise / noise, 1.0)
 
 
 def keep_components(mesh: Mesh, min_island: int | None = None) -> tuple[Mesh, int, int]:
