@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 _CELL = 4  # px: the smallest square whose noise is looked at
 _BLOCKS = (2, 4)  # cells: the side of a block that moves as one; the larger where noise asks for it
@@ -112,7 +112,7 @@ def _view_motion(cells: np.ndarray, pixel_angle: float) -> np.ndarray:
     return np.maximum(toward * z * z, swept / (side * _CELL) * z * pixel_angle)[mine]
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _cell_kernel(depth, labels, a, b):
     """Sums over cells (7, H / 4, W / 4): view, subject pixels, Σ 1/z, surface pixels, Σ shift of 1/z, flips, net flips.
 
@@ -122,9 +122,11 @@ def _cell_kernel(depth, labels, a, b):
     height, width = labels.shape
     rows, columns = height // _CELL, width // _CELL
     out = np.zeros((7, rows, columns))
-    for r in prange(rows):
+    for r in range(rows):
         for c in range(columns):
             view = -1
+            subject = surface = flips = net = 0
+            near = shift = 0.0
             for v in range(r * _CELL, (r + 1) * _CELL):
                 for u in range(c * _CELL, (c + 1) * _CELL):
                     if labels[v, u] < 0 or (view >= 0 and labels[v, u] != view):
@@ -136,16 +138,17 @@ def _cell_kernel(depth, labels, a, b):
                     if not (read_a or read_b):
                         continue
                     view = labels[v, u]
-                    out[1, r, c] += 1
-                    out[2, r, c] += max(inverse_a if read_a else 0.0, inverse_b if read_b else 0.0)
+                    subject += 1
+                    near += max(inverse_a if read_a else 0.0, inverse_b if read_b else 0.0)
                     if read_a and read_b and abs(inverse_a - inverse_b) <= _JUMP * inverse_a:
-                        out[3, r, c] += 1
-                        out[4, r, c] += inverse_b - inverse_a
+                        surface += 1
+                        shift += inverse_b - inverse_a
                     else:
-                        out[5, r, c] += 1
-                        nearer = read_b and (not read_a or inverse_b > inverse_a)
-                        out[6, r, c] += 1 if nearer else -1
+                        flips += 1
+                        net += 1 if read_b and (not read_a or inverse_b > inverse_a) else -1
             out[0, r, c] = view
+            out[1, r, c], out[2, r, c], out[3, r, c] = subject, near, surface
+            out[4, r, c], out[5, r, c], out[6, r, c] = shift, flips, net
     return out
 
 

@@ -298,3 +298,27 @@ def test_depth_frames_are_decoded_as_openimageio_does(tmp_path):
     for bad in (png(zlib.compress(body), bits=8), png(zlib.compress(body), interlace=1), png(zlib.compress(body[:-1])),
                 png(zlib.compress(body + b"x")), png(b"nothing"), png(zlib.compress(b"\x05" + body[1:]))):  # fmt: skip
         assert not decode_metres(bad, 1000.0, out)
+
+
+def test_what_the_system_refuses_is_named(tmp_path, monkeypatch):
+    """Not by taking permissions away, which the superuser does not notice."""
+    folder = write_folder(tmp_path / "a")
+    read = Path.read_bytes
+
+    def guarded(path):
+        if path.name == "000001.png":
+            raise PermissionError(13, "Permission denied", str(path))
+        return read(path)
+
+    monkeypatch.setattr(Path, "read_bytes", guarded)
+    with pytest.raises(CaptureError, match="000001.png: cannot be read: Permission denied"):
+        open_capture(folder)
+
+
+def test_links_in_a_circle(tmp_path):
+    (tmp_path / "a").mkdir()
+    for link, target in (("a/a", "../a"), ("a/depth", "."), ("self", "self")):
+        (tmp_path / link).symlink_to(target)
+    for path in ("a", "self"):
+        with pytest.raises(CaptureError, match=path):
+            open_capture(tmp_path / path)

@@ -87,7 +87,7 @@ def test_what_cannot_be(person):
 
 @pytest.mark.parametrize("name", ["reflection", "distance"])
 def test_on_the_command_line(name, tmp_path, capsys):
-    body = trimesh.creation.cylinder(radius=0.25, height=1.6, sections=64)
+    body = trimesh.creation.cylinder(radius=0.15, height=0.8, sections=48)
     body.export(tmp_path / "body.ply")
     words = ["experiment", name, str(tmp_path / "body.ply"), "-o", str(tmp_path / "out"), "--frames", "1"]
     assert cli.main(words) == 0

@@ -230,6 +230,10 @@ def test_options_turn_and_flip_any_format(tmp_path):
     np.testing.assert_array_equal(both.depth[0], np.rot90(plain.depth[0][:, ::-1], -1))
     assert (both.intrinsics.width, both.intrinsics.cy) == (480, 319.5)
     assert (both.turn_degrees, both.mirrored) == (0, False)
+    v2 = tmp_path / "v2.npy"  # its SDK exchanges left and right: whether that was undone no file says
+    np.save(v2, np.full((424, 512), 2.0, np.float32))
+    assert any("--mirrored" in note for note in open_capture(v2).notes)
+    assert not any("--mirrored" in note for note in open_capture(v2, options=ReadOptions(mirrored=False)).notes)
     for wrong in ({"turn_degrees": 45}, {"disparity": "magic"}, {"depth_unit_m": 0}, {"min_confidence": 3}):
         with pytest.raises(CaptureError):
             ReadOptions(**wrong)
