@@ -187,28 +187,25 @@ def remove_flying_pixels(
     return _flying_kernel(depth, pixel_angle * np.tan(np.radians(80.0)), 3.0 * growth, settings.support)
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
 def _flying_kernel(depth, slope, noise, support):
     height, width = depth.shape
-    out = depth.copy()
-    tolerance = np.array((slope + 0.003, slope * np.sqrt(2.0) + 0.003))  # beside, across the corner
+    out = np.empty_like(depth)
+    framed = np.zeros((height + 2, width + 2), np.float32)  # no pixel needs to ask whether it lies at the border
+    framed[1:-1, 1:-1] = depth
+    beside, across = np.float32(slope + 0.003), np.float32(slope * np.sqrt(2.0) + 0.003)
+    growth, most = np.float32(noise), np.float32(0.99)  # so that no reading is never near
     for v in prange(height):
+        above, here, below = framed[v], framed[v + 1], framed[v + 2]
         for u in range(width):
-            z = depth[v, u]
-            if z == 0:
-                continue
-            near = 0
-            for dv in range(-1, 2):
-                if near >= support:
-                    break
-                for du in range(-1, 2):
-                    y, x = v + dv, u + du
-                    if (dv == 0 and du == 0) or y < 0 or x < 0 or y >= height or x >= width or depth[y, x] == 0:
-                        continue
-                    if abs(depth[y, x] - z) <= (tolerance[abs(du * dv)] + noise * z) * z:
-                        near += 1
-            if near < support:
-                out[v, u] = 0
+            z = here[u + 1]
+            far = min(beside + growth * z, most) * z
+            farther = min(across + growth * z, most) * z
+            near = np.int32(abs(here[u] - z) <= far) + np.int32(abs(here[u + 2] - z) <= far)
+            near += np.int32(abs(above[u + 1] - z) <= far) + np.int32(abs(below[u + 1] - z) <= far)
+            near += np.int32(abs(above[u] - z) <= farther) + np.int32(abs(above[u + 2] - z) <= farther)
+            near += np.int32(abs(below[u] - z) <= farther) + np.int32(abs(below[u + 2] - z) <= farther)
+            out[v, u] = z if near >= support else np.float32(0.0)
     return out
 
 
