@@ -53,13 +53,13 @@ def story() -> Story:
     yield from shot("2_capture")
 
     with step("load by drag and drop"):
-        before = cloud().name
+        before = cloud().session_uid
         files = [{"name": "intrinsic.json"}]
         start = time.perf_counter()
         with viewport():
             bpy.ops.wm.drop_import_file("INVOKE_DEFAULT", directory=CAPTURE, files=files)
-        while busy() or cloud() is None or cloud().name == before:
-            expect(time.perf_counter() - start < 60, f"other points than {before}")
+        while busy() or cloud() is None or cloud().session_uid == before:
+            expect(time.perf_counter() - start < 60, "other points than before")
             yield 0.01
         with viewport():
             bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
