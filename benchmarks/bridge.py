@@ -16,11 +16,14 @@ import numpy as np
 from mirror_scan.core.mesh import Mesh
 
 TIME_LIMIT = 60.0
+NO_BLENDER = 77
+"""Exit code where bpy is installed but cannot be imported, as without the libraries it needs from the system."""
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def blender_bridge(patches: Mesh) -> tuple[Mesh, float] | str:
-    """The mesh that Blender makes of the patches and the time of the call [ms]; or why there is none."""
+def blender_bridge(patches: Mesh) -> tuple[Mesh, float] | str | None:
+    """The mesh that Blender makes of the patches and the time of the call [ms]; in words why it makes none; None where
+    there is no Blender to ask."""
     with tempfile.TemporaryDirectory() as folder:
         given, made = Path(folder) / "patches.npz", Path(folder) / "result.npz"
         np.savez(given, vertices=patches.vertices, triangles=patches.triangles, view=patches.view)
@@ -29,6 +32,8 @@ def blender_bridge(patches: Mesh) -> tuple[Mesh, float] | str:
             done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=TIME_LIMIT)
         except subprocess.TimeoutExpired:
             return f"stopped after {TIME_LIMIT:.0f} s"
+        if done.returncode == NO_BLENDER:
+            return None
         if done.returncode != 0:
             last = done.stderr.strip().splitlines()
             return f"exit code {done.returncode}" + (f": {last[-1]}" if last else "")
@@ -37,8 +42,11 @@ def blender_bridge(patches: Mesh) -> tuple[Mesh, float] | str:
 
 
 def main(given: str, made: str) -> None:
-    import bpy  # noqa: F401  registers bmesh and mathutils in the bpy module
-    from mirror_scan.mirror_scan_addon.bridging import bridge_and_fill, facing_runs
+    try:
+        import bpy  # noqa: F401  registers bmesh and mathutils in the bpy module
+        from mirror_scan.mirror_scan_addon.bridging import bridge_and_fill, facing_runs
+    except ImportError:
+        sys.exit(NO_BLENDER)
 
     with np.load(given) as arrays:
         patches = Mesh(arrays["vertices"], arrays["triangles"], view=arrays["view"])

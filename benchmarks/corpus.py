@@ -97,7 +97,8 @@ def measure(recipe: Recipe, peers: bool = True) -> tuple[Outcomes, Reconstructio
             outcomes[BALLS] = _outcome(*_swap(meshlab_balls(points, normals), truth))
         if installed("bpy"):
             made = blender_bridge(merge(list(scan.patches)))
-            outcomes[BLENDER] = made if isinstance(made, str) else _outcome(*_swap(made, truth))
+            if made is not None:
+                outcomes[BLENDER] = made if isinstance(made, str) else _outcome(*_swap(made, truth))
     return outcomes, scan, truth
 
 

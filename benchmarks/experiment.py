@@ -31,8 +31,7 @@ def run() -> Result:
         made = blender_bridge(parts)
         if isinstance(made, str):
             failed.append(made)
-            return None
-        return made[0]
+        return made[0] if isinstance(made, tuple) else None
 
     say("experiment 5.3")
     steps = zippering(body, bridge=bridge if installed("bpy") else None)
@@ -47,8 +46,8 @@ def run() -> Result:
         f"{100 * fit:.1f} % of its variance.",
         *(f"Blender: {message}" for message in failed),
     ]
-    if not installed("bpy"):
-        table.notes.append("bpy is not installed: without Blender's bridge.")
+    if not any(step.bridged for step in steps):
+        table.notes.append("bpy is not installed or cannot be imported: without Blender's bridge.")
     at = next(s for s in steps if s.decimation == STEP)
     share = 100.0 * at.mean / tall
     open_steps = [f"{s.decimation:g} %" for s in steps if not (s.report["watertight"] and s.report["manifold"])]
