@@ -240,7 +240,13 @@ def _aligned(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, settings
     gap = pairs(np.zeros(3), settings.gate)[3]
     if len(gap) < settings.min_pairs or np.median(np.abs(gap)) < 0.003:  # nothing to gain
         return None
-    fits = [fit(half) for half in (0, 1, -1)]
+    whole = fit(-1)
+    if whole is None:
+        return None
+    together = pairs(whole[0], settings.gate)[3]
+    if not len(together) or np.median(np.abs(together)) > settings.gain * np.median(np.abs(gap)):
+        return None  # what does not bring all pairs together need not be asked of the halves
+    fits = [fit(0), fit(1), whole]
     if None in fits:
         return None
     steps = np.array([f[0] for f in fits])
