@@ -20,14 +20,14 @@ from mirror_scan.core.metrics import evaluate, mesh_report
 from mirror_scan.core.pipeline import Reconstruction, reconstruct
 from mirror_scan.core.preview import KIND_COLORS, render_views
 
-from .bridge import blender_bridge
+from .bridge import BLENDER, blender_bridge
 from .generated import QUICK, SCENES, Recipe, make, recipes
+from .isolated import PeerFailed, Worker
 from .machine import installed, say
 from .peers import BALLS, MESHLAB, OPEN3D, meshlab_balls, meshlab_poisson, open3d_poisson
 from .quality import CORE, OURS, oriented_points, scorer
 from .results import Finding, Result, Table, limits_table, number
 
-BLENDER = "Blender bridge + fill"
 PEERS = (OPEN3D, MESHLAB, BALLS, BLENDER)
 SAMPLES = 20_000
 CHECKED = 3
@@ -71,6 +71,7 @@ class Outcome:
         return self.sound["watertight"] and self.sound["volume_m3"] > 0
 
 
+_worker = Worker()
 Outcomes = dict[str, Outcome | str]
 """Method → what it made, or in words why it made nothing."""
 
@@ -90,20 +91,25 @@ def measure(recipe: Recipe, peers: bool = True) -> tuple[Outcomes, Reconstructio
     outcomes: Outcomes = {OURS: _outcome(scan.mesh, truth, laps["zippering"] + laps["closing"])}
     if peers:
         points, normals = oriented_points(scan)
-        if installed("open3d"):
-            outcomes[OPEN3D] = _outcome(*_swap(open3d_poisson(points, normals)[0], truth))
-        if installed("pymeshlab"):
-            outcomes[MESHLAB] = _outcome(*_swap(meshlab_poisson(points, normals), truth))
-            outcomes[BALLS] = _outcome(*_swap(meshlab_balls(points, normals), truth))
-        if installed("bpy"):
-            made = blender_bridge(merge(list(scan.patches)))
+        calls = {
+            OPEN3D: lambda: _worker.call(_open3d, points, normals) if installed("open3d") else None,
+            MESHLAB: lambda: _worker.call(meshlab_poisson, points, normals) if installed("pymeshlab") else None,
+            BALLS: lambda: _worker.call(meshlab_balls, points, normals) if installed("pymeshlab") else None,
+            BLENDER: lambda: blender_bridge(merge(list(scan.patches))),
+        }
+        for name, call in calls.items():
+            try:
+                made = call()
+            except PeerFailed as error:
+                outcomes[name] = str(error)
+                continue
             if made is not None:
-                outcomes[BLENDER] = made if isinstance(made, str) else _outcome(*_swap(made, truth))
+                outcomes[name] = _outcome(made[0], truth, made[1])
     return outcomes, scan, truth
 
 
-def _swap(made: tuple[Mesh, float], truth: Mesh) -> tuple[Mesh, Mesh, float]:
-    return made[0], truth, made[1]
+def _open3d(points: np.ndarray, normals: np.ndarray) -> tuple[Mesh, float]:
+    return open3d_poisson(points, normals)[0]
 
 
 def _outcome(mesh: Mesh, truth: Mesh, milliseconds: float) -> Outcome | str:

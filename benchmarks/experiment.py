@@ -8,12 +8,12 @@ from mirror_scan.core.experiments.zippering import run as zippering
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.simulation.mannequin import mannequin
 
-from .bridge import blender_bridge
-from .machine import installed, say
+from .bridge import BLENDER, blender_bridge
+from .isolated import PeerFailed
+from .machine import say
 from .quality import OURS
 from .results import Finding, Result, Table, number, yes
 
-BLENDER = "Blender bridge + fill"
 STEP, MAX_PCT, MIN_R2 = 40.0, 0.1, 0.95
 
 
@@ -28,13 +28,15 @@ def run() -> Result:
     failed: list[str] = []
 
     def bridge(parts: Mesh) -> Mesh | None:
-        made = blender_bridge(parts)
-        if isinstance(made, str):
-            failed.append(made)
-        return made[0] if isinstance(made, tuple) else None
+        try:
+            made = blender_bridge(parts)
+        except PeerFailed as error:
+            failed.append(str(error))
+            return None
+        return None if made is None else made[0]
 
     say("experiment 5.3")
-    steps = zippering(body, bridge=bridge if installed("bpy") else None)
+    steps = zippering(body, bridge=bridge)
     for step in steps:
         table.rows.append((f"{step.decimation:g} %", OURS, *_cells(step, tall)))
         if step.bridged:

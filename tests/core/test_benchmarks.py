@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sys
+import time
 from collections import Counter
 from pathlib import Path
 
@@ -13,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from mirror_scan.core.camera import project  # noqa: E402
 
-from benchmarks import corpus, generated, seams  # noqa: E402
+from benchmarks import corpus, generated, isolated, seams  # noqa: E402
 
 
 def test_the_corpus_is_wide_and_the_same_each_time():
@@ -68,3 +70,19 @@ def test_scene_numbers():
     assert corpus.scene_numbers("0-3,7") == (0, 1, 2, 3, 7)
     with pytest.raises(Exception, match="numbered"):
         corpus.scene_numbers("99")
+
+
+def test_a_crash_or_a_hang_is_told_and_outlived():
+    worker = isolated.Worker()
+    try:
+        assert worker.call(len, "four") == 4
+        with pytest.raises(isolated.PeerFailed, match="code 3"):
+            worker.call(os._exit, 3)
+        assert worker.call(abs, -2) == 2, "another process answers"
+        with pytest.raises(isolated.PeerFailed, match="ZeroDivisionError"):
+            worker.call(divmod, 1, 0)
+        with pytest.raises(isolated.PeerFailed, match="stopped"):
+            worker.call(time.sleep, 60, limit=0.2)
+        assert worker.call(abs, -3) == 3
+    finally:
+        worker.stop()
