@@ -305,16 +305,14 @@ def _grow(
             fitted = disparity_plane(u[part], v[part], depth[v[part], u[part]])
             if fitted is None:
                 return None
-            coefficients = fitted.coefficients
-            normal, d = plane_of_disparity(coefficients, intrinsics)
+            normal, d = plane_of_disparity(fitted.coefficients, intrinsics)
             normal, d = (normal, d) if normal @ previous > 0 else (-normal, -d)
             settled |= bool(np.arccos(min(normal @ previous, 1.0)) < 5e-4)  # the slab is centred well enough
             if not settled:
                 break
         if settled:
             break
-    weights = _tukey_weights(coefficients, u, v, depth[v, u])
-    points = cloud[v, u][weights > 0.1]
+    points = cloud[v, u][fitted.weights > 0.1]  # the last fit was of all pixels
     low, high = (v.min(), u.min()), (v.max() + 1, u.max() + 1)
     v, u = np.nonzero(frame_core(mask[low[0] : high[0], low[1] : high[1]]))
     v, u = v + low[0], u + low[1]
@@ -463,13 +461,6 @@ def _weigh(residual, weights):
     for i in range(len(residual)):
         r = residual[i] / (4.7 * scale)
         weights[i] = (1.0 - r * r) ** 2 if abs(r) < 1.0 else 0.0
-
-
-def _tukey_weights(coefficients: np.ndarray, u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray:
-    residual = 1.0 / z.astype(np.float64) - (coefficients[0] * u + coefficients[1] * v + coefficients[2])
-    weights = np.empty(len(residual))
-    _weigh(residual, weights)
-    return weights
 
 
 def plane_of_disparity(coefficients: np.ndarray, intrinsics: Intrinsics) -> tuple[np.ndarray, float]:
