@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .errors import MirrorScanError
-
 
 @dataclass(frozen=True)
 class NoiseModel:
@@ -71,16 +69,3 @@ SENSORS: dict[str, NoiseModel] = {
     "realsense_d435": NoiseModel("RealSense D435 (active stereo)", baseline=0.050, **_D4XX),
     "realsense_d455": NoiseModel("RealSense D455 (active stereo)", baseline=0.095, **_D4XX),
 }  # fmt: skip
-
-
-def noise_model(name: str) -> NoiseModel | None:
-    """The model of that sensor; None for one that is not in the table, whose noise is then measured on the data alone.
-
-    Raises
-    ------
-    MirrorScanError
-        When the name is empty.
-    """
-    if not name:
-        raise MirrorScanError(f"a sensor needs a name: one of {', '.join(SENSORS)}, or unknown")
-    return SENSORS.get(name)
