@@ -177,6 +177,13 @@ def build_settings(settings: bpy.types.PropertyGroup) -> dict:
     }
 
 
+def allows(operator: type[bpy.types.Operator], problem: str) -> bool:
+    """What ``poll`` answers: whether there is no problem; a problem is what the disabled button says."""
+    if problem:
+        operator.poll_message_set(problem)
+    return not problem
+
+
 def editable(context: bpy.types.Context) -> str:
     """Why the scene cannot be changed now; "" when it can. Cheap enough for ``poll``."""
     from . import jobs

@@ -40,9 +40,7 @@ class MIRRORSCAN_OT_build_avatar(jobs.JobOperator, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if problem := state.editable(context):
-            cls.poll_message_set(problem)
-        return not problem
+        return state.allows(cls, state.editable(context))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         self._frame_view = True

@@ -38,9 +38,7 @@ class MIRRORSCAN_OT_check(jobs.JobOperator, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if problem := state.editable(context) or no_mesh(context) or not_ours(context):
-            cls.poll_message_set(problem)
-        return not problem
+        return state.allows(cls, state.editable(context) or no_mesh(context) or not_ours(context))
 
     def start(self, context: bpy.types.Context) -> jobs.Task:
         from .. import scene
@@ -102,9 +100,7 @@ class MIRRORSCAN_OT_jump_to_problem(bpy.types.Operator):
                 problem = say("Check the avatar first")
             elif not report["problems"]:
                 problem = say("The avatar has no problem")
-        if problem:
-            cls.poll_message_set(problem)
-        return not problem
+        return state.allows(cls, problem)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         settings, avatar = context.scene.mirror_scan, context.object

@@ -33,9 +33,7 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if problem := state.editable(context) or no_mesh(context) or not_ours(context):
-            cls.poll_message_set(problem)
-        return not problem
+        return state.allows(cls, state.editable(context) or no_mesh(context) or not_ours(context))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:

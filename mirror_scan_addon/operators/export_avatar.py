@@ -46,9 +46,7 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
             problem = say("Leave the editing mode first: this works in Object Mode")
         if not problem and jobs.running(context):
             problem = say("Mirror Scan is busy; wait or press Esc")
-        if problem:
-            cls.poll_message_set(problem)
-        return not problem
+        return state.allows(cls, problem)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         import os

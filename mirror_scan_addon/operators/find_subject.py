@@ -18,9 +18,7 @@ class MIRRORSCAN_OT_find_subject(jobs.JobOperator, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if problem := state.editable(context) or state.no_cloud(context) or state.no_mirror(context):
-            cls.poll_message_set(problem)
-        return not problem
+        return state.allows(cls, state.editable(context) or state.no_cloud(context) or state.no_mirror(context))
 
     def start(self, context: bpy.types.Context) -> jobs.Task:
         from .. import cloud

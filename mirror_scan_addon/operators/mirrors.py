@@ -13,9 +13,7 @@ from ..texts import CONTEXT, say
 class _MirrorOperator(jobs.JobOperator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if problem := state.editable(context) or state.no_cloud(context):
-            cls.poll_message_set(problem)
-        return not problem
+        return state.allows(cls, state.editable(context) or state.no_cloud(context))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         put_mirrors(target, result)
@@ -172,9 +170,7 @@ class MIRRORSCAN_OT_remove_mirror(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if problem := state.editable(context) or state.no_mirror(context):
-            cls.poll_message_set(problem)
-        return not problem
+        return state.allows(cls, state.editable(context) or state.no_mirror(context))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         settings = context.scene.mirror_scan
@@ -232,9 +228,7 @@ class MIRRORSCAN_OT_save_mirrors(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if problem := state.no_mirror(context):
-            cls.poll_message_set(problem)
-        return not problem
+        return state.allows(cls, state.no_mirror(context))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         import os

@@ -42,9 +42,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         problem = state.editable(context) or state.no_cloud(context)
         if not problem and (context.area is None or context.area.type != "VIEW_3D"):
             problem = say("Points are picked in a 3D viewport; scripts use mirror_scan.set_mirror")
-        if problem:
-            cls.poll_message_set(problem)
-        return not problem
+        return state.allows(cls, problem)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         self.report({"ERROR"}, say("Points are picked with the mouse; scripts use mirror_scan.set_mirror"))

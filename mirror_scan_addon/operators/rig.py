@@ -50,9 +50,7 @@ class MIRRORSCAN_OT_add_rig(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if problem := state.editable(context):
-            cls.poll_message_set(problem)
-        return not problem
+        return state.allows(cls, state.editable(context))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         import math
@@ -106,9 +104,7 @@ class MIRRORSCAN_OT_simulate(jobs.JobOperator, bpy.types.Operator):
             if not active.mirror_scan.is_mirror and not active.data.is_editable:
                 problem = say("{name} is linked from another file; make it local to show on it what the rig sees")
                 problem = problem.format(name=active.name)
-        if problem:
-            cls.poll_message_set(problem)
-        return not problem
+        return state.allows(cls, problem)
 
     def start(self, context: bpy.types.Context) -> jobs.Task:
         from .. import rig
