@@ -6,8 +6,6 @@ with distance than either; common formulas for a Kinect's disparity part by 100 
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +18,8 @@ from ..mesh import Mesh
 from ..metrics import SurfaceDistance, surface_distance
 from ..simulation.scene import default_rig
 from ..simulation.simulate import simulate
-from .snapshot import WAYS, distance_picture, patch, plot, write_bytes
+from .results import plot, write_csv
+from .snapshot import WAYS, distance_picture, patch
 
 DISTANCES = (3.0, 3.5, 4.0, 4.5, 5.0)
 PAPER = {3.0: 0.0, 3.5: 3.517e-3, 4.0: 9.170e-3, 4.5: 17.277e-3, 5.0: 33.804e-3}
@@ -171,19 +170,17 @@ def write_results(rows: Sequence[Capture], folder: Path) -> tuple[list[Path], st
         Why there is no plot; empty when there is.
     """
     paths = [folder / "table.csv", folder / "result.png"]
-    text = io.StringIO()
-    out = csv.writer(text, lineterminator="\n")
     figures = ("mean", "rms", "p95", "max")
-    out.writerow(
+    lines = [
         ["way", "distance_m", "vertices", "triangles", "paper_mean_mm"]
         + [f"to_{which}_{f}_mm" for which in ("nearest", "body") for f in figures]
-    )
+    ]
     for r in rows:
         paper = PAPER.get(round(r.distance, 3))
         values = [f"{1e3 * getattr(d, f):.5f}" for d in (r.apart, r.truth) for f in figures]
         shown = "" if paper is None else f"{1e3 * paper:.3f}"
-        out.writerow([r.way, f"{r.distance:g}", len(r.mesh.vertices), len(r.mesh.triangles), shown, *values])
-    write_bytes(paths[0], lambda target: target.write_text(text.getvalue(), encoding="utf-8"))
+        lines.append([r.way, f"{r.distance:g}", len(r.mesh.vertices), len(r.mesh.triangles), shown, *values])
+    write_csv(paths[0], lines)
     ways = _ways(rows)
     references = [ways[r.way][0].mesh for r in rows]
     heading = "from near to far   blue on the nearest   red as far off as the farthest of the paper"
@@ -218,5 +215,5 @@ def write_results(rows: Sequence[Capture], folder: Path) -> tuple[list[Path], st
             axes.grid(alpha=0.3)
             axes.legend()
 
-    note = plot(folder / "plot.png", 2, draw)
+    note = plot(folder / "plot.png", (10.4, 4.0), 2, draw)
     return (paths if note else [*paths, folder / "plot.png"]), note

@@ -6,8 +6,6 @@ scatters and doubles the image, which is not simulated: the paper's loss of a fi
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +19,8 @@ from ..metrics import SurfaceDistance, surface_distance
 from ..simulation.scene import FramedMirror, Rig
 from ..simulation.sensors import find_sensor
 from ..simulation.simulate import Simulation, simulate
-from .snapshot import WAYS, distance_picture, patch, plot, write_bytes
+from .results import plot, write_csv
+from .snapshot import WAYS, distance_picture, patch
 
 PATH = 3.0
 """Camera to mirror to back [m]: there a Kinect v1 gives about as many vertices as the paper had."""
@@ -164,20 +163,18 @@ def write_results(rows: Sequence[Comparison], folder: Path) -> tuple[list[Path],
         Why there is no plot; empty when there is.
     """
     paths = [folder / "table.csv", folder / "result.png"]
-    text = io.StringIO()
-    out = csv.writer(text, lineterminator="\n")
     figures = ("mean", "rms", "p95", "max")
-    out.writerow(
+    lines = [
         ["way", "vertices_mirrored", "vertices_direct", "triangles_mirrored", "triangles_direct", "vertex_loss_pct"]
         + ["triangle_loss_pct", *(f"mirrored_to_direct_{f}_mm" for f in figures)]
         + [f"{which}_to_body_{f}_mm" for which in ("mirrored", "direct") for f in figures]
-    )
+    ]
     for r in rows:
         sizes = [len(getattr(m, what)) for what in ("vertices", "triangles") for m in (r.mirrored, r.direct)]
         losses = [f"{100 * r.loss(what):.3f}" for what in ("vertices", "triangles")]
         ways = (r.apart, r.mirrored_truth, r.direct_truth)
-        out.writerow([r.way, *sizes, *losses, *(f"{1e3 * getattr(d, f):.5f}" for d in ways for f in figures)])
-    write_bytes(paths[0], lambda target: target.write_text(text.getvalue(), encoding="utf-8"))
+        lines.append([r.way, *sizes, *losses, *(f"{1e3 * getattr(d, f):.5f}" for d in ways for f in figures)])
+    write_csv(paths[0], lines)
     pictures = []
     for r in rows:
         pictures += [(r.mirrored, r.direct, f"{r.way}   in the mirror"), (r.direct, r.mirrored, f"{r.way}   directly")]
@@ -201,5 +198,5 @@ def write_results(rows: Sequence[Comparison], folder: Path) -> tuple[list[Path],
         for axes in (distances, losses):
             axes.grid(alpha=0.3, axis="y")
 
-    note = plot(folder / "plot.png", 2, draw)
+    note = plot(folder / "plot.png", (10.4, 4.0), 2, draw)
     return (paths if note else [*paths, folder / "plot.png"]), note

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -12,8 +11,7 @@ from ..bvh import build_bvh, closest_point
 from ..camera import unproject
 from ..cleaning import clean, recognise
 from ..depth import DepthSettings, fuse_burst, measure_noise, remove_flying_pixels
-from ..errors import MirrorScanError, OutputError
-from ..files import replacing
+from ..errors import MirrorScanError
 from ..mesh import Mesh
 from ..mirror import place_mirror, reflection_matrix
 from ..preview import draw_text, render_views
@@ -98,26 +96,3 @@ def distance_picture(
     band = np.full((44, rows[0].shape[1], 3), 255, np.uint8)
     draw_text(band, heading, 16, 29, size=18, color=(60, 62, 68))
     return np.concatenate((band, *rows))
-
-
-def write_bytes(path: Path, write: Callable[[Path], object]) -> None:
-    """Let ``write`` fill a temporary file that takes the place of ``path``."""
-    try:
-        with replacing(path) as temporary:
-            write(temporary)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
-
-
-def plot(path: Path, panels: int, draw: Callable) -> str:
-    """``draw(*axes)`` into a PNG; returns why there is none, empty when there is."""
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        return f"without {path.name}: matplotlib is missing; “pip install matplotlib”"
-    figure = Figure(figsize=(5.2 * panels, 4.0), layout="constrained")
-    FigureCanvasAgg(figure)
-    draw(*figure.subplots(1, panels, squeeze=False)[0])
-    write_bytes(path, lambda target: figure.savefig(target, format="png", dpi=150))
-    return ""

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import heapq
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,8 +14,7 @@ from ..bvh import build_bvh, closest_point, raycast
 from ..camera import Intrinsics
 from ..closing import close_mesh
 from ..coronal import solidity
-from ..errors import MirrorScanError, OutputError
-from ..files import replacing
+from ..errors import MirrorScanError
 from ..images import write_png
 from ..mesh import SEAM, SURFACE, Mesh, compact, drop_small_components, keep_triangles, merge, remove_bowties, twins
 from ..metrics import SurfaceDistance, mesh_report, surface_distance
@@ -25,6 +22,7 @@ from ..overlap import ViewMaps, view_maps
 from ..preview import KIND_COLORS, SIDES, draw_text, render_views
 from ..weaving import Seam
 from ..zippering import ZipperSettings, zip_patches
+from .results import plot, write_csv
 
 STEPS = (0, 10, 20, 30, 40, 50)
 """Vertices taken from the two back parts [%] (paper 5.3)."""
@@ -519,58 +517,51 @@ def write_results(steps: Sequence[Step], body: Mesh, folder: Path) -> tuple[list
     """
     tall = _height(body)
     paths = [folder / "table.csv", folder / "result.png"]
-    _write_text(paths[0], _csv(steps, tall))
+    write_csv(paths[0], _rows(steps, tall))
     shown = min(steps, key=lambda s: abs(s.decimation - 40.0))
     write_png(paths[1], _picture(shown, body))
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        return paths, "without plot.png: matplotlib is missing; “pip install matplotlib”"
-    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    order = sorted(steps, key=lambda s: s.decimation)
-    x = [s.decimation for s in order]
-    axes.plot(x, [1000 * s.there.mean for s in order], "o-", label="result to original")
-    axes.plot(x, [1000 * s.back.mean for s in order], "s--", label="original to result")
-    bridged = [s for s in order if s.bridged]
-    if bridged:
-        at, means = [s.decimation for s in bridged], [1000 * s.bridged.mean for s in bridged]
-        axes.plot(at, means, "^:", color="tab:gray", label="Blender's bridge, the larger of both ways")
-    axes.set(xlabel="vertices taken from the back parts [%]", ylabel="mean distance [mm]", ylim=(0, None))
-    percent = axes.secondary_yaxis("right", functions=(lambda mm: mm / (10 * tall), lambda p: p * 10 * tall))
-    percent.set_ylabel("of the height [%]")
-    axes.grid(alpha=0.3)
-    axes.legend()
-    paths.append(folder / "plot.png")
-    _write_bytes(paths[-1], lambda target: figure.savefig(target, format="png", dpi=150))
-    return paths, ""
+
+    def draw(axes) -> None:
+        order = sorted(steps, key=lambda s: s.decimation)
+        x = [s.decimation for s in order]
+        axes.plot(x, [1000 * s.there.mean for s in order], "o-", label="result to original")
+        axes.plot(x, [1000 * s.back.mean for s in order], "s--", label="original to result")
+        bridged = [s for s in order if s.bridged]
+        if bridged:
+            at, means = [s.decimation for s in bridged], [1000 * s.bridged.mean for s in bridged]
+            axes.plot(at, means, "^:", color="tab:gray", label="Blender's bridge, the larger of both ways")
+        axes.set(xlabel="vertices taken from the back parts [%]", ylabel="mean distance [mm]", ylim=(0, None))
+        percent = axes.secondary_yaxis("right", functions=(lambda mm: mm / (10 * tall), lambda p: p * 10 * tall))
+        percent.set_ylabel("of the height [%]")
+        axes.grid(alpha=0.3)
+        axes.legend()
+
+    note = plot(folder / "plot.png", (6.4, 4.2), 1, draw)
+    return (paths if note else [*paths, folder / "plot.png"]), note
 
 
-def _csv(steps: Sequence[Step], tall: float) -> str:
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
+def _rows(steps: Sequence[Step], tall: float) -> list[list]:
+    """The table's cells, headings first."""
     figures, ways = ("mean", "rms", "p95", "max"), ("result_to_original", "original_to_result")
     distances = [f"{way}_{figure}_mm" for way in ways for figure in figures]
     flags = ("watertight", "manifold", "components", "euler_characteristic", "triangles", "self_intersections")
-    rows.writerow(
+    rows = [
         ["decimation_pct", "vertices_front", "vertices_back_left", "vertices_back_right", "seam_triangles", "method"]
         + [*flags, *distances, "mean_pct_of_height", "rms_pct_of_height", "max_pct_of_height"]
         + [f"blender_{name}" for name in (*flags, *distances)]
-    )
+    ]
 
     def told(made: Closed) -> list:
         values = [getattr(way, key) for way in (made.there, made.back) for key in figures]
         return [made.report[flag] for flag in flags] + [f"{1000 * value:.5f}" for value in values]
 
     for s in steps:
-        rows.writerow(
+        rows.append(
             [f"{s.decimation:g}", *s.vertices, s.seam_triangles, s.method, *told(s)]
             + [f"{100 * value / tall:.6f}" for value in (s.mean, s.rms, s.max)]
             + (told(s.bridged) if s.bridged else [""] * (len(flags) + len(distances)))
         )
-    return text.getvalue()
+    return rows
 
 
 def _picture(step: Step, body: Mesh) -> np.ndarray:
@@ -586,15 +577,3 @@ def _picture(step: Step, body: Mesh) -> np.ndarray:
     title = "red on the original   blue a thousandth of the height off or more"
     draw_text(band, title, 20, 34, size=22, color=(60, 62, 68))
     return np.concatenate((band, *rows))
-
-
-def _write_text(path: Path, text: str) -> None:
-    _write_bytes(path, lambda target: target.write_text(text, encoding="utf-8"))
-
-
-def _write_bytes(path: Path, write: Callable[[Path], object]) -> None:
-    try:
-        with replacing(path) as temporary:
-            write(temporary)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
