@@ -222,9 +222,9 @@ class JobOperator:
     def _show(self, context: bpy.types.Context) -> None:
         fraction, message = self._worker.progress
         progress = context.window_manager.mirror_scan
-        if (progress.fraction, progress.message) == (fraction, message):
+        if (progress.fraction, progress.message, progress.operator) == (fraction, message, type(self).bl_idname):
             return
-        progress.fraction, progress.message, progress.label = fraction, message, self.bl_label
+        progress.fraction, progress.message, progress.operator = fraction, message, type(self).bl_idname
         label, stage = say(self.bl_label), say(message)
         context.workspace.status_text_set(say("{label}: {stage}  {done:.0%}    [Esc] Cancel").format(
             label=label, stage=stage, done=fraction))  # fmt: skip

@@ -13,7 +13,8 @@ from bl_ui.utils import PresetPanel
 from . import jobs, reports, state
 from .texts import CONTEXT, say
 
-LINE, LETTER = 34, 6.5  # letters in a line of a sidebar of usual width, and how wide one is [px]
+NARROW = 250  # below this width of the sidebar labels go into their fields instead of beside them [px at 100 % scale]
+MARGIN, ICON = 54, 20  # what tabs and panel borders take of the sidebar's width, and an icon [px at 100 % scale]
 ICONS = {"GOOD": "CHECKMARK", "USABLE": "ERROR", "BAD": "CANCEL", "NONE": "DOT", "OK": "CHECKMARK", "WARN": "ERROR",
          "": "BLANK1"}  # fmt: skip
 
@@ -25,23 +26,42 @@ class _Panel:
     bl_translation_context = CONTEXT
 
 
+def _width() -> float:
+    """Of the sidebar that is drawn [px at 100 % scale]; elsewhere what a sidebar has at first."""
+    region = bpy.context.region
+    if region is None or region.type != "UI":
+        return 280.0
+    return region.width / bpy.context.preferences.system.ui_scale
+
+
 def _text(layout: bpy.types.UILayout, text: str, icon: str = "NONE") -> None:
     """A sentence over as many lines as the sidebar's width asks for; Blender's labels do not wrap."""
-    region, width = bpy.context.region, LINE
-    if region is not None and region.type == "UI":
-        width = max(12, int((region.width / bpy.context.preferences.system.ui_scale - 24) / LETTER))
+    import blf
+
+    style = bpy.context.preferences.ui_styles[0].widget
+    blf.size(0, style.points)
+    room = _width() - MARGIN - (ICON if icon != "NONE" else 0)
     column = layout.column(align=True)
     column.scale_y = 0.8
     line, lines = "", []
     for word in text.split():
-        if line and len(line) + len(word) >= width:
+        longer = f"{line} {word}".strip()
+        if line and blf.dimensions(0, longer)[0] > room:
             lines.append(line)
             line = word
         else:
-            line = f"{line} {word}".strip()
+            line = longer
     below = "BLANK1" if icon != "NONE" else "NONE"
     for number, part in enumerate([*lines, line]):
         column.label(text=part, icon=below if number else icon, translate=False)
+
+
+def _fields(layout: bpy.types.UILayout) -> bpy.types.UILayout:
+    """A column for settings: names beside their fields, or in them where the sidebar is too narrow for both."""
+    column = layout.column()
+    column.use_property_split = _width() >= NARROW
+    column.use_property_decorate = False
+    return column
 
 
 def _table(layout: bpy.types.UILayout, lines: list[tuple[str, str, str]]) -> None:
@@ -71,7 +91,6 @@ class MIRRORSCAN_PT_capture(_Panel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         settings = context.scene.mirror_scan
-        _draw_progress(layout, context)
         row = layout.row(align=True)
         row.operator_context = "INVOKE_DEFAULT"
         row.operator("mirror_scan.load_capture", icon="FILE_FOLDER", text_ctxt=CONTEXT)
@@ -79,9 +98,8 @@ class MIRRORSCAN_PT_capture(_Panel, bpy.types.Panel):
             again = row.operator("mirror_scan.load_capture", text="", icon="FILE_REFRESH")
             again.filepath = settings.capture_path
         row.operator("mirror_scan.record", text="", icon="RADIOBUT_ON")
-        column = layout.column()
-        column.use_property_split = True
-        column.use_property_decorate = False
+        _draw_progress(layout, context, "mirror_scan.load_capture", "mirror_scan.record")
+        column = _fields(layout)
         column.prop(settings, "capture_path", text="Path", text_ctxt=CONTEXT, placeholder="Folder or file")
         column.prop(settings, "frames", text="Frames (0 = all)", text_ctxt=CONTEXT)
         cloud = _cloud(context)
@@ -90,9 +108,7 @@ class MIRRORSCAN_PT_capture(_Panel, bpy.types.Panel):
             return
         _draw_pictures(layout, settings)
         _draw_facts(layout, cloud)
-        column = layout.column()
-        column.use_property_split = True
-        column.use_property_decorate = False
+        column = _fields(layout)
         column.prop(settings, "show_cloud")
         column = column.column()
         column.active = settings.show_cloud
@@ -128,33 +144,37 @@ def _draw_facts(layout: bpy.types.UILayout, cloud: bpy.types.Object) -> None:
     _table(layout, lines)
 
 
-def _draw_progress(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+def _draw_progress(layout: bpy.types.UILayout, context: bpy.types.Context, *operators: str) -> None:
+    """How far the job is, below the button that began it: in the panel of its operator, and in no other."""
     progress = context.window_manager.mirror_scan
-    if progress.picking or not jobs.running(context):
+    if progress.operator not in operators or progress.picking or not jobs.running(context):
         return
-    box = layout.box()
-    box.label(text=say(progress.label), icon="SORTTIME", translate=False)
-    box.progress(factor=progress.fraction, text=say(progress.message))
-    box.label(text="Press Esc to cancel", text_ctxt=CONTEXT)
+    column = layout.column(align=True)
+    column.progress(factor=progress.fraction, text=f"{progress.fraction:.0%}", translate=False)
+    _text(column, say(progress.message), "SORTTIME")
+    _text(column, say("Press Esc to cancel"), "BLANK1")
 
 
 class MIRRORSCAN_UL_mirrors(bpy.types.UIList):
     bl_idname = "MIRRORSCAN_UL_mirrors"
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flag=0) -> None:
-        row = layout.row(align=True)
         quality = state.quality_of(item)
-        row.prop(item, "name", text="", emboss=False, icon=ICONS[quality])
-        right = row.row()
-        right.alignment = "RIGHT"
         if quality == "NONE":
-            right.label(text=say("{count} picked").format(count=len(item.picks)), translate=False)
+            figure = say("{count} picked").format(count=len(item.picks))
         elif item.message:
-            right.label(text=say("not placed"), translate=False)
+            figure = say("not placed")
         elif item.source == "given":
-            right.label(text=say("given"), translate=False)
+            figure = say("given")
         else:
-            right.label(text=f"{item.residual_mm:.1f} mm", translate=False)
+            figure = f"{item.residual_mm:.1f} mm"
+        # Side by side where there is room for both, else the name alone: the figure stands below the list too.
+        row = layout.split(factor=0.62) if _width() >= NARROW else layout
+        row.prop(item, "name", text="", emboss=False, icon=ICONS[quality])
+        if row is not layout:
+            row = row.row()
+            row.alignment = "RIGHT"
+            row.label(text=figure, translate=False)
 
 
 class MIRRORSCAN_PT_mirrors(_Panel, bpy.types.Panel):
@@ -169,6 +189,7 @@ class MIRRORSCAN_PT_mirrors(_Panel, bpy.types.Panel):
         settings = context.scene.mirror_scan
         layout.operator_context = "INVOKE_DEFAULT"
         layout.operator("mirror_scan.find_mirrors", icon="VIEWZOOM", text_ctxt=CONTEXT)
+        _draw_progress(layout, context, "mirror_scan.find_mirrors")
         row = layout.row(align=True)
         row.operator("mirror_scan.pick_mirror_points", icon="EYEDROPPER", text_ctxt=CONTEXT)
         row.operator("mirror_scan.pick_mirror_points", text="", icon="ADD").add = True
@@ -186,9 +207,7 @@ class MIRRORSCAN_PT_mirrors(_Panel, bpy.types.Panel):
         column.operator("mirror_scan.save_mirrors", text="", icon="FILE_TICK")
         item = settings.mirrors[min(settings.mirror_index, len(settings.mirrors) - 1)]
         _draw_mirror(layout, item)
-        column = layout.column()
-        column.use_property_split = True
-        column.use_property_decorate = False
+        column = _fields(layout)
         column.prop(settings, "show_mirrors")
         column.prop(settings, "fold")
         column.prop(settings.quality, "glass_offset")
@@ -241,9 +260,8 @@ class MIRRORSCAN_PT_subject(_Panel, bpy.types.Panel):
         settings = context.scene.mirror_scan
         layout.operator_context = "INVOKE_DEFAULT"
         layout.operator("mirror_scan.find_subject", icon="OUTLINER_OB_ARMATURE", text_ctxt=CONTEXT)
-        column = layout.column()
-        column.use_property_split = True
-        column.use_property_decorate = False
+        _draw_progress(layout, context, "mirror_scan.find_subject")
+        column = _fields(layout)
         for name in ("depth_limit", "floor_clearance", "max_height", "reach", "object"):
             column.prop(settings.subject, name)
         if settings.subject.message:
@@ -265,6 +283,7 @@ class MIRRORSCAN_PT_build(_Panel, bpy.types.Panel):
         row.scale_y = 1.5
         row.operator_context = "INVOKE_DEFAULT"
         row.operator("mirror_scan.build_avatar", icon="OUTLINER_OB_ARMATURE", text_ctxt=CONTEXT)
+        _draw_progress(layout, context, "mirror_scan.build_avatar")
         if not ready:
             _text(layout, say("Load a capture first"), "INFO")
         elif not settings.mirrors:
@@ -305,11 +324,9 @@ class MIRRORSCAN_PT_quality(_Panel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
-        layout.use_property_split = True
-        layout.use_property_decorate = False
         quality = context.scene.mirror_scan.quality
-        layout.prop(quality, "preset")
-        column = layout.column()
+        column = _fields(layout)
+        column.prop(quality, "preset")
         for name in ("smoothing", "close_gaps", "outline", "refine", "untangle"):
             column.prop(quality, name)
 
@@ -323,6 +340,7 @@ class MIRRORSCAN_PT_check(_Panel, bpy.types.Panel):
         report = reports.avatar_report(avatar)
         layout.operator_context = "INVOKE_DEFAULT"
         layout.operator("mirror_scan.check", icon="VIEWZOOM", text_ctxt=CONTEXT)
+        _draw_progress(layout, context, "mirror_scan.check")
         if report is None:
             _text(layout, say("Select an avatar to see how it came out"), "INFO")
             return
@@ -379,11 +397,10 @@ class MIRRORSCAN_PT_rig(_Panel, bpy.types.Panel):
         layout.operator_context = "INVOKE_DEFAULT"
         layout.operator("mirror_scan.add_rig", icon="OUTLINER_OB_CAMERA", text_ctxt=CONTEXT)
         layout.operator("mirror_scan.simulate", icon="PLAY", text_ctxt=CONTEXT)
+        _draw_progress(layout, context, "mirror_scan.simulate")
         active = context.object
         if active is not None and active.type == "MESH":
-            column = layout.column()
-            column.use_property_split = True
-            column.use_property_decorate = False
+            column = _fields(layout)
             column.prop(active.mirror_scan, "is_mirror")
             if active.mirror_scan.is_mirror:
                 column.prop(active.mirror_scan, "frame_width")

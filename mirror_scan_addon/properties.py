@@ -292,7 +292,7 @@ class MIRRORSCAN_PG_progress(bpy.types.PropertyGroup):
 
     fraction: FloatProperty(name="Progress", subtype="FACTOR", min=0.0, max=1.0, options={"SKIP_SAVE"})
     message: StringProperty(name="Stage", options={"SKIP_SAVE"})
-    label: StringProperty(name="Job", options={"SKIP_SAVE"})
+    operator: StringProperty(name="Job", options={"SKIP_SAVE"})
     picking: BoolProperty(name="Picking", options={"SKIP_SAVE"})
 
 

@@ -19,7 +19,7 @@ class Window:
         self.window = None
         self.workspace = SimpleNamespace(status_text_set=self.status.append)
         self.window_manager = SimpleNamespace(
-            windows=[], mirror_scan=SimpleNamespace(fraction=0.0, message="", label=""),
+            windows=[], mirror_scan=SimpleNamespace(fraction=0.0, message="", operator=""),
             event_timer_add=self.add, event_timer_remove=self.remove, modal_handler_add=self.handle,
         )  # fmt: skip
 
@@ -57,7 +57,7 @@ def job(bpy, monkeypatch):
     from mirror_scan.mirror_scan_addon import jobs
 
     class Operator(jobs.JobOperator):
-        bl_label = "Build"
+        bl_idname, bl_label = "mirror_scan.build_avatar", "Build"
 
         def __init__(self):
             self.reports, self.results = [], []

@@ -139,9 +139,27 @@ def test_every_list_row_can_be_drawn(bpy, loaded):
     assert all(" mm" in entry[1] for entry in said if entry[0] == "label")
 
 
-def test_long_sentences_break_into_lines(bpy):
-    from mirror_scan.mirror_scan_addon.panels import _text
+@pytest.mark.parametrize("width", (280.0, 180.0))
+def test_long_sentences_break_into_lines(bpy, monkeypatch, width):
+    import blf
+    from mirror_scan.mirror_scan_addon import panels
 
-    said = []
-    _text(Layout(bpy, said), "No mirror is chosen: the capture's own are used, or they are found", "INFO")
-    assert len(said) == 2 and all(len(text) <= 35 for _, text in said)
+    monkeypatch.setattr(panels, "_width", lambda: width)
+    said, text = [], "No mirror is chosen: the capture's own are used, or they are found"
+    panels._text(Layout(bpy, said), text, "INFO")
+    lines = [line for _, line in said]
+    assert " ".join(lines) == text and len(lines) >= 2
+    assert all(blf.dimensions(0, line)[0] <= width - panels.MARGIN - panels.ICON for line in lines)
+
+
+def test_progress_stands_in_the_panel_whose_button_was_pressed(bpy, loaded, monkeypatch):
+    from mirror_scan.mirror_scan_addon import jobs
+
+    monkeypatch.setattr(jobs, "running", lambda context: True)
+    progress = bpy.context.window_manager.mirror_scan
+    progress.fraction, progress.message = 0.25, "Zippering"
+    for operator, panel in (("load_capture", "capture"), ("find_mirrors", "mirrors"), ("build_avatar", "build")):
+        progress.operator = f"mirror_scan.{operator}"
+        shown = {name for name in PANELS if ("progress", "25%") in draw(bpy, name)}
+        assert shown == {panel}
+        assert "Zippering" in words(draw(bpy, panel)) and "Press Esc" in words(draw(bpy, panel))
