@@ -11,6 +11,7 @@ from .linear import dot
 from .mirror import Mirror
 
 _CAMERA_UP = np.array((0.0, -1.0, 0.0))
+_ENOUGH = 8000  # readings of a room tell its floor
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ def find_ground(points: np.ndarray, seen: np.ndarray, mirrors: list[Mirror]) -> 
     for chosen in (np.flatnonzero(flat == 0), np.flatnonzero(flat > 0)):
         if not len(chosen):
             continue
-        some = cloud[chosen[:: len(chosen) // 20000 + 1]]
+        some = cloud[chosen[:: len(chosen) // _ENOUGH + 1]]
         found = find_floor(some, rig)
         if found is None and known:  # mirrors that lean would point away from the floor
             found = find_floor(some, _CAMERA_UP, 25.0)
@@ -111,8 +112,8 @@ def find_floor(points: np.ndarray, up: np.ndarray, tilt_limit: float = 15.0) -> 
     (up, height, noise) or None
         The floor's normal, its height along it and the standard deviation of its points [m].
     """
-    if len(points) > 20000:
-        points = points[:: len(points) // 20000 + 1]
+    if len(points) > _ENOUGH:
+        points = points[:: len(points) // _ENOUGH + 1]
     if len(points) < 200:
         return None
     rng = np.random.default_rng(0)

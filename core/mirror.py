@@ -195,7 +195,11 @@ def reflect(points: np.ndarray, mirror: Mirror) -> np.ndarray:
 
 
 def place_mirror(
-    picks: MirrorPicks, depth: np.ndarray, intrinsics: Intrinsics, settings: MirrorSettings = MirrorSettings()
+    picks: MirrorPicks,
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    settings: MirrorSettings = MirrorSettings(),
+    cloud: np.ndarray | None = None,
 ) -> Mirror:
     """The mirror that picked frame pixels mean: plane from the picks, grown to the frame's pixels, fitted robustly.
 
@@ -205,6 +209,8 @@ def place_mirror(
         Pixels on the frame, or a plane that is taken as it is.
     depth : np.ndarray [shape=(H, W), dtype=float32]
         z [m], 0 = no reading.
+    cloud : np.ndarray [shape=(H, W, 3)], optional
+        ``depth`` unprojected, where that is at hand.
 
     Raises
     ------
@@ -214,7 +220,7 @@ def place_mirror(
     if picks.frame_pixels is None:
         return plane_mirror(picks.name, picks.point, picks.normal)
     pixels = _snap_picks(picks, depth, settings.pick_radius)
-    cloud = unproject(depth, intrinsics)
+    cloud = unproject(depth, intrinsics) if cloud is None else cloud
     picked = cloud[pixels[:, 1], pixels[:, 0]]
     first = fit_plane(picked, picks.name)
     first = _without_outliers(picked, first)
@@ -288,33 +294,30 @@ def _grow(
 ) -> Mirror | None:
     """Refit on the pixels connected to the picks along the plane; None when there are hardly any."""
     normal = plane.normal
-    mask = np.zeros(depth.shape, dtype=np.bool_)
+    state, stack = np.zeros(depth.shape, dtype=np.int8), np.empty((depth.size, 2), np.int32)
     d = float(normal @ plane.point)
     # the picks' plane may be off by more than the frame's noise: follow the fit until it stands still, so that the
     # slab is centred on the frame and cuts no side of its noise off
+    leading = True  # a sample leads the way, all have the last word
     for turn in range(8):
-        mask[:] = False
-        _grow_kernel(depth, cloud, seeds, normal, d, band, mask)
-        v, u = np.nonzero(mask)
+        u, v = stack[: _grow_kernel(depth, cloud, seeds, normal, d, band, 2 * turn + 1, state, stack)].T
         if len(u) < 30:
             return None
-        settled = turn == 7
+        leading &= turn < 7
+        part = slice(None, None, len(u) // 1500 + 1 if leading else 1)
+        fitted = disparity_plane(u[part], v[part], depth[v[part], u[part]])
+        if fitted is None:
+            return None
         previous = normal
-        # a sample leads the way, all have the last word
-        for part in (slice(None, None, len(u) // 1500 + 1), slice(None)):
-            fitted = disparity_plane(u[part], v[part], depth[v[part], u[part]])
-            if fitted is None:
-                return None
-            normal, d = plane_of_disparity(fitted.coefficients, intrinsics)
-            normal, d = (normal, d) if normal @ previous > 0 else (-normal, -d)
-            settled |= bool(np.arccos(min(normal @ previous, 1.0)) < 5e-4)  # the slab is centred well enough
-            if not settled:
-                break
-        if settled:
+        normal, d = plane_of_disparity(fitted.coefficients, intrinsics)
+        normal, d = (normal, d) if normal @ previous > 0 else (-normal, -d)
+        turned = np.arccos(min(normal @ previous, 1.0))
+        if not leading and turned < 5e-4:  # the slab is centred well enough
             break
-    points = cloud[v, u][fitted.weights > 0.1]  # the last fit was of all pixels
+        leading &= bool(turned > 5e-3)
+    points = cloud[v, u][fitted.weights > 0.1]
     low, high = (v.min(), u.min()), (v.max() + 1, u.max() + 1)
-    v, u = np.nonzero(frame_core(mask[low[0] : high[0], low[1] : high[1]]))
+    v, u = np.nonzero(frame_core(state[low[0] : high[0], low[1] : high[1]] == 2 * turn + 1))
     v, u = v + low[0], u + low[1]
     core = disparity_plane(u, v, depth[v, u])
     if core is not None:
@@ -336,31 +339,44 @@ def _grow(
 
 
 @njit(cache=True, nogil=True)
-def _grow_kernel(depth, cloud, seeds, normal, d, band, mask):
-    """Flood fill from the seeds over pixels within ``band``·z of the plane; steps over gaps of two pixels."""
+def _grow_kernel(depth, cloud, seeds, normal, d, band, stamp, state, queue):
+    """Flood fill from the seeds over pixels within ``band``·z of the plane; steps over gaps of two pixels.
+
+    Writes the pixels (u, v) to ``queue`` and says how many. ``state`` becomes ``stamp`` on them and ``stamp`` + 1 on
+    what was asked and is none of them; smaller values are those of earlier turns.
+    """
     height, width = depth.shape
-    stack = np.empty((height * width, 2), np.int32)
-    top = 0
+    end = 0
     for k in range(len(seeds)):
         u, v = seeds[k]
         p = cloud[v, u]
-        if not mask[v, u] and abs(normal[0] * p[0] + normal[1] * p[1] + normal[2] * p[2] - d) < band * depth[v, u]:
-            mask[v, u] = True
-            stack[top, 0], stack[top, 1] = u, v
-            top += 1
-    while top > 0:
-        top -= 1
-        u, v = stack[top]
-        for dv in range(-3, 4):
-            for du in range(-3, 4):
-                x, y = u + du, v + dv
-                if x < 0 or y < 0 or x >= width or y >= height or mask[y, x] or depth[y, x] == 0:
-                    continue
-                p = cloud[y, x]
-                if abs(normal[0] * p[0] + normal[1] * p[1] + normal[2] * p[2] - d) < band * depth[y, x]:
-                    mask[y, x] = True
-                    stack[top, 0], stack[top, 1] = x, y
-                    top += 1
+        if state[v, u] < stamp and abs(
+            normal[0] * p[0] + normal[1] * p[1] + normal[2] * p[2] - d
+        ) < band * depth[v, u]:  # fmt: skip
+            state[v, u] = stamp
+            queue[end, 0], queue[end, 1] = u, v
+            end += 1
+    start = 0
+    while start < end:
+        u, v = queue[start]
+        start += 1
+        for reach in (1, 3):  # amid the frame its neighbours see all that it sees
+            whole = True
+            for y in range(max(v - reach, 0), min(v + reach + 1, height)):
+                for x in range(max(u - reach, 0), min(u + reach + 1, width)):
+                    if state[y, x] < stamp:
+                        z = depth[y, x]
+                        p = cloud[y, x]
+                        if z > 0 and abs(normal[0] * p[0] + normal[1] * p[1] + normal[2] * p[2] - d) < band * z:
+                            state[y, x] = stamp
+                            queue[end, 0], queue[end, 1] = x, y
+                            end += 1
+                        else:
+                            state[y, x] = stamp + 1
+                    whole &= state[y, x] == stamp
+            if whole:
+                break
+    return end
 
 
 @dataclass(frozen=True)

@@ -256,16 +256,17 @@ def place_mirrors(
 ) -> tuple[list[Mirror], tuple[str, ...]]:
     """The mirrors that were picked or given, or else those that the depth map shows; and what to warn of."""
     camera, offset = capture.intrinsics, settings.mirror.glass_offset
-    placed, warnings = [], []
-    for one in known:
+    cloud = unproject(depth, camera)
+
+    def place(one: MirrorPicks | Mirror) -> Mirror:
         if isinstance(one, Mirror):
-            moved = moved_warning(one, depth, camera) if one.source == "rig file" else None
-            warnings += [moved] if moved else []
-            placed.append(one)
-        elif one.frame_pixels is not None and len(one.frame_pixels) < 3:
-            placed.append(find_mirror_at(one, depth, camera, settings.detection, offset))
-        else:
-            placed.append(place_mirror(one, depth, camera, settings.mirror))
+            return one
+        if one.frame_pixels is not None and len(one.frame_pixels) < 3:
+            return find_mirror_at(one, depth, camera, settings.detection, offset)
+        return place_mirror(one, depth, camera, settings.mirror, cloud)
+
+    placed = [place(one) for one in known]
+    warnings = [moved_warning(m, depth, camera) for m in placed if m.source == "rig file"]
     if not known:
         placed = find_mirrors(depth, camera, capture.color, settings.detection, offset)
     if not placed:
@@ -275,7 +276,7 @@ def place_mirrors(
             "pass them with --mirrors; a frame at least 3 cm wide and 10 cm off the wall is found by itself"
         )
     placed, notes = align_reflections(placed, depth, camera, settings.alignment)
-    return placed, (*warnings, *notes)
+    return placed, (*(text for text in warnings if text), *notes)
 
 
 def clean_views(

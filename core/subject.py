@@ -92,7 +92,7 @@ def find_subject(
     O(H W); about 80 bytes a pixel.
     """
     warnings = []
-    seen, points = sort_rays(depth, unproject(depth, intrinsics), mirrors, settings.depth_limit, settings.near)
+    seen, points = sort_rays(unproject(depth, intrinsics), mirrors, settings.depth_limit, settings.near)
     ground = find_ground(points, seen, mirrors)
     up = ground.up
     clicked = None if settings.click is None else _clicked_pixel(settings.click, depth, seen)
@@ -309,45 +309,41 @@ def _above_kernel(points, seen, up, floors, highest):
     return out, above
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, parallel=True)
 def _feet_kernel(points, seen, above, clearance, out):
     """Decide anew for pixels near the floor, in ``out``."""
     height, width = seen.shape
-    low = np.zeros(seen.shape, np.bool_)
-    near = np.empty(seen.size, np.int32)
-    count = 0
-    for v in range(height):
+    under = np.zeros(seen.shape, np.int8)  # 1 = of the floor or below it, 2 = near it but above
+    for v in prange(height):
         for u in range(width):
+            if above[v, u] == np.inf:
+                continue
             k = seen[v, u]
-            if k < 0 or above[v, u] > 4.0 * clearance[k] + 0.01:
+            if above[v, u] > 4.0 * clearance[k] + 0.01:
                 continue
             if above[v, u] < -4.0 * clearance[k] - 0.01:
-                low[v, u] = True
+                under[v, u] = 1
                 continue
-            near[count] = v * width + u
-            count += 1
             balance = 0  # the median of the row is above where most of the row is
             for x in range(max(u - _ROW, 0), min(u + _ROW + 1, width)):
                 if seen[v, x] == k and abs(points[v, x, 2] - points[v, u, 2]) < 0.1:
                     balance += 1 if above[v, x] > clearance[k] else -1
-            low[v, u] = balance <= 0
-    for i in range(count):
-        v, u = near[i] // width, near[i] % width
-        k = seen[v, u]
-        if low[v, u]:
-            out[v, u] = -1
-            continue
-        out[v, u] = k  # what noise puts under the floor amid a foot as well
-        floor = 0
-        other = 0
-        for y in range(max(v - 2, 0), min(v + 3, height)):
-            for x in range(max(u - 2, 0), min(u + 3, width)):
-                if low[y, x]:
-                    floor += 1
-                elif seen[y, x] >= 0:
-                    other += 1
-        if floor > 2 * other:
-            out[v, u] = -1
+            under[v, u] = 1 if balance <= 0 else 2
+            out[v, u] = -1 if balance <= 0 else k  # what noise puts under the floor amid a foot as well
+    for v in prange(height):
+        for u in range(width):
+            if under[v, u] != 2:
+                continue
+            floor = 0
+            other = 0
+            for y in range(max(v - 2, 0), min(v + 3, height)):
+                for x in range(max(u - 2, 0), min(u + 3, width)):
+                    if under[y, x] == 1:
+                        floor += 1
+                    elif seen[y, x] >= 0:
+                        other += 1
+            if floor > 2 * other:
+                out[v, u] = -1
 
 
 def _direct_subject(
@@ -665,26 +661,36 @@ def connected_pixels(depth: np.ndarray, seen: np.ndarray, pixel_angle: float) ->
 
 
 @njit(cache=True, nogil=True)
+def _link(depth, seen, parent, v, u, dv, du, reach):
+    """Join a pixel's component to that of its neighbour before it, unless a depth jump is between them."""
+    y, x = v + dv, u + du
+    if y < 0 or x < 0 or x >= seen.shape[1] or seen[y, x] != seen[v, u]:
+        return
+    here, there = v * seen.shape[1] + u, y * seen.shape[1] + x
+    if parent[here] == parent[there] or abs(depth[y, x] - depth[v, u]) >= reach * min(depth[v, u], depth[y, x]):
+        return
+    a, b = root_of(parent, here), root_of(parent, there)
+    parent[max(a, b)] = min(a, b)
+    parent[here] = parent[there] = min(a, b)
+
+
+@njit(cache=True, nogil=True)
 def _components_kernel(depth, seen, pixel_angle):
     height, width = depth.shape
-    parent = np.arange(height * width)
+    parent = np.empty(height * width, np.int32)
+    near, far = 8.0 * pixel_angle + 0.012, 16.0 * pixel_angle + 0.012
     for v in range(height):
         for u in range(width):
             if seen[v, u] < 0:
                 continue
-            z = depth[v, u]
+            parent[v * width + u] = v * width + u
+            _link(depth, seen, parent, v, u, 0, -1, near)
+            _link(depth, seen, parent, v, u, -1, 0, near)
+            _link(depth, seen, parent, v, u, -1, -1, near)
+            _link(depth, seen, parent, v, u, -1, 1, near)
             # up to two pixels away, so that a line of drop-outs does not part a limb
-            for k in range(6):
-                dv, du = ((0, -1), (-1, 0), (-1, -1), (-1, 1), (0, -2), (-2, 0))[k]
-                y, x = v + dv, u + du
-                if y < 0 or x < 0 or x >= width or seen[y, x] != seen[v, u]:
-                    continue
-                if parent[v * width + u] == parent[y * width + x]:
-                    continue
-                if abs(depth[y, x] - z) < (8.0 * pixel_angle * max(abs(dv), abs(du)) + 0.012) * min(z, depth[y, x]):
-                    a, b = root_of(parent, v * width + u), root_of(parent, y * width + x)
-                    if a != b:
-                        parent[max(a, b)] = min(a, b)
+            _link(depth, seen, parent, v, u, 0, -2, far)
+            _link(depth, seen, parent, v, u, -2, 0, far)
     component = np.full((height, width), -1, np.int32)
     sizes = np.zeros(height * width, np.int64)
     count = 0

@@ -144,7 +144,7 @@ def glass_of(mirrors: list[Mirror]) -> Glass:
 
 
 def sort_rays(
-    depth: np.ndarray, points: np.ndarray, mirrors: list[Mirror], depth_limit: float = 0.0, near: float = 0.0
+    points: np.ndarray, mirrors: list[Mirror], depth_limit: float = 0.0, near: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Direct or through which mirror: decided by whether a pixel's ray passes a mirror's glass before its reading.
 
@@ -153,9 +153,8 @@ def sort_rays(
 
     Parameters
     ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
     points : np.ndarray [shape=(H, W, 3)]
-        Unprojected readings, camera frame [m].
+        Unprojected readings, camera frame [m]; z = 0 where there is none.
     mirrors : list of Mirror
     depth_limit, near : float
         Readings with larger or smaller z are dropped [m]; 0 = no limit.
@@ -169,9 +168,24 @@ def sort_rays(
     """
     g = glass_of(mirrors)
     limit = depth_limit if depth_limit > 0 else np.inf
-    return _sort_kernel(
-        depth, points, g.planes, g.axes, g.centers, g.limits, g.corners, g.sides, g.flips, near, limit
-    )
+    return _sort_kernel(points, g.planes, g.axes, g.centers, g.limits, g.corners, g.sides, g.flips, near, limit)
+
+
+@njit(cache=True, nogil=True)
+def in_glass(x, y, limits, corners, sides):
+    """Whether a place on the mirror's plane, along a and b, is on its glass."""
+    if sides == 0:
+        return True
+    if x < limits[0, 0] or x > limits[0, 1] or y < limits[1, 0] or y > limits[1, 1]:
+        return False
+    inside = False
+    j = sides - 1
+    for i in range(sides):  # even-odd rule
+        yi, yj = corners[i, 1], corners[j, 1]
+        if (yi > y) != (yj > y) and x < (corners[j, 0] - corners[i, 0]) * (y - yi) / (yj - yi) + corners[i, 0]:
+            inside = not inside
+        j = i
+    return inside
 
 
 @njit(cache=True, nogil=True)
@@ -182,68 +196,65 @@ def crossing(origin, target, plane, axes, center, limits, corners, sides, margin
     if a <= 0 or b >= -margin:
         return 2.0
     t = a / (a - b)
-    if sides == 0:
-        return t
     x = y = 0.0
     for c in range(3):
         offset = origin[c] + t * (target[c] - origin[c]) - center[c]
         x += axes[0, c] * offset
         y += axes[1, c] * offset
-    if x < limits[0, 0] or x > limits[0, 1] or y < limits[1, 0] or y > limits[1, 1]:
-        return 2.0
-    inside = False
-    j = sides - 1
-    for i in range(sides):  # even-odd rule
-        yi, yj = corners[i, 1], corners[j, 1]
-        if (yi > y) != (yj > y) and x < (corners[j, 0] - corners[i, 0]) * (y - yi) / (yj - yi) + corners[i, 0]:
-            inside = not inside
-        j = i
-    return t if inside else 2.0
+    return t if in_glass(x, y, limits, corners, sides) else 2.0
 
 
 @njit(cache=True, nogil=True, parallel=True)
-def _sort_kernel(depth, points, planes, axes, centers, limits, corners, sides, flips, near, far):
-    height, width = depth.shape
+def _sort_kernel(points, planes, axes, centers, limits, corners, sides, flips, near, far):
+    height, width = points.shape[:2]
     count = len(planes)
     seen = np.full((height, width), -1, np.int8)
     placed = np.empty_like(points)
+    # where the mirrors' points are along their a and b
+    middles = np.empty((count, 2))
+    for i in range(count):
+        for k in range(2):
+            middles[i, k] = (axes[i, k] * centers[i]).sum()
     for v in prange(height):
-        placed[v] = points[v]
-        camera = np.zeros(3)
         at_glass = np.empty(3)
         for u in range(width):
-            z = depth[v, u]
+            x, y, z = points[v, u, 0], points[v, u, 1], points[v, u, 2]
+            placed[v, u, 0], placed[v, u, 1], placed[v, u, 2] = x, y, z
             if z == 0 or z > far or z < near:
                 continue
-            p = points[v, u]
             margin = 0.01 * z + 0.01
             best, which = 2.0, -1
             on_frame = False
             for i in range(count):
-                t = crossing(camera, p, planes[i], axes[i], centers[i], limits[i], corners[i], sides[i], margin)
-                if t < best:
+                off = planes[i, 0] * x + planes[i, 1] * y + planes[i, 2] * z - planes[i, 3]
+                if off >= margin:  # before the mirror
+                    continue
+                a = axes[i, 0, 0] * x + axes[i, 0, 1] * y + axes[i, 0, 2] * z
+                b = axes[i, 1, 0] * x + axes[i, 1, 1] * y + axes[i, 1, 2] * z
+                if off > -margin:
+                    a -= middles[i, 0]
+                    b -= middles[i, 1]
+                    on_frame = on_frame or (
+                        sides[i] > 0
+                        and limits[i, 0, 0] - 0.02 <= a <= limits[i, 0, 1] + 0.02
+                        and limits[i, 1, 0] - 0.02 <= b <= limits[i, 1, 1] + 0.02
+                    )
+                    continue
+                if planes[i, 3] >= 0:  # the camera is behind it
+                    continue
+                t = planes[i, 3] / (planes[i, 3] + off)
+                if t < best and in_glass(
+                    t * a - middles[i, 0], t * b - middles[i, 1], limits[i], corners[i], sides[i]
+                ):  # fmt: skip
                     best, which = t, i
-                if sides[i] > 0:
-                    off = planes[i, 0] * p[0] + planes[i, 1] * p[1] + planes[i, 2] * p[2] - planes[i, 3]
-                    if abs(off) < margin:
-                        inside = True
-                        for k in range(2):
-                            s = 0.0
-                            for c in range(3):
-                                s += axes[i, k, c] * (p[c] - centers[i, c])
-                            if s < limits[i, k, 0] - 0.02 or s > limits[i, k, 1] + 0.02:
-                                inside = False
-                        on_frame = on_frame or inside
             if which < 0:
                 if not on_frame:
                     seen[v, u] = 0
                 continue
             for r in range(3):
-                s = flips[which, r, 3]
-                for c in range(3):
-                    s += flips[which, r, c] * p[c]
-                placed[v, u, r] = s
-                at_glass[r] = best * p[r]
+                placed[v, u, r] = flips[which, r, 0] * x + flips[which, r, 1] * y + flips[which, r, 2] * z
+                placed[v, u, r] += flips[which, r, 3]
+            at_glass[0], at_glass[1], at_glass[2] = best * x, best * y, best * z
             twice = False
             for j in range(count):
                 if j != which and (

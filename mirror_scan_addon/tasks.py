@@ -266,7 +266,7 @@ def _seen(depth: np.ndarray, intrinsics: Intrinsics, mirrors: list[Mirror]) -> n
     from ..core.camera import unproject
     from ..core.views import sort_rays
 
-    return sort_rays(depth, unproject(depth, intrinsics), mirrors, 0.0)[0]
+    return sort_rays(unproject(depth, intrinsics), mirrors, 0.0)[0]
 
 
 def record_of(mirror: Mirror, picks: Sequence = ()) -> dict:

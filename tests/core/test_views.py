@@ -64,7 +64,7 @@ def test_rays_are_sorted_and_readings_placed(simulated):
     simulation = simulated("ideal")
     lens = simulation.capture.intrinsics
     depth, mirrors = prepared(simulation)
-    seen, placed = sort_rays(depth, unproject(depth, lens), mirrors, 0.0)
+    seen, placed = sort_rays(unproject(depth, lens), mirrors, 0.0)
     sight = simulation.truth.sight
     once = (depth > 0) & (sight.bounces <= 1) & (sight.object == BODY)
     assert (seen == sight.view)[once].mean() > 0.995
@@ -75,7 +75,7 @@ def test_rays_are_sorted_and_readings_placed(simulated):
         truth[mine] = reflect(truth[mine], plane_mirror(given.name, given.point, given.normal))
     error = np.linalg.norm(placed - truth, axis=-1)[once & (seen == sight.view)]
     assert np.percentile(error, 99) < 0.004
-    limited, _ = sort_rays(depth, unproject(depth, lens), mirrors, 3.5)
+    limited, _ = sort_rays(unproject(depth, lens), mirrors, 3.5)
     np.testing.assert_array_equal(limited, np.where(depth <= 3.5, seen, -1))
 
 
@@ -87,7 +87,7 @@ def test_images_of_images_are_nobody_s():
     real = rng.uniform((-0.3, -0.3, 1.2), (0.3, 0.3, 1.8), (200, 3))
     through = reflect(real, beside)
     points = np.stack((real, reflect(real, behind), through, reflect(through, behind)))
-    seen, placed = sort_rays(points[..., 2].astype(np.float32), points, [behind, beside], 0.0)
+    seen, placed = sort_rays(points, [behind, beside], 0.0)
     assert (seen[0] == 0).all() and (seen[1] == 1).all() and (seen[2] == 2).all()
     assert (seen[3] == -1).all(), "an image of an image was taken for somebody"
     np.testing.assert_allclose(placed[:3], np.broadcast_to(real, (3, 200, 3)), atol=1e-12)
@@ -107,13 +107,13 @@ def test_the_glass_s_outline_decides():
     radius = np.hypot(u, v)
     furthest = np.maximum(abs(u), abs(v))
     for mirror, from_middle in ((replace(square, polygon=polygon), radius), (square, furthest)):
-        seen, _ = sort_rays(depth, points, [mirror])
+        seen, _ = sort_rays(points, [mirror])
         inside, sure = from_middle < 49.9, abs(from_middle - 50) > 0.5
         np.testing.assert_array_equal((seen == 1)[sure], inside[sure])
     # what stands before the glass is seen directly, wherever the ray would go on to
     near = np.full_like(depth, 1.5)
-    assert (sort_rays(near, unproject(near, lens), [square])[0] == 0).all()
-    assert (sort_rays(depth, points, [square], near=4.5)[0] == -1).all()
+    assert (sort_rays(unproject(near, lens), [square])[0] == 0).all()
+    assert (sort_rays(points, [square], near=4.5)[0] == -1).all()
 
 
 def test_nobody_there(simulated, person):
