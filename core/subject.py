@@ -18,6 +18,14 @@ DEFAULTS = ViewSettings()
 _NEAR_FLOOR = 0.12  # readings within this of the floor tell how each view sees it [m]
 _OUTLINE = 0.08  # a view's points may stick out of the subject's outline in another view by this much [m]
 _ROUGH = 0.014  # a floor's noise is less [m]
+_FOOTPRINT = 0.4  # radius about the subject in which feet may be [m]
+_FLOOR_PRIOR = (0.015, 0.006, 0.006)  # by how much a mirror's error may lift [m] and tilt the floor in it
+_SHARED = 30.0  # neighbouring readings share so much of their errors that this many count as one
+_PIECE = 8  # px: fewer are noise
+_CONFIRMED = 0.25  # m
+_STEPS = 0.026  # a far sensor counts in steps: pieces may be so much of z apart
+# of the floor is seen to be it, directly and in mirrors: there feet have few pixels to lose, and floor is little
+_FLOOR_SHARES, _FLOOR_MARGINS = (0.98, 0.93), (0.0015, 0.0)  # margins [m]
 _ROW = 3  # px to either side that a pixel near the floor is judged by
 _CLICK_RADIUS = 6  # px: a click without a reading takes the nearest one
 _AXIS_SPREAD, _THING_SPREAD = 0.5, 0.3  # how far off the rig's crossing a person or thing counts less [m]
@@ -27,8 +35,7 @@ def rig_axis(mirrors: list[Mirror], up: np.ndarray, intrinsics: Intrinsics) -> n
     """A point of the vertical line where the reflected lines of sight meet: where the subject is meant to stand.
 
     The line of sight to the middle of what the image shows of each mirror is reflected; the answer is the point
-    nearest to all of them and to the
-    camera's own line of sight, seen from above. None with no mirror of known extent.
+    nearest to all of them and to the camera's own line of sight, seen from above. None with no mirror of known extent.
     """
     A, b = np.zeros((3, 3)), np.zeros(3)
     lines = [(np.zeros(3), np.array((0.0, 0.0, 1.0)))]
@@ -110,7 +117,7 @@ def find_subject(
         support = _support(points[component == chosen[0]], up, settings)
         if support is not None:
             # from here on what the thing stands on is its floor
-            floors, clearance = _floor_of_views(points, seen, up, support, len(mirrors) + 1, meeting, settings)
+            floors, clearance = _floor_of_views(points, seen, up, support, len(mirrors) + 1, meeting, settings, False)
             standing = _standing(points, seen, up, floors, clearance, highest)
             component, sizes = connected_pixels(depth, standing, pixel_angle)
             chosen = _direct_subject(
@@ -133,7 +140,9 @@ def find_subject(
             component, len(sizes), seen, points, depth, labels, lens, wide, axis, _across(up), reach, up,
             (height.min() - 0.15, height.max() + 0.15), deepest,
         )  # fmt: skip
-        taken = _take_mirrors(component, verdict, votes, seen, points, 0.05 / pixel_angle, labels, len(mirrors) + 1)
+        taken = _take_mirrors(
+            depth, component, verdict, votes, seen, points, pixel_angle, labels, len(mirrors) + 1
+        )
         for i, m in enumerate(mirrors, start=1):
             if taken[i] < settings.min_pixels:
                 labels[labels == i] = -1
@@ -189,67 +198,89 @@ def _floor_of_views(
     views: int,
     meeting: np.ndarray | None,
     settings: ViewSettings,
+    apart: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The floor as each view sees it about the subject, and how far above it a reading is no floor any more.
 
     A mirror's plane is off by a little, and by twice that the floor in it; a longer path is noisier. So each view has
-    its own plane (views, 4), n·p = d, and clearance (views,) [m].
+    its own plane (views, 4), n·p = d, and clearance (views,) [m]. ``apart``: there is more of it than
+    what is under the subject.
     """
     planes = np.zeros((views, 4))
     planes[:, :3], planes[:, 3] = up, -np.inf if floor is None else floor
     clearance = np.full(views, settings.floor_clearance)
     if floor is None:
         return planes, clearance
-    near = 0.9 * settings.reach  # farther off it is noisier
-    rows = _near_floor_kernel(
-        points, seen, up, floor, _NEAR_FLOOR, np.zeros(3) if meeting is None else meeting,
-        np.inf if meeting is None else near * near, _across(up), views,
-    )  # fmt: skip
-    for view, sample in enumerate(rows):
-        if len(sample) < 200:
-            continue
-        fitted = _fit_floor(sample, up, floor)
+    center = np.zeros(3) if meeting is None else meeting
+    # farther off it is noisier, and at the subject there are feet
+    ring = (0.0, np.inf) if meeting is None else (_FOOTPRINT if apart else 0.0, 0.9 * settings.reach)
+    samples = _near_floor_kernel(
+        points, seen, up, floor, _NEAR_FLOOR, center, ring[0] ** 2, ring[1] ** 2, _across(up), views
+    )
+    for view, (sample, rows) in enumerate(samples):
+        fitted = _fit_floor(sample, up, floor, center)
         if fitted is not None:
-            planes[view, :3], planes[view, 3], noise = fitted
-            clearance[view] = max(settings.floor_clearance, noise)  # of a row's median
+            normal, d, kept = fitted
+            planes[view, :3], planes[view, 3] = normal, d
+            # how far above the floor a row's median, which decides on a pixel, is at most
+            noise = float(np.quantile(rows[kept] + dot(sample[kept], normal) - d, _FLOOR_SHARES[view > 0]))
+            clearance[view] = max(settings.floor_clearance, noise + _FLOOR_MARGINS[view > 0])
     return planes, clearance
 
 
-def _fit_floor(sample: np.ndarray, up: np.ndarray, floor: float) -> tuple[np.ndarray, float, float] | None:
-    """Plane n·p = d and noise of the level surface among points near the floor; None when there is hardly any."""
-    height = dot(sample, up)
+def _fit_floor(
+    sample: np.ndarray, up: np.ndarray, floor: float, center: np.ndarray
+) -> tuple[np.ndarray, float, np.ndarray] | None:
+    """Plane n·p = d of the level surface among points near the floor, and which points (N,) are its; None when there is
+    hardly any.
+
+    A mirror shows the floor where its plane's error puts it, near the true one: an offset and two slopes are fitted
+    with that as prior, for a narrow strip does not tell its tilt, and a few readings beside feet tell little.
+    """
+    if len(sample) < 60:
+        return None
+    height = dot(sample, up) - floor
     # feet are spread over all heights, the floor has one
-    bins = np.bincount(np.floor((height - floor + _NEAR_FLOOR) / 0.005).astype(np.int64).clip(0))
+    bins = np.bincount(np.floor((height + _NEAR_FLOOR) / 0.005).astype(np.int64).clip(0))
     level = np.convolve(bins, np.ones(4), mode="same")
-    normal, d, band = up, floor - _NEAR_FLOOR + 0.005 * (float(np.argmax(level)) + 0.5), 0.03
-    noise = None
+    first = _level_axis(up)
+    plan = sample - center
+    rows = np.column_stack((np.ones(len(sample)), dot(plan, first), dot(plan, np.cross(up, first))))
+    found = np.array((0.005 * (float(np.argmax(level)) + 0.5) - _NEAR_FLOOR, 0.0, 0.0))
+    band, noise = 0.03, _ROUGH
     for _ in range(4):
-        kept = sample[np.abs(dot(sample, normal) - d) < band]
-        if len(kept) < 150:
+        miss = height - (rows * found).sum(axis=1)
+        kept = np.abs(miss) < band
+        if kept.sum() < 40:
             return None
-        center = kept.mean(axis=0)
-        scatter = np.cov(kept.T)
-        spread, axes = np.linalg.eigh(scatter)
-        fitted = axes[:, 0] if axes[:, 0] @ up > 0 else -axes[:, 0]
-        # a narrow strip does not tell its tilt
-        wide = spread[1] > 0.12**2 and fitted @ up > np.cos(np.radians(3.0))
-        normal = fitted if wide else up
-        d = float(normal @ center)
-        noise = 1.4826 * float(np.median(np.abs(dot(kept, normal) - d)))
+        noise = 1.4826 * float(np.median(np.abs(miss[kept])))
+        weight = 1.0 / (_SHARED * max(noise, 0.0005) ** 2)
+        matrix = np.diag(1.0 / np.square(_FLOOR_PRIOR))
+        right = np.zeros(3)
+        for i in range(3):
+            right[i] = weight * (rows[kept, i] * height[kept]).sum()
+            for j in range(3):
+                matrix[i, j] += weight * (rows[kept, i] * rows[kept, j]).sum()
+        found = np.linalg.solve(matrix, right)
         band = max(4.0 * noise, 0.008)
-    # what is rougher are feet, in a mirror that shows no floor
-    return (normal, d, noise) if noise < _ROUGH and abs(d - floor) < _NEAR_FLOOR - 0.03 else None
+    if noise >= _ROUGH or abs(found[0]) > _NEAR_FLOOR - 0.03:  # rougher are feet, in a mirror that shows no floor
+        return None
+    normal = up - found[1] * first - found[2] * np.cross(up, first)
+    length = np.linalg.norm(normal)
+    d = (floor + found[0] - found[1] * (first @ center) - found[2] * (np.cross(up, first) @ center)) / length
+    return normal / length, float(d), kept
 
 
 @njit(cache=True, nogil=True)
-def _near_floor_kernel(points, seen, up, floor, band, center, reach2, across, views):
-    """Up to 1500 points of each view within ``band`` of the floor and ``reach2`` about the subject, evenly taken."""
+def _near_floor_kernel(points, seen, up, floor, band, center, inner2, outer2, across, views):
+    """Up to 1500 points of each view within ``band`` of the floor and in a ring about the subject, evenly taken, and
+    how far the median of each one's row is above it."""
     height, width = seen.shape
     count = np.zeros(views, np.int64)
-    out = np.empty((2, views), np.int64)
-    for k in range(views):
-        out[0, k], out[1, k] = 1, 0
+    every, taken = np.ones(views, np.int64), np.zeros(views, np.int64)
     samples = [np.empty((1500, 3)) for _ in range(views)]
+    medians = [np.empty(1500) for _ in range(views)]
+    row = np.empty(2 * _ROW + 1)
     for turn in range(2):
         count[:] = 0
         for v in range(0, height, 2):  # every other pixel tells enough
@@ -258,23 +289,29 @@ def _near_floor_kernel(points, seen, up, floor, band, center, reach2, across, vi
                 if k < 0:
                     continue
                 p = points[v, u]
-                h = up[0] * p[0] + up[1] * p[1] + up[2] * p[2] - floor
-                if abs(h) > band:
+                h = up[0] * p[0] + up[1] * p[1] + up[2] * p[2]
+                if abs(h - floor) > band:
                     continue
                 x, y, z = p[0] - center[0], p[1] - center[1], p[2] - center[2]
                 squared = 0.0
                 for r in range(3):
                     squared += (across[r, 0] * x + across[r, 1] * y + across[r, 2] * z) ** 2
-                if squared > reach2:
+                if squared > outer2 or squared < inner2:
                     continue
-                if turn == 1 and count[k] % out[0, k] == 0 and out[1, k] < 1500:
-                    samples[k][out[1, k]] = p
-                    out[1, k] += 1
+                if turn == 1 and count[k] % every[k] == 0 and taken[k] < 1500:
+                    n = 0
+                    for w in range(max(u - _ROW, 0), min(u + _ROW + 1, width)):
+                        q = points[v, w]
+                        if seen[v, w] == k and abs(q[2] - p[2]) < 0.1:
+                            row[n] = up[0] * q[0] + up[1] * q[1] + up[2] * q[2] - h
+                            n += 1
+                    samples[k][taken[k]] = p
+                    medians[k][taken[k]] = np.median(row[:n])
+                    taken[k] += 1
                 count[k] += 1
         if turn == 0:
-            for k in range(views):
-                out[0, k] = count[k] // 1500 + 1
-    return [samples[k][: out[1, k]].copy() for k in range(views)]
+            every[:] = count // 1500 + 1
+    return [(samples[k][: taken[k]].copy(), medians[k][: taken[k]].copy()) for k in range(views)]
 
 
 def _standing(points, seen, up, floors, clearance, highest):
@@ -474,9 +511,7 @@ def _support(points: np.ndarray, up: np.ndarray, settings: ViewSettings) -> floa
     A support is a level surface wider than what rises above it; the lowest that has the whole thing on it counts.
     """
     height = dot(points, up)
-    across = _across(up)
-    first = across[:, int(np.argmin(np.abs(up)))]
-    first /= np.linalg.norm(first)
+    first = _level_axis(up)
     second = np.cross(up, first)
     cell = 0.02
     plan = np.column_stack((dot(points, first), dot(points, second)))
@@ -573,12 +608,13 @@ def _verdict_kernel(
 
 
 def _take_mirrors(
+    depth: np.ndarray,
     component: np.ndarray,
     verdict: np.ndarray,
     votes: np.ndarray,
     seen: np.ndarray,
     points: np.ndarray,
-    reach: float,
+    pixel_angle: float,
     labels: np.ndarray,
     views: int,
 ) -> np.ndarray:
@@ -586,11 +622,53 @@ def _take_mirrors(
     yes, hidden, unsure, no = votes
     told = yes + hidden + no
     chosen = (yes + unsure >= 30) & (yes > 0.6 * told) & (yes > 0.25 * (told + unsure))
-    # a piece that the direct view cannot see, right at the figure: a foot behind a chair's leg
-    loose = ~chosen & (yes + unsure >= 20) & (yes + unsure > 0.7 * (told + unsure))
-    if chosen.any() and loose.any():
-        chosen |= loose & (_gap_kernel(component, chosen, loose, points, yes + unsure, reach) < 0.05)
-    return _take_kernel(component, chosen, verdict, seen, labels, views)
+    taken = _take_kernel(component, chosen, verdict, seen, labels, views)
+    if not chosen.any():
+        return taken
+    mine = labels > 0
+    # right at the figure: what the direct view cannot see, a foot behind a chair's leg; and of what is denied as a
+    # whole the part that it confirms, a foot that touches the chair
+    loose = ~chosen & (yes + unsure >= _PIECE) & (yes + unsure > 0.7 * (told + unsure))
+    mixed = ~chosen & ~loose & (yes >= _PIECE)
+    if not loose.any() and not mixed.any():
+        return taken
+    pieces = _pieces_beside(component, loose, mixed, verdict, seen)
+    part, sizes = connected_pixels(depth, pieces, pixel_angle)
+    count = len(sizes)
+    part[mine] = count
+    member, near = _member_table(np.array([count]), count + 1), np.append(sizes >= _PIECE, False)
+    gap = _gap_kernel(part, member, near, points, np.append(sizes, 0), _CONFIRMED / pixel_angle)
+    distance, sure = _piece_kernel(part, verdict, depth, count + 1)
+    # what the direct view confirms may be far off: a foot below the seat of a chair
+    joined = near & (gap < np.where(sure > 0.8, _CONFIRMED, np.maximum(0.05, _STEPS * distance)))
+    return taken + _take_kernel(part, joined, verdict, seen, labels, views)
+
+
+@njit(cache=True, nogil=True)
+def _pieces_beside(component, loose, mixed, verdict, seen):
+    """``seen`` on loose components and on the confirmed pixels of mixed ones, else -1."""
+    out = np.full(seen.shape, -1, np.int8)
+    for v in range(seen.shape[0]):
+        for u in range(seen.shape[1]):
+            k = component[v, u]
+            if k >= 0 and verdict[v, u] >= 0 and (loose[k] or (mixed[k] and verdict[v, u] == 2)):
+                out[v, u] = seen[v, u]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _piece_kernel(component, verdict, depth, count):
+    """Mean depth of each component, and the share of it that the direct view confirms."""
+    total, sure, pixels = np.zeros(count), np.zeros(count), np.zeros(count)
+    for v in range(depth.shape[0]):
+        for u in range(depth.shape[1]):
+            k = component[v, u]
+            if k >= 0:
+                total[k] += depth[v, u]
+                sure[k] += verdict[v, u] == 2
+                pixels[k] += 1.0
+    pixels = np.maximum(pixels, 1.0)
+    return total / pixels, sure / pixels
 
 
 @njit(cache=True, nogil=True)
@@ -633,6 +711,12 @@ def _label_kernel(component, member, label, labels):
 def _across(up: np.ndarray) -> np.ndarray:
     """Projection (3, 3) onto the horizontal."""
     return np.eye(3) - np.outer(up, up)
+
+
+def _level_axis(up: np.ndarray) -> np.ndarray:
+    """A horizontal unit vector."""
+    level = _across(up)[:, int(np.argmin(np.abs(up)))]
+    return level / np.linalg.norm(level)
 
 
 @njit(cache=True, nogil=True)
