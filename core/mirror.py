@@ -6,11 +6,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from .camera import Intrinsics, project, unproject
 from .capture import MirrorPicks
 from .errors import MirrorError
+from .frame_fit import DisparityPlane, fit_core, grow_frame
 
 
 @dataclass(frozen=True)
@@ -194,6 +194,14 @@ def reflect(points: np.ndarray, mirror: Mirror) -> np.ndarray:
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
+def moved(mirror: Mirror, step: np.ndarray) -> Mirror:
+    """The mirror tilted by two slopes and shifted along its normal."""
+    a, b, n = mirror.basis.T
+    point = mirror.point + step[2] * n
+    normal, basis = oriented(n - step[0] * a - step[1] * b, point, b)
+    return replace(mirror, point=point, normal=normal, basis=basis)
+
+
 def place_mirror(
     picks: MirrorPicks,
     depth: np.ndarray,
@@ -292,191 +300,29 @@ def _without_outliers(points: np.ndarray, plane: Mirror) -> Mirror:
 def _grow(
     depth: np.ndarray, seeds: np.ndarray, cloud: np.ndarray, plane: Mirror, intrinsics: Intrinsics, band: float
 ) -> Mirror | None:
-    """Refit on the pixels connected to the picks along the plane; None when there are hardly any."""
-    normal = plane.normal
-    state, stack = np.zeros(depth.shape, dtype=np.int8), np.empty((depth.size, 2), np.int32)
-    d = float(normal @ plane.point)
-    # the picks' plane may be off by more than the frame's noise: follow the fit until it stands still, so that the
-    # slab is centred on the frame and cuts no side of its noise off
-    leading = True  # a sample leads the way, all have the last word
-    for turn in range(8):
-        u, v = stack[: _grow_kernel(depth, cloud, seeds, normal, d, band, 2 * turn + 1, state, stack)].T
-        if len(u) < 30:
-            return None
-        leading &= turn < 7
-        part = slice(None, None, len(u) // 1500 + 1 if leading else 1)
-        fitted = disparity_plane(u[part], v[part], depth[v[part], u[part]])
-        if fitted is None:
-            return None
-        previous = normal
-        normal, d = plane_of_disparity(fitted.coefficients, intrinsics)
-        normal, d = (normal, d) if normal @ previous > 0 else (-normal, -d)
-        turned = np.arccos(min(normal @ previous, 1.0))
-        if not leading and turned < 5e-4:  # the slab is centred well enough
-            break
-        leading &= bool(turned > 5e-3)
-    points = cloud[v, u][fitted.weights > 0.1]
-    low, high = (v.min(), u.min()), (v.max() + 1, u.max() + 1)
-    v, u = np.nonzero(frame_core(state[low[0] : high[0], low[1] : high[1]] == 2 * turn + 1))
-    v, u = v + low[0], u + low[1]
-    core = disparity_plane(u, v, depth[v, u])
-    if core is not None:
-        fitted, previous = core, normal
-        normal, d = plane_of_disparity(fitted.coefficients, intrinsics)
-        normal, d = (normal, d) if normal @ previous > 0 else (-normal, -d)
+    """Refit on the frame's pixels around the picks; None when there are hardly any."""
+    first = disparity_of_plane(plane.normal, float(plane.normal @ plane.point), intrinsics)
+    grown = grow_frame(depth, seeds, first, 0.5 * (intrinsics.fx + intrinsics.fy), band)
+    if grown is None:
+        return None
+    u, v, fitted = grown
+    kept = fitted.weights > 0.1
+    points = cloud[v[kept], u[kept]]
+    core = fit_core(u, v, depth, fitted)
+    normal, d = plane_of_disparity(core.coefficients, intrinsics)
+    normal, d = (normal, d) if normal @ plane.normal > 0 else (-normal, -d)
     center = points.mean(axis=0)
     center = center - (normal @ center - d) * normal
-    grown = Mirror(plane.name, center, *oriented(normal, center), points_used=len(points), refined=True)
-    residual = (points - center) @ grown.normal
-    grown = replace(
-        grown,
+    mirror = Mirror(plane.name, center, *oriented(normal, center), points_used=len(points), refined=True)
+    residual = (points - center) @ mirror.normal
+    mirror = replace(
+        mirror,
         residual=float(np.sqrt(np.mean(residual**2))),
-        covariance=plane_covariance(fitted, intrinsics, center, grown.basis),
+        covariance=plane_covariance(core, intrinsics, center, mirror.basis),
     )
     picked = cloud[seeds[:, 1], seeds[:, 0]]
-    on_plane = np.abs((picked - center) @ normal) < max(0.05, 4 * grown.residual)
-    return with_rectangle(grown, points, picked[on_plane] if on_plane.any() else points, intrinsics)
-
-
-@njit(cache=True, nogil=True)
-def _grow_kernel(depth, cloud, seeds, normal, d, band, stamp, state, queue):
-    """Flood fill from the seeds over pixels within ``band``·z of the plane; steps over gaps of two pixels.
-
-    Writes the pixels (u, v) to ``queue`` and says how many. ``state`` becomes ``stamp`` on them and ``stamp`` + 1 on
-    what was asked and is none of them; smaller values are those of earlier turns.
-    """
-    height, width = depth.shape
-    end = 0
-    for k in range(len(seeds)):
-        u, v = seeds[k]
-        p = cloud[v, u]
-        if state[v, u] < stamp and abs(
-            normal[0] * p[0] + normal[1] * p[1] + normal[2] * p[2] - d
-        ) < band * depth[v, u]:  # fmt: skip
-            state[v, u] = stamp
-            queue[end, 0], queue[end, 1] = u, v
-            end += 1
-    start = 0
-    while start < end:
-        u, v = queue[start]
-        start += 1
-        for reach in (1, 3):  # amid the frame its neighbours see all that it sees
-            whole = True
-            for y in range(max(v - reach, 0), min(v + reach + 1, height)):
-                for x in range(max(u - reach, 0), min(u + reach + 1, width)):
-                    if state[y, x] < stamp:
-                        z = depth[y, x]
-                        p = cloud[y, x]
-                        if z > 0 and abs(normal[0] * p[0] + normal[1] * p[1] + normal[2] * p[2] - d) < band * z:
-                            state[y, x] = stamp
-                            queue[end, 0], queue[end, 1] = x, y
-                            end += 1
-                        else:
-                            state[y, x] = stamp + 1
-                    whole &= state[y, x] == stamp
-            if whole:
-                break
-    return end
-
-
-@dataclass(frozen=True)
-class DisparityPlane:
-    """1/z = a·u + b·v + c: ``coefficients`` (3,), their ``covariance`` (3, 3), and ``weights`` (K,) of the pixels."""
-
-    coefficients: np.ndarray
-    covariance: np.ndarray
-    weights: np.ndarray
-
-
-def disparity_plane(u: np.ndarray, v: np.ndarray, z: np.ndarray) -> DisparityPlane | None:
-    """Robust plane 1/z = a·u + b·v + c by iteratively re-weighted least squares (Tukey); None when all are on a line.
-
-    A depth camera's error is even in 1/z, and a plane is linear there. Neighbouring pixels share errors (edges,
-    quantisation, smoothing inside the camera), so the covariance is that of clustered data: pixels are pooled by their
-    direction from the middle, and the pools' scores are taken as independent (Liang and Zeger 1986).
-    """
-    found, solution, normal, weights, center, scale, pooled = _reweighted_kernel(
-        np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64), 1.0 / z.astype(np.float64)
-    )
-    if not found:
-        return None
-    unscale = np.diag(1.0 / scale)
-    unscale[2, :2] = -center[:2] / scale[:2]
-    sandwich = unscale @ np.linalg.inv(normal) @ pooled
-    return DisparityPlane(unscale @ solution, sandwich @ sandwich.T * (_POOLS / (_POOLS - 3.0)), weights)
-
-
-_POOLS = 36
-
-
-@njit(cache=True, nogil=True)
-def _reweighted_kernel(u, v, d):
-    """Tukey's re-weighted least squares of d over (u, v, 1), centred and scaled so that the normal equations are exact
-    enough: found, solution (3,), their matrix (3, 3), weights (K,), centre and scale (3,), pooled scores (3, pools)."""
-    count = len(d)
-    center, scale = np.zeros(3), np.ones(3)
-    center[0], center[1] = u.mean(), v.mean()
-    scale[0], scale[1] = max(np.abs(u).max(), 1.0), max(np.abs(v).max(), 1.0)
-    weights, residual, row = np.ones(count), np.empty(count), np.ones(3)
-    solution, normal, pooled = np.zeros(3), np.zeros((3, 3)), np.zeros((3, _POOLS))
-    for _ in range(12):
-        normal[:] = 0.0
-        right = np.zeros(3)
-        for i in range(count):
-            row[0], row[1] = (u[i] - center[0]) / scale[0], (v[i] - center[1]) / scale[1]
-            for a in range(3):
-                right[a] += weights[i] * row[a] * d[i]
-                for b in range(3):
-                    normal[a, b] += weights[i] * row[a] * row[b]
-        previous = solution
-        found, solution = _solve_3x3(normal, right)
-        if not found:  # all on one line
-            return False, previous, normal, weights, center, scale, pooled
-        for i in range(count):
-            x, y = (u[i] - center[0]) / scale[0], (v[i] - center[1]) / scale[1]
-            residual[i] = d[i] - (solution[0] * x + solution[1] * y + solution[2])
-        _weigh(residual, weights)
-        if np.abs(solution - previous).max() < 1e-5 * np.abs(solution).max():
-            break
-    for i in range(count):
-        x, y = u[i] - center[0], v[i] - center[1]
-        pool = int((np.arctan2(y, x) / (2.0 * np.pi) + 0.5) * _POOLS) % _POOLS
-        score = weights[i] * residual[i]
-        pooled[0, pool] += score * x / scale[0]
-        pooled[1, pool] += score * y / scale[1]
-        pooled[2, pool] += score
-    return True, solution, normal, weights, center, scale, pooled
-
-
-@njit(cache=True, nogil=True)
-def _solve_3x3(matrix, right):
-    """Cramer's rule, and whether the determinant is far enough from 0; numba's own solver needs scipy, which Blender
-    has not."""
-    a, b, c = matrix[0], matrix[1], matrix[2]
-    minors = np.empty((3, 3))
-    for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        minors[0, k] = b[i] * c[j] - b[j] * c[i]
-        minors[1, k] = c[i] * a[j] - c[j] * a[i]
-        minors[2, k] = a[i] * b[j] - a[j] * b[i]
-    determinant = a[0] * minors[0, 0] + a[1] * minors[0, 1] + a[2] * minors[0, 2]
-    trace = a[0] + b[1] + c[2]
-    solution = np.zeros(3)
-    if determinant < 1e-10 * trace * trace * trace:
-        return False, solution
-    for k in range(3):
-        for row in range(3):
-            solution[k] += minors[row, k] * right[row] / determinant
-    return True, solution
-
-
-@njit(cache=True, nogil=True)
-def _weigh(residual, weights):
-    """Tukey's weights of residuals."""
-    scale = 1.4826 * np.median(np.abs(residual[:: len(residual) // 2000 + 1])) + 1e-9
-    for i in range(len(residual)):
-        r = residual[i] / (4.7 * scale)
-        weights[i] = (1.0 - r * r) ** 2 if abs(r) < 1.0 else 0.0
+    on_plane = np.abs((picked - center) @ normal) < max(0.05, 4 * mirror.residual)
+    return with_rectangle(mirror, points, picked[on_plane] if on_plane.any() else points, intrinsics)
 
 
 def plane_of_disparity(coefficients: np.ndarray, intrinsics: Intrinsics) -> tuple[np.ndarray, float]:
@@ -485,6 +331,12 @@ def plane_of_disparity(coefficients: np.ndarray, intrinsics: Intrinsics) -> tupl
     n = np.array((a * intrinsics.fx, b * intrinsics.fy, a * intrinsics.cx + b * intrinsics.cy + c))
     length = np.linalg.norm(n)
     return n / length, 1.0 / length
+
+
+def disparity_of_plane(normal: np.ndarray, d: float, intrinsics: Intrinsics) -> np.ndarray:
+    """Coefficients (3,) of 1/z = a·u + b·v + c on the plane n·p = d."""
+    n, k = np.asarray(normal) / d, intrinsics
+    return np.array((n[0] / k.fx, n[1] / k.fy, n[2] - n[0] * k.cx / k.fx - n[1] * k.cy / k.fy))
 
 
 def plane_covariance(
@@ -498,54 +350,6 @@ def plane_covariance(
     length = np.linalg.norm(to_m @ fitted.coefficients)
     transfer = -np.array((basis[:, 0], basis[:, 1], point)) @ to_m / length
     return transfer @ fitted.covariance @ transfer.T
-
-
-def frame_core(mask: np.ndarray) -> np.ndarray:
-    """The pixels of a frame without its edges, which cameras smear: as far from them as leaves a third of the frame.
-
-    Parameters
-    ----------
-    mask : np.ndarray [shape=(H, W), dtype=bool]
-
-    Returns
-    -------
-    np.ndarray [shape=(H, W), dtype=bool]
-        Eroded by 2, 1 or 0 pixels.
-    """
-    depth = _erosion_kernel(mask)
-    count = np.bincount(depth.ravel(), minlength=4)
-    frame = count[1:].sum()
-    for edge in (2, 1):
-        kept = count[edge + 1 :].sum()
-        if kept > 0.33 * frame and kept > 200:
-            return depth > edge
-    return mask
-
-
-@njit(cache=True, nogil=True)
-def _erosion_kernel(mask):
-    """0 off the mask, else 1 + how many rings of 8-neighbours are all on it, up to 3."""
-    height, width = mask.shape
-    out = np.zeros(mask.shape, np.uint8)
-    for v in range(height):
-        for u in range(width):
-            if not mask[v, u]:
-                continue
-            rings = 0
-            while rings < 2:
-                r = rings + 1
-                if v < r or u < r or v >= height - r or u >= width - r:
-                    break
-                whole = True
-                for k in range(-r, r + 1):
-                    if not (mask[v - r, u + k] and mask[v + r, u + k] and mask[v + k, u - r] and mask[v + k, u + r]):
-                        whole = False
-                        break
-                if not whole:
-                    break
-                rings = r
-            out[v, u] = 1 + rings
-    return out
 
 
 def _extent(frame: np.ndarray, picked: np.ndarray, mirror: Mirror) -> np.ndarray:
@@ -625,11 +429,14 @@ def at_border(
             known = cut is not None and cut[axis, end]
             if known or not margin[axis] < pixel < size - 1 - margin[axis]:
                 rectangle[axis, end] += (-_BEYOND, _BEYOND)[end]
-    (left, right), (top, bottom) = rectangle
+    return with_outline(replace(mirror, rectangle=rectangle), intrinsics)
+
+
+def with_outline(mirror: Mirror, intrinsics: Intrinsics) -> Mirror:
+    """The mirror with the corners of its rectangle in pixels."""
+    (left, right), (top, bottom) = mirror.rectangle
     corners = np.array(((left, top), (right, top), (right, bottom), (left, bottom)))
-    return replace(
-        mirror, rectangle=rectangle, outline=project(mirror.point + corners @ mirror.basis[:, :2].T, intrinsics)
-    )
+    return replace(mirror, outline=project(mirror.point + corners @ mirror.basis[:, :2].T, intrinsics))
 
 
 _FRAME = 0.15  # more than a frame is wide [m]

@@ -10,6 +10,7 @@ behind, what is seen directly. A doorway, a table's legs or a window fail there.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -715,7 +716,7 @@ def _settled(
 ) -> Mirror | None:
     """The hypothesis as a mirror on its frame's plane; None when what it shows makes no sense with that plane."""
     mirror = Mirror("", guess.point, guess.basis[:, 2], guess.basis, guess.rectangle, source="found")
-    fitted = fit_frame(mirror, depth, intrinsics)
+    fitted = fit_frame(mirror, depth, intrinsics, seeds=_along(guess.sides.values()))
     if fitted is None:
         return None
     final = replace(guess, point=fitted.point, basis=fitted.basis)
@@ -723,6 +724,11 @@ def _settled(
         return None
     behind = replace(fitted, point=fitted.point - glass_offset * fitted.normal)
     return at_border(behind, intrinsics, _unseen(guess))
+
+
+def _along(sides: Iterable[Segment]) -> np.ndarray:
+    """Pixels (K, 2), every few along the rims."""
+    return np.concatenate([np.linspace(*s.ends, max(int(np.abs(s.ends[1] - s.ends[0]).max()) // 8, 2)) for s in sides])
 
 
 def _unseen(guess: Hypothesis) -> np.ndarray:

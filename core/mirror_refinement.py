@@ -8,13 +8,15 @@ import numpy as np
 from numba import njit
 
 from .camera import Intrinsics, project
+from .frame_fit import DisparityPlane, disparity_plane, fit_core, grow_frame
 from .mirror import (
     Mirror,
-    disparity_plane,
-    frame_core,
+    disparity_of_plane,
+    moved,
     oriented,
     plane_covariance,
     plane_of_disparity,
+    reflect,
     reflection_matrix,
     reflection_moves,
 )
@@ -27,8 +29,9 @@ def fit_frame(
     outward: float = 0.12,
     band: float = 0.02,
     inward: float = 0.02,
+    seeds: np.ndarray | None = None,
 ) -> Mirror | None:
-    """The plane refitted to every reading on the frame: the ring about the glass, inside a thin slab about the plane.
+    """The plane refitted to every reading on the frame: the ring about the glass, as far as it agrees with itself.
 
     Parameters
     ----------
@@ -42,6 +45,8 @@ def fit_frame(
         Half thickness of the slab, relative to z.
     inward : float
         How far inside of the rectangle [m].
+    seeds : np.ndarray [shape=(K, 2), dtype=int], optional
+        Pixels (u, v) that are known to be the frame's; by default all of the ring are taken for it at first.
 
     Returns
     -------
@@ -49,6 +54,98 @@ def fit_frame(
         The plane turned and moved, its rectangle about the new point and grown to the frame; None when there are fewer
         than 30 pixels or all on one line.
     """
+    focal = 0.5 * (intrinsics.fx + intrinsics.fy)
+    plane = disparity_of_plane(mirror.normal, float(mirror.normal @ mirror.point), intrinsics)
+    fitted = None
+    for _ in range(2):
+        ring_u, ring_v = _ring(mirror, plane, depth, intrinsics, outward, band, inward)
+        if len(ring_u) < 30:
+            return None
+        ring = np.zeros_like(depth)
+        ring[ring_v, ring_u] = depth[ring_v, ring_u]
+        if seeds is None:
+            step = len(ring_u) // 1500 + 1
+            first = disparity_plane(ring_u[::step], ring_v[::step], depth[ring_v, ring_u][::step])
+            if first is None:
+                return None
+            plane = first.coefficients
+            start = np.column_stack((ring_u, ring_v))[:: len(ring_u) // 60 + 1]
+        else:
+            start = _snapped(seeds, ring)
+        grown = grow_frame(ring, start, plane, focal, band) if len(start) >= 3 else None
+        if grown is None:
+            break
+        u, v, fitted = grown
+        off = np.abs(fitted.coefficients - plane) @ (intrinsics.width, intrinsics.height, 1.0)
+        plane = fitted.coefficients
+        if off * mirror.point[2] < 2e-3:  # the ring is in the right place
+            break
+    if fitted is None:
+        return None
+    return _on_frame(mirror, u, v, depth, fitted, intrinsics)
+
+
+def _snapped(seeds: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """The seeds (K, 2), each on the nearest reading within two pixels; those without are left out."""
+    height, width = depth.shape
+    kept = []
+    for u, v in np.rint(seeds).astype(int):
+        u0, v0 = max(u - 2, 0), max(v - 2, 0)
+        rows, columns = np.nonzero(depth[v0 : min(v + 3, height), u0 : min(u + 3, width)])
+        if len(rows):
+            nearest = np.argmin((rows + v0 - v) ** 2 + (columns + u0 - u) ** 2)
+            kept.append((columns[nearest] + u0, rows[nearest] + v0))
+    return np.array(kept, dtype=np.int64).reshape(-1, 2)
+
+
+def _on_frame(
+    mirror: Mirror,
+    u: np.ndarray,
+    v: np.ndarray,
+    depth: np.ndarray,
+    fitted: DisparityPlane,
+    intrinsics: Intrinsics,
+    grow: bool = True,
+) -> Mirror:
+    """The mirror on the plane of its frame's pixels; ``grow``: its rectangle reaches as far as they."""
+    kept = fitted.weights > 0.1
+    core = fit_core(u, v, depth, fitted)
+    normal, d = plane_of_disparity(core.coefficients, intrinsics)
+    normal, d = (normal, d) if mirror.normal @ normal > 0 else (-normal, -d)
+    point = mirror.point - (normal @ mirror.point - d) * normal
+    basis = oriented(normal, point, mirror.basis[:, 1])[1]
+    u, v = u[kept], v[kept]
+    rays = np.column_stack(((u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy, np.ones(len(u))))
+    offset = rays * depth[v, u][:, None] - point
+    rectangle = mirror.rectangle
+    if grow:
+        extent = np.quantile(offset @ basis[:, :2], (0.005, 0.995), axis=0).T
+        rectangle = np.column_stack(
+            (np.minimum(rectangle[:, 0], extent[:, 0]), np.maximum(rectangle[:, 1], extent[:, 1]))
+        )
+    return replace(
+        mirror,
+        point=point,
+        normal=basis[:, 2],
+        basis=basis,
+        rectangle=rectangle,
+        residual=float(np.sqrt(np.mean((offset @ basis[:, 2]) ** 2))),
+        points_used=int(kept.sum()),
+        refined=True,
+        covariance=plane_covariance(core, intrinsics, point, basis),
+    )
+
+
+def _ring(
+    mirror: Mirror,
+    plane: np.ndarray,
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    outward: float,
+    band: float,
+    inward: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels u, v within ``band`` of the plane (3,) 1/z = a·u + b·v + c, about the rectangle but not inside."""
     rectangle = mirror.rectangle
     corners = np.array([(x, y) for x in rectangle[0] + (-outward, outward) for y in rectangle[1] + (-outward, outward)])
     box = project(mirror.point + corners @ mirror.basis[:, :2].T, intrinsics)
@@ -58,60 +155,17 @@ def fit_frame(
         high = np.clip(np.ceil(box.max(axis=0)) + 1, 0, size).astype(np.int64)
     else:  # reaches behind the camera
         low, high = np.zeros(2, np.int64), np.array(size)
-    camera = np.array((intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy))
-    normal, d = mirror.normal, float(mirror.normal @ mirror.point)
     pixels = np.empty((max(int(np.prod(np.maximum(high - low, 0))), 1), 2), np.int32)
-    for turn in range(4):
-        n = _ring_kernel(
-            depth, camera, mirror.basis, mirror.point, normal, d, rectangle, outward, inward, band, low, high, pixels
-        )  # fmt: skip
-        if n < 30:
-            return None
-        u, v = pixels[:n].T
-        z = depth[v, u]
-        part = slice(None, None, 1 if turn else n // 1500 + 1)
-        fitted = disparity_plane(u[part], v[part], z[part])
-        if fitted is None:
-            return None
-        previous = normal, d
-        normal, d = plane_of_disparity(fitted.coefficients, intrinsics)
-        if normal @ previous[0] < 0:
-            normal, d = -normal, -d
-        moved = np.arccos(min(normal @ previous[0], 1.0)) + abs(d - previous[1])
-        if turn and moved < 1e-3:  # the slab is centred well enough
-            break
-    mask = np.zeros(high[::-1] - low[::-1], np.bool_)
-    mask[v - low[1], u - low[0]] = True
-    v, u = np.nonzero(frame_core(mask))
-    u, v = u + low[0], v + low[1]
-    core = disparity_plane(u, v, depth[v, u])
-    if core is None:
-        return None
-    turned, d = plane_of_disparity(core.coefficients, intrinsics)
-    normal, d = (turned, d) if turned @ normal > 0 else (-turned, -d)
-    point = mirror.point - (normal @ mirror.point - d) * normal
-    basis = oriented(normal, point, mirror.basis[:, 1])[1]
-    kept = core.weights > 0.1
-    rays = np.column_stack(((u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy, np.ones(len(u))))
-    offset = (rays * depth[v, u][:, None])[kept] - point
-    extent = np.quantile(offset @ basis[:, :2], (0.005, 0.995), axis=0).T
-    return replace(
-        mirror,
-        point=point,
-        normal=basis[:, 2],
-        basis=basis,
-        rectangle=np.column_stack(
-            (np.minimum(rectangle[:, 0], extent[:, 0]), np.maximum(rectangle[:, 1], extent[:, 1]))
-        ),
-        residual=float(np.sqrt(np.mean((offset @ basis[:, 2]) ** 2))),
-        points_used=int(kept.sum()),
-        refined=True,
-        covariance=plane_covariance(core, intrinsics, point, basis),
-    )
+    n = _ring_kernel(
+        depth, _camera(intrinsics), mirror.basis, mirror.point, plane, rectangle, outward, inward, band, low, high,
+        pixels,
+    )  # fmt: skip
+    u, v = pixels[:n].T.astype(np.int64)
+    return u, v
 
 
 @njit(cache=True, nogil=True)
-def _ring_kernel(depth, camera, basis, center, normal, d, rectangle, outward, inward, band, low, high, pixels):
+def _ring_kernel(depth, camera, basis, center, plane, rectangle, outward, inward, band, low, high, pixels):
     """Pixels within ``band``·z of the plane whose place on it is about, not inside, the rectangle."""
     fx, fy, cx, cy = camera
     n = 0
@@ -119,11 +173,9 @@ def _ring_kernel(depth, camera, basis, center, normal, d, rectangle, outward, in
     for v in range(low[1], high[1]):
         for u in range(low[0], high[0]):
             z = depth[v, u]
-            if z == 0:
+            if z == 0 or abs((plane[0] * u + plane[1] * v + plane[2]) * z - 1.0) > band:
                 continue
             p[0], p[1], p[2] = (u - cx) / fx * z, (v - cy) / fy * z, z
-            if abs(normal[0] * p[0] + normal[1] * p[1] + normal[2] * p[2] - d) > band * z:
-                continue
             inside, about = True, True
             for k in range(2):
                 s = 0.0
@@ -199,14 +251,14 @@ def align_reflections(
     out, notes = [], []
     for mirror in mirrors:
         movable = mirror.covariance is not None and mirror.source in ("picked", "found")
-        moved = _aligned(mirror, depth, intrinsics, settings) if movable and mirror.rectangle is not None else None
-        if moved is not None:
-            shift = 1000.0 * float((moved.point - mirror.point) @ mirror.normal)
+        better = _aligned(mirror, depth, intrinsics, settings) if movable and mirror.rectangle is not None else None
+        if better is not None:
+            shift = 1000.0 * float((better.point - mirror.point) @ mirror.normal)
             notes.append(
                 f"{mirror.name}: its glass lies {abs(shift):.0f} mm {'behind' if shift < 0 else 'before'} the front of "
                 "its frame, as what is seen both directly and in it shows; the mirror's plane was moved there"
             )
-        out.append(moved or mirror)
+        out.append(better or mirror)
     return out, tuple(notes)
 
 
@@ -216,7 +268,7 @@ def _aligned(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, settings
         return None
 
     def pairs(step: np.ndarray, gate: float, half: int = -1) -> tuple[Mirror, np.ndarray, np.ndarray, np.ndarray]:
-        at = _moved(mirror, step)
+        at = moved(mirror, step)
         chosen = slice(None) if half < 0 else shown[2] == half
         return at, *_pairs(at, shown[0][chosen], shown[1][chosen], depth, intrinsics, settings, gate)
 
@@ -227,7 +279,7 @@ def _aligned(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, settings
             at, q, normals, gap = pairs(step, settings.gate if turn < 4 else 0.4 * settings.gate, half)
             if len(gap) < settings.min_pairs // 3:
                 return None
-            moves = np.einsum("nci,nc->ni", reflection_moves(at, q), normals)
+            moves = np.einsum("nci,nc->ni", reflection_moves(at, reflect(q, at)), normals)
             scale = max(1.4826 * float(np.median(np.abs(gap))), 0.002)
             w = 1.0 / (1.0 + (gap / scale) ** 2) / scale**2 / _SHARED
             information = (moves * w[:, None]).T @ moves
@@ -265,19 +317,11 @@ def _aligned(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, settings
         return None
     if abs(step[2]) > settings.max_shift or np.abs(step[:2]).max() > settings.max_slope:
         return None
-    return replace(_moved(mirror, step), covariance=fits[2][1])
+    return replace(moved(mirror, step), covariance=fits[2][1])
 
 
 _SHARED = 10.0  # neighbouring pixels share so much of their errors that this many count as one
 _ENOUGH = 6000  # readings in a glass that are asked; of as many neighbours share no less
-
-
-def _moved(mirror: Mirror, step: np.ndarray) -> Mirror:
-    """The mirror tilted by two slopes and shifted along its normal."""
-    a, b, n = mirror.basis.T
-    point = mirror.point + step[2] * n
-    normal, basis = oriented(n - step[0] * a - step[1] * b, point, b)
-    return replace(mirror, point=point, normal=normal, basis=basis)
 
 
 def _shown(mirror, depth, intrinsics, settings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

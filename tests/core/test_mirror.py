@@ -12,10 +12,10 @@ from hypothesis.extra import numpy as hnp
 from mirror_scan.core.camera import Intrinsics, project, unproject
 from mirror_scan.core.capture import MirrorPicks
 from mirror_scan.core.errors import MirrorError
+from mirror_scan.core.frame_fit import erosion
 from mirror_scan.core.mirror import (
     MirrorSettings,
     fit_plane,
-    frame_core,
     place_mirror,
     plane_mirror,
     reflect,
@@ -269,12 +269,9 @@ def test_the_expected_error_is_the_one_made():
         assert 0.4 < ratio < 2.6, (settings_, ratio)
 
 
-def test_the_frames_core():
+def test_rings_of_a_frame():
     mask = np.zeros((60, 80), np.bool_)
     mask[5:55, 10:20] = True
-    core = frame_core(mask)
-    assert core.sum() == 46 * 6 and core[7:53, 12:18].all()
-    thin = np.zeros((300, 80), np.bool_)
-    thin[:, 10:12] = True
-    np.testing.assert_array_equal(frame_core(thin), thin)
-    assert not frame_core(np.zeros((9, 9), np.bool_)).any()
+    ring = erosion(mask)
+    assert (ring > 0).sum() == 50 * 10 and (ring > 1).sum() == 48 * 8 and (ring > 2).sum() == 46 * 6
+    assert (ring[7:53, 12:18] == 3).all() and not erosion(np.zeros((9, 9), np.bool_)).any()

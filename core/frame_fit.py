@@ -1,0 +1,458 @@
+"""The plane of a mirror's frame from its pixels: robust, in inverse depth, sure only of what its noise allows.
+
+A frame is a thin band of some thousand noisy pixels; beside it stand walls, floors, the person, and the frames of other
+mirrors that touch or cross it. Neighbouring pixels share errors (edges, quantisation, smoothing inside the camera), so
+they are pooled to blocks: a block's mean is so much surer than a pixel that what belongs to another surface stands out,
+and the scatter of the blocks says how sure the plane is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+
+BLOCK = 10
+"""Side of a block [px]."""
+
+_EDGE = 0.25  # share of the edges' effect, squared, in the covariance
+_BAR = 0.03  # of a pixel's noise, that a bar of the frame errs in common
+
+
+@dataclass(frozen=True)
+class DisparityPlane:
+    """1/z = a·u + b·v + c.
+
+    Parameters
+    ----------
+    coefficients : np.ndarray [shape=(3,)]
+    covariance : np.ndarray [shape=(3, 3)]
+        Of the coefficients.
+    weights : np.ndarray [shape=(K,)]
+        Of the pixels, 0 to 1.
+    scale : float
+        Standard deviation of a pixel's 1/z about the plane [1/m].
+    common : float
+        Variance of the part of it that neighbouring pixels share [1/m²].
+    """
+
+    coefficients: np.ndarray
+    covariance: np.ndarray
+    weights: np.ndarray
+    scale: float
+    common: float
+
+
+def disparity_plane(
+    u: np.ndarray, v: np.ndarray, z: np.ndarray, start: np.ndarray | None = None
+) -> DisparityPlane | None:
+    """Robust plane 1/z = a·u + b·v + c; None when all pixels are (nearly) on a line.
+
+    A depth camera's error is even in 1/z, and a plane is linear there. Pixels are re-weighted (Tukey), then pooled to
+    blocks of :data:`BLOCK` pixels, whose means are re-weighted in turn. A block's variance is that of its pixels'
+    mean plus a share that all its pixels have in common, which is estimated from the blocks (a random effect;
+    DerSimonian and Laird 1986); the covariance is that of clustered data (Liang and Zeger 1986).
+
+    Parameters
+    ----------
+    u, v, z : np.ndarray [shape=(K,)]
+        Pixels and readings [m].
+    start : np.ndarray [shape=(3,)], optional
+        Coefficients to weigh the pixels by at first; by default all weigh the same.
+    """
+    u, v = np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64)
+    found, solution, normal, scores, weights, center, scale, noise, common = _fit_kernel(
+        u, v, 1.0 / z.astype(np.float64), np.zeros(3) if start is None else start, start is not None, BLOCK
+    )
+    if not found:
+        return None
+    bread = np.linalg.inv(normal)
+    covariance = bread @ scores @ bread
+    unscale = np.diag(1.0 / scale)
+    unscale[2, :2] = -center[:2] / scale[:2]
+    return DisparityPlane(unscale @ solution, unscale @ covariance @ unscale.T, weights, noise, common)
+
+
+@njit(cache=True, nogil=True)
+def _fit_kernel(u, v, d, start, started, block):
+    """Found, solution (3,) over ((u, v) - centre) / scale and 1, the matrix (3, 3) of its equations and that of its
+    scores, weights (K,), centre, scale (3,) and a pixel's standard deviation."""
+    count = len(d)
+    center, scale = np.zeros(3), np.ones(3)
+    center[0], center[1] = u.mean(), v.mean()
+    scale[0], scale[1] = max(np.abs(u - center[0]).max(), 1.0), max(np.abs(v - center[1]).max(), 1.0)
+    weights, residual, row = np.ones(count), np.empty(count), np.ones(3)
+    solution, normal, right, nothing = np.zeros(3), np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3))
+    sigma = 0.0
+    for turn in range(12):
+        previous = solution.copy()
+        if turn == 0 and started:
+            solution[0], solution[1] = start[0] * scale[0], start[1] * scale[1]
+            solution[2] = start[0] * center[0] + start[1] * center[1] + start[2]
+        else:
+            normal[:] = 0.0
+            right[:] = 0.0
+            for i in range(count):
+                row[0], row[1] = (u[i] - center[0]) / scale[0], (v[i] - center[1]) / scale[1]
+                for a in range(3):
+                    right[a] += weights[i] * row[a] * d[i]
+                    for b in range(3):
+                        normal[a, b] += weights[i] * row[a] * row[b]
+            found, solution = _solve_3x3(normal, right)
+            if not found:  # all on one line
+                return False, previous, nothing, nothing, weights, center, scale, sigma, 0.0
+        for i in range(count):
+            x, y = (u[i] - center[0]) / scale[0], (v[i] - center[1]) / scale[1]
+            residual[i] = d[i] - (solution[0] * x + solution[1] * y + solution[2])
+        sigma = 1.4826 * np.median(np.abs(residual[:: count // 2000 + 1])) + 1e-9
+        for i in range(count):
+            r = residual[i] / (4.7 * sigma)
+            weights[i] = (1.0 - r * r) ** 2 if abs(r) < 1.0 else 0.0
+        if turn > 0 and np.abs(solution - previous).max() < 1e-5 * np.abs(solution).max():
+            break
+
+    # blocks of neighbouring pixels, each at the mean of what weighs in it
+    left, top = u.min(), v.min()
+    columns = int((u.max() - left) // block) + 1
+    rows = int((v.max() - top) // block) + 1
+    sums, member = np.zeros((rows * columns, 4)), np.empty(count, np.int32)
+    for i in range(count):
+        member[i] = int((v[i] - top) // block) * columns + int((u[i] - left) // block)
+        cell = sums[member[i]]
+        cell[0] += weights[i]
+        cell[1] += weights[i] * (u[i] - center[0]) / scale[0]
+        cell[2] += weights[i] * (v[i] - center[1]) / scale[1]
+        cell[3] += weights[i] * residual[i]
+    used = np.flatnonzero(sums[:, 0] > 3.0)
+    n = len(used)
+    if n < 6:
+        return _few(solution, normal, weights, center, scale, sigma, nothing)
+    pooled = np.empty((n, 4))  # x, y, residual, weight of its pixels
+    for k in range(n):
+        cell = sums[used[k]]
+        pooled[k, 0], pooled[k, 1], pooled[k, 2] = cell[1] / cell[0], cell[2] / cell[0], cell[3] / cell[0]
+        pooled[k, 3] = cell[0]
+    trust, gap, deviation = np.ones(n), np.empty(n), np.empty(n)
+    change, common = np.zeros(3), 0.0
+    for _ in range(8):
+        for k in range(n):
+            gap[k] = pooled[k, 2] - (change[0] * pooled[k, 0] + change[1] * pooled[k, 1] + change[2])
+        # what the pixels of a block err in common: what their scatter does not explain of the blocks'
+        common = 2.198 * np.median(gap * gap - 0.4549 * sigma * sigma / pooled[:, 3])
+        common = max(common, 0.0)
+        deviation[:] = np.sqrt(sigma * sigma / pooled[:, 3] + common) + 1e-9
+        normal[:] = 0.0
+        right[:] = 0.0
+        for k in range(n):
+            r = gap[k] / (4.7 * deviation[k])
+            trust[k] = (1.0 - r * r) ** 2 if abs(r) < 1.0 else 0.0
+            w = trust[k] / (deviation[k] * deviation[k])
+            row[0], row[1] = pooled[k, 0], pooled[k, 1]
+            for a in range(3):
+                right[a] += w * row[a] * pooled[k, 2]
+                for b in range(3):
+                    normal[a, b] += w * row[a] * row[b]
+        found, step = _solve_3x3(normal, right)
+        if not found:
+            return False, solution, nothing, nothing, weights, center, scale, sigma, 0.0
+        moved = np.abs(step - change).max()
+        change = step
+        if moved < 1e-6 * np.abs(solution).max():
+            break
+    scores, kept, bars = np.zeros((3, 3)), 0.0, np.zeros((4, 3))
+    for k in range(n):
+        row[0], row[1] = pooled[k, 0], pooled[k, 1]
+        gap[k] = pooled[k, 2] - (change[0] * row[0] + change[1] * row[1] + change[2])
+        w = trust[k] / (deviation[k] * deviation[k])
+        bar = int((np.arctan2(row[1], row[0]) / (2.0 * np.pi) + 0.625) * 4.0) % 4
+        for a in range(3):
+            bars[bar, a] += w * row[a]
+        w *= gap[k]
+        kept += trust[k]
+        for a in range(3):
+            for b in range(3):
+                scores[a, b] += w * w * row[a] * row[b]
+    scores *= kept / max(kept - 3.0, 1.0)
+    # what a whole bar of the frame errs in common shows in no residual: a share of a pixel's noise
+    for bar in range(4):
+        for a in range(3):
+            for b in range(3):
+                scores[a, b] += (_BAR * sigma) ** 2 * bars[bar, a] * bars[bar, b]
+    place = np.full(rows * columns, -1, np.int32)
+    for k in range(n):
+        place[used[k]] = k
+    for i in range(count):
+        k = place[member[i]]
+        weights[i] *= trust[k] if k >= 0 else 0.0
+    row[2] = 1.0
+    return True, solution + change, normal, scores, weights, center, scale, sigma, common
+
+
+@njit(cache=True, nogil=True)
+def _few(solution, normal, weights, center, scale, sigma, nothing):
+    """The fit when there are too few blocks to pool: its pixels taken as independent, four as one."""
+    if not weights.sum() > 3.0 or sigma == 0.0:
+        return False, solution, nothing, nothing, weights, center, scale, sigma, 0.0
+    return True, solution, normal, 4.0 * sigma * sigma * normal, weights, center, scale, sigma, 0.0
+
+
+@njit(cache=True, nogil=True)
+def _solve_3x3(matrix, right):
+    """Cramer's rule, and whether the determinant is far enough from 0; numba's own solver needs scipy, which Blender
+    has not."""
+    a, b, c = matrix[0], matrix[1], matrix[2]
+    minors = np.empty((3, 3))
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        minors[0, k] = b[i] * c[j] - b[j] * c[i]
+        minors[1, k] = c[i] * a[j] - c[j] * a[i]
+        minors[2, k] = a[i] * b[j] - a[j] * b[i]
+    determinant = a[0] * minors[0, 0] + a[1] * minors[0, 1] + a[2] * minors[0, 2]
+    trace = a[0] + b[1] + c[2]
+    solution = np.zeros(3)
+    if determinant < 1e-10 * trace * trace * trace:
+        return False, solution
+    for k in range(3):
+        for row in range(3):
+            solution[k] += minors[row, k] * right[row] / determinant
+    return True, solution
+
+
+def grow_frame(
+    depth: np.ndarray, seeds: np.ndarray, plane: np.ndarray, focal: float, band: float = 0.02
+) -> tuple[np.ndarray, np.ndarray, DisparityPlane] | None:
+    """The frame's pixels around picked ones, and the plane through them.
+
+    First the picks' own neighbourhoods, then what is connected to them between the picks, then beyond: as far as the
+    blocks of it agree with the plane so far, within what their noise and the plane's uncertainty there allow. So the
+    frame of another mirror, which meets this one at an angle, is left a few centimetres behind the crease, and a floor,
+    which cuts through the plane, is left out.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    seeds : np.ndarray [shape=(K, 2), dtype=int]
+        Pixels (u, v) with a reading.
+    plane : np.ndarray [shape=(3,)]
+        First guess, 1/z = a·u + b·v + c.
+    focal : float
+        [px]
+    band : float
+        No pixel farther from the plane than this is the frame's, relative to z.
+
+    Returns
+    -------
+    u, v : np.ndarray [shape=(K,), dtype=int]
+        The pixels; not all weigh.
+    fitted : DisparityPlane
+        Of all of them.
+    None when there are fewer than 30 pixels or all are on a line.
+
+    Notes
+    -----
+    O(pixels of the box about the frame).
+    """
+    height, width = depth.shape
+    seeds = np.asarray(seeds, dtype=np.int64)
+    u, v = _near_seeds(depth, seeds, plane, band)
+    fitted = disparity_plane(u, v, depth[v, u]) if len(u) >= 12 else None
+    if fitted is None:
+        return None
+    z = float(np.median(depth[seeds[:, 1], seeds[:, 0]]))
+    low, high = seeds.min(axis=0), seeds.max(axis=0)
+    for reach in (0.08, 0.4, np.inf):
+        apart = min(reach * focal / z + 4.0, width + height)
+        box = np.clip(np.concatenate((low - apart, high + apart + 1)), 0, (width, height, width, height))
+        box = box.astype(np.int64)
+        for _ in range(4):
+            more_u, more_v = _gather_kernel(
+                depth, seeds, fitted.coefficients, fitted.covariance, fitted.scale, fitted.common, band, box
+            )
+            again = None
+            if len(more_u) >= 12:
+                again = disparity_plane(more_u, more_v, depth[more_v, more_u], fitted.coefficients)
+            if again is None:
+                break
+            moved = np.abs(again.coefficients - fitted.coefficients) @ (width, height, 1.0) * z
+            u, v, fitted = more_u, more_v, again
+            if moved < 5e-4:
+                break
+        # nothing reaches the box's sides but where the image ends there
+        open_sides = (u.min() < box[0] + 3 > 3, v.min() < box[1] + 3 > 3,
+                      u.max() > box[2] - 4 < width - 4, v.max() > box[3] - 4 < height - 4)  # fmt: skip
+        if not any(open_sides):
+            break
+    return (u, v, fitted) if len(u) >= 30 else None
+
+
+def fit_core(u: np.ndarray, v: np.ndarray, depth: np.ndarray, fitted: DisparityPlane) -> DisparityPlane:
+    """The plane through a frame's pixels without its edges, which cameras smear.
+
+    What leaving one more ring of pixels out, or one fewer, does to the plane tells what edges do to it, and goes into
+    its covariance.
+    """
+    left, top = u.min(), v.min()
+    mask = np.zeros((v.max() - top + 1, u.max() - left + 1), np.bool_)
+    mask[v - top, u - left] = True
+    ring = erosion(mask)
+    count = np.cumsum(np.bincount(ring.ravel(), minlength=4)[::-1])[::-1]  # pixels with at least so many rings
+    edge = 2 if count[3] > max(0.25 * count[1], 200) else 1 if count[2] > max(0.25 * count[1], 200) else 0
+
+    def fit(level: int) -> DisparityPlane | None:
+        rows, columns = np.nonzero(ring > level)
+        rows, columns = rows + top, columns + left
+        return disparity_plane(columns, rows, depth[rows, columns], fitted.coefficients)
+
+    core = fit(edge) if edge else fitted
+    if core is None:
+        return fitted
+    beside = (fitted if edge == 1 else fit(edge - 1)) if edge else fit(1) if count[2] > 100 else None
+    if beside is None:
+        return core
+    apart = beside.coefficients - core.coefficients
+    return replace(core, covariance=core.covariance + _EDGE * np.outer(apart, apart))
+
+
+@njit(cache=True, nogil=True)
+def erosion(mask):
+    """0 off the mask, else 1 + how many rings of 8-neighbours are all on it, up to 3."""
+    height, width = mask.shape
+    out = np.zeros(mask.shape, np.uint8)
+    for v in range(height):
+        for u in range(width):
+            if not mask[v, u]:
+                continue
+            rings = 0
+            while rings < 2:
+                r = rings + 1
+                if v < r or u < r or v >= height - r or u >= width - r:
+                    break
+                whole = True
+                for k in range(-r, r + 1):
+                    if not (mask[v - r, u + k] and mask[v + r, u + k] and mask[v + k, u - r] and mask[v + k, u + r]):
+                        whole = False
+                        break
+                if not whole:
+                    break
+                rings = r
+            out[v, u] = 1 + rings
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _near_seeds(depth, seeds, plane, band):
+    """The pixels about picked ones that read the same depth as they."""
+    height, width = depth.shape
+    columns, rows = np.empty(81 * len(seeds), np.int64), np.empty(81 * len(seeds), np.int64)
+    n = 0
+    for k in range(len(seeds)):
+        u, v = seeds[k]
+        z = depth[v, u]
+        if abs((plane[0] * u + plane[1] * v + plane[2]) * z - 1.0) > band:
+            continue
+        for y in range(max(v - 4, 0), min(v + 5, height)):
+            for x in range(max(u - 4, 0), min(u + 5, width)):
+                there = plane[0] * x + plane[1] * y + plane[2]
+                same = depth[y, x] > 0 and abs(depth[y, x] / z - 1.0) < 2.0 * band
+                if same and abs(there * depth[y, x] - 1.0) < band:
+                    columns[n], rows[n] = x, y
+                    n += 1
+    return columns[:n], rows[:n]
+
+
+@njit(cache=True, nogil=True)
+def _spread(covariance, u, v):
+    """Variance of the plane's 1/z at a pixel."""
+    return max(
+        covariance[0, 0] * u * u + covariance[1, 1] * v * v + covariance[2, 2]
+        + 2.0 * (covariance[0, 1] * u * v + covariance[0, 2] * u + covariance[1, 2] * v), 0.0,
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def _gather_kernel(depth, seeds, plane, covariance, sigma, common, band, box):
+    """Pixels inside the box (u0, v0, u1, v1) on the plane, in blocks that are connected to the seeds'.
+
+    A block is left out when its mean is off the plane by more than noise and the plane's own uncertainty explain, or
+    when its surface cuts through it, as a floor does.
+    """
+    columns, rows = (box[2] - box[0]) // BLOCK + 1, (box[3] - box[1]) // BLOCK + 1
+    sums = np.zeros((rows, columns, 8))  # 1, x, y, xx, yy, r, rx, ry of its pixels
+    near, spread = np.empty((rows, columns)), np.empty((rows, columns))
+    for i in range(rows):
+        for j in range(columns):
+            u, v = box[0] + (j + 0.5) * BLOCK, box[1] + (i + 0.5) * BLOCK
+            there = plane[0] * u + plane[1] * v + plane[2]
+            spread[i, j] = _spread(covariance, u, v)
+            near[i, j] = min(4.0 * sigma + 3.0 * np.sqrt(spread[i, j]), band * there)
+    on = np.zeros((box[3] - box[1], box[2] - box[0]), np.bool_)
+    for v in range(box[1], box[3]):
+        i = (v - box[1]) // BLOCK
+        base = plane[1] * v + plane[2]
+        for u in range(box[0], box[2]):
+            z = depth[v, u]
+            if z == 0.0:
+                continue
+            j = (u - box[0]) // BLOCK
+            r = 1.0 / z - (base + plane[0] * u)
+            if abs(r) > near[i, j]:
+                continue
+            on[v - box[1], u - box[0]] = True
+            cell = sums[i, j]
+            x, y = u - box[0] - (j + 0.5) * BLOCK, v - box[1] - (i + 0.5) * BLOCK
+            cell[0] += 1.0
+            cell[1] += x
+            cell[2] += y
+            cell[3] += x * x
+            cell[4] += y * y
+            cell[5] += r
+            cell[6] += r * x
+            cell[7] += r * y
+    state = np.zeros((rows, columns), np.uint8)  # 1 on the plane, 2 and connected
+    for i in range(rows):
+        for j in range(columns):
+            cell = sums[i, j]
+            n = cell[0]
+            if n == 0.0:
+                continue
+            mean, own = cell[5] / n, sigma * sigma / n + common
+            good = mean * mean < 12.0 * (own + spread[i, j])
+            for k in range(1, 3):
+                across = cell[2 + k] - cell[k] * cell[k] / n
+                tilt = cell[5 + k] - cell[k] * mean
+                good = good and tilt * tilt <= 25.0 * across * own * n
+            state[i, j] = 1 if good else 0
+    stack = np.empty((rows * columns, 2), np.int64)
+    top = 0
+    for k in range(len(seeds)):
+        j, i = (seeds[k, 0] - box[0]) // BLOCK, (seeds[k, 1] - box[1]) // BLOCK
+        for y in range(max(i - 1, 0), min(i + 2, rows)):
+            for x in range(max(j - 1, 0), min(j + 2, columns)):
+                if state[y, x] == 1:
+                    state[y, x] = 2
+                    stack[top, 0], stack[top, 1] = y, x
+                    top += 1
+    while top > 0:
+        top -= 1
+        i, j = stack[top]
+        for y in range(max(i - 1, 0), min(i + 2, rows)):
+            for x in range(max(j - 1, 0), min(j + 2, columns)):
+                if state[y, x] == 1:
+                    state[y, x] = 2
+                    stack[top, 0], stack[top, 1] = y, x
+                    top += 1
+    total = 0
+    for i in range(rows):
+        for j in range(columns):
+            if state[i, j] == 2:
+                total += int(sums[i, j, 0])
+    out_u, out_v = np.empty(total, np.int64), np.empty(total, np.int64)
+    n = 0
+    for y in range(box[3] - box[1]):
+        for x in range(box[2] - box[0]):
+            if on[y, x] and state[y // BLOCK, x // BLOCK] == 2:
+                out_u[n], out_v[n] = box[0] + x, box[1] + y
+                n += 1
+    return out_u, out_v
