@@ -7,6 +7,7 @@ data: the user may undo, delete or switch scenes between two pieces, and beside 
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -17,6 +18,7 @@ from . import kernels, remote
 from .texts import say
 
 TICK_S = 0.05  # how often the window looks how far the work is
+SHOW_S = 0.25  # how often at most it is drawn: drawing takes its time where there is no graphics card
 LEAVE_S = 20.0  # how long Blender waits for a thread when the add-on goes
 
 # Core's parallel kernels may be entered by one thread at a time (numba's “workqueue” layer aborts the process
@@ -126,6 +128,7 @@ class JobOperator:
     _task: Task | None = None
     _timer: bpy.types.Timer | None = None
     _scene_uid = 0
+    _shown = 0.0  # when progress was drawn last
 
     def start(self, context: bpy.types.Context) -> Task:
         """Check the input and say what to do; raises :class:`MirrorScanError`."""
@@ -162,7 +165,9 @@ class JobOperator:
         self._scene_uid = context.scene.session_uid
         self._timer = context.window_manager.event_timer_add(TICK_S, window=context.window)
         context.window_manager.modal_handler_add(self)
-        self._show(context)
+        progress = context.window_manager.mirror_scan
+        progress.fraction, progress.message, progress.operator = 0.0, "", type(self).bl_idname
+        self._shown = time.monotonic()
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -220,11 +225,14 @@ class JobOperator:
         return {"FINISHED"}
 
     def _show(self, context: bpy.types.Context) -> None:
+        if time.monotonic() - self._shown < SHOW_S:
+            return
+        self._shown = time.monotonic()
         fraction, message = self._worker.progress
         progress = context.window_manager.mirror_scan
-        if (progress.fraction, progress.message, progress.operator) == (fraction, message, type(self).bl_idname):
+        if (progress.fraction, progress.message) == (fraction, message):
             return
-        progress.fraction, progress.message, progress.operator = fraction, message, type(self).bl_idname
+        progress.fraction, progress.message = fraction, message
         label, stage = say(self.bl_label), say(message)
         context.workspace.status_text_set(say("{label}: {stage}  {done:.0%}    [Esc] Cancel").format(
             label=label, stage=stage, done=fraction))  # fmt: skip

@@ -36,6 +36,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
     )  # fmt: skip
 
     _running = False
+    _picture = None  # the view that was picked in last, and the points as it shows them
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -183,16 +184,18 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
 
     def _nearest(self, context, event, region) -> int | None:
         """Index of the cloud's point that the mouse means."""
-        from ...core.picking import pick_point
+        from ...core.picking import Picture
         from .. import cloud
 
         space = region.data
-        target = cloud.cloud_of(context.scene)
+        view = space.view_matrix @ cloud.cloud_of(context.scene).matrix_world
+        seen_as = (view.freeze(), space.window_matrix.copy().freeze(), region.width, region.height)
+        if self._picture is None or self._picture[0] != seen_as:  # as long as the view stands still, it is kept
+            size = region.width, region.height
+            self._picture = seen_as, Picture(self._points, view, space.window_matrix, size)
         scale = context.preferences.system.ui_scale
-        return pick_point(
-            self._points, space.view_matrix @ target.matrix_world, space.window_matrix, (region.width, region.height),
-            (event.mouse_x - region.x, event.mouse_y - region.y), SNAP_PX * scale, DEPTH_TOLERANCE,
-        )  # fmt: skip
+        at = event.mouse_x - region.x, event.mouse_y - region.y
+        return self._picture[1].pick(at, SNAP_PX * scale, DEPTH_TOLERANCE)
 
     def _snap(self, context, event, region) -> tuple[float, float] | None:
         index = self._nearest(context, event, region)

@@ -79,6 +79,7 @@ def job(bpy, monkeypatch):
         return worker
 
     monkeypatch.setattr(jobs, "begin", begin)
+    monkeypatch.setattr(jobs, "SHOW_S", 0.0)
     fake = SimpleNamespace(app=SimpleNamespace(background=False, translations=bpy.app.translations), data=bpy.data)
     monkeypatch.setattr(jobs, "bpy", fake)
     operator, window = Operator(), Window(bpy)
@@ -104,6 +105,16 @@ def test_progress_is_shown_then_the_result_is_delivered(job):
     job.worker.end("done")
     assert operator.modal(window, TIMER) == {"FINISHED"}
     assert operator.results == [("Scene", "done")] and clean(job)
+
+
+def test_a_quick_job_is_not_slowed_by_drawing_its_progress(job, monkeypatch):
+    from mirror_scan.mirror_scan_addon import jobs
+
+    monkeypatch.setattr(jobs, "SHOW_S", 60.0)
+    for turn in range(3):
+        job.worker.progress = (turn / 4, f"Stage {turn}")
+        job.operator.modal(job.window, TIMER)
+    assert job.window.status == []
 
 
 def test_escape_stops_it_and_changes_nothing(job):

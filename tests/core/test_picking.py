@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mirror_scan.core.picking import pick_point, project_to_picture
+from mirror_scan.core.picking import Picture, project_to_picture
 
 SIZE = (800, 600)
 
@@ -46,8 +46,9 @@ def test_a_click_on_a_sphere_hits_its_near_side(projection):
     facing = truth @ toward if projection[3, 3] else np.einsum("ij,ij->i", truth, camera - truth)
     truth = truth[facing > 0.6 * (1 if projection[3, 3] else 5)]
     pixels = project_to_picture(truth, projection @ view, SIZE)
+    picture = Picture(points, view, projection, SIZE)
     for place, pixel in zip(truth[:60], pixels[:60], strict=True):
-        index = pick_point(points, view, projection, SIZE, pixel)
+        index = picture.pick(pixel)
         assert np.linalg.norm(points[index] - place) < 0.1
 
 
@@ -55,14 +56,15 @@ def test_what_lies_behind_is_not_reached_through_gaps():
     front = np.array([[0.02, 0.0, 0.0]], np.float32)
     behind = np.array([[0.0, 0.0, -2.0]], np.float32)  # exactly under the mouse, but behind
     view = eye(turn=0.0)
-    assert pick_point(np.concatenate((behind, front)), view, perspective(), SIZE, (400, 300)) == 1
-    assert pick_point(behind, view, perspective(), SIZE, (400, 300)) == 0
+    assert Picture(np.concatenate((behind, front)), view, perspective(), SIZE).pick((400, 300)) == 1
+    assert Picture(behind, view, perspective(), SIZE).pick((400, 300)) == 0
 
 
 def test_empty_space_and_ugly_input_mean_nothing():
     view = eye(turn=0.0)
     points = np.array([[0, 0, 0], [np.nan, 0, 0], [0, 0, 9], [np.inf, 0, 0]], np.float32)  # the third is behind us
-    assert pick_point(points, view, perspective(), SIZE, (400, 300)) == 0
-    assert pick_point(points, view, perspective(), SIZE, (100, 100)) is None
-    assert pick_point(np.zeros((0, 3), np.float32), view, perspective(), SIZE, (400, 300)) is None
+    picture = Picture(points, view, perspective(), SIZE)
+    assert picture.pick((400, 300)) == 0
+    assert picture.pick((100, 100)) is None
+    assert Picture(np.zeros((0, 3), np.float32), view, perspective(), SIZE).pick((400, 300)) is None
     assert np.isnan(project_to_picture(points, perspective() @ view, SIZE)[2]).all()
