@@ -50,7 +50,7 @@ test-addon-%:
 	if [ -z "$$python" ]; then echo "bpy $*: not tested, needs Python $$minor with venv"; exit 0; fi; \
 	set -e; venv=$(VENV)-bpy$*; [ -e $$venv/ready ] || { \
 		$$python -m venv $$venv; \
-		$$venv/bin/python -m pip install -q bpy==$* numba OpenImageIO tqdm pytest trimesh; \
+		$$venv/bin/python -m pip install -q bpy==$* numba OpenImageIO tqdm pytest trimesh scipy; \
 		touch $$venv/ready; }; \
 	echo "bpy $*, $$($$venv/bin/python -c 'import numpy, sys; print("Python", sys.version.split()[0], "numpy", numpy.__version__)')"; \
 	NUMBA_CACHE_DIR=$(NUMBA_CACHE_DIR) $$venv/bin/python -m pytest -q tests/addon
