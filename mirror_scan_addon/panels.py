@@ -14,7 +14,7 @@ from . import jobs, reports, state
 from .texts import CONTEXT, say
 
 NARROW = 250  # below this width of the sidebar labels go into their fields instead of beside them [px at 100 % scale]
-MARGIN, ICON = 54, 20  # what tabs and panel borders take of the sidebar's width, and an icon [px at 100 % scale]
+MARGIN, ICON = 64, 20  # what tabs and panel borders take of the sidebar's width, and an icon [px at 100 % scale]
 ICONS = {"GOOD": "CHECKMARK", "USABLE": "ERROR", "BAD": "CANCEL", "NONE": "DOT", "OK": "CHECKMARK", "WARN": "ERROR",
          "": "BLANK1"}  # fmt: skip
 
