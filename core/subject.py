@@ -248,27 +248,35 @@ def _fit_floor(
     rows = np.column_stack((np.ones(len(sample)), dot(plan, first), dot(plan, np.cross(up, first))))
     found = np.array((0.005 * (float(np.argmax(level)) + 0.5) - _NEAR_FLOOR, 0.0, 0.0))
     band, noise = 0.03, _ROUGH
-    for _ in range(4):
+    for _ in range(5):
         miss = height - (rows * found).sum(axis=1)
         kept = np.abs(miss) < band
         if kept.sum() < 40:
             return None
-        noise = 1.4826 * float(np.median(np.abs(miss[kept])))
-        weight = 1.0 / (_SHARED * max(noise, 0.0005) ** 2)
+        # images of images lay a second sheet across the floor: its own spread is that of the closest half
+        noise = max(_closest_half(miss[kept]), 0.0005)
+        weight = 1.0 / (_SHARED * noise**2 * (1.0 + (miss / (2.0 * noise)) ** 2))
         matrix = np.diag(1.0 / np.square(_FLOOR_PRIOR))
         right = np.zeros(3)
         for i in range(3):
-            right[i] = weight * (rows[kept, i] * height[kept]).sum()
+            right[i] = (weight * rows[:, i] * height)[kept].sum()
             for j in range(3):
-                matrix[i, j] += weight * (rows[kept, i] * rows[kept, j]).sum()
+                matrix[i, j] += (weight * rows[:, i] * rows[:, j])[kept].sum()
         found = np.linalg.solve(matrix, right)
-        band = max(4.0 * noise, 0.008)
+        band = max(4.0 * noise, 0.003)
     if noise >= _ROUGH or abs(found[0]) > _NEAR_FLOOR - 0.03:  # rougher are feet, in a mirror that shows no floor
         return None
     normal = up - found[1] * first - found[2] * np.cross(up, first)
     length = np.linalg.norm(normal)
     d = (floor + found[0] - found[1] * (first @ center) - found[2] * (np.cross(up, first) @ center)) / length
     return normal / length, float(d), kept
+
+
+def _closest_half(values: np.ndarray) -> float:
+    """Standard deviation of a normal distribution whose middle half is as wide as the narrowest half of the values."""
+    values = np.sort(values)
+    half = len(values) // 2
+    return float((values[half:] - values[: len(values) - half]).min() / 1.349)
 
 
 @njit(cache=True, nogil=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.rays import BODY
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
-from mirror_scan.core.subject import find_subject
+from mirror_scan.core.subject import _fit_floor, find_subject
 from mirror_scan.core.views import ViewSettings
 
 
@@ -72,6 +73,27 @@ def test_feet_and_hair_stay_and_the_floor_goes(simulated):
             assert lost < limit
         assert left < 0.002
         assert views.limits.shape == (3, 2) and (views.limits[1:, 0] > views.limits[0, 1]).all()
+
+
+def test_a_mirror_s_floor_is_told_from_what_lies_across_it():
+    """A sheet of images of images through the floor, feet on it, and only a strip of it: the floor's plane stays."""
+    rng = np.random.default_rng(0)
+    up, center = np.array((0.0, -1.0, 0.0)), np.array((0.0, 0.0, 2.6))
+
+    def points(count: int, height: Callable[[np.ndarray, np.ndarray], np.ndarray], wide: float) -> np.ndarray:
+        x, y = rng.uniform(0.2, 0.2 + wide, count), rng.uniform(-0.9, 0.9, count)
+        return center + np.column_stack((x, -height(x, y), y))
+
+    for wide, noise in ((0.8, 0.0005), (0.8, 0.004), (0.05, 0.004)):
+        floor = points(700, lambda x, y: -0.9 + 0.004 + 0.002 * x + rng.normal(0, noise, len(x)), wide)  # noqa: B023
+        across = points(350, lambda x, y: -0.9 + 0.08 * y, wide)
+        feet = points(150, lambda x, y: -0.9 + rng.uniform(0, 0.12, len(x)), 0.1)
+        sample = np.concatenate((floor, across, feet))
+        sample = sample[np.abs(sample @ up + 0.9) < 0.12]
+        normal, d, kept = _fit_floor(sample, up, -0.9, center)
+        at = center + np.array(((0.4, 0.8952, 0.0), (-0.3, 0.8966, 0.0), (0.2, 0.8956, 0.5)))
+        assert np.abs(at @ normal - d).max() < 0.0015 + noise
+    assert _fit_floor(points(150, lambda x, y: -0.9 + rng.uniform(0, 0.12, len(x)), 0.1), up, -0.9, center) is None
 
 
 def test_a_click_chooses(person, other):
