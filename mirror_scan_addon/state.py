@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import json
 import math
 import os
@@ -149,6 +148,8 @@ def parse_points(text: str) -> list[list[float]]:
     MirrorError
         When it is anything else.
     """
+    import ast
+
     try:
         points = [[float(value) for value in point] for point in ast.literal_eval(text)]
     except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError) as error:

@@ -1,6 +1,6 @@
 """Capture → avatar in the scene."""
 
-from __future__ import annotations
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 
 import os
 

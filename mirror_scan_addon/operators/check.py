@@ -1,6 +1,6 @@
 """Is the avatar sound, and where is it not."""
 
-from __future__ import annotations
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 
 import bpy
 from bpy.props import EnumProperty, IntProperty

@@ -1,6 +1,6 @@
 """What the avatar's colours say."""
 
-from __future__ import annotations
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 
 import bpy
 from bpy.props import EnumProperty

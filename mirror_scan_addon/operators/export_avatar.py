@@ -1,6 +1,6 @@
 """The selected avatar → a file, in the formats Blender has."""
 
-from __future__ import annotations
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 
 import bpy
 from bpy.props import EnumProperty, StringProperty

@@ -1,6 +1,6 @@
 """Mirrors: found, set by scripts, removed, written and read."""
 
-from __future__ import annotations
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 
 import bpy
 from bpy.props import FloatVectorProperty, IntProperty, StringProperty

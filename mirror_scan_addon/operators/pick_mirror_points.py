@@ -1,6 +1,6 @@
 """Points on a mirror's frame, clicked in the viewport."""
 
-from __future__ import annotations
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 
 import bpy
 from bpy.props import BoolProperty
