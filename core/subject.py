@@ -20,7 +20,7 @@ _OUTLINE = 0.08  # a view's points may stick out of the subject's outline in ano
 _ROUGH = 0.014  # a floor's noise is less [m]
 _FOOTPRINT = 0.4  # radius about the subject in which feet may be [m]
 _FLOOR_PRIOR = (0.015, 0.006, 0.006)  # by how much a mirror's error may lift [m] and tilt the floor in it
-_SHARED = 30.0  # neighbouring readings share so much of their errors that this many count as one
+_SHARED = 120.0  # neighbouring readings share so much of their errors that this many count as one
 _PIECE = 8  # px: fewer are noise
 _CONFIRMED = 0.25  # m
 _STEPS = 0.026  # a far sensor counts in steps: pieces may be so much of z apart
@@ -217,27 +217,30 @@ def _floor_of_views(
     samples = _near_floor_kernel(
         points, seen, up, floor, _NEAR_FLOOR, center, ring[0] ** 2, ring[1] ** 2, _across(up), views
     )
+    rough = _ROUGH
     for view, (sample, rows) in enumerate(samples):
-        fitted = _fit_floor(sample, up, floor, center)
+        fitted = _fit_floor(sample, up, floor, center, rough)
         if fitted is not None:
-            normal, d, kept = fitted
+            normal, d, kept, noise = fitted
+            if view == 0:  # twice as far a sensor is four times as noisy, through a mirror more
+                rough = min(_ROUGH, 7.0 * noise + 0.002)
             planes[view, :3], planes[view, 3] = normal, d
             # how far above the floor a row's median, which decides on a pixel, is at most
-            noise = float(np.quantile(rows[kept] + dot(sample[kept], normal) - d, _FLOOR_SHARES[view > 0]))
-            clearance[view] = max(settings.floor_clearance, noise + _FLOOR_MARGINS[view > 0])
+            highest = float(np.quantile(rows[kept] + dot(sample[kept], normal) - d, _FLOOR_SHARES[view > 0]))
+            clearance[view] = max(settings.floor_clearance, highest + _FLOOR_MARGINS[view > 0])
     return planes, clearance
 
 
 def _fit_floor(
-    sample: np.ndarray, up: np.ndarray, floor: float, center: np.ndarray
-) -> tuple[np.ndarray, float, np.ndarray] | None:
-    """Plane n·p = d of the level surface among points near the floor, and which points (N,) are its; None when there is
-    hardly any.
+    sample: np.ndarray, up: np.ndarray, floor: float, center: np.ndarray, rough: float
+) -> tuple[np.ndarray, float, np.ndarray, float] | None:
+    """Plane n·p = d of the level surface among points near the floor, which points (N,) are its, and their standard
+    deviation; None when there is hardly any, or it is ``rough``: feet, in a mirror that shows no floor.
 
     A mirror shows the floor where its plane's error puts it, near the true one: an offset and two slopes are fitted
     with that as prior, for a narrow strip does not tell its tilt, and a few readings beside feet tell little.
     """
-    if len(sample) < 60:
+    if len(sample) < 80:
         return None
     height = dot(sample, up) - floor
     # feet are spread over all heights, the floor has one
@@ -247,11 +250,11 @@ def _fit_floor(
     plan = sample - center
     rows = np.column_stack((np.ones(len(sample)), dot(plan, first), dot(plan, np.cross(up, first))))
     found = np.array((0.005 * (float(np.argmax(level)) + 0.5) - _NEAR_FLOOR, 0.0, 0.0))
-    band, noise = 0.03, _ROUGH
+    band, noise = 0.03, rough
     for _ in range(5):
         miss = height - (rows * found).sum(axis=1)
         kept = np.abs(miss) < band
-        if kept.sum() < 40:
+        if kept.sum() < 60:
             return None
         # images of images lay a second sheet across the floor: its own spread is that of the closest half
         noise = max(_closest_half(miss[kept]), 0.0005)
@@ -264,12 +267,12 @@ def _fit_floor(
                 matrix[i, j] += (weight * rows[:, i] * rows[:, j])[kept].sum()
         found = np.linalg.solve(matrix, right)
         band = max(4.0 * noise, 0.003)
-    if noise >= _ROUGH or abs(found[0]) > _NEAR_FLOOR - 0.03:  # rougher are feet, in a mirror that shows no floor
+    if noise >= rough or abs(found[0]) > _NEAR_FLOOR - 0.03:
         return None
     normal = up - found[1] * first - found[2] * np.cross(up, first)
     length = np.linalg.norm(normal)
     d = (floor + found[0] - found[1] * (first @ center) - found[2] * (np.cross(up, first) @ center)) / length
-    return normal / length, float(d), kept
+    return normal / length, float(d), kept, noise
 
 
 def _closest_half(values: np.ndarray) -> float:
@@ -291,10 +294,10 @@ def _near_floor_kernel(points, seen, up, floor, band, center, inner2, outer2, ac
     row = np.empty(2 * _ROW + 1)
     for turn in range(2):
         count[:] = 0
-        for v in range(0, height, 2):  # every other pixel tells enough
-            for u in range(0, width, 2):
+        for v in range(height):
+            for u in range(width):
                 k = seen[v, u]
-                if k < 0:
+                if k < 0 or (k == 0 and (u + v) % 4 > 0):  # directly there is more than enough
                     continue
                 p = points[v, u]
                 h = up[0] * p[0] + up[1] * p[1] + up[2] * p[2]

@@ -90,10 +90,11 @@ def test_a_mirror_s_floor_is_told_from_what_lies_across_it():
         feet = points(150, lambda x, y: -0.9 + rng.uniform(0, 0.12, len(x)), 0.1)
         sample = np.concatenate((floor, across, feet))
         sample = sample[np.abs(sample @ up + 0.9) < 0.12]
-        normal, d, kept = _fit_floor(sample, up, -0.9, center)
+        normal, d, _, spread = _fit_floor(sample, up, -0.9, center, 0.01)
         at = center + np.array(((0.4, 0.8952, 0.0), (-0.3, 0.8966, 0.0), (0.2, 0.8956, 0.5)))
-        assert np.abs(at @ normal - d).max() < 0.0015 + noise
-    assert _fit_floor(points(150, lambda x, y: -0.9 + rng.uniform(0, 0.12, len(x)), 0.1), up, -0.9, center) is None
+        assert np.abs(at @ normal - d).max() < 0.0015 + noise and spread < 1.5 * noise + 0.0003
+    feet = points(150, lambda x, y: -0.9 + rng.uniform(0, 0.12, len(x)), 0.1)
+    assert _fit_floor(feet, up, -0.9, center, 0.008) is None
 
 
 def test_a_click_chooses(person, other):
