@@ -25,7 +25,7 @@ _PIECE = 8  # px: fewer are noise
 _CONFIRMED = 0.25  # m
 _STEPS = 0.026  # a far sensor counts in steps: pieces may be so much of z apart
 # of the floor is seen to be it, directly and in mirrors: there feet have few pixels to lose, and floor is little
-_FLOOR_SHARES, _FLOOR_MARGINS = (0.98, 0.93), (0.0015, 0.0)  # margins [m]
+_FLOOR_SHARES, _FLOOR_MARGINS = (0.98, 0.93), (0.002, 0.0)  # margins [m]
 _ROW = 3  # px to either side that a pixel near the floor is judged by
 _CLICK_RADIUS = 6  # px: a click without a reading takes the nearest one
 _AXIS_SPREAD, _THING_SPREAD = 0.5, 0.3  # how far off the rig's crossing a person or thing counts less [m]
