@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import atexit
 import functools
-import logging
 import os
-import shutil
 
 import bpy
 
 from .. import __package__ as ROOT_PACKAGE
 from ..core.errors import MirrorScanError
-
-log = logging.getLogger(__name__)
 
 
 def prepare_kernels() -> None:
@@ -49,10 +45,10 @@ def cache_folder() -> str:
 
 
 def compiling_text() -> str:
-    """What to tell while kernels are compiled; ``{count}`` stands for how many are."""
+    """What to tell while kernels are compiled."""
     if _extension_folder.cache_info().currsize and _is_temporary(_extension_folder()):
-        return "Compiling for this session, about 1 min ({count} done)"
-    return "Compiling for this computer, once, about 1 min ({count} done)"
+        return "Compiling for this session"
+    return "Compiling for this computer, once"
 
 
 @functools.cache
@@ -67,11 +63,14 @@ def _extension_folder() -> str:
         reason = f"{folder} cannot be written to"
         if folder and os.path.isdir(folder) and os.access(folder, os.W_OK):
             return folder
-    import tempfile  # tens of milliseconds, which Blender's start must not wait for
+    import logging  # these take tens of milliseconds, which Blender's start must not wait for
+    import shutil
+    import tempfile
 
     # Private and new in each session: the price is compiling again, never code that somebody else put there.
     temporary = tempfile.mkdtemp(prefix="mirror_scan_numba_")
     atexit.register(shutil.rmtree, temporary, ignore_errors=True)
+    log = logging.getLogger(__name__)
     log.warning("Mirror Scan compiles again in each session, since its cache has no place: %s", reason)
     return temporary
 

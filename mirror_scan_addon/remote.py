@@ -2,7 +2,8 @@
 nor for kernels to be compiled (which no thread could do either: Python's lock is held), nor for the work itself.
 
 The process (:mod:`.worker`) is kept for the next task and ends with Blender, with the add-on, or when a task is
-cancelled.
+cancelled. Until everything is compiled, a few more of them do that in the background (:mod:`.compiling`), and a task
+first helps with what it needs of it.
 """
 
 from __future__ import annotations
@@ -18,12 +19,15 @@ import bpy
 
 from .. import __package__ as ROOT_PACKAGE
 from ..core import errors
-from . import kernels
+from . import compiling, kernels
 
 _START = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='mirror_scan_worker')['main']()"
 _MESSAGE_TAIL = 2000  # characters of a dead worker's output that are shown
 
 _idle: list[Worker] = []  # at most one; a process is of this session, not of the file
+_helpers: list[Worker] = []  # those that compile in the background
+_claims: list[str] = []  # the folder by which processes agree who compiles what, once there is one
+HELPERS = 3  # processes at most that compile in the background
 
 
 class Unavailable(Exception):
@@ -69,8 +73,11 @@ class Worker:
             shutil.rmtree(self.folder, ignore_errors=True)
             raise Unavailable(str(error)) from error
 
-    def begin(self, function: Callable, arguments: tuple) -> None:
-        """Hand over a task: a generator function that a Python without bpy can import, arguments that pickle."""
+    def begin(self, function: Callable, arguments: tuple, last: bool = False) -> None:
+        """Hand over a task: a generator function that a Python without bpy can import, arguments that pickle.
+
+        After the ``last`` one the process ends by itself.
+        """
         import pickle
 
         self._tasks += 1
@@ -78,7 +85,7 @@ class Worker:
             pickle.dump(arguments, file, protocol=5)
         self._tell(
             module=function.__module__, function=function.__qualname__,
-            arguments=f"arguments{self._tasks}", result=f"result{self._tasks}",
+            arguments=f"arguments{self._tasks}", result=f"result{self._tasks}", last=last,
         )  # fmt: skip
 
     def heard(self) -> list[dict]:
@@ -137,6 +144,7 @@ class Errand:
         self.error: BaseException | None = None
         self._function, self._arguments = function, arguments
         self._worker: Worker | None = None
+        self._compiles = False  # before the task proper
         self._ended = False
 
     def start(self) -> None:
@@ -148,7 +156,13 @@ class Errand:
             There is no second Python here.
         """
         self._worker = _take()
-        self._worker.begin(self._function, self._arguments)
+        stage = compiling.STAGE_OF.get(self._function.__name__)
+        share = _share_compiling() if stage else None
+        if share is None:
+            self._worker.begin(self._function, self._arguments)
+        else:
+            self._compiles = True
+            self._worker.begin(compiling.compile_steps, (share[0], stage, share[1]))
 
     def is_alive(self) -> bool:
         """Whether it goes on; never waits. ``progress``, ``result`` and ``error`` are brought up to date."""
@@ -166,14 +180,22 @@ class Errand:
         if not self._ended:
             self._ended = True
             self._worker.close()
+            if self._compiles:
+                compiling.give_up(_claims[0], self._worker.process.pid)
 
     def _hear(self, message: dict) -> None:
         if "ready" in message:
             self._worker.ready = True
         elif "fraction" in message:
-            self.progress = message["fraction"], message["message"]
+            text = kernels.compiling_text() if self._compiles else message["message"]
+            self.progress = message["fraction"], text
         elif "compiling" in message:
-            self.progress = self.progress[0], kernels.compiling_text().format(count=message["compiling"])
+            if not self._compiles:  # what the list of kernels lacks
+                self.progress = self.progress[0], f"{kernels.compiling_text()} ({message['compiling']})"
+        elif "done" in message and self._compiles:
+            self._compiles = False
+            self._worker.result()
+            self._worker.begin(self._function, self._arguments)
         elif "done" in message:
             self._end(result=self._worker.result())
         elif "error" in message:
@@ -210,10 +232,44 @@ def _take() -> Worker:
     return Worker()
 
 
+def _share_compiling() -> tuple[str, str] | None:
+    """Folder of claims and stamp for :func:`.compiling.compile_steps`; None when everything is compiled already.
+
+    The first call starts the processes that compile in the background.
+    """
+    folder = kernels.cache_folder()
+    if not folder:  # somebody else's cache: what is in it cannot be known
+        return None
+    stamp = os.path.join(folder, compiling.stamp_name())
+    if os.path.exists(stamp):
+        _end_helpers()
+        return None
+    if not _claims:
+        import tempfile
+
+        _claims.append(tempfile.mkdtemp(prefix="mirror_scan_claims_"))
+        # one core is the task's that is begun now
+        for _ in range(max(1, min(HELPERS, (os.cpu_count() or 2) - 1))):
+            helper = Worker()
+            helper.begin(compiling.compile_steps, (_claims[0], compiling.STAGES[-1], stamp, True), last=True)
+            _helpers.append(helper)
+    return _claims[0], stamp
+
+
+def _end_helpers() -> None:
+    import shutil
+
+    while _helpers:
+        _helpers.pop().close()
+    while _claims:
+        shutil.rmtree(_claims.pop(), ignore_errors=True)
+
+
 def stop() -> None:
-    """End the process that waits for the next task."""
+    """End the processes: the one that waits for the next task, and those that compile."""
     while _idle:
         _idle.pop().close()
+    _end_helpers()
 
 
 def register() -> None:

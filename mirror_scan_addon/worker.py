@@ -39,7 +39,10 @@ def main() -> None:
             return
         say(ready=True)
         for line in sys.stdin:
-            _do(json.loads(line), place["package"], folder, say)
+            task = json.loads(line)
+            _do(task, place["package"], folder, say)
+            if task["last"]:
+                return
 
 
 def _make_package(package: str, root: str) -> None:

@@ -27,6 +27,7 @@ PINS = Path(__file__).with_name("wheels.txt")
 MANIFEST = "blender_manifest.toml"
 SHIPPED_FILES = ("__init__.py", "LICENSE")
 SHIPPED_FOLDERS = ("core", "mirror_scan_addon")
+SHIPPED_DATA = ("mirror_scan_addon/signatures.json",)  # what in them is no Python
 LEFT_OUT = ("__pycache__", "*.py[co]", "*.nb[ci]", ".*")
 PYTHONS = ("3.11", "3.13")  # Blender 4.5 and 5.0; 5.1 and later
 
@@ -240,7 +241,8 @@ def check(path: Path) -> dict:
         sources = {ROOT / folder for folder in SHIPPED_FOLDERS}
         shipped = {file.relative_to(ROOT).as_posix() for folder in sources for file in folder.rglob("*.py")}
         strange = [n for n in names if not re.fullmatch(r"(core|mirror_scan_addon)/[\w/]+\.py|wheels/[^/]+\.whl", n)]
-        demand(set(strange) == {MANIFEST, *SHIPPED_FILES}, f"holds {sorted(set(strange) - {MANIFEST, *SHIPPED_FILES})}")
+        known = {MANIFEST, *SHIPPED_FILES, *SHIPPED_DATA}
+        demand(set(strange) == known, f"holds {sorted(set(strange) - known)}, lacks {sorted(known - set(strange))}")
         demand(shipped <= names, f"lacks {sorted(shipped - names)}")
     texts = {"tagline": manifest["tagline"], **manifest.get("permissions", {})}
     for key, text in texts.items():

@@ -1,0 +1,195 @@
+"""Compiling the kernels before they are called, in several processes at once; needs no bpy.
+
+Called one after the other, the kernels of a first build take two minutes to compile, on one core. Which ones a step of
+the work calls, and with what types, is known: ``signatures.json`` lists them (``tools/signatures.py`` writes it). So a
+few processes share the list out among themselves, each claiming an entry by making a file, and numba's cache hands over
+what they made. What the list lacks is compiled when it is called, as ever.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import json
+import os
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from .tasks import Steps
+
+PACKAGE = __package__.rpartition(".")[0]
+SIGNATURES = Path(sys.modules[__package__].__path__[0]) / "signatures.json"
+STAGES = ("load", "mirrors", "subject", "build")
+"""In the order of the work; each needs what is compiled for those before it too."""
+
+STAGE_OF = {
+    "load_steps": "load", "record_steps": "load", "find_mirrors_steps": "mirrors", "fit_steps": "mirrors",
+    "find_subject_steps": "subject", "build_steps": "build", "check_steps": "build",
+}  # fmt: skip
+"""What a task of :mod:`.tasks` waits for; one that is not here compiles what it needs by itself."""
+
+MESSAGE = "Compiling"
+LOST_S = 90.0  # after which somebody else's claim is taken for given up
+LOOK_S = 0.1  # how often is looked whether the others are done
+
+
+class Entry(NamedTuple):
+    """A kernel and the types it is called with, as :func:`describe` writes them; seconds as the lister measured."""
+
+    stage: str
+    module: str
+    kernel: str
+    types: list
+    seconds: float
+
+
+@functools.cache
+def entries() -> tuple[Entry, ...]:
+    """All of ``signatures.json``, in the order in which they are to be compiled."""
+    with open(SIGNATURES, encoding="utf-8") as file:
+        return tuple(Entry(*entry) for entry in json.load(file))
+
+
+@functools.cache
+def stamp_name() -> str:
+    """Name of the file that says, beside numba's cache, that everything is in it; another one after each update."""
+    import hashlib  # not at Blender's start
+
+    package = SIGNATURES.parents[1]
+    files = sorted(
+        (path.relative_to(package).as_posix(), path.stat().st_mtime_ns) for path in package.glob("core/**/*.py")
+    )
+    return "compiled_" + hashlib.sha256(repr((entries(), files)).encode()).hexdigest()[:16]
+
+
+def compile_steps(claims: str, stage: str, stamp: str = "", patient: bool = False) -> Steps[int]:
+    """Compile what ``stage`` and those before it call, together with other processes that are given the same folder.
+
+    Returns when all of it is done, by whomever.
+
+    Parameters
+    ----------
+    claims : str
+        Folder through which the processes agree.
+    stage : str
+        One of :data:`STAGES`.
+    stamp : str
+        File to make when the last stage is done.
+    patient : bool
+        Leave the processor to others when they need it.
+
+    Returns
+    -------
+    int
+        How many this process compiled, or found compiled.
+    """
+    if patient and hasattr(os, "nice"):
+        os.nice(10)
+    wanted = [(k, entry) for k, entry in enumerate(entries()) if STAGES.index(entry.stage) <= STAGES.index(stage)]
+    whole = sum(entry.seconds for _, entry in wanted) or 1.0
+    mine = 0
+
+    def share() -> float:
+        return sum(entry.seconds for k, entry in wanted if os.path.exists(_done(claims, k))) / whole
+
+    yield share(), MESSAGE
+    for k, entry in wanted:
+        if _claim(claims, k):
+            _compile(entry)
+            open(_done(claims, k), "x").close()
+            mine += 1
+            yield share(), MESSAGE
+    began = time.monotonic()
+    for k, entry in wanted:
+        while not os.path.exists(_done(claims, k)):
+            if time.monotonic() - began > LOST_S:  # its process was ended
+                _compile(entry)
+                break
+            time.sleep(LOOK_S)
+            yield share(), MESSAGE
+    if stamp and stage == STAGES[-1]:
+        open(stamp, "a").close()
+    return mine
+
+
+def give_up(claims: str, process: int) -> None:
+    """Free what a process that was ended had claimed and not finished."""
+    for path in Path(claims).glob("claimed_*"):
+        number = int(path.name.rpartition("_")[2])
+        if path.read_text() == str(process) and not os.path.exists(_done(claims, number)):
+            path.unlink()
+
+
+def _done(claims: str, number: int) -> str:
+    return os.path.join(claims, f"done_{number}")
+
+
+def _claim(claims: str, number: int) -> bool:
+    try:
+        with open(os.path.join(claims, f"claimed_{number}"), "x") as file:
+            file.write(str(os.getpid()))
+        return True
+    except FileExistsError:
+        return False
+
+
+def _compile(entry: Entry) -> None:
+    """Compile an entry, or load it; one that this version does not have any more is passed over."""
+    kernel = getattr(importlib.import_module(f"{PACKAGE}.{entry.module}"), entry.kernel, None)
+    if kernel is not None:
+        kernel.compile(tuple(_type(text) for text in entry.types))
+
+
+# --- types as plain values -------------------------------------------------------------------------------------------
+
+
+def describe(kind) -> str | list:
+    """A type of numba as JSON can hold it: numbers by name, arrays, and tuples of these.
+
+    Raises
+    ------
+    TypeError
+        For any other type.
+    """
+    from numba import types
+
+    if isinstance(kind, types.Array) and kind.mutable and kind.aligned:
+        return ["array", str(kind.dtype), kind.ndim, kind.layout]
+    if isinstance(kind, types.NamedTuple | types.NamedUniTuple):
+        named = kind.instance_class
+        module = named.__module__.partition(".")[2]
+        return ["named", module, named.__name__, *map(describe, kind.types)]
+    if isinstance(kind, types.Tuple | types.UniTuple):
+        return ["tuple", *map(describe, kind.types)]
+    if isinstance(kind, types.Number | types.Boolean | types.NoneType) and not isinstance(kind, types.Literal):
+        return str(kind)
+    raise TypeError(f"no description for {kind!r}")
+
+
+def _type(described: str | list):
+    from numba import types
+
+    if isinstance(described, str):
+        return getattr(types, described)
+    kind, *parts = described
+    if kind == "array":
+        return types.Array(getattr(types, parts[0]), parts[1], parts[2])
+    if kind == "named":
+        module = importlib.import_module(f"{PACKAGE}.{parts[0]}")
+        return types.BaseTuple.from_types([_type(part) for part in parts[2:]], getattr(module, parts[1]))
+    return types.BaseTuple.from_types([_type(part) for part in parts])
+
+
+def called(package: str) -> Iterator[tuple[str, str, tuple]]:
+    """Module, kernel and types of all that was called, of the package's modules in this process."""
+    from numba.core.dispatcher import Dispatcher
+
+    for module in [value for name, value in sys.modules.items() if name.startswith(f"{package}.core.")]:
+        for name, value in vars(module).items():
+            if isinstance(value, Dispatcher) and value.__module__ == module.__name__:
+                for signature in value.signatures:
+                    yield module.__name__.partition(".")[2], name, signature

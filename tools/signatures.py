@@ -1,0 +1,115 @@
+"""List the kernels that the add-on compiles beforehand, with their types: mirror_scan_addon/signatures.json.
+
+    python tools/signatures.py
+
+Goes the whole way with virtual captures of two cameras, then compiles what was called into an empty cache, to know how
+long each takes; some minutes. To be run again when kernels came or went; ``tests/addon/test_compiling.py`` says when.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import runpy
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def main() -> int:
+    runpy.run_path(str(ROOT / "tests" / "conftest.py"))
+    from mirror_scan.mirror_scan_addon import compiling
+
+    if sys.argv[1:] == ["measure"]:
+        return measure(compiling)
+    if len(sys.argv) == 3:
+        return simulate(Path(sys.argv[2]), sys.argv[1])
+    listed = [list(entry) for entry in walk(compiling)]
+    with tempfile.TemporaryDirectory() as cache:
+        done = subprocess.run(
+            [sys.executable, __file__, "measure"], input=json.dumps(listed), text=True, stdout=subprocess.PIPE,
+            env=os.environ | {"NUMBA_CACHE_DIR": cache}, check=True,
+        )  # fmt: skip
+    listed = json.loads(done.stdout)
+    # within a stage the longest first: processes that share the list end together then
+    listed.sort(key=lambda entry: (compiling.STAGES.index(entry[0]), -entry[4]))
+    lines = ",\n".join(json.dumps(entry) for entry in listed)
+    compiling.SIGNATURES.write_text(f"[\n{lines}\n]\n", encoding="utf-8")
+    print(f"{len(listed)} kernels, {sum(entry[4] for entry in listed):.0f} s one after the other")
+    return 0
+
+
+def walk(compiling) -> list:
+    """An entry for each kernel that is called on the way, under the stage that calls it first."""
+    from mirror_scan.mirror_scan_addon import tasks
+
+    found: dict[tuple, compiling.Entry] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        captures = []
+        for sensor in ("azure_kinect", "kinect_v1"):
+            captures.append(Path(folder) / sensor)
+            # in a process of its own, so that what it calls is not listed
+            subprocess.run([sys.executable, __file__, sensor, str(captures[-1])], check=True)
+
+        def look(stage: str) -> None:
+            for module, kernel, signature in compiling.called("mirror_scan"):
+                key = (module, kernel, str(signature))
+                if key in found:
+                    continue
+                try:
+                    types = [compiling.describe(kind) for kind in signature]
+                except TypeError:  # such as other kernels call it with, and compile with themselves
+                    continue
+                found[key] = compiling.Entry(stage, module, kernel, types, 0.0)
+
+        loaded = [drain(tasks.load_steps(str(capture), 0)) for capture in captures]
+        look("load")
+        for one in loaded:
+            drain(tasks.find_mirrors_steps(one.depth, one.color, one.intrinsics, 0.0))
+            drain(tasks.fit_steps(one.depth, one.intrinsics, one.mirrors, 0.0))
+        look("mirrors")
+        one = loaded[0]
+        placed = drain(tasks.find_mirrors_steps(one.depth, one.color, one.intrinsics, 0.0))
+        drain(tasks.find_subject_steps(one.depth, one.intrinsics, placed.mirrors, {}))
+        look("subject")
+        for capture in captures:
+            built = drain(tasks.build_steps(str(capture), 0))
+            drain(tasks.check_steps(built.mesh))
+        look("build")
+    return list(found.values())
+
+
+def simulate(folder: Path, sensor: str) -> int:
+    from mirror_scan.core.simulation.mannequin import mannequin
+    from mirror_scan.core.simulation.scene import default_rig
+    from mirror_scan.core.simulation.simulate import simulate, write_simulation
+
+    write_simulation(simulate(mannequin(), default_rig(sensor=sensor, mirrors=2, frames=4)), folder)
+    return 0
+
+
+def drain(job):
+    while True:
+        try:
+            next(job)
+        except StopIteration as end:
+            return end.value
+
+
+def measure(compiling) -> int:
+    """Entries from standard input, with the seconds that each takes to compile."""
+    measured = []
+    for entry in (compiling.Entry(*item) for item in json.load(sys.stdin)):
+        start = time.perf_counter()
+        compiling._compile(entry)
+        measured.append([*entry[:4], round(time.perf_counter() - start, 2)])
+    print(json.dumps(measured))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
