@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from .cholesky import solve
+
 
 @njit(cache=True, nogil=True)
 def neighbours(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -37,12 +39,17 @@ def neighbours(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np
     return packed, out
 
 
-def fair(vertices: np.ndarray, triangles: np.ndarray, stiffness: np.ndarray, iterations: int = 30) -> np.ndarray:
+def fair(
+    vertices: np.ndarray,
+    triangles: np.ndarray,
+    stiffness: np.ndarray,
+    stretch: np.ndarray | None = None,
+    target: np.ndarray | None = None,
+) -> np.ndarray:
     """Move vertices so that the surface bends least (thin plate), each held to its place by its stiffness.
 
-    Minimises Σ|L p|² + Σ stiffness²·|p − p₀|² with L the scale-dependent umbrella (Desbrun et al. 1999), by
-    preconditioned conjugate gradients on the normal equations; vertices of infinite stiffness do not move, so that
-    what is filled continues the tangent planes around it.
+    Minimises Σ|L p|² + Σ stiffness²·|p − target|² with L the scale-dependent umbrella (Desbrun et al. 1999), outright;
+    vertices of infinite stiffness do not move, so that what is filled continues the tangent planes around it.
 
     Parameters
     ----------
@@ -50,28 +57,35 @@ def fair(vertices: np.ndarray, triangles: np.ndarray, stiffness: np.ndarray, ite
     triangles : np.ndarray [shape=(T, 3)]
     stiffness : np.ndarray [shape=(V,)]
         0 = free, ∞ = fixed.
+    stretch : np.ndarray [shape=(V,)], optional
+        Edges are taken for this many times as long as they are: what is to be drawn out from a flat start into a
+        bulge has farther to go.
+    target : np.ndarray [shape=(V, 3)], optional
+        Where vertices are held, by default where they are.
 
     Returns
     -------
     np.ndarray [shape=(V, 3)]
-        O(iterations · free vertices) time.
+        Time and memory as :func:`.cholesky.solve` says.
     """
     free = np.isfinite(stiffness)
     if not free.any():
         return vertices
     used, local, near = _surroundings(triangles, free)
     start, heads = neighbours(local, len(used))
-    moved = _fair_kernel(
-        vertices.take(used, axis=0),
+    rest = vertices.take(used, axis=0)
+    unknown, *system = _system_kernel(
+        rest,
         start,
         heads,
         free[used],
         np.where(free[used], stiffness[used], 0.0),
         near[used],
-        iterations,
+        np.ones(len(used)) if stretch is None else stretch[used],
+        rest if target is None else target[used],
     )
     out = vertices.copy()
-    out[used] = moved
+    out[used[unknown]] += solve(*system)
     return out
 
 
@@ -106,105 +120,72 @@ def _surroundings(triangles, free):
 
 
 @njit(cache=True, nogil=True)
-def _rows(start, heads, weight, chosen):
-    """The CSR rows of the ``chosen`` vertices alone: (row start, head, weight)."""
-    first = np.zeros(len(chosen) + 1, np.int64)
-    for r in range(len(chosen)):
-        first[r + 1] = first[r] + start[chosen[r] + 1] - start[chosen[r]]
-    head, value = np.empty(first[-1], np.int32), np.empty(first[-1])
-    for r in range(len(chosen)):
-        n = first[r]
-        for e in range(start[chosen[r]], start[chosen[r] + 1]):
-            head[n], value[n] = heads[e], weight[e]
-            n += 1
-    return first, head, value
-
-
-@njit(cache=True, nogil=True)
-def _gather(p, row, first, head, weight, own, out):
-    """out[i] = Σ weight · p[head] − own[i] · p[i] for the vertices i of ``row``, (V, 3); the others are left alone."""
-    for r in range(len(row)):
-        i = row[r]
-        x, y, z = -own[i] * p[i, 0], -own[i] * p[i, 1], -own[i] * p[i, 2]
-        for e in range(first[r], first[r + 1]):
-            j, w = head[e], weight[e]
-            x += w * p[j, 0]
-            y += w * p[j, 1]
-            z += w * p[j, 2]
-        out[i, 0], out[i, 1], out[i, 2] = x, y, z
-
-
-@njit(cache=True, nogil=True)
-def _fair_kernel(p, start, heads, free, stiffness, rows, iterations):
-    """Rows of L are those where ``rows`` holds, zero elsewhere; only ``free`` vertices are unknown."""
+def _system_kernel(p, start, heads, free, stiffness, rows, stretch, target):
+    """Normal equations LᵀL + stiffness² of the ``free`` vertices' moves: their numbers, the matrix's row starts,
+    columns and values, and the right side. Rows of L are those where ``rows`` holds."""
     count = len(p)
     weight = np.empty(len(heads))
     for i in range(count):
         total = 0.0
         for e in range(start[i], start[i + 1]):
+            j = heads[e]
             d = 0.0
             for c in range(3):
-                d += (p[i, c] - p[heads[e], c]) ** 2
-            weight[e] = 1.0 / (np.sqrt(d) + 1e-5)
+                d += (p[i, c] - p[j, c]) ** 2
+            weight[e] = 1.0 / (0.5 * (stretch[i] + stretch[j]) * np.sqrt(d) + 1e-5)
             total += weight[e]
         for e in range(start[i], start[i + 1]):
-            weight[e] = weight[e] / total if rows[i] else 0.0
-    # the transposed umbrella's weights, so that both products gather: that of the edge from the other end
-    transposed = np.empty(len(heads))
+            weight[e] = weight[e] / total / stretch[i] if rows[i] else 0.0
+    bend = np.zeros((count, 3))
     for i in range(count):
-        for e in range(start[i], start[i + 1]):
-            j = heads[e]
-            for f in range(start[j], start[j + 1]):
-                if heads[f] == i:
-                    transposed[e] = weight[f]
-                    break
-    row, unknown = np.flatnonzero(rows), np.flatnonzero(free)
-    umbrella_first, umbrella_head, umbrella = _rows(start, heads, weight, row)
-    back_first, back_head, back = _rows(start, heads, transposed, unknown)
-    own = rows.astype(np.float64)
-    lap = np.zeros((count, 3))
-    gradient = np.empty((count, 3))
-    # residual of the normal equations at p0: -LᵀL p0 on the free vertices
-    _gather(p, row, umbrella_first, umbrella_head, umbrella, own, lap)
-    _gather(lap, unknown, back_first, back_head, back, own, gradient)
-    # Jacobi preconditioner: the diagonal of LᵀL + stiffness²
-    diagonal = own.copy()
-    for r in range(len(row)):
-        for e in range(umbrella_first[r], umbrella_first[r + 1]):
-            diagonal[umbrella_head[e]] += umbrella[e] ** 2
-    r = np.zeros((count, 3))
-    direction = np.zeros((count, 3))
-    norm = 0.0
-    for i in unknown:
-        diagonal[i] = 1.0 / (diagonal[i] + stiffness[i] ** 2)
+        if rows[i]:
+            for c in range(3):
+                bend[i, c] = -p[i, c] / stretch[i]
+            for e in range(start[i], start[i + 1]):
+                for c in range(3):
+                    bend[i, c] += weight[e] * p[heads[e], c]
+    unknown = np.flatnonzero(free)
+    number = np.full(count, -1, np.int32)
+    for n in range(len(unknown)):
+        number[unknown[n]] = n
+    first = np.zeros(len(unknown) + 1, np.int64)
+    room = 32 * len(unknown)
+    column, value = np.empty(room, np.int32), np.empty(room)
+    rhs = np.empty((len(unknown), 3))
+    at = np.full(len(unknown), -1, np.int64)  # where this row has its entry of each column
+    n = 0
+    for k in range(len(unknown)):
+        i = unknown[k]
+        begin = n
         for c in range(3):
-            r[i, c] = -gradient[i, c]
-            direction[i, c] = diagonal[i] * r[i, c]
-            norm += r[i, c] * direction[i, c]
-    first = norm
-    step = np.zeros((count, 3))
-    for _ in range(iterations):
-        if norm <= 1e-5 * first or norm == 0:
-            break
-        _gather(direction, row, umbrella_first, umbrella_head, umbrella, own, lap)
-        _gather(lap, unknown, back_first, back_head, back, own, gradient)
-        curvature = 0.0
-        for i in unknown:
+            rhs[k, c] = stiffness[i] ** 2 * (target[i, c] - p[i, c])
+        for e in range(start[i] - 1, start[i + 1]):  # the rows of L in which i comes: its own, its neighbours'
+            r = i if e < start[i] else heads[e]
+            if not rows[r]:
+                continue
+            own = -1.0 / stretch[i]
+            if r != i:
+                for f in range(start[r], start[r + 1]):
+                    if heads[f] == i:
+                        own = weight[f]
+                        break
             for c in range(3):
-                gradient[i, c] += stiffness[i] ** 2 * direction[i, c]
-                curvature += direction[i, c] * gradient[i, c]
-        if curvature <= 0:
-            break
-        alpha = norm / curvature
-        new_norm = 0.0
-        for i in unknown:
-            for c in range(3):
-                step[i, c] += alpha * direction[i, c]
-                r[i, c] -= alpha * gradient[i, c]
-                new_norm += diagonal[i] * r[i, c] ** 2
-        beta = new_norm / norm
-        norm = new_norm
-        for i in unknown:
-            for c in range(3):
-                direction[i, c] = diagonal[i] * r[i, c] + beta * direction[i, c]
-    return p + step
+                rhs[k, c] -= own * bend[r, c]
+            if n + start[r + 1] - start[r] + 1 > room:
+                room *= 2
+                column, value = (
+                    np.append(column, np.empty(room - len(column), np.int32)),
+                    np.append(value, np.empty(room - len(value))),
+                )
+            for f in range(start[r] - 1, start[r + 1]):
+                j = number[r] if f < start[r] else number[heads[f]]
+                if j < 0:
+                    continue
+                if at[j] < begin:
+                    at[j] = n
+                    column[n], value[n] = j, 0.0
+                    n += 1
+                value[at[j]] += own * (-1.0 / stretch[r] if f < start[r] else weight[f])
+        value[at[k]] += stiffness[i] ** 2
+        first[k + 1] = n
+    return unknown, first, column[:n].copy(), value[:n].copy(), rhs

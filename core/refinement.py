@@ -32,7 +32,7 @@ def _edge_length_kernel(vertices, triangles, kind):
     return total, count
 
 
-def refine(mesh: Mesh, target: np.ndarray, factor: float, rounds: int = 10) -> Mesh:
+def refine(mesh: Mesh, target: np.ndarray, factor: float, rounds: int = 10) -> tuple[Mesh, np.ndarray]:
     """Split edges of seams and fills longer than ``factor`` targets, longest first, flipping towards Delaunay in
     between.
 
@@ -45,12 +45,18 @@ def refine(mesh: Mesh, target: np.ndarray, factor: float, rounds: int = 10) -> M
 
     Returns
     -------
-    Mesh
-        New vertices have view -1. O(M log M) for M made triangles.
+    mesh : Mesh
+        New vertices, behind the others, have view -1.
+    parents : np.ndarray [shape=(K, 2)]
+        The two vertices between which each new one was put, themselves new ones where they are.
+
+    Notes
+    -----
+    O(M log M) for M made triangles.
     """
     made = mesh.kind != SURFACE
     if not made.any():
-        return mesh
+        return mesh, np.empty((0, 2), np.int64)
     count = len(mesh.vertices)
     fixed, region = mesh.triangles[~made], mesh.triangles[made]
     vertices, region, kind, parents = _refine_kernel(
@@ -59,13 +65,14 @@ def refine(mesh: Mesh, target: np.ndarray, factor: float, rounds: int = 10) -> M
     colors = mesh.colors
     if colors is not None and len(parents):
         colors = np.concatenate((colors, np.rint(_middle_colors(colors, parents)).astype(np.uint8)))
-    return Mesh(
+    refined = Mesh(
         vertices,
         np.concatenate((fixed, region)),
         colors,
         np.concatenate((mesh.view, np.full(len(parents), -1, np.int8))),
         np.concatenate((mesh.kind[~made], kind)),
     )
+    return refined, parents
 
 
 @njit(cache=True, nogil=True)

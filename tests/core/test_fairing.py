@@ -25,14 +25,14 @@ def lidded(radius):
         zeros,
     )
     mesh = fill_loops(remove_bowties(compact(mesh)), None)
-    return refine(mesh, edge_length_at_vertices(mesh), 1.5)
+    return refine(mesh, edge_length_at_vertices(mesh), 1.5)[0]
 
 
 @pytest.mark.parametrize(("radius", "share"), [(0.3, 0.15), (0.6, 0.25), (0.9, 0.45)])
 def test_a_lid_is_drawn_out_to_the_sphere(radius, share):
     mesh = lidded(radius)
     made = mesh.view < 0
-    out = fair(mesh.vertices, mesh.triangles, np.where(made, 0.0, np.inf), iterations=1000)
+    out = fair(mesh.vertices, mesh.triangles, np.where(made, 0.0, np.inf))
     np.testing.assert_array_equal(out[~made], mesh.vertices[~made])
     flat = 1 - np.linalg.norm(mesh.vertices[made], axis=1)
     error = np.abs(np.linalg.norm(out[made], axis=1) - 1)
@@ -44,12 +44,34 @@ def test_a_lid_is_drawn_out_to_the_sphere(radius, share):
     assert outwards.min() > 0.8, "a fold"
 
 
-def test_as_many_iterations_as_usual_get_most_of_the_way():
-    mesh = lidded(0.5)
-    made = mesh.view < 0
-    out = fair(mesh.vertices, mesh.triangles, np.where(made, 0.0, np.inf))
-    error, flat = (np.abs(np.linalg.norm(p[made], axis=1) - 1).mean() for p in (out, mesh.vertices))
-    assert error < 0.25 * flat
+@pytest.mark.parametrize(("stretch", "low", "high"), [(0.1, -0.02, 0.05), (1.0, 0.1, 0.35), (2.0, 0.35, 0.55)])
+def test_a_half_pipe_is_drawn_out_as_far_as_it_is_stretched(stretch, low, high):
+    """A flat lid over half a pipe of radius 1/2: a thin plate rises half as high, a stretched one all the way."""
+    n, rows = 24, 60
+    angle = np.pi * np.arange(n + 1) / n
+    y = np.linspace(0, 3, rows)
+    shell = np.column_stack((0.5 * np.cos(angle), -0.5 * np.sin(angle)))  # below z = 0, rims upright
+    lid = np.column_stack((np.linspace(-0.5, 0.5, 17)[1:-1], np.zeros(15)))
+    ring = np.concatenate((shell, lid))
+    points = np.concatenate([np.column_stack((ring[:, 0], np.full(len(ring), h), ring[:, 1])) for h in y])
+    at = np.arange(len(points)).reshape(rows, -1)
+    after = np.roll(at, -1, axis=1)
+    a, b, c, d = (k.ravel() for k in (at[:-1], after[:-1], after[1:], at[1:]))
+    faces = np.concatenate((np.column_stack((a, b, c)), np.column_stack((a, c, d)))).astype(np.int32)
+    made = np.tile(np.arange(len(ring)) > n, rows) & (np.repeat(y, len(ring)) > 0.1) & (np.repeat(y, len(ring)) < 2.9)
+    free = np.where(made, 0.0, np.inf)
+    out = fair(points, faces, free, np.where(made, stretch, 1.0)).reshape(rows, -1, 3)
+    assert low < out[rows // 2, n + 8, 2] < high
+    np.testing.assert_allclose(out[rows // 2, n + 1 :, 2], out[rows // 2, :n:-1, 2], atol=1e-3)
+
+
+def test_what_is_held_elsewhere_goes_there():
+    points, faces = grid(15)
+    goal = points + (0.0, 0.0, 0.2)
+    free = np.abs(points[:, :2] - 0.5).max(axis=1) < 0.4
+    held = np.where(free, np.where(np.linalg.norm(points[:, :2] - 0.5, axis=1) < 0.1, 100.0, 0.0), np.inf)
+    out = fair(points, faces, held, target=goal)
+    assert out[112, 2] == pytest.approx(0.2, abs=1e-3) and (out[~free] == points[~free]).all()
 
 
 def grid(n, height=None):
@@ -75,7 +97,7 @@ def test_a_bump_is_ironed_out_of_a_plane():
     free = np.linalg.norm(points[:, :2] - 0.5, axis=1) < 0.25
     bumpy = points.copy()
     bumpy[free, 2] = 0.05 * np.random.default_rng(0).normal(size=free.sum())
-    out = fair(bumpy, faces, np.where(free, 0.0, np.inf), iterations=1000)
+    out = fair(bumpy, faces, np.where(free, 0.0, np.inf))
     assert np.abs(out[:, 2]).max() < 0.006
 
 
@@ -86,7 +108,7 @@ def test_energy_is_the_least_there_is(stiff):
     rest[:, :2] += 0.02 * rng.normal(size=(64, 2))
     free = np.abs(rest[:, :2] - 0.5).max(axis=1) < 0.33
     stiffness = np.where(free, stiff * rng.uniform(0.5, 1.5, 64), np.inf)
-    out = fair(rest, faces, stiffness, iterations=1000)
+    out = fair(rest, faces, stiffness)
     np.testing.assert_array_equal(out[~free], rest[~free])
 
     best, plate = naive.thin_plate(rest, faces, stiffness)
@@ -95,8 +117,8 @@ def test_energy_is_the_least_there_is(stiff):
     def energy(points):
         return ((plate @ points) ** 2).sum() + ((held * (points - rest)) ** 2).sum()
 
-    assert energy(out) - energy(best) < 2e-3 * (energy(rest) - energy(best))
-    assert np.abs(out - best).max() < 0.1 * max(np.abs(best - rest).max(), 1e-3)
+    assert energy(out) - energy(best) < 1e-3 * (energy(rest) - energy(best))
+    assert np.abs(out - best).max() < 0.05 * max(np.abs(best - rest).max(), 1e-3)
 
 
 def test_stiffness_holds_things_in_place():

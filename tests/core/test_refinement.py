@@ -68,7 +68,7 @@ def check_measured_surface_stays(before: Mesh, after: Mesh):
 @pytest.mark.parametrize("size", [0.03, 0.07, 0.2])
 def test_a_lid_becomes_as_dense_as_asked(size):
     mesh = ball_with_a_lid()
-    out = refine(mesh, np.full(len(mesh.vertices), size), 1.4)
+    out, parents = refine(mesh, np.full(len(mesh.vertices), size), 1.4)
     check_sound(out)
     check_measured_surface_stays(mesh, out)
     assert (twins(out.triangles, len(out.vertices)) >= 0).all(), "still closed"
@@ -81,6 +81,8 @@ def test_a_lid_becomes_as_dense_as_asked(size):
         assert len(new) > 10 and np.median(length) > 0.3 * size, "not much denser than asked"
     closed = trimesh.Trimesh(out.vertices, out.triangles, process=False)
     assert closed.is_watertight and closed.is_winding_consistent and closed.euler_number == 2
+    assert len(parents) == len(new) and (parents < len(mesh.vertices) + np.arange(len(new))[:, None]).all()
+    np.testing.assert_allclose(out.vertices[parents].mean(axis=1), new, atol=1e-12)
     blend = np.abs(out.colors[len(mesh.vertices) :] - 127 * (new + 1))
     assert not len(new) or blend.max() < 12, "colours are blended from the rim's"
 
@@ -95,11 +97,11 @@ def test_any_fill_stays_manifold(seed, holes, size, factor):
         keep &= np.linalg.norm(middle - middle[rng.integers(len(middle))], axis=1) > rng.uniform(0.1, 0.5)
     mesh = remove_bowties(fill_loops(remove_bowties(compact(measured(whole.vertices, whole.faces[keep]))), None))
     target = size * rng.uniform(0.5, 1.5, len(mesh.vertices))
-    out = refine(mesh, target, factor)
+    out, parents = refine(mesh, target, factor)
     check_sound(out)
     assert (twins(out.triangles, len(out.vertices)) >= 0).all()
     check_measured_surface_stays(mesh, out)
-    again = refine(mesh, target, factor)
+    again, _ = refine(mesh, target, factor)
     np.testing.assert_array_equal(again.triangles, out.triangles)
 
 
@@ -111,7 +113,7 @@ def test_flat_fills_stay_flat_and_become_delaunay():
     ring = np.concatenate((np.column_stack((i, i + n, j + n)), np.column_stack((i, j + n, j))))
     hole = measured(np.concatenate((rim, 1.3 * rim)), ring)
     mesh = fill_loops(hole, None, diameter=np.linalg.norm((2.0, 0.8)) * 1.01)
-    out = refine(mesh, np.full(len(mesh.vertices), 0.1), 1.4)
+    out, _ = refine(mesh, np.full(len(mesh.vertices), 0.1), 1.4)
     check_sound(out)
     made = out.triangles[out.kind != SURFACE]
     normals = triangle_normals(out.vertices, made)
@@ -135,7 +137,7 @@ def test_kinds_are_inherited():
     made = np.flatnonzero(mesh.kind == FILL)
     kind = mesh.kind.copy()
     kind[made[mesh.vertices[mesh.triangles[made]].mean(axis=1)[:, 0] > 0]] = SEAM
-    out = refine(
+    out, _ = refine(
         Mesh(mesh.vertices, mesh.triangles, mesh.colors, mesh.view, kind), np.full(len(mesh.vertices), 0.05), 1.4
     )
     middle = out.vertices[out.triangles].mean(axis=1)[:, 0]
@@ -146,11 +148,12 @@ def test_kinds_are_inherited():
 def test_nothing_made_nothing_changed():
     whole = trimesh.creation.icosphere(subdivisions=2)
     mesh = measured(whole.vertices, whole.faces)
-    assert refine(mesh, np.full(len(mesh.vertices), 1e-3), 1.4) is mesh
+    same, parents = refine(mesh, np.full(len(mesh.vertices), 1e-3), 1.4)
+    assert same is mesh and parents.shape == (0, 2)
     lid = ball_with_a_lid()
-    coarse = refine(lid, np.full(len(lid.vertices), 100.0), 1.4)
+    coarse, _ = refine(lid, np.full(len(lid.vertices), 100.0), 1.4)
     assert len(coarse.vertices) == len(lid.vertices)
-    bare = refine(Mesh(lid.vertices, lid.triangles, None, lid.view, lid.kind), np.full(len(lid.vertices), 0.1), 1.4)
+    bare, _ = refine(Mesh(lid.vertices, lid.triangles, None, lid.view, lid.kind), np.full(len(lid.vertices), 0.1), 1.4)
     assert bare.colors is None and len(bare.vertices) > len(lid.vertices)
 
 

@@ -1,0 +1,134 @@
+"""How far made surface has to bulge: a body goes on round its outline, while a patch that was lost is best bridged
+flat."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from .mesh import SURFACE, Mesh, vertex_normals
+from .overlap import ViewMaps, look_at
+
+_WINDOW = 4  # so far beside the last reading of an outline the next one may be [px]
+_DROP = 0.05  # farther away than this is something else [m]
+
+
+def rim_marks(mesh: Mesh, maps: ViewMaps) -> np.ndarray:
+    """What the measured surface says at its rim: normal, and whether it ends there at an outline, (V, 4).
+
+    An outline is where the view reads something farther right beside: there the body goes on, out of sight. Elsewhere
+    readings were lost or the view was cut. Where nothing is known of the view it counts as one. Zero at made vertices.
+    """
+    made = mesh.kind != SURFACE
+    normals = vertex_normals(mesh.vertices, mesh.triangles[~made])
+    rim = np.zeros(len(mesh.vertices), np.bool_)
+    rim[mesh.triangles[made]] = True
+    ends = _outline_kernel(mesh.vertices, np.flatnonzero(rim & (mesh.view >= 0)), mesh.view, maps.to_view, maps.depth,
+                           maps.lens)  # fmt: skip
+    return np.column_stack((normals, ends))
+
+
+def bulge(marks: np.ndarray, parents: np.ndarray, mesh: Mesh, rings: int = 8) -> np.ndarray:
+    """How many times its flat width the surface between rims is wide (V,), for :func:`.fairing.fair`.
+
+    Between two rims that are turned by α either way from the middle between them, an arc that continues both rises
+    tan(α/2)/2 of its chord, a thin plate over the flat chord sin(α)/4: it has to be stretched by 2 / (1 + cos α).
+    cos α is the length of the mean of the normals around. A tenth of that where the rims do not end at an outline:
+    what was lost there is as likely hollow (the back along the spine) as not.
+
+    Parameters
+    ----------
+    marks : np.ndarray [shape=(K, 4)]
+        :func:`rim_marks` before refining.
+    parents : np.ndarray [shape=(M, 2)]
+        What each vertex that refining added (numbers K to K + M) lies between.
+    mesh : Mesh
+        Refined.
+    rings : int
+        How far an outline is felt.
+
+    Returns
+    -------
+    np.ndarray [shape=(V,)]
+        1 at measured vertices. O(rings · made triangles).
+    """
+    triangles = mesh.triangles[mesh.kind != SURFACE]
+    made = mesh.view < 0
+    spread = _spread_kernel(marks, parents, triangles, made, rings)
+    cosine = np.sqrt(np.einsum("ij,ij->i", spread[:, :3], spread[:, :3]))
+    ends = _most_kernel(spread[:, 3:], triangles, rings)[:, 0]
+    return np.where(made, 2.0 / (1.0 + cosine) * (0.1 + 0.9 * ends), 1.0)
+
+
+@njit(cache=True, nogil=True)
+def _outline_kernel(vertices, chosen, view, to_view, depth, lens):
+    ends = np.zeros(len(vertices))
+    if len(to_view) == 0:
+        return ends
+    for i in chosen:
+        v, u, z = look_at(vertices[i], to_view[view[i]], depth, lens[view[i]])
+        if v < 0:
+            ends[i] = 1.0  # it is not known what the view reads there
+            continue
+        y, x = int(v + 0.5), int(u + 0.5)
+        blank = True
+        for row in range(max(y - _WINDOW, 0), min(y + _WINDOW + 1, depth.shape[0])):
+            for column in range(max(x - _WINDOW, 0), min(x + _WINDOW + 1, depth.shape[1])):
+                blank = blank and depth[row, column] == 0
+                if depth[row, column] > z + _DROP:
+                    ends[i] = 1.0
+        if blank:
+            ends[i] = 1.0
+    return ends
+
+
+@njit(cache=True, nogil=True)
+def _spread_kernel(marks, parents, triangles, made, sweeps):
+    """The rim's marks (V, 4) inside: a new vertex has the mean of its parents', then made ones that of those around."""
+    known = len(marks)
+    out = np.zeros((known + len(parents), 4))
+    out[:known] = marks
+    for k in range(len(parents)):
+        for c in range(4):
+            out[known + k, c] = 0.5 * (out[parents[k, 0], c] + out[parents[k, 1], c])
+    for _ in range(sweeps):
+        out = _mean(out, triangles, made)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _mean(field, triangles, chosen):
+    """The field with its mean over the edges around at ``chosen`` vertices."""
+    width = field.shape[1]
+    total, number = np.zeros(field.shape), np.zeros(len(field))
+    for t in range(len(triangles)):
+        for k in range(3):
+            i, j = triangles[t, k], triangles[t, k + 1 if k < 2 else 0]
+            number[i] += 1.0
+            number[j] += 1.0
+            for c in range(width):
+                total[i, c] += field[j, c]
+                total[j, c] += field[i, c]
+    for i in range(len(field)):
+        for c in range(width):
+            total[i, c] = total[i, c] / number[i] if chosen[i] and number[i] > 0 else field[i, c]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _most_kernel(field, triangles, rings):
+    """The greatest value within so many rings, smoothed over half as many."""
+    width = field.shape[1]
+    for _ in range(rings):
+        most = field.copy()
+        for t in range(len(triangles)):
+            for k in range(3):
+                i, j = triangles[t, k], triangles[t, k + 1 if k < 2 else 0]
+                for c in range(width):
+                    most[i, c] = max(most[i, c], field[j, c])
+                    most[j, c] = max(most[j, c], field[i, c])
+        field = most
+    everywhere = np.ones(len(field), np.bool_)
+    for _ in range(rings // 2):
+        field = _mean(field, triangles, everywhere)
+    return field
