@@ -88,7 +88,7 @@ def compile_steps(claims: str, stage: str, stamp: str = "", patient: bool = Fals
         How many this process compiled, or found compiled.
     """
     if patient and hasattr(os, "nice"):
-        os.nice(10)
+        os.nice(5)
     wanted = [(k, entry) for k, entry in enumerate(entries()) if STAGES.index(entry.stage) <= STAGES.index(stage)]
     whole = sum(entry.seconds for _, entry in wanted) or 1.0
     mine = 0

@@ -65,9 +65,18 @@ def _fields(layout: bpy.types.UILayout) -> bpy.types.UILayout:
 
 
 def _table(layout: bpy.types.UILayout, lines: list[tuple[str, str, str]]) -> None:
-    """Label, value and a mark for each line."""
+    """Label, value and a mark for each line; one below the other where the sidebar is too narrow for both."""
+    import blf
+
+    blf.size(0, bpy.context.preferences.ui_styles[0].widget.points)
+    room = _width() - MARGIN
     column = layout.column(align=True)
     for label, value, mark in lines:
+        wide = blf.dimensions(0, value)[0] + (ICON if mark else 0)
+        if wide > 0.58 * room or blf.dimensions(0, label)[0] > 0.42 * room:
+            column.label(text=label, translate=False)
+            column.label(text=value, icon=ICONS[mark] if mark else "BLANK1", translate=False)
+            continue
         row = column.split(factor=0.42)
         row.label(text=label, translate=False)
         row.label(text=value, icon=ICONS[mark] if mark else "NONE", translate=False)

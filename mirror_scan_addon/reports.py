@@ -83,8 +83,8 @@ def distances(report: dict) -> list[tuple[str, str, str]]:
             lines.append((label, text, "OK" if good else "WARN"))
     for seam in report.get("seams", ()):
         if seam.get("mean_gap_mm") is not None and len(seam.get("between", ())) == 2:
-            label = say("{one} to {other}").format(one=seam["between"][0], other=seam["between"][1])
-            text = say("gap {mean:.0f} mm, widest {widest:.0f} mm").format(
+            label = say("Gap {one}–{other}").format(one=seam["between"][0], other=seam["between"][1])
+            text = say("{mean:.0f} mm, widest {widest:.0f} mm").format(
                 mean=seam["mean_gap_mm"], widest=seam.get("max_gap_mm", 0.0)
             )
             lines.append((label, text, "WARN" if seam["mean_gap_mm"] > 40 else ""))
