@@ -12,7 +12,6 @@ import argparse
 import contextlib
 import json
 import os
-import re
 import runpy
 import shlex
 import shutil
@@ -27,8 +26,15 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 ADDON = "bl_ext.user_default.mirror_scan"
-SCREEN = "1280x800x24"
+ABOVE = 300  # rows of our own screen above Blender's main window, where the windows it opens reach to
+SCREEN = f"1280x{800 + ABOVE}x24"
 PLATFORM = {"linux": "linux-x64", "win32": "windows-x64", "darwin": "macos-arm64"}[sys.platform]
+
+PICTURES = (
+    "0_install_menu", "1_panel", "2_capture", "3_mirrors", "4_picking", "5_subject", "6_building", "7_avatar",
+    "8_problem", "9_rig",
+)  # fmt: skip
+"""Screenshots that the documentation shows."""
 
 START = f"""
 import time, json, bpy, addon_utils
@@ -112,20 +118,17 @@ def python_of(place: Place) -> str:
 
 
 def prepare(place: Place) -> None:
-    """Build the zip for this Blender, install it, write a capture."""
+    """Build the zip for this Blender, write a capture."""
+    zips = place.share / "zips"
+    zips.mkdir(exist_ok=True)
     builder = ROOT / "tools" / "extension.py"
     done = subprocess.run(
         [sys.executable, str(builder), "--platform", PLATFORM, "--python", python_of(place),
-         "--output", str(place.share), "--wheels", os.environ.get("MIRROR_SCAN_WHEELS", str(ROOT / "wheels"))],
+         "--output", str(zips), "--wheels", os.environ.get("MIRROR_SCAN_WHEELS", str(ROOT / "wheels"))],
         capture_output=True, text=True, env={k: v for k, v in os.environ.items() if k != "BLENDER"},
     )  # fmt: skip
     if done.returncode:
         raise RuntimeError(done.stderr)
-    (package,) = place.share.glob("mirror_scan-*.zip")
-    install = ["--command", "extension", "install-file", "-r", "user_default", "--enable", place.seen(package)]
-    done = place.run([place.blender, *install], 300)
-    if not re.search(r"STATUS (Installed|Reinstalled)", done.stdout):
-        raise RuntimeError(f"the zip was not installed:\n{done.stdout}")
     if not (place.share / "capture").exists():
         write_capture(place.share / "capture")
 
@@ -161,14 +164,18 @@ def go(place: Place, out: Path, timeout: float = 1500) -> dict:
     """The run in the window; returns what it found, pictures are in ``out``."""
     inner = place.share / "out"
     inner.mkdir(exist_ok=True)
+    (package,) = (place.share / "zips").glob("mirror_scan-*.zip")
     settings = {
         "MIRROR_SCAN_OUT": place.seen(inner),
         "MIRROR_SCAN_CAPTURE": place.seen(place.share / "capture"),
+        "MIRROR_SCAN_ZIP": place.seen(package),
         "MIRROR_SCAN_ID": ADDON,
     }
     blender = [place.blender, "--enable-event-simulate", "--no-window-focus", "--window-geometry", "0", "0", "1280",
                "800", "--python-exit-code", "1", "--python", place.seen(HERE / "window.py")]  # fmt: skip
-    if sys.platform == "linux" and (place.chroot is not None or not os.environ.get("DISPLAY")):
+    own_screen = sys.platform == "linux" and (place.chroot is not None or not os.environ.get("DISPLAY"))
+    settings["MIRROR_SCAN_ABOVE"] = str(ABOVE if own_screen else 0)
+    if own_screen:
         number = place.seen(place.share / "display")
         script = (
             f"rm -f {number}; "
@@ -191,10 +198,12 @@ def write_images(place: Place, out: Path, folder: Path) -> None:
     """Pictures for the documentation: the viewport of each screenshot, small, in few colours."""
     inner = place.share / "images"
     inner.mkdir(exist_ok=True)
-    for path in sorted(set(out.glob("[1-7]_*.png")) - {out / "2_browser.png"}):
-        source, target = place.share / "out" / path.name, inner / f"blender_{path.name}"
+    window, preferences = "1052x774+0+26", "876x430+104+163"
+    for name in PICTURES:
+        source, target = place.share / "out" / f"{name}.png", inner / f"blender_{name}.png"
+        cut = preferences if name.startswith("0_") else window
         done = place.run(
-            ["convert", place.seen(source), "-crop", "1052x774+0+26", "+repage", "-resize", "840x",
+            ["convert", place.seen(source), "-crop", cut, "+repage", "-resize", "840x",
              "+dither", "-colors", "120", "-strip", f"png8:{place.seen(target)}"], 60)  # fmt: skip
         if done.returncode:
             raise RuntimeError(done.stdout)

@@ -2,7 +2,8 @@
 
 Blender calls :func:`tick` from its timers; each ``yield`` in :func:`story` gives it that many seconds to draw and to
 work. Buttons are found as a person finds them, by looking under the mouse: Blender's own “copy Python command” tells
-which operator the button there belongs to. What was seen goes to ``result.json`` beside the screenshots.
+which operator the button there belongs to. From the fresh Blender to the avatar nothing is called, all is clicked and
+typed; each click is kept in ``result.json``, with what was seen, beside the screenshots.
 """
 
 from __future__ import annotations
@@ -20,17 +21,20 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from mathutils import Matrix, Vector
+from mathutils import Vector
 
-OUT, CAPTURE, ADDON = (
+OUT, CAPTURE, ZIP, ADDON = (
     Path(os.environ["MIRROR_SCAN_OUT"]),
     os.environ["MIRROR_SCAN_CAPTURE"],
+    os.environ["MIRROR_SCAN_ZIP"],
     os.environ["MIRROR_SCAN_ID"],
 )
-WIDTH = 1280  # of the window [px]
+WIDTH, ABOVE = 1280, int(os.environ["MIRROR_SCAN_ABOVE"])  # of the window, and of the screen above it [px]
 LIMIT_S = 900.0  # for one step of the way, compiling included
 
-result: dict = {"blender": f"Blender {bpy.app.version_string}", "steps": [], "figures": {}, "screenshots": []}
+result: dict = {
+    "blender": f"Blender {bpy.app.version_string}", "steps": [], "figures": {}, "screenshots": [], "events": [],
+}  # fmt: skip
 Story = Iterator[float]
 
 
@@ -39,16 +43,23 @@ Story = Iterator[float]
 
 def story() -> Story:
     blocks = Blocks()
-    with viewport():
-        bpy.ops.object.select_all(action="SELECT")
-        bpy.ops.object.delete()
-    yield from open_sidebar()
+    with step("take away what a new file holds"):
+        yield from keys("A")
+        yield from keys("DEL")
+        expect(not bpy.data.objects, "an empty scene")
+    with step("install the zip"):
+        yield from install()
+    with step("open the sidebar"):
+        yield from open_sidebar()
     yield from shot("1_panel")
 
-    with step("load by the operator, as a click does"):
-        yield from press("load_capture", choose=CAPTURE)
+    with step("load by the file browser"):
+        started = time.perf_counter()
+        yield from press("load_capture")
+        yield from choose(CAPTURE, picture="2_browser")
         yield from settled()
         expect(cloud() is not None, "points of the capture")
+        note("first_load_s", time.perf_counter() - started)
         note("points", len(cloud().data.vertices))
     yield from shot("2_capture")
 
@@ -61,11 +72,13 @@ def story() -> Story:
         while busy() or cloud() is None or cloud().session_uid == before:
             expect(time.perf_counter() - start < 60, "other points than before")
             yield 0.01
+        note("points_made_s", time.perf_counter() - start)
         with viewport():
             bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
         note("points_shown_s", time.perf_counter() - start)
         note("points_shown", len(cloud().data.vertices))
         yield 0.5
+        note("points_redraw_ms", redraw_ms())
 
     with step("find mirrors"):
         yield from press("clear_mirrors")
@@ -79,24 +92,27 @@ def story() -> Story:
     with step("pick mirror points"):
         yield from pick()
     with step("find the subject"):
-        with viewport():  # its panel is folded
-            bpy.ops.mirror_scan.find_subject("INVOKE_DEFAULT")
+        yield from open_panel("find_subject", "build_avatar", 64)
+        yield from press("find_subject")
         yield from settled()
     yield from shot("5_subject")
 
+    watch = Watch()
     with step("build, with the window alive"):
-        own = timed_modal("MIRROR_SCAN_OT_build_avatar", "TIMER")
         yield from press("build_avatar")
         blocks.start()
+        started = time.perf_counter()
         yield 1.2
         yield from shot("6_building", settle=0.0)
         yield from settled()
+        note("first_build_s", time.perf_counter() - started)
         yield 0.5
         blocks.stop()
         note("first_build_blocks_ms", blocks.worst)
         expect(avatar() is not None, "an avatar")
         note("avatar_vertices", len(avatar().data.vertices))
         note("watertight", watertight(avatar()))
+        result["clicks_from_zip_to_avatar"] = len(result["events"])
     yield from shot("7_avatar")
 
     with step("undo and redo by the keyboard"):
@@ -109,6 +125,7 @@ def story() -> Story:
         expect(avatar() is not None and len(bpy.data.meshes) == count, "the avatar again after redo")
 
     with step("build again, kernels and process ready"):
+        watch.forget()
         yield from press("build_avatar")
         blocks.start()
         started = time.perf_counter()
@@ -117,11 +134,14 @@ def story() -> Story:
         yield 0.5
         blocks.stop()
         note("second_build_blocks_ms", blocks.worst)
-        note("build_own_ms", max(own))
-        with viewport():
-            start = time.perf_counter()
-            bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=5)
-            note("redraw_ms", 1000 * (time.perf_counter() - start) / 5)
+        note("build_own_ms", watch.worst())
+        result["own_calls_ms"] = watch.longest()
+        note("redraw_ms", redraw_ms())
+    watch.stop()
+    with step("undo the second avatar"):
+        yield from keys("Z", ctrl=True)
+        yield 0.7
+        expect(sum("mirror_scan_report" in item for item in bpy.data.objects) == 1, "one avatar again")
 
     with step("cancel by Esc"):
         count = len(bpy.data.objects)
@@ -129,6 +149,20 @@ def story() -> Story:
         yield from keys("ESC")
         yield 0.5
         expect(not busy() and len(bpy.data.objects) == count, "nothing new after Esc")
+
+    with step("check, and jump to a problem"):
+        expect(bpy.context.object == avatar(), "the avatar selected")
+        yield from press("check")
+        yield from settled()
+        yield from shot("8_check")
+        tear(bpy.context.object)
+        yield from press("check")
+        yield from settled()
+        yield from press("color_by", mode="KIND")
+        yield from press("jump_to_problem", direction="NEXT")
+        expect(settings().problem_index == 1, "the first problem")
+        yield 0.5
+    yield from shot("8_problem")
 
     yield from pictures()
 
@@ -143,12 +177,25 @@ def story() -> Story:
         yield from open_sidebar()
     yield from shot("9_reloaded")
 
+    with step("plan a rig"):
+        yield from keys("A")
+        yield from keys("DEL")
+        expect(not bpy.context.scene.objects, "an empty scene")
+        yield from open_panel("add_rig", "export_avatar", -57)
+        yield from press("add_rig")
+        yield from press("simulate")
+        yield from settled()
+        expect(cloud() is not None and "%" in settings().rig_message, "a virtual capture, and what it covers")
+        yield from press("simulate")
+    yield from shot("9_rig")
+
     with step("disable and enable"):
         with viewport():
             bpy.ops.preferences.addon_disable(module=ADDON)
         yield 0.5
         expect(dir(bpy.ops.mirror_scan) == [], "no operators when disabled")
         expect(not hasattr(bpy.types.Scene, "mirror_scan"), "no properties when disabled")
+        note("redraw_without_ms", redraw_ms())
         with viewport():
             bpy.ops.preferences.addon_enable(module=ADDON)
         yield 0.5
@@ -157,12 +204,49 @@ def story() -> Story:
     measure()
 
 
+def install() -> Story:
+    """Edit › Preferences › Get Extensions › the arrow at the right › Install from Disk."""
+    main = window()
+    yield from click(*EDIT_MENU(main), on=main)
+    yield 0.5
+    yield from shot("0_menu", settle=0.0)
+    middle = main.width // 2, main.height // 2  # where the window is going to be
+    yield from type_key("UP_ARROW", *middle, main)  # the last entry
+    yield from type_key("RET", *middle, main)
+    yield from until(lambda: find_area("PREFERENCES") is not None, "the Preferences window")
+    where, area = find_area("PREFERENCES")
+    tabs = next(r for r in area.regions if r.type in ("UI", "NAVIGATION_BAR"))
+    preferences = bpy.context.preferences
+    for y in range(tabs.y + tabs.height - 12, tabs.y, -12):
+        yield from click(tabs.x + tabs.width // 2, y, on=where)
+        if preferences.active_section == "EXTENSIONS":
+            break
+    expect(preferences.active_section == "EXTENSIONS", "the tab Get Extensions")
+    yield from shot("0_extensions")
+    top = next(r for r in area.regions if r.type == "WINDOW")
+    yield from click(top.x + top.width - 23, top.y + top.height - 22, on=where)
+    yield 0.5
+    yield from shot("0_install_menu", settle=0.0)
+    yield from type_key("UP_ARROW", on=where)  # the last entry again
+    yield from type_key("RET", on=where)
+    yield from choose(ZIP, picture="0_zip")
+    yield from until(lambda: hasattr(bpy.types.Scene, "mirror_scan"), "the add-on, installed and enabled")
+    yield from shot("0_installed")
+    with bpy.context.temp_override(window=find_area("PREFERENCES")[0]):
+        bpy.ops.wm.window_close()  # its cross belongs to the desktop, which there is none of here
+    yield 0.5
+
+
+def EDIT_MENU(main) -> tuple[int, int]:
+    """Where “Edit” is in the top bar, which Python is not told of."""
+    return 78, main.height - 13
+
+
 def pick() -> Story:
     """Eight clicks on the frame of the first mirror, where the capture's own mirrors.json has them."""
     content = json.loads((Path(CAPTURE) / "mirrors.json").read_text())
     pixels = content["mirrors"][0]["frame_pixels"]
     yield from press("clear_mirrors")
-    yield from look_from_camera()
     times = timed_modal("MIRROR_SCAN_OT_pick_mirror_points", "LEFTMOUSE")
     yield from press("pick_mirror_points")
     expect(busy(), "picking runs")
@@ -174,6 +258,7 @@ def pick() -> Story:
         if number == 4:
             yield 0.6
             yield from shot("4_picking", settle=0.0)
+    expect(settings().mirrors[0].name == "mirror 1", f"mirror 1, not {settings().mirrors[0].name}")
     picked = len(settings().mirrors[0].picks)
     expect(picked >= 6, f"picks: {picked} of {len(pixels)}")
     yield from keys("BACK_SPACE")
@@ -191,17 +276,35 @@ def pick() -> Story:
 
 
 def pictures() -> Story:
-    """Panels in the light theme and in a narrow sidebar."""
+    """Panels in the light theme and in a narrow sidebar, from top to bottom."""
     theme = next(Path(bpy.utils.system_resource("SCRIPTS")).glob("presets/interface_theme/*ight.xml"))
-    with step("light theme"), viewport():
-        bpy.ops.script.execute_preset(filepath=str(theme), menu_idname="USERPREF_MT_interface_theme_presets")
-    yield from shot("8_light")
+    with step("light theme"):
+        with viewport():
+            bpy.ops.script.execute_preset(filepath=str(theme), menu_idname="USERPREF_MT_interface_theme_presets")
+        for number, turns in enumerate((-40, 12, 12), start=1):
+            yield from scroll(turns)
+            yield from shot(f"8_light_{number}")
     with step("dark theme"), viewport():
         bpy.ops.preferences.reset_default_theme()
     with step("narrow sidebar"):
         yield from resize_sidebar(180)
-        yield from shot("8_narrow")
+        for number, turns in enumerate((-40, 12, 12), start=1):
+            yield from scroll(turns)
+            yield from shot(f"8_narrow_{number}")
         yield from resize_sidebar(300)
+
+
+def tear(item) -> None:
+    """Make a hole in a mesh, for there to be something to find."""
+    import bmesh
+
+    work = bmesh.new()
+    work.from_mesh(item.data)
+    middle = Vector((0, -1, 1.2))
+    faces = sorted(work.faces, key=lambda face: (face.calc_center_median() - middle).length)[:60]
+    bmesh.ops.delete(work, geom=faces, context="FACES")
+    work.to_mesh(item.data)
+    work.free()
 
 
 def measure() -> None:
@@ -297,16 +400,24 @@ def screen_place(pixel) -> tuple[int, int] | None:
 # --- doing -----------------------------------------------------------------------------------------------------------
 
 
-def move(x: int, y: int) -> Story:
-    window().event_simulate(type="MOUSEMOVE", value="NOTHING", x=x, y=y)
+def send(kind: str, value: str, x: int, y: int, on=None, **more) -> None:
+    """One event, kept in the record when it is more than a move."""
+    if kind != "MOUSEMOVE" and value == "PRESS":
+        known = {name: held for name, held in more.items() if held}
+        result["events"].append({"step": current, "type": kind, "x": x, "y": y} | known)
+    (on or window()).event_simulate(type=kind, value=value, x=x, y=y, **more)
+
+
+def move(x: int, y: int, on=None) -> Story:
+    send("MOUSEMOVE", "NOTHING", x, y, on)
     yield 0.02
 
 
-def click(x: int, y: int, kind: str = "LEFTMOUSE") -> Story:
-    yield from move(x - 1, y)
-    yield from move(x, y)
+def click(x: int, y: int, kind: str = "LEFTMOUSE", on=None) -> Story:
+    yield from move(x - 1, y, on)
+    yield from move(x, y, on)
     for value in ("PRESS", "RELEASE"):
-        window().event_simulate(type=kind, value=value, x=x, y=y)
+        send(kind, value, x, y, on)
         yield 0.04
     yield 0.1
 
@@ -316,17 +427,41 @@ def keys(kind: str, **modifiers: bool) -> Story:
     main = region("WINDOW")
     x, y = main.x + main.width // 3, main.y + main.height // 2
     yield from move(x, y)
+    yield from type_key(kind, x, y, **modifiers)
+
+
+def type_key(kind: str, x: int = 0, y: int = 0, on=None, **more: bool) -> Story:
+    """A key where the mouse is, or is said to be."""
     for value in ("PRESS", "RELEASE"):
-        window().event_simulate(type=kind, value=value, x=x, y=y, **modifiers)
+        send(kind, value, x, y, on, **more)
         yield 0.05
     yield 0.2
 
 
+def write(text: str, x: int, y: int, on) -> Story:
+    """Letters into the field that is edited."""
+    for letter in text:
+        kind = letter.upper() if letter.isascii() and letter.isalpha() else "SLASH"
+        on.event_simulate(type=kind, value="PRESS", x=x, y=y, unicode=letter)
+        on.event_simulate(type=kind, value="RELEASE", x=x, y=y)
+        yield 0.01
+    result["events"].append({"step": current, "type": "TEXT", "text": text})
+    yield 0.3
+
+
 def open_sidebar() -> Story:
-    area().spaces.active.show_region_ui = True
-    yield 0.5
-    region("UI").active_panel_category = "Mirror Scan"
-    yield 0.5
+    """N over the viewport, then one tab after the other until ours is in front."""
+    if region("UI").width <= 1:
+        yield from keys("N")
+        yield from until(lambda: region("UI").width > 1, "the sidebar")
+        yield 0.5
+    sidebar = region("UI")
+    for y in range(sidebar.y + sidebar.height - 20, sidebar.y, -35):
+        if region("UI").active_panel_category == "Mirror Scan":
+            break
+        yield from click(sidebar.x + sidebar.width - 12, y)
+        yield 0.2
+    expect(region("UI").active_panel_category == "Mirror Scan", "the tab Mirror Scan")
     if region("UI").width < 290:
         yield from resize_sidebar(300)
 
@@ -336,87 +471,207 @@ def resize_sidebar(width: int) -> Story:
     sidebar = region("UI")
     x, y = sidebar.x, sidebar.y + sidebar.height // 3
     yield from move(x, y)
-    window().event_simulate(type="LEFTMOUSE", value="PRESS", x=x, y=y)
+    send("LEFTMOUSE", "PRESS", x, y)
     yield 0.1
     target = sidebar.x + sidebar.width - width
     for k in range(1, 6):
         yield from move(x + (target - x) * k // 5, y)
-    window().event_simulate(type="LEFTMOUSE", value="RELEASE", x=target, y=y)
+    send("LEFTMOUSE", "RELEASE", target, y)
     yield 0.5
-    region("UI").active_panel_category = "Mirror Scan"
+    expect(abs(region("UI").width - width) < 20, f"a sidebar of {width} px, not {region('UI').width}")
+
+
+def scroll(turns: int) -> Story:
+    """The wheel over the sidebar, down, or up when negative."""
+    sidebar = region("UI")
+    x, y = sidebar.x + 20, sidebar.y + sidebar.height // 2
+    yield from move(x, y)
+    for _ in range(abs(turns)):
+        send("WHEELDOWNMOUSE" if turns > 0 else "WHEELUPMOUSE", "PRESS", x, y)
+        yield 0.03
     yield 0.3
 
 
-def press(operator: str, choose: str = "") -> Story:
-    """Click the button of an operator in the sidebar; ``choose`` is then taken in the file browser."""
-    place = yield from find_button(operator)
+def press(operator: str, **properties: str) -> Story:
+    """Click the button of an operator in the sidebar; among several the one with these properties."""
+    place = yield from find_button(operator, properties)
     expect(place is not None, f"a button for {operator}")
     yield from click(*place)
-    if choose:
+
+
+def open_panel(operator: str, other: str, above: int) -> Story:
+    """Unfold the panel that holds an operator: its header stands so many pixels above the button of ``other``."""
+    x, y = yield from find_button(other, {})
+    if y + above < region("UI").y + 12:
+        yield from scroll(12)
+        x, y = yield from find_button(other, {})
+    for off in (0, 6, -6, 12, -12, 18, -18):
+        header = y + above + off
+        yield from click(region("UI").x + 70, header)
         yield 0.7
-        yield from choose_file(choose)
+        for below in (30, 24, 36):  # its first row; nothing of it when another panel was hit
+            if (yield from is_button(operator, {}, x, header - below)):
+                return
+        yield from click(region("UI").x + 70, header)
+        yield 0.7
+    raise Missed(f"the panel of {operator}")
 
 
-def find_button(operator: str):
+def find_button(operator: str, properties: dict[str, str]):
     """Move down the sidebar until Blender says that the button under the mouse is the one; scroll when it is not."""
-    for wheel, turns in (("", 0), ("WHEELUPMOUSE", 40), ("WHEELDOWNMOUSE", 8), ("WHEELDOWNMOUSE", 8)):
+    key = (operator, *properties.items())
+    for turns in (0, -40, 8, 8, 8):
+        if turns:
+            yield from scroll(turns)
         sidebar = region("UI")
-        for _ in range(turns):
-            x, y = sidebar.x + 20, sidebar.y + sidebar.height // 2
-            window().event_simulate(type=wheel, value="PRESS", x=x, y=y)
-            yield 0.03
-        yield 0.3
-        if operator in places and (yield from is_button(operator, *places[operator])):
-            return places[operator]
-        for x in (sidebar.x + sidebar.width // 3, sidebar.x + sidebar.width - 48):
+        if key in places and (yield from is_button(operator, properties, *places[key])):
+            return places[key]
+        wide = sidebar.width - 60
+        for x in (sidebar.x + 20 + wide // 3, sidebar.x + wide + 4, sidebar.x + 30, sidebar.x + 20 + 2 * wide // 3):
             for y in range(sidebar.y + sidebar.height - 10, sidebar.y, -10):
-                if (yield from is_button(operator, x, y)):
-                    places[operator] = x, y
+                if (yield from is_button(operator, properties, x, y)):
+                    places[key] = x, y
                     return x, y
     return None
 
 
-def is_button(operator: str, x: int, y: int):
+def is_button(operator: str, properties: dict[str, str], x: int, y: int, on=None, area=None, kind: str = "UI"):
     """Whether the mouse is on a button of this operator there."""
     manager = bpy.context.window_manager
-    yield from move(x - 1, y)
-    yield from move(x, y)
+    yield from move(x - 1, y, on)
+    yield from move(x, y, on)
     manager.clipboard = ""
-    with viewport("UI"), contextlib.suppress(RuntimeError):
+    context = viewport(kind) if area is None else seen(on, area, kind)
+    with context, contextlib.suppress(RuntimeError):
         if bpy.ops.ui.copy_python_command_button.poll():
             bpy.ops.ui.copy_python_command_button()
-    return f"mirror_scan.{operator}(" in manager.clipboard
+    said = manager.clipboard
+    name = operator if "." in operator else f"mirror_scan.{operator}"
+    return f"{name}(" in said and all(f"{name}='{value}'" in said for name, value in properties.items())
 
 
-places: dict[str, tuple[int, int]] = {}  # where buttons were
+places: dict[tuple, tuple[int, int]] = {}  # where buttons were
 
 
-def choose_file(path: str) -> Story:
-    """Take a folder in the file browser that is open."""
+def choose(path: str, picture: str = "") -> Story:
+    """Type a path into the file browser that opens, and take it by the button at its lower right."""
+    yield from until(lambda: find_area("FILE_BROWSER") is not None, "a file browser")
+    yield 1.0
+    where, area = find_area("FILE_BROWSER")
+    main = next(r for r in area.regions if r.type == "WINDOW")
+    x, y = main.x + main.width // 2, main.y + main.height // 2
+    folder = path if os.path.isdir(path) else os.path.dirname(path)
+    yield from move(x, y, where)
+    yield from type_key("L", x, y, where, ctrl=True)
+    yield from type_key("A", x, y, where, ctrl=True)
+    yield from write(folder, x, y, where)
+    yield from type_key("RET", x, y, where)
+
+    def shown():
+        return area.spaces.active.params
+
+    yield from until(lambda: os.path.samefile(os.fsdecode(shown().directory), folder), f"the folder {folder}")
+    yield 1.0
+    yield from click(x, main.y + 30, on=where)  # on nothing: the field goes on being edited otherwise
+    for _ in range(5 if folder != path else 0):
+        yield from move(x, y, where)
+        yield from type_key("DOWN_ARROW", x, y, where)
+        if shown().filename == os.path.basename(path):
+            break
+    expect(folder == path or shown().filename == os.path.basename(path), f"{path}, not {shown().filename}")
+    if picture:
+        yield from shot(picture)
+    bar = next(r for r in area.regions if r.type == "EXECUTE")
+    for x in range(bar.x + bar.width - 30, bar.x, -40):
+        for y in range(bar.y + 10, bar.y + bar.height, 12):
+            if (yield from is_button("file.execute", {}, x, y, where, area, "EXECUTE")):
+                yield from click(x, y, on=where)
+                yield 0.5
+                return
+    raise Missed("the button that takes the file")
+
+
+def find_area(kind: str):
+    """The window and the area of an editor, if it is shown."""
     windows = bpy.context.window_manager.windows
-    browser = next((w, a) for w in windows for a in w.screen.areas if a.type == "FILE_BROWSER")
-    yield 0.5
-    space = browser[1].spaces.active
-    space.params.directory = os.fsencode(path if path.endswith("/") else path + "/")
-    yield 0.5
-    if "2_browser" not in result["screenshots"]:
-        yield from shot("2_browser")
-    with bpy.context.temp_override(window=browser[0], area=browser[1], region=browser[1].regions[-1]):
-        bpy.ops.file.execute()
-    yield 0.3
+    return next(((w, a) for w in windows for a in w.screen.areas if a.type == kind), None)
 
 
-def look_from_camera() -> Story:
-    """View as the depth camera had it, a little wider; every reading is then in sight."""
-    placed = cloud().matrix_world @ Matrix.Diagonal((1, -1, -1, 1))  # x right, y up, looking along -z
-    space = area().spaces.active
-    space.lens = 22
-    view = space.region_3d
-    view.view_perspective = "PERSP"
-    view.view_rotation = placed.to_quaternion()
-    view.view_distance = 2.5
-    view.view_location = placed @ Vector((0, 0, -2.5))
-    yield 0.5
+@contextlib.contextmanager
+def seen(where, area, kind: str):
+    there = next(r for r in area.regions if r.type == kind)
+    with bpy.context.temp_override(window=where, area=area, region=there):
+        yield
+
+
+def until(holds, what: str, limit: float = 120.0) -> Story:
+    deadline = time.monotonic() + limit
+    while not holds():
+        expect(time.monotonic() < deadline, what)
+        yield 0.1
+
+
+class Watch:
+    """How long Blender waits for each call into the add-on: modal operators, panels and what is drawn."""
+
+    def __init__(self) -> None:
+        self.spent: list[tuple[float, str]] = []
+        self._put_back: list[tuple[object, str, object]] = []
+        prefix = f"{ADDON}.mirror_scan_addon."
+        for kind in (bpy.types.Operator, bpy.types.Panel):
+            for cls in kind.__subclasses__():
+                for name in ("modal", "draw", "draw_header"):
+                    if cls.__module__.startswith(prefix) and hasattr(cls, name):
+                        self._wrap(cls, name, f"{cls.__name__}.{name}")
+        overlay = sys.modules[f"{prefix}overlay"]
+        overlay.unregister()
+        for name in ("_draw_view", "_draw_text"):
+            self._wrap(overlay, name, f"overlay.{name}")
+        overlay.register()
+        self._overlay = overlay
+
+    def _wrap(self, owner, name: str, label: str) -> None:
+        inner = getattr(owner, name)
+
+        def call(*arguments):
+            start = time.perf_counter()
+            try:
+                return inner(*arguments)
+            finally:
+                self.spent.append((1000 * (time.perf_counter() - start), label))
+
+        # Blender counts the arguments of what it calls
+        count = inner.__code__.co_argcount
+        timed = {0: lambda: call(), 2: lambda this, context: call(this, context),
+                 3: lambda this, context, event: call(this, context, event)}[count]  # fmt: skip
+        self._put_back.append((owner, name, vars(owner).get(name)))
+        setattr(owner, name, timed)
+
+    def stop(self) -> None:
+        self._overlay.unregister()
+        for owner, name, inner in self._put_back:
+            if inner is None:
+                delattr(owner, name)
+            else:
+                setattr(owner, name, inner)
+        self._overlay.register()
+
+    def forget(self) -> None:
+        self.spent.clear()
+
+    def worst(self) -> float:
+        return max(self.spent)[0]
+
+    def longest(self) -> dict[str, float]:
+        return {label: round(ms, 1) for ms, label in sorted(self.spent)}  # the last of each name is its longest
+
+
+def redraw_ms() -> float:
+    """What drawing the whole window takes [ms]."""
+    with viewport():
+        start = time.perf_counter()
+        bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=3)
+    return 1000 * (time.perf_counter() - start) / 3
 
 
 def timed_modal(idname: str, event_type: str) -> list[float]:
@@ -484,7 +739,8 @@ def shot(name: str, settle: float = 0.6) -> Story:
     yield 0.3
     path = OUT / f"{name}.png"
     if shutil.which("import"):
-        subprocess.run(["import", "-window", "root", str(path)], check=True, timeout=60)
+        cut = ["-crop", "+0+0" if name.startswith(("0_", "failed")) else f"{WIDTH}x800+0+{ABOVE}", "+repage"]
+        subprocess.run(["import", "-window", "root", *cut, str(path)], check=True, timeout=60)
     else:
         with viewport():
             bpy.ops.screen.screenshot(filepath=str(path))
@@ -508,9 +764,13 @@ def note(name: str, value) -> None:
     result["figures"][name] = value
 
 
+current = ""  # the step of the way that is gone
+
+
 @contextlib.contextmanager
 def step(name: str):
-    start = time.perf_counter()
+    global current
+    current, start = name, time.perf_counter()
     try:
         yield
     except Missed as error:
@@ -542,7 +802,6 @@ def tick():
 
 told = story()
 preferences = bpy.context.preferences
-preferences.view.filebrowser_display_type = "SCREEN"
 preferences.view.show_splash = False
 preferences.use_preferences_save = False
 preferences.view.show_statusbar_stats = True
