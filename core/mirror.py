@@ -258,7 +258,13 @@ def _snap_picks(picks: MirrorPicks, depth: np.ndarray, radius: int) -> np.ndarra
         window = depth[v0 : v + radius + 1, u0 : u + radius + 1]
         rows, cols = np.nonzero(window)
         if len(rows):
-            nearest = np.argmin((rows + v0 - v) ** 2 + (cols + u0 - u) ** 2)
+            away = (rows + v0 - v) ** 2 + (cols + u0 - u) ** 2
+            z = window[rows, cols]
+            # a click that just missed the frame is on the glass, which shows more distant things
+            beside = (away <= 2) & (z < z[np.argmin(away)] - 0.1)
+            if beside.sum() >= 2:
+                away = np.where(beside, away, 99)
+            nearest = np.argmin(away)
             snapped.append((cols[nearest] + u0, rows[nearest] + v0))
     if len(snapped) < 3:
         raise MirrorError(
@@ -270,7 +276,8 @@ def _snap_picks(picks: MirrorPicks, depth: np.ndarray, radius: int) -> np.ndarra
 
 
 def _without_outliers(points: np.ndarray, plane: Mirror) -> Mirror:
-    """Plane of the picks that agree: the triple of least median distance decides, then SVD of its inliers."""
+    """Plane of the picks that agree: the triple that most are near decides (MSAC; Torr and Zisserman 2000), then SVD of
+    its inliers. The median distance would not do: half of the picks may be on one side of the frame, in a line."""
     count = len(points)
     if count < 5:
         return plane
@@ -285,8 +292,8 @@ def _without_outliers(points: np.ndarray, plane: Mirror) -> Mirror:
         return plane
     normals = normals[usable] / length[usable, None]
     distance = np.abs(normals @ points.T - np.einsum("ij,ij->i", normals, a[usable])[:, None])
-    # picks far apart fix a plane better: ties in the median go to the larger triangle
-    score = np.median(distance, axis=1) + 0.002 / length[usable]
+    # picks far apart fix a plane better: ties go to the larger triangle
+    score = np.sqrt((np.minimum(distance, _NO_PICK) ** 2).mean(axis=1)) + 0.002 / length[usable]
     best = distance[np.argmin(score)]
     inlier = best <= max(3.0 * np.median(best), 0.02)
     if inlier.sum() < 4:
@@ -440,4 +447,5 @@ def with_outline(mirror: Mirror, intrinsics: Intrinsics) -> Mirror:
 
 
 _FRAME = 0.15  # more than a frame is wide [m]
+_NO_PICK = 0.06  # a pick this far off the plane is not on the frame [m]
 _BEYOND = 2.0  # how far glass is taken to go on past the image's border [m]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from .agreement import AgreementSettings, agree
 from .camera import Intrinsics, unproject
 from .capture import Capture, MirrorPicks
 from .cleaning import clean, recognise, still_warning
@@ -22,7 +23,7 @@ from .mirror_detection import DetectionSettings, find_mirror_at, find_mirrors
 from .mirror_refinement import JointSettings, align_reflections
 from .overlap import OverlapSettings, ViewMaps, part_overlaps, view_maps
 from .rig_file import moved_warning
-from .scene_check import check_scene, quoted
+from .scene_check import check_agreement, check_scene, quoted
 from .sensors import NoiseModel
 from .subject import find_subject
 from .threads import each
@@ -42,6 +43,7 @@ class Settings:
     mirror: MirrorSettings = MirrorSettings()
     detection: DetectionSettings = DetectionSettings()
     alignment: JointSettings = JointSettings()
+    agreement: AgreementSettings = AgreementSettings()
     views: ViewSettings = ViewSettings()
     triangulation: TriangulationSettings = TriangulationSettings()
     overlap: OverlapSettings = OverlapSettings()
@@ -201,7 +203,8 @@ def scan_steps(
 
     yield at(0.58), "Smoothing the depth"
     sensor, model = recognise(capture, settings.depth)
-    faults = check_scene(depth, views, placed, camera, model)
+    views, apart = check_agreement(depth, views, placed, camera)
+    faults = [*apart, *check_scene(depth, views, placed, camera, model)]
     moved = still_warning(capture.depth, views.labels, camera.fx, settings.depth)
     depth, views, noise = clean_views(
         depth, views, len(placed), camera, settings.depth, model, spread if len(capture.depth) > 1 else None
@@ -276,6 +279,7 @@ def place_mirrors(
             "pass them with --mirrors; a frame at least 3 cm wide and 10 cm off the wall is found by itself"
         )
     placed, notes = align_reflections(placed, depth, camera, settings.alignment)
+    placed = agree(placed, depth, camera, settings.agreement)
     return placed, (*(text for text in warnings if text), *notes)
 
 

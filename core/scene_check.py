@@ -6,10 +6,11 @@ seen: on the glass or past it, in the image or out of it, behind something, fart
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .agreement import disagreements
 from .camera import Intrinsics
 from .ground import leans
 from .linear import dot, transform
@@ -29,6 +30,9 @@ MAX_HIDDEN = 0.3
 MAX_UNREAD = 0.75
 """Of a reflection, beyond the camera's range, that may have no reading before it is told [share]; where two patterns
 light a surface a structured-light camera loses half of it at any distance."""
+
+MAX_UNSURE = 0.012
+"""A mirror whose plane may misplace the subject by more than this is told [m]."""
 
 MIN_APART_DEG = 25.0
 """Views from directions less apart than this show the same side."""
@@ -86,8 +90,46 @@ def check_scene(
             told += _about(
                 mirror, foresee(subject, depth, views, mirror, k, intrinsics), (views.labels == k).any(), model
             )
+            error = mirror.displacement(subject)
+            if error is not None and error > MAX_UNSURE:
+                told.append(
+                    f"the plane of {quoted(mirror)} is known so badly that its view of the subject may be "
+                    f"{1000.0 * error:.0f} mm off; take a longer burst, pick points on all sides of its frame, or use "
+                    "a wider frame"
+                )
     told += _about_rig(views, mirrors)
     return told
+
+
+def check_agreement(
+    depth: np.ndarray, views: Views, mirrors: list[Mirror], intrinsics: Intrinsics
+) -> tuple[Views, list[str]]:
+    """Mirrors that contradict the other views are told, and left out where they would double the body.
+
+    Returns
+    -------
+    views : Views
+        Without the pixels of mirrors that are left out.
+    told : list of str
+    """
+    told, labels = [], views.labels
+    for apart in disagreements(depth, views, mirrors, intrinsics):
+        name = quoted(mirrors[apart.mirror])
+        other = "the camera" if apart.other == 0 else quoted(mirrors[apart.other - 1])
+        how = f"{100.0 * apart.distance:.0f} cm off what {other} shows" if apart.distance else (
+            f"where {other} looks through, {apart.through:.0%} of it")  # fmt: skip
+        who = "its plane is wrong: pick points on all sides of its frame again"
+        if not apart.sure:
+            who = "the plane of one of the two is wrong: pick points on all sides of both frames again"
+        if apart.hopeless:
+            labels = np.where(labels == apart.mirror + 1, -1, labels).astype(labels.dtype)
+            what = f"{name} is left out, or the body would be doubled: it places the subject {how}"
+        else:
+            what = f"{name} places the subject {how}, so that its surface is uneven there"
+        told.append(
+            f"{what}; {who} (on nothing else), see that the mirror is flat and has not moved, or take a longer burst"
+        )
+    return replace(views, labels=labels), told
 
 
 def quoted(mirror: Mirror) -> str:
