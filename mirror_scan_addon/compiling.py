@@ -173,11 +173,11 @@ def describe(kind) -> str | list:
 def _type(described: str | list):
     from numba import types
 
-    if isinstance(described, str):
-        return getattr(types, described)
+    if isinstance(described, str):  # not every numba knows “bool” by this name
+        return types.boolean if described == "bool" else getattr(types, described)
     kind, *parts = described
     if kind == "array":
-        return types.Array(getattr(types, parts[0]), parts[1], parts[2])
+        return types.Array(_type(parts[0]), parts[1], parts[2])
     if kind == "named":
         module = importlib.import_module(f"{PACKAGE}.{parts[0]}")
         return types.BaseTuple.from_types([_type(part) for part in parts[2:]], getattr(module, parts[1]))
