@@ -391,17 +391,19 @@ def with_rectangle(mirror: Mirror, frame: np.ndarray, picked: np.ndarray, intrin
     A side that lies at the image's border, or beyond it, is cut off by it: the glass goes on there.
     """
     rectangle = _extent(frame, picked, mirror)
-    cut = _cut_off(frame, mirror, rectangle, intrinsics)
-    return at_border(replace(mirror, rectangle=rectangle), intrinsics, cut=cut)
+    cut, ends = _cut_off(frame, mirror, rectangle, intrinsics)
+    return at_border(replace(mirror, rectangle=rectangle), intrinsics, ~ends, cut)
 
 
-def _cut_off(frame: np.ndarray, mirror: Mirror, rectangle: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
+def _cut_off(
+    frame: np.ndarray, mirror: Mirror, rectangle: np.ndarray, intrinsics: Intrinsics
+) -> tuple[np.ndarray, np.ndarray]:
     """Which sides of the rectangle (2, 2) bool the image's border cuts off: the frame reaches the border on that side,
-    and has no bar along it."""
+    and has no bar along it; and on which the frame ends with a bar."""
     pixels, middle = project(frame, intrinsics), project(mirror.point, intrinsics)
     place = (frame - mirror.point) @ mirror.basis[:, :2]
     size = np.array((intrinsics.width, intrinsics.height)) - 1
-    cut = np.zeros((2, 2), np.bool_)
+    cut, ends = np.zeros((2, 2, 2), np.bool_)
     for axis in range(2):
         low, high = rectangle[1 - axis]
         for end in range(2):
@@ -412,7 +414,8 @@ def _cut_off(frame: np.ndarray, mirror: Mirror, rectangle: np.ndarray, intrinsic
             along = place[np.abs(place[:, axis] - rectangle[axis, end]) < 0.04, 1 - axis]
             cells = np.unique(np.floor(20.0 * (along - low) / max(high - low, 1e-9)))
             cut[axis, end] = reaches >= 3 and len(cells) < 8
-    return cut
+            ends[axis, end] = len(cells) >= 12
+    return cut, ends
 
 
 def at_border(

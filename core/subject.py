@@ -18,9 +18,10 @@ DEFAULTS = ViewSettings()
 _NEAR_FLOOR = 0.12  # readings within this of the floor tell how each view sees it [m]
 _OUTLINE = 0.08  # a view's points may stick out of the subject's outline in another view by this much [m]
 _ROUGH = 0.014  # a floor's noise is less [m]
+_ENOUGH = 1000  # readings tell a floor
 _FOOTPRINT = 0.4  # radius about the subject in which feet may be [m]
-_FLOOR_PRIOR = (0.015, 0.006, 0.006)  # by how much a mirror's error may lift [m] and tilt the floor in it
-_SHARED = 120.0  # neighbouring readings share so much of their errors that this many count as one
+_FLOOR_PRIOR = (0.01, 0.006, 0.006)  # by how much a mirror's error may lift [m] and tilt the floor in it
+_SHARED = 60.0  # neighbouring readings share so much of their errors that this many count as one
 _PIECE = 8  # px: fewer are noise
 _CONFIRMED = 0.25  # m
 _STEPS = 0.026  # a far sensor counts in steps: pieces may be so much of z apart
@@ -106,10 +107,11 @@ def find_subject(
     meeting = rig_axis(mirrors, up, intrinsics) if meeting is None else meeting
     if clicked is not None:
         meeting = points[clicked]
-    floors, clearance = _floor_of_views(points, seen, up, ground.floor, len(mirrors) + 1, meeting, settings)
+    pixel_angle = 1.0 / intrinsics.fx
+    count = len(mirrors) + 1
+    floors, clearance = _floor_of_views(points, seen, up, ground.floor, count, meeting, settings, pixel_angle)
     highest = np.inf if ground.floor is None or settings.object else ground.floor + settings.max_height
     standing = _standing(points, seen, up, floors, clearance, highest)
-    pixel_angle = 1.0 / intrinsics.fx
     component, sizes = connected_pixels(depth, standing, pixel_angle)
     chosen = _direct_subject(depth, component, len(sizes), seen, points, up, meeting, clicked, pixel_angle, settings)
     support = None
@@ -117,7 +119,9 @@ def find_subject(
         support = _support(points[component == chosen[0]], up, settings)
         if support is not None:
             # from here on what the thing stands on is its floor
-            floors, clearance = _floor_of_views(points, seen, up, support, len(mirrors) + 1, meeting, settings, False)
+            floors, clearance = _floor_of_views(
+                points, seen, up, support, count, meeting, settings, pixel_angle, False
+            )
             standing = _standing(points, seen, up, floors, clearance, highest)
             component, sizes = connected_pixels(depth, standing, pixel_angle)
             chosen = _direct_subject(
@@ -141,7 +145,7 @@ def find_subject(
             (height.min() - 0.15, height.max() + 0.15), deepest,
         )  # fmt: skip
         taken = _take_mirrors(
-            depth, component, verdict, votes, seen, points, pixel_angle, labels, len(mirrors) + 1
+            depth, component, verdict, votes, seen, points, pixel_angle, labels, count
         )
         for i, m in enumerate(mirrors, start=1):
             if taken[i] < settings.min_pixels:
@@ -153,7 +157,7 @@ def find_subject(
     floor = ground.floor if support is None else support
     return Views(
         labels, seen, points, up, floor, ground.noise, axis, tuple(warnings),
-        _limits(depth, labels, len(mirrors) + 1), ground.disagreement_deg,
+        _limits(depth, labels, count), ground.disagreement_deg,
     )  # fmt: skip
 
 
@@ -198,6 +202,7 @@ def _floor_of_views(
     views: int,
     meeting: np.ndarray | None,
     settings: ViewSettings,
+    pixel_angle: float,
     apart: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The floor as each view sees it about the subject, and how far above it a reading is no floor any more.
@@ -215,7 +220,7 @@ def _floor_of_views(
     # farther off it is noisier, and at the subject there are feet
     ring = (0.0, np.inf) if meeting is None else (_FOOTPRINT if apart else 0.0, 0.9 * settings.reach)
     samples = _near_floor_kernel(
-        points, seen, up, floor, _NEAR_FLOOR, center, ring[0] ** 2, ring[1] ** 2, _across(up), views
+        points, seen, up, floor, _NEAR_FLOOR, center, ring[0] ** 2, ring[1] ** 2, _across(up), views, pixel_angle
     )
     rough = _ROUGH
     for view, (sample, rows) in enumerate(samples):
@@ -246,11 +251,13 @@ def _fit_floor(
     # feet are spread over all heights, the floor has one
     bins = np.bincount(np.floor((height + _NEAR_FLOOR) / 0.005).astype(np.int64).clip(0))
     level = np.convolve(bins, np.ones(4), mode="same")
+    place = 0.005 * (np.arange(len(bins)) + 0.5) - _NEAR_FLOOR
+    likely = level * np.exp(-0.5 * (place / (2.0 * _FLOOR_PRIOR[0])) ** 2)
     first = _level_axis(up)
     plan = sample - center
     rows = np.column_stack((np.ones(len(sample)), dot(plan, first), dot(plan, np.cross(up, first))))
-    found = np.array((0.005 * (float(np.argmax(level)) + 0.5) - _NEAR_FLOOR, 0.0, 0.0))
-    band, noise = 0.03, rough
+    found = np.array((place[np.argmax(likely)], 0.0, 0.0))
+    band = noise = rough
     for _ in range(5):
         miss = height - (rows * found).sum(axis=1)
         kept = np.abs(miss) < band
@@ -266,8 +273,8 @@ def _fit_floor(
             for j in range(3):
                 matrix[i, j] += (weight * rows[:, i] * rows[:, j])[kept].sum()
         found = np.linalg.solve(matrix, right)
-        band = max(4.0 * noise, 0.003)
-    if noise >= rough or abs(found[0]) > _NEAR_FLOOR - 0.03:
+        band = min(max(4.0 * noise, 0.003), 2.0 * rough)
+    if noise >= rough or (np.abs(found) > 3.0 * np.array(_FLOOR_PRIOR)).any():
         return None
     normal = up - found[1] * first - found[2] * np.cross(up, first)
     length = np.linalg.norm(normal)
@@ -283,46 +290,51 @@ def _closest_half(values: np.ndarray) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _near_floor_kernel(points, seen, up, floor, band, center, inner2, outer2, across, views):
-    """Up to 1500 points of each view within ``band`` of the floor and in a ring about the subject, evenly taken, and
-    how far the median of each one's row is above it."""
+def _near_floor_kernel(points, seen, up, floor, band, center, inner2, outer2, across, views, pixel_angle):
+    """Up to ``_ENOUGH`` points of each view within ``band`` of the floor and in a ring about the subject, evenly taken,
+    and how far the median of each one's row is above it. What stands upright is left out."""
     height, width = seen.shape
+    found = [np.empty(seen.size, np.int32) for _ in range(views)]
     count = np.zeros(views, np.int64)
-    every, taken = np.ones(views, np.int64), np.zeros(views, np.int64)
-    samples = [np.empty((1500, 3)) for _ in range(views)]
-    medians = [np.empty(1500) for _ in range(views)]
+    for v in range(height):
+        for u in range(width):
+            k = seen[v, u]
+            if k < 0 or (k == 0 and (u + v) % 4 > 0):  # directly there is more than enough
+                continue
+            x, y, z = points[v, u, 0], points[v, u, 1], points[v, u, 2]
+            if abs(up[0] * x + up[1] * y + up[2] * z - floor) > band:
+                continue
+            x, y, z = x - center[0], y - center[1], z - center[2]
+            squared = 0.0
+            for r in range(3):
+                squared += (across[r, 0] * x + across[r, 1] * y + across[r, 2] * z) ** 2
+            if squared < inner2 or squared > outer2:
+                continue
+            if 3 <= v < height - 3 and seen[v - 3, u] == k and seen[v + 3, u] == k:
+                a, b = points[v - 3, u], points[v + 3, u]
+                rise = up[0] * (a[0] - b[0]) + up[1] * (a[1] - b[1]) + up[2] * (a[2] - b[2])
+                if abs(rise) > 3.0 * pixel_angle * points[v, u, 2]:  # half of what an upright surface rises
+                    continue
+            found[k][count[k]] = v * width + u
+            count[k] += 1
+    samples = []
     row = np.empty(2 * _ROW + 1)
-    for turn in range(2):
-        count[:] = 0
-        for v in range(height):
-            for u in range(width):
-                k = seen[v, u]
-                if k < 0 or (k == 0 and (u + v) % 4 > 0):  # directly there is more than enough
-                    continue
-                p = points[v, u]
-                h = up[0] * p[0] + up[1] * p[1] + up[2] * p[2]
-                if abs(h - floor) > band:
-                    continue
-                x, y, z = p[0] - center[0], p[1] - center[1], p[2] - center[2]
-                squared = 0.0
-                for r in range(3):
-                    squared += (across[r, 0] * x + across[r, 1] * y + across[r, 2] * z) ** 2
-                if squared > outer2 or squared < inner2:
-                    continue
-                if turn == 1 and count[k] % every[k] == 0 and taken[k] < 1500:
-                    n = 0
-                    for w in range(max(u - _ROW, 0), min(u + _ROW + 1, width)):
-                        q = points[v, w]
-                        if seen[v, w] == k and abs(q[2] - p[2]) < 0.1:
-                            row[n] = up[0] * q[0] + up[1] * q[1] + up[2] * q[2] - h
-                            n += 1
-                    samples[k][taken[k]] = p
-                    medians[k][taken[k]] = np.median(row[:n])
-                    taken[k] += 1
-                count[k] += 1
-        if turn == 0:
-            every[:] = count // 1500 + 1
-    return [(samples[k][: taken[k]].copy(), medians[k][: taken[k]].copy()) for k in range(views)]
+    for k in range(views):
+        some = found[k][: count[k] : count[k] // _ENOUGH + 1]
+        sample, medians = np.empty((len(some), 3)), np.empty(len(some))
+        for i in range(len(some)):
+            v, u = some[i] // width, some[i] % width
+            p = points[v, u]
+            sample[i] = p
+            n = 0
+            for w in range(max(u - _ROW, 0), min(u + _ROW + 1, width)):
+                q = points[v, w]
+                if seen[v, w] == k and abs(q[2] - p[2]) < 0.1:
+                    row[n] = up[0] * (q[0] - p[0]) + up[1] * (q[1] - p[1]) + up[2] * (q[2] - p[2])
+                    n += 1
+            medians[i] = np.median(row[:n])
+        samples.append((sample, medians))
+    return samples
 
 
 def _standing(points, seen, up, floors, clearance, highest):
