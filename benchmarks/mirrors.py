@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from mirror_scan.core.agreement import agree, disagreements
 from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.capture import Capture, MirrorPicks, open_capture
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
@@ -15,8 +16,10 @@ from mirror_scan.core.images import read_image, write_png
 from mirror_scan.core.mirror import Mirror, MirrorSettings, place_mirror, plane_mirror, reflect
 from mirror_scan.core.mirror_detection import find_mirrors
 from mirror_scan.core.simulation.mannequin import mannequin
+from mirror_scan.core.simulation.props import wall_behind
 from mirror_scan.core.simulation.scene import Rig, default_rig
 from mirror_scan.core.simulation.simulate import Simulation, simulate
+from mirror_scan.core.subject import find_subject
 
 from .machine import milliseconds, say
 from .results import Finding, Result, Table, number
@@ -157,8 +160,76 @@ def run() -> Result:
         Finding("all mirrors found in >= 95 % of the rigs", f"{complete} of {whole}", complete >= 0.95 * whole)
     )
     findings.append(Finding("no false mirror in the rigs", f"{false}", false == 0))
+    frameless, told = _frameless()
+    crossing, crossed = _crossing()
     real, more = _real()
-    return Result([table, _bursts(), *real], findings + more)
+    return Result([table, _bursts(), frameless, crossing, *real], findings + told + crossed + more)
+
+
+def _frameless() -> tuple[Table, list[Finding]]:
+    """Mirrors without a frame: hung on a wall they are found, clear of it they must not be."""
+    table = Table(
+        "Mirrors without a frame, no picks [mm]",
+        ("sensor", "rigs", "found on a wall", "displacement", "max", "found clear of it"),
+    )  # fmt: skip
+    table.notes = [
+        "The wall is 1 mm behind the glass: 2 mm of the displacement. Clear of a wall nothing shows a plane."
+    ]
+    subject = mannequin(resolution=0.012)
+    hung, wrong = 0, 0
+    for sensor in SENSORS:
+        say(f"mirrors: without a frame, {sensor}")
+        apart, free = [], 0
+        for rig in rigs(sensor)[:3]:
+            bare = replace(rig, frames=4, mirrors=tuple(replace(m, frame_width=0.0) for m in rig.mirrors))
+            simulation = simulate(subject, bare, [wall_behind(m) for m in bare.mirrors])
+            body, lens = simulation.truth.body.vertices[::5], simulation.capture.intrinsics
+            for m in find_mirrors(cleaned(simulation.capture), lens):
+                apart.append(min(displacement(m, t, body) for t in simulation.truth.mirrors))
+            free += len(find_mirrors(cleaned(simulate(subject, bare).capture), lens))
+        hung += sum(a < FAR_MM for a in apart)
+        wrong += sum(a >= FAR_MM for a in apart) + free
+        table.rows.append((
+            sensor, "3", f"{len(apart)} of 6", number(float(np.median(apart))) if apart else "–",
+            number(max(apart)) if apart else "–", str(free),
+        ))  # fmt: skip
+    return table, [
+        Finding("mirrors without a frame, hung: found", f"{hung} of {6 * len(SENSORS)}", hung >= 5.7 * len(SENSORS)),
+        Finding("mirrors without a frame: none false", str(wrong), wrong == 0),
+    ]
+
+
+def _crossing() -> tuple[Table, list[Finding]]:
+    """Three mirrors, two of them through one another: planes from picks, then moved until the views agree."""
+    table = Table(
+        "Three mirrors that cross, D455 [mm]",
+        ("frames", "mirrors", "from 8 picks", "max", "after agreement", "max", "expected", "false alarms"),
+    )  # fmt: skip
+    table.notes = ["False alarms: mirrors said to contradict other views, none of which does."]
+    subject, worst = mannequin(resolution=0.012), 0.0
+    for frames in (1, 3, 10):
+        say(f"mirrors: crossing, {frames} frames")
+        before, after, expected, alarms = [], [], [], 0
+        for seed in range(3):
+            rig = default_rig(
+                "realsense_d455", mirrors=(115.0 + 3 * seed, -118.0 - seed, -150.0 - 2 * seed), frames=frames, seed=seed
+            )  # fmt: skip
+            simulation = simulate(subject, rig)
+            body, lens, depth = simulation.truth.body.vertices[::5], simulation.capture.intrinsics, cleaned(
+                simulation.capture)  # fmt: skip
+            placed = [place_mirror(picks, depth, lens) for picks in simulation.capture.mirrors]
+            agreed = agree(placed, depth, lens)
+            alarms += len(disagreements(depth, find_subject(depth, lens, agreed), agreed, lens))
+            for old, new, true in zip(placed, agreed, simulation.truth.mirrors, strict=True):
+                before.append(displacement(old, true, body))
+                after.append(displacement(new, true, body))
+                expected.append(1000.0 * new.displacement(body))
+        worst = max(worst, max(after))
+        table.rows.append((
+            str(frames), str(len(after)), number(float(np.median(before))), number(max(before)),
+            number(float(np.median(after))), number(max(after)), number(float(np.median(expected))), str(alarms),
+        ))  # fmt: skip
+    return table, [Finding("three mirrors that cross, D455: worst <= 12 mm", f"{worst:.1f} mm", worst <= 12.0)]
 
 
 def _bursts() -> Table:

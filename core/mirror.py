@@ -223,7 +223,7 @@ def place_mirror(
     Raises
     ------
     MirrorError
-        Picks outside the image, on no reading, fewer than three or on one line.
+        Picks outside the image, on no reading, fewer than three, on one line, or most of them in no common plane.
     """
     if picks.frame_pixels is None:
         return plane_mirror(picks.name, picks.point, picks.normal)
@@ -295,6 +295,14 @@ def _without_outliers(points: np.ndarray, plane: Mirror) -> Mirror:
     # picks far apart fix a plane better: ties go to the larger triangle
     score = np.sqrt((np.minimum(distance, _NO_PICK) ** 2).mean(axis=1)) + 0.002 / length[usable]
     best = distance[np.argmin(score)]
+    near = int((best <= _NO_PICK).sum())
+    if near < 0.6 * count:
+        raise MirrorError(
+            f"{plane.name}: only {near} of {count} picked points lie in one plane, the others up to "
+            f"{best.max():.1f} m off it; pick on the frame itself, not on the glass. A mirror without a frame that "
+            "stands clear of the wall shows the camera nothing of where it is: put strips of paper or tape, 3 cm wide, "
+            "along its edges"
+        )
     inlier = best <= max(3.0 * np.median(best), 0.02)
     if inlier.sum() < 4:
         return plane
@@ -391,19 +399,17 @@ def with_rectangle(mirror: Mirror, frame: np.ndarray, picked: np.ndarray, intrin
     A side that lies at the image's border, or beyond it, is cut off by it: the glass goes on there.
     """
     rectangle = _extent(frame, picked, mirror)
-    cut, ends = _cut_off(frame, mirror, rectangle, intrinsics)
-    return at_border(replace(mirror, rectangle=rectangle), intrinsics, ~ends, cut)
+    cut = _cut_off(frame, mirror, rectangle, intrinsics)
+    return at_border(replace(mirror, rectangle=rectangle), intrinsics, cut=cut)
 
 
-def _cut_off(
-    frame: np.ndarray, mirror: Mirror, rectangle: np.ndarray, intrinsics: Intrinsics
-) -> tuple[np.ndarray, np.ndarray]:
+def _cut_off(frame: np.ndarray, mirror: Mirror, rectangle: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
     """Which sides of the rectangle (2, 2) bool the image's border cuts off: the frame reaches the border on that side,
-    and has no bar along it; and on which the frame ends with a bar."""
+    and has no bar along it."""
     pixels, middle = project(frame, intrinsics), project(mirror.point, intrinsics)
     place = (frame - mirror.point) @ mirror.basis[:, :2]
     size = np.array((intrinsics.width, intrinsics.height)) - 1
-    cut, ends = np.zeros((2, 2, 2), np.bool_)
+    cut = np.zeros((2, 2), np.bool_)
     for axis in range(2):
         low, high = rectangle[1 - axis]
         for end in range(2):
@@ -414,8 +420,7 @@ def _cut_off(
             along = place[np.abs(place[:, axis] - rectangle[axis, end]) < 0.04, 1 - axis]
             cells = np.unique(np.floor(20.0 * (along - low) / max(high - low, 1e-9)))
             cut[axis, end] = reaches >= 3 and len(cells) < 8
-            ends[axis, end] = len(cells) >= 12
-    return cut, ends
+    return cut
 
 
 def at_border(

@@ -82,7 +82,7 @@ def fit_frame(
             break
     if fitted is None:
         return None
-    return _on_frame(mirror, u, v, depth, fitted, intrinsics)
+    return _on_frame(mirror, u, v, depth, fitted, intrinsics, outward)
 
 
 def _snapped(seeds: np.ndarray, depth: np.ndarray) -> np.ndarray:
@@ -105,9 +105,10 @@ def _on_frame(
     depth: np.ndarray,
     fitted: DisparityPlane,
     intrinsics: Intrinsics,
-    grow: bool = True,
+    outward: float,
 ) -> Mirror:
-    """The mirror on the plane of its frame's pixels; ``grow``: its rectangle reaches as far as they."""
+    """The mirror on the plane of its frame's pixels, its rectangle reaching as far as they; not on a side where they go
+    on as far as was looked, ``outward`` [m]: that is no frame but the wall."""
     kept = fitted.weights > 0.1
     core = fit_core(u, v, depth, fitted)
     normal, d = plane_of_disparity(core.coefficients, intrinsics)
@@ -117,12 +118,13 @@ def _on_frame(
     u, v = u[kept], v[kept]
     rays = np.column_stack(((u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy, np.ones(len(u))))
     offset = rays * depth[v, u][:, None] - point
-    rectangle = mirror.rectangle
-    if grow:
-        extent = np.quantile(offset @ basis[:, :2], (0.005, 0.995), axis=0).T
-        rectangle = np.column_stack(
-            (np.minimum(rectangle[:, 0], extent[:, 0]), np.maximum(rectangle[:, 1], extent[:, 1]))
-        )
+    rectangle = mirror.rectangle.copy()
+    extent = np.quantile(offset @ basis[:, :2], (0.005, 0.995), axis=0).T
+    for axis in range(2):
+        for end, sign in ((0, -1.0), (1, 1.0)):
+            beyond = sign * (extent[axis, end] - rectangle[axis, end])
+            if 0.0 < beyond < 0.8 * outward / (axis * end + 1):
+                rectangle[axis, end] = extent[axis, end]
     return replace(
         mirror,
         point=point,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..mesh import Mesh
+from .scene import FramedMirror
 
 WOOD = (150, 112, 74)
 STONE = (176, 174, 168)
@@ -72,3 +73,14 @@ def table(width: float = 1.2, depth: float = 0.7, height: float = 0.72) -> Mesh:
 def plinth(width: float = 0.5, height: float = 0.6) -> Mesh:
     """A square block about the origin."""
     return box((-width / 2, -width / 2, 0), (width / 2, width / 2, height), STONE)
+
+
+def wall_behind(mirror: FramedMirror, gap: float = 0.001, margin: float = 0.7) -> Mesh:
+    """A piece of wall that a mirror hangs on, ``gap`` behind its glass, from the floor to ``margin`` above it [m]."""
+    _, up, normal = mirror.axes
+    half = mirror.width / 2 + margin
+    wall = box((-half, -mirror.centre[2], -0.02), (half, mirror.height / 2 + margin, 0.0), STONE)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.column_stack((np.cross(up, normal), up, normal))
+    matrix[:3, 3] = np.array(mirror.centre) - gap * normal
+    return wall.transformed(matrix)

@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mirror_scan.core.camera import project
 from mirror_scan.core.capture import MirrorPicks
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
-from mirror_scan.core.mirror import plane_mirror, reflect
+from mirror_scan.core.mirror import place_mirror, plane_mirror, reflect
 from mirror_scan.core.mirror_detection import find_mirror_at, find_mirrors
 from mirror_scan.core.pipeline import reconstruct
+from mirror_scan.core.simulation.props import wall_behind
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
 
@@ -133,3 +135,26 @@ def test_a_longer_burst_is_surer(person):
             assert misplaced(mirror, true[mirror.name], body) < 4 * mirror.displacement(body) + 3e-4
     assert promised[1] < 0.7 * promised[0] and promised[2] < 0.4 * promised[0] and promised[3] < promised[1]
     assert promised[2] > 0.1 * promised[0], "no better than the root promises, by far"
+
+
+@pytest.mark.parametrize("sensor", ["azure_kinect", "kinect_v1", "realsense_d455"])
+def test_frameless_mirrors(person, sensor):
+    """Hung on a wall, the wall tells their plane; clear of it nothing does, and that is said."""
+    rig = default_rig(sensor, frames=4, frame_width=0.0, seed=4)
+    hung = simulate(person, rig, [wall_behind(m) for m in rig.mirrors])
+    found = find_mirrors(clean(hung.capture), hung.capture.intrinsics)
+    assert [m.name for m in found] == ["left", "right"]
+    true = {m.name: m for m in hung.truth.mirrors}
+    for mirror in found:
+        assert misplaced(mirror, true[mirror.name], hung.truth.body.vertices) < 0.008, "2 mm of it are the glass's"
+        assert (np.abs(np.ptp(mirror.rectangle, axis=1) - (0.8, 1.75)) < 0.06).all(), mirror.rectangle
+
+    free = simulate(person, rig).capture
+    depth = clean(free)
+    assert find_mirrors(depth, free.intrinsics) == []
+    glass, to_camera = rig.mirrors[1], np.linalg.inv(rig.camera_to_avatar)
+    at = np.array([(-1, -1), (0, -1), (1, -1), (1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0)]) / 2
+    edge = np.array(glass.centre) + at * (glass.width, glass.height) @ glass.axes[:2]
+    pixels = project(edge @ to_camera[:3, :3].T + to_camera[:3, 3], free.intrinsics)
+    with pytest.raises(MirrorError, match=r"left: only \d of 8 picked points lie in one plane.*tape"):
+        place_mirror(MirrorPicks("left", pixels), depth, free.intrinsics)
