@@ -7,17 +7,19 @@ import numpy as np
 from numba import njit
 
 from .mesh import SURFACE, Mesh, vertex_normals
-from .overlap import ViewMaps, look_at
+from .overlap import ViewMaps, look_at, reading_noise
 
 _WINDOW = 4  # so far beside the last reading of an outline the next one may be [px]
 _DROP = 0.05  # farther away than this is something else [m]
+_NOISY = 0.0025  # noise of a reading that tells half as much [m]
 
 
 def rim_marks(mesh: Mesh, maps: ViewMaps) -> np.ndarray:
-    """What the measured surface says at its rim: normal, and whether it ends there at an outline, (V, 4).
+    """What the measured surface says at its rim: normal, and how surely it ends there at an outline, (V, 4).
 
     An outline is where the view reads something farther right beside: there the body goes on, out of sight. Elsewhere
-    readings were lost or the view was cut. Where nothing is known of the view it counts as one. Zero at made vertices.
+    readings were lost or the view was cut. Where nothing is known of the view it counts as one. The noisier its
+    readings, the less the last of them tell which way it goes on. Zero at made vertices.
     """
     made = mesh.kind != SURFACE
     normals = vertex_normals(mesh.vertices, mesh.triangles[~made])
@@ -25,7 +27,8 @@ def rim_marks(mesh: Mesh, maps: ViewMaps) -> np.ndarray:
     rim[mesh.triangles[made]] = True
     ends = _outline_kernel(mesh.vertices, np.flatnonzero(rim & (mesh.view >= 0)), mesh.view, maps.to_view, maps.depth,
                            maps.lens)  # fmt: skip
-    return np.column_stack((normals, ends))
+    sure = 1.0 / (1.0 + (reading_noise(mesh, maps) / _NOISY) ** 2)
+    return np.column_stack((normals, ends * sure))
 
 
 def bulge(marks: np.ndarray, parents: np.ndarray, mesh: Mesh, rings: int = 8) -> np.ndarray:
@@ -33,7 +36,7 @@ def bulge(marks: np.ndarray, parents: np.ndarray, mesh: Mesh, rings: int = 8) ->
 
     Between two rims that are turned by α either way from the middle between them, an arc that continues both rises
     tan(α/2)/2 of its chord, a thin plate over the flat chord sin(α)/4: it has to be stretched by 2 / (1 + cos α).
-    cos α is the length of the mean of the normals around. A tenth of that where the rims do not end at an outline:
+    cos α is the length of the mean of the normals around. A quarter of that where the rims do not end at an outline:
     what was lost there is as likely hollow (the back along the spine) as not.
 
     Parameters
@@ -57,7 +60,7 @@ def bulge(marks: np.ndarray, parents: np.ndarray, mesh: Mesh, rings: int = 8) ->
     spread = _spread_kernel(marks, parents, triangles, made, rings)
     cosine = np.sqrt(np.einsum("ij,ij->i", spread[:, :3], spread[:, :3]))
     ends = _most_kernel(spread[:, 3:], triangles, rings)[:, 0]
-    return np.where(made, 2.0 / (1.0 + cosine) * (0.1 + 0.9 * ends), 1.0)
+    return np.where(made, 2.0 / (1.0 + cosine) * (0.25 + 0.75 * ends), 1.0)
 
 
 @njit(cache=True, nogil=True)

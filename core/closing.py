@@ -9,7 +9,7 @@ import numpy as np
 from .bulging import bulge, rim_marks
 from .fairing import fair
 from .filling import fill_loops
-from .linear import dot, transform
+from .linear import dot
 from .mesh import (
     FILL,
     SURFACE,
@@ -23,7 +23,7 @@ from .mesh import (
     remove_bowties,
     twins,
 )
-from .overlap import ViewMaps
+from .overlap import ViewMaps, reading_noise
 from .refinement import edge_length_at_vertices, refine
 from .untangling import untangle
 
@@ -107,7 +107,7 @@ def close_mesh(
     stretch = bulge(marks, parents, mesh)
     mesh = replace(mesh, vertices=fair(mesh.vertices, mesh.triangles, stiffness, stretch))
     if settings.untangle:
-        mesh, left = untangle(mesh)
+        mesh, left = untangle(mesh, maps)
         if left > 0.001 * len(mesh.triangles):
             notes.append(
                 f"{left} triangles run through others; look at the seams there, a longer burst or a clearer view helps"
@@ -133,13 +133,8 @@ def _arch(vertices: np.ndarray, flat: np.ndarray, up: np.ndarray) -> np.ndarray:
 
 def _stiffness(mesh: Mesh, maps: ViewMaps, settings: ClosingSettings) -> np.ndarray:
     """How stiffly each vertex (V,) holds its place: the surer its reading, the stiffer; infinite without noise."""
-    view = np.clip(mesh.view, 0, len(maps.noise) - 1)
-    noise = np.zeros(len(mesh.vertices))
-    for k, relative in enumerate(maps.noise):
-        mine = np.flatnonzero(view == k)
-        noise[mine] = relative * transform(mesh.vertices[mine], maps.to_view[k])[:, 2]
     with np.errstate(divide="ignore"):
-        return settings.fairness * (0.001 / noise)
+        return settings.fairness * (0.001 / reading_noise(mesh, maps))
 
 
 def keep_components(mesh: Mesh, min_island: int | None = None) -> tuple[Mesh, int, int]:

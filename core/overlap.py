@@ -293,8 +293,7 @@ def compare_views(
 
 @njit(cache=True, nogil=True)
 def _compare_kernel(
-    vertices, view, vertex_normals, own, to_view, depth, labels, normals, confidence, lens, reach, noise, center,
-    lean
+    vertices, view, vertex_normals, own, to_view, depth, labels, normals, confidence, lens, reach, noise, center, lean
 ):
     count = len(vertices)
     eyes = np.zeros((len(to_view), 3))  # where each view's camera stands
@@ -464,9 +463,7 @@ def _mark_kernel(vertices, view, to_view, kept, lens):
 
 
 @njit(cache=True, nogil=True)
-def _covered_kernel(
-    chosen, vertices, view, vertex_normals, to_view, depth, kept, normals, lens, reach, noise, margin
-):
+def _covered_kernel(chosen, vertices, view, vertex_normals, to_view, depth, kept, normals, lens, reach, noise, margin):
     covered = np.zeros(len(chosen), np.bool_)
     for at in range(len(chosen)):
         i = chosen[at]
@@ -502,6 +499,15 @@ def _covered_kernel(
             if agree > 0.0 and abs((depth[y0, x0] - z) * cosine) < reach + 3.0 * noise[k] * z:
                 covered[at] = True
     return covered
+
+
+def reading_noise(mesh: Mesh, maps: ViewMaps) -> np.ndarray:
+    """Noise (V,) of each vertex's reading [m]; 0 for made ones."""
+    noise = np.zeros(len(mesh.vertices))
+    for view, relative in enumerate(maps.noise):
+        mine = np.flatnonzero(mesh.view == view)
+        noise[mine] = relative * transform(mesh.vertices[mine], maps.to_view[view])[:, 2]
+    return noise
 
 
 def own_confidence(patch: Mesh, maps: ViewMaps) -> np.ndarray:

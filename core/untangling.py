@@ -1,5 +1,5 @@
-"""Self-intersections out: what runs through itself is smoothed, a little more in each round, until it no longer
-does."""
+"""Self-intersections out: what runs through itself is smoothed until it no longer does, or else cut out and filled
+anew."""
 
 from __future__ import annotations
 
@@ -9,22 +9,39 @@ import numpy as np
 from numba import njit
 
 from .bvh import self_intersections
-from .fairing import neighbours
-from .mesh import SURFACE, Mesh, triangles_touching
+from .fairing import fair, neighbours
+from .filling import fill_loops
+from .mesh import (
+    FILL,
+    SURFACE,
+    Mesh,
+    components_of,
+    keep_triangles,
+    keep_twins,
+    open_edges,
+    remove_bowties,
+    triangles_touching,
+    twins,
+)
+from .overlap import ViewMaps
+from .refinement import edge_length_at_vertices, refine
 
 
-def untangle(mesh: Mesh, rounds: int = 6, rings: int = 0) -> tuple[Mesh, int]:
-    """Smooth the surroundings of intersecting triangles until they come apart.
+def untangle(mesh: Mesh, maps: ViewMaps | None = None, rounds: int = 4, cuts: int = 3) -> tuple[Mesh, int]:
+    """Smooth the surroundings of intersecting triangles until they come apart; cut out and fill anew what does not.
 
     Each round relaxes the vertices of the triangles that still intersect, and their neighbours one ring farther than
-    the round before; all other vertices stay where they are. Connectivity does not change.
+    the round before; all other vertices stay where they are. What is left then is taken out, a ring more each time,
+    with what hangs on by it alone, and the holes are filled (as Attene 2010 does).
 
     Parameters
     ----------
-    rounds : int
+    mesh : Mesh
+        Closed. Searched are seams and fills and what touches them: depth grids do not cross themselves.
+    maps : ViewMaps, optional
+        What the views saw, to keep fills out of empty space.
+    rounds, cuts : int
         At most so many.
-    rings : int
-        Searched are seams and fills, what touches them, and so many rings more: depth grids do not cross themselves.
 
     Returns
     -------
@@ -36,16 +53,33 @@ def untangle(mesh: Mesh, rounds: int = 6, rings: int = 0) -> tuple[Mesh, int]:
     -----
     O(S log S) for S triangles searched; later rounds look at the surroundings of what moved only.
     """
+    mesh, crossing = _smooth_apart(mesh, _crossing(mesh), rounds)
+    for rings in range(cuts):
+        if not len(crossing):
+            break
+        mended = _fill_anew(mesh, crossing, rings, maps)
+        if mended is None:
+            continue
+        mended, left = _smooth_apart(mended, _crossing(mended), 2)
+        if len(left) < len(crossing):
+            mesh, crossing = mended, left
+    return mesh, len(crossing)
+
+
+def _crossing(mesh: Mesh) -> np.ndarray:
+    """Triangles that intersect others, ascending, among seams, fills and what touches them."""
     near = np.zeros(len(mesh.vertices), np.bool_)
     near[mesh.triangles[mesh.kind != SURFACE]] = True
-    for _ in range(rings):
-        near[mesh.triangles[triangles_touching(mesh.triangles, near)]] = True
     searched = np.flatnonzero(triangles_touching(mesh.triangles, near))
     if not len(searched):
-        return mesh, 0
-    crossing = searched[np.unique(self_intersections(mesh.vertices, mesh.triangles[searched]))]
+        return searched
+    return searched[np.unique(self_intersections(mesh.vertices, mesh.triangles[searched]))]
+
+
+def _smooth_apart(mesh: Mesh, crossing: np.ndarray, rounds: int) -> tuple[Mesh, np.ndarray]:
+    """The mesh relaxed around its ``crossing`` triangles, and which still cross."""
     if not len(crossing):
-        return mesh, 0
+        return mesh, crossing
     vertices = mesh.vertices.copy()
     for turn in range(rounds):
         reach = 1 + turn // 2
@@ -61,7 +95,43 @@ def untangle(mesh: Mesh, rounds: int = 6, rings: int = 0) -> tuple[Mesh, int]:
         crossing = local[np.unique(self_intersections(moved, triangles))]
         if not len(crossing):
             break
-    return replace(mesh, vertices=vertices), len(crossing)
+    return replace(mesh, vertices=vertices), crossing
+
+
+def _fill_anew(mesh: Mesh, crossing: np.ndarray, rings: int, maps: ViewMaps | None) -> Mesh | None:
+    """The mesh with its ``crossing`` triangles and so many rings around them taken out, and the holes filled.
+
+    None where that would take away a piece of more than 2 % of the mesh, or 6 % in all, or cannot be closed.
+    """
+    keep = np.ones(len(mesh.triangles), np.bool_)
+    keep[crossing] = False
+    if rings:
+        keep[_triangles_within(mesh.triangles, mesh.triangles[crossing].ravel(), rings - 1, len(mesh.vertices))] = False
+    twin = twins(mesh.triangles, len(mesh.vertices))
+    pieces = components_of(twin, len(mesh.triangles))[1]
+    twin = keep_twins(twin, keep)
+    label, count = components_of(twin, int(keep.sum()))
+    if count > pieces:  # what hung on by the cut alone goes with it
+        size = np.bincount(label)
+        main = np.argsort(-size, kind="stable")[:pieces]
+        lost = np.delete(size, main)
+        if lost.max() > 0.02 * len(mesh.triangles) or lost.sum() > 0.06 * len(mesh.triangles):
+            return None
+        held = np.isin(label, main)
+        keep[np.flatnonzero(keep)[~held]] = False
+        twin = keep_twins(twin, held)
+    rest = remove_bowties(keep_triangles(mesh, keep), twin)
+    known = len(rest.triangles)
+    filled = fill_loops(rest, maps)
+    filled = remove_bowties(filled)
+    kind = filled.kind.copy()
+    filled.kind[:known] = SURFACE  # only what is new is refined and moved
+    filled, parents = refine(filled, edge_length_at_vertices(filled), 1.7)
+    new = np.concatenate((np.zeros(len(filled.vertices) - len(parents), np.bool_), np.ones(len(parents), np.bool_)))
+    vertices = fair(filled.vertices, filled.triangles, np.where(new, 0.0, np.inf))
+    kind = np.concatenate((kind[:known], np.full(len(filled.triangles) - known, FILL, np.int8)))
+    closed = replace(filled, vertices=vertices, kind=kind)
+    return None if len(open_edges(closed.triangles, len(closed.vertices))) else closed
 
 
 @njit(cache=True, nogil=True)

@@ -57,10 +57,10 @@ def test_outlines_are_told_from_losses():
     made = mesh.view < 0
     assert (stretch[~made] == 1).all() and (stretch[made] > 0.1).all() and stretch.max() < 2.0
     lost, _, marks = refined(patch, seen_ball(0.0)[1])
-    assert not marks[:, 3].any() and lost[made].max() < 0.2
+    assert not marks[:, 3].any() and lost[made].max() < 0.45 < 0.9 < stretch[made].max()
 
 
-@pytest.mark.parametrize(("wall", "low", "high"), [(3.0, 0.57, 0.8), (0.0, 0.34, 0.4)])
+@pytest.mark.parametrize(("wall", "low", "high"), [(3.0, 0.57, 0.8), (0.0, 0.34, 0.45)])
 def test_the_unseen_half_is_round_behind_an_outline(wall, low, high):
     """A camera sees less than half of a ball: closed, it is a bowl with a lid, but well rounded before a wall."""
     patch, maps = seen_ball(wall)
@@ -69,6 +69,13 @@ def test_the_unseen_half_is_round_behind_an_outline(wall, low, high):
     share = body.volume / (4 / 3 * np.pi * RADIUS**3)
     print(f"\nwall {wall}: {share:.3f} of the ball")
     assert body.is_watertight and low < share < high and notes == []
+
+
+def test_noisy_rims_are_trusted_less():
+    patch, maps = seen_ball(3.0)
+    sure, mesh, _ = refined(patch, maps)
+    noisy, _, _ = refined(patch, replace(maps, noise=np.full(1, 0.003)))
+    assert noisy[mesh.view < 0].mean() < 0.6 * sure[mesh.view < 0].mean()
 
 
 def test_without_a_view_it_goes_on(blind_maps):

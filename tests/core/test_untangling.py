@@ -1,0 +1,87 @@
+"""What runs through itself is smoothed apart, and what cannot be is cut out and closed again."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+from mirror_scan.core.bvh import self_intersections
+from mirror_scan.core.mesh import FILL, SURFACE, Mesh, triangle_components, twins, vertex_fans
+from mirror_scan.core.untangling import untangle
+
+
+def body(vertices, faces, made) -> Mesh:
+    kind = np.where(made[faces].any(axis=1), FILL, SURFACE).astype(np.int8)
+    view = np.where(made, -1, 0).astype(np.int8)
+    return Mesh(np.array(vertices, dtype=np.float64), np.array(faces, np.int32), None, view, kind)
+
+
+def check_sound(mesh: Mesh):
+    assert (twins(mesh.triangles, len(mesh.vertices)) >= 0).all()
+    assert (vertex_fans(mesh.triangles, len(mesh.vertices)) == 1).all()
+    assert triangle_components(mesh.triangles, len(mesh.vertices))[1] == 1
+    assert len(mesh.kind) == len(mesh.triangles) and len(mesh.view) == len(mesh.vertices)
+    assert not len(self_intersections(mesh.vertices, mesh.triangles))
+
+
+def ball():
+    return trimesh.creation.icosphere(subdivisions=5, radius=0.4)
+
+
+def test_nothing_crosses_nothing_changes():
+    whole = ball()
+    mesh = body(whole.vertices, whole.faces, whole.vertices[:, 2] > 0.2)
+    same, left = untangle(mesh)
+    assert same is mesh and left == 0
+    bare = body(whole.vertices, whole.faces, np.zeros(len(whole.vertices), np.bool_))
+    assert untangle(bare) == (bare, 0)
+
+
+def test_ruffles_are_smoothed():
+    whole = ball()
+    made = whole.vertices[:, 2] > 0.35
+    vertices = np.array(whole.vertices)
+    vertices[made] += 0.02 * np.random.default_rng(0).normal(size=(made.sum(), 3))
+    mesh = body(vertices, whole.faces, made)
+    assert len(self_intersections(mesh.vertices, mesh.triangles))
+    out, left = untangle(mesh)
+    assert left == 0
+    check_sound(out)
+    far = whole.vertices[:, 2] < 0.25
+    kept = trimesh.Trimesh(out.vertices, out.triangles, process=False).nearest.on_surface(whole.vertices[far][::9])[1]
+    assert kept.max() < 1e-9, "far from it nothing moves"
+
+
+def test_a_dent_through_the_other_side_is_cut_out():
+    """A thumb pushed through a ball's far wall: smoothing does not pull it out again."""
+    whole = ball()
+    aside = np.linalg.norm(whole.vertices[:, :2], axis=1)
+    made = (whole.vertices[:, 2] > 0) & (aside < 0.15)
+    vertices = np.array(whole.vertices)
+    vertices[made, 2] -= 1.2 * (1 - (aside[made] / 0.15) ** 2)
+    assert vertices[made, 2].min() < -0.45, "comes out below"
+    mesh = body(vertices, whole.faces, made | ((whole.vertices[:, 2] < 0) & (aside < 0.2)))
+    smoothed, left = untangle(mesh, cuts=0)
+    assert left > 0 and len(smoothed.triangles) == len(mesh.triangles)
+    out, left = untangle(mesh)
+    assert left == 0
+    check_sound(out)
+    assert out.vertices[:, 2].min() > -0.41, "what had come out is gone"
+    volume = trimesh.Trimesh(out.vertices, out.triangles, process=False).volume
+    assert abs(volume / whole.volume - 1) < 0.2
+
+
+def test_what_is_more_than_a_crumb_is_not_cut_off():
+    """Two halves that only hang together by what crosses stay as they are, and it is said."""
+    whole = ball()
+    vertices = np.array(whole.vertices)
+    waist = np.abs(vertices[:, 2]) < 0.1
+    turn = np.pi * np.clip((vertices[:, 2] + 0.1) / 0.2, 0, 1)  # wrung like a towel
+    x, y = vertices[:, 0].copy(), vertices[:, 1].copy()
+    pinch = np.where(waist, 0.02, 1.0)
+    vertices[:, 0] = pinch * (np.cos(turn) * x - np.sin(turn) * y)
+    vertices[:, 1] = pinch * (np.sin(turn) * x + np.cos(turn) * y)
+    made = np.abs(vertices[:, 2]) < 0.15
+    mesh = body(vertices, whole.faces, made)
+    out, left = untangle(mesh)
+    assert np.ptp(out.vertices[:, 2]) > 0.75, "neither half was dropped"
+    assert (twins(out.triangles, len(out.vertices)) >= 0).all() and left >= 0
