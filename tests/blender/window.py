@@ -81,7 +81,7 @@ def story() -> Story:
         note("points_redraw_ms", redraw_ms())
 
     with step("find mirrors"):
-        yield from press("clear_mirrors")
+        yield from press("clear_mirrors", 0.97)
         expect(len(settings().mirrors) == 0, "no mirrors")
         yield from press("find_mirrors")
         yield from settled()
@@ -158,8 +158,8 @@ def story() -> Story:
         tear(bpy.context.object)
         yield from press("check")
         yield from settled()
-        yield from press("color_by", mode="KIND")
-        yield from press("jump_to_problem", direction="NEXT")
+        yield from press("color_by", 0.8, mode="KIND")
+        yield from press("jump_to_problem", 0.97, direction="NEXT")
         expect(settings().problem_index == 1, "the first problem")
         yield 0.5
     yield from shot("8_problem")
@@ -246,7 +246,7 @@ def pick() -> Story:
     """Eight clicks on the frame of the first mirror, where the capture's own mirrors.json has them."""
     content = json.loads((Path(CAPTURE) / "mirrors.json").read_text())
     pixels = content["mirrors"][0]["frame_pixels"]
-    yield from press("clear_mirrors")
+    yield from press("clear_mirrors", 0.97)
     times = timed_modal("MIRROR_SCAN_OT_pick_mirror_points", "LEFTMOUSE")
     yield from press("pick_mirror_points")
     expect(busy(), "picking runs")
@@ -492,23 +492,28 @@ def scroll(turns: int) -> Story:
     yield 0.3
 
 
-def press(operator: str, **properties: str) -> Story:
-    """Click the button of an operator in the sidebar; among several the one with these properties."""
-    place = yield from find_button(operator, properties)
+def press(operator: str, column: float = 0.33, **properties: str) -> Story:
+    """Click the button of an operator in the sidebar, at ``column`` of its width; among several the one with these
+    properties."""
+    place = yield from find_button(operator, column, properties)
     expect(place is not None, f"a button for {operator}")
     yield from click(*place)
 
 
 def open_panel(operator: str, other: str, above: int) -> Story:
     """Unfold the panel that holds an operator: its header stands so many pixels above the button of ``other``."""
-    x, y = yield from find_button(other, {})
+    x, y = yield from find_button(other)
     if y + above < region("UI").y + 12:
         yield from scroll(12)
-        x, y = yield from find_button(other, {})
+        x, y = yield from find_button(other)
     for off in (0, 6, -6, 12, -12, 18, -18):
         header = y + above + off
         yield from click(region("UI").x + 70, header)
         yield 0.7
+        if header < region("UI").y + 60:  # what was unfolded is below the sidebar's end
+            yield from scroll(40)
+            if (yield from find_button(operator)) is not None:
+                return
         for below in (30, 24, 36):  # its first row; nothing of it when another panel was hit
             if (yield from is_button(operator, {}, x, header - below)):
                 return
@@ -517,17 +522,18 @@ def open_panel(operator: str, other: str, above: int) -> Story:
     raise Missed(f"the panel of {operator}")
 
 
-def find_button(operator: str, properties: dict[str, str]):
+def find_button(operator: str, column: float = 0.33, properties: dict[str, str] | None = None):
     """Move down the sidebar until Blender says that the button under the mouse is the one; scroll when it is not."""
+    properties = properties or {}
     key = (operator, *properties.items())
-    for turns in (0, -40, 8, 8, 8):
-        if turns:
-            yield from scroll(turns)
-        sidebar = region("UI")
-        if key in places and (yield from is_button(operator, properties, *places[key])):
-            return places[key]
-        wide = sidebar.width - 60
-        for x in (sidebar.x + 20 + wide // 3, sidebar.x + wide + 4, sidebar.x + 30, sidebar.x + 20 + 2 * wide // 3):
+    for share in (column, 0.97, 0.1, 0.6):
+        for turns in (0, -40, 8, 8, 8):
+            if turns:
+                yield from scroll(turns)
+            sidebar = region("UI")
+            if key in places and (yield from is_button(operator, properties, *places[key])):
+                return places[key]
+            x = sidebar.x + 10 + round(share * (sidebar.width - 48))
             for y in range(sidebar.y + sidebar.height - 10, sidebar.y, -10):
                 if (yield from is_button(operator, properties, x, y)):
                     places[key] = x, y
@@ -733,6 +739,8 @@ def settled(limit: float = LIMIT_S) -> Story:
 
 def shot(name: str, settle: float = 0.6) -> Story:
     """The whole screen as a picture; what Blender itself makes is black where there is no graphics card."""
+    if settle and find_area("FILE_BROWSER") is None and find_area("PREFERENCES") is None:
+        yield from move(region("WINDOW").x + 90, region("WINDOW").y + 40)  # no tooltip over the picture
     yield settle
     for a in window().screen.areas:
         a.tag_redraw()
