@@ -186,7 +186,6 @@ def story() -> Story:
         yield from press("simulate")
         yield from settled()
         expect(cloud() is not None and "%" in settings().rig_message, "a virtual capture, and what it covers")
-        yield from press("simulate")
     yield from shot("9_rig")
 
     with step("disable and enable"):
