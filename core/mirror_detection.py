@@ -26,6 +26,9 @@ LEFT, RIGHT, TOP, BOTTOM = 0, 1, 2, 3
 """Side of the glass a rim is on; at a LEFT rim it gets farther to the right, and so on."""
 
 
+_OPEN_SHOWN = 0.07  # with a side missing, this share of all readings must lie on or close behind what is seen directly
+
+
 @dataclass(frozen=True)
 class DetectionSettings:
     """What counts as a mirror.
@@ -548,7 +551,9 @@ def verify(
         return None
     if settings.empty_rig:
         return made if len(guess.sides) >= 3 or shown >= 30.0 else None
-    return made if shown >= max(30.0, settings.min_shown * behind) else None
+    # a rim of which a side is missing may be a wall's, seen past a mirror that stands before it
+    open_rim = _OPEN_SHOWN * total if len(guess.sides) < 4 else 0.0
+    return made if shown >= max(30.0, settings.min_shown * behind, open_rim) else None
 
 
 @njit(cache=True, nogil=True)
