@@ -203,7 +203,7 @@ def write_images(place: Place, out: Path, folder: Path) -> None:
     """Pictures for the documentation: the viewport of each screenshot, small, in few colours."""
     inner = place.share / "images"
     inner.mkdir(exist_ok=True)
-    window, preferences = "1052x774+0+26", "876x430+104+163"
+    window, preferences = "1052x774+0+26", "876x244+104+163"
     for name in PICTURES:
         source, target = place.share / "out" / f"{name}.png", inner / f"blender_{name}.png"
         cut = preferences if name.startswith("0_") else window
