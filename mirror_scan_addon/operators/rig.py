@@ -8,7 +8,7 @@ from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 from ...core.errors import MirrorScanError
 from .. import jobs, state
 from ..texts import CONTEXT, say
-from .load_capture import look_at, show_capture
+from .load_capture import look_at, look_from_camera, show_capture
 
 SENSORS = (
     ("azure_kinect", "Azure Kinect", "Time of flight, 640 × 576"),
@@ -137,7 +137,10 @@ class MIRRORSCAN_OT_simulate(jobs.JobOperator, bpy.types.Operator):
             if body is not None:
                 scene.select_only(context, body)
             if not bpy.app.background and self._worker is None and context.area is not None:
-                look_at(context, body or points)
+                if body is not None:
+                    look_at(context, body)
+                else:
+                    look_from_camera(context, points)
         names = [say("direct"), *(mirror.name for mirror in target.mirror_scan.mirrors)]
         parts = [f"{name} {share:.0%}" for name, share in zip(names, result.shares, strict=False)]
         text = say("The rig sees {seen:.0%} of the surface: {parts}; not seen {rest:.0%}")
