@@ -47,6 +47,7 @@ _FACING = 0.35  # cosine to the line of sight under which a surface is not judge
 _ABOUT = 1.0  # how far from the vertical through the subject it may reach [m]
 _THROUGH = 0.3  # of what one view shows may be looked through by another: silhouettes are ragged
 _HIDDEN = 0.03  # surfaces farther behind others are hidden by them [m]
+_ENOUGH = 1600  # pieces of a view
 _APART = 0.12  # surfaces of the subject that lie farther apart are other parts of it [m]
 
 
@@ -98,22 +99,21 @@ def surfaces(depth: np.ndarray, seen: np.ndarray, view: int, intrinsics: Intrins
     sigma : float
         Standard deviation of 1/z [1/m]: how wide the window must be.
     """
-    rows, columns = np.nonzero(seen == view)
+    count, z, *box = _extent_kernel(depth, seen, view)
     size = (depth.shape[0] + 1) // 2, (depth.shape[1] + 1) // 2
-    if len(rows) == 0:
+    if count == 0:
         nothing = np.empty((0, 3))
         return Surfaces(
             np.full(size, -1, np.int32), nothing, nothing, np.empty(0), np.empty((0, 2), np.int32), 2, 2
         )  # fmt: skip
-    box = np.array((columns.min(), rows.min(), columns.max() + 1, rows.max() + 1))
-    z = float(np.median(depth[rows, columns]))
     # wide enough that noise tilts the plane by less than a fifth
     radius = 2
     while radius < 6 and sigma * z * intrinsics.fx > 0.2 * (2 * radius + 1) * np.sqrt(radius * (radius + 1) / 3.0):
         radius += 1
-    stride = 2 if radius < 4 else 3
+    # neighbours share their windows, and some hundred pieces tell as much as thousands
+    stride = max(2 if radius < 4 else 3, int(np.ceil(np.sqrt(count / _ENOUGH))))
     grid, points, normals, variances, pixels = _surface_kernel(
-        depth, seen, view, _camera(intrinsics), box, stride, radius, sigma
+        depth, seen, view, _camera(intrinsics), np.array(box), stride, radius, sigma
     )
     return Surfaces(grid, points, normals, variances, pixels, stride, radius)
 
@@ -214,9 +214,12 @@ def agree(
             moved(m, step[index[k] : index[k] + 3]) if free[k] else m for k, m in enumerate(mirrors)
         ]  # fmt: skip
 
-    def solve(half: int) -> tuple[np.ndarray, np.ndarray] | None:
-        step = np.zeros(index[-1])
-        for turn in range(6):
+    nothing = np.zeros(index[-1])
+
+    def solve(half: int, start: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        step = start
+        first = 0 if start is nothing else 2
+        for turn in range(first, 6):
             at = placed(step)
             gate = settings.gate if turn < 2 else 0.6 * settings.gate
             information, right, count = prior.copy(), -prior @ step, 0
@@ -256,14 +259,19 @@ def agree(
             )
         return total
 
-    fits = [solve(half) for half in (-1, 0, 1)]
-    if None in fits:
+    whole = solve(-1, nothing)
+    if whole is None:
         return list(mirrors)
-    nothing = np.zeros(index[-1])
-    gains = [likelihood(fits[2 - half][0], half) - likelihood(nothing, half) for half in (0, 1)]
+    before = [likelihood(nothing, half) for half in (0, 1)]
+    if sum(likelihood(whole[0], half) - before[half] for half in (0, 1)) < settings.gain:
+        return list(mirrors)  # what does not make all pairs together more likely need not be asked of the halves
+    halves = [solve(half, whole[0]) for half in (0, 1)]
+    if None in halves:
+        return list(mirrors)
+    gains = [likelihood(halves[1 - half][0], half) - before[half] for half in (0, 1)]
     if sum(gains) < settings.gain or min(gains) < 0.0:
         return list(mirrors)
-    step, covariance = fits[0]
+    step, covariance = whole
     parts = [slice(index[k], index[k + 1]) for k in range(len(mirrors))]
     return [
         replace(m, covariance=covariance[part, part]) if f else m
@@ -307,18 +315,10 @@ def disagreements(depth: np.ndarray, views: Views, mirrors: list[Mirror], intrin
     Compared is what each mirror shows about the subject's place, whether it was taken for the subject or not: a mirror
     that is far off shows something that no longer looks like it. O(pixels of the subject).
     """
-    labels = np.where(views.labels == 0, 0, -1).astype(np.int8)
-    rows, columns = np.nonzero(views.seen > 0)
-    offset = views.points[rows, columns] - views.axis
-    height = dot(offset, views.up)
-    away = np.sqrt(np.maximum((offset * offset).sum(axis=1) - height * height, 0.0))
-    height += views.axis @ views.up
-    subject = dot(views.points[views.labels == 0], views.up)
-    low, high = np.quantile(subject, (0.0, 1.0)) if len(subject) else (-np.inf, np.inf)
+    subject = dot(views.points[views.labels == 0][::5], views.up)
+    low, high = (subject.min(), subject.max()) if len(subject) else (-np.inf, np.inf)
     low = low + 0.1 if views.floor is None else views.floor + 0.1
-    near = (away < _ABOUT) & (height > low) & (height < high + 0.1)
-    rows, columns = rows[near], columns[near]
-    labels[rows, columns] = views.seen[rows, columns]
+    labels = _about_kernel(views.labels, views.seen, views.points, views.up, views.axis, low, high + 0.1)
     sigma = noise_of(depth, labels)
     shown = [surfaces(depth, labels, view, intrinsics, sigma) for view in range(len(mirrors) + 1)]
     apart: dict[tuple[int, int], list[Meeting]] = {}
@@ -387,13 +387,60 @@ def person_before(mirror: Mirror) -> np.ndarray:
 
 def noise_of(depth: np.ndarray, seen: np.ndarray) -> float:
     """Standard deviation of 1/z behind glass, from second differences along the rows [1/m]."""
-    z = depth[::3]
-    behind = (seen[::3] > 0)[:, 1:-1]
-    triple = (z[:, :-2] > 0) & (z[:, 1:-1] > 0) & (z[:, 2:] > 0) & behind
-    with np.errstate(divide="ignore"):
-        d = np.where(z > 0, 1.0 / z, 0.0)
-    bend = (d[:, :-2] - 2.0 * d[:, 1:-1] + d[:, 2:])[triple]
+    bend = _bend_kernel(depth, seen)
     return 1.4826 * float(np.median(np.abs(bend))) / np.sqrt(6.0) if len(bend) else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _bend_kernel(depth, seen):
+    """Second differences of 1/z behind glass along every third row."""
+    height, width = depth.shape
+    out = np.empty(((height + 2) // 3) * width)
+    n = 0
+    for v in range(0, height, 3):
+        for u in range(1, width - 1):
+            a, b, c = depth[v, u - 1], depth[v, u], depth[v, u + 1]
+            if seen[v, u] > 0 and a > 0 and b > 0 and c > 0:
+                out[n] = 1.0 / a - 2.0 / b + 1.0 / c
+                n += 1
+    return out[:n]
+
+
+@njit(cache=True, nogil=True)
+def _about_kernel(labels, seen, points, up, axis, low, high):
+    """The directly seen subject's pixels, 0, and what mirrors show about it, their views; else -1."""
+    out = np.full(labels.shape, -1, np.int8)
+    for v in range(labels.shape[0]):
+        for u in range(labels.shape[1]):
+            if labels[v, u] == 0:
+                out[v, u] = 0
+            if seen[v, u] <= 0:
+                continue
+            x, y, z = points[v, u, 0], points[v, u, 1], points[v, u, 2]
+            height = up[0] * x + up[1] * y + up[2] * z
+            if height <= low or height >= high:
+                continue
+            x, y, z = x - axis[0], y - axis[1], z - axis[2]
+            along = up[0] * x + up[1] * y + up[2] * z
+            if x * x + y * y + z * z - along * along < _ABOUT * _ABOUT:
+                out[v, u] = seen[v, u]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _extent_kernel(depth, seen, view):
+    """How many pixels a view has, their mean depth, and their box: left, top, right, bottom, the latter two beyond."""
+    height, width = depth.shape
+    count, total = 0, 0.0
+    left, top, right, bottom = width, height, 0, 0
+    for v in range(height):
+        for u in range(width):
+            if seen[v, u] == view:
+                count += 1
+                total += depth[v, u]
+                left, right = min(left, u), max(right, u + 1)
+                top, bottom = min(top, v), v + 1
+    return count, total / max(count, 1), left, top, right, bottom
 
 
 def _shared(shown: list[Surfaces], m: Meeting) -> float:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mirror_scan.core.agreement import AgreementSettings, agree, disagreements, expected_error
+from mirror_scan.core.agreement import AgreementSettings, agree, disagreements, expected_error, person_before
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
 from mirror_scan.core.mirror import moved, place_mirror, plane_mirror, reflect
 from mirror_scan.core.pipeline import reconstruct
@@ -68,8 +68,13 @@ def test_what_is_seen_twice_ties_mirrors_down(crossing):
 def test_nothing_is_asked_of_views_that_show_nothing(crossing):
     simulation, depth, placed = crossing
     lens = simulation.capture.intrinsics
-    for ugly in (np.zeros_like(depth), np.full_like(depth, 1.0), np.full_like(depth, 5.0)):
+    for ugly in (np.zeros_like(depth), np.full_like(depth, 1.0)):
         assert agree(placed, ugly, lens) == placed
+    # one wall right across the image fits no mirror: none is moved by more than its frame leaves open
+    for m, frame in zip(agree(placed, np.full_like(depth, 5.0), lens), placed, strict=True):
+        person = person_before(frame)
+        shift = np.linalg.norm(reflect(person, m) - reflect(person, frame), axis=1)
+        assert np.median(shift) < 3.0 * expected_error(frame)
     given = [replace(m, covariance=None, source="given") for m in placed]
     assert agree(given, depth, lens) == given and expected_error(given[0]) == 0.0
 
