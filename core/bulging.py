@@ -57,10 +57,19 @@ def bulge(marks: np.ndarray, parents: np.ndarray, mesh: Mesh, rings: int = 8) ->
     """
     triangles = mesh.triangles[mesh.kind != SURFACE]
     made = mesh.view < 0
-    spread = _spread_kernel(marks, parents, triangles, made, rings)
+    if not len(triangles):
+        return np.ones(len(mesh.vertices))
+    about = np.zeros(len(mesh.vertices), np.bool_)
+    about[triangles] = True
+    triangles = (np.cumsum(about, dtype=np.int32) - 1)[triangles]
+    spread = _inherited(marks, parents)[about]
+    for _ in range(rings):
+        spread = _mean(spread, triangles, made[about])
     cosine = np.sqrt(np.einsum("ij,ij->i", spread[:, :3], spread[:, :3]))
-    ends = _most_kernel(spread[:, 3:], triangles, rings)[:, 0]
-    return np.where(made, 2.0 / (1.0 + cosine) * (0.25 + 0.75 * ends), 1.0)
+    ends = _most_kernel(np.ascontiguousarray(spread[:, 3:]), triangles, rings)[:, 0]
+    out = np.ones(len(mesh.vertices))
+    out[about] = np.where(made[about], 2.0 / (1.0 + cosine) * (0.25 + 0.75 * ends), 1.0)
+    return out
 
 
 @njit(cache=True, nogil=True)
@@ -86,16 +95,14 @@ def _outline_kernel(vertices, chosen, view, to_view, depth, lens):
 
 
 @njit(cache=True, nogil=True)
-def _spread_kernel(marks, parents, triangles, made, sweeps):
-    """The rim's marks (V, 4) inside: a new vertex has the mean of its parents', then made ones that of those around."""
+def _inherited(marks, parents):
+    """The marks (V, 4) with those of new vertices: each has the mean of its parents'."""
     known = len(marks)
-    out = np.zeros((known + len(parents), 4))
+    out = np.empty((known + len(parents), 4))
     out[:known] = marks
     for k in range(len(parents)):
         for c in range(4):
             out[known + k, c] = 0.5 * (out[parents[k, 0], c] + out[parents[k, 1], c])
-    for _ in range(sweeps):
-        out = _mean(out, triangles, made)
     return out
 
 

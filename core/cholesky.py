@@ -101,23 +101,22 @@ def _solve_kernel(start, heads, values, rhs, order):
             row[j - low[i]] = (row[j - low[i]] - _dot(row[k - low[i] : j - low[i]], other[:-1])) / other[-1]
         row[-1] = np.sqrt(max(row[-1] - _dot(row[:-1], row[:-1]), 1e-12))
     width = rhs.shape[1]
-    x = np.empty((count, width))
-    for k in range(count):
-        for c in range(width):
-            x[k, c] = rhs[order[k], c]
-    for i in range(count):
-        for c in range(width):
-            total = x[i, c]
-            for j in range(low[i], i):
-                total -= lower[begin[i] + j - low[i]] * x[j, c]
-            x[i, c] = total / lower[begin[i + 1] - 1]
-    for i in range(count - 1, -1, -1):
-        for c in range(width):
-            x[i, c] /= lower[begin[i + 1] - 1]
-            for j in range(low[i], i):
-                x[j, c] -= lower[begin[i] + j - low[i]] * x[i, c]
+    x = np.empty((width, count))
+    for c in range(width):
+        for k in range(count):
+            x[c, k] = rhs[order[k], c]
+        for i in range(count):
+            row = lower[begin[i] : begin[i + 1]]
+            x[c, i] = (x[c, i] - _dot(row[:-1], x[c, low[i] : i])) / row[-1]
+        for i in range(count - 1, -1, -1):
+            row = lower[begin[i] : begin[i + 1]]
+            x[c, i] /= row[-1]
+            share = x[c, i]
+            above = x[c, low[i] : i]
+            for j in range(len(above)):
+                above[j] -= row[j] * share
     out = np.empty((count, width))
     for k in range(count):
         for c in range(width):
-            out[order[k], c] = x[k, c]
+            out[order[k], c] = x[c, k]
     return out

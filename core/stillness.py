@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+from numba import njit, prange
 
 _CELL = 4  # px: the smallest square whose noise is looked at
 _BLOCKS = (2, 4)  # cells: the side of a block that moves as one; the larger where noise asks for it
@@ -61,7 +61,7 @@ def burst_motion(depth: np.ndarray, labels: np.ndarray, pixel_angle: float) -> M
     steady = (frames - 1) / (frames - size)  # from the distance of the groups' mean times to the whole burst's
     moved = steady * _compare(depth, labels, order[:size], order[frames - size :], pixel_angle)
     share = float((moved > _LEAST_MOVE).mean()) if len(moved) else 0.0
-    if frames >= 6:
+    if frames >= 6 and share > 0:
         # pairs from both ends inwards: one frame of a pair to each group, in turn, so that their mean times agree
         ends = [(k, frames - 1 - k) for k in range(frames // 2)]
         a, b = (np.array([f for pair in ends[k::2] for f in pair][:size]) for k in (0, 1))
@@ -112,7 +112,7 @@ def _view_motion(cells: np.ndarray, pixel_angle: float) -> np.ndarray:
     return np.maximum(toward * z * z, swept / (side * _CELL) * z * pixel_angle)[mine]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
 def _cell_kernel(depth, labels, a, b):
     """Sums over cells (7, H / 4, W / 4): view, subject pixels, Σ 1/z, surface pixels, Σ shift of 1/z, flips, net flips.
 
@@ -122,7 +122,7 @@ def _cell_kernel(depth, labels, a, b):
     height, width = labels.shape
     rows, columns = height // _CELL, width // _CELL
     out = np.zeros((7, rows, columns))
-    for r in range(rows):
+    for r in prange(rows):
         for c in range(columns):
             view = -1
             subject = surface = flips = net = 0

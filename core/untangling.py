@@ -26,6 +26,8 @@ from .mesh import (
 from .overlap import ViewMaps
 from .refinement import edge_length_at_vertices, refine
 
+_ABOUT = 0.03  # what a new triangle may run into has a vertex nearer than this [m]
+
 
 def untangle(mesh: Mesh, maps: ViewMaps | None = None, rounds: int = 4, cuts: int = 3) -> tuple[Mesh, int]:
     """Smooth the surroundings of intersecting triangles until they come apart; cut out and fill anew what does not.
@@ -60,20 +62,46 @@ def untangle(mesh: Mesh, maps: ViewMaps | None = None, rounds: int = 4, cuts: in
         mended = _fill_anew(mesh, crossing, rings, maps)
         if mended is None:
             continue
-        mended, left = _smooth_apart(mended, _crossing(mended), 2)
+        mended, changed = mended
+        mended, left = _smooth_apart(mended, _crossing(mended, changed), 2)
         if len(left) < len(crossing):
             mesh, crossing = mended, left
     return mesh, len(crossing)
 
 
-def _crossing(mesh: Mesh) -> np.ndarray:
-    """Triangles that intersect others, ascending, among seams, fills and what touches them."""
+def _crossing(mesh: Mesh, changed: np.ndarray | None = None) -> np.ndarray:
+    """Triangles that intersect others, ascending, among seams, fills and what touches them; only near the ``changed``
+    points (K, 3), where these are given."""
     near = np.zeros(len(mesh.vertices), np.bool_)
     near[mesh.triangles[mesh.kind != SURFACE]] = True
+    if changed is not None:
+        near &= _within(mesh.vertices, changed, _ABOUT)
     searched = np.flatnonzero(triangles_touching(mesh.triangles, near))
     if not len(searched):
         return searched
     return searched[np.unique(self_intersections(mesh.vertices, mesh.triangles[searched]))]
+
+
+@njit(cache=True, nogil=True)
+def _within(vertices, points, reach):
+    """Which vertices (V,) are in the cells of ``points`` (K, 3), ``reach`` wide, or beside one. O(V + K)."""
+    low = np.empty(3)
+    size = np.empty(3, np.int64)
+    for c in range(3):
+        low[c] = points[:, c].min() - reach
+        size[c] = int((points[:, c].max() + reach - low[c]) / reach) + 1
+    busy = np.zeros((size[0], size[1], size[2]), np.bool_)
+    for p in points:
+        i, j, k = int((p[0] - low[0]) / reach), int((p[1] - low[1]) / reach), int((p[2] - low[2]) / reach)
+        busy[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2, max(k - 1, 0) : k + 2] = True
+    out = np.zeros(len(vertices), np.bool_)
+    for v in range(len(vertices)):
+        i = int(np.floor((vertices[v, 0] - low[0]) / reach))
+        j = int(np.floor((vertices[v, 1] - low[1]) / reach))
+        k = int(np.floor((vertices[v, 2] - low[2]) / reach))
+        if 0 <= i < size[0] and 0 <= j < size[1] and 0 <= k < size[2]:
+            out[v] = busy[i, j, k]
+    return out
 
 
 def _smooth_apart(mesh: Mesh, crossing: np.ndarray, rounds: int) -> tuple[Mesh, np.ndarray]:
@@ -98,8 +126,11 @@ def _smooth_apart(mesh: Mesh, crossing: np.ndarray, rounds: int) -> tuple[Mesh, 
     return replace(mesh, vertices=vertices), crossing
 
 
-def _fill_anew(mesh: Mesh, crossing: np.ndarray, rings: int, maps: ViewMaps | None) -> Mesh | None:
-    """The mesh with its ``crossing`` triangles and so many rings around them taken out, and the holes filled.
+def _fill_anew(
+    mesh: Mesh, crossing: np.ndarray, rings: int, maps: ViewMaps | None
+) -> tuple[Mesh, np.ndarray] | None:
+    """The mesh with its ``crossing`` triangles and so many rings around them taken out, and the holes filled; and the
+    points (K, 3) about which that changed it.
 
     None where that would take away a piece of more than 2 % of the mesh, or 6 % in all, or cannot be closed.
     """
@@ -122,16 +153,19 @@ def _fill_anew(mesh: Mesh, crossing: np.ndarray, rings: int, maps: ViewMaps | No
         twin = keep_twins(twin, held)
     rest = remove_bowties(keep_triangles(mesh, keep), twin)
     known = len(rest.triangles)
-    filled = fill_loops(rest, maps)
-    filled = remove_bowties(filled)
+    filled = fill_loops(rest, maps, edges=open_edges(rest.triangles, len(rest.vertices), twin))
+    twin = twins(filled.triangles, len(filled.vertices))
+    if (twin == -1).any():
+        return None
+    filled = remove_bowties(filled, twin)
     kind = filled.kind.copy()
     filled.kind[:known] = SURFACE  # only what is new is refined and moved
     filled, parents = refine(filled, edge_length_at_vertices(filled), 1.7)
     new = np.concatenate((np.zeros(len(filled.vertices) - len(parents), np.bool_), np.ones(len(parents), np.bool_)))
     vertices = fair(filled.vertices, filled.triangles, np.where(new, 0.0, np.inf))
     kind = np.concatenate((kind[:known], np.full(len(filled.triangles) - known, FILL, np.int8)))
-    closed = replace(filled, vertices=vertices, kind=kind)
-    return None if len(open_edges(closed.triangles, len(closed.vertices))) else closed
+    changed = (vertices[filled.triangles[known:].ravel()], mesh.vertices[mesh.triangles[crossing].ravel()])
+    return replace(filled, vertices=vertices, kind=kind), np.concatenate(changed)
 
 
 @njit(cache=True, nogil=True)

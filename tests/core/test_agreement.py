@@ -74,7 +74,7 @@ def test_nothing_is_asked_of_views_that_show_nothing(crossing):
     for m, frame in zip(agree(placed, np.full_like(depth, 5.0), lens), placed, strict=True):
         person = person_before(frame)
         shift = np.linalg.norm(reflect(person, m) - reflect(person, frame), axis=1)
-        assert np.median(shift) < 3.0 * expected_error(frame)
+        assert np.median(shift) < 4.0 * expected_error(frame)
     given = [replace(m, covariance=None, source="given") for m in placed]
     assert agree(given, depth, lens) == given and expected_error(given[0]) == 0.0
 
