@@ -36,7 +36,7 @@ class AgreementSettings:
     """
 
     use: bool = True
-    unsure: float = 0.003
+    unsure: float = 0.005
     gate: float = 0.10
     gain: float = 0.5
     min_pairs: int = 40

@@ -131,7 +131,7 @@ def still_warning(depth: np.ndarray, labels: np.ndarray, focal: float, settings:
     """What to tell a person whose subject moved while the burst was recorded; None when it stood still."""
     if settings.still_share >= 1 or len(depth) < 2:
         return None
-    motion = burst_motion(depth, labels, 1.0 / focal)
+    motion = burst_motion(depth, labels, 1.0 / focal, settings.still_share)
     if motion.share <= settings.still_share:
         return None
     return (

@@ -27,7 +27,7 @@ class Motion:
     largest: float
 
 
-def burst_motion(depth: np.ndarray, labels: np.ndarray, pixel_angle: float) -> Motion:
+def burst_motion(depth: np.ndarray, labels: np.ndarray, pixel_angle: float, least: float = 0.0) -> Motion:
     """Whether the subject stood still: the burst's first third against its last.
 
     Surfaces are compared by their depth, silhouettes by the area they swept over. A block counts when it went further
@@ -43,6 +43,8 @@ def burst_motion(depth: np.ndarray, labels: np.ndarray, pixel_angle: float) -> M
         View of each pixel, -1 = not the subject.
     pixel_angle : float
         1/f [1/px].
+    least : float
+        Share of the subject that must seem to have moved for chance to be asked.
 
     Returns
     -------
@@ -61,7 +63,7 @@ def burst_motion(depth: np.ndarray, labels: np.ndarray, pixel_angle: float) -> M
     steady = (frames - 1) / (frames - size)  # from the distance of the groups' mean times to the whole burst's
     moved = steady * _compare(depth, labels, order[:size], order[frames - size :], pixel_angle)
     share = float((moved > _LEAST_MOVE).mean()) if len(moved) else 0.0
-    if frames >= 6 and share > 0:
+    if frames >= 6 and share > least:
         # pairs from both ends inwards: one frame of a pair to each group, in turn, so that their mean times agree
         ends = [(k, frames - 1 - k) for k in range(frames // 2)]
         a, b = (np.array([f for pair in ends[k::2] for f in pair][:size]) for k in (0, 1))
