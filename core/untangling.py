@@ -26,6 +26,7 @@ from .mesh import (
 from .overlap import ViewMaps
 from .refinement import edge_length_at_vertices, refine
 
+_FEW = 0.0003  # of all triangles: what smoothing leaves of these is left
 _ABOUT = 0.03  # what a new triangle may run into has a vertex nearer than this [m]
 
 
@@ -33,8 +34,8 @@ def untangle(mesh: Mesh, maps: ViewMaps | None = None, rounds: int = 4, cuts: in
     """Smooth the surroundings of intersecting triangles until they come apart; cut out and fill anew what does not.
 
     Each round relaxes the vertices of the triangles that still intersect, and their neighbours one ring farther than
-    the round before; all other vertices stay where they are. What is left then is taken out, a ring more each time,
-    with what hangs on by it alone, and the holes are filled (as Attene 2010 does).
+    the round before; all other vertices stay where they are. Where more than a few are left then, they are taken out, a
+    ring more each time, with what hangs on by them alone, and the holes are filled (as Attene 2010 does).
 
     Parameters
     ----------
@@ -57,7 +58,7 @@ def untangle(mesh: Mesh, maps: ViewMaps | None = None, rounds: int = 4, cuts: in
     """
     mesh, crossing = _smooth_apart(mesh, _crossing(mesh), rounds)
     for rings in range(cuts):
-        if not len(crossing):
+        if len(crossing) <= _FEW * len(mesh.triangles):  # cutting takes as long for one as for a hundred
             break
         mended = _fill_anew(mesh, crossing, rings, maps)
         if mended is None:
