@@ -113,7 +113,7 @@ def surfaces(depth: np.ndarray, seen: np.ndarray, view: int, intrinsics: Intrins
     # neighbours share their windows, and some hundred pieces tell as much as thousands
     stride = max(2 if radius < 4 else 3, int(np.ceil(np.sqrt(count / _ENOUGH))))
     grid, points, normals, variances, pixels = _surface_kernel(
-        depth, seen, view, _camera(intrinsics), np.array(box), stride, radius, sigma
+        depth, seen, view, intrinsics.lens, np.array(box), stride, radius, sigma
     )
     return Surfaces(grid, points, normals, variances, pixels, stride, radius)
 
@@ -164,7 +164,7 @@ def meetings(
             plane = np.zeros(4) if by == 0 else np.append(mirrors[by - 1].normal, mirrors[by - 1].normal
                                                           @ mirrors[by - 1].point)  # fmt: skip
             here, there, normals, gaps, variances, half, *counts = _meet_kernel(
-                s.points, s.normals, s.variances, s.pixels, flips[of], flips[by], plane, _camera(intrinsics), t.grid,
+                s.points, s.normals, s.variances, s.pixels, flips[of], flips[by], plane, intrinsics.lens, t.grid,
                 t.stride, t.points, t.normals, t.variances, gate, depth, seen, by,
             )  # fmt: skip
             out.append(Meeting(of, by, here, there, normals, gaps, variances, half, *counts))
@@ -451,10 +451,6 @@ def _shared(shown: list[Surfaces], m: Meeting) -> float:
 
 def _weights(gaps: np.ndarray, variances: np.ndarray, shown: list[Surfaces], m: Meeting) -> np.ndarray:
     return 1.0 / (variances * (1.0 + gaps * gaps / (4.0 * variances))) / _shared(shown, m)
-
-
-def _camera(intrinsics: Intrinsics) -> np.ndarray:
-    return np.array((intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy))
 
 
 @njit(cache=True, nogil=True)

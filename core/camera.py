@@ -55,6 +55,11 @@ class Intrinsics:
             )
 
     @property
+    def lens(self) -> np.ndarray:
+        """Focal lengths and image centre fx, fy, cx, cy [px], for kernels."""
+        return np.array((self.fx, self.fy, self.cx, self.cy))
+
+    @property
     def is_pinhole(self) -> bool:
         """Whether straight lines stay straight: no distortion coefficient differs from zero."""
         return not any(self.distortion)

@@ -372,6 +372,18 @@ def _spread(covariance, u, v):
 
 
 @njit(cache=True, nogil=True)
+def _connect(state, i, j, stack, top):
+    """Take a block and its eight neighbours, where they are on the plane, for connected; the stack's new height."""
+    for y in range(max(i - 1, 0), min(i + 2, state.shape[0])):
+        for x in range(max(j - 1, 0), min(j + 2, state.shape[1])):
+            if state[y, x] == 1:
+                state[y, x] = 2
+                stack[top, 0], stack[top, 1] = y, x
+                top += 1
+    return top
+
+
+@njit(cache=True, nogil=True)
 def _gather_kernel(depth, seeds, plane, covariance, sigma, common, band, box):
     """Pixels inside the box (u0, v0, u1, v1) on the plane, in blocks that are connected to the seeds'.
 
@@ -427,22 +439,9 @@ def _gather_kernel(depth, seeds, plane, covariance, sigma, common, band, box):
     stack = np.empty((rows * columns, 2), np.int64)
     top = 0
     for k in range(len(seeds)):
-        j, i = (seeds[k, 0] - box[0]) // BLOCK, (seeds[k, 1] - box[1]) // BLOCK
-        for y in range(max(i - 1, 0), min(i + 2, rows)):
-            for x in range(max(j - 1, 0), min(j + 2, columns)):
-                if state[y, x] == 1:
-                    state[y, x] = 2
-                    stack[top, 0], stack[top, 1] = y, x
-                    top += 1
+        top = _connect(state, (seeds[k, 1] - box[1]) // BLOCK, (seeds[k, 0] - box[0]) // BLOCK, stack, top)
     while top > 0:
-        top -= 1
-        i, j = stack[top]
-        for y in range(max(i - 1, 0), min(i + 2, rows)):
-            for x in range(max(j - 1, 0), min(j + 2, columns)):
-                if state[y, x] == 1:
-                    state[y, x] = 2
-                    stack[top, 0], stack[top, 1] = y, x
-                    top += 1
+        top = _connect(state, stack[top - 1, 0], stack[top - 1, 1], stack, top - 1)
     total = 0
     for i in range(rows):
         for j in range(columns):

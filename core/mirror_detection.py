@@ -525,7 +525,7 @@ def verify(
     low = np.clip(np.floor(pixels.min(axis=0)), 0, None).astype(np.int64)
     high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, (intrinsics.width, intrinsics.height)).astype(np.int64)
     counts = np.zeros(8, np.int64)
-    camera = np.array((intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy))
+    camera = intrinsics.lens
     _verify_kernel(
         depth, camera, guess.basis, guess.point, guess.rectangle, reflection_matrix(mirror), low, high,
         floor, counts,

@@ -159,7 +159,7 @@ def _ring(
         low, high = np.zeros(2, np.int64), np.array(size)
     pixels = np.empty((max(int(np.prod(np.maximum(high - low, 0))), 1), 2), np.int32)
     n = _ring_kernel(
-        depth, _camera(intrinsics), mirror.basis, mirror.point, plane, rectangle, outward, inward, band, low, high,
+        depth, intrinsics.lens, mirror.basis, mirror.point, plane, rectangle, outward, inward, band, low, high,
         pixels,
     )  # fmt: skip
     u, v = pixels[:n].T.astype(np.int64)
@@ -339,7 +339,7 @@ def _shown(mirror, depth, intrinsics, settings) -> tuple[np.ndarray, np.ndarray,
     room = max(int(np.prod(high - low)), 1)
     points, normals, half = np.empty((room, 3)), np.empty((room, 3)), np.empty(room, np.int8)
     n = _shown_kernel(
-        depth, _camera(intrinsics), mirror.basis, mirror.point, mirror.rectangle, reflection_matrix(mirror), low, high,
+        depth, intrinsics.lens, mirror.basis, mirror.point, mirror.rectangle, reflection_matrix(mirror), low, high,
         settings.two_sided, points, normals, half,
     )  # fmt: skip
     thin = slice(0, n, n // _ENOUGH + 1)
@@ -350,14 +350,10 @@ def _pairs(mirror, points, facing, depth, intrinsics, settings, gate) -> tuple[n
     """Flipped points (N, 3), normals (N, 3) of the direct surfaces they meet, and distances (N,) along these."""
     q, normals, gap = np.empty_like(points), np.empty_like(points), np.empty(len(points))
     n = _pairs_kernel(
-        depth, _camera(intrinsics), mirror.normal, float(mirror.normal @ mirror.point), points, facing,
+        depth, intrinsics.lens, mirror.normal, float(mirror.normal @ mirror.point), points, facing,
         reflection_matrix(mirror), gate, settings.two_sided, q, normals, gap,
     )  # fmt: skip
     return q[:n], normals[:n], gap[:n]
-
-
-def _camera(intrinsics: Intrinsics) -> np.ndarray:
-    return np.array((intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy))
 
 
 @njit(cache=True, nogil=True)

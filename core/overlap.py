@@ -75,7 +75,7 @@ def view_maps(
     readings are better, and the last pixels of an outline mix foreground with background.
     """
     to_view = np.stack([np.eye(4)] + [reflection_matrix(m) for m in mirrors])
-    lens = np.tile((intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy), (len(to_view), 1))
+    lens = np.tile(intrinsics.lens, (len(to_view), 1))
     normals, confidence = _maps_kernel(depth, labels, lens[0], to_view)
     return ViewMaps(depth, labels, seen, normals, confidence, to_view, lens, noise)
 

@@ -136,7 +136,7 @@ def find_subject(
     height = dot(inside, up)
     reach = (np.sqrt(_squared_distance(inside, axis, _across(up)).max()) + 0.35) ** 2
     wide = _dilated(labels, int(np.ceil(_OUTLINE * intrinsics.fx / np.median(depth[labels == 0]))) + 1)
-    lens = np.array((intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy))
+    lens = intrinsics.lens
     # how deep a figure is behind its front; a thing may be as deep as it is wide
     deepest = 0.5 if not settings.object else max(0.3, 3.0 * np.sqrt(reach) - 1.05)
     if mirrors:

@@ -45,6 +45,7 @@ def main() -> int:
 
 def walk(compiling) -> list:
     """An entry for each kernel that is called on the way, under the stage that calls it first."""
+    from mirror_scan.core.pipeline import finish
     from mirror_scan.mirror_scan_addon import tasks
 
     found: dict[tuple, compiling.Entry] = {}
@@ -66,19 +67,19 @@ def walk(compiling) -> list:
                     continue
                 found[key] = compiling.Entry(stage, module, kernel, types, 0.0)
 
-        loaded = [drain(tasks.load_steps(str(capture), 0)) for capture in captures]
+        loaded = [finish(tasks.load_steps(str(capture), 0)) for capture in captures]
         look("load")
         for one in loaded:
-            drain(tasks.find_mirrors_steps(one.depth, one.color, one.intrinsics, 0.0))
-            drain(tasks.fit_steps(one.depth, one.intrinsics, one.mirrors, 0.0))
+            finish(tasks.find_mirrors_steps(one.depth, one.color, one.intrinsics, 0.0))
+            finish(tasks.fit_steps(one.depth, one.intrinsics, one.mirrors, 0.0))
         look("mirrors")
         one = loaded[0]
-        placed = drain(tasks.find_mirrors_steps(one.depth, one.color, one.intrinsics, 0.0))
-        drain(tasks.find_subject_steps(one.depth, one.intrinsics, placed.mirrors, {}))
+        placed = finish(tasks.find_mirrors_steps(one.depth, one.color, one.intrinsics, 0.0))
+        finish(tasks.find_subject_steps(one.depth, one.intrinsics, placed.mirrors, {}))
         look("subject")
         for capture in captures:
-            built = drain(tasks.build_steps(str(capture), 0))
-            drain(tasks.check_steps(built.mesh))
+            built = finish(tasks.build_steps(str(capture), 0))
+            finish(tasks.check_steps(built.mesh))
         look("build")
     return list(found.values())
 
@@ -90,14 +91,6 @@ def simulate(folder: Path, sensor: str) -> int:
 
     write_simulation(simulate(mannequin(), default_rig(sensor=sensor, mirrors=2, frames=4)), folder)
     return 0
-
-
-def drain(job):
-    while True:
-        try:
-            next(job)
-        except StopIteration as end:
-            return end.value
 
 
 def measure(compiling) -> int:
