@@ -10,7 +10,7 @@ import numpy as np
 from .camera import Intrinsics, project, unproject
 from .capture import MirrorPicks
 from .errors import MirrorError
-from .frame_fit import DisparityPlane, fit_core, grow_frame
+from .frame_fit import DisparityPlane, fit_core, frame_sides, grow_frame
 
 
 @dataclass(frozen=True)
@@ -330,14 +330,45 @@ def _grow(
     center = center - (normal @ center - d) * normal
     mirror = Mirror(plane.name, center, *oriented(normal, center), points_used=len(points), refined=True)
     residual = (points - center) @ mirror.normal
-    mirror = replace(
-        mirror,
-        residual=float(np.sqrt(np.mean(residual**2))),
-        covariance=plane_covariance(core, intrinsics, center, mirror.basis),
-    )
+    mirror = replace(mirror, residual=float(np.sqrt(np.mean(residual**2))))
     picked = cloud[seeds[:, 1], seeds[:, 0]]
     on_plane = np.abs((picked - center) @ normal) < max(0.05, 4 * mirror.residual)
-    return with_rectangle(mirror, points, picked[on_plane] if on_plane.any() else points, intrinsics)
+    mirror = _with_sides(mirror, points, picked[on_plane] if on_plane.any() else points, depth, core, intrinsics)
+    return replace(mirror, covariance=plane_covariance(core, intrinsics, center, mirror.basis))
+
+
+def _with_sides(
+    mirror: Mirror,
+    frame: np.ndarray,
+    picked: np.ndarray,
+    depth: np.ndarray,
+    fitted: DisparityPlane,
+    intrinsics: Intrinsics,
+) -> Mirror:
+    """The mirror turned as its frame is, with the rectangle that this encloses.
+
+    Each side is where the glass ends and the frame begins, see :func:`.frame_fit.frame_sides`; the extent of the pixels
+    that were grown, which may run on along the floor or a wall, only where no evidence is.
+    """
+    plane = fitted.coefficients
+    # a plane's pixels, but not what a shallow surface beside it has within a hand's breadth
+    tolerance = 4.0 * np.hypot(fitted.scale, np.sqrt(fitted.common))
+    tolerance = min(max(tolerance, 0.004 / mirror.point[2] ** 2), 0.02 / mirror.point[2])
+    rectangle = _extent(frame[:: len(frame) // 800 + 1], picked, mirror)
+    for _ in range(3):
+        outer, cut, turn = frame_sides(
+            depth, intrinsics.lens, plane, tolerance, mirror.point, mirror.basis, rectangle
+        )[1:]  # fmt: skip
+        known = np.isfinite(outer)
+        rectangle = np.where(known, outer, rectangle)
+        if abs(turn) < 2.5e-3:
+            break
+        down = mirror.basis[:, 1] - np.tan(turn) * mirror.basis[:, 0]
+        mirror = replace(mirror, basis=oriented(mirror.normal, mirror.point, down)[1])
+    if not known.all():
+        rectangle = np.where(known, rectangle, _extent(frame[:: len(frame) // 3000 + 1], picked, mirror))
+        cut = cut | _cut_off(frame, mirror, rectangle, intrinsics)
+    return at_border(replace(mirror, rectangle=rectangle), intrinsics, ~known, cut & ~known)
 
 
 def plane_of_disparity(coefficients: np.ndarray, intrinsics: Intrinsics) -> tuple[np.ndarray, float]:

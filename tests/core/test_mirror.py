@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from mirror_scan.core.camera import Intrinsics, project, unproject
 from mirror_scan.core.capture import MirrorPicks
+from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.frame_fit import erosion
 from mirror_scan.core.mirror import (
@@ -21,6 +22,8 @@ from mirror_scan.core.mirror import (
     reflect,
     reflection_matrix,
 )
+from mirror_scan.core.simulation.scene import default_rig
+from mirror_scan.core.simulation.simulate import simulate
 
 vector = hnp.arrays(np.float64, 3, elements=st.floats(-5, 5))
 seeds = st.integers(0, 2**32 - 1)
@@ -275,3 +278,26 @@ def test_rings_of_a_frame():
     ring = erosion(mask)
     assert (ring > 0).sum() == 50 * 10 and (ring > 1).sum() == 48 * 8 and (ring > 2).sum() == 46 * 6
     assert (ring[7:53, 12:18] == 3).all() and not erosion(np.zeros((9, 9), np.bool_)).any()
+
+
+@pytest.mark.parametrize("sensor", ["azure_kinect", "kinect_v1"])
+def test_picked_glass_ends_where_the_frame_does(person, sensor):
+    """With a rolled camera, mirrors that lean, and floor seen below the frame: the rectangle is turned as the frame is,
+    and ends at its outer edge on every side that is seen."""
+    rig = default_rig(sensor, frames=6, roll_deg=-7.0, lean_deg=(3.0, -2.0), camera_height=1.1, tilt_deg=6.0)
+    capture = simulate(person, rig).capture
+    depth = remove_flying_pixels(fuse_burst(capture.depth)[0], 1.0 / capture.intrinsics.fx)
+    to_avatar, seen = rig.camera_to_avatar, 0
+    for picks, true in zip(capture.mirrors, rig.mirrors, strict=True):
+        mirror = place_mirror(picks, depth, capture.intrinsics)
+        (left, right), (top, bottom) = mirror.rectangle
+        corners = np.array(((left, top), (right, top), (right, bottom), (left, bottom)))
+        corners = (mirror.point + corners @ mirror.basis[:, :2].T) @ to_avatar[:3, :3].T + to_avatar[:3, 3]
+        place = (corners - true.centre) @ true.axes[:2].T
+        half = 0.5 * np.array((true.width, true.height)) + true.frame_width
+        for corner in place:
+            near = np.abs(np.abs(corner) - half)
+            seen += int((near < 0.01).sum())
+            assert ((near < 0.01) | (near > 1.5)).all(), "where the frame ends, or beyond the picture"
+        np.testing.assert_allclose(mirror.basis.T @ mirror.basis, np.eye(3), atol=1e-12)
+    assert seen >= 12, "of 16 coordinates of corners"
