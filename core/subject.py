@@ -25,8 +25,7 @@ _SHARED = 60.0  # neighbouring readings share so much of their errors that this 
 _PIECE = 8  # px: fewer are noise
 _CONFIRMED = 0.25  # m
 _STEPS = 0.026  # a far sensor counts in steps: pieces may be so much of z apart
-# of the floor is seen to be it, directly and in mirrors: there feet have few pixels to lose, and floor is little
-_FLOOR_SHARES, _FLOOR_MARGINS = (0.98, 0.93), (0.002, 0.0)  # margins [m]
+_HOLE = 1.5  # the floor right at a sole hardly shows, a lost piece of foot does: it counts so many times
 _ROW = 3  # px to either side that a pixel near the floor is judged by
 _CLICK_RADIUS = 6  # px: a click without a reading takes the nearest one
 _AXIS_SPREAD, _THING_SPREAD = 0.5, 0.3  # how far off the rig's crossing a person or thing counts less [m]
@@ -109,24 +108,31 @@ def find_subject(
         meeting = points[clicked]
     pixel_angle = 1.0 / intrinsics.fx
     count = len(mirrors) + 1
-    floors, clearance = _floor_of_views(points, seen, up, ground.floor, count, meeting, settings, pixel_angle)
     highest = np.inf if ground.floor is None or settings.object else ground.floor + settings.max_height
-    standing = _standing(points, seen, up, floors, clearance, highest)
-    component, sizes = connected_pixels(depth, standing, pixel_angle)
-    chosen = _direct_subject(depth, component, len(sizes), seen, points, up, meeting, clicked, pixel_angle, settings)
-    support = None
+
+    def standing(views: range, floor: float | None, center: np.ndarray | None, rough: float, apart: bool = True):
+        """Components and sizes of what stands on the floor as these views see it, and how rough that is at most."""
+        floors, clearance, rough = _floor_of_views(
+            points, seen, up, floor, views, center, settings, pixel_angle, rough, apart
+        )
+        upright = _standing(points, seen, up, floors, clearance, highest, views)
+        return (*connected_pixels(depth, upright, pixel_angle), rough)
+
+    def direct(component: np.ndarray, sizes: np.ndarray) -> np.ndarray | None:
+        return _direct_subject(
+            depth, component, len(sizes), seen, points, up, meeting, clicked, pixel_angle, settings
+        )  # fmt: skip
+
+    component, sizes, rough = standing(range(1), ground.floor, meeting, _ROUGH)
+    chosen = direct(component, sizes)
+    floor, support = ground.floor, None
     if settings.object and chosen is not None:
         support = _support(points[component == chosen[0]], up, settings)
         if support is not None:
             # from here on what the thing stands on is its floor
-            floors, clearance = _floor_of_views(
-                points, seen, up, support, count, meeting, settings, pixel_angle, False
-            )
-            standing = _standing(points, seen, up, floors, clearance, highest)
-            component, sizes = connected_pixels(depth, standing, pixel_angle)
-            chosen = _direct_subject(
-                depth, component, len(sizes), seen, points, up, meeting, clicked, pixel_angle, settings
-            )
+            floor = support
+            component, sizes, rough = standing(range(1), floor, meeting, _ROUGH, False)
+            chosen = direct(component, sizes)
     if chosen is None:
         raise ReconstructionError(_nobody(settings, clicked))
     labels = np.full(depth.shape, -1, np.int8)
@@ -140,13 +146,12 @@ def find_subject(
     # how deep a figure is behind its front; a thing may be as deep as it is wide
     deepest = 0.5 if not settings.object else max(0.3, 3.0 * np.sqrt(reach) - 1.05)
     if mirrors:
+        component, sizes, _ = standing(range(1, count), floor, axis, rough, support is None)
         verdict, votes = _verdict_kernel(
             component, len(sizes), seen, points, depth, labels, lens, wide, axis, _across(up), reach, up,
             (height.min() - 0.15, height.max() + 0.15), deepest,
         )  # fmt: skip
-        taken = _take_mirrors(
-            depth, component, verdict, votes, seen, points, pixel_angle, labels, count
-        )
+        taken = _take_mirrors(depth, component, verdict, votes, seen, points, pixel_angle, labels, count)
         for i, m in enumerate(mirrors, start=1):
             if taken[i] < settings.min_pixels:
                 labels[labels == i] = -1
@@ -154,7 +159,6 @@ def find_subject(
                     f"{m.name}: nobody is seen in this mirror, its side of the body is guessed; "
                     "turn the mirror until the camera sees the subject's back in it"
                 )
-    floor = ground.floor if support is None else support
     return Views(
         labels, seen, points, up, floor, ground.noise, axis, tuple(warnings),
         _limits(depth, labels, count), ground.disagreement_deg,
@@ -199,41 +203,47 @@ def _floor_of_views(
     seen: np.ndarray,
     up: np.ndarray,
     floor: float | None,
-    views: int,
-    meeting: np.ndarray | None,
+    views: range,
+    middle: np.ndarray | None,
     settings: ViewSettings,
     pixel_angle: float,
-    apart: bool = True,
-) -> tuple[np.ndarray, np.ndarray]:
-    """The floor as each view sees it about the subject, and how far above it a reading is no floor any more.
+    rough: float,
+    apart: bool,
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """The floor as these views see it about the subject, and how far above it a reading is no floor any more.
 
     A mirror's plane is off by a little, and by twice that the floor in it; a longer path is noisier. So each view has
-    its own plane (views, 4), n·p = d, and clearance (views,) [m]. ``apart``: there is more of it than
-    what is under the subject.
+    its own plane (views, 4), n·p = d, and clearance (views,) [m]. ``middle``: where the subject stands. ``apart``:
+    there is more of it than what is under the subject. Last, how rough a view of it may be: as given, or, where the
+    direct view is one of them, as that tells.
     """
-    planes = np.zeros((views, 4))
+    planes = np.zeros((len(views), 4))
     planes[:, :3], planes[:, 3] = up, -np.inf if floor is None else floor
-    clearance = np.full(views, settings.floor_clearance)
+    clearance = np.full(len(views), settings.floor_clearance)
     if floor is None:
-        return planes, clearance
-    center = np.zeros(3) if meeting is None else meeting
+        return planes, clearance, rough
+    center = np.zeros(3) if middle is None else middle
     # farther off it is noisier, and at the subject there are feet
-    ring = (0.0, np.inf) if meeting is None else (_FOOTPRINT if apart else 0.0, 0.9 * settings.reach)
-    samples = _near_floor_kernel(
-        points, seen, up, floor, _NEAR_FLOOR, center, ring[0] ** 2, ring[1] ** 2, _across(up), views, pixel_angle
-    )
-    rough = _ROUGH
-    for view, (sample, rows) in enumerate(samples):
+    ring = (0.0, np.inf) if middle is None else (_FOOTPRINT if apart else 0.0, 0.9 * settings.reach)
+    under = np.inf if middle is None else _FOOTPRINT
+    samples, heights = _near_floor_kernel(
+        points, seen, up, floor, _NEAR_FLOOR, center, ring[0] ** 2, ring[1] ** 2, under**2, _across(up), views[0],
+        len(views), pixel_angle,
+    )  # fmt: skip
+    for k, (view, (sample, rows)) in enumerate(zip(views, samples, strict=True)):
         fitted = _fit_floor(sample, up, floor, center, rough)
         if fitted is not None:
             normal, d, kept, noise = fitted
             if view == 0:  # twice as far a sensor is four times as noisy, through a mirror more
                 rough = min(_ROUGH, 7.0 * noise + 0.002)
-            planes[view, :3], planes[view, 3] = normal, d
-            # how far above the floor a row's median, which decides on a pixel, is at most
-            highest = float(np.quantile(rows[kept] + dot(sample[kept], normal) - d, _FLOOR_SHARES[view > 0]))
-            clearance[view] = max(settings.floor_clearance, highest + _FLOOR_MARGINS[view > 0])
-    return planes, clearance
+            planes[k, :3], planes[k, 3] = normal, d
+            # a row's median decides on a pixel
+            off = rows[kept] + dot(sample[kept], normal) - d
+            off = np.abs(off - np.median(off))
+            noise = max(1.4826 * float(np.median(off)), 0.608 * float(np.quantile(off, 0.9)), 0.0005)
+            lift = (d - normal @ center) / (normal @ up) + up @ center - floor  # of this view's floor at the centre
+            clearance[k] = max(settings.floor_clearance, _parting(heights[k], lift, noise))
+    return planes, clearance, rough
 
 
 def _fit_floor(
@@ -259,20 +269,14 @@ def _fit_floor(
     found = np.array((place[np.argmax(likely)], 0.0, 0.0))
     band = noise = rough
     for _ in range(5):
-        miss = height - (rows * found).sum(axis=1)
+        miss = height - dot(rows, found)
         kept = np.abs(miss) < band
         if kept.sum() < 60:
             return None
         # images of images lay a second sheet across the floor: its own spread is that of the closest half
         noise = max(_closest_half(miss[kept]), 0.0005)
-        weight = 1.0 / (_SHARED * noise**2 * (1.0 + (miss / (2.0 * noise)) ** 2))
-        matrix = np.diag(1.0 / np.square(_FLOOR_PRIOR))
-        right = np.zeros(3)
-        for i in range(3):
-            right[i] = (weight * rows[:, i] * height)[kept].sum()
-            for j in range(3):
-                matrix[i, j] += (weight * rows[:, i] * rows[:, j])[kept].sum()
-        found = np.linalg.solve(matrix, right)
+        matrix, right = _floor_equations(rows, height, miss, band, noise)
+        found = np.linalg.solve(np.diag(1.0 / np.square(_FLOOR_PRIOR)) + matrix, right)
         band = min(max(4.0 * noise, 0.003), 2.0 * rough)
     if noise >= rough or (np.abs(found) > 3.0 * np.array(_FLOOR_PRIOR)).any():
         return None
@@ -280,6 +284,43 @@ def _fit_floor(
     length = np.linalg.norm(normal)
     d = (floor + found[0] - found[1] * (first @ center) - found[2] * (np.cross(up, first) @ center)) / length
     return normal / length, float(d), kept, noise
+
+
+@njit(cache=True, nogil=True)
+def _floor_equations(rows, height, miss, band, noise):
+    """Weighted normal equations (3, 3) and (3,) of ``rows`` · x = ``height``, of rows that miss by less than a band."""
+    matrix, right = np.zeros((3, 3)), np.zeros(3)
+    for i in range(len(rows)):
+        if abs(miss[i]) < band:
+            weight = 1.0 / (_SHARED * noise * noise * (1.0 + (miss[i] / (2.0 * noise)) ** 2))
+            for a in range(3):
+                right[a] += weight * rows[i, a] * height[i]
+                for b in range(3):
+                    matrix[a, b] += weight * rows[i, a] * rows[i, b]
+    return matrix, right
+
+
+def _parting(heights: np.ndarray, lift: float, noise: float) -> float:
+    """Height above the floor from which a reading near the subject is rather a foot's than the floor's [m].
+
+    The floor's are spread about 0 by ``noise`` [m], feet's evenly over all heights. How many there are of each is
+    counted, the floor's below 0 where feet have none: where a mirror shows hardly any floor about the feet, less must
+    be given away to be rid of it.
+
+    Parameters
+    ----------
+    heights : np.ndarray [shape=(B,)]
+        How many of a view's readings about the subject there are in each bin of height, from -``_NEAR_FLOOR`` to
+        ``_NEAR_FLOOR``.
+    lift : float
+        Where the floor is in it [m].
+    """
+    place = (np.arange(len(heights)) + 0.5) * (2.0 * _NEAR_FLOOR / len(heights)) - _NEAR_FLOOR - lift
+    ground = 2.0 * float(heights[(place < 0.0) & (place > -5.0 * noise)].sum())
+    above = (place > min(3.0 * noise, 0.2 * _NEAR_FLOOR)) & (place < 0.5 * _NEAR_FLOOR)
+    feet = max(float(heights[above].sum()), 1.0) / max(float(np.ptp(place[above])), 0.01)
+    odds = ground / (_HOLE * np.sqrt(2.0 * np.pi) * noise * feet)
+    return noise * float(np.sqrt(2.0 * np.log(odds))) if odds > 1.0 else 0.0
 
 
 def _closest_half(values: np.ndarray) -> float:
@@ -290,27 +331,36 @@ def _closest_half(values: np.ndarray) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _near_floor_kernel(points, seen, up, floor, band, center, inner2, outer2, across, views, pixel_angle):
-    """Up to ``_ENOUGH`` points of each view within ``band`` of the floor and in a ring about the subject, evenly taken,
-    and how far the median of each one's row is above it. What stands upright is left out."""
+def _near_floor_kernel(
+    points, seen, up, floor, band, center, inner2, outer2, under2, across, first, views, pixel_angle
+):
+    """Up to ``_ENOUGH`` points of each view from ``first`` on within ``band`` of the floor and in a ring about the
+    subject, evenly taken, and how far the median of each one's row is above it. What stands upright is left out.
+
+    And how many there are at each height (views, 120), from -``band`` to ``band``, nearer to the subject.
+    """
+    heights = np.zeros((views, 120), np.int64)
     height, width = seen.shape
     found = [np.empty(seen.size, np.int32) for _ in range(views)]
     count = np.zeros(views, np.int64)
     for v in range(height):
         for u in range(width):
-            k = seen[v, u]
-            if k < 0 or (k == 0 and (u + v) % 4 > 0):  # directly there is more than enough
+            k = seen[v, u] - first
+            if k < 0 or k >= views or (seen[v, u] == 0 and (u + v) % 4 > 0):  # directly there is more than enough
                 continue
             x, y, z = points[v, u, 0], points[v, u, 1], points[v, u, 2]
-            if abs(up[0] * x + up[1] * y + up[2] * z - floor) > band:
+            level = up[0] * x + up[1] * y + up[2] * z - floor
+            if abs(level) >= band:
                 continue
             x, y, z = x - center[0], y - center[1], z - center[2]
             squared = 0.0
             for r in range(3):
                 squared += (across[r, 0] * x + across[r, 1] * y + across[r, 2] * z) ** 2
+            if squared < under2:
+                heights[k, int((level + band) / band * 60.0)] += 1
             if squared < inner2 or squared > outer2:
                 continue
-            if 3 <= v < height - 3 and seen[v - 3, u] == k and seen[v + 3, u] == k:
+            if 3 <= v < height - 3 and seen[v - 3, u] == seen[v, u] and seen[v + 3, u] == seen[v, u]:
                 a, b = points[v - 3, u], points[v + 3, u]
                 rise = up[0] * (a[0] - b[0]) + up[1] * (a[1] - b[1]) + up[2] * (a[2] - b[2])
                 if abs(rise) > 3.0 * pixel_angle * points[v, u, 2]:  # half of what an upright surface rises
@@ -329,68 +379,77 @@ def _near_floor_kernel(points, seen, up, floor, band, center, inner2, outer2, ac
             n = 0
             for w in range(max(u - _ROW, 0), min(u + _ROW + 1, width)):
                 q = points[v, w]
-                if seen[v, w] == k and abs(q[2] - p[2]) < 0.1:
+                if seen[v, w] == seen[v, u] and abs(q[2] - p[2]) < 0.1:
                     row[n] = up[0] * (q[0] - p[0]) + up[1] * (q[1] - p[1]) + up[2] * (q[2] - p[2])
                     n += 1
             medians[i] = np.median(row[:n])
         samples.append((sample, medians))
-    return samples
+    return samples, heights
 
 
-def _standing(points, seen, up, floors, clearance, highest):
-    """``seen`` where a pixel's point is above its view's floor and below ``highest`` along ``up``, else -1.
+def _standing(points, seen, up, floors, clearance, highest, views):
+    """``seen`` where it is one of ``views`` and the pixel's point above its floor and below ``highest``, else -1.
 
     Near the floor the median of a pixel's row neighbours decides, which halves the noise and keeps a foot's sides where
     they are; and a pixel amid floor pixels is the floor's as well.
     """
-    out, above = _above_kernel(points, seen, up, floors, highest)
-    _feet_kernel(points, seen, above, clearance, out)
+    out, above, near = _above_kernel(points, seen, up, floors, 4.0 * clearance + 0.01, highest, views[0])
+    _feet_kernel(points, seen, above, near, clearance, views[0], out)
     return out
 
 
 @njit(cache=True, nogil=True, parallel=True)
-def _above_kernel(points, seen, up, floors, highest):
-    """``seen`` where a point is above its view's floor and below ``highest``, and its height above that floor [m]."""
+def _above_kernel(points, seen, up, floors, bands, highest, first):
+    """``seen`` where a point is above its view's floor and below ``highest``; its height above that floor [m]; and
+    which rows have points within ``bands`` of it. The floors are those of the views from ``first`` on."""
     height, width = seen.shape
     out = np.full(seen.shape, -1, np.int8)
     above = np.empty(seen.shape, np.float32)
+    near = np.zeros(height, np.bool_)
     for v in prange(height):
         for u in range(width):
             k = seen[v, u]
             above[v, u] = np.inf
-            if k < 0:
+            if k < first or k >= first + len(floors):
                 continue
-            p = points[v, u]
+            p, plane = points[v, u], floors[k - first]
             if p[0] * up[0] + p[1] * up[1] + p[2] * up[2] < highest:
-                a = p[0] * floors[k, 0] + p[1] * floors[k, 1] + p[2] * floors[k, 2] - floors[k, 3]
+                a = p[0] * plane[0] + p[1] * plane[1] + p[2] * plane[2] - plane[3]
                 above[v, u] = a
                 if a > 0.0:
                     out[v, u] = k
-    return out, above
+                if a < bands[k - first]:
+                    near[v] = True
+    return out, above, near
 
 
-@njit(cache=True, nogil=True, parallel=True)
-def _feet_kernel(points, seen, above, clearance, out):
+@njit(cache=True, nogil=True)
+def _feet_kernel(points, seen, above, near, clearance, first, out):
     """Decide anew for pixels near the floor, in ``out``."""
     height, width = seen.shape
     under = np.zeros(seen.shape, np.int8)  # 1 = of the floor or below it, 2 = near it but above
-    for v in prange(height):
+    for v in range(height):
+        if not near[v]:
+            continue
         for u in range(width):
             if above[v, u] == np.inf:
                 continue
             k = seen[v, u]
-            if above[v, u] > 4.0 * clearance[k] + 0.01:
+            least = clearance[k - first]
+            if above[v, u] > 4.0 * least + 0.01:
                 continue
-            if above[v, u] < -4.0 * clearance[k] - 0.01:
+            if above[v, u] < -4.0 * least - 0.01:
                 under[v, u] = 1
                 continue
             balance = 0  # the median of the row is above where most of the row is
             for x in range(max(u - _ROW, 0), min(u + _ROW + 1, width)):
                 if seen[v, x] == k and abs(points[v, x, 2] - points[v, u, 2]) < 0.1:
-                    balance += 1 if above[v, x] > clearance[k] else -1
+                    balance += 1 if above[v, x] > least else -1
             under[v, u] = 1 if balance <= 0 else 2
             out[v, u] = -1 if balance <= 0 else k  # what noise puts under the floor amid a foot as well
-    for v in prange(height):
+    for v in range(height):
+        if not near[v]:
+            continue
         for u in range(width):
             if under[v, u] != 2:
                 continue
@@ -662,8 +721,8 @@ def _take_mirrors(
     member, near = _member_table(np.array([count]), count + 1), np.append(sizes >= _PIECE, False)
     gap = _gap_kernel(part, member, near, points, np.append(sizes, 0), _CONFIRMED / pixel_angle)
     distance, sure = _piece_kernel(part, verdict, depth, count + 1)
-    # what the direct view confirms may be far off: a foot below the seat of a chair
-    joined = near & (gap < np.where(sure > 0.8, _CONFIRMED, np.maximum(0.05, _STEPS * distance)))
+    # what the direct view confirms, be it in part, may be far off: a foot below a chair's seat, a heel behind its leg
+    joined = near & (gap < np.where(sure > 0.0, _CONFIRMED, np.maximum(0.05, _STEPS * distance)))
     return taken + _take_kernel(part, joined, verdict, seen, labels, views)
 
 

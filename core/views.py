@@ -37,7 +37,7 @@ class ViewSettings:
 
     depth_limit: float = 0.0
     near: float = 0.0
-    floor_clearance: float = 0.0027
+    floor_clearance: float = 0.002
     reach: float = 1.15
     max_height: float = 2.4
     min_pixels: int = 150
