@@ -26,9 +26,12 @@ SIGNATURES = Path(sys.modules[__package__].__path__[0]) / "signatures.json"
 STAGES = ("load", "mirrors", "subject", "build")
 """In the order of the work; each needs what is compiled for those before it too."""
 
+RIG = "rig"
+"""A way of its own, of loading and virtual scanning: most people never go it, so it is compiled only when asked for."""
+
 STAGE_OF = {
     "load_steps": "load", "record_steps": "load", "find_mirrors_steps": "mirrors", "fit_steps": "mirrors",
-    "find_subject_steps": "subject", "build_steps": "build", "check_steps": "build",
+    "find_subject_steps": "subject", "build_steps": "build", "check_steps": "build", "simulate_steps": RIG,
 }  # fmt: skip
 """What a task of :mod:`.tasks` waits for; one that is not here compiles what it needs by itself."""
 
@@ -54,16 +57,28 @@ def entries() -> tuple[Entry, ...]:
         return tuple(Entry(*entry) for entry in json.load(file))
 
 
+def needs(stage: str) -> tuple[str, ...]:
+    """The stages whose kernels a stage calls."""
+    return (STAGES[0], RIG) if stage == RIG else STAGES[: STAGES.index(stage) + 1]
+
+
+def last_of(stage: str) -> str:
+    """The end of the way that a stage belongs to."""
+    return RIG if stage == RIG else STAGES[-1]
+
+
 @functools.cache
-def stamp_name() -> str:
-    """Name of the file that says, beside numba's cache, that everything is in it; another one after each update."""
+def stamp_name(stage: str = STAGES[-1]) -> str:
+    """Name of the file that says, beside numba's cache, that everything on the way to the last stage is in it; another
+    one after each update."""
     import hashlib  # not at Blender's start
 
     package = SIGNATURES.parents[1]
     files = sorted(
         (path.relative_to(package).as_posix(), path.stat().st_mtime_ns) for path in package.glob("core/**/*.py")
     )
-    return "compiled_" + hashlib.sha256(repr((entries(), files)).encode()).hexdigest()[:16]
+    listed = [entry for entry in entries() if entry.stage in needs(stage)]
+    return "compiled_" + hashlib.sha256(repr((stage, listed, files)).encode()).hexdigest()[:16]
 
 
 def compile_steps(claims: str, stage: str, stamp: str = "", patient: bool = False) -> Steps[int]:
@@ -76,9 +91,9 @@ def compile_steps(claims: str, stage: str, stamp: str = "", patient: bool = Fals
     claims : str
         Folder through which the processes agree.
     stage : str
-        One of :data:`STAGES`.
+        One of :data:`STAGES`, or :data:`RIG`.
     stamp : str
-        File to make when the last stage is done.
+        File to make when the last stage of its way is done.
     patient : bool
         Leave the processor to others when they need it.
 
@@ -89,7 +104,7 @@ def compile_steps(claims: str, stage: str, stamp: str = "", patient: bool = Fals
     """
     if patient and hasattr(os, "nice"):
         os.nice(5)
-    wanted = [(k, entry) for k, entry in enumerate(entries()) if STAGES.index(entry.stage) <= STAGES.index(stage)]
+    wanted = [(k, entry) for k, entry in enumerate(entries()) if entry.stage in needs(stage)]
     whole = sum(entry.seconds for _, entry in wanted) or 1.0
     mine = 0
 
@@ -111,7 +126,7 @@ def compile_steps(claims: str, stage: str, stamp: str = "", patient: bool = Fals
                 break
             time.sleep(LOOK_S)
             yield share(), MESSAGE
-    if stamp and stage == STAGES[-1]:
+    if stamp and stage == last_of(stage):
         open(stamp, "a").close()
     return mine
 
@@ -138,10 +153,17 @@ def _claim(claims: str, number: int) -> bool:
 
 
 def _compile(entry: Entry) -> None:
-    """Compile an entry, or load it; one that this version does not have any more is passed over."""
+    """Compile an entry, or load it; one that this version does not have any more, or not with such arguments, is passed
+    over: the list saves time, and what it gets wrong is compiled when it is called."""
+    from numba.core.errors import NumbaError
+
     kernel = getattr(importlib.import_module(f"{PACKAGE}.{entry.module}"), entry.kernel, None)
-    if kernel is not None:
+    if kernel is None:
+        return
+    try:
         kernel.compile(tuple(_type(text) for text in entry.types))
+    except (TypeError, NumbaError) as error:  # numba tells a wrong number of arguments by the first of these
+        print(f"{entry.module}.{entry.kernel}: not compiled beforehand: {error}", file=sys.stderr)
 
 
 # --- types as plain values -------------------------------------------------------------------------------------------

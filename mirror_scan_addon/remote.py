@@ -25,7 +25,7 @@ _START = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='mirror_scan_w
 _MESSAGE_TAIL = 2000  # characters of a dead worker's output that are shown
 
 _idle: list[Worker] = []  # at most one; a process is of this session, not of the file
-_helpers: list[Worker] = []  # those that compile in the background
+_helpers: dict[str, list[Worker]] = {}  # those that compile in the background, by the last stage of their way
 _claims: list[str] = []  # the folder by which processes agree who compiles what, once there is one
 HELPERS = 3  # processes at most that compile in the background
 
@@ -157,7 +157,7 @@ class Errand:
         """
         self._worker = _take()
         stage = compiling.STAGE_OF.get(self._function.__name__)
-        share = _share_compiling() if stage else None
+        share = _share_compiling(stage) if stage else None
         if share is None:
             self._worker.begin(self._function, self._arguments)
         else:
@@ -180,7 +180,7 @@ class Errand:
         if not self._ended:
             self._ended = True
             self._worker.close()
-            if self._compiles:
+            if self._compiles and _claims:
                 compiling.give_up(_claims[0], self._worker.process.pid)
 
     def _hear(self, message: dict) -> None:
@@ -232,44 +232,59 @@ def _take() -> Worker:
     return Worker()
 
 
-def _share_compiling() -> tuple[str, str] | None:
+def compile_ahead(stage: str) -> None:
+    """Have what a stage calls compiled in the background, so that it need not wait for it; nothing where there is no
+    second Python, or nothing is left to compile."""
+    try:
+        _share_compiling(stage)
+    except Unavailable:
+        pass  # then a thread compiles what the work calls, when it does
+
+
+def _share_compiling(stage: str) -> tuple[str, str] | None:
     """Folder of claims and stamp for :func:`.compiling.compile_steps`; None when everything is compiled already.
 
-    The first call starts the processes that compile in the background.
+    The first call for a way starts the processes that compile it in the background.
     """
     folder = kernels.cache_folder()
     if not folder:  # somebody else's cache: what is in it cannot be known
         return None
-    stamp = os.path.join(folder, compiling.stamp_name())
+    last = compiling.last_of(stage)
+    stamp = os.path.join(folder, compiling.stamp_name(last))
     if os.path.exists(stamp):
-        _end_helpers()
+        _end_helpers(last)
         return None
     if not _claims:
         import tempfile
 
         _claims.append(tempfile.mkdtemp(prefix="mirror_scan_claims_"))
+    if last not in _helpers:
+        _helpers[last] = []
         # one core is the task's that is begun now
         for _ in range(max(1, min(HELPERS, (os.cpu_count() or 2) - 1))):
             helper = Worker()
-            helper.begin(compiling.compile_steps, (_claims[0], compiling.STAGES[-1], stamp, True), last=True)
-            _helpers.append(helper)
+            helper.begin(compiling.compile_steps, (_claims[0], last, stamp, True), last=True)
+            _helpers[last].append(helper)
     return _claims[0], stamp
 
 
-def _end_helpers() -> None:
-    import shutil
+def _end_helpers(last: str) -> None:
+    """End those of one way; with the last of all, the folder by which they agreed goes too."""
+    for helper in _helpers.pop(last, ()):
+        helper.close()
+    if not _helpers:
+        import shutil
 
-    while _helpers:
-        _helpers.pop().close()
-    while _claims:
-        shutil.rmtree(_claims.pop(), ignore_errors=True)
+        while _claims:
+            shutil.rmtree(_claims.pop(), ignore_errors=True)
 
 
 def stop() -> None:
     """End the processes: the one that waits for the next task, and those that compile."""
     while _idle:
         _idle.pop().close()
-    _end_helpers()
+    for last in (*_helpers, ""):  # the folder too, when there are none any more
+        _end_helpers(last)
 
 
 def register() -> None:

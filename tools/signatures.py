@@ -8,6 +8,7 @@ long each takes; some minutes. To be run again when kernels came or went; ``test
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import runpy
@@ -26,9 +27,16 @@ def main() -> int:
 
     if sys.argv[1:] == ["measure"]:
         return measure(compiling)
+    if sys.argv[1:] == ["rig"]:
+        print(json.dumps(walk_rig(compiling)))
+        return 0
     if len(sys.argv) == 3:
         return simulate(Path(sys.argv[2]), sys.argv[1])
     listed = [list(entry) for entry in walk(compiling)]
+    # In a process of its own: what it calls of the other stages but the first has to be in its list too.
+    rig = subprocess.run([sys.executable, __file__, "rig"], text=True, stdout=subprocess.PIPE, check=True)
+    first = {json.dumps(entry[1:4]) for entry in listed if entry[0] == compiling.STAGES[0]}
+    listed += [entry for entry in json.loads(rig.stdout) if json.dumps(entry[1:4]) not in first]
     with tempfile.TemporaryDirectory() as cache:
         done = subprocess.run(
             [sys.executable, __file__, "measure"], input=json.dumps(listed), text=True, stdout=subprocess.PIPE,
@@ -36,7 +44,8 @@ def main() -> int:
         )  # fmt: skip
     listed = json.loads(done.stdout)
     # within a stage the longest first: processes that share the list end together then
-    listed.sort(key=lambda entry: (compiling.STAGES.index(entry[0]), -entry[4]))
+    stages = (*compiling.STAGES, compiling.RIG)
+    listed.sort(key=lambda entry: (stages.index(entry[0]), -entry[4]))
     lines = ",\n".join(json.dumps(entry) for entry in listed)
     compiling.SIGNATURES.write_text(f"[\n{lines}\n]\n", encoding="utf-8")
     print(f"{len(listed)} kernels, {sum(entry[4] for entry in listed):.0f} s one after the other")
@@ -57,15 +66,7 @@ def walk(compiling) -> list:
             subprocess.run([sys.executable, __file__, sensor, str(captures[-1])], check=True)
 
         def look(stage: str) -> None:
-            for module, kernel, signature in compiling.called("mirror_scan"):
-                key = (module, kernel, str(signature))
-                if key in found:
-                    continue
-                try:
-                    types = [compiling.describe(kind) for kind in signature]
-                except TypeError:  # such as other kernels call it with, and compile with themselves
-                    continue
-                found[key] = compiling.Entry(stage, module, kernel, types, 0.0)
+            gather(compiling, stage, found)
 
         loaded = [finish(tasks.load_steps(str(capture), 0)) for capture in captures]
         look("load")
@@ -82,6 +83,40 @@ def walk(compiling) -> list:
             finish(tasks.check_steps(built.mesh))
         look("build")
     return list(found.values())
+
+
+def walk_rig(compiling) -> list:
+    """Entries for what a virtual scan calls, of the mannequin and of a body that is given."""
+    from mirror_scan.core.pipeline import finish
+    from mirror_scan.core.simulation.mannequin import mannequin
+    from mirror_scan.core.simulation.scene import default_rig
+    from mirror_scan.core.simulation.sensors import SENSORS
+    from mirror_scan.mirror_scan_addon import tasks
+
+    usual = {"sensor": "azure_kinect", "frames": 2, "seed": 0}
+    finish(tasks.simulate_steps(None, usual, None))
+    body = mannequin()
+    mirrors = [dataclasses.asdict(mirror) for mirror in default_rig().mirrors]
+    placed = {"camera": (0.0, -2.5, 1.0), "pan_deg": 0.0, "tilt_deg": 0.0, "roll_deg": 0.0, "room": None}
+    for sensor in SENSORS:
+        surface = tasks.Surface(body.vertices, body.triangles, body.colors, None, None)
+        finish(tasks.simulate_steps(surface, usual | placed | {"sensor": sensor}, mirrors))
+    found: dict[tuple, compiling.Entry] = {}
+    gather(compiling, compiling.RIG, found)
+    return list(found.values())
+
+
+def gather(compiling, stage: str, found: dict) -> None:
+    """Put down what was called and is not there yet, under a stage."""
+    for module, kernel, signature in compiling.called("mirror_scan"):
+        key = (module, kernel, str(signature))
+        if key in found:
+            continue
+        try:
+            types = [compiling.describe(kind) for kind in signature]
+        except TypeError:  # such as other kernels call it with, and compile with themselves
+            continue
+        found[key] = compiling.Entry(stage, module, kernel, types, 0.0)
 
 
 def simulate(folder: Path, sensor: str) -> int:

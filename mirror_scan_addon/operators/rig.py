@@ -6,7 +6,7 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ...core.errors import MirrorScanError
-from .. import jobs, state
+from .. import compiling, jobs, remote, state
 from ..texts import CONTEXT, say
 from .load_capture import look_at, look_from_camera, show_capture
 
@@ -66,6 +66,8 @@ class MIRRORSCAN_OT_add_rig(bpy.types.Operator):
         except jobs.REPORTED as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+        if not bpy.app.background and context.window is not None:
+            remote.compile_ahead(compiling.RIG)  # whoever adds a rig is about to scan with it
         self.report({"INFO"}, say("Added a camera and {count} mirrors").format(count=len(made) - 1))
         return {"FINISHED"}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 from pathlib import Path
 
 import pytest
@@ -115,18 +116,37 @@ def test_an_errand_compiles_what_it_needs_first(addon, tmp_path, monkeypatch):
         remote.stop()
 
 
+def test_what_does_not_fit_a_kernel_any_more_is_passed_over(capsys):
+    from mirror_scan.mirror_scan_addon import compiling
+
+    entry = compiling.entries()[0]
+    for types in (entry.types[:-1], ["float32"] * len(entry.types)):
+        compiling._compile(entry._replace(types=types))
+        assert f"{entry.kernel}: not compiled beforehand" in capsys.readouterr().err
+    compiling._compile(entry._replace(kernel="was_renamed"))
+
+
+def test_the_way_of_a_rig_is_its_own():
+    from mirror_scan.mirror_scan_addon import compiling
+
+    assert compiling.needs("subject") == ("load", "mirrors", "subject")
+    assert compiling.needs(compiling.RIG) == ("load", compiling.RIG)
+    assert compiling.last_of("load") == "build" and compiling.last_of(compiling.RIG) == compiling.RIG
+    assert compiling.stamp_name() != compiling.stamp_name(compiling.RIG)
+
+
 def test_the_list_names_kernels_and_types_that_are_there():
     from mirror_scan.mirror_scan_addon import compiling
 
     listed = compiling.entries()
-    assert {entry.stage for entry in listed} == set(compiling.STAGES) and len(listed) > 50
-    assert [compiling.STAGES.index(entry.stage) for entry in listed] == sorted(
-        compiling.STAGES.index(entry.stage) for entry in listed
-    )
+    stages = (*compiling.STAGES, compiling.RIG)
+    assert set(compiling.STAGES) <= {entry.stage for entry in listed} <= set(stages) and len(listed) > 50
+    assert [stages.index(entry.stage) for entry in listed] == sorted(stages.index(entry.stage) for entry in listed)
     missing = 0
     for entry in listed:
         module = importlib.import_module(f"mirror_scan.{entry.module}")
-        missing += not hasattr(module, entry.kernel)
+        kernel = getattr(module, entry.kernel, None)
+        missing += kernel is None or len(inspect.signature(kernel.py_func).parameters) != len(entry.types)
         for described in entry.types:
             assert compiling.describe(compiling._type(described)) == described
     # The list may lag behind a little: what it lacks is compiled when it is called. Run tools/signatures.py.

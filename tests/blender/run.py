@@ -75,6 +75,10 @@ class Place:
         )  # fmt: skip
         try:
             said, _ = process.communicate(timeout=timeout)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            said, _ = process.communicate()
+            said += f"\nstopped: not done after {timeout:g} s"
         finally:
             if process.poll() is None:  # not the shell alone: Xvfb, Blender and what it started
                 os.killpg(process.pid, signal.SIGKILL)
@@ -194,7 +198,7 @@ def go(place: Place, out: Path, timeout: float = 1500) -> dict:
     (out / "blender.log").write_text(done.stdout, encoding="utf-8")
     for path in inner.iterdir():
         shutil.copy(path, out / path.name)
-    if not (out / "result.json").exists():
+    if not (inner / "result.json").exists():
         raise RuntimeError(f"Blender ended with {done.returncode} before the end:\n{done.stdout[-3000:]}")
     return json.loads((out / "result.json").read_text(encoding="utf-8")) | {"code": done.returncode}
 
@@ -236,7 +240,7 @@ def main() -> int:
         (options.out / "result.json").write_text(json.dumps(found, indent=1))
         if options.images is not None and found["code"] == 0:
             write_images(place, options.out, options.images)
-    print(json.dumps(found, indent=1))
+    print(json.dumps({name: value for name, value in found.items() if name != "events"}, indent=1))
     return found["code"]
 
 

@@ -9,6 +9,7 @@ typed; each click is kept in ``result.json``, with what was seen, beside the scr
 from __future__ import annotations
 
 import contextlib
+import faulthandler
 import json
 import os
 import shutil
@@ -31,6 +32,7 @@ OUT, CAPTURE, ZIP, ADDON = (
 )
 WIDTH, ABOVE = 1280, int(os.environ["MIRROR_SCAN_ABOVE"])  # of the window, and of the screen above it [px]
 LIMIT_S = 900.0  # for one step of the way, compiling included
+STUCK_S = 200.0  # without a turn of Blender's timers, after which it is taken for stuck
 
 result: dict = {
     "blender": f"Blender {bpy.app.version_string}", "steps": [], "figures": {}, "screenshots": [], "events": [],
@@ -95,6 +97,7 @@ def story() -> Story:
         yield from open_panel("find_subject", "build_avatar", 64)
         yield from press("find_subject")
         yield from settled()
+        expect(bool(settings().subject.message), "the points of the person, counted")
     yield from shot("5_subject")
 
     watch = Watch()
@@ -794,6 +797,8 @@ def end(code: int) -> None:
 
 
 def tick():
+    # When the next turn does not come, the log tells where every thread is, and Blender ends.
+    faulthandler.dump_traceback_later(STUCK_S, exit=True)
     try:
         return next(told)
     except StopIteration:
