@@ -32,6 +32,8 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
         raise OutputError(f"{path}: the folder {target.parent} does not exist; create it first")
     temporary = target.with_name(f".{target.stem[:100]}.{secrets.token_hex(6)}{target.suffix}")
     try:
+        temporary.touch(exist_ok=False)  # asked here, where it can be told in words, not somewhere within a writer
+        temporary.unlink()
         yield temporary
         if not temporary.is_file():
             raise OutputError(f"{path}: its writer made no file")

@@ -102,6 +102,9 @@ def read_cloud(cloud: bpy.types.Object) -> Cloud:
         raise CaptureError(f"{cloud.name}: its points are no depth map any more; load the capture again")
     points = np.empty((count, 3), np.float32)
     mesh.attributes["position"].data.foreach_get("vector", points.ravel())
+    sound = np.isfinite(points).all(axis=1) & (points[:, 2] > 0)
+    if not sound.any():
+        raise CaptureError(f"{cloud.name}: none of its points is before the camera any more; load the capture again")
     color = None
     attribute = mesh.attributes.get(COLOR)
     if attribute is not None and len(attribute.data) == count:
@@ -110,6 +113,8 @@ def read_cloud(cloud: bpy.types.Object) -> Cloud:
         flat = np.zeros((size, 3), np.uint8)
         flat[pixel] = np.rint(rgba[:, :3] * 255).astype(np.uint8)
         color = flat.reshape(intrinsics.height, intrinsics.width, 3)
+    if not sound.all():  # somebody moved a few to where no camera sees
+        points, pixel = points[sound], pixel[sound]
     return Cloud(points, pixel, color, intrinsics, info)
 
 

@@ -129,7 +129,7 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -
     OutputError
         When the file cannot be written, or the exporter is missing or fails.
     """
-    with replacing(path) as temporary, _selected(avatar), _quiet() as said:
+    with replacing(path) as temporary, _selected(avatar), _quiet():
         file = str(temporary)
         try:
             if kind == "GLB":
@@ -160,9 +160,15 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -
                 bpy.data.libraries.write(file, {avatar}, compress=True, fake_user=True)
         # What an operator reports reaches scripts as RuntimeError; without the format there is no such operator.
         except (RuntimeError, AttributeError) as error:
-            raise OutputError(
-                f"{path}: Blender cannot write it: {str(error).strip()}\n{said.getvalue()}".strip()
-            ) from error
+            raise OutputError(f"{path}: Blender cannot write it: {_reason(str(error))}") from error
+
+
+def _reason(text: str) -> str:
+    """Why an exporter failed, in a line; of one that is written in Python it is the last of a traceback."""
+    if "Traceback" in text:
+        lines = [line for line in text.split("\nLocation:")[0].splitlines() if line and not line.startswith(" ")]
+        text = lines[-1]
+    return text.strip()
 
 
 @contextlib.contextmanager
@@ -262,11 +268,11 @@ def _temporary_scene() -> Iterator[bpy.types.Scene]:
 
 def _export(target: bpy.types.Scene, module: str, operator: str, **options) -> None:
     """Call one of the exporters that come with Blender as add-ons, in the scene ``target``."""
-    with _enabled(module), _shown(target), _quiet() as said:
+    with _enabled(module), _shown(target), _quiet():
         try:
             getattr(bpy.ops.export_scene, operator)(**options)
         except RuntimeError as error:  # what an operator reports as an error reaches scripts so
-            raise OutputError(f"Blender's {module} failed: {error}\n{said.getvalue()}".strip()) from error
+            raise OutputError(f"Blender's {module} failed: {_reason(str(error))}") from error
 
 
 @contextlib.contextmanager
@@ -302,9 +308,6 @@ def _shown(target: bpy.types.Scene) -> Iterator[None]:
         window.view_layer = layer
 
 
-@contextlib.contextmanager
-def _quiet() -> Iterator[io.StringIO]:
-    """Keep what exporters print from the terminal; the yielded buffer has it, for when something goes wrong."""
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said):
-        yield said
+def _quiet() -> contextlib.AbstractContextManager:
+    """Keep what exporters print from the terminal."""
+    return contextlib.redirect_stdout(io.StringIO())

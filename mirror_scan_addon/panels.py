@@ -142,14 +142,14 @@ def _draw_facts(layout: bpy.types.UILayout, cloud: bpy.types.Object) -> None:
         return
     width, height = info.get("size", (0, 0))
     frames = info.get("frames", 0)
+    sensor = str(info.get("sensor", "unknown"))
     lines = [
         (say("Format"), str(info.get("format", "")), ""),
+        (say("Camera"), say("not told") if sensor == "unknown" else sensor, ""),
         (say("Size"), f"{width} × {height} px", ""),
         (say("Frames"), str(frames), ""),
         (say("Points"), f"{len(cloud.data.vertices):,}", ""),
     ]
-    if info.get("sensor", "unknown") != "unknown":
-        lines.insert(1, (say("Camera"), str(info["sensor"]), ""))
     _table(layout, lines)
 
 

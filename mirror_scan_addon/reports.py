@@ -20,7 +20,41 @@ def avatar_report(avatar: bpy.types.Object | None) -> dict | None:
         report = json.loads(text)
     except ValueError:
         return None
-    return report if isinstance(report, dict) else None
+    return _sound(report) if isinstance(report, dict) else None
+
+
+SHOWN = {
+    "mesh": ("height_m", "volume_l", "vertices", "components", "self_intersections", "triangles", "fill_triangles",
+             "seam_triangles"),
+    "mirrors": ("residual_mm",),
+    "seams": ("mean_gap_mm", "max_gap_mm"),
+}  # fmt: skip
+"""Numbers of a report that are shown; ``mirrors`` and ``seams`` are lists of what holds them."""
+
+
+def _sound(report: dict) -> dict:
+    """A report without what somebody edited into nonsense."""
+    kinds = {"mesh": dict, "timings_ms": dict, "mirrors": list, "seams": list, "warnings": list, "problems": list}
+    sound = {name: value for name, value in report.items() if isinstance(value, kinds.get(name, object))}
+
+    def numbers(values: dict, names: tuple[str, ...]) -> dict:
+        return {name: value for name, value in values.items() if name not in names or _is_number(value)}
+
+    for name, names in SHOWN.items():
+        if isinstance(sound.get(name), dict):
+            sound[name] = numbers(sound[name], names)
+        elif name in sound:
+            sound[name] = [numbers(value, names) for value in sound[name] if isinstance(value, dict)]
+    if "timings_ms" in sound:
+        sound["timings_ms"] = numbers(sound["timings_ms"], tuple(sound["timings_ms"]))
+    for seam in sound.get("seams", ()):
+        if not isinstance(seam.get("between", []), list):
+            del seam["between"]
+    return sound
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float)
 
 
 def set_report(avatar: bpy.types.Object, report: dict) -> None:
@@ -29,9 +63,19 @@ def set_report(avatar: bpy.types.Object, report: dict) -> None:
 
 def problems_of(report: dict) -> list[dict]:
     """The places to look at, worst first; what was edited into nonsense is left out."""
-    problems = report.get("problems", ())
-    needed = {"kind", "point", "normal", "size", "area", "count"}
-    return [place for place in problems if isinstance(place, dict) and needed <= place.keys()]
+    return [place for place in report.get("problems", ()) if isinstance(place, dict) and _is_problem(place)]
+
+
+def _is_problem(place: dict) -> bool:
+    vectors = all(
+        isinstance(place.get(name), list) and len(place[name]) == 3 and all(map(_is_number, place[name]))
+        for name in ("point", "normal")
+    )
+    return (
+        vectors
+        and isinstance(place.get("kind"), str)
+        and all(_is_number(place.get(name)) for name in ("size", "area", "count"))
+    )
 
 
 def problem_text(place: dict) -> str:

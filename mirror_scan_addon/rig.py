@@ -107,9 +107,19 @@ def mirrors_of(scene: bpy.types.Scene) -> list[dict]:
 
 
 def camera_of(camera: bpy.types.Object) -> dict:
-    """Place and angles of ``Rig`` for a camera object."""
+    """Place and angles of ``Rig`` for a camera object.
+
+    Raises
+    ------
+    MirrorScanError
+        When the object looks nowhere, since it is scaled to nothing.
+    """
     pose = np.array(camera.matrix_world) @ _FLIP
-    turn = pose[:3, :3] / np.linalg.norm(pose[:3, :3], axis=0)
+    size = np.linalg.norm(pose[:3, :3], axis=0)
+    if not (np.isfinite(pose).all() and size.min() > 1e-9):
+        text = say("{name}: is scaled to nothing and looks nowhere; set its scale to 1")
+        raise MirrorScanError(text.format(name=camera.name))
+    turn = pose[:3, :3] / size
     ahead = turn[:, 2]
     tilt = -math.asin(max(-1.0, min(1.0, ahead[2])))
     pan = math.atan2(ahead[0], ahead[1])

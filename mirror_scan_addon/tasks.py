@@ -308,7 +308,9 @@ def mirror_of(record: dict) -> Mirror:
         shapes = [np.shape(value) for value in (mirror.point, mirror.normal, mirror.basis)]
         if shapes != [(3,), (3,), (3, 3)]:
             raise ValueError(f"shapes are {shapes}")
-        return mirror
+        return dataclasses.replace(
+            mirror, residual=float(mirror.residual), points_used=int(mirror.points_used), source=str(mirror.source)
+        )
     except (ValueError, TypeError, AttributeError) as error:
         raise MirrorError(f"{record['name']}: is not placed; find the mirrors or pick points on its frame") from error
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
 pytest.importorskip("bpy")
@@ -18,7 +20,7 @@ OPERATORS = {
     "check": {},
     "jump_to_problem": {},
     "color_by": {"mode": "KIND"},
-    "export_avatar": {"filepath": "/proc/avatar.ply"},
+    "export_avatar": {"filepath": "/proc/avatar.glb"},
     "simulate": {"frames": 1, "filepath": "/proc/scan"},
     # last, since these may well be possible
     "remove_mirror": {},
@@ -103,8 +105,40 @@ def spoiled_mirror(bpy, capsule, tmp_path):
     item.plane = '{"point": 1, "normal": "x", "basis": []}'
 
 
+def points_nowhere(bpy, capsule, tmp_path):
+    """A cloud whose points somebody moved behind the camera, or to no number."""
+    spoiled_cloud(bpy, capsule, tmp_path)
+    item = bpy.data.objects["Spoiled"]
+    lens = {"width": 4, "height": 4, "fx": 4.0, "fy": 4.0, "cx": 2.0, "cy": 2.0}
+    item["mirror_scan_capture"] = json.dumps({"name": "x", "format": "y", "intrinsics": lens})
+    item.data.attributes.new("pixel", "INT", "POINT").data.foreach_set("value", [3, 5])
+    item.data.vertices.foreach_set("co", [0, 0, -1, 0, 0, float("nan")])
+
+
+def spoiled_report(bpy, capsule, tmp_path):
+    """An avatar whose report somebody edited."""
+    from mirror_scan.mirror_scan_addon.scene import create_avatar
+
+    place = {"kind": "hole", "point": 1, "normal": "x", "size": [], "area": 0, "count": 0}
+    report = {"mesh": 1, "mirrors": [2, {"residual_mm": "x"}], "seams": 3, "timings_ms": {"total": "x"}, "warnings": 4,
+              "problems": [5, place]}  # fmt: skip
+    avatar = create_avatar(capsule, name="Spoiled", collection=bpy.context.collection, report=report)
+    bpy.context.view_layer.objects.active = avatar
+    from mirror_scan.mirror_scan_addon import reports
+
+    kept = reports.avatar_report(avatar)
+    assert not reports.summary(kept) and not reports.distances(kept) and not reports.problems_of(kept)
+
+
+def camera_of_no_size(bpy, capsule, tmp_path):
+    bpy.ops.mirror_scan.add_rig()
+    bpy.context.scene.camera.scale = (0, 0, 0)
+    bpy.context.view_layer.update()
+
+
 STATES = (empty, edit_mode, not_a_mesh, no_faces, foreign_mesh, linked_object, linked_scene, gone_capture,
-          unsaved_relative, spoiled_cloud, removed_cloud, spoiled_mirror)  # fmt: skip
+          unsaved_relative, spoiled_cloud, removed_cloud, spoiled_mirror, points_nowhere, spoiled_report,
+          camera_of_no_size)  # fmt: skip
 
 
 @pytest.mark.parametrize("state", STATES, ids=lambda state: state.__name__)
