@@ -10,7 +10,7 @@ behind, what is seen directly. A doorway, a table's legs or a window fail there.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +27,9 @@ LEFT, RIGHT, TOP, BOTTOM = 0, 1, 2, 3
 
 
 _OPEN_SHOWN = 0.07  # with a side missing, this share of all readings must lie on or close behind what is seen directly
+
+
+_PLAIN = 0.15  # a mirror that shows so much needs less of a rim
 
 
 @dataclass(frozen=True)
@@ -217,8 +220,12 @@ def find_rims(depth: np.ndarray, intrinsics: Intrinsics, settings: DetectionSett
             chain = np.empty(n, np.int32)
             _chain_kernel(rows, columns, disparity, 4, chain)
             pieces = _pieces(rows, columns, disparity, chain, settings, focal)
-            for along, across, d in _joined(pieces, settings.straightness):
-                segment = _segment(side, along, across, d, turned, intrinsics)
+
+            def placed(piece, side=side, turned=turned) -> Segment | None:
+                return _segment(side, *piece, turned, intrinsics)
+
+            for piece in _joined(pieces, settings.straightness, grid, placed, settings.max_size):
+                segment = placed(piece)
                 if segment is not None and segment.length >= settings.min_side:
                     segments.append(segment)
     return segments
@@ -243,8 +250,12 @@ def _pieces(rows, columns, disparity, chain, settings, focal) -> list[tuple[np.n
     return out
 
 
-def _joined(pieces: list, tolerance: float) -> list:
-    """Pieces of one line, parted by something in front of it, as one; the longest first."""
+def _joined(
+    pieces: list, tolerance: float, depth: np.ndarray, placed: Callable[[tuple], Segment | None], longest: float
+) -> list:
+    """Pieces of one line, parted by something in front of it, as one; the longest first. Where the camera sees beyond
+    the line between them it ends there, and where together they were longer [m] than a mirror is: images of images
+    continue the lines of frames."""
     pieces = sorted(pieces, key=lambda p: -len(p[0]))
     # what a piece is to another: its rows' ends, and the mean place and disparity at its middle
     ends = np.array([(p[0][0], p[0][-1]) for p in pieces]).reshape(-1, 2)
@@ -268,14 +279,31 @@ def _joined(pieces: list, tolerance: float) -> list:
             joined = False
             for j in np.flatnonzero(fits):
                 v, u, d = pieces[j]
-                if np.abs(au + bu * v - u).mean() < stray[j] * tolerance:
-                    mine = tuple(np.concatenate(pair) for pair in zip(mine, pieces[j], strict=True))
-                    taken[j] = joined = True
-                    break
+                between = np.arange(*((high + 1, ends[j, 0]) if ends[j, 0] > high else (ends[j, 1] + 1, low)))
+                if _ended(between, au + bu * between, ad + bd * between, depth):
+                    continue
+                if np.abs(au + bu * v - u).mean() >= stray[j] * tolerance:
+                    continue
+                both = tuple(np.concatenate(pair) for pair in zip(mine, pieces[j], strict=True))
+                if len(between) and ((whole := placed(both)) is None or whole.length > longest):
+                    continue
+                mine, taken[j], joined = both, True, True
+                break
             if not joined:
                 break
         out.append(mine)
     return out
+
+
+def _ended(v: np.ndarray, u: np.ndarray, disparity: np.ndarray, depth: np.ndarray) -> bool:
+    """Most of a gap in a line, rows ``v``, shows what is farther: the line does not go on behind something."""
+    if len(v) < 12:
+        return False
+    column = np.rint(u).astype(np.int64)
+    inside = (column >= 0) & (column < depth.shape[1]) & (disparity > 0.02)
+    z = depth[v[inside].astype(np.int64), column[inside]]
+    beyond = z * disparity[inside] > 1.06
+    return bool(beyond.sum() > 0.5 * len(v))
 
 
 def _line(piece) -> tuple[float, float, float, float]:
@@ -324,13 +352,14 @@ _OPPOSITE = {LEFT: RIGHT, RIGHT: LEFT, TOP: BOTTOM, BOTTOM: TOP}
 
 
 def propose(segments: list[Segment], settings: DetectionSettings) -> list[Hypothesis]:
-    """Rectangles that two rims span: a standing and a lying one that meet, or two standing ones side by side."""
+    """Rectangles that two rims span: a standing and a lying one that meet, or two that run side by side."""
     if len(segments) < 2:
         return []
     rims = _Rims(segments)
     out, seen = [], set()
-    for i, j in np.argwhere(_corners(rims) | _pairs(rims, settings)):
-        guess = _hypothesis({segments[i].side: segments[i], segments[j].side: segments[j]}, segments[i].direction)
+    pairs = _pairs(rims, settings, LEFT, RIGHT) | _pairs(rims, settings, TOP, BOTTOM)
+    for i, j in np.argwhere(_corners(rims) | pairs):
+        guess = _hypothesis({segments[i].side: segments[i], segments[j].side: segments[j]})
         guess = guess and _completed(guess, segments, rims, settings)
         if guess is not None and (key := tuple(sorted(id(s) for s in guess.sides.values()))) not in seen:
             seen.add(key)  # the same rectangle comes from each of its corners
@@ -371,8 +400,8 @@ def _corners(rims: _Rims) -> np.ndarray:
     return fits & (np.abs(along_right) < 0.10 + 0.25 * rims.length[None, :])
 
 
-def _pairs(rims: _Rims, settings: DetectionSettings) -> np.ndarray:
-    """(N, N): row is a left rim, column a right one, parallel and side by side."""
+def _pairs(rims: _Rims, settings: DetectionSettings, one: int, other: int) -> np.ndarray:
+    """(N, N): row is a rim on side ``one``, column one on the other side, parallel and side by side."""
     down = rims.direction[:, None] + rims.direction[None, :]
     down /= np.maximum(np.linalg.norm(down, axis=2, keepdims=True), 1e-9)
     middle = rims.points.mean(axis=1)
@@ -382,14 +411,15 @@ def _pairs(rims: _Rims, settings: DetectionSettings) -> np.ndarray:
     start = np.einsum("nc,nmc->nm", rims.points[:, 0], down), np.einsum("mc,nmc->nm", rims.points[:, 0], down)
     stop = np.einsum("nc,nmc->nm", rims.points[:, 1], down), np.einsum("mc,nmc->nm", rims.points[:, 1], down)
     shared = np.minimum(*stop) - np.maximum(*start)
-    fits = (rims.side == LEFT)[:, None] & (rims.side == RIGHT)[None, :]
+    fits = (rims.side == one)[:, None] & (rims.side == other)[None, :]
     fits &= rims.direction @ rims.direction.T > 0.985
-    fits &= (settings.min_size < width) & (width < settings.max_size) & (across[..., 0] > 0)
+    fits &= (settings.min_size < width) & (width < settings.max_size) & (across[..., 0 if one == LEFT else 1] > 0)
     return fits & (shared > 0.6 * np.maximum(rims.length[:, None], rims.length[None, :]))
 
 
-def _hypothesis(sides: dict[int, Segment], down: np.ndarray) -> Hypothesis | None:
-    """Plane through the sides' ends, each weighing by its length, with the rectangle's down along ``down``."""
+def _hypothesis(sides: dict[int, Segment]) -> Hypothesis | None:
+    """Plane through the sides' ends, each weighing by its length; down is where those that stand point, or across those
+    that lie."""
     points = np.concatenate([np.linspace(*s.points, max(2, int(20 * s.length))) for s in sides.values()])
     center = points.mean(axis=0)
     normal = np.linalg.svd((points - center).T @ (points - center))[2][2]
@@ -397,9 +427,12 @@ def _hypothesis(sides: dict[int, Segment], down: np.ndarray) -> Hypothesis | Non
         normal = -normal
     if -normal @ center < 0.08 * np.linalg.norm(center):  # seen edge-on: nothing can be seen in it
         return None
-    down = down - (down @ normal) * normal
+    # normal points to the camera: right, as the camera sees it, is normal × down, and down is right × normal
+    upright = sum(s.direction * s.length for k, s in sides.items() if k in (LEFT, RIGHT))
+    lying = sum(s.direction * s.length for k, s in sides.items() if k in (TOP, BOTTOM))
+    down = np.cross(lying, normal) if np.ndim(upright) == 0 else upright - (upright @ normal) * normal
     down /= np.linalg.norm(down)
-    right = np.cross(normal, down)  # normal points to the camera, so this is right as the camera sees it
+    right = np.cross(normal, down)
     return Hypothesis(center, np.column_stack((-right, down, normal)), np.zeros((2, 2)), sides)
 
 
@@ -411,8 +444,7 @@ def _completed(
         missing = [side for side in range(4) if side not in guess.sides]
         added = {side: _fourth(side, guess, segments, rims, settings) for side in missing}
         sides = {**guess.sides, **{side: segment for side, segment in added.items() if segment is not None}}
-        upright = [sides[k] for k in (LEFT, RIGHT) if k in sides]
-        refitted = _hypothesis(sides, sum(s.direction * s.length for s in upright))
+        refitted = _hypothesis(sides)
         if refitted is None:
             return None
         guess = refitted
@@ -474,11 +506,22 @@ def _fourth(
     return best
 
 
-def rim_share(guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics) -> float:
+def rim_share(
+    guess: Hypothesis,
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    least: float = 0.3,
+    known: Iterable[Mirror] = (),
+) -> float:
     """Share of the rectangle's circumference, as far as nothing hides it, just outside of which something stands in
-    the plane: a frame or a wall; 0 when too little of it can be judged."""
-    on, beyond = circumference(guess.point, guess.basis, guess.rectangle, depth, intrinsics)
-    return on / (on + beyond) if on >= 0.3 else 0.0
+    the plane: a frame or a wall; 0 when that is less than ``least`` of it all. A thin frame is only seen close by."""
+    shares = []
+    for outward in (0.015, 0.007):
+        on, beyond = circumference(
+            guess.point, guess.basis, guess.rectangle, depth, intrinsics, outward, known
+        )
+        shares.append(on / (on + beyond) if on >= least else 0.0)
+    return max(shares)
 
 
 def circumference(
@@ -488,9 +531,10 @@ def circumference(
     depth: np.ndarray,
     intrinsics: Intrinsics,
     outward: float = 0.015,
+    known: Iterable[Mirror] = (),
 ) -> tuple[float, float]:
     """Shares of a mirror's circumference where, ``outward`` of its rectangle [m], something stands in its plane, and
-    where the camera sees beyond."""
+    where the camera sees beyond; of what the glass of ``known`` mirrors hides neither."""
     (left, right), (top, bottom) = rectangle + np.array((-outward, outward))
     along = np.linspace(0.0, 1.0, 41)[1:-1]
     corners = np.array(((left, top), (right, top), (right, bottom), (left, bottom), (left, top)))
@@ -499,6 +543,7 @@ def circumference(
     points = point + at @ basis[:, :2].T
     u, v = project(points, intrinsics).T
     inside = (u > 0) & (v > 0) & (u < intrinsics.width - 1) & (v < intrinsics.height - 1)  # false where NaN
+    inside[inside] = ~_behind(points[inside], known)
     read = np.zeros(len(points))
     read[inside] = depth[np.rint(v[inside]).astype(int), np.rint(u[inside]).astype(int)]
     apart = read - points[:, 2]
@@ -509,13 +554,19 @@ def circumference(
 
 
 def verify(
-    guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics, floor: float, settings: DetectionSettings
+    guess: Hypothesis,
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    floor: float,
+    settings: DetectionSettings,
+    known: Iterable[Mirror] = (),
 ) -> Hypothesis | None:
     """The hypothesis with its evidence, or None when what it shows cannot be a reflection.
 
     Every third reading in the rectangle is flipped over the plane. Where it lands nearer than what the camera sees in
     that direction, the camera would have looked through it: a violation. Where it lands on, or up to 0.7 m behind, what
-    is seen directly, it is shown. What lies outside the picture says nothing.
+    is seen directly, it is shown. What lies outside the picture says nothing. Behind the glass of mirrors that are
+    ``known`` a rim is hidden.
     """
     mirror = Mirror("", guess.point, guess.basis[:, 2], guess.basis)
     corners = np.array([(x, y) for x in guess.rectangle[0] for y in guess.rectangle[1]])
@@ -541,9 +592,11 @@ def verify(
             return None
     judged = violated + shown + hidden + ground
     violation = violated / max(judged, 1.0)
-    if len(guess.sides) == 2 and min(s.length for s in guess.sides.values()) < 0.5:
+    plain = shown > _PLAIN * total and violation < 0.02
+    if len(guess.sides) == 2 and min(s.length for s in guess.sides.values()) < (0.3 if plain else 0.5):
         return None  # a leg and the edge of its shadow, a table and one of its legs
-    rim = rim_share(guess, depth, intrinsics)
+    least = 0.2 if plain else 0.3
+    rim = rim_share(guess, depth, intrinsics, least, known)
     made = replace(guess, shown=shown, violated=violation, behind=behind / total, score=rim * (1.0 - violation))
     if rim < settings.min_rim + (0.13 if len(guess.sides) == 2 else 0.0):
         return None
@@ -657,12 +710,22 @@ def find_mirrors(
     -----
     O(H W) and the square of the number of straight rims; deterministic.
     """
-    found = []
-    guesses = hypotheses(depth, intrinsics, replace(settings, max_violation=2.0 * settings.max_violation))
-    for guess in _apart(guesses, intrinsics)[: settings.max_mirrors]:
-        mirror = _settled(guess, depth, intrinsics, settings, glass_offset)
-        if mirror is not None:
-            found.append(mirror)
+    lenient = replace(settings, max_violation=2.0 * settings.max_violation)
+    proposed = propose(find_rims(depth, intrinsics, settings), settings)
+    guesses = _verified(proposed, depth, intrinsics, lenient)
+    found: list[Mirror] = []
+    while guesses:
+        new = []
+        for guess in _apart(guesses, intrinsics, found)[: settings.max_mirrors - len(found)]:
+            mirror = _settled(guess, depth, intrinsics, settings, glass_offset, found)
+            if mirror is not None:
+                new.append(mirror)
+        found += new
+        if not new or len(found) == settings.max_mirrors:
+            break
+        # a mirror through another one: its rim is not where the other's glass is before it
+        proposed = [guess for guess in proposed if not _inside(guess, found)]
+        guesses = _verified(proposed, depth, intrinsics, lenient, found)
     found.sort(key=lambda m: m.point[0] / m.point[2])
     return [replace(m, name=name) for m, name in zip(found, _names(found), strict=True)]
 
@@ -716,8 +779,30 @@ def _to_outline(pixel: np.ndarray, corners: np.ndarray) -> float:
     return float(np.linalg.norm(start + np.clip(share, 0.0, 1.0)[:, None] * along - pixel, axis=1).min())
 
 
+def _inside(guess: Hypothesis, mirrors: list[Mirror]) -> bool:
+    """The middle of what is proposed is on the glass of a mirror that is known, or behind it: it, or an image in it."""
+    middle = guess.point + guess.basis[:, :2] @ guess.rectangle.mean(axis=1)
+    return bool(_behind(middle[None], mirrors)[0])
+
+
+def _behind(points: np.ndarray, mirrors: Iterable[Mirror]) -> np.ndarray:
+    """Which of some points (N, 3) are on or hidden by the glass or frame of a mirror before them."""
+    hidden = np.zeros(len(points), np.bool_)
+    for m in mirrors:
+        share = (m.normal @ m.point) / (points @ m.normal)
+        place = (points * share[:, None] - m.point) @ m.basis[:, :2]
+        on = ((m.rectangle[:, 0] - 0.03 < place) & (place < m.rectangle[:, 1] + 0.03)).all(axis=1)
+        hidden |= on & (share > 0.0) & (share < 1.02)
+    return hidden
+
+
 def _settled(
-    guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics, settings: DetectionSettings, glass_offset: float
+    guess: Hypothesis,
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    settings: DetectionSettings,
+    glass_offset: float,
+    known: Iterable[Mirror] = (),
 ) -> Mirror | None:
     """The hypothesis as a mirror on its frame's plane; None when what it shows makes no sense with that plane."""
     mirror = Mirror("", guess.point, guess.basis[:, 2], guess.basis, guess.rectangle, source="found")
@@ -725,7 +810,7 @@ def _settled(
     if fitted is None:
         return None
     final = replace(guess, point=fitted.point, basis=fitted.basis)
-    if verify(final, depth, intrinsics, _ground(depth, intrinsics, fitted.basis), settings) is None:
+    if verify(final, depth, intrinsics, _ground(depth, intrinsics, fitted.basis), settings, known) is None:
         return None
     behind = replace(fitted, point=fitted.point - glass_offset * fitted.normal)
     return at_border(behind, intrinsics, _unseen(guess))
@@ -751,8 +836,10 @@ def _names(mirrors: list[Mirror]) -> list[str]:
     return [f"mirror {k}" for k in range(1, len(mirrors) + 1)]
 
 
-def _apart(good: list[Hypothesis], intrinsics: Intrinsics) -> list[Hypothesis]:
-    """The best of those that share a part of the picture; images of mirrors in a mirror go."""
+def _apart(good: list[Hypothesis], intrinsics: Intrinsics, known: list[Mirror]) -> list[Hypothesis]:
+    """The best of those that share a part of the picture, with each other or a known mirror; images of mirrors in a
+    mirror go."""
+    taken = [(m.outline.min(axis=0), m.outline.max(axis=0)) for m in known if np.isfinite(m.outline).all()]
     boxes = []
     for h in good:
         corners = np.array([(x, y) for x in h.rectangle[0] for y in h.rectangle[1]])
@@ -760,9 +847,9 @@ def _apart(good: list[Hypothesis], intrinsics: Intrinsics) -> list[Hypothesis]:
         boxes.append((pixels.min(axis=0), pixels.max(axis=0)))
     chosen: list[int] = []
     for i in range(len(good)):
-        for j in chosen:
-            size = np.minimum(boxes[i][1], boxes[j][1]) - np.maximum(boxes[i][0], boxes[j][0])
-            smaller = min(np.prod(boxes[k][1] - boxes[k][0]) for k in (i, j))
+        for low, high in taken + [boxes[j] for j in chosen]:
+            size = np.minimum(boxes[i][1], high) - np.maximum(boxes[i][0], low)
+            smaller = min(np.prod(boxes[i][1] - boxes[i][0]), np.prod(high - low))
             if size.min() > 0 and np.prod(size) > 0.25 * smaller:
                 break
         else:
@@ -772,9 +859,19 @@ def _apart(good: list[Hypothesis], intrinsics: Intrinsics) -> list[Hypothesis]:
 
 def hypotheses(depth: np.ndarray, intrinsics: Intrinsics, settings: DetectionSettings) -> list[Hypothesis]:
     """Verified rectangles, the best first."""
+    return _verified(propose(find_rims(depth, intrinsics, settings), settings), depth, intrinsics, settings)
+
+
+def _verified(
+    proposed: list[Hypothesis],
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    settings: DetectionSettings,
+    known: Iterable[Mirror] = (),
+) -> list[Hypothesis]:
     good = []
-    for guess in propose(find_rims(depth, intrinsics, settings), settings):
-        checked = verify(guess, depth, intrinsics, _ground(depth, intrinsics, guess.basis), settings)
+    for guess in proposed:
+        checked = verify(guess, depth, intrinsics, _ground(depth, intrinsics, guess.basis), settings, known)
         if checked is not None:
             good.append(checked)
     good.sort(key=lambda h: -h.score)

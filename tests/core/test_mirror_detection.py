@@ -105,6 +105,28 @@ def test_a_mirror_cut_by_the_picture_and_one_behind_the_person(person):
     assert found[1].outline[:, 0].max() > simulation.capture.intrinsics.width - 30
 
 
+@pytest.mark.parametrize("sensor", ["azure_kinect", "kinect_v1"])
+def test_wide_mirrors_that_show_each_other(person, sensor):
+    """Cut off by the picture; in each the other's image carries on the lines of its own frame."""
+    simulation = simulate(person, default_rig(sensor, frames=4, mirror_size=(1.5, 2.0), view_angle_deg=112.0))
+    found = find_mirrors(clean(simulation.capture), simulation.capture.intrinsics)
+    assert [m.name for m in found] == ["left", "right"]
+    true = {m.name: m for m in simulation.truth.mirrors}
+    for mirror in found:
+        assert misplaced(mirror, true[mirror.name], simulation.truth.body.vertices) < 0.006
+
+
+@pytest.mark.parametrize("angles", [(115.0, -118.0, -150.0), (121.0, -120.0, -154.0)])
+def test_mirrors_that_cross(person, angles):
+    """Two mirrors through one another, a side of the one hidden by the other, and its other side by the person."""
+    simulation = simulate(person, default_rig("azure_kinect", frames=6, mirrors=angles))
+    found = find_mirrors(clean(simulation.capture), simulation.capture.intrinsics)
+    assert len(found) == 3
+    body = simulation.truth.body.vertices
+    for true in simulation.truth.mirrors:
+        assert min(misplaced(mirror, true, body) for mirror in found) < 0.006
+
+
 def test_what_looks_like_a_mirror():
     """An empty frame before a wall 1 m behind it: flipped, that wall would hang in the air before the camera."""
     lens = default_rig("ideal").intrinsics
