@@ -13,7 +13,7 @@ from numba import njit
 
 from .camera import Intrinsics, project, unproject
 from .linear import dot
-from .mirror import Mirror, moved, reflect, reflection_matrix, reflection_moves
+from .mirror import Mirror, moved, person_before, reflect, reflection_matrix, reflection_moves, with_reason
 from .views import Views, sort_rays
 
 
@@ -274,8 +274,8 @@ def agree(
     step, covariance = whole
     parts = [slice(index[k], index[k + 1]) for k in range(len(mirrors))]
     return [
-        replace(m, covariance=covariance[part, part]) if f else m
-        for m, f, part in zip(placed(step), free, parts, strict=True)
+        with_reason(replace(m, covariance=covariance[part, part]), old, "views") if f else m
+        for m, old, f, part in zip(placed(step), mirrors, free, parts, strict=True)
     ]
 
 
@@ -374,15 +374,6 @@ def expected_error(mirror: Mirror) -> float:
     if mirror.covariance is None:
         return 0.0 if mirror.source == "given" else np.inf
     return mirror.displacement(person_before(mirror))
-
-
-def person_before(mirror: Mirror) -> np.ndarray:
-    """Points (6, 3) where a person 1.5 m before the middle of the mirror would be [m]."""
-    middle = mirror.point
-    if mirror.rectangle is not None:
-        middle = middle + mirror.basis[:, :2] @ np.clip(mirror.rectangle, -1.5, 1.5).mean(axis=1)
-    x, y = np.meshgrid((-0.3, 0.3), (-0.8, 0.0, 0.8))
-    return middle + 1.5 * mirror.normal + np.column_stack((x.ravel(), y.ravel())) @ mirror.basis[:, :2].T
 
 
 def noise_of(depth: np.ndarray, seen: np.ndarray) -> float:

@@ -67,6 +67,11 @@ class Mirror:
         normal [m]. None for a plane that was given.
     polygon : np.ndarray [shape=(K, 2)] or None
         Corners of a glass that is no rectangle, along a and b about ``point`` [m], inside ``rectangle``.
+    moved_by : tuple of str
+        What moved the plane from where its frame is: "reflections" of what is seen directly too, "views" that must
+        agree.
+    moved : float
+        By how much that moves the reflection of somebody 1.5 m before it, root mean square [m].
     """
 
     name: str
@@ -81,6 +86,8 @@ class Mirror:
     source: str = "picked"
     covariance: np.ndarray | None = None
     polygon: np.ndarray | None = None
+    moved_by: tuple[str, ...] = ()
+    moved: float = 0.0
 
     def displacement(self, points: np.ndarray) -> float | None:
         """Expected error of reflected ``points`` (N, 3), root mean square over them [m]; None without a covariance.
@@ -200,6 +207,22 @@ def moved(mirror: Mirror, step: np.ndarray) -> Mirror:
     point = mirror.point + step[2] * n
     normal, basis = oriented(n - step[0] * a - step[1] * b, point, b)
     return replace(mirror, point=point, normal=normal, basis=basis)
+
+
+def person_before(mirror: Mirror) -> np.ndarray:
+    """Points (6, 3) where a person 1.5 m before the middle of the mirror would be [m]."""
+    middle = mirror.point
+    if mirror.rectangle is not None:
+        middle = middle + mirror.basis[:, :2] @ np.clip(mirror.rectangle, -1.5, 1.5).mean(axis=1)
+    x, y = np.meshgrid((-0.3, 0.3), (-0.8, 0.0, 0.8))
+    return middle + 1.5 * mirror.normal + np.column_stack((x.ravel(), y.ravel())) @ mirror.basis[:, :2].T
+
+
+def with_reason(new: Mirror, old: Mirror, reason: str) -> Mirror:
+    """``new``, noting that ``reason`` moved it from ``old``, and by how much at a person."""
+    person = person_before(old)
+    apart = float(np.sqrt(np.mean(np.sum((reflect(person, new) - reflect(person, old)) ** 2, axis=1))))
+    return replace(new, moved_by=(*old.moved_by, reason), moved=float(np.hypot(old.moved, apart)))
 
 
 def place_mirror(

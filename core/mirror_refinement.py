@@ -19,6 +19,7 @@ from .mirror import (
     reflect,
     reflection_matrix,
     reflection_moves,
+    with_reason,
 )
 
 
@@ -260,7 +261,7 @@ def align_reflections(
                 f"{mirror.name}: its glass lies {abs(shift):.0f} mm {'behind' if shift < 0 else 'before'} the front of "
                 "its frame, as what is seen both directly and in it shows; the mirror's plane was moved there"
             )
-        out.append(better or mirror)
+        out.append(mirror if better is None else with_reason(better, mirror, "reflections"))
     return out, tuple(notes)
 
 

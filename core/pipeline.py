@@ -156,6 +156,8 @@ class Scan:
     mirrors : list of Mirror
     sensor : str
     warnings : tuple of str
+    limits : np.ndarray [shape=(N+1, 2)]
+        Nearest and farthest depth of the subject in each view [m], see :class:`.views.Views`.
     """
 
     patches: list[Mesh]
@@ -167,6 +169,7 @@ class Scan:
     mirrors: list[Mirror]
     sensor: str
     warnings: tuple[str, ...]
+    limits: np.ndarray
 
 
 def scan_steps(
@@ -220,7 +223,9 @@ def scan_steps(
         if not any(text.startswith(f"{m.name}:") and quoted(m) in fault for m in placed for fault in faults)
     ]  # fmt: skip
     warnings = (*told, *((moved,) if moved else ()), *blind, *faults)
-    return Scan(patches, maps, views.up, views.axis, views.floor, view_names(placed), placed, sensor, warnings)
+    return Scan(
+        patches, maps, views.up, views.axis, views.floor, view_names(placed), placed, sensor, warnings, views.limits
+    )
 
 
 def joining_steps(
@@ -385,6 +390,8 @@ def _report(
                 "points_used": m.points_used,
                 "source": m.source,
                 "refined": m.refined,
+                "moved_by": list(m.moved_by),
+                "moved_mm": 1000.0 * m.moved,
                 "covariance": None if m.covariance is None else m.covariance.tolist(),
                 "displacement_mm": None if m.covariance is None else 1000.0 * m.displacement(person),
             }
@@ -394,6 +401,7 @@ def _report(
             {
                 "name": name,
                 "pixels": int((scan.maps.labels == k).sum()),
+                "depth_m": None if np.isnan(scan.limits[k]).any() else scan.limits[k].tolist(),
                 "vertices": len(patch.vertices),
                 "triangles": len(patch.triangles),
             }

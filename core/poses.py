@@ -215,6 +215,7 @@ def join_scans(scans: Sequence[Scan], poses: Sequence[np.ndarray], names: Sequen
          for mirror in scan.mirrors],
         ", ".join(dict.fromkeys(scan.sensor for scan in scans)),
         tuple(warnings),
+        np.concatenate([scan.limits for scan in scans]),
     )  # fmt: skip
 
 

@@ -59,6 +59,7 @@ def test_what_is_seen_twice_ties_mirrors_down(crossing):
     assert (after < 0.009).all() and np.linalg.norm(after) < np.linalg.norm(before) + 5e-4, (before, after)
     body = simulation.truth.body.vertices
     for mirror, first, off in zip(together, placed, after, strict=True):
+        assert mirror.moved_by == (("views",) if mirror is not first else ())
         assert mirror.displacement(body) <= first.displacement(body) + 1e-9 and off < 3.5 * mirror.displacement(body)
         np.testing.assert_allclose(mirror.basis.T @ mirror.basis, np.eye(3), atol=1e-12)
     assert agree(placed, depth, lens, AgreementSettings(use=False)) == placed

@@ -37,6 +37,8 @@ def test_a_proud_frame_is_seen_through(person):
     assert (wrong > 0.014).all() and (right <= wrong + 1e-9).all() and right.min() < 0.003
     moved = [a for a, b in zip(after, before, strict=True) if a is not b]
     assert moved and len(notes) == len(moved) and all("behind the front of its frame" in n for n in notes)
+    assert all(m.moved_by == ("reflections",) and m.moved == pytest.approx(0.016, abs=0.004) for m in moved)
+    assert all(m.moved_by == () and m.moved == 0.0 for m in before)
     unused, nothing = align_reflections(before, depth, lens, JointSettings(use=False))
     assert unused == before and nothing == ()
 

@@ -117,7 +117,10 @@ def test_the_report_is_plain_and_whole(reconstructed):
     assert report["sensor"] == "kinect_v1"  # the capture does not say: its steps do
     assert [m["name"] for m in report["mirrors"]] == ["right", "left"]
     assert all({"point", "normal", "residual_mm", "points_used", "refined"} <= set(m) for m in report["mirrors"])
+    assert all(m["source"] == "picked" and m["moved_by"] == [] and m["moved_mm"] == 0.0 for m in report["mirrors"])
     assert [v["name"] for v in report["views"]] == ["direct", "right", "left"]
+    near, far = zip(*(v["depth_m"] for v in report["views"]), strict=True)
+    assert 2.0 < near[0] < far[0] < 3.2 and min(near[1:]) > far[0] and max(far[1:]) < 5.5
     assert all(v["pixels"] > v["vertices"] * 0.5 > 0 and v["triangles"] > 0 for v in report["views"])
     assert all({"between", "length_m", "mean_gap_mm", "max_gap_mm"} <= set(s) for s in report["seams"])
     assert {"direct", "right", "left"} <= {name for s in report["seams"] for name in s["between"]}
