@@ -315,7 +315,7 @@ def disagreements(depth: np.ndarray, views: Views, mirrors: list[Mirror], intrin
     Compared is what each mirror shows about the subject's place, whether it was taken for the subject or not: a mirror
     that is far off shows something that no longer looks like it. O(pixels of the subject).
     """
-    subject = dot(views.points[views.labels == 0][::5], views.up)
+    subject = dot(views.points.reshape(-1, 3)[np.flatnonzero(views.labels == 0)[::5]], views.up)
     low, high = (subject.min(), subject.max()) if len(subject) else (-np.inf, np.inf)
     low = low + 0.1 if views.floor is None else views.floor + 0.1
     labels = _about_kernel(views.labels, views.seen, views.points, views.up, views.axis, low, high + 0.1)

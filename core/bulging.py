@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .mesh import SURFACE, Mesh, vertex_normals
+from .mesh import SURFACE, Mesh, triangles_touching, vertex_normals
 from .overlap import ViewMaps, look_at, reading_noise
 
 _WINDOW = 4  # so far beside the last reading of an outline the next one may be [px]
@@ -17,14 +17,16 @@ _NOISY = 0.0025  # noise of a reading that tells half as much [m]
 def rim_marks(mesh: Mesh, maps: ViewMaps) -> np.ndarray:
     """What the measured surface says at its rim: normal, and how surely it ends there at an outline, (V, 4).
 
+    Rows of vertices that are not at the rim mean nothing.
+
     An outline is where the view reads something farther right beside: there the body goes on, out of sight. Elsewhere
     readings were lost or the view was cut. Where nothing is known of the view it counts as one. The noisier its
     readings, the less the last of them tell which way it goes on. Zero at made vertices.
     """
     made = mesh.kind != SURFACE
-    normals = vertex_normals(mesh.vertices, mesh.triangles[~made])
     rim = np.zeros(len(mesh.vertices), np.bool_)
     rim[mesh.triangles[made]] = True
+    normals = vertex_normals(mesh.vertices, mesh.triangles[~made & triangles_touching(mesh.triangles, rim)], rim)
     ends = _outline_kernel(mesh.vertices, np.flatnonzero(rim & (mesh.view >= 0)), mesh.view, maps.to_view, maps.depth,
                            maps.lens)  # fmt: skip
     sure = 1.0 / (1.0 + (reading_noise(mesh, maps) / _NOISY) ** 2)
@@ -63,10 +65,9 @@ def bulge(marks: np.ndarray, parents: np.ndarray, mesh: Mesh, rings: int = 8) ->
     about[triangles] = True
     triangles = (np.cumsum(about, dtype=np.int32) - 1)[triangles]
     spread = _inherited(marks, parents)[about]
-    for _ in range(rings):
-        spread = _mean(spread, triangles, made[about])
+    spread = _spread_kernel(spread, triangles, made[about], rings)
     cosine = np.sqrt(np.einsum("ij,ij->i", spread[:, :3], spread[:, :3]))
-    ends = _most_kernel(np.ascontiguousarray(spread[:, 3:]), triangles, rings)[:, 0]
+    ends = _most_kernel(spread[:, 3].copy(), triangles, rings)
     out = np.ones(len(mesh.vertices))
     out[about] = np.where(made[about], 2.0 / (1.0 + cosine) * (0.25 + 0.75 * ends), 1.0)
     return out
@@ -106,39 +107,53 @@ def _inherited(marks, parents):
     return out
 
 
-@njit(cache=True, nogil=True)
-def _mean(field, triangles, chosen):
-    """The field with its mean over the edges around at ``chosen`` vertices."""
-    width = field.shape[1]
-    total, number = np.zeros(field.shape), np.zeros(len(field))
+@njit(cache=True, nogil=True, error_model="numpy")
+def _spread_kernel(field, triangles, chosen, rounds):
+    """The field (V, 4) with its mean over the edges around at ``chosen`` vertices, over and over."""
+    count = len(field)
+    share = np.zeros(count)  # 1 / ends of edges around
     for t in range(len(triangles)):
         for k in range(3):
-            i, j = triangles[t, k], triangles[t, k + 1 if k < 2 else 0]
-            number[i] += 1.0
-            number[j] += 1.0
-            for c in range(width):
-                total[i, c] += field[j, c]
-                total[j, c] += field[i, c]
-    for i in range(len(field)):
-        for c in range(width):
-            total[i, c] = total[i, c] / number[i] if chosen[i] and number[i] > 0 else field[i, c]
-    return total
+            share[triangles[t, k]] += 2.0
+    for i in range(count):
+        share[i] = 1.0 / share[i] if share[i] > 0 else 0.0
+    for _ in range(rounds):
+        total = np.zeros((count, 4))
+        for t in range(len(triangles)):
+            i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+            for c in range(4):
+                a, b, d = field[i, c], field[j, c], field[k, c]
+                total[i, c] += b + d
+                total[j, c] += a + d
+                total[k, c] += a + b
+        for i in range(count):
+            for c in range(4):
+                total[i, c] = total[i, c] * share[i] if chosen[i] and share[i] > 0 else field[i, c]
+        field = total
+    return field
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _most_kernel(field, triangles, rings):
-    """The greatest value within so many rings, smoothed over half as many."""
-    width = field.shape[1]
+    """The greatest value (V,) within so many rings, smoothed over half as many."""
     for _ in range(rings):
         most = field.copy()
         for t in range(len(triangles)):
-            for k in range(3):
-                i, j = triangles[t, k], triangles[t, k + 1 if k < 2 else 0]
-                for c in range(width):
-                    most[i, c] = max(most[i, c], field[j, c])
-                    most[j, c] = max(most[j, c], field[i, c])
+            i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+            here = max(field[i], field[j], field[k])
+            most[i], most[j], most[k] = max(most[i], here), max(most[j], here), max(most[k], here)
         field = most
-    everywhere = np.ones(len(field), np.bool_)
     for _ in range(rings // 2):
-        field = _mean(field, triangles, everywhere)
+        total, number = np.zeros(len(field)), np.zeros(len(field))
+        for t in range(len(triangles)):
+            i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+            total[i] += field[j] + field[k]
+            total[j] += field[i] + field[k]
+            total[k] += field[i] + field[j]
+            number[i] += 2.0
+            number[j] += 2.0
+            number[k] += 2.0
+        for i in range(len(field)):
+            if number[i] > 0:
+                field[i] = total[i] / number[i]
     return field

@@ -16,8 +16,8 @@ from .mesh import (
     Mesh,
     components_of,
     extend_open_edges,
+    extend_twins,
     keep_triangles,
-    keep_twins,
     loops_of,
     open_edges,
     remove_bowties,
@@ -89,7 +89,8 @@ def close_mesh(
     if floor is not None:
         mesh, edges = drop_soles(mesh, edges, up, floor, settings.floor_reach)
     mesh = fill_loops(mesh, maps, settings.largest_loop, edges=edges)
-    mesh, kept, dropped = keep_components(mesh, settings.min_island if settings.keep_islands else None)
+    twin = extend_twins(twin, mesh.triangles, len(mesh.vertices))
+    mesh, kept, dropped = keep_components(mesh, twin, settings.min_island if settings.keep_islands else None)
     if kept:
         notes.append(f"{kept} piece(s) that nothing connects to the body are kept, each closed on its own")
     if dropped:
@@ -137,28 +138,25 @@ def _stiffness(mesh: Mesh, maps: ViewMaps, settings: ClosingSettings) -> np.ndar
         return settings.fairness * (0.001 / reading_noise(mesh, maps))
 
 
-def keep_components(mesh: Mesh, min_island: int | None = None) -> tuple[Mesh, int, int]:
+def keep_components(mesh: Mesh, twin: np.ndarray, min_island: int | None = None) -> tuple[Mesh, int, int]:
     """The connected piece with the most triangles and, where asked for, others of at least ``min_island`` triangles.
+
+    ``twin`` (3 T,) are the mesh's :func:`~.mesh.twins`.
 
     Returns
     -------
     mesh : Mesh
-        Without bow-ties.
     kept, dropped : int
         Pieces beside the largest one.
     """
-    twin = twins(mesh.triangles, len(mesh.vertices))
     label, count = components_of(twin, len(mesh.triangles))
-    kept = 0
-    if count > 1:
-        size = np.bincount(label)
-        chosen = np.zeros(count, np.bool_) if min_island is None else size >= min_island
-        chosen[size.argmax()] = True
-        kept = int(chosen.sum()) - 1
-        keep = chosen[label]
-        twin = keep_twins(twin, keep)
-        mesh = keep_triangles(mesh, keep)
-    return remove_bowties(mesh, twin), kept, count - 1 - kept
+    if count < 2:
+        return mesh, 0, 0
+    size = np.bincount(label)
+    chosen = np.zeros(count, np.bool_) if min_island is None else size >= min_island
+    chosen[size.argmax()] = True
+    kept = int(chosen.sum()) - 1
+    return keep_triangles(mesh, chosen[label]), kept, count - 1 - kept
 
 
 def drop_soles(mesh: Mesh, edges: np.ndarray, up: np.ndarray, floor: float, reach: float) -> tuple[Mesh, np.ndarray]:

@@ -8,7 +8,7 @@ from numba import njit
 from .cholesky import solve
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def neighbours(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np.ndarray]:
     """One-rings as CSR arrays (start (V+1,), neighbour (E,)); an edge with one triangle counts like any other. O(T)."""
     start = np.zeros(vertex_count + 1, np.int64)
@@ -89,7 +89,7 @@ def fair(
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _surroundings(triangles, free):
     """What fairing the ``free`` vertices (V,) bool takes: the vertices in use (U,), the triangles in their numbers
     (K, 3), and which vertices (V,) share a triangle with a free one; their one-rings are complete."""
@@ -119,7 +119,7 @@ def _surroundings(triangles, free):
     return used, local, near
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _system_kernel(p, start, heads, free, stiffness, rows, stretch, target):
     """Normal equations LᵀL + stiffness² of the ``free`` vertices' moves: their numbers, the matrix's row starts,
     columns and values, and the right side. Rows of L are those where ``rows`` holds."""

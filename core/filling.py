@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from .edge_set import empty_edges, join, joined
 from .freespace import bridge_is_free
 from .mesh import FILL, Mesh, loops_of, open_edges
 from .overlap import ViewMaps
@@ -77,7 +78,7 @@ def fill_loops(
 
 
 def _view_arguments(maps: ViewMaps) -> tuple:
-    return maps.to_view, maps.depth, maps.seen, maps.lens, maps.noise
+    return maps.to_view, maps.clear, maps.through, maps.lens, maps.noise
 
 
 def _no_view() -> tuple:
@@ -117,23 +118,30 @@ def _cross(points, i, j, k):
 
 
 @njit(cache=True, nogil=True)
-def _key(i, j, count):
-    return np.int64(min(i, j)) * count + max(i, j)
-
-
-@njit(cache=True, nogil=True)
-def _fill_kernel(vertices, triangles, flat, starts, rim, largest, to_view, depth, seen, lens, noise):
-    count = len(vertices)
-    on_loop = np.zeros(count, np.bool_)
-    for v in flat:
-        on_loop[v] = True
-    taken = dict()  # edges a chord must not repeat
-    taken[np.int64(-1)] = True
+def _edges_between(triangles, on_loop, room):
+    """The :mod:`.edge_set` of the edges between vertices ``on_loop`` (V,) bool, with ``room`` for more."""
+    for t in range(len(triangles)):
+        for k in range(3):
+            room += on_loop[triangles[t, k]] and on_loop[triangles[t, (k + 1) % 3]]
+    edges = empty_edges(len(on_loop), room)
     for t in range(len(triangles)):
         for k in range(3):
             i, j = triangles[t, k], triangles[t, (k + 1) % 3]
             if on_loop[i] and on_loop[j]:
-                taken[_key(i, j, count)] = True
+                join(i, j, *edges)
+    return edges
+
+
+@njit(cache=True, nogil=True)
+def _fill_kernel(vertices, triangles, flat, starts, rim, largest, to_view, clear, through, lens, noise):
+    count = len(vertices)
+    on_loop = np.zeros(count, np.bool_)
+    for v in flat:
+        on_loop[v] = True
+    # edges a chord must not repeat; every triangle of a fill and every cut adds some
+    edges = _edges_between(triangles, on_loop, 5 * len(flat))
+    head, after, other = edges
+    place = np.full(count, -1, np.int32)  # of each vertex in the piece at hand
     out = np.empty((2 * len(flat), 3), np.int32)
     n_out = 0
     centers = np.empty((len(flat), 3))  # cutting a loop repeats the ends of its chords, so twice is room enough
@@ -148,9 +156,9 @@ def _fill_kernel(vertices, triangles, flat, starts, rim, largest, to_view, depth
             piece, edge = todo.pop()
             n = len(piece)
             if n > largest:
-                i, j = _best_chord(vertices, flat, piece, taken, count)
+                i, j = _best_chord(vertices, flat, piece, edges)
                 if i >= 0:
-                    taken[_key(flat[piece[i]], flat[piece[j]], count)] = True
+                    join(flat[piece[i]], flat[piece[j]], *edges)
                     one_edge = edge[i : j + 1].copy()
                     one_edge[-1] = -1
                     two_edge = np.concatenate((edge[j:], edge[: i + 1]))
@@ -167,13 +175,22 @@ def _fill_kernel(vertices, triangles, flat, starts, rim, largest, to_view, depth
             penalty = np.ones((n, n))
             blocked = np.zeros((n, n), np.bool_)
             for i in range(n):
-                for j in range(i + 2, n):
-                    if i == 0 and j == n - 1:
-                        continue
-                    if _key(flat[piece[i]], flat[piece[j]], count) in taken:
+                place[flat[piece[i]]] = i
+            for i in range(n):
+                at = head[flat[piece[i]]]
+                while at >= 0:
+                    j = place[other[at]]
+                    if j >= i + 2 and not (i == 0 and j == n - 1):
                         blocked[i, j] = True
-                    elif n > 6 and bridge_is_free(points[i], points[j], to_view, depth, seen, lens, noise):
-                        penalty[i, j] = 10.0
+                    at = after[at]
+                if n > 6:
+                    for j in range(i + 2, n - (i == 0)):
+                        if not blocked[i, j] and bridge_is_free(
+                            points, i, points, j, to_view, clear, through, lens, noise
+                        ):
+                            penalty[i, j] = 10.0
+            for i in range(n):
+                place[flat[piece[i]]] = -1
             apex = _weight_kernel(points, normals, blocked, penalty)
             if apex[0, n - 1] >= 0:
                 stack = [(0, n - 1)]
@@ -184,8 +201,8 @@ def _fill_kernel(vertices, triangles, flat, starts, rim, largest, to_view, depth
                     m = apex[i, j]
                     out[n_out, 0], out[n_out, 1], out[n_out, 2] = flat[piece[j]], flat[piece[m]], flat[piece[i]]
                     n_out += 1
-                    taken[_key(flat[piece[i]], flat[piece[m]], count)] = True
-                    taken[_key(flat[piece[m]], flat[piece[j]], count)] = True
+                    join(flat[piece[i]], flat[piece[m]], *edges)
+                    join(flat[piece[m]], flat[piece[j]], *edges)
                     stack.append((i, m))
                     stack.append((m, j))
             else:
@@ -205,7 +222,7 @@ def _fill_kernel(vertices, triangles, flat, starts, rim, largest, to_view, depth
 
 
 @njit(cache=True, nogil=True)
-def _best_chord(vertices, flat, piece, taken, count):
+def _best_chord(vertices, flat, piece, edges):
     n = len(piece)
     best, bi, bj = np.inf, -1, -1
     for i in range(n):
@@ -216,22 +233,23 @@ def _best_chord(vertices, flat, piece, taken, count):
                 continue
             q = vertices[flat[piece[j]]]
             d = (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2
-            if d < best * run * run and _key(flat[piece[i]], flat[piece[j]], count) not in taken:
+            if d < best * run * run and not joined(flat[piece[i]], flat[piece[j]], *edges):
                 best, bi, bj = d / (run * run), i, j
     return bi, bj
 
 
-@njit(cache=True, nogil=True)
-def _bend(points, p, q, nx, ny, nz, o):
-    """Cost of the fold between a triangle of unit normal n and its neighbour's o along the edge p–q."""
-    if o[0] == 0 and o[1] == 0 and o[2] == 0:
+@njit(cache=True, nogil=True, error_model="numpy")
+def _bend(points, p, q, nx, ny, nz, normal, i, j):
+    """Cost of the fold between a triangle of unit normal n and its neighbour's ``normal[i, j]`` along the edge p–q."""
+    ox, oy, oz = normal[i, j, 0], normal[i, j, 1], normal[i, j, 2]
+    if ox == 0 and oy == 0 and oz == 0:
         return 0.0
     side = (points[p, 0] - points[q, 0]) ** 2 + (points[p, 1] - points[q, 1]) ** 2 + (points[p, 2] - points[q, 2]) ** 2
-    bend = 1.0 - (nx * o[0] + ny * o[1] + nz * o[2])
+    bend = 1.0 - (nx * ox + ny * oy + nz * oz)
     return 0.25 * bend * bend * side
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _weight_kernel(points, rim, blocked, penalty):
     """Dynamic programme over a loop's chords: apex[i, j] is the third corner of the triangle on chord i–j (i < j)."""
     n = len(points)
@@ -241,24 +259,30 @@ def _weight_kernel(points, rim, blocked, penalty):
     for i in range(n - 1):
         weight[i, i + 1] = 0.0
         normal[i, i + 1] = rim[i]
+    normal[n - 1, 0] = rim[n - 1]
     for span in range(2, n):
         for i in range(n - span):
             j = i + span
             if blocked[i, j]:
                 continue
+            best, third = np.inf, -1
+            best_x = best_y = best_z = 0.0
             for m in range(i + 1, j):
                 base = weight[i, m] + weight[m, j]
-                if base >= weight[i, j]:
+                if base >= best:
                     continue
                 nx, ny, nz = _cross(points, j, m, i)  # the fill winds against the boundary
                 length = np.sqrt(nx * nx + ny * ny + nz * nz) + 1e-30
                 base += 0.5 * length * penalty[i, m] * penalty[m, j] * penalty[i, j] + 1e-9
+                if base >= best:
+                    continue
                 nx, ny, nz = nx / length, ny / length, nz / length
-                base += _bend(points, i, m, nx, ny, nz, normal[i, m]) + _bend(points, m, j, nx, ny, nz, normal[m, j])
+                base += _bend(points, i, m, nx, ny, nz, normal, i, m) + _bend(points, m, j, nx, ny, nz, normal, m, j)
                 if span == n - 1:
-                    base += _bend(points, i, j, nx, ny, nz, rim[n - 1])
-                if base < weight[i, j]:
-                    weight[i, j] = base
-                    apex[i, j] = m
-                    normal[i, j, 0], normal[i, j, 1], normal[i, j, 2] = nx, ny, nz
+                    base += _bend(points, i, j, nx, ny, nz, normal, n - 1, 0)
+                if base < best:
+                    best, third = base, m
+                    best_x, best_y, best_z = nx, ny, nz
+            weight[i, j], apex[i, j] = best, third
+            normal[i, j, 0], normal[i, j, 1], normal[i, j, 2] = best_x, best_y, best_z
     return apex

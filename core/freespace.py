@@ -5,44 +5,89 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .overlap import look_at
+SLACK = 0.015
+"""So much farther than a point, beside noise, must lie what a view reads there to prove the point empty [m]."""
+
+_SPEAKS = 4  # of the nine readings around a pixel, so many must be there
 
 
 @njit(cache=True, nogil=True)
-def in_free_space(p, to_view, depth, seen, lens, noise, slack):
-    """Whether some view looks through ``p`` at something farther: then nothing of the subject is there.
+def clear_depth(depth: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far each pixel is looked through, and by which view.
 
-    A view speaks only where the readings around the pixel are all its own and lie farther by more than ``slack`` and
-    noise.
+    A pixel speaks where the readings in and around it, four at least, are all of one view.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        0 where there is no reading [m].
+    seen : np.ndarray [shape=(H, W), dtype=int8]
+        The view of each reading, of the room as well as of the subject.
+
+    Returns
+    -------
+    clear : np.ndarray [shape=(H, W), dtype=float32]
+        z of the nearest of those readings [m]; 0 where the pixel does not speak.
+    through : np.ndarray [shape=(H, W), dtype=int8]
+        The view, -1 where the pixel does not speak.
     """
-    for k in range(len(to_view)):
-        v, u, z = look_at(p, to_view[k], depth, lens[k])
-        if v < 1 or u < 1 or v > depth.shape[0] - 2 or u > depth.shape[1] - 2:
+    height, width = depth.shape
+    clear, through = np.zeros((height, width), np.float32), np.full((height, width), -1, np.int8)
+    # of three pixels side by side: readings, the nearest of them, the lowest and highest view
+    count = np.empty((3, width), np.int8)
+    near, low, high = np.empty((3, width), np.float32), np.empty((3, width), np.int8), np.empty((3, width), np.int8)
+    for y in range(height):
+        row = y % 3
+        for x in range(1, width - 1):
+            n, z, least, most = 0, np.float32(np.inf), np.int8(127), np.int8(-128)
+            for side in range(x - 1, x + 2):
+                if depth[y, side] > 0:
+                    n += 1
+                    z = min(z, depth[y, side])
+                    least, most = min(least, seen[y, side]), max(most, seen[y, side])
+            count[row, x], near[row, x], low[row, x], high[row, x] = n, z, least, most
+        if y < 2:
             continue
-        y, x = int(v + 0.5), int(u + 0.5)
-        farther = 0
-        free = True
-        for dv in range(-1, 2):
-            for du in range(-1, 2):
-                d = depth[y + dv, x + du]
-                if d == 0:
-                    continue
-                if seen[y + dv, x + du] != k or d <= z + slack + 3.0 * noise[k] * z:
-                    free = False
-                farther += 1
-        if free and farther >= 4:
-            return True
-    return False
+        for x in range(1, width - 1):
+            least = min(low[0, x], low[1, x], low[2, x])
+            if (
+                count[0, x] + count[1, x] + count[2, x] >= _SPEAKS
+                and least >= 0
+                and least == max(high[0, x], high[1, x], high[2, x])
+            ):
+                through[y - 1, x] = least
+                clear[y - 1, x] = min(near[0, x], near[1, x], near[2, x])
+    return clear, through
 
 
-@njit(cache=True, nogil=True)
-def bridge_is_free(a, b, to_view, depth, seen, lens, noise):
-    """Whether the straight bridge from a to b crosses space that was seen to be empty."""
-    length = np.sqrt(((a - b) ** 2).sum())
+@njit(cache=True, nogil=True, error_model="numpy")
+def bridge_is_free(p, i, q, j, to_view, clear, through, lens, noise):
+    """Whether the straight bridge from p[i] to q[j] crosses space that was seen to be empty."""
+    ax, ay, az = p[i, 0], p[i, 1], p[i, 2]
+    dx, dy, dz = q[j, 0] - ax, q[j, 1] - ay, q[j, 2] - az
+    length = np.sqrt(dx * dx + dy * dy + dz * dz)
     if length < 0.02:
         return False
     steps = min(int(length / 0.015) + 1, 12)
-    for s in range(1, steps):
-        if in_free_space(a + (b - a) * (s / steps), to_view, depth, seen, lens, noise, 0.015):
-            return True
+    for k in range(len(to_view)):
+        far = 1.0 + 3.0 * noise[k]
+        # along the bridge x, y and z in the view's frame change evenly
+        x = to_view[k, 0, 0] * ax + to_view[k, 0, 1] * ay + to_view[k, 0, 2] * az + to_view[k, 0, 3]
+        y = to_view[k, 1, 0] * ax + to_view[k, 1, 1] * ay + to_view[k, 1, 2] * az + to_view[k, 1, 3]
+        z = to_view[k, 2, 0] * ax + to_view[k, 2, 1] * ay + to_view[k, 2, 2] * az + to_view[k, 2, 3]
+        step_x = (to_view[k, 0, 0] * dx + to_view[k, 0, 1] * dy + to_view[k, 0, 2] * dz) / steps
+        step_y = (to_view[k, 1, 0] * dx + to_view[k, 1, 1] * dy + to_view[k, 1, 2] * dz) / steps
+        step_z = (to_view[k, 2, 0] * dx + to_view[k, 2, 1] * dy + to_view[k, 2, 2] * dz) / steps
+        for _ in range(1, steps):
+            x += step_x
+            y += step_y
+            z += step_z
+            if z <= 0.05:
+                continue
+            u, v = x / z * lens[k, 0] + lens[k, 2], y / z * lens[k, 1] + lens[k, 3]
+            if not (0 <= u <= clear.shape[1] - 1 and 0 <= v <= clear.shape[0] - 1):
+                continue
+            row, column = int(v + 0.5), int(u + 0.5)
+            if through[row, column] == k and clear[row, column] > z * far + SLACK:
+                return True
     return False

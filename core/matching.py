@@ -46,29 +46,35 @@ def find_partners(
     Searches outwards along ``up``: O(B · candidates within ``limit``) time, O(B) memory.
     """
     level = dot(boundary.point, up)
-    return _partners_kernel(
-        boundary.point,
-        level,
-        np.argsort(level, kind="stable"),
-        boundary.tangent,
-        boundary.normal,
-        boundary.outward,
-        boundary.loop,
-        boundary.arc,
-        boundary.length,
-        limit,
-        view.astype(np.int64),
+    order = np.argsort(level, kind="stable")  # neighbours in the search are neighbours in memory
+    at, price = _partners_kernel(
+        *(
+            field[order]
+            for field in (
+                boundary.point,
+                level,
+                boundary.tangent,
+                boundary.normal,
+                boundary.outward,
+                boundary.loop,
+                boundary.arc,
+                boundary.length[boundary.loop],
+                limit,
+                view.astype(np.int64),
+            )
+        ),
         maps.to_view,
-        maps.depth,
-        maps.seen,
+        maps.clear,
+        maps.through,
         maps.lens,
         maps.noise,
     )
+    partner, weighed = np.full(len(order), -1, np.int64), np.empty(len(order))
+    partner[order], weighed[order] = np.where(at >= 0, order[at], -1), price
+    return partner, weighed
 
 
-def warp_runs(
-    boundary: Boundary, partner: np.ndarray, price: np.ndarray, edge: float, min_run: int
-) -> Candidates:
+def warp_runs(boundary: Boundary, partner: np.ndarray, price: np.ndarray, edge: float, min_run: int) -> Candidates:
     """Runs of vertices whose partners are mutual and follow each other, warped, the best matched and longest first.
 
     Parameters
@@ -150,8 +156,13 @@ def _warp_kernel(rows, start, point, tangent, normal, price, edge):
         kept += 1
         begin[0, kept], begin[1, kept], begin[2, kept] = n_a, n_b, n_path
     return (
-        at_a[:n_a].copy(), begin[0, : kept + 1].copy(), at_b[:n_b].copy(), begin[1, : kept + 1].copy(),
-        path[:n_path].copy(), begin[2, : kept + 1].copy(), mean[:kept].copy()
+        at_a[:n_a].copy(),
+        begin[0, : kept + 1].copy(),
+        at_b[:n_b].copy(),
+        begin[1, : kept + 1].copy(),
+        path[:n_path].copy(),
+        begin[2, : kept + 1].copy(),
+        mean[:kept].copy(),
     )
 
 
@@ -159,37 +170,35 @@ def _warp_kernel(rows, start, point, tangent, normal, price, edge):
 def _partners_kernel(
     point,
     level,
-    order,
     tangent,
     normal,
     outward,
     loop,
     arc,
-    length_of,
+    whole,
     limit,
     view,
     to_view,
-    depth,
-    seen,
+    clear,
+    through,
     lens,
     noise,
 ):
-    """For each boundary vertex the one it would best be bridged to (index, -1 none) and at what cost [m]."""
+    """For each boundary vertex, in the order of ``level``, the one to bridge it to (-1 none) and at what cost [m]."""
     count = len(point)
     partner = np.full(count, -1, np.int64)
     price = np.full(count, np.inf)
-    for at in prange(count):
-        i = order[at]
+    for i in prange(count):
         best = np.inf
         which = -1
         # outwards along the sorting axis, on both sides in turn, until nothing nearer can come
-        down, up_ = at - 1, at + 1
+        down, up_ = i - 1, i + 1
         while down >= 0 or up_ < count:
-            if up_ >= count or (down >= 0 and level[i] - level[order[down]] <= level[order[up_]] - level[i]):
-                j = order[down]
+            if up_ >= count or (down >= 0 and level[i] - level[down] <= level[up_] - level[i]):
+                j = down
                 down -= 1
             else:
-                j = order[up_]
+                j = up_
                 up_ += 1
             if abs(level[j] - level[i]) > min(limit[i], best):
                 break
@@ -207,7 +216,7 @@ def _partners_kernel(
                 continue
             if loop[i] == loop[j]:  # across a slot, not round its tip
                 run = abs(arc[i] - arc[j])
-                run = min(run, length_of[loop[i]] - run)
+                run = min(run, whole[i] - run)
                 if run < 2.5 * d or run < 0.012:
                     continue
             out_i = (outward[i, 0] * dx + outward[i, 1] * dy + outward[i, 2] * dz) / (d + 1e-9)
@@ -217,7 +226,7 @@ def _partners_kernel(
             cost = d * (1.0 + 0.6 * (1.0 + along) + 0.5 * (1.0 - facing) + 0.4 * (2.0 - out_i - out_j))
             if cost >= best:
                 continue
-            if bridge_is_free(point[i], point[j], to_view, depth, seen, lens, noise):
+            if bridge_is_free(point, i, point, j, to_view, clear, through, lens, noise):
                 continue
             best = cost
             which = j

@@ -119,6 +119,19 @@ def _hash(x):
     return x ^ (x >> np.uint64(31))
 
 
+def extend_twins(twin: np.ndarray, triangles: np.ndarray, vertex_count: int) -> np.ndarray:
+    """:func:`twins` after triangles were added behind those whose ``twin`` is known, at open edges only."""
+    known = len(twin) // 3
+    some = np.concatenate((np.flatnonzero((twin.reshape(-1, 3) == -1).any(axis=1)), np.arange(known, len(triangles))))
+    found = twins(triangles[some], vertex_count)
+    found = np.where(found >= 0, 3 * some[found // 3] + found % 3, found)
+    out = np.concatenate((twin, np.full(3 * (len(triangles) - known), -1, np.int32)))
+    half = (3 * some[:, None] + np.arange(3)).ravel()
+    news = out[half] == -1
+    out[half[news]] = found[news]
+    return out
+
+
 def open_edges(triangles: np.ndarray, vertex_count: int, twin: np.ndarray | None = None) -> np.ndarray:
     """Edges of one triangle only: rows (tail, head, triangle), int32 (B, 3), in their triangle's direction.
 
@@ -266,7 +279,7 @@ def components_of(twin: np.ndarray, count: int) -> tuple[np.ndarray, int]:
 
 def compact(mesh: Mesh) -> Mesh:
     """The mesh without vertices that no triangle uses."""
-    used, triangles = _renumber_kernel(mesh.triangles, len(mesh.vertices))
+    used, triangles = renumbered(mesh.triangles, len(mesh.vertices))
     if len(used) == len(mesh.vertices):
         return mesh
     return replace(
@@ -279,7 +292,7 @@ def compact(mesh: Mesh) -> Mesh:
 
 
 @njit(cache=True, nogil=True)
-def _renumber_kernel(triangles, vertex_count):
+def renumbered(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np.ndarray]:
     """Vertices that are in use, ascending (U,) int32, and the triangles in their numbers."""
     index = np.zeros(vertex_count, np.int32)
     for t in range(len(triangles)):

@@ -13,6 +13,7 @@ from numba import njit
 
 from .camera import Intrinsics
 from .clipping import clip, distance_to_zero, smooth_on_mesh, trim_outline
+from .freespace import clear_depth
 from .linear import transform
 from .mesh import Mesh, triangles_touching, vertex_normals
 from .mirror import Mirror, reflection_matrix
@@ -48,12 +49,14 @@ class ViewMaps:
 
     ``to_view`` (N+1, 4, 4) takes a point to where view k's camera lays it (identity, then each mirror's reflection; of
     several cameras also each one's pose), ``lens`` (N+1, 4) its fx, fy, cx, cy [px]. Several cameras share one map:
-    their images stand below one another, each with its own ``cy`` (:func:`stack_maps`).
+    their images stand below one another, each with its own ``cy`` (:func:`stack_maps`). ``clear`` and ``through`` are
+    what :func:`.freespace.clear_depth` says of space seen to be empty.
     """
 
     depth: np.ndarray
     labels: np.ndarray
-    seen: np.ndarray
+    clear: np.ndarray
+    through: np.ndarray
     normals: np.ndarray
     confidence: np.ndarray
     to_view: np.ndarray
@@ -77,7 +80,7 @@ def view_maps(
     to_view = np.stack([np.eye(4)] + [reflection_matrix(m) for m in mirrors])
     lens = np.tile(intrinsics.lens, (len(to_view), 1))
     normals, confidence = _maps_kernel(depth, labels, lens[0], to_view)
-    return ViewMaps(depth, labels, seen, normals, confidence, to_view, lens, noise)
+    return ViewMaps(depth, labels, *clear_depth(depth, seen), normals, confidence, to_view, lens, noise)
 
 
 _APART = 4  # blank rows between the images of two cameras, more than any window reaches [px]
@@ -95,17 +98,17 @@ def stack_maps(maps: list[ViewMaps], poses: list[np.ndarray]) -> ViewMaps:
     """
     rows = sum(m.depth.shape[0] + _APART for m in maps)
     columns = max(m.depth.shape[1] for m in maps)
-    depth = np.zeros((rows, columns), np.float32)
-    labels, seen = np.full((rows, columns), -1, np.int8), np.full((rows, columns), -1, np.int8)
+    depth, clear = np.zeros((rows, columns), np.float32), np.zeros((rows, columns), np.float32)
+    labels, through = np.full((rows, columns), -1, np.int8), np.full((rows, columns), -1, np.int8)
     normals, confidence = np.zeros((rows, columns, 3)), np.zeros((rows, columns))
     to_view, lenses = [], []
     top = views = 0
     for one, pose in zip(maps, poses, strict=True):
         height, width = one.depth.shape
         part = (slice(top, top + height), slice(0, width))
-        depth[part], confidence[part] = one.depth, one.confidence
+        depth[part], clear[part], confidence[part] = one.depth, one.clear, one.confidence
         labels[part] = np.where(one.labels >= 0, one.labels + views, -1)
-        seen[part] = np.where(one.seen >= 0, one.seen + views, -1)
+        through[part] = np.where(one.through >= 0, one.through + views, -1)
         turn = np.eye(4)
         turn[:3, :3] = pose[:3, :3]
         normals[part] = transform(one.normals, turn)
@@ -116,7 +119,8 @@ def stack_maps(maps: list[ViewMaps], poses: list[np.ndarray]) -> ViewMaps:
     return ViewMaps(
         depth,
         labels,
-        seen,
+        clear,
+        through,
         normals,
         confidence,
         np.concatenate(to_view),
@@ -503,10 +507,19 @@ def _covered_kernel(chosen, vertices, view, vertex_normals, to_view, depth, kept
 
 def reading_noise(mesh: Mesh, maps: ViewMaps) -> np.ndarray:
     """Noise (V,) of each vertex's reading [m]; 0 for made ones."""
-    noise = np.zeros(len(mesh.vertices))
-    for view, relative in enumerate(maps.noise):
-        mine = np.flatnonzero(mesh.view == view)
-        noise[mine] = relative * transform(mesh.vertices[mine], maps.to_view[view])[:, 2]
+    return _noise_kernel(mesh.vertices, mesh.view, maps.to_view, maps.noise)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _noise_kernel(vertices, view, to_view, relative):
+    noise = np.zeros(len(vertices))
+    for i in range(len(vertices)):
+        k = view[i]
+        if k >= 0 and k < len(relative):
+            z = to_view[k, 2, 3]
+            for c in range(3):
+                z += to_view[k, 2, c] * vertices[i, c]
+            noise[i] = relative[k] * z
     return noise
 
 

@@ -215,8 +215,13 @@ def scan_steps(
     clock.lap("smoothing")
 
     yield at(0.83), "Triangulating the views"
-    patches = make_patches(depth, views, placed, noise, capture, settings.triangulation)
-    maps = view_maps(depth, views.labels, views.seen, camera, placed, noise)
+    maps, patches = each(
+        lambda work: work(),
+        (
+            lambda: view_maps(depth, views.labels, views.seen, camera, placed, noise),
+            lambda: make_patches(depth, views, placed, noise, capture, settings.triangulation),
+        ),
+    )
     clock.lap("triangulation")
     blind = [  # the reason why a mirror shows nobody is told instead where it is known
         text for text in views.warnings

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from .edge_set import empty_edges, join, joined, part
 from .mesh import SURFACE, Mesh, twins
 
 
@@ -16,7 +17,7 @@ def edge_length_at_vertices(mesh: Mesh) -> np.ndarray:
     return np.where(count > 0, mean, np.median(mean[count > 0]) if (count > 0).any() else 0.01)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _edge_length_kernel(vertices, triangles, kind):
     total = np.zeros(len(vertices))
     count = np.zeros(len(vertices))
@@ -75,7 +76,7 @@ def refine(mesh: Mesh, target: np.ndarray, factor: float, rounds: int = 10) -> t
     return refined, parents
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _middle_colors(colors, parents):
     """Colours (K, 3) float64 of new vertices, each half way between its two parents, which may be new themselves."""
     count = len(colors)
@@ -87,19 +88,19 @@ def _middle_colors(colors, parents):
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _distance2(p, i, j):
     return (p[i, 0] - p[j, 0]) ** 2 + (p[i, 1] - p[j, 1]) ** 2 + (p[i, 2] - p[j, 2]) ** 2
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _link(twin, a, b):
     twin[a] = b
     if b >= 0:
         twin[b] = a
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _refine_kernel(vertices, region, kind, twin, fixed, target, factor, rounds):
     count, m = len(vertices), len(region)
     room = 12 * m + 3000
@@ -115,27 +116,26 @@ def _refine_kernel(vertices, region, kind, twin, fixed, target, factor, rounds):
     size[:count] = target
     parents = np.empty((room, 2), np.int64)
     n = count
-    stride = np.int64(count + room)
     in_region = np.zeros(count, np.bool_)
     for t in range(m):
         for k in range(3):
             in_region[tri[t, k]] = True
-    # undirected edges between old vertices, which a flip must not repeat; a new vertex's one-ring is walked instead
-    edges = dict()
+    # edges between old vertices, which a flip must not repeat; a new vertex's one-ring is walked instead
+    edges = empty_edges(count, 3 * (m + len(fixed)))
     for t in range(m):
         for k in range(3):
             i, j = tri[t, k], tri[t, (k + 1) % 3]
-            if i < j or tw[3 * t + k] < 0:
-                edges[np.int64(min(i, j)) * stride + max(i, j)] = True
+            if i < j or (tw[3 * t + k] < 0 and not joined(i, j, *edges)):
+                join(i, j, *edges)
     for t in range(len(fixed)):
         for k in range(3):
             i, j = fixed[t, k], fixed[t, (k + 1) % 3]
-            if i < j and in_region[i] and in_region[j]:
-                edges[np.int64(min(i, j)) * stride + max(i, j)] = True
+            if i < j and in_region[i] and in_region[j] and not joined(i, j, *edges):
+                join(i, j, *edges)
     changed = np.ones(room, np.uint8)
     for _ in range(rounds):
         for _ in range(5):
-            if _flip_pass(p, tri, tw, m, edges, stride, count, changed) == 0:
+            if _flip_pass(p, tri, tw, m, edges, count, changed) == 0:
                 break
         score = np.empty(3 * m)
         long_edges = np.empty(3 * m, np.int64)
@@ -143,9 +143,9 @@ def _refine_kernel(vertices, region, kind, twin, fixed, target, factor, rounds):
         for e in range(3 * m):
             if tw[e] > e:
                 i, j = tri[e // 3, e % 3], tri[e // 3, (e % 3 + 1) % 3]
-                ratio = np.sqrt(_distance2(p, i, j)) / (factor * 0.5 * (size[i] + size[j]))
-                if ratio > 1.0:
-                    score[wanted] = -ratio
+                ratio2 = _distance2(p, i, j) / (factor * 0.5 * (size[i] + size[j])) ** 2
+                if ratio2 > 1.0:
+                    score[wanted] = -ratio2
                     long_edges[wanted] = e
                     wanted += 1
         if wanted == 0:
@@ -162,16 +162,16 @@ def _refine_kernel(vertices, region, kind, twin, fixed, target, factor, rounds):
             size[n] = 0.5 * (size[i] + size[j])
             changed[t] = changed[s] = changed[m] = changed[m + 1] = 1
             parents[n - count, 0], parents[n - count, 1] = i, j
-            m = _split(tri, tw, kinds, m, e, n, edges, stride, count)
+            m = _split(tri, tw, kinds, m, e, n, edges, count)
             n += 1
     for _ in range(8):
-        if _flip_pass(p, tri, tw, m, edges, stride, count, changed) == 0:
+        if _flip_pass(p, tri, tw, m, edges, count, changed) == 0:
             break
     return p[:n].copy(), tri[:m].copy(), kinds[:m].copy(), parents[: n - count].copy()
 
 
-@njit(cache=True, nogil=True)
-def _split(tri, tw, kinds, m, e, x, edges, stride, count):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _split(tri, tw, kinds, m, e, x, edges, count):
     """Put vertex x on half-edge e: triangles (a, b, c) and (b, a, d) become four."""
     g = tw[e]
     t, k, s, q = e // 3, e % 3, g // 3, g % 3
@@ -193,11 +193,11 @@ def _split(tri, tw, kinds, m, e, x, edges, stride, count):
     _link(tw, 3 * s + 2, db)
     _link(tw, 3 * s2 + 1, ad)
     if a < count and b < count:
-        edges[np.int64(min(a, b)) * stride + max(a, b)] = False
+        part(a, b, *edges)
     return m + 2
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _corner(p, apex, i, j):
     """Scalar product of the sides from ``apex`` to i and j, their cross product and its length."""
     ax, ay, az = p[i, 0] - p[apex, 0], p[i, 1] - p[apex, 1], p[i, 2] - p[apex, 2]
@@ -206,7 +206,7 @@ def _corner(p, apex, i, j):
     return ax * bx + ay * by + az * bz, nx, ny, nz, np.sqrt(nx * nx + ny * ny + nz * nz)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _is_neighbour(tri, tw, t, k, v):
     """Whether v is in the one-ring of corner k of triangle t, a vertex all of whose triangles are in the region."""
     t0 = t
@@ -219,16 +219,18 @@ def _is_neighbour(tri, tw, t, k, v):
         t, k = e // 3, (e % 3 + 1) % 3
 
 
-@njit(cache=True, nogil=True)
-def _flip_pass(p, tri, tw, m, edges, stride, count, changed):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _flip_pass(p, tri, tw, m, edges, count, changed):
     """Flip every inner edge whose opposite angles sum to more than 180°, unless that would fold the surface.
 
     Only edges of ``changed`` triangles are looked at; the flag is moved on to those that the flips changed.
     """
     flips = 0
     for e in range(3 * m):
+        if not changed[e // 3] & 1:
+            continue
         g = tw[e]
-        if g <= e or not (changed[e // 3] & 1 or changed[g // 3] & 1):
+        if g < 0 or (g < e and changed[g // 3] & 1):  # an edge of two changed triangles has its turn once
             continue
         t, k, s, q = e // 3, e % 3, g // 3, g % 3
         a, b, c, d = tri[t, k], tri[t, (k + 1) % 3], tri[t, (k + 2) % 3], tri[s, (q + 2) % 3]
@@ -247,18 +249,17 @@ def _flip_pass(p, tri, tw, m, edges, stride, count, changed):
             continue
         if area_u + area_w > 1.3 * (area_c + area_d):
             continue
-        key = np.int64(min(c, d)) * stride + max(c, d)
         if c < count and d < count:
-            if key in edges and edges[key]:
+            if joined(c, d, *edges):
                 continue
-            edges[key] = True
+            join(c, d, *edges)
         elif c >= count:
             if _is_neighbour(tri, tw, t, (k + 2) % 3, d):
                 continue
         elif _is_neighbour(tri, tw, s, (q + 2) % 3, c):
             continue
         if a < count and b < count:
-            edges[np.int64(min(a, b)) * stride + max(a, b)] = False
+            part(a, b, *edges)
         bc, ca = tw[3 * t + (k + 1) % 3], tw[3 * t + (k + 2) % 3]
         ad, db = tw[3 * s + (q + 1) % 3], tw[3 * s + (q + 2) % 3]
         tri[t, 0], tri[t, 1], tri[t, 2] = a, d, c

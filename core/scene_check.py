@@ -83,8 +83,8 @@ def check_scene(
         Each says what is wrong, where, and what to do. Empty for a good scene.
     """
     told = _cut_by_image(views, intrinsics)
-    subject = views.points[views.labels == 0]
-    subject = subject[:: len(subject) // 4000 + 1]
+    mine = np.flatnonzero(views.labels == 0)
+    subject = views.points.reshape(-1, 3)[mine[:: len(mine) // 4000 + 1]]
     if len(subject):
         for k, mirror in enumerate(mirrors, start=1):
             told += _about(
@@ -175,12 +175,12 @@ def foresee(
         # seen by the camera a points left, b down
         over_glass = {"left": a - a1, "right": a0 - a, "top": b0 - b, "bottom": b - b1}
         through &= (a > a0) & (a < a1) & (b > b0) & (b < b1)
-        over_glass = {side: _beyond(np.where(ahead, value, np.inf)) for side, value in over_glass.items()}
+        over_glass = _beyond({side: np.where(ahead, value, np.inf) for side, value in over_glass.items()})
     per_pixel = z / k.fx
-    over_image = {
-        "left": _beyond(-u * per_pixel), "right": _beyond((u - k.width + 1) * per_pixel),
-        "top": _beyond(-v * per_pixel), "bottom": _beyond((v - k.height + 1) * per_pixel),
-    }  # fmt: skip
+    over_image = _beyond({
+        "left": -u * per_pixel, "right": (u - k.width + 1) * per_pixel,
+        "top": -v * per_pixel, "bottom": (v - k.height + 1) * per_pixel,
+    })  # fmt: skip
     inside = through & (u >= 0) & (v >= 0) & (u <= k.width - 1) & (v <= k.height - 1)
     row, column = np.rint(v[inside]).astype(int), np.rint(u[inside]).astype(int)
     label, reading = views.labels[row, column], depth[row, column]
@@ -193,9 +193,10 @@ def foresee(
     )  # fmt: skip
 
 
-def _beyond(distance: np.ndarray) -> float:
-    """How far the subject reaches beyond an edge, but for its outermost hundredth [m]; negative = room to spare."""
-    return float(np.quantile(distance, 0.99))
+def _beyond(distance: dict[str, np.ndarray]) -> dict[str, float]:
+    """How far the subject reaches beyond each edge, but for its outermost hundredth [m]; negative = room to spare."""
+    reach = np.quantile(np.stack(list(distance.values())), 0.99, axis=1)
+    return dict(zip(distance, reach.tolist(), strict=True))
 
 
 def _about(mirror: Mirror, found: Reflection, shown: bool, model: NoiseModel | None) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,8 +80,19 @@ def _compare(depth: np.ndarray, labels: np.ndarray, a: np.ndarray, b: np.ndarray
     """How far each block of the subject went between two groups of frames [m]; 0 where noise would do that too."""
     cells = _cell_kernel(depth, labels, a, b)
     views = cells[0]
-    moved = [_view_motion(np.where(views == k, cells[1:], 0.0), pixel_angle) for k in np.unique(views[views >= 0])]
+    moved = []
+    for k in np.unique(views[views >= 0]):
+        inside = views == k
+        box = tuple(_extent(inside.any(axis=axis)) for axis in (1, 0))
+        moved.append(_view_motion(np.where(inside[box], cells[1:, *box], 0.0), pixel_angle))
     return np.concatenate(moved) if moved else np.zeros(0)
+
+
+def _extent(inside: np.ndarray) -> slice:
+    """Where ``inside`` (N,) bool holds, widened to whole blocks, whichever size they will have."""
+    first, last = np.flatnonzero(inside)[[0, -1]]
+    step = math.lcm(*_BLOCKS)
+    return slice(first // step * step, (last // step + 1) * step)
 
 
 def _view_motion(cells: np.ndarray, pixel_angle: float) -> np.ndarray:

@@ -130,73 +130,71 @@ def _peel_kernel(twin):
     return keep
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _joined(za, zb, slope, floor):
     # the step in depth against the distance across the line of sight, both relative to z
     z = min(za, zb)
     return abs(za - zb) <= max(slope * z * 1.42, floor * z)
 
 
-@njit(cache=True, nogil=True)
-def _distance2(p, q):
-    return (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2
+@njit(cache=True, nogil=True, error_model="numpy")
+def _distance2(points, i, j):
+    return (points[i, 0] - points[j, 0]) ** 2 + (points[i, 1] - points[j, 1]) ** 2 + (points[i, 2] - points[j, 2]) ** 2
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _grid_kernel(depth, labels, view, points, slope, floor, box):
-    height, width = depth.shape
-    index = np.full((height, width), -1, np.int32)
+    """Triangles (T, 3) in numbers of vertices, and each vertex's pixel (V,) in the image laid out flat."""
+    width = depth.shape[1]
+    z, label, place = depth.ravel(), labels.ravel(), points.reshape(-1, 3)
+    index = np.full(len(z), -1, np.int32)
     room = (box[1] - box[0] + 1) * (box[3] - box[2] + 1)
     pixels = np.empty(room, np.int64)
     triangles = np.empty((2 * room, 3), np.int32)
     n_vertices = 0
     n = 0
-    corner = np.empty(4, np.int64)
     for v in range(box[0], box[1]):
         for u in range(box[2], box[3]):
             # counter-clockwise seen from the camera (v points down): top left, bottom left, bottom right, top right
-            corner[0], corner[1] = v * width + u, (v + 1) * width + u
-            corner[2], corner[3] = (v + 1) * width + u + 1, v * width + u + 1
-            valid = 0
-            missing = -1
-            for k in range(4):
-                if labels[corner[k] // width, corner[k] % width] == view:
-                    valid += 1
-                else:
-                    missing = k
+            a = v * width + u
+            b, c, d = a + width, a + width + 1, a + 1
+            has_a, has_b, has_c, has_d = label[a] == view, label[b] == view, label[c] == view, label[d] == view
+            valid = np.int64(has_a) + np.int64(has_b) + np.int64(has_c) + np.int64(has_d)
             if valid < 3:
                 continue
             start = n
             if valid == 4:
-                p0, p1 = points[v, u], points[v + 1, u]
-                p2, p3 = points[v + 1, u + 1], points[v, u + 1]
-                if _distance2(p0, p2) <= _distance2(p1, p3):
-                    options = ((0, 1, 2), (0, 2, 3))
+                if _distance2(place, a, c) <= _distance2(place, b, d):
+                    n = _add(a, b, c, z, slope, floor, triangles, n)
+                    n = _add(a, c, d, z, slope, floor, triangles, n)
                 else:
-                    options = ((0, 1, 3), (1, 2, 3))
-                for t in range(2):
-                    n = _add(options[t], corner, width, depth, slope, floor, triangles, n)
+                    n = _add(a, b, d, z, slope, floor, triangles, n)
+                    n = _add(b, c, d, z, slope, floor, triangles, n)
+            elif not has_a:
+                n = _add(b, c, d, z, slope, floor, triangles, n)
+            elif not has_b:
+                n = _add(c, d, a, z, slope, floor, triangles, n)
+            elif not has_c:
+                n = _add(d, a, b, z, slope, floor, triangles, n)
             else:
-                a, b, c = (missing + 1) % 4, (missing + 2) % 4, (missing + 3) % 4
-                n = _add((a, b, c), corner, width, depth, slope, floor, triangles, n)
+                n = _add(a, b, c, z, slope, floor, triangles, n)
             for t in range(start, n):
                 for k in range(3):
                     pixel = triangles[t, k]
-                    if index[pixel // width, pixel % width] < 0:
-                        index[pixel // width, pixel % width] = n_vertices
+                    if index[pixel] < 0:
+                        index[pixel] = n_vertices
                         pixels[n_vertices] = pixel
                         n_vertices += 1
-                    triangles[t, k] = index[pixel // width, pixel % width]
+                    triangles[t, k] = index[pixel]
     return triangles[:n].copy(), pixels[:n_vertices].copy()
 
 
-@njit(cache=True, nogil=True)
-def _add(which, corner, width, depth, slope, floor, triangles, n):
-    for k in range(3):
-        a, b = corner[which[k]], corner[which[(k + 1) % 3]]
-        ya, xa, yb, xb = a // width, a % width, b // width, b % width
-        if not _joined(depth[ya, xa], depth[yb, xb], slope, floor):
-            return n
-    for k in range(3):
-        triangles[n, k] = corner[which[k]]
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add(a, b, c, z, slope, floor, triangles, n):
+    """Write the triangle of pixels a, b, c as the n-th where depth continues along its sides; returns the next n."""
+    if not (
+        _joined(z[a], z[b], slope, floor) and _joined(z[b], z[c], slope, floor) and _joined(z[c], z[a], slope, floor)
+    ):
+        return n
+    triangles[n, 0], triangles[n, 1], triangles[n, 2] = a, b, c
     return n + 1

@@ -20,6 +20,7 @@ from .mesh import (
     keep_twins,
     open_edges,
     remove_bowties,
+    renumbered,
     triangles_touching,
     twins,
 )
@@ -109,27 +110,34 @@ def _smooth_apart(mesh: Mesh, crossing: np.ndarray, rounds: int) -> tuple[Mesh, 
     """The mesh relaxed around its ``crossing`` triangles, and which still cross."""
     if not len(crossing):
         return mesh, crossing
-    vertices = mesh.vertices.copy()
+    # only what is near matters; vertices whose whole one-ring is in it may move
+    near = _within(mesh.vertices, mesh.vertices[mesh.triangles[crossing].ravel()], _ABOUT)
+    part = np.flatnonzero(triangles_touching(mesh.triangles, near))
+    inner, triangles = renumbered(mesh.triangles[part], len(mesh.vertices))
+    vertices, movable = mesh.vertices[inner], near[inner]
+    crossing = np.searchsorted(part, crossing)
     for turn in range(rounds):
         reach = 1 + turn // 2
-        seeds = mesh.triangles[crossing].ravel()
+        seeds = triangles[crossing].ravel()
         # what moves, and what it may run into: triangles that reach into its surroundings
-        local = _triangles_within(mesh.triangles, seeds, reach + 3, len(vertices))
-        used, triangles = np.unique(mesh.triangles[local], return_inverse=True)
-        triangles = triangles.reshape(-1, 3).astype(np.int32)
-        start, heads = neighbours(triangles, len(used))
+        local = _triangles_within(triangles, seeds, reach + 3, len(vertices))
+        used, around = renumbered(triangles[local], len(vertices))
+        start, heads = neighbours(around, len(used))
         core = _grow(np.searchsorted(used, seeds), start, heads, reach, len(used))
+        core = core[movable[used[core]]]
+        if not len(core):
+            break
         moved = _relax(vertices[used], core, start, heads, 4 + 2 * turn)
         vertices[used] = moved
-        crossing = local[np.unique(self_intersections(moved, triangles))]
+        crossing = local[np.unique(self_intersections(moved, around))]
         if not len(crossing):
             break
-    return replace(mesh, vertices=vertices), crossing
+    out = mesh.vertices.copy()
+    out[inner] = vertices
+    return replace(mesh, vertices=out), part[crossing]
 
 
-def _fill_anew(
-    mesh: Mesh, crossing: np.ndarray, rings: int, maps: ViewMaps | None
-) -> tuple[Mesh, np.ndarray] | None:
+def _fill_anew(mesh: Mesh, crossing: np.ndarray, rings: int, maps: ViewMaps | None) -> tuple[Mesh, np.ndarray] | None:
     """The mesh with its ``crossing`` triangles and so many rings around them taken out, and the holes filled; and the
     points (K, 3) about which that changed it.
 

@@ -82,8 +82,20 @@ def weave_seams(
     """
     c, w = candidates, weave
     strips, views, figures = _weave_kernel(
-        c.at_a, c.begin_a, c.at_b, c.begin_b, c.path, c.begin_path, w.after, w.loop, w.piece, w.root, w.used,
-        boundary.vertex, mesh.vertices, mesh.view
+        c.at_a,
+        c.begin_a,
+        c.at_b,
+        c.begin_b,
+        c.path,
+        c.begin_path,
+        w.after,
+        w.loop,
+        w.piece,
+        w.root,
+        w.used,
+        boundary.vertex,
+        mesh.vertices,
+        mesh.view,
     )
     seams = [
         Seam((int(low), int(high)), float(run), float(mean), float(worst), method, float(total))

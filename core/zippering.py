@@ -88,8 +88,6 @@ def zip_patches(
     count = len(mesh.vertices)
     twin = twins(mesh.triangles, count)
     label, pieces = components_of(twin, len(mesh.triangles))
-    piece, root = np.zeros(count, np.int64), np.arange(pieces)
-    piece[mesh.triangles] = label[:, None]
     edges = open_edges(mesh.triangles, count, twin)
     if not len(edges):
         return mesh, seams
@@ -100,6 +98,8 @@ def zip_patches(
     whole, measured = mesh, int(shore.sum())
     edges[:, 2] = (np.cumsum(shore) - 1)[edges[:, 2]]
     mesh = replace(mesh, triangles=mesh.triangles[shore], kind=mesh.kind[shore])
+    piece, root = np.zeros(count, np.int64), np.arange(pieces)
+    piece[mesh.triangles] = label[shore, None]
     boundary = boundary_of(mesh, edges)
     candidates = _compact_candidates(mesh, patches, boundary, maps, up, axis, floor, settings)
     known = len(mesh.triangles)
@@ -148,7 +148,7 @@ def _compact_candidates(
         at_a, at_b, path = entry[a.vertices], entry[b.vertices[::-1]], warping.path
         p, q = boundary.point[at_a[path[:, 0]]], boundary.point[at_b[path[:, 1]]]
         near = np.linalg.norm(p - q, axis=1) <= settings.compact_gap
-        near &= ~_free_bridges(p, q, maps.to_view, maps.depth, maps.seen, maps.lens, maps.noise)
+        near &= ~_free_bridges(p, q, maps.to_view, maps.clear, maps.through, maps.lens, maps.noise)
         standing = np.ones(len(p), np.bool_)
         if floor is not None:  # soles have nothing to be matched with
             standing = (dot(p, up) > floor + settings.floor_band) & (dot(q, up) > floor + settings.floor_band)
@@ -184,8 +184,8 @@ def _runs_of(mask: np.ndarray, shortest: int) -> list[tuple[int, int]]:
 
 
 @njit(cache=True, nogil=True)
-def _free_bridges(p, q, to_view, depth, seen, lens, noise):
+def _free_bridges(p, q, to_view, clear, through, lens, noise):
     free = np.zeros(len(p), np.bool_)
     for i in range(len(p)):
-        free[i] = bridge_is_free(p[i], q[i], to_view, depth, seen, lens, noise)
+        free[i] = bridge_is_free(p, i, q, i, to_view, clear, through, lens, noise)
     return free

@@ -479,9 +479,7 @@ def table(steps: Sequence[Step], body: Mesh) -> list[str]:
     ]
     for s in steps:
         parts = " + ".join(str(v) for v in s.vertices)
-        lines.append(
-            f"{s.decimation:5.4g} %   {parts:>28}{s.seam_triangles:13}{_figures(s, tall)}   {s.method}"
-        )
+        lines.append(f"{s.decimation:5.4g} %   {parts:>28}{s.seam_triangles:13}{_figures(s, tall)}   {s.method}")
     if any(s.bridged for s in steps):
         lines.append("the same parts by Blender's Bridge Edge Loops and Fill Holes")
     for s in steps:

@@ -87,8 +87,14 @@ class Solid:
             kind, blend, origin, axes, size, table, low, high = self._rows[i]
             corners = (low + _CORNERS * (high - low)) @ matrix.T
             self._rows[i] = (
-                kind, blend, pivot + matrix @ (origin - pivot), axes @ matrix.T, size, table,
-                corners.min(axis=0), corners.max(axis=0),
+                kind,
+                blend,
+                pivot + matrix @ (origin - pivot),
+                axes @ matrix.T,
+                size,
+                table,
+                corners.min(axis=0),
+                corners.max(axis=0),
             )
 
     def _add(self, name, kind, blend, origin, axes, size, table, low, high, side) -> None:
@@ -109,9 +115,14 @@ class Solid:
         margin = (np.abs(blend) + 0.03)[:, None]
         empty = np.zeros((TABLE_SAMPLES, 6))
         return Primitives(
-            np.array(kind, dtype=np.int64), blend, origin, np.array(axes), np.array(size, dtype=float),
+            np.array(kind, dtype=np.int64),
+            blend,
+            origin,
+            np.array(axes),
+            np.array(size, dtype=float),
             np.array([empty if t is None else t for t in table]),
-            origin + np.array(low) - margin, origin + np.array(high) + margin,
+            origin + np.array(low) - margin,
+            origin + np.array(high) + margin,
         )
 
 
@@ -134,8 +145,10 @@ def smooth_table(stations: np.ndarray, samples: int) -> np.ndarray:
     h = (x[i + 1] - x[i])[:, None]
     s = (at - x[i])[:, None] / h
     return (
-        (1 + 2 * s) * (1 - s) ** 2 * y[i] + s * (1 - s) ** 2 * h * slope[i]
-        + s * s * (3 - 2 * s) * y[i + 1] - s * s * (1 - s) * h * slope[i + 1]
+        (1 + 2 * s) * (1 - s) ** 2 * y[i]
+        + s * (1 - s) ** 2 * h * slope[i]
+        + s * s * (3 - 2 * s) * y[i + 1]
+        - s * s * (1 - s) * h * slope[i + 1]
     )
 
 

@@ -16,9 +16,16 @@ from .distance_field import LOFT, Primitives, Solid, frame_along, nearest_primit
 
 DRAWN_HEIGHT = 1.70
 _LIMITS = {
-    "arm_angle_deg": (20.0, 78.0), "elbow_bend_deg": (0.0, 45.0), "leg_spread_deg": (3.0, 22.0), "girth": (0.8, 1.35),
-    "shoulder_width": (0.88, 1.15), "hip_width": (0.88, 1.15), "head_turn_deg": (-45.0, 45.0), "bust": (0.0, 1.0),
-    "arm_forward_deg": (-20.0, 80.0), "step_deg": (-20.0, 20.0),
+    "arm_angle_deg": (20.0, 78.0),
+    "elbow_bend_deg": (0.0, 45.0),
+    "leg_spread_deg": (3.0, 22.0),
+    "girth": (0.8, 1.35),
+    "shoulder_width": (0.88, 1.15),
+    "hip_width": (0.88, 1.15),
+    "head_turn_deg": (-45.0, 45.0),
+    "bust": (0.0, 1.0),
+    "arm_forward_deg": (-20.0, 80.0),
+    "step_deg": (-20.0, 20.0),
 }
 
 
@@ -82,6 +89,7 @@ class Figure:
 
 def random_figure(rng: np.random.Generator) -> Figure:
     """Someone else: proportions, pose and colours drawn within what people have."""
+
     def color(low, high):
         return tuple(int(c) for c in rng.integers(low, high, 3))
 

@@ -123,9 +123,10 @@ def test_crumbs_are_left_out_and_said_so(blind_maps):
     check_closed(closed)
     assert closed.vertices[:, 0].min() > 0 and closed.vertices[:, 0].max() < 1
     assert len(notes) == 1 and "2 small piece" in notes[0]
-    left, kept, dropped = keep_components(scene)
+    left, kept, dropped = keep_components(scene, twins(scene.triangles, len(scene.vertices)))
     assert (kept, dropped) == (0, 2) and len(left.triangles) == len(post(0.02).triangles)
-    alone, kept, dropped = keep_components(post(0.02))
+    whole = post(0.02)
+    alone, kept, dropped = keep_components(whole, twins(whole.triangles, len(whole.vertices)))
     assert (kept, dropped) == (0, 0) and len(alone.triangles) == len(left.triangles)
 
 
