@@ -25,27 +25,32 @@ def smooth_on_mesh(values: np.ndarray, triangles: np.ndarray, rounds: int) -> np
     return _smooth_values_kernel(np.ascontiguousarray(values, dtype=np.float64), triangles, rounds)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _smooth_values_kernel(values, triangles, rounds):
+    # a triangle adds half of either neighbour to each corner: an edge has two, and so counts once
     count, width = values.shape
+    share = np.ones(count)
+    for t in range(len(triangles)):
+        for k in range(3):
+            share[triangles[t, k]] += 1.0
+    share = 1.0 / share
     for _ in range(rounds):
         total = values.copy()
-        weight = np.ones(count)
         for t in range(len(triangles)):
-            for k in range(3):
-                i, j = triangles[t, k], triangles[t, (k + 1) % 3]
-                for c in range(width):
-                    total[i, c] += 0.5 * values[j, c]
-                    total[j, c] += 0.5 * values[i, c]
-                weight[i] += 0.5
-                weight[j] += 0.5
+            i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+            for c in range(width):
+                a, b, d = 0.5 * values[i, c], 0.5 * values[j, c], 0.5 * values[k, c]
+                total[i, c] += b + d
+                total[j, c] += a + d
+                total[k, c] += a + b
         for i in range(count):
             for c in range(width):
-                values[i, c] = total[i, c] / weight[i]
+                total[i, c] *= share[i]
+        values = total
     return values
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def distance_to_zero(field: np.ndarray, vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """First-order distance of each vertex to the field's zero line: value over gradient length [m].
 
@@ -107,7 +112,7 @@ def clip(mesh: Mesh, field: np.ndarray, level: float) -> Mesh:
     return compact(Mesh(vertices, triangles, colors, view, kind))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _clip_kernel(vertices, triangles, field, level):
     count = len(vertices)
     # vertices close to the line snap to it by sliding along the edge that crosses it
