@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .capture import Capture
-from .depth import DepthSettings, close_dropouts, measure_noise
+from .depth import DepthSettings, close_dropouts, noise_of_windows, window_variance
 from .errors import MirrorScanError
 from .quantisation import dequantise, find_step
 from .sensors import SENSORS, NoiseModel
@@ -82,24 +82,27 @@ def clean(
         What is left, relative to z.
     """
     depth, labels = close_dropouts(depth, labels, settings.close_gaps)
-    noise = measure_noise(depth, labels, views)
+    noise, variance = np.zeros(views), window_variance(depth, labels)
     step = model.step(focal) if model is not None else 0.0
     for view in range(views):
         mine = labels == view
         if not mine.any():
             continue
+        windows = variance[mine]
+        noise[view] = noise_of_windows(windows)
         z = float(np.median(depth[mine]))
         quantum = step * z  # relative to z
         if quantum and settings.dequantise:
             single = noise[view] if spread is None else float(np.median(spread[mine]))
             if single < _DITHER * quantum:
                 depth = dequantise(depth, labels, view, step, settings)
-                noise[view] = max(measure_noise(depth, np.where(mine, 0, -1).astype(np.int8), 1)[0], 0.1 * quantum)
+                windows = window_variance(depth, np.where(mine, 0, -1).astype(np.int8))[mine]
+                noise[view] = max(noise_of_windows(windows), 0.1 * quantum)
         if noise[view] == 0 and model is not None:  # no window is whole: too thin, too torn
             noise[view] = model.sigma(z, focal) / z
         if settings.smoothing <= 0:
             continue
-        calm, relief = _relief(depth, labels, view, noise[view], z)
+        calm, relief = _relief(windows, noise[view], z)
         before, sigma = depth, smoothing_sigma(noise[view], z, 1.0 / focal, settings)
         depth = smooth_view(before, labels, view, noise[view], sigma, settings)
         if relief > 0:
@@ -109,15 +112,16 @@ def clean(
     return depth, labels, noise
 
 
-def _relief(depth: np.ndarray, labels: np.ndarray, view: int, noise: float, z: float) -> tuple[float, float]:
-    """Noise that is left for certain, and how far what is beyond it must be taken for relief [0..1].
+def _relief(windows: np.ndarray, noise: float, z: float) -> tuple[float, float]:
+    """Noise that is left for certain in a view's ``windows`` (:func:`.depth.window_variance`), and how far what is
+    beyond it must be taken for relief [0..1].
 
     Only readings as good as their millimetres can tell the two apart: a camera's own noise differs from place to place
     by more than relief does.
     """
     if noise * z > 8 * _ROUNDING:
         return noise, 0.0
-    calm = float(measure_noise(depth, np.where(labels == view, 0, -1).astype(np.int8), 1, calm=True)[0])
+    calm = noise_of_windows(windows, calm=True)
     if calm == 0:
         return noise, 0.0
     low, high = _RELIEF

@@ -261,8 +261,8 @@ def _close_kernel(depth, labels):
     return new_depth, new_labels
 
 
-def measure_noise(depth: np.ndarray, labels: np.ndarray, views: int, calm: bool = False) -> np.ndarray:
-    """Noise of each view, measured on the data: robust residual of 5×5 quadratic surfaces fitted in disparity.
+def measure_noise(depth: np.ndarray, labels: np.ndarray, views: int) -> np.ndarray:
+    """Noise of each view, measured on the data: :func:`noise_of_windows` over all of it.
 
     Parameters
     ----------
@@ -272,23 +272,34 @@ def measure_noise(depth: np.ndarray, labels: np.ndarray, views: int, calm: bool 
         View of each pixel.
     views : int
         How many there are.
-    calm : bool
-        Go by the calmest tenth of the windows instead of the median one: where relief finer than a window is taken
-        for noise, they have the least of it. Noise that is alike all over a view gives the same figure twice.
 
     Returns
     -------
     np.ndarray [shape=(views,), dtype=float64]
         Standard deviation of a reading relative to its z, a view; 0 for a view without a full window.
     """
-    variance = _residual_kernel(depth, labels, 3)  # every third row tells enough for a median
-    noise = np.zeros(views)
+    variance = window_variance(depth, labels)
+    return np.array([noise_of_windows(variance[labels == view]) for view in range(views)])
+
+
+def window_variance(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """Variance (H, W) of each 5×5 window's readings about the quadratic surface fitted to their disparity.
+
+    Relative to z²; -1 where a window holds other labels than its middle's, and in two of three rows, for the third
+    tells enough for a median.
+    """
+    return _residual_kernel(depth, labels, 3)
+
+
+def noise_of_windows(variance: np.ndarray, calm: bool = False) -> float:
+    """Standard deviation of a reading relative to its z by some of :func:`window_variance`; 0 where all are -1.
+
+    The median window's; with ``calm`` that of the calmest tenth: where relief finer than a window is taken for noise,
+    they have the least of it. Noise that is alike everywhere gives the same figure twice.
+    """
     percentile, expected = (10, 0.613) if calm else (50, 0.965)  # of chi²/n with n = 19 degrees of freedom
-    for k in range(views):
-        r = variance[(labels == k) & (variance >= 0)]
-        if r.size:
-            noise[k] = np.sqrt(np.percentile(r, percentile) / expected)
-    return noise
+    variance = variance[variance >= 0]
+    return float(np.sqrt(np.percentile(variance, percentile) / expected)) if variance.size else 0.0
 
 
 @njit(cache=True, nogil=True, parallel=True)

@@ -21,6 +21,7 @@ from .mirror import (
     reflection_moves,
     with_reason,
 )
+from .threads import each
 
 
 def fit_frame(
@@ -251,10 +252,13 @@ def align_reflections(
     settings = settings or JointSettings()
     if not settings.use:
         return list(mirrors), ()
-    out, notes = [], []
-    for mirror in mirrors:
+
+    def aligned(mirror: Mirror) -> Mirror | None:
         movable = mirror.covariance is not None and mirror.source in ("picked", "found")
-        better = _aligned(mirror, depth, intrinsics, settings) if movable and mirror.rectangle is not None else None
+        return _aligned(mirror, depth, intrinsics, settings) if movable and mirror.rectangle is not None else None
+
+    out, notes = [], []
+    for mirror, better in zip(mirrors, each(aligned, mirrors), strict=True):
         if better is not None:
             shift = 1000.0 * float((better.point - mirror.point) @ mirror.normal)
             notes.append(

@@ -110,10 +110,15 @@ def keep_relief(
     return _relief_kernel(depth, smooth, labels, view, noise, share)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _relief_kernel(depth, smooth, labels, view, noise, share):
     height, width = depth.shape
     out = smooth.copy()
+    change = np.full((height, width), -1.0)  # squared, -1 where there is none
+    for v in range(height):
+        for u in range(width):
+            if labels[v, u] == view:
+                change[v, u] = (smooth[v, u] / depth[v, u] - 1.0) ** 2
     for v in range(height):
         for u in range(width):
             if labels[v, u] != view:
@@ -121,10 +126,9 @@ def _relief_kernel(depth, smooth, labels, view, noise, share):
             total, count = 0.0, 0
             for y in range(max(v - 2, 0), min(v + 3, height)):
                 for x in range(max(u - 2, 0), min(u + 3, width)):
-                    if labels[y, x] == view:
-                        change = smooth[y, x] / depth[y, x] - 1.0
-                        total += change * change
-                        count += 1
+                    known = change[y, x] >= 0
+                    total += change[y, x] if known else 0.0
+                    count += known
             held = 1.0 - min(1.0, noise * noise * count / total) if total > 0 else 0.0
             out[v, u] += share * held * (depth[v, u] - smooth[v, u])
     return out
