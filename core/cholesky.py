@@ -1,5 +1,5 @@
-"""Sparse symmetric systems solved outright: ordered by Cuthill and McKee (1969), reversed, so that the entries lie near
-the diagonal, then factorised within that envelope (George and Liu 1981)."""
+"""Sparse least squares solved outright: unknowns ordered by Cuthill and McKee (1969), reversed, so that those that meet
+lie close together, then the normal equations factorised within that envelope (George and Liu 1981)."""
 
 from __future__ import annotations
 
@@ -9,16 +9,27 @@ from numba import njit
 _SIDE = 4  # of the blocks a matrix is kept in: as wide as the processor's registers
 
 
-def solve(start: np.ndarray, heads: np.ndarray, values: np.ndarray, rhs: np.ndarray) -> np.ndarray:
-    """Solve A x = b for a symmetric positive definite A.
+def solve_squares(
+    start: np.ndarray,
+    columns: np.ndarray,
+    values: np.ndarray,
+    diagonal: np.ndarray,
+    rhs: np.ndarray,
+    order: np.ndarray | None = None,
+) -> np.ndarray:
+    """Solve (LᵀL + D) x = b, which must be positive definite.
 
     Parameters
     ----------
-    start : np.ndarray [shape=(N+1,)]
-        Where each row of A begins.
-    heads, values : np.ndarray [shape=(E,)]
-        Columns and values, both triangles, the diagonal too.
+    start : np.ndarray [shape=(M+1,)]
+        Where each row of L begins.
+    columns, values : np.ndarray [shape=(E,)]
+        Its columns, none twice in a row, and values; entries of column -1 do not count.
+    diagonal : np.ndarray [shape=(N,)]
+        D.
     rhs : np.ndarray [shape=(N, K)]
+    order : np.ndarray [shape=(N,)], optional
+        In which order to eliminate the unknowns: :func:`elimination_order` of whose rows meet.
 
     Returns
     -------
@@ -29,12 +40,15 @@ def solve(start: np.ndarray, heads: np.ndarray, values: np.ndarray, rhs: np.ndar
     O(N · w) memory and O(N · w²) time for envelopes w wide: of a mesh about twice the vertices of its widest front, so
     that strips and many small holes take O(N).
     """
-    return _solve_kernel(start, heads, values, rhs, _order(start, heads))
+    return _solve_kernel(start, columns, values, diagonal, rhs, np.arange(len(rhs)) if order is None else order)
 
 
 @njit(cache=True, nogil=True)
-def _order(start, heads):
-    """Reversed Cuthill–McKee: breadth first from a far end of each component, those of few neighbours first."""
+def elimination_order(start: np.ndarray, heads: np.ndarray) -> np.ndarray:
+    """Reversed Cuthill–McKee (N,): breadth first from a far end of each component, those of few neighbours first.
+
+    ``start`` (N+1,) and ``heads`` (E,): who is whose neighbour, as CSR arrays. O(E · neighbours).
+    """
     count = len(start) - 1
     order = np.empty(count, np.int64)
     seen = np.zeros(count, np.int64)  # the last walk that came by
@@ -92,7 +106,7 @@ def _flush(value):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _solve_kernel(start, heads, values, rhs, order):
+def _solve_kernel(start, columns, values, diagonal, rhs, order):
     count, width = rhs.shape
     blocks = (count + _SIDE - 1) // _SIDE
     place = np.empty(count, np.int64)
@@ -101,19 +115,35 @@ def _solve_kernel(start, heads, values, rhs, order):
     # Row i of blocks is kept from its first, in column low[i], to the diagonal: block (i, j) at base[i] + 16 j,
     # column by column.
     low, base = np.arange(blocks), np.empty(blocks, np.int64)
-    for k in range(count):
-        for e in range(start[order[k]], start[order[k] + 1]):
-            low[k // _SIDE] = min(low[k // _SIDE], place[heads[e]] // _SIDE)
+    most = 0
+    for row in range(len(start) - 1):
+        first = count
+        for e in range(start[row], start[row + 1]):
+            if columns[e] >= 0:
+                first = min(first, place[columns[e]])
+        for e in range(start[row], start[row + 1]):
+            if columns[e] >= 0:
+                block = place[columns[e]] // _SIDE
+                low[block] = min(low[block], first // _SIDE)
+        most = max(most, start[row + 1] - start[row])
     room = 0
     for i in range(blocks):
         base[i] = 16 * (room - low[i])
         room += i - low[i] + 1
     lower = np.zeros(16 * room)
+    at, value = np.empty(most, np.int64), np.empty(most)
+    for row in range(len(start) - 1):
+        n = 0
+        for e in range(start[row], start[row + 1]):
+            if columns[e] >= 0:
+                at[n], value[n] = place[columns[e]], values[e]
+                n += 1
+        for a in range(n):
+            for b in range(n):
+                if at[b] <= at[a]:
+                    lower[base[at[a] // _SIDE] + _SIDE * at[b] + at[a] % _SIDE] += value[a] * value[b]
     for k in range(count):
-        for e in range(start[order[k]], start[order[k] + 1]):
-            j = place[heads[e]]
-            if j <= k:
-                lower[base[k // _SIDE] + _SIDE * j + k % _SIDE] = values[e]
+        lower[base[place[k] // _SIDE] + _SIDE * place[k] + place[k] % _SIDE] += diagonal[k]
     for k in range(count, _SIDE * blocks):  # rows that fill up the last block
         lower[base[k // _SIDE] + _SIDE * k + k % _SIDE] = 1.0
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .cholesky import solve
+from .cholesky import elimination_order, solve_squares
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -66,7 +66,7 @@ def fair(
     Returns
     -------
     np.ndarray [shape=(V, 3)]
-        Time and memory as :func:`.cholesky.solve` says.
+        Time and memory as :func:`.cholesky.solve_squares` says.
     """
     free = np.isfinite(stiffness)
     if not free.any():
@@ -74,7 +74,7 @@ def fair(
     used, local, near = _surroundings(triangles, free)
     start, heads = neighbours(local, len(used))
     rest = vertices.take(used, axis=0)
-    unknown, *system = _system_kernel(
+    unknown, meets, system = _system_kernel(
         rest,
         start,
         heads,
@@ -85,7 +85,7 @@ def fair(
         rest if target is None else target[used],
     )
     out = vertices.copy()
-    out[used[unknown]] += solve(*system)
+    out[used[unknown]] += solve_squares(*system, elimination_order(*meets))
     return out
 
 
@@ -121,71 +121,53 @@ def _surroundings(triangles, free):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _system_kernel(p, start, heads, free, stiffness, rows, stretch, target):
-    """Normal equations LᵀL + stiffness² of the ``free`` vertices' moves: their numbers, the matrix's row starts,
-    columns and values, and the right side. Rows of L are those where ``rows`` holds."""
+    """What :func:`.cholesky.solve_squares` takes to move the ``free`` vertices: their numbers, which of them are
+    neighbours (CSR), and rows of L, stiffness² and right side. Rows of L are those where ``rows`` holds."""
     count = len(p)
-    weight = np.empty(len(heads))
-    for i in range(count):
-        total = 0.0
-        for e in range(start[i], start[i + 1]):
-            j = heads[e]
-            d = 0.0
-            for c in range(3):
-                d += (p[i, c] - p[j, c]) ** 2
-            weight[e] = 1.0 / (0.5 * (stretch[i] + stretch[j]) * np.sqrt(d) + 1e-5)
-            total += weight[e]
-        for e in range(start[i], start[i + 1]):
-            weight[e] = weight[e] / total / stretch[i] if rows[i] else 0.0
-    bend = np.zeros((count, 3))
-    for i in range(count):
-        if rows[i]:
-            for c in range(3):
-                bend[i, c] = -p[i, c] / stretch[i]
-            for e in range(start[i], start[i + 1]):
-                for c in range(3):
-                    bend[i, c] += weight[e] * p[heads[e], c]
     unknown = np.flatnonzero(free)
     number = np.full(count, -1, np.int32)
     for n in range(len(unknown)):
         number[unknown[n]] = n
-    first = np.zeros(len(unknown) + 1, np.int64)
-    room = 32 * len(unknown)
-    column, value = np.empty(room, np.int32), np.empty(room)
-    rhs = np.empty((len(unknown), 3))
-    at = np.full(len(unknown), -1, np.int64)  # where this row has its entry of each column
-    n = 0
-    for k in range(len(unknown)):
-        i = unknown[k]
-        begin = n
+    begin = np.zeros(rows.sum() + 1, np.int64)
+    column, value = np.empty(len(heads) + count, np.int32), np.empty(len(heads) + count)
+    diagonal, rhs = np.empty(len(unknown)), np.empty((len(unknown), 3))
+    for n in range(len(unknown)):
+        i = unknown[n]
+        diagonal[n] = stiffness[i] ** 2
         for c in range(3):
-            rhs[k, c] = stiffness[i] ** 2 * (target[i, c] - p[i, c])
-        for e in range(start[i] - 1, start[i + 1]):  # the rows of L in which i comes: its own, its neighbours'
-            r = i if e < start[i] else heads[e]
-            if not rows[r]:
-                continue
-            own = -1.0 / stretch[i]
-            if r != i:
-                for f in range(start[r], start[r + 1]):
-                    if heads[f] == i:
-                        own = weight[f]
-                        break
-            for c in range(3):
-                rhs[k, c] -= own * bend[r, c]
-            if n + start[r + 1] - start[r] + 1 > room:
-                room *= 2
-                column, value = (
-                    np.append(column, np.empty(room - len(column), np.int32)),
-                    np.append(value, np.empty(room - len(value))),
-                )
-            for f in range(start[r] - 1, start[r + 1]):
-                j = number[r] if f < start[r] else number[heads[f]]
-                if j < 0:
-                    continue
-                if at[j] < begin:
-                    at[j] = n
-                    column[n], value[n] = j, 0.0
-                    n += 1
-                value[at[j]] += own * (-1.0 / stretch[r] if f < start[r] else weight[f])
-        value[at[k]] += stiffness[i] ** 2
-        first[k + 1] = n
-    return unknown, first, column[:n].copy(), value[:n].copy(), rhs
+            rhs[n, c] = diagonal[n] * (target[i, c] - p[i, c])
+    n = row = 0
+    for i in range(count):
+        if not rows[i]:
+            continue
+        first, total = n, 0.0
+        bend_x = bend_y = bend_z = 0.0
+        for e in range(start[i], start[i + 1]):
+            j = heads[e]
+            x, y, z = p[j, 0] - p[i, 0], p[j, 1] - p[i, 1], p[j, 2] - p[i, 2]
+            weight = 1.0 / (0.5 * (stretch[i] + stretch[j]) * np.sqrt(x * x + y * y + z * z) + 1e-5)
+            total += weight
+            bend_x, bend_y, bend_z = bend_x + weight * x, bend_y + weight * y, bend_z + weight * z
+            column[n], value[n] = number[j], weight
+            n += 1
+        scale = 1.0 / (total * stretch[i])
+        for e in range(first, n):
+            value[e] *= scale
+        column[n], value[n] = number[i], -1.0 / stretch[i]
+        n += 1
+        for e in range(first, n):
+            if column[e] >= 0:
+                rhs[column[e], 0] -= value[e] * bend_x * scale
+                rhs[column[e], 1] -= value[e] * bend_y * scale
+                rhs[column[e], 2] -= value[e] * bend_z * scale
+        row += 1
+        begin[row] = n
+    near_start, near = np.zeros(len(unknown) + 1, np.int64), np.empty(len(heads), np.int32)
+    m = 0
+    for k in range(len(unknown)):
+        for e in range(start[unknown[k]], start[unknown[k] + 1]):
+            if number[heads[e]] >= 0:
+                near[m] = number[heads[e]]
+                m += 1
+        near_start[k + 1] = m
+    return unknown, (near_start, near[:m].copy()), (begin, column[:n].copy(), value[:n].copy(), diagonal, rhs)
