@@ -73,13 +73,13 @@ def bulge(marks: np.ndarray, parents: np.ndarray, mesh: Mesh, rings: int = 8) ->
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _outline_kernel(vertices, chosen, view, to_view, depth, lens):
     ends = np.zeros(len(vertices))
     if len(to_view) == 0:
         return ends
     for i in chosen:
-        v, u, z = look_at(vertices[i], to_view[view[i]], depth, lens[view[i]])
+        v, u, z = look_at(vertices, i, to_view, view[i], depth, lens)
         if v < 0:
             ends[i] = 1.0  # it is not known what the view reads there
             continue
@@ -95,7 +95,7 @@ def _outline_kernel(vertices, chosen, view, to_view, depth, lens):
     return ends
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _inherited(marks, parents):
     """The marks (V, 4) with those of new vertices: each has the mean of its parents'."""
     known = len(marks)

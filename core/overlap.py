@@ -79,7 +79,7 @@ def view_maps(
     """
     to_view = np.stack([np.eye(4)] + [reflection_matrix(m) for m in mirrors])
     lens = np.tile(intrinsics.lens, (len(to_view), 1))
-    normals, confidence = _maps_kernel(depth, labels, lens[0], to_view)
+    normals, confidence = _maps_kernel(depth, labels, lens[0], to_view, _nearest_first())
     return ViewMaps(depth, labels, *clear_depth(depth, seen), normals, confidence, to_view, lens, noise)
 
 
@@ -129,90 +129,87 @@ def stack_maps(maps: list[ViewMaps], poses: list[np.ndarray]) -> ViewMaps:
     )
 
 
-@njit(cache=True, nogil=True)
-def _maps_kernel(depth, labels, lens, to_view):
+_BORDER = 3  # so near its silhouette a view's readings are worth less [px]
+
+
+def _nearest_first() -> np.ndarray:
+    """Offsets (K, 2) of the pixels up to ``_BORDER`` rows and columns around one, by distance."""
+    offsets = np.stack(np.meshgrid(*2 * [np.arange(-_BORDER, _BORDER + 1)], indexing="ij"), axis=-1).reshape(-1, 2)
+    distance = (offsets**2).sum(axis=1)
+    return offsets[np.argsort(distance, kind="stable")][1:]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _maps_kernel(depth, labels, lens, to_view, offsets):
     height, width = depth.shape
     fx, fy, cx, cy = lens
     normals = np.zeros((height, width, 3))
     confidence = np.zeros((height, width))
     for v in range(1, height - 1):
-        g = np.empty((2, 3))
-        n = np.empty(3)
         for u in range(1, width - 1):
             k = labels[v, u]
             if k < 0:
                 continue
             z = depth[v, u]
-            border = 3.0
-            for dv in range(-3, 4):
-                for du in range(-3, 4):
-                    y, x = v + dv, u + du
-                    if (
-                        y < 0
-                        or x < 0
-                        or y >= height
-                        or x >= width
-                        or labels[y, x] != k
-                        or abs(depth[y, x] - z) > 0.05 * z
-                    ):
-                        border = min(border, np.sqrt(dv * dv + du * du) - 0.5)
-            ok = True
-            for axis in range(2):
-                ya, xa, yb, xb = v, u, v, u
-                if axis == 0:
-                    if labels[v, u - 1] == k and abs(depth[v, u - 1] - z) < 0.03 * z:
-                        xa = u - 1
-                    if labels[v, u + 1] == k and abs(depth[v, u + 1] - z) < 0.03 * z:
-                        xb = u + 1
-                else:
-                    if labels[v - 1, u] == k and abs(depth[v - 1, u] - z) < 0.03 * z:
-                        ya = v - 1
-                    if labels[v + 1, u] == k and abs(depth[v + 1, u] - z) < 0.03 * z:
-                        yb = v + 1
-                if xa == xb and ya == yb:
-                    ok = False
-                za, zb = depth[ya, xa], depth[yb, xb]
-                g[axis, 0] = (xb - cx) / fx * zb - (xa - cx) / fx * za
-                g[axis, 1] = (yb - cy) / fy * zb - (ya - cy) / fy * za
-                g[axis, 2] = zb - za
-            if not ok:
+            step, border = np.float32(0.05) * z, float(_BORDER)
+            inner = min(v, u, height - 1 - v, width - 1 - u) >= _BORDER
+            for o in range(len(offsets)):
+                y, x = v + offsets[o, 0], u + offsets[o, 1]
+                if inner or (0 <= y < height and 0 <= x < width):
+                    if labels[y, x] == k and abs(depth[y, x] - z) <= step:
+                        continue
+                border = min(border, np.sqrt(offsets[o, 0] ** 2 + offsets[o, 1] ** 2) - 0.5)
+                break
+            left, right, above, below = u, u, v, v
+            if labels[v, u - 1] == k and abs(depth[v, u - 1] - z) < 0.03 * z:
+                left = u - 1
+            if labels[v, u + 1] == k and abs(depth[v, u + 1] - z) < 0.03 * z:
+                right = u + 1
+            if labels[v - 1, u] == k and abs(depth[v - 1, u] - z) < 0.03 * z:
+                above = v - 1
+            if labels[v + 1, u] == k and abs(depth[v + 1, u] - z) < 0.03 * z:
+                below = v + 1
+            if left == right or above == below:
                 continue
+            # along the row and down the column, where the camera laid them
+            za, zb = np.float64(depth[v, left]), np.float64(depth[v, right])
+            rx = (right - cx) / fx * zb - (left - cx) / fx * za
+            ry, rz = (v - cy) / fy * (zb - za), zb - za
+            za, zb = np.float64(depth[above, u]), np.float64(depth[below, u])
+            dx, dz = (u - cx) / fx * (zb - za), zb - za
+            dy = (below - cy) / fy * zb - (above - cy) / fy * za
             # down × right points to the camera
-            n[0] = g[1, 1] * g[0, 2] - g[1, 2] * g[0, 1]
-            n[1] = g[1, 2] * g[0, 0] - g[1, 0] * g[0, 2]
-            n[2] = g[1, 0] * g[0, 1] - g[1, 1] * g[0, 0]
-            length = np.sqrt(n[0] ** 2 + n[1] ** 2 + n[2] ** 2)
+            nx, ny, nz = dy * rz - dz * ry, dz * rx - dx * rz, dx * ry - dy * rx
+            length = np.sqrt(nx * nx + ny * ny + nz * nz)
             if length == 0:
                 continue
-            n /= length
+            nx, ny, nz = nx / length, ny / length, nz / length
             px, py = (u - cx) / fx, (v - cy) / fy
-            cosine = -(n[0] * px + n[1] * py + n[2]) / np.sqrt(px * px + py * py + 1.0)
+            cosine = -(nx * px + ny * py + nz) / np.sqrt(px * px + py * py + 1.0)
             if cosine <= 0:
                 continue
-            confidence[v, u] = cosine * cosine / z * border / 3.0
+            confidence[v, u] = cosine * cosine / z * border / _BORDER
             for r in range(3):  # back from where the view lays it: the inverse of a turn is its transpose
-                s = 0.0
-                for c in range(3):
-                    s += to_view[k, c, r] * n[c]
-                normals[v, u, r] = s
+                normals[v, u, r] = to_view[k, 0, r] * nx + to_view[k, 1, r] * ny + to_view[k, 2, r] * nz
     return normals, confidence
 
 
-@njit(cache=True, nogil=True)
-def look_at(p, matrix, depth, lens):
-    """Where view lays p: pixel and z there; (row, column) -1 when it is outside the image or behind the camera."""
-    x = matrix[0, 0] * p[0] + matrix[0, 1] * p[1] + matrix[0, 2] * p[2] + matrix[0, 3]
-    y = matrix[1, 0] * p[0] + matrix[1, 1] * p[1] + matrix[1, 2] * p[2] + matrix[1, 3]
-    z = matrix[2, 0] * p[0] + matrix[2, 1] * p[1] + matrix[2, 2] * p[2] + matrix[2, 3]
+@njit(cache=True, nogil=True, error_model="numpy")
+def look_at(points, i, to_view, k, image, lens):
+    """Where view k lays points[i]: pixel and z there; (row, column) -1 outside the image or behind the camera."""
+    px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+    x = to_view[k, 0, 0] * px + to_view[k, 0, 1] * py + to_view[k, 0, 2] * pz + to_view[k, 0, 3]
+    y = to_view[k, 1, 0] * px + to_view[k, 1, 1] * py + to_view[k, 1, 2] * pz + to_view[k, 1, 3]
+    z = to_view[k, 2, 0] * px + to_view[k, 2, 1] * py + to_view[k, 2, 2] * pz + to_view[k, 2, 3]
     if z <= 0.05:
         return -1.0, -1.0, z
-    u, v = x / z * lens[0] + lens[2], y / z * lens[1] + lens[3]
-    if not (0 <= u <= depth.shape[1] - 1 and 0 <= v <= depth.shape[0] - 1):
+    u, v = x / z * lens[k, 0] + lens[k, 2], y / z * lens[k, 1] + lens[k, 3]
+    if not (0 <= u <= image.shape[1] - 1 and 0 <= v <= image.shape[0] - 1):
         return -1.0, -1.0, z
     return v, u, z
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _sample(v, u, view, depth, labels, normals, confidence, out):
     """Bilinear disparity, normal and confidence of a view at (v, u); out = (z, nx, ny, nz, confidence). False off the
     view."""
@@ -295,7 +292,7 @@ def compare_views(
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _compare_kernel(
     vertices, view, vertex_normals, own, to_view, depth, labels, normals, confidence, lens, reach, noise, center, lean
 ):
@@ -307,26 +304,23 @@ def _compare_kernel(
                 eyes[k, c] -= to_view[k, r, c] * to_view[k, r, 3]
     advantage = np.full(count, np.inf)
     shift = np.zeros((count, 3))
+    out = np.empty(5)
     for i in range(count):
-        out = np.empty(5)
-        p = vertices[i]
         total = own[i]
         for k in range(len(to_view)):
             if k == view[i]:
                 continue
-            v, u, z = look_at(p, to_view[k], depth, lens[k])
+            v, u, z = look_at(vertices, i, to_view, k, depth, lens)
             if v < 0 or not _sample(v, u, k, depth, labels, normals, confidence, out):
                 continue
             agree = out[1] * vertex_normals[i, 0] + out[2] * vertex_normals[i, 1] + out[3] * vertex_normals[i, 2]
             if agree < 0.2:
                 continue
             # the step along the ray seen across the surface: ray direction · normal
-            fx, fy, cx, cy = lens[k]
-            px, py = (u - cx) / fx, (v - cy) / fy
-            m = to_view[k]
-            rx = m[0, 0] * px + m[1, 0] * py + m[2, 0]
-            ry = m[0, 1] * px + m[1, 1] * py + m[2, 1]
-            rz = m[0, 2] * px + m[1, 2] * py + m[2, 2]
+            px, py = (u - lens[k, 2]) / lens[k, 0], (v - lens[k, 3]) / lens[k, 1]
+            rx = to_view[k, 0, 0] * px + to_view[k, 1, 0] * py + to_view[k, 2, 0]
+            ry = to_view[k, 0, 1] * px + to_view[k, 1, 1] * py + to_view[k, 2, 1]
+            rz = to_view[k, 0, 2] * px + to_view[k, 1, 2] * py + to_view[k, 2, 2]
             step = (out[0] - z) * (rx * out[1] + ry * out[2] + rz * out[3])
             if abs(step) > reach + 3.0 * noise[k] * z:
                 continue
@@ -336,14 +330,15 @@ def _compare_kernel(
                 for c in range(3):
                     apart = eyes[view[i], c] - eyes[k, c]
                     away += apart * apart
-                    along += apart * (p[c] - center[c])
+                    along += apart * (vertices[i, c] - center[c])
                 gain += lean * along / np.sqrt(away)
             advantage[i] = min(advantage[i], gain)
             total += out[4]
             for c in range(3):
                 shift[i, c] += out[4] * step * out[1 + c]
         if total > 0:
-            shift[i] /= total
+            for c in range(3):
+                shift[i, c] /= total
     return advantage, shift
 
 
@@ -459,15 +454,15 @@ def _kept_pixels(patches: list[Mesh], maps: ViewMaps) -> np.ndarray:
     return kept
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _mark_kernel(vertices, view, to_view, kept, lens):
     for i in range(len(vertices)):
-        v, u, _ = look_at(vertices[i], to_view[view[i]], kept, lens[view[i]])
+        v, u, _ = look_at(vertices, i, to_view, view[i], kept, lens)
         if v >= 0:
             kept[int(v + 0.5), int(u + 0.5)] = view[i]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _covered_kernel(chosen, vertices, view, vertex_normals, to_view, depth, kept, normals, lens, reach, noise, margin):
     covered = np.zeros(len(chosen), np.bool_)
     for at in range(len(chosen)):
@@ -475,12 +470,11 @@ def _covered_kernel(chosen, vertices, view, vertex_normals, to_view, depth, kept
         for k in range(len(to_view)):
             if k == view[i]:
                 continue
-            v, u, z = look_at(vertices[i], to_view[k], depth, lens[k])
+            v, u, z = look_at(vertices, i, to_view, k, depth, lens)
             if v < 1 or u < 1 or v > depth.shape[0] - 2 or u > depth.shape[1] - 2:
                 continue
             y0, x0 = int(v + 0.5), int(u + 0.5)
-            m = to_view[k]
-            fx, fy, cx, cy = lens[k]
+            fx, fy, cx, cy = lens[k, 0], lens[k, 1], lens[k, 2], lens[k, 3]
             px, py = (u - cx) / fx, (v - cy) / fy
             inside = True
             for dv in range(-1, 2):
@@ -496,11 +490,10 @@ def _covered_kernel(chosen, vertices, view, vertex_normals, to_view, depth, kept
                         covered[at] = True
             if not inside or covered[at]:
                 continue
-            n = normals[y0, x0]
             agree = cosine = 0.0
             for c in range(3):
-                agree += n[c] * vertex_normals[i, c]
-                cosine += (m[0, c] * px + m[1, c] * py + m[2, c]) * n[c]
+                agree += normals[y0, x0, c] * vertex_normals[i, c]
+                cosine += (to_view[k, 0, c] * px + to_view[k, 1, c] * py + to_view[k, 2, c]) * normals[y0, x0, c]
             if agree > 0.0 and abs((depth[y0, x0] - z) * cosine) < reach + 3.0 * noise[k] * z:
                 covered[at] = True
     return covered
@@ -529,11 +522,11 @@ def own_confidence(patch: Mesh, maps: ViewMaps) -> np.ndarray:
     return _own_kernel(patch.vertices, patch.view, maps.to_view, maps.confidence, maps.lens)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _own_kernel(vertices, view, to_view, confidence, lens):
     own = np.zeros(len(vertices))
     for i in range(len(vertices)):
-        v, u, _ = look_at(vertices[i], to_view[view[i]], confidence, lens[view[i]])
+        v, u, _ = look_at(vertices, i, to_view, view[i], confidence, lens)
         if v >= 0:
             own[i] = confidence[int(v + 0.5), int(u + 0.5)]
     return own
