@@ -36,7 +36,12 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take out what :func:`register` added, last first."""
+    """Take out what :func:`register` added, last first; what is under way is cancelled."""
+    import bpy
+
+    from . import jobs
+
     atexit.unregister(unregister)
+    jobs.cancel_all(bpy.context)
     for module in reversed(_modules()):
         module.unregister()

@@ -155,6 +155,8 @@ def _claim(claims: str, number: int) -> bool:
 def _compile(entry: Entry) -> None:
     """Compile an entry, or load it; one that this version does not have any more, or not with such arguments, is passed
     over: the list saves time, and what it gets wrong is compiled when it is called."""
+    import logging  # not at Blender's start
+
     from numba.core.errors import NumbaError
 
     kernel = getattr(importlib.import_module(f"{PACKAGE}.{entry.module}"), entry.kernel, None)
@@ -163,7 +165,8 @@ def _compile(entry: Entry) -> None:
     try:
         kernel.compile(tuple(_type(text) for text in entry.types))
     except (TypeError, NumbaError) as error:  # numba tells a wrong number of arguments by the first of these
-        print(f"{entry.module}.{entry.kernel}: not compiled beforehand: {error}", file=sys.stderr)
+        log = logging.getLogger(__name__)
+        log.warning("%s.%s: not compiled beforehand: %s", entry.module, entry.kernel, error)
 
 
 # --- types as plain values -------------------------------------------------------------------------------------------

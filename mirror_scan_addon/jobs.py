@@ -255,6 +255,16 @@ def running(context: bpy.types.Context) -> bool:
     )
 
 
+def cancel_all(context: bpy.types.Context) -> None:
+    """Cancel what is under way in any window; Blender drops the operators of an add-on that goes without a word."""
+    manager = getattr(context, "window_manager", None)
+    for window in manager.windows if manager is not None else ():
+        for operator in window.modal_operators:
+            if operator.bl_idname.startswith("MIRROR_SCAN_OT_"):
+                with context.temp_override(window=window):
+                    operator.cancel(context)
+
+
 def redraw(context: bpy.types.Context, panels_only: bool = False) -> None:
     """Have every 3D viewport, and with it our panels, drawn again; or the panels only, since points take their time."""
     for window in context.window_manager.windows:

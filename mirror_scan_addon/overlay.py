@@ -12,6 +12,7 @@ COLORS = {"GOOD": (0.25, 0.8, 0.35), "USABLE": (0.95, 0.7, 0.15), "BAD": (0.92, 
 """sRGB of a mirror by :func:`.state.quality_of`: green, amber, red, grey."""
 
 UNLIMITED = ((-0.5, 0.5), (-1.0, 1.0))  # the rectangle drawn for a plane of unknown extent [m]
+LIFT = 0.01  # how far its glass is drawn before the plane, where an object of a virtual rig may lie [m]
 ARROW = 0.3  # length of a mirror's normal as it is drawn [m]
 
 _handlers: list[object] = []  # Blender takes a draw handler back only by what it gave
@@ -242,7 +243,8 @@ def _draw_mirrors(cloud, settings, region) -> None:
         gpu.state.depth_test_set("LESS_EQUAL")
         plain.bind()
         plain.uniform_float("color", (*color, 0.2 if active else 0.1))
-        batch_for_shader(plain, "TRIS", {"pos": (a, b, c, a, c, d)}).draw(plain)
+        lifted = [tuple(p[k] + LIFT * plane["normal"][k] for k in range(3)) for p in (a, b, c, a, c, d)]
+        batch_for_shader(plain, "TRIS", {"pos": lifted}).draw(plain)
         point = plane["point"]
         tip = tuple(point[k] + ARROW * plane["normal"][k] for k in range(3))
         segments = [*_closed(corners), point, tip, *_arrow_head(plane, tip)]
@@ -329,12 +331,30 @@ def _draw_text() -> None:
     _draw_problem(context, region, space, scale)
 
 
+def _uncovered(context: bpy.types.Context) -> tuple[float, float]:
+    """From where to where the viewport is not covered by toolbar and sidebar [px]."""
+    region, left, right = context.region, 0.0, float(context.region.width)
+    for other in context.area.regions:
+        if other.type in ("TOOLS", "UI") and other.width > 1 and other.x < region.x + region.width:
+            if other.alignment == "LEFT" and other.x + other.width > region.x:
+                left = max(left, other.x + other.width - region.x)
+            elif other.alignment == "RIGHT" and other.x > region.x:
+                right = min(right, other.x - region.x)
+    return left, right
+
+
 def _label(blf, text: str, at, color, scale: float) -> None:
+    """Text above a place, moved aside where a sidebar would cover part of it; none where it covers the place."""
     blf.size(0, 13 * scale)
+    width, height = blf.dimensions(0, text)
+    left, right = _uncovered(bpy.context)
+    if not left <= at[0] <= right:
+        return
     blf.enable(0, blf.SHADOW)
     blf.shadow(0, 3, 0, 0, 0, 0.9)
-    width, height = blf.dimensions(0, text)
-    blf.position(0, at[0] - width / 2, at[1] + 0.6 * height, 0)
+    margin = 6 * scale
+    x = max(min(at[0] - width / 2, right - width - margin), left + margin)
+    blf.position(0, x, at[1] + 0.6 * height, 0)
     blf.color(0, *color, 1)
     blf.draw(0, text)
     blf.disable(0, blf.SHADOW)

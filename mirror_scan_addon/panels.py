@@ -34,6 +34,11 @@ def _width() -> float:
     return region.width / bpy.context.preferences.system.ui_scale
 
 
+def _icon(name: str) -> str:
+    """An icon for a button that others stand beside, where there is room for it."""
+    return name if _width() >= NARROW else "NONE"
+
+
 def _text(layout: bpy.types.UILayout, text: str, icon: str = "NONE") -> None:
     """A sentence over as many lines as the sidebar's width asks for; Blender's labels do not wrap."""
     import blf
@@ -57,11 +62,23 @@ def _text(layout: bpy.types.UILayout, text: str, icon: str = "NONE") -> None:
 
 
 def _fields(layout: bpy.types.UILayout) -> bpy.types.UILayout:
-    """A column for settings: names beside their fields, or in them where the sidebar is too narrow for both."""
+    """A column for settings; see :func:`_field`."""
     column = layout.column()
     column.use_property_split = _width() >= NARROW
     column.use_property_decorate = False
     return column
+
+
+def _field(column: bpy.types.UILayout, owner: bpy.types.bpy_struct, name: str, text: str = "") -> None:
+    """A setting with its name beside it, or above it where the sidebar is too narrow for both."""
+    known = owner.bl_rna.properties[name]
+    text = text or known.name
+    if _width() >= NARROW or known.type == "BOOLEAN":
+        column.prop(owner, name, text=text, text_ctxt=CONTEXT)
+        return
+    column = column.column(align=True)
+    column.label(text=text, text_ctxt=CONTEXT)
+    column.prop(owner, name, text="")
 
 
 def _table(layout: bpy.types.UILayout, lines: list[tuple[str, str, str]]) -> None:
@@ -75,7 +92,7 @@ def _table(layout: bpy.types.UILayout, lines: list[tuple[str, str, str]]) -> Non
         wide = blf.dimensions(0, value)[0] + (ICON if mark else 0)
         if wide > 0.58 * room or blf.dimensions(0, label)[0] > 0.42 * room:
             column.label(text=label, translate=False)
-            column.label(text=value, icon=ICONS[mark] if mark else "BLANK1", translate=False)
+            _text(column, value, ICONS[mark] if mark else "BLANK1")
             continue
         row = column.split(factor=0.42)
         row.label(text=label, translate=False)
@@ -102,7 +119,7 @@ class MIRRORSCAN_PT_capture(_Panel, bpy.types.Panel):
         settings = context.scene.mirror_scan
         row = layout.row(align=True)
         row.operator_context = "INVOKE_DEFAULT"
-        row.operator("mirror_scan.load_capture", icon="FILE_FOLDER", text_ctxt=CONTEXT)
+        row.operator("mirror_scan.load_capture", icon=_icon("FILE_FOLDER"), text_ctxt=CONTEXT)
         if settings.capture_path:
             again = row.operator("mirror_scan.load_capture", text="", icon="FILE_REFRESH")
             again.filepath = settings.capture_path
@@ -110,7 +127,7 @@ class MIRRORSCAN_PT_capture(_Panel, bpy.types.Panel):
         _draw_progress(layout, context, "mirror_scan.load_capture", "mirror_scan.record")
         column = _fields(layout)
         column.prop(settings, "capture_path", text="Path", text_ctxt=CONTEXT, placeholder="Folder or file")
-        column.prop(settings, "frames", text="Frames (0 = all)", text_ctxt=CONTEXT)
+        _field(column, settings, "frames", "Frames (0 = all)")
         cloud = _cloud(context)
         if cloud is None:
             _text(layout, say("Load a capture, or drop one of its files here"), "INFO")
@@ -121,15 +138,17 @@ class MIRRORSCAN_PT_capture(_Panel, bpy.types.Panel):
         column.prop(settings, "show_cloud")
         column = column.column()
         column.active = settings.show_cloud
-        column.prop(settings, "cloud_colors")
-        column.prop(settings, "point_size")
+        _field(column, settings, "cloud_colors")
+        _field(column, settings, "point_size")
 
 
 def _draw_pictures(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
     row = layout.row(align=True)
     for image in (settings.color_image, settings.depth_image):
         if image is not None and image.preview is not None:
-            row.template_icon(icon_value=image.preview.icon_id, scale=6.0)
+            # as large as fits twice beside each other; Blender leaves the height of a larger one empty
+            scale = min(6.0, (_width() - MARGIN) / 2 / ICON)
+            row.template_icon(icon_value=image.preview.icon_id, scale=scale)
 
 
 def _draw_facts(layout: bpy.types.UILayout, cloud: bpy.types.Object) -> None:
@@ -200,7 +219,8 @@ class MIRRORSCAN_PT_mirrors(_Panel, bpy.types.Panel):
         layout.operator("mirror_scan.find_mirrors", icon="VIEWZOOM", text_ctxt=CONTEXT)
         _draw_progress(layout, context, "mirror_scan.find_mirrors")
         row = layout.row(align=True)
-        row.operator("mirror_scan.pick_mirror_points", icon="EYEDROPPER", text_ctxt=CONTEXT)
+        label = "Pick Mirror Points" if _width() >= NARROW else "Pick Points"
+        row.operator("mirror_scan.pick_mirror_points", text=label, icon=_icon("EYEDROPPER"), text_ctxt=CONTEXT)
         row.operator("mirror_scan.pick_mirror_points", text="", icon="ADD").add = True
         if context.window_manager.mirror_scan.picking:
             _draw_keys(layout)
@@ -219,7 +239,7 @@ class MIRRORSCAN_PT_mirrors(_Panel, bpy.types.Panel):
         column = _fields(layout)
         column.prop(settings, "show_mirrors")
         column.prop(settings, "fold")
-        column.prop(settings.quality, "glass_offset")
+        _field(column, settings.quality, "glass_offset")
 
 
 def _draw_keys(layout: bpy.types.UILayout) -> None:
@@ -272,7 +292,7 @@ class MIRRORSCAN_PT_subject(_Panel, bpy.types.Panel):
         _draw_progress(layout, context, "mirror_scan.find_subject")
         column = _fields(layout)
         for name in ("depth_limit", "floor_clearance", "max_height", "reach", "object"):
-            column.prop(settings.subject, name)
+            _field(column, settings.subject, name)
         if settings.subject.message:
             _text(layout, settings.subject.message, "CHECKMARK")
             _text(layout, say("Person orange, floor green, too far red, room grey"))
@@ -335,9 +355,8 @@ class MIRRORSCAN_PT_quality(_Panel, bpy.types.Panel):
         layout = self.layout
         quality = context.scene.mirror_scan.quality
         column = _fields(layout)
-        column.prop(quality, "preset")
-        for name in ("smoothing", "close_gaps", "outline", "refine", "untangle"):
-            column.prop(quality, name)
+        for name in ("preset", "smoothing", "close_gaps", "outline", "refine", "untangle"):
+            _field(column, quality, name)
 
 
 class MIRRORSCAN_PT_check(_Panel, bpy.types.Panel):
@@ -412,8 +431,8 @@ class MIRRORSCAN_PT_rig(_Panel, bpy.types.Panel):
             column = _fields(layout)
             column.prop(active.mirror_scan, "is_mirror")
             if active.mirror_scan.is_mirror:
-                column.prop(active.mirror_scan, "frame_width")
-                column.prop(active.mirror_scan, "frame_depth")
+                _field(column, active.mirror_scan, "frame_width")
+                _field(column, active.mirror_scan, "frame_depth")
         message = context.scene.mirror_scan.rig_message
         _text(layout, message or say("Try a rig before buying glass: select a body, add a rig, scan it"), "INFO")
 

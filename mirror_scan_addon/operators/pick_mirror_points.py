@@ -62,6 +62,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             return {"CANCELLED"}
         settings = context.scene.mirror_scan
         self._points, self._pixel = arrays.points, arrays.pixel
+        self._count = len(target.data.vertices)
         self._depth, self._intrinsics = arrays.depth, arrays.intrinsics
         self._before = state.records_of(settings)
         self._seen_before = cloud.values(target.data, cloud.SEEN, "int8")
@@ -86,10 +87,19 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         from .. import cloud
 
-        if context.scene.session_uid != self._scene_uid or cloud.cloud_of(context.scene) is None:
+        target = cloud.cloud_of(context.scene)
+        # a panel's button, undo or a script may have changed anything meanwhile
+        if (
+            context.scene.session_uid != self._scene_uid
+            or target is None
+            or len(target.data.vertices) != self._count
+            or context.mode != "OBJECT"
+        ):
             self._end(context)
-            self.report({"WARNING"}, say("The points of the capture are gone; picking has ended"))
+            self.report({"WARNING"}, say("The points of the capture are not here any more; picking has ended"))
             return {"CANCELLED"}
+        if not context.scene.mirror_scan.mirrors:
+            self._add_mirror(context.scene.mirror_scan)
         if event.type == "TIMER":
             return self._work(context)
         if event.type == "ESC" and event.value == "PRESS":
@@ -271,6 +281,8 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
     def _apply(self, context, fitted) -> None:
         settings = context.scene.mirror_scan
         for number, record in zip(self._asked, fitted.mirrors, strict=True):
+            if number >= len(settings.mirrors):  # undo took it away
+                break
             item = settings.mirrors[number]
             for name in ("plane", "residual_mm", "message", "source"):
                 setattr(item, name, record[name])
@@ -331,7 +343,8 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         if self._seen_before is None:
             cloud.forget_values(mesh, cloud.SEEN)
         else:
-            mesh.attributes[cloud.SEEN].data.foreach_set("value", self._seen_before)
+            attribute = mesh.attributes.get(cloud.SEEN) or mesh.attributes.new(cloud.SEEN, "INT8", "POINT")
+            attribute.data.foreach_set("value", self._seen_before)
             cloud.touch(mesh)
         self._end(context)
         self.report({"INFO"}, say("Picking was cancelled; the mirrors are as before"))

@@ -189,6 +189,7 @@ def story() -> Story:
         yield from press("simulate")
         yield from settled()
         expect(cloud() is not None and "%" in settings().rig_message, "a virtual capture, and what it covers")
+        yield from scroll(40)
     yield from shot("9_rig")
 
     with step("disable and enable"):
