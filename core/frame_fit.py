@@ -419,7 +419,7 @@ def _walk(depth, lens, plane, tolerance, point, basis, axis, end, extent, place,
     sign = 2.0 * end - 1.0
     stop = extent[end] + sign * 0.4
     s = 0.5 * (extent[0] + extent[1]) + sign * 0.15 * (extent[1] - extent[0])
-    began, last, gap, before = np.nan, np.nan, 0, False
+    began, last, gap, before, glass = np.nan, np.nan, 0, False, 0
     while sign * (stop - s) > 0.0 or not np.isnan(began):
         x = point[0] + basis[0, axis] * s + basis[0, 1 - axis] * place
         y = point[1] + basis[1, axis] * s + basis[1, 1 - axis] * place
@@ -430,7 +430,7 @@ def _walk(depth, lens, plane, tolerance, point, basis, axis, end, extent, place,
         step = 0.8 * z / lens[0]
         if u < 0 or v < 0 or u >= width or v >= height:
             if np.isnan(began):
-                return 0 if before else _LEFT_IMAGE, s, s
+                return 0 if before or glass < 4 else _LEFT_IMAGE, s, s
             break
         reading = depth[v, u]
         apart = 1.0 / reading - (plane[0] * u + plane[1] * v + plane[2]) if reading > 0.0 else -np.inf
@@ -448,8 +448,9 @@ def _walk(depth, lens, plane, tolerance, point, basis, axis, end, extent, place,
                 began = np.nan  # a stray pixel
             if np.isnan(began) and (reading > 0.0 or gap > _BLIND):
                 before = reading > 0.0 and apart > 0.0
+            glass += apart < 0.0
         s += sign * step
-    if np.isnan(began) or before or sign * (last - began) <= 1.0e-3:
+    if np.isnan(began) or before or glass < 4 or sign * (last - began) <= 1.0e-3:
         return 0, s, s
     return _MET, began, began if sign * (last - began) > widest else last
 

@@ -260,6 +260,11 @@ def place_mirror(
         grown = _grow(depth, pixels, cloud, first, intrinsics, settings.band)
         if grown is not None:
             mirror = grown
+    if abs(mirror.normal @ mirror.point) < _EDGE_ON * np.linalg.norm(mirror.point):
+        raise MirrorError(
+            f"{picks.name}: the plane through the picks is seen edge-on, nothing could be seen in it; pick on the "
+            "frame itself, on at least two of its sides, not on the glass or on what stands before it"
+        )
     if settings.glass_offset:
         mirror = replace(mirror, point=mirror.point - settings.glass_offset * mirror.normal)
     return mirror if mirror.outline is not None else with_rectangle(mirror, picked, picked, intrinsics)
@@ -356,7 +361,12 @@ def _grow(
     mirror = replace(mirror, residual=float(np.sqrt(np.mean(residual**2))))
     picked = cloud[seeds[:, 1], seeds[:, 0]]
     on_plane = np.abs((picked - center) @ normal) < max(0.05, 4 * mirror.residual)
-    mirror = _with_sides(mirror, points, picked[on_plane] if on_plane.any() else points, depth, core, intrinsics)
+    # where the lines of sight to all picks meet the plane, whatever was read there
+    rays = picked / np.maximum(picked[:, 2:], 1e-9)
+    drawn = rays * (d / (rays @ normal))[:, None] if np.abs(rays @ normal).min() > _EDGE_ON else picked
+    mirror = _with_sides(
+        mirror, points, picked[on_plane] if on_plane.any() else points, drawn, depth, core, intrinsics
+    )  # fmt: skip
     return replace(mirror, covariance=plane_covariance(core, intrinsics, center, mirror.basis))
 
 
@@ -364,33 +374,42 @@ def _with_sides(
     mirror: Mirror,
     frame: np.ndarray,
     picked: np.ndarray,
+    drawn: np.ndarray,
     depth: np.ndarray,
     fitted: DisparityPlane,
     intrinsics: Intrinsics,
 ) -> Mirror:
     """The mirror turned as its frame is, with the rectangle that this encloses.
 
-    Each side is where the glass ends and the frame begins, see :func:`.frame_fit.frame_sides`; the extent of the pixels
-    that were grown, which may run on along the floor or a wall, only where no evidence is.
+    Each side is where the depth across it says, see :func:`.frame_fit.frame_sides`; the extent of the pixels that were
+    grown, which may run on along the floor or a wall, counts only where no evidence is.
     """
     plane = fitted.coefficients
     # a plane's pixels, but not what a shallow surface beside it has within a hand's breadth
     tolerance = 4.0 * np.hypot(fitted.scale, np.sqrt(fitted.common))
     tolerance = min(max(tolerance, 0.004 / mirror.point[2] ** 2), 0.02 / mirror.point[2])
-    rectangle = _extent(frame[:: len(frame) // 800 + 1], picked, mirror)
+    thin = frame[:: len(frame) // 6000 + 1]
+    rectangle = _extent(thin, picked, drawn, mirror)[0]
     for _ in range(3):
-        outer, cut, turn = frame_sides(
+        inner, outer, cut, turn = frame_sides(
             depth, intrinsics.lens, plane, tolerance, mirror.point, mirror.basis, rectangle
-        )[1:]  # fmt: skip
-        known = np.isfinite(outer)
+        )
+        # a frame's bars are about as wide as each other: what is wider runs on along the floor or a wall
+        width = np.abs(outer - inner)
+        least = np.nanmin(width) if np.isfinite(width).sum() > 1 else np.inf
+        outer = inner + np.sign(outer - inner) * np.minimum(width, 1.5 * least + 0.005)
+        place = (picked - mirror.point) @ mirror.basis[:, :2]
+        within = np.column_stack((outer[:, 0] - place.min(axis=0), place.max(axis=0) - outer[:, 1]))
+        known = within < _INSIDE  # false where NaN
         rectangle = np.where(known, outer, rectangle)
         if abs(turn) < 2.5e-3:
             break
         down = mirror.basis[:, 1] - np.tan(turn) * mirror.basis[:, 0]
         mirror = replace(mirror, basis=oriented(mirror.normal, mirror.point, down)[1])
     if not known.all():
-        rectangle = np.where(known, rectangle, _extent(frame[:: len(frame) // 3000 + 1], picked, mirror))
-        cut = cut | _cut_off(frame, mirror, rectangle, intrinsics)
+        extent, wall = _extent(thin, picked, drawn, mirror)
+        rectangle = np.where(known, rectangle, extent)
+        cut = (cut & ~wall) | _cut_off(frame, mirror, rectangle, intrinsics, ~known & ~wall)
     return at_border(replace(mirror, rectangle=rectangle), intrinsics, ~known, cut & ~known)
 
 
@@ -421,23 +440,33 @@ def plane_covariance(
     return transfer @ fitted.covariance @ transfer.T
 
 
-def _extent(frame: np.ndarray, picked: np.ndarray, mirror: Mirror) -> np.ndarray:
-    """Extent of the frame along the mirror's right and down axes, about its point: rows (min, max) [m]."""
+def _extent(
+    frame: np.ndarray, picked: np.ndarray, drawn: np.ndarray, mirror: Mirror
+) -> tuple[np.ndarray, np.ndarray]:
+    """Extent of the frame along the mirror's right and down axes, about its point: rows (min, max) [m]; and on which
+    sides (2, 2) a wall goes on in its plane: there only the picks, as ``drawn`` on the plane, say how far it goes."""
     grown = (frame - mirror.point) @ mirror.basis[:, :2]
     picks = (picked - mirror.point) @ mirror.basis[:, :2]
     top, bottom = np.quantile(grown[:, 1], (0.002, 0.998))
     # near the floor the flood may run along the line where floor and plane meet: the width is read above it
     upper = grown[grown[:, 1] < top + 0.7 * (bottom - top)]
-    left, right = np.quantile(upper[:, 0], (0.005, 0.995))
-    low, high = picks.min(axis=0), picks.max(axis=0)
-    beyond = ((grown < low - _FRAME) | (grown > high + _FRAME)).any(axis=1)
-    # a frame that goes on past the picks stays a rim, a wall is a surface
-    inset = np.minimum(grown - (left, top), (right, bottom) - grown).min(axis=1)
-    wall = beyond & (np.abs(inset) > 1.5 * _FRAME)
-    if wall.mean() > 0.3:  # a wall goes on in the frame's plane: only the picks say how far the mirror goes
-        left, right = np.clip((left, right), low[0] - _FRAME / 4, high[0] + _FRAME / 4)
-        top, bottom = np.clip((top, bottom), low[1] - _FRAME / 4, high[1] + _FRAME / 4)
-    return np.array(((min(left, low[0]), max(right, high[0])), (min(top, low[1]), max(bottom, high[1]))))
+    extent = np.array((np.quantile(upper[:, 0], (0.005, 0.995)), (top, bottom)))
+    said = np.column_stack((picks.min(axis=0), picks.max(axis=0)))
+    wall = np.zeros((2, 2), np.bool_)
+    for axis in range(2):
+        for end, sign in ((0, -1.0), (1, 1.0)):
+            start = sign * said[axis, end] + _FRAME / 2
+            far = sign * extent[axis, end] - start
+            if far > _FRAME / 2:
+                # a frame that goes on past the picks stays a rim, a wall is a surface
+                beyond = grown[sign * grown[:, axis] > start]
+                cells = np.floor(beyond / _CELL).astype(np.int64)
+                filled = len(np.unique(cells[:, 0] * 100_003 + cells[:, 1])) * _CELL**2
+                wall[axis, end] = filled > 0.5 * far * (said[1 - axis, 1] - said[1 - axis, 0])
+    marks = (drawn - mirror.point) @ mirror.basis[:, :2]
+    clipped = np.column_stack((marks.min(axis=0) - _RIM, marks.max(axis=0) + _RIM))
+    outer = np.column_stack((np.minimum(extent[:, 0], said[:, 0]), np.maximum(extent[:, 1], said[:, 1])))
+    return np.where(wall, clipped, outer), wall
 
 
 def with_rectangle(mirror: Mirror, frame: np.ndarray, picked: np.ndarray, intrinsics: Intrinsics) -> Mirror:
@@ -452,21 +481,23 @@ def with_rectangle(mirror: Mirror, frame: np.ndarray, picked: np.ndarray, intrin
     -----
     A side that lies at the image's border, or beyond it, is cut off by it: the glass goes on there.
     """
-    rectangle = _extent(frame, picked, mirror)
-    cut = _cut_off(frame, mirror, rectangle, intrinsics)
+    rectangle, wall = _extent(frame, picked, picked, mirror)
+    cut = _cut_off(frame, mirror, rectangle, intrinsics, ~wall)
     return at_border(replace(mirror, rectangle=rectangle), intrinsics, cut=cut)
 
 
-def _cut_off(frame: np.ndarray, mirror: Mirror, rectangle: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
-    """Which sides of the rectangle (2, 2) bool the image's border cuts off: the frame reaches the border on that side,
-    and has no bar along it."""
+def _cut_off(
+    frame: np.ndarray, mirror: Mirror, rectangle: np.ndarray, intrinsics: Intrinsics, asked: np.ndarray
+) -> np.ndarray:
+    """Which sides of the rectangle (2, 2) bool, of those ``asked`` for, the image's border cuts off: the frame reaches
+    the border on that side, and has no bar along it."""
     pixels, middle = project(frame, intrinsics), project(mirror.point, intrinsics)
     place = (frame - mirror.point) @ mirror.basis[:, :2]
     size = np.array((intrinsics.width, intrinsics.height)) - 1
     cut = np.zeros((2, 2), np.bool_)
     for axis in range(2):
         low, high = rectangle[1 - axis]
-        for end in range(2):
+        for end in np.flatnonzero(asked[axis]):
             at = np.empty(2)
             at[axis], at[1 - axis] = rectangle[axis, end], rectangle[1 - axis].mean()
             beyond = project(mirror.point + mirror.basis[:, :2] @ at, intrinsics)[axis] > middle[axis]
@@ -509,5 +540,9 @@ def with_outline(mirror: Mirror, intrinsics: Intrinsics) -> Mirror:
 
 
 _FRAME = 0.15  # more than a frame is wide [m]
+_RIM = 0.01  # about as far outside of picks on a wall a mirror ends [m]
+_CELL = 0.03  # side of the cells that tell a rim from a surface [m]
+_INSIDE = 0.04  # a side that ends so far inside of picks on the plane is not the frame's [m]
+_EDGE_ON = 0.08  # cosine between line of sight and normal from which on nothing can be seen in a mirror
 _NO_PICK = 0.06  # a pick this far off the plane is not on the frame [m]
 _BEYOND = 2.0  # how far glass is taken to go on past the image's border [m]
