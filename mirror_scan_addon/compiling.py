@@ -159,12 +159,10 @@ def _compile(entry: Entry) -> None:
 
     from numba.core.errors import NumbaError
 
-    kernel = getattr(importlib.import_module(f"{PACKAGE}.{entry.module}"), entry.kernel, None)
-    if kernel is None:
-        return
     try:
+        kernel = getattr(importlib.import_module(f"{PACKAGE}.{entry.module}"), entry.kernel)
         kernel.compile(tuple(_type(text) for text in entry.types))
-    except (TypeError, NumbaError) as error:  # numba tells a wrong number of arguments by the first of these
+    except (ImportError, AttributeError, TypeError, NumbaError) as error:  # TypeError: another number of arguments
         log = logging.getLogger(__name__)
         log.warning("%s.%s: not compiled beforehand: %s", entry.module, entry.kernel, error)
 

@@ -782,6 +782,7 @@ current = ""  # the step of the way that is gone
 def step(name: str):
     global current
     current, start = name, time.perf_counter()
+    print(f"         {name} …", flush=True)
     try:
         yield
     except Missed as error:
