@@ -12,6 +12,7 @@ import argparse
 import contextlib
 import json
 import os
+import re
 import runpy
 import shlex
 import shutil
@@ -201,6 +202,21 @@ def go(place: Place, out: Path, timeout: float = 1500) -> dict:
     if not (inner / "result.json").exists():
         raise RuntimeError(f"Blender ended with {done.returncode} before the end:\n{done.stdout[-3000:]}")
     return json.loads((out / "result.json").read_text(encoding="utf-8")) | {"code": done.returncode}
+
+
+def run_readme(place: Place) -> subprocess.CompletedProcess:
+    """The script of the README in this Blender, without a window; the avatar is written into ``share``."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    code = re.search(r"```python\n(.*?)```", text[text.index("\n## In Blender\n") :], re.DOTALL).group(1)
+    capture = place.share / "without_mirrors"
+    if not capture.exists():
+        shutil.copytree(place.share / "capture", capture)
+        (capture / "mirrors.json").unlink()  # they are found
+    code = code.replace("/path/to/my_scan", place.seen(capture)).replace("/path/to/", place.seen(place.share) + "/")
+    script = place.share / "build.py"
+    script.write_text(code, encoding="utf-8")
+    return place.run([place.blender, "--background", "--addons", ADDON, "--python-exit-code", "1",
+                      "--python", place.seen(script)], 300)  # fmt: skip
 
 
 def write_images(place: Place, out: Path, folder: Path) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -27,8 +28,8 @@ SHOTS = (
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory) -> tuple[dict, Path]:
-    """What the run found, and the folder of its screenshots."""
+def found(tmp_path_factory) -> tuple[dict, Path, run.Place]:
+    """What the run found, the folder of its screenshots, and where Blender is."""
     share = tmp_path_factory.mktemp("share")
     try:
         place = run.find_place(share)
@@ -37,12 +38,12 @@ def found(tmp_path_factory) -> tuple[dict, Path]:
     run.prepare(place)
     out = Path(os.environ.get("MIRROR_SCAN_SHOTS") or tmp_path_factory.mktemp("shots"))
     result = run.go(place, out)
-    yield result, out
+    yield result, out, place
     shutil.rmtree(share, ignore_errors=True)  # wheels and kernels: half a gigabyte
 
 
 def test_the_whole_way(found):
-    result, _ = found
+    result, _, _ = found
     assert result["code"] == 0, result.get("error")
     steps = {entry["step"] for entry in result["steps"]}
     assert len(steps) >= 15 and not any("error" in entry for entry in result["steps"])
@@ -61,7 +62,7 @@ def test_the_whole_way(found):
 def test_screenshots_show_something(found):
     from mirror_scan.core.images import read_image
 
-    result, out = found
+    result, out, _ = found
     assert set(SHOTS) <= set(result["screenshots"])
     for name in SHOTS:
         picture = read_image(out / f"{name}.png")
@@ -72,6 +73,16 @@ def test_screenshots_show_something(found):
 
 
 def test_nothing_was_printed_as_an_error(found):
-    _, out = found
+    _, out, _ = found
     text = (out / "blender.log").read_text(encoding="utf-8")
     assert "Traceback" not in text and "ERROR Python" not in text, text[-3000:]
+
+
+def test_the_script_of_the_readme_runs(found):
+    *_, place = found
+    done = run.run_readme(place)
+    assert done.returncode == 0 and "Traceback" not in done.stdout, done.stdout[-3000:]
+    assert len(re.findall(r"its frame is flat to \d+\.\d mm", done.stdout)) == 2, done.stdout
+    assert re.search(r"^Avatar: 1\.\d\d m tall", done.stdout, re.MULTILINE), done.stdout
+    for name in ("avatar.glb", "avatar.blend"):
+        assert (place.share / name).stat().st_size > 100_000
