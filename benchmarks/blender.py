@@ -6,13 +6,16 @@ Run where BLENDER names an installed Blender, or MIRROR_SCAN_CHROOT the folder o
 
 from __future__ import annotations
 
+import gc
 import importlib.util
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 from types import ModuleType
 
+from .isolated import PeerFailed, Worker
 from .machine import installed, medians, say
 from .results import Finding, Result, Table, number, yes
 
@@ -31,6 +34,9 @@ LIMITS = {  # name of the figure: (what, unit, limit; None: told, for what the o
     "second_build_s": ("the next build", "s", None),
 }
 MESH_RUNS = 7
+TURNS = 50  # registrations, and builds that are undone
+SETTLED = 10  # turns after which memory has to stand still
+GROWTH_MB = 30.0  # that is taken for standing still; were they kept, that many builds would take 200 MB
 
 
 def run() -> Result:
@@ -58,7 +64,76 @@ def run() -> Result:
         table.notes.append("Without a graphics card most of a block is Blender drawing its window, with or without us.")
     if "points_shown" in figures:
         table.notes.append(f"The cloud has {figures['points_shown']:,} points, the mesh {figures['mesh_vertices']:,}.")
+    if installed("bpy"):
+        table.notes.append(leaks(findings))
     return Result([table], findings)
+
+
+def leaks(findings: list[Finding]) -> str:
+    """Whether registering, building and undoing over and over leaves anything; says what was done."""
+    text = f"{TURNS} registrations and {TURNS} builds with undo: {{}}"
+    worker = Worker()
+    try:
+        found = worker.call(_over_and_over, limit=900.0)
+    except PeerFailed as error:
+        findings.append(Finding(text.format("nothing left"), str(error), False))
+        return f"Registering and building over and over failed: {error}."
+    finally:
+        worker.stop()
+    left = ", ".join(found["left"]) or "nothing"
+    findings.append(Finding(text.format("data blocks and handlers left"), left, not found["left"]))
+    for name in ("registrations", "builds"):
+        grown = found[name]
+        what = f"memory that {TURNS - SETTLED} {name} add < {GROWTH_MB:g} MB"
+        findings.append(Finding(what, f"{number(grown, 1)} MB", grown < GROWTH_MB))
+    return f"{TURNS} registrations and {TURNS} builds with undo, in bpy {found['bpy']}."
+
+
+def _over_and_over() -> dict:
+    """Register, then build and undo, :data:`TURNS` times each, in a process of its own; what is left, and MB added."""
+    import bpy
+    import mirror_scan
+
+    from .memory import resident
+
+    names = [name for name in dir(bpy.data) if isinstance(getattr(bpy.data, name), bpy.types.bpy_prop_collection)]
+
+    def count() -> dict[str, int]:
+        lists = {name: getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers)}
+        handlers = {f"handlers.{name}": len(value) for name, value in lists.items() if isinstance(value, list)}
+        return {name: len(getattr(bpy.data, name)) for name in names} | handlers
+
+    def grown(turn: Callable[[], object]) -> float:
+        memory = []
+        for _ in range(TURNS):
+            turn()
+            gc.collect()
+            memory.append(resident("VmRSS"))
+        return memory[-1] - memory[SETTLED]
+
+    def register() -> None:
+        mirror_scan.unregister()
+        mirror_scan.register()
+
+    def build() -> None:
+        if bpy.ops.mirror_scan.build_avatar() != {"FINISHED"}:
+            raise RuntimeError("the build was cancelled")
+        bpy.ops.ed.undo_push(message="built")
+        bpy.ops.ed.undo()
+
+    with tempfile.TemporaryDirectory() as folder:
+        capture = Path(folder) / "capture"
+        _load_runner().write_capture(capture)
+        mirror_scan.register()
+        bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+        bpy.ops.mirror_scan.load_capture(filepath=str(capture))
+        bpy.ops.ed.undo_push(message="loaded")
+        before = count()
+        found = {"registrations": grown(register), "builds": grown(build), "bpy": bpy.app.version_string}
+        bpy.data.orphans_purge(do_recursive=True)
+        after = count()
+    found["left"] = [f"{after[name] - before[name]:+d} {name}" for name in before if after[name] != before[name]]
+    return found
 
 
 def in_window() -> tuple[dict, str, str]:
