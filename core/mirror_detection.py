@@ -356,14 +356,20 @@ def propose(segments: list[Segment], settings: DetectionSettings) -> list[Hypoth
     if len(segments) < 2:
         return []
     rims = _Rims(segments)
+    place = {id(segment): k for k, segment in enumerate(segments)}
     out, seen = [], set()
     pairs = _pairs(rims, settings, LEFT, RIGHT) | _pairs(rims, settings, TOP, BOTTOM)
-    for i, j in np.argwhere(_corners(rims) | pairs):
-        guess = _hypothesis({segments[i].side: segments[i], segments[j].side: segments[j]})
-        guess = guess and _completed(guess, segments, rims, settings)
-        if guess is not None and (key := tuple(sorted(id(s) for s in guess.sides.values()))) not in seen:
-            seen.add(key)  # the same rectangle comes from each of its corners
-            out.append(guess)
+    together = np.zeros_like(pairs)  # rims that are sides of one rectangle by now
+    for which in (_corners(rims), pairs):
+        for i, j in np.argwhere(which):
+            if which is pairs and together[i, j]:
+                continue
+            guess = _hypothesis({segments[i].side: segments[i], segments[j].side: segments[j]})
+            guess = guess and _completed(guess, segments, rims, settings)
+            if guess is not None and (key := tuple(sorted(place[id(s)] for s in guess.sides.values()))) not in seen:
+                seen.add(key)  # the same rectangle comes from each of its corners
+                together[np.ix_(key, key)] = True
+                out.append(guess)
     return out
 
 
@@ -724,7 +730,7 @@ def find_mirrors(
         if not new or len(found) == settings.max_mirrors:
             break
         # a mirror through another one: its rim is not where the other's glass is before it
-        proposed = [guess for guess in proposed if not _inside(guess, found)]
+        proposed = [guess for guess in proposed if _partly_behind(guess, found)]
         guesses = _verified(proposed, depth, intrinsics, lenient, found)
     found.sort(key=lambda m: m.point[0] / m.point[2])
     return [replace(m, name=name) for m, name in zip(found, _names(found), strict=True)]
@@ -779,10 +785,14 @@ def _to_outline(pixel: np.ndarray, corners: np.ndarray) -> float:
     return float(np.linalg.norm(start + np.clip(share, 0.0, 1.0)[:, None] * along - pixel, axis=1).min())
 
 
-def _inside(guess: Hypothesis, mirrors: list[Mirror]) -> bool:
-    """The middle of what is proposed is on the glass of a mirror that is known, or behind it: it, or an image in it."""
-    middle = guess.point + guess.basis[:, :2] @ guess.rectangle.mean(axis=1)
-    return bool(_behind(middle[None], mirrors)[0])
+def _partly_behind(guess: Hypothesis, mirrors: list[Mirror]) -> bool:
+    """The glass of known mirrors hides some of the rectangle's corners or the middles of its sides, but not its own
+    middle: there it would be one of them, or an image in one."""
+    (left, right), (top, bottom) = guess.rectangle
+    x, y = np.meshgrid((left, 0.5 * (left + right), right), (top, 0.5 * (top + bottom), bottom))
+    points = guess.point + np.column_stack((x.ravel(), y.ravel())) @ guess.basis[:, :2].T
+    hidden = _behind(points, mirrors)
+    return bool(hidden.any() and not hidden[4])
 
 
 def _behind(points: np.ndarray, mirrors: Iterable[Mirror]) -> np.ndarray:
