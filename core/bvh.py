@@ -743,22 +743,36 @@ def _pair_meets(corners, normals, index, i, j):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _outward(low, high):
+    """A range in float32, rounded so that it holds the one given."""
+    low, high = np.float32(low), np.float32(high)
+    return low - np.float32(1e-7) * abs(low), high + np.float32(1e-7) * abs(high)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _by_place(bvh, triangles):
-    """Per place in the order: box (T, 6), normal (T, 3), vertices (T, 3)."""
+    """Boxes of the nodes (M, 6) float32; per place in the order box (T, 6) float32, normal (T, 3), vertices (T, 3).
+
+    Half as wide as the tree's own, the boxes of a whole figure fit the processor's cache.
+    """
     corners, order = bvh.corners, bvh.order
     total = order.shape[0]
-    box, normals = np.empty((total, 6)), np.empty((total, 3))
+    nodes = np.empty(bvh.boxes.shape, dtype=np.float32)
+    for i in range(len(nodes)):
+        for k in range(3):
+            nodes[i, k], nodes[i, k + 3] = _outward(bvh.boxes[i, k], bvh.boxes[i, k + 3])
+    box, normals = np.empty((total, 6), dtype=np.float32), np.empty((total, 3))
     index = np.empty((total, 3), dtype=np.int32)
     for i in range(total):
         for k in range(3):
             index[i, k] = triangles[order[i], k]
             a, b, c = corners[i, 0, k], corners[i, 1, k], corners[i, 2, k]
-            box[i, k], box[i, k + 3] = min(a, b, c), max(a, b, c)
+            box[i, k], box[i, k + 3] = _outward(min(a, b, c), max(a, b, c))
         px, py, pz = corners[i, 0, 0], corners[i, 0, 1], corners[i, 0, 2]
         ux, uy, uz = corners[i, 1, 0] - px, corners[i, 1, 1] - py, corners[i, 1, 2] - pz
         vx, vy, vz = corners[i, 2, 0] - px, corners[i, 2, 1] - py, corners[i, 2, 2] - pz
         normals[i, 0], normals[i, 1], normals[i, 2] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    return box, normals, index
+    return nodes, box, normals, index
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -774,46 +788,42 @@ def _boxes_meet(boxes, i, j):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _halves(bvh, a, b, stack, depth):
-    """Push the pairs of nodes that the pair (a, b), not two leaves, falls into; returns the stack's new depth."""
-    child, count = bvh.child, bvh.count
+def _halves(boxes, child, count, a, b, stack, depth):
+    """Push those pairs of nodes whose boxes meet that the pair (a, b), not two leaves, falls into; returns the stack's
+    new depth."""
     if a == b:
         left, right = child[a], child[a] + 1
         stack[depth, 0], stack[depth, 1] = right, right
-        stack[depth + 1, 0], stack[depth + 1, 1] = left, right
-        stack[depth + 2, 0], stack[depth + 2, 1] = left, left
-        return depth + 3
-    if count[a] > 0 or (count[b] == 0 and _extent(bvh.boxes, b) > _extent(bvh.boxes, a)):
-        stack[depth, 0], stack[depth, 1] = a, child[b] + 1
-        stack[depth + 1, 0], stack[depth + 1, 1] = a, child[b]
-    else:
-        stack[depth, 0], stack[depth, 1] = child[a] + 1, b
-        stack[depth + 1, 0], stack[depth + 1, 1] = child[a], b
-    return depth + 2
+        stack[depth + 1, 0], stack[depth + 1, 1] = left, left
+        depth += 2
+        if _boxes_meet(boxes, left, right):
+            stack[depth, 0], stack[depth, 1] = left, right
+            depth += 1
+        return depth
+    if count[a] > 0 or (count[b] == 0 and b < a):  # of two inner nodes the one nearer to the root is opened
+        a, b = b, a
+    for half in range(child[a], child[a] + 2):
+        if _boxes_meet(boxes, half, b):
+            stack[depth, 0], stack[depth, 1] = half, b
+            depth += 1
+    return depth
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _extent(boxes, node):
-    return boxes[node, 3] - boxes[node, 0] + boxes[node, 4] - boxes[node, 1] + boxes[node, 5] - boxes[node, 2]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _node_pairs(bvh, wanted):
+def _node_pairs(boxes, child, count, wanted):
     """About ``wanted`` pairs of nodes (K, 2) that together hold all pairs of triangles whose boxes meet."""
-    if len(bvh.count) == 0:
+    if len(count) == 0:
         return np.empty((0, 2), np.int32)
     now, after = np.zeros((1, 2), np.int32), np.empty((3, 2), np.int32)
     while True:
         n, opened = 0, False
         for k in range(len(now)):
             a, b = now[k, 0], now[k, 1]
-            if a != b and not _boxes_meet(bvh.boxes, a, b):
-                continue
-            if bvh.count[a] > 0 and bvh.count[b] > 0:
+            if count[a] > 0 and count[b] > 0:
                 after[n, 0], after[n, 1] = a, b
                 n += 1
             else:
-                n = _halves(bvh, a, b, after, n)
+                n = _halves(boxes, child, count, a, b, after, n)
                 opened = True
         now = after[:n].copy()
         if not opened or n >= wanted:
@@ -822,12 +832,12 @@ def _node_pairs(bvh, wanted):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _pairs_below(bvh, box, normals, index, a, b, pairs):
+def _pairs_below(bvh, boxes, box, normals, index, a, b, pairs):
     """Pairs of triangles, one below node a and one below b, that meet, by descending both at once.
 
     Writes as many as fit into ``pairs`` (room, 2); returns how many there are.
     """
-    boxes, child, count, corners, order = bvh.boxes, bvh.child, bvh.count, bvh.corners, bvh.order
+    child, count, corners, order = bvh.child, bvh.count, bvh.corners, bvh.order
     stack = np.empty((4 * STACK, 2), dtype=np.int32)
     stack[0, 0], stack[0, 1] = a, b
     depth = 1
@@ -835,10 +845,8 @@ def _pairs_below(bvh, box, normals, index, a, b, pairs):
     while depth > 0:
         depth -= 1
         a, b = stack[depth, 0], stack[depth, 1]
-        if a != b and not _boxes_meet(boxes, a, b):
-            continue
         if count[a] == 0 or count[b] == 0:
-            depth = _halves(bvh, a, b, stack, depth)
+            depth = _halves(boxes, child, count, a, b, stack, depth)
             continue
         for i in range(child[a], child[a] + count[a]):
             for j in range(i + 1 if a == b else child[b], child[b] + count[b]):
@@ -850,10 +858,10 @@ def _pairs_below(bvh, box, normals, index, a, b, pairs):
 
 
 @njit(cache=True, nogil=True, parallel=True, error_model="numpy")
-def _self_intersection_kernel(bvh, box, normals, index, nodes, pairs, found):
+def _self_intersection_kernel(bvh, boxes, box, normals, index, nodes, pairs, found):
     """One task a pair of ``nodes`` (K, 2): ``pairs`` (K, room, 2), ``found`` (K,)."""
     for task in prange(len(nodes)):
-        found[task] = _pairs_below(bvh, box, normals, index, nodes[task, 0], nodes[task, 1], pairs[task])
+        found[task] = _pairs_below(bvh, boxes, box, normals, index, nodes[task, 0], nodes[task, 1], pairs[task])
 
 
 def self_intersections(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -885,7 +893,7 @@ def self_intersections(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarra
     triangles = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3)
     bvh = build_bvh(np.ascontiguousarray(vertices, dtype=np.float64), triangles, True)
     by_place = _by_place(bvh, triangles)
-    nodes = _node_pairs(bvh, min(128, len(triangles) // 64))
+    nodes = _node_pairs(by_place[0], bvh.child, bvh.count, min(128, len(triangles) // 64))
     if not len(nodes):
         return np.empty((0, 2), dtype=np.int32)
     room = 64
