@@ -10,7 +10,6 @@ import numpy as np
 
 from .dtw import Warping, dtw
 from .linear import dot
-from .mesh import Mesh, boundary_loops
 
 _ENOUGH = 120  # vertices of a chain that tell which other it belongs to
 
@@ -112,16 +111,30 @@ def solidity(labels: np.ndarray, view: int = 0) -> float:
     return float(mine.sum() / (last - first).sum())
 
 
-def outer_chains(patches: list[Mesh], up: np.ndarray, axis: np.ndarray) -> list[Chain]:
-    """Both chains of every patch's longest boundary loop, vertices numbered as in the merged mesh; none if one has no
-    ends."""
-    chains, offset = [], 0
-    for number, patch in enumerate(patches):
-        if len(patch.triangles):
-            loops = boundary_loops(patch.triangles, len(patch.vertices))
-            halves = split_loop(patch.vertices, loops[0], up, axis) if loops else None
-            if halves is None:
-                return []
-            chains += [Chain(number, half + offset) for half in halves]
-        offset += len(patch.vertices)
+def outer_chains(
+    points: np.ndarray, loops: list[np.ndarray], first: np.ndarray, up: np.ndarray, axis: np.ndarray
+) -> list[Chain]:
+    """Both chains of every patch's longest boundary loop; none at all if one has no ends.
+
+    Parameters
+    ----------
+    points : np.ndarray [shape=(V, 3)]
+        Vertices of all patches, one after the other [m].
+    loops : list of np.ndarray
+        All their boundary loops, the longest first.
+    first : np.ndarray [shape=(P+1,)]
+        Where each patch's vertices begin, and the last one's end.
+    up, axis : np.ndarray [shape=(3,)]
+        As for :func:`split_loop`.
+    """
+    owner = np.searchsorted(first, [loop[0] for loop in loops], side="right") - 1
+    chains = []
+    for number in range(len(first) - 1):
+        if first[number] == first[number + 1]:
+            continue
+        own = np.flatnonzero(owner == number)
+        halves = split_loop(points, loops[own[0]], up, axis) if len(own) else None
+        if halves is None:
+            return []
+        chains += [Chain(number, half) for half in halves]
     return chains

@@ -122,7 +122,7 @@ def _hash(x):
 def extend_twins(twin: np.ndarray, triangles: np.ndarray, vertex_count: int) -> np.ndarray:
     """:func:`twins` after triangles were added behind those whose ``twin`` is known, at open edges only."""
     known = len(twin) // 3
-    some = np.concatenate((np.flatnonzero((twin.reshape(-1, 3) == -1).any(axis=1)), np.arange(known, len(triangles))))
+    some = np.concatenate((np.unique(np.flatnonzero(twin == -1) // 3), np.arange(known, len(triangles))))
     found = twins(triangles[some], vertex_count)
     found = np.where(found >= 0, 3 * some[found // 3] + found % 3, found)
     out = np.concatenate((twin, np.full(3 * (len(triangles) - known), -1, np.int32)))

@@ -144,7 +144,9 @@ def _compact_candidates(
     entry = np.full(len(mesh.vertices), -1)
     entry[boundary.vertex] = np.arange(len(boundary.vertex))
     candidates = []
-    for a, b, warping in match_chains(mesh.vertices, outer_chains(patches, up, axis)):
+    loops = np.split(boundary.vertex, boundary.start[1:-1])
+    first = np.concatenate(([0], np.cumsum([len(patch.vertices) for patch in patches])))
+    for a, b, warping in match_chains(mesh.vertices, outer_chains(mesh.vertices, loops, first, up, axis)):
         at_a, at_b, path = entry[a.vertices], entry[b.vertices[::-1]], warping.path
         p, q = boundary.point[at_a[path[:, 0]]], boundary.point[at_b[path[:, 1]]]
         near = np.linalg.norm(p - q, axis=1) <= settings.compact_gap
