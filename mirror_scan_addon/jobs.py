@@ -262,7 +262,7 @@ def cancel_all(context: bpy.types.Context) -> None:
         for operator in window.modal_operators:
             if operator.bl_idname.startswith("MIRROR_SCAN_OT_"):
                 with context.temp_override(window=window):
-                    operator.cancel(context)
+                    getattr(operator, "leave", operator.cancel)(context)
 
 
 def redraw(context: bpy.types.Context, panels_only: bool = False) -> None:

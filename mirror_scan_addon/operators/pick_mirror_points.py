@@ -353,6 +353,15 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         """Blender calls this when it loads another file."""
         self._end(context)
 
+    def leave(self, context: bpy.types.Context) -> None:
+        """The add-on goes while points are picked: as after Esc."""
+        from .. import cloud
+
+        if context.scene.session_uid == self._scene_uid and cloud.cloud_of(context.scene) is not None:
+            self._undo_all(context)
+        else:
+            self._end(context)
+
     def _end(self, context) -> None:
         if not self._running:
             return
