@@ -246,23 +246,28 @@ REPORTED = (MirrorScanError, MemoryError, OSError)
 """What is reported in a line; everything else is a fault of ours and propagates."""
 
 
+def _ours(window: bpy.types.Window) -> list[bpy.types.Operator]:
+    """The modal operators of this add-on in a window."""
+    return [
+        operator
+        for operator in window.modal_operators
+        # None is left of one that was disabled meanwhile; ids have Blender's form, not that of our class names
+        if operator is not None and operator.bl_idname.startswith("MIRROR_SCAN_OT_")
+    ]
+
+
 def running(context: bpy.types.Context) -> bool:
     """Whether a modal operator of this add-on is under way in any window."""
-    return any(
-        operator.bl_idname.startswith("MIRROR_SCAN_OT_")  # Blender's form of “mirror_scan.…”, not our class names
-        for window in context.window_manager.windows
-        for operator in window.modal_operators
-    )
+    return any(_ours(window) for window in context.window_manager.windows)
 
 
 def cancel_all(context: bpy.types.Context) -> None:
     """Cancel what is under way in any window; Blender drops the operators of an add-on that goes without a word."""
     manager = getattr(context, "window_manager", None)
     for window in manager.windows if manager is not None else ():
-        for operator in window.modal_operators:
-            if operator.bl_idname.startswith("MIRROR_SCAN_OT_"):
-                with context.temp_override(window=window):
-                    getattr(operator, "leave", operator.cancel)(context)
+        for operator in _ours(window):
+            with context.temp_override(window=window):
+                getattr(operator, "leave", operator.cancel)(context)
 
 
 def redraw(context: bpy.types.Context, panels_only: bool = False) -> None:

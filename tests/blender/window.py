@@ -197,6 +197,11 @@ def story() -> Story:
     yield from shot("9_rig")
 
     with step("disable and enable"):
+        # in the midst of picking: that ends, and the mirrors are as before
+        mirrors = [(mirror.name, len(mirror.picks)) for mirror in settings().mirrors]
+        with viewport():
+            bpy.ops.mirror_scan.pick_mirror_points("INVOKE_DEFAULT", add=True)
+        expect(busy() and len(settings().mirrors) == len(mirrors) + 1, "picking a new mirror")
         with viewport():
             bpy.ops.preferences.addon_disable(module=ADDON)
         yield 0.5
@@ -206,7 +211,10 @@ def story() -> Story:
         with viewport():
             bpy.ops.preferences.addon_enable(module=ADDON)
         yield 0.5
-        expect(cloud() is not None and len(settings().mirrors) == 2, "the file's data again when enabled")
+        expect(cloud() is not None, "the file's data again when enabled")
+        expect(mirrors == [(mirror.name, len(mirror.picks)) for mirror in settings().mirrors], "the mirrors as before")
+        with viewport():
+            expect(bpy.ops.mirror_scan.find_mirrors.poll(), "nothing under way any more")
 
     measure()
 
@@ -345,7 +353,8 @@ def avatar():
 
 
 def busy() -> bool:
-    names = (operator.bl_idname for operator in window().modal_operators)
+    # None is what is left of an operator whose add-on was disabled
+    names = (operator.bl_idname for operator in window().modal_operators if operator is not None)
     return any(name.startswith("MIRROR_SCAN_OT_") for name in names)
 
 
