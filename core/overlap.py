@@ -15,7 +15,7 @@ from .camera import Intrinsics
 from .clipping import clip, distance_to_zero, smooth_on_mesh, trim_outline
 from .freespace import clear_depth
 from .linear import transform
-from .mesh import Mesh, compact, triangles_touching, vertex_normals
+from .mesh import Mesh, triangles_touching, vertex_normals
 from .mirror import Mirror, reflection_matrix
 from .threads import each
 from .triangulation import clean_patch
@@ -399,27 +399,26 @@ def _strip_doubles(patches: list[Mesh], maps: ViewMaps, settings: OverlapSetting
         ),
         range(len(patches)),
     )
-    stripped, ragged = list(patches), []
+    stripped = list(patches)
+    changed = False
     for view in range(len(patches) - 1, -1, -1):
         patch = patches[view]
         over = suspects[view]
-        if ragged:  # less is kept of the views before: what lay over that does so no longer
+        if changed:  # less is kept of the views before: what lay over that does so no longer
             over = _covered(patch, normals[view], over, kept, maps, settings)
         if not len(over):
             continue
+        changed = True
         covered = np.zeros(len(patch.vertices), np.bool_)
         covered[over] = True
         left = ~triangles_touching(patch.triangles, covered)
-        stripped[view] = compact(replace(patch, triangles=patch.triangles[left], kind=patch.kind[left]))
-        ragged.append((view, covered.sum() > 0.005 * len(covered)))  # a ragged outline, not a few teeth
-        kept[kept == view] = -1
-        _mark_kernel(stripped[view].vertices, stripped[view].view, maps.to_view, kept, maps.lens)
-
-    def tidy(view: int, outline: bool) -> Mesh:
-        return clean_patch(trim_outline(stripped[view], 0.5) if outline else stripped[view], 12)
-
-    for (view, _), patch in zip(ragged, each(lambda one: tidy(*one), ragged), strict=True):
+        patch = replace(patch, triangles=patch.triangles[left], kind=patch.kind[left])  # compacted by what follows
+        if covered.sum() > 0.005 * len(covered):  # a ragged outline, not a few teeth
+            patch = trim_outline(patch, 0.5)
+        patch = clean_patch(patch, 12)
         stripped[view] = patch
+        kept[kept == view] = -1
+        _mark_kernel(patch.vertices, patch.view, maps.to_view, kept, maps.lens)
     return stripped
 
 
