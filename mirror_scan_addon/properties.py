@@ -109,7 +109,7 @@ class MIRRORSCAN_PG_subject(bpy.types.PropertyGroup):
         name="Floor Clearance",
         description="Up to this height above the floor everything counts as the floor. Raise it when pieces of the "
         "floor stick to the soles",
-        default=0.0027, min=0.0, soft_max=0.1, max=0.5, step=0.1, precision=3, subtype="DISTANCE", unit="LENGTH",
+        default=0.002, min=0.0, soft_max=0.1, max=0.5, step=0.1, precision=3, subtype="DISTANCE", unit="LENGTH",
         update=_redraw, translation_context=CONTEXT,
     )  # fmt: skip
     reach: FloatProperty(
