@@ -108,7 +108,7 @@ def close_mesh(
     stretch = bulge(marks, parents, mesh)
     mesh = replace(mesh, vertices=fair(mesh.vertices, mesh.triangles, stiffness, stretch))
     if settings.untangle:
-        mesh, left = untangle(mesh, maps)
+        mesh, left = untangle(mesh, maps, coarseness=settings.refine)
         if left > 0.001 * len(mesh.triangles):
             notes.append(
                 f"{left} triangles run through others; look at the seams there, a longer burst or a clearer view helps"

@@ -31,7 +31,9 @@ _FEW = 0.0003  # of all triangles: what smoothing leaves of these is left
 _ABOUT = 0.03  # what a new triangle may run into has a vertex nearer than this [m]
 
 
-def untangle(mesh: Mesh, maps: ViewMaps | None = None, rounds: int = 4, cuts: int = 3) -> tuple[Mesh, int]:
+def untangle(
+    mesh: Mesh, maps: ViewMaps | None = None, rounds: int = 4, cuts: int = 3, coarseness: float = 2.0
+) -> tuple[Mesh, int]:
     """Smooth the surroundings of intersecting triangles until they come apart; cut out and fill anew what does not.
 
     Each round relaxes the vertices of the triangles that still intersect, and their neighbours one ring farther than
@@ -46,6 +48,8 @@ def untangle(mesh: Mesh, maps: ViewMaps | None = None, rounds: int = 4, cuts: in
         What the views saw, to keep fills out of empty space.
     rounds, cuts : int
         At most so many.
+    coarseness : float
+        Edges of what is filled anew are split where longer than this [edge lengths around].
 
     Returns
     -------
@@ -61,7 +65,7 @@ def untangle(mesh: Mesh, maps: ViewMaps | None = None, rounds: int = 4, cuts: in
     for rings in range(cuts):
         if len(crossing) <= _FEW * len(mesh.triangles):  # cutting takes as long for one as for a hundred
             break
-        mended = _fill_anew(mesh, crossing, rings, maps)
+        mended = _fill_anew(mesh, crossing, rings, maps, coarseness)
         if mended is None:
             continue
         mended, changed = mended
@@ -169,7 +173,7 @@ def _fill_anew(mesh: Mesh, crossing: np.ndarray, rings: int, maps: ViewMaps | No
     filled = remove_bowties(filled, twin)
     kind = filled.kind.copy()
     filled.kind[:known] = SURFACE  # only what is new is refined and moved
-    filled, parents = refine(filled, edge_length_at_vertices(filled), 1.7)
+    filled, parents = refine(filled, edge_length_at_vertices(filled), coarseness)
     new = np.concatenate((np.zeros(len(filled.vertices) - len(parents), np.bool_), np.ones(len(parents), np.bool_)))
     vertices = fair(filled.vertices, filled.triangles, np.where(new, 0.0, np.inf))
     kind = np.concatenate((kind[:known], np.full(len(filled.triangles) - known, FILL, np.int8)))
