@@ -141,7 +141,9 @@ def _smooth_apart(mesh: Mesh, crossing: np.ndarray, rounds: int) -> tuple[Mesh, 
     return replace(mesh, vertices=out), part[crossing]
 
 
-def _fill_anew(mesh: Mesh, crossing: np.ndarray, rings: int, maps: ViewMaps | None) -> tuple[Mesh, np.ndarray] | None:
+def _fill_anew(
+    mesh: Mesh, crossing: np.ndarray, rings: int, maps: ViewMaps | None, coarseness: float
+) -> tuple[Mesh, np.ndarray] | None:
     """The mesh with its ``crossing`` triangles and so many rings around them taken out, and the holes filled; and the
     points (K, 3) about which that changed it.
 
