@@ -15,6 +15,7 @@ from .cleaning import clean, recognise, still_warning
 from .closing import ClosingSettings, close_mesh
 from .depth import DepthSettings, fuse_burst, remove_flying_pixels
 from .errors import MirrorError, ReconstructionError
+from .floor_refinement import FloorSettings, level_floor
 from .linear import transform
 from .mesh import FILL, SEAM, Mesh
 from .metrics import mesh_report
@@ -43,6 +44,7 @@ class Settings:
     mirror: MirrorSettings = MirrorSettings()
     detection: DetectionSettings = DetectionSettings()
     alignment: JointSettings = JointSettings()
+    floor: FloorSettings = FloorSettings()
     agreement: AgreementSettings = AgreementSettings()
     views: ViewSettings = ViewSettings()
     triangulation: TriangulationSettings = TriangulationSettings()
@@ -289,6 +291,7 @@ def place_mirrors(
             "pass them with --mirrors; a frame at least 3 cm wide and 10 cm off the wall is found by itself"
         )
     placed, notes = align_reflections(placed, depth, camera, settings.alignment)
+    placed = level_floor(placed, depth, camera, settings.floor)
     placed = agree(placed, depth, camera, settings.agreement)
     return placed, (*(text for text in warnings if text), *notes)
 
