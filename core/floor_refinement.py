@@ -186,7 +186,11 @@ class _Floor:
         moves = np.einsum("nci,c->ni", reflection_moves(mirror, feet), self.up)
         carry = np.eye(3)
         carry[0, 1:] = self.level @ (center - self.center)
-        return shown[0] - carry @ own, shown[1] + carry @ covariance @ carry.T + self.known, np.einsum("in,nj->ij", shown[2], moves)
+        return (
+            shown[0] - carry @ own,
+            shown[1] + carry @ covariance @ carry.T + self.known,
+            np.einsum("in,nj->ij", shown[2], moves),
+        )
 
 
 def _lift(mirror: Mirror, up: np.ndarray) -> float:
