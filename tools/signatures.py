@@ -27,16 +27,16 @@ def main() -> int:
 
     if sys.argv[1:] == ["measure"]:
         return measure(compiling)
-    if sys.argv[1:] == ["rig"]:
-        print(json.dumps(walk_rig(compiling)))
+    if sys.argv[1:] in (["way"], ["rig"]):
+        found = walk(compiling) if sys.argv[1] == "way" else walk_rig(compiling)
+        print(json.dumps([list(entry) for entry in found]))
         return 0
     if len(sys.argv) == 3:
         return simulate(Path(sys.argv[2]), sys.argv[1])
-    listed = [list(entry) for entry in walk(compiling)]
+    listed = called("way")
     # In a process of its own: what it calls of the other stages but the first has to be in its list too.
-    rig = subprocess.run([sys.executable, __file__, "rig"], text=True, stdout=subprocess.PIPE, check=True)
     first = {json.dumps(entry[1:4]) for entry in listed if entry[0] == compiling.STAGES[0]}
-    listed += [entry for entry in json.loads(rig.stdout) if json.dumps(entry[1:4]) not in first]
+    listed += [entry for entry in called("rig") if json.dumps(entry[1:4]) not in first]
     with tempfile.TemporaryDirectory() as cache:
         done = subprocess.run(
             [sys.executable, __file__, "measure"], input=json.dumps(listed), text=True, stdout=subprocess.PIPE,
@@ -52,6 +52,14 @@ def main() -> int:
     return 0
 
 
+def called(which: str) -> list:
+    """Entries of one way, gone twice: a kernel that only others call shows where it is compiled with them, but not
+    where they come from the cache."""
+    for _ in range(2):
+        done = subprocess.run([sys.executable, __file__, which], text=True, stdout=subprocess.PIPE, check=True)
+    return json.loads(done.stdout)
+
+
 def walk(compiling) -> list:
     """An entry for each kernel that is called on the way, under the stage that calls it first."""
     from mirror_scan.core.pipeline import finish
@@ -63,7 +71,8 @@ def walk(compiling) -> list:
         for sensor in ("azure_kinect", "kinect_v1"):
             captures.append(Path(folder) / sensor)
             # in a process of its own, so that what it calls is not listed
-            subprocess.run([sys.executable, __file__, sensor, str(captures[-1])], check=True)
+            simulated = [sys.executable, __file__, sensor, str(captures[-1])]
+            subprocess.run(simulated, stdout=subprocess.DEVNULL, check=True)
 
         def look(stage: str) -> None:
             gather(compiling, stage, found)
