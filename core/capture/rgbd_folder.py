@@ -81,11 +81,13 @@ def read(path: Path, frames: FrameChoice = None, options: ReadOptions | None = N
     elif options.intrinsics:
         intrinsics, scale = options.intrinsics, DEFAULT_DEPTH_SCALE
     else:
-        nominal = nominal_camera(*_size(depth_files[0])) if depth_files else None
+        # Redwood's scans come without, all by PrimeSense's cameras; of another camera a guess would falsify every size
+        redwood = depth_files and (path / "image").is_dir()
+        nominal = nominal_camera(*_size(depth_files[0])) if redwood else None
         if nominal is None:
             raise CaptureError(
                 f"{path / INTRINSIC_NAMES[0]}: is missing; it gives width, height and intrinsic_matrix of the depth "
-                "camera"
+                "camera; write it, or name a file that holds them with --intrinsics"
             )
         intrinsics, sensor, note = nominal
         scale, notes = DEFAULT_DEPTH_SCALE, (note,)
