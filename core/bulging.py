@@ -67,7 +67,8 @@ def bulge(marks: np.ndarray, parents: np.ndarray, mesh: Mesh, rings: int = 8) ->
     spread = _inherited(marks, parents)[about]
     spread = _spread_kernel(spread, triangles, made[about], rings)
     cosine = np.sqrt(np.einsum("ij,ij->i", spread[:, :3], spread[:, :3]))
-    ends = _most_kernel(spread[:, 3].copy(), triangles, rings)
+    ends = _most_kernel(spread[:, 3].copy(), triangles, rings)[:, None]
+    ends = _spread_kernel(ends, triangles, np.ones(len(ends), np.bool_), rings // 2)[:, 0]
     out = np.ones(len(mesh.vertices))
     out[about] = np.where(made[about], 2.0 / (1.0 + cosine) * (0.25 + 0.75 * ends), 1.0)
     return out
@@ -109,8 +110,8 @@ def _inherited(marks, parents):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _spread_kernel(field, triangles, chosen, rounds):
-    """The field (V, 4) with its mean over the edges around at ``chosen`` vertices, over and over."""
-    count = len(field)
+    """The field (V, C) with its mean over the edges around at ``chosen`` vertices, over and over."""
+    count, width = field.shape
     share = np.zeros(count)  # 1 / ends of edges around
     for t in range(len(triangles)):
         for k in range(3):
@@ -118,16 +119,16 @@ def _spread_kernel(field, triangles, chosen, rounds):
     for i in range(count):
         share[i] = 1.0 / share[i] if share[i] > 0 else 0.0
     for _ in range(rounds):
-        total = np.zeros((count, 4))
+        total = np.zeros((count, width))
         for t in range(len(triangles)):
             i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-            for c in range(4):
+            for c in range(width):
                 a, b, d = field[i, c], field[j, c], field[k, c]
                 total[i, c] += b + d
                 total[j, c] += a + d
                 total[k, c] += a + b
         for i in range(count):
-            for c in range(4):
+            for c in range(width):
                 total[i, c] = total[i, c] * share[i] if chosen[i] and share[i] > 0 else field[i, c]
         field = total
     return field
@@ -135,7 +136,7 @@ def _spread_kernel(field, triangles, chosen, rounds):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _most_kernel(field, triangles, rings):
-    """The greatest value (V,) within so many rings, smoothed over half as many."""
+    """The greatest value (V,) within so many rings."""
     for _ in range(rings):
         most = field.copy()
         for t in range(len(triangles)):
@@ -143,17 +144,4 @@ def _most_kernel(field, triangles, rings):
             here = max(field[i], field[j], field[k])
             most[i], most[j], most[k] = max(most[i], here), max(most[j], here), max(most[k], here)
         field = most
-    for _ in range(rings // 2):
-        total, number = np.zeros(len(field)), np.zeros(len(field))
-        for t in range(len(triangles)):
-            i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-            total[i] += field[j] + field[k]
-            total[j] += field[i] + field[k]
-            total[k] += field[i] + field[j]
-            number[i] += 2.0
-            number[j] += 2.0
-            number[k] += 2.0
-        for i in range(len(field)):
-            if number[i] > 0:
-                field[i] = total[i] / number[i]
     return field

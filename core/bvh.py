@@ -743,36 +743,22 @@ def _pair_meets(corners, normals, index, i, j):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _outward(low, high):
-    """A range in float32, rounded so that it holds the one given."""
-    low, high = np.float32(low), np.float32(high)
-    return low - np.float32(1e-7) * abs(low), high + np.float32(1e-7) * abs(high)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def _by_place(bvh, triangles):
-    """Boxes of the nodes (M, 6) float32; per place in the order box (T, 6) float32, normal (T, 3), vertices (T, 3).
-
-    Half as wide as the tree's own, the boxes of a whole figure fit the processor's cache.
-    """
+    """Per place in the order: box (T, 6) float32, normal (T, 3), vertices (T, 3)."""
     corners, order = bvh.corners, bvh.order
     total = order.shape[0]
-    nodes = np.empty(bvh.boxes.shape, dtype=np.float32)
-    for i in range(len(nodes)):
-        for k in range(3):
-            nodes[i, k], nodes[i, k + 3] = _outward(bvh.boxes[i, k], bvh.boxes[i, k + 3])
     box, normals = np.empty((total, 6), dtype=np.float32), np.empty((total, 3))
     index = np.empty((total, 3), dtype=np.int32)
     for i in range(total):
         for k in range(3):
             index[i, k] = triangles[order[i], k]
             a, b, c = corners[i, 0, k], corners[i, 1, k], corners[i, 2, k]
-            box[i, k], box[i, k + 3] = _outward(min(a, b, c), max(a, b, c))
+            box[i, k], box[i, k + 3] = min(a, b, c), max(a, b, c)
         px, py, pz = corners[i, 0, 0], corners[i, 0, 1], corners[i, 0, 2]
         ux, uy, uz = corners[i, 1, 0] - px, corners[i, 1, 1] - py, corners[i, 1, 2] - pz
         vx, vy, vz = corners[i, 2, 0] - px, corners[i, 2, 1] - py, corners[i, 2, 2] - pz
         normals[i, 0], normals[i, 1], normals[i, 2] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    return nodes, box, normals, index
+    return box, normals, index
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -892,14 +878,15 @@ def self_intersections(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarra
     """
     triangles = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3)
     bvh = build_bvh(np.ascontiguousarray(vertices, dtype=np.float64), triangles, True)
-    by_place = _by_place(bvh, triangles)
-    nodes = _node_pairs(by_place[0], bvh.child, bvh.count, min(128, len(triangles) // 64))
+    # Rounding keeps order: boxes that meet still do in float32, and those of a whole figure fit the processor's cache.
+    boxes, by_place = bvh.boxes.astype(np.float32), _by_place(bvh, triangles)
+    nodes = _node_pairs(boxes, bvh.child, bvh.count, min(128, len(triangles) // 64))
     if not len(nodes):
         return np.empty((0, 2), dtype=np.int32)
     room = 64
     while True:
         pairs, found = np.empty((len(nodes), room, 2), dtype=np.int32), np.empty(len(nodes), dtype=np.int64)
-        _self_intersection_kernel(bvh, *by_place, nodes, pairs, found)
+        _self_intersection_kernel(bvh, boxes, *by_place, nodes, pairs, found)
         if found.max() <= room:
             break
         room = int(found.max())

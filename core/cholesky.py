@@ -131,17 +131,18 @@ def _solve_kernel(start, columns, values, diagonal, rhs, order):
         base[i] = 16 * (room - low[i])
         room += i - low[i] + 1
     lower = np.zeros(16 * room)
-    at, value = np.empty(most, np.int64), np.empty(most)
+    member, value = np.empty(most, np.int64), np.empty(most)
     for row in range(len(start) - 1):
         n = 0
         for e in range(start[row], start[row + 1]):
             if columns[e] >= 0:
-                at[n], value[n] = place[columns[e]], values[e]
+                member[n], value[n] = place[columns[e]], values[e]
                 n += 1
         for a in range(n):
             for b in range(n):
-                if at[b] <= at[a]:
-                    lower[base[at[a] // _SIDE] + _SIDE * at[b] + at[a] % _SIDE] += value[a] * value[b]
+                i, j = member[a], member[b]
+                if j <= i:
+                    lower[base[i // _SIDE] + _SIDE * j + i % _SIDE] += value[a] * value[b]
     for k in range(count):
         lower[base[place[k] // _SIDE] + _SIDE * place[k] + place[k] % _SIDE] += diagonal[k]
     for k in range(count, _SIDE * blocks):  # rows that fill up the last block
@@ -152,10 +153,10 @@ def _solve_kernel(start, columns, values, diagonal, rhs, order):
         for j in range(low[i], i + 1):
             at, first = base[i] + 16 * j, max(low[i], low[j])
             _less_products(lower, at, base[i] + 16 * first, base[j] + 16 * first, j - first)
-            diagonal = base[j] + 16 * j
+            pivot = base[j] + 16 * j
             for b in range(_SIDE):
                 for m in range(b):
-                    factor = lower[diagonal + _SIDE * m + b]
+                    factor = lower[pivot + _SIDE * m + b]
                     for a in range(_SIDE):
                         lower[at + _SIDE * b + a] -= lower[at + _SIDE * m + a] * factor
                 if j == i:

@@ -259,7 +259,7 @@ def _weight_kernel(points, rim, blocked, penalty):
     for i in range(n - 1):
         weight[i, i + 1] = 0.0
         normal[i, i + 1] = rim[i]
-    normal[n - 1, 0] = rim[n - 1]
+    normal[n - 1, 0] = rim[n - 1]  # of what lies behind the loop's last edge
     for span in range(2, n):
         for i in range(n - span):
             j = i + span

@@ -66,6 +66,8 @@ def level_floor(
     O(pixels), some 90 ms for 848×480; nothing is done while every frame is sure enough.
     """
     settings = settings or FloorSettings()
+    if not settings.use:
+        return list(mirrors)
     up = vertical(mirrors)
     unsure = [
         m.covariance is not None
@@ -74,7 +76,7 @@ def level_floor(
         and _lift(m, up) > settings.height  # else the frame knows it better than the floor
         for m in mirrors
     ]
-    if not settings.use or not any(unsure):
+    if not any(unsure):
         return list(mirrors)
     stride = int(np.ceil(np.sqrt(depth.size / _ENOUGH)))
     cloud = np.ascontiguousarray(unproject(depth, intrinsics)[::stride, ::stride])

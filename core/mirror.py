@@ -218,10 +218,14 @@ def person_before(mirror: Mirror) -> np.ndarray:
     return middle + 1.5 * mirror.normal + np.column_stack((x.ravel(), y.ravel())) @ mirror.basis[:, :2].T
 
 
+def reflection_shift(person: np.ndarray, one: Mirror, other: Mirror) -> float:
+    """How far apart two mirrors lay ``person`` (N, 3), root mean square over the points [m]."""
+    return float(np.sqrt(np.mean(np.sum((reflect(person, one) - reflect(person, other)) ** 2, axis=1))))
+
+
 def with_reason(new: Mirror, old: Mirror, reason: str) -> Mirror:
     """``new``, noting that ``reason`` moved it from ``old``, and by how much at a person."""
-    person = person_before(old)
-    apart = float(np.sqrt(np.mean(np.sum((reflect(person, new) - reflect(person, old)) ** 2, axis=1))))
+    apart = reflection_shift(person_before(old), new, old)
     return replace(new, moved_by=(*old.moved_by, reason), moved=float(np.hypot(old.moved, apart)))
 
 

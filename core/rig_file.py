@@ -20,7 +20,16 @@ from .capture import Capture, MirrorPicks
 from .depth import DepthSettings, fuse_burst, remove_flying_pixels
 from .errors import CaptureError, MirrorError
 from .files import replacing
-from .mirror import Mirror, MirrorSettings, at_border, oriented, person_before, place_mirror, plane_mirror, reflect
+from .mirror import (
+    Mirror,
+    MirrorSettings,
+    at_border,
+    oriented,
+    person_before,
+    place_mirror,
+    plane_mirror,
+    reflection_shift,
+)
 from .mirror_detection import DetectionSettings, circumference, find_mirrors
 from .mirror_refinement import JointSettings, align_reflections, fit_frame
 
@@ -223,7 +232,7 @@ def moved_warning(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, lim
             f"{again}: its frame is not where it was; calibrate it again" if _empty(mirror, depth, intrinsics) else None
         )
     person = person_before(mirror)
-    shift = float(np.sqrt(np.mean(np.sum((reflect(person, seen) - reflect(person, mirror)) ** 2, axis=1))))
+    shift = reflection_shift(person, seen, mirror)
     sure = np.hypot(seen.displacement(person), mirror.displacement(person) or 0.0)
     if shift <= max(limit, 3.0 * sure):
         return None
