@@ -46,8 +46,9 @@ def create_cloud(
     info: dict,
     placement: np.ndarray,
     collection: bpy.types.Collection,
+    unit: float = 1.0,
 ) -> bpy.types.Object:
-    """An object with a vertex for each reading of ``depth`` (H, W) [m].
+    """An object with a vertex for each reading of ``depth`` (H, W) [m], where ``placement`` puts it, see :func:`place`.
 
     Raises
     ------
@@ -76,7 +77,7 @@ def create_cloud(
         cloud[INFO] = json.dumps(info | {"intrinsics": asdict(intrinsics)}, ensure_ascii=False)
         cloud.display_type = "BOUNDS"  # its points are drawn by the overlay, in colour
         cloud.hide_render = True
-        place(cloud, placement)
+        place(cloud, placement, unit)
         collection.objects.link(cloud)
     return cloud
 
@@ -175,18 +176,21 @@ def touch(mesh: bpy.types.Mesh) -> None:
     mesh.update_tag()
 
 
-def place(cloud: bpy.types.Object, matrix: np.ndarray) -> None:
-    """Put the cloud where ``matrix`` (4, 4), camera frame → world, says; unless somebody moved it by hand."""
-    where = Matrix([list(map(float, row)) for row in matrix])
+def place(cloud: bpy.types.Object, matrix: np.ndarray, unit: float = 1.0) -> None:
+    """Put the cloud where ``matrix`` (4, 4), camera frame → world [m], says; unless somebody moved it by hand.
+
+    Its points stay in metres; the object's scale turns them into Blender units of ``unit`` metres.
+    """
+    where = Matrix.Scale(1.0 / unit, 4) @ Matrix([list(map(float, row)) for row in matrix])
     before = cloud.get(PLACED)
-    if before is not None and not np.allclose(np.array(cloud.matrix_world).ravel(), list(before), atol=1e-5):
+    if before is not None and not np.allclose(np.array(cloud.matrix_world).ravel(), list(before), atol=1e-5 / unit):
         return
     cloud.matrix_world = where
     cloud[PLACED] = [value for row in where for value in row]
 
 
 def camera_to_world(cloud: bpy.types.Object) -> np.ndarray:
-    """(4, 4)."""
+    """(4, 4), from metres before the camera to Blender units in the world."""
     return np.array(cloud.matrix_world)
 
 

@@ -21,6 +21,7 @@ from mathutils import Matrix, Vector
 from ..core.errors import OutputError
 from ..core.files import replacing
 from . import scene as avatar_scene
+from .units import metres_per_unit
 
 if TYPE_CHECKING:
     from ..core.pipeline import Reconstruction
@@ -124,12 +125,18 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -
         In the context's scene and view layer.
     kind : {"GLB", "FBX", "OBJ", "PLY", "STL", "USDC", "ABC", "BLEND"}
 
+    Notes
+    -----
+    Files are in metres, whatever the scene's unit is: only Blender's FBX exporter heeds it, so for the others the
+    object is scaled while it is written. A .blend keeps Blender units, as appending and linking do.
+
     Raises
     ------
     OutputError
         When the file cannot be written, or the exporter is missing or fails.
     """
-    with replacing(path) as temporary, _selected(avatar), _quiet():
+    size = 1.0 if kind in ("FBX", "BLEND") else metres_per_unit(bpy.context.scene)
+    with replacing(path) as temporary, _selected(avatar), _scaled(avatar, size), _quiet():
         file = str(temporary)
         try:
             if kind == "GLB":
@@ -188,6 +195,25 @@ def _selected(avatar: bpy.types.Object) -> Iterator[None]:
         for item in layer.objects:
             item.select_set(item.name in selected, view_layer=layer)
         layer.objects.active = active
+
+
+@contextlib.contextmanager
+def _scaled(avatar: bpy.types.Object, size: float) -> Iterator[None]:
+    """Have the object be ``size`` times as large, seen from the world's origin."""
+    if size == 1.0:
+        yield
+        return
+    kept = avatar.matrix_basis.copy()
+    wanted = Matrix.Scale(size, 4) @ avatar.matrix_world
+    try:
+        avatar.matrix_world = wanted
+        bpy.context.view_layer.update()
+        if not np.allclose(avatar.matrix_world, wanted, rtol=1e-4, atol=1e-4 * max(map(abs, wanted.translation))):
+            raise OutputError(f"{avatar.name}: cannot be written in metres while constraints hold it; apply them first")
+        yield
+    finally:
+        avatar.matrix_basis = kept
+        bpy.context.view_layer.update()
 
 
 def _add_avatar(target: bpy.types.Scene, reconstruction: Reconstruction) -> bpy.types.Object:

@@ -30,7 +30,7 @@ def cloud_key(cloud: bpy.types.Object, settings: bpy.types.PropertyGroup, only_r
         key += tuple(item.plane for item in settings.mirrors)
     if mode == "PART":
         subject = settings.subject
-        key += (subject.depth_limit, subject.floor_clearance, subject.max_height)
+        key += (subject.depth_limit_m, subject.floor_clearance_m, subject.max_height_m)
     return (*key, settings.fold)
 
 
@@ -57,7 +57,7 @@ def cloud_arrays(cloud: bpy.types.Object, settings: bpy.types.PropertyGroup, onl
             subject = settings.subject
             colors = palette.part_colors(
                 palette.sort_parts(
-                    view, height, depth, subject.floor_clearance, subject.max_height, subject.depth_limit
+                    view, height, depth, subject.floor_clearance_m, subject.max_height_m, subject.depth_limit_m
                 )
             )
     elif mode == "VIEW" and seen is not None:
@@ -381,7 +381,7 @@ def _draw_problem(context, region, space, scale: float) -> None:
     gpu.state.line_width_set(2.5 * scale)
     draw_circle_2d(at, (*COLORS["BAD"], 1), 26 * scale, segments=48)
     gpu.state.line_width_set(1)
-    text = f"{number}/{len(problems)}  {reports.problem_text(place)}"
+    text = f"{number}/{len(problems)}  {reports.problem_text(place, context.scene)}"
     _label(blf, text, at + Vector((0, 30 * scale)), COLORS["BAD"], scale)
 
 

@@ -372,7 +372,7 @@ class MIRRORSCAN_PT_check(_Panel, bpy.types.Panel):
         if report is None:
             _text(layout, say("Select an avatar to see how it came out"), "INFO")
             return
-        _table(layout, reports.summary(report))
+        _table(layout, reports.summary(report, context.scene))
         lines = reports.distances(report)
         if lines:
             layout.separator(factor=0.5)
@@ -402,7 +402,7 @@ def _draw_problems(layout: bpy.types.UILayout, context: bpy.types.Context, repor
     middle.label(text=f"{number} / {len(problems)}" if 0 < number <= len(problems) else count, translate=False)
     row.operator("mirror_scan.jump_to_problem", text="", icon="TRIA_RIGHT").direction = "NEXT"
     if 0 < number <= len(problems):
-        _text(layout, reports.problem_text(problems[number - 1]), "ERROR")
+        _text(layout, reports.problem_text(problems[number - 1], context.scene), "ERROR")
 
 
 class MIRRORSCAN_PT_export(_Panel, bpy.types.Panel):

@@ -19,6 +19,7 @@ from bpy.props import (
 )
 
 from .texts import CONTEXT
+from .units import metres_per_unit
 
 QUALITY = {
     "FINE": {"smoothing": 0.7, "close_gaps": 2, "outline": 0.4, "refine": 1.4, "untangle": True},
@@ -56,6 +57,27 @@ def _quality_changed(self, context: bpy.types.Context) -> None:
 def _name_changed(self, context: bpy.types.Context) -> None:
     if not self.name.strip():
         self.name = "mirror"
+
+
+def _metres(default: float, low: float | None = None, high: float | None = None) -> object:
+    """A length as it is kept, whatever the scene's units are; the panels show it by :func:`_length`."""
+    limits = {name: value for name, value in (("min", low), ("max", high)) if value is not None}
+    return FloatProperty(name="Metres", default=default, options={"HIDDEN"}, translation_context=CONTEXT, **limits)
+
+
+def _length(kept: str, name: str, description: str, step: float, precision: int, default: float, **options) -> object:
+    """What a length kept in metres is in Blender units, so that Blender shows it in the units of the scene."""
+
+    def get(self) -> float:
+        return getattr(self, kept) / metres_per_unit(self.id_data)
+
+    def set(self, value: float) -> None:
+        setattr(self, kept, value * metres_per_unit(self.id_data))
+
+    return FloatProperty(
+        name=name, description=description, default=default, step=step, precision=precision, subtype="DISTANCE",
+        unit="LENGTH", get=get, set=set, translation_context=CONTEXT, **options,
+    )  # fmt: skip
 
 
 class MIRRORSCAN_PG_pick(bpy.types.PropertyGroup):
@@ -98,31 +120,30 @@ class MIRRORSCAN_PG_mirror(bpy.types.PropertyGroup):
 class MIRRORSCAN_PG_subject(bpy.types.PropertyGroup):
     """How the person is told from the room."""
 
-    depth_limit: FloatProperty(
-        name="Depth Limit",
-        description="Everything farther from the camera than this is ignored; the way over a mirror counts whole. "
+    depth_limit_m: _metres(0.0, 0.0)
+    depth_limit: _length(
+        "depth_limit_m", "Depth Limit",
+        "Everything farther from the camera than this is ignored; the way over a mirror counts whole. "
         "0 m = by itself, from where the person can be",
-        default=0.0, min=0.0, soft_max=8.0, step=5, precision=2, subtype="DISTANCE", unit="LENGTH",
-        update=_redraw, translation_context=CONTEXT,
+        step=5, precision=2, default=0.0, update=_redraw,
     )  # fmt: skip
-    floor_clearance: FloatProperty(
-        name="Floor Clearance",
-        description="Up to this height above the floor everything counts as the floor. Raise it when pieces of the "
-        "floor stick to the soles",
-        default=0.002, min=0.0, soft_max=0.1, max=0.5, step=0.1, precision=3, subtype="DISTANCE", unit="LENGTH",
-        update=_redraw, translation_context=CONTEXT,
+    floor_clearance_m: _metres(0.002, 0.0, 0.5)
+    floor_clearance: _length(
+        "floor_clearance_m", "Floor Clearance",
+        "Up to this height above the floor everything counts as the floor. Raise it when pieces of the floor stick to "
+        "the soles",
+        step=0.1, precision=3, default=0.002, update=_redraw,
     )  # fmt: skip
-    reach: FloatProperty(
-        name="Reach",
-        description="How far from the place the mirrors look at the person may be",
-        default=1.15, min=0.2, soft_max=3.0, step=5, precision=2, subtype="DISTANCE", unit="LENGTH",
-        update=_redraw, translation_context=CONTEXT,
+    reach_m: _metres(1.15, 0.2)
+    reach: _length(
+        "reach_m", "Reach", "How far from the place the mirrors look at the person may be",
+        step=5, precision=2, default=1.15, update=_redraw,
     )  # fmt: skip
-    max_height: FloatProperty(
-        name="Max Height",
-        description="Everything higher above the floor than this is ignored, such as lamps and the ceiling",
-        default=2.4, min=0.2, soft_max=3.0, step=5, precision=2, subtype="DISTANCE", unit="LENGTH",
-        update=_redraw, translation_context=CONTEXT,
+    max_height_m: _metres(2.4, 0.2)
+    max_height: _length(
+        "max_height_m", "Max Height",
+        "Everything higher above the floor than this is ignored, such as lamps and the ceiling",
+        step=5, precision=2, default=2.4, update=_redraw,
     )  # fmt: skip
     object: BoolProperty(
         name="Any Thing",
@@ -178,12 +199,12 @@ class MIRRORSCAN_PG_quality(bpy.types.PropertyGroup):
         description="Smooth places where the surface runs through itself until it no longer does",
         default=True, update=_quality_changed, translation_context=CONTEXT,
     )  # fmt: skip
-    glass_offset: FloatProperty(
-        name="Glass Depth",
-        description="How far the reflecting glass lies behind the front of the mirrors' frames. A wrong value puts the "
-        "back of the person off by twice the error",
-        default=0.0, soft_min=-0.02, soft_max=0.05, step=0.1, precision=4, subtype="DISTANCE", unit="LENGTH",
-        translation_context=CONTEXT,
+    glass_offset_m: _metres(0.0)
+    glass_offset: _length(
+        "glass_offset_m", "Glass Depth",
+        "How far the reflecting glass lies behind the front of the mirrors' frames. A wrong value puts the back of the "
+        "person off by twice the error",
+        step=0.1, precision=4, default=0.0,
     )  # fmt: skip
 
 
@@ -268,6 +289,16 @@ class MIRRORSCAN_PG_scene(bpy.types.PropertyGroup):
     )  # fmt: skip
 
 
+FRAME_WIDTH = 0.035  # of a mirror, as many have it [m]
+
+
+def _became_mirror(self, context: bpy.types.Context) -> None:
+    """The frame's usual width, in a scene whose unit is not the metre."""
+    unit = metres_per_unit(context.scene)
+    if self.is_mirror and unit != 1.0 and not self.is_property_set("frame_width"):
+        self.frame_width = FRAME_WIDTH / unit
+
+
 class MIRRORSCAN_PG_object(bpy.types.PropertyGroup):
     """What an object stands for in a virtual rig."""
 
@@ -275,15 +306,15 @@ class MIRRORSCAN_PG_object(bpy.types.PropertyGroup):
         name="Is a Mirror",
         description="This flat object is a mirror of the virtual rig: its glass fills the object's bounding box and "
         "reflects on the side its local Z axis points to",
-        translation_context=CONTEXT,
+        update=_became_mirror, translation_context=CONTEXT,
     )  # fmt: skip
     frame_width: FloatProperty(
-        name="Frame Width", description="Width of the frame around the glass. 0 m = frameless", default=0.035, min=0.0,
-        soft_max=0.2, precision=3, subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
+        name="Frame Width", description="Width of the frame around the glass. 0 m = frameless", default=FRAME_WIDTH,
+        min=0.0, step=0.5, precision=3, subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
     )  # fmt: skip
     frame_depth: FloatProperty(
         name="Frame Depth", description="How far the frame stands out before the glass", default=0.0, min=0.0,
-        soft_max=0.1, precision=3, subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
+        step=0.1, precision=3, subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
     )  # fmt: skip
 
 

@@ -6,6 +6,7 @@ import json
 
 import bpy
 
+from . import units
 from .texts import say
 
 REPORT = "mirror_scan_report"  # custom property of an avatar: report.json as text
@@ -79,27 +80,27 @@ def _is_problem(place: dict) -> bool:
     )
 
 
-def problem_text(place: dict) -> str:
-    """One problem in plain words."""
-    centimetres = 100 * place["size"]
+def problem_text(place: dict, scene: bpy.types.Scene) -> str:
+    """One problem in plain words, its size in the scene's units."""
     text = {
-        "hole": say("Hole, {size:.1f} cm across"),
+        "hole": say("Hole, {size} across"),
         "edge": say("{count} faces branch off one edge"),
-        "crossing": say("Surface runs through itself, {size:.1f} cm"),
-        "piece": say("Loose piece, {size:.1f} cm"),
-        "guess": say("Nobody saw this: {area:.0f} cm² made up"),
-    }.get(place["kind"], place["kind"])
-    return text.format(size=centimetres, count=place["count"], area=1e4 * place["area"])
+        "crossing": say("Surface runs through itself, {size}"),
+        "piece": say("Loose piece, {size}"),
+        "guess": say("Nobody saw this: {area} made up"),
+    }.get(place["kind"], "{kind}")
+    size, area = units.length_text(place["size"], scene), units.area_text(place["area"], scene)
+    return text.format(size=size, count=place["count"], area=area, kind=place["kind"])
 
 
-def summary(report: dict) -> list[tuple[str, str, str]]:
+def summary(report: dict, scene: bpy.types.Scene) -> list[tuple[str, str, str]]:
     """What a report says of its mesh, as label, value and "OK", "WARN" or ""; leaves out what it does not have."""
     mesh = report.get("mesh", {})
     lines = []
     if mesh.get("height_m") is not None:
-        lines.append((say("Height"), f"{mesh['height_m']:.2f} m", ""))
+        lines.append((say("Height"), units.length_text(mesh["height_m"], scene), ""))
     if mesh.get("volume_l") is not None:
-        lines.append((say("Volume"), f"{mesh['volume_l']:.1f} l", ""))
+        lines.append((say("Volume"), units.volume_text(mesh["volume_l"], scene), ""))
     if "vertices" in mesh:
         lines.append((say("Vertices"), f"{mesh['vertices']:,}", ""))
     if "watertight" in mesh:

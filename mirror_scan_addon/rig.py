@@ -1,4 +1,7 @@
-"""A virtual rig as objects of the scene: a camera, and flat objects that are marked as mirrors."""
+"""A virtual rig as objects of the scene: a camera, and flat objects that are marked as mirrors.
+
+Objects are in Blender units of ``unit`` metres (:func:`.units.metres_per_unit`); what core gets and gives is in metres.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from ..core.errors import MirrorScanError
 from .scene import discard_on_error
 from .tasks import Surface
 from .texts import say
+from .units import metres_per_unit
 
 if TYPE_CHECKING:
     from ..core.simulation.scene import Rig
@@ -25,7 +29,7 @@ _FLIP = np.diag((1.0, -1.0, -1.0, 1.0))  # Blender's camera looks along -z with 
 
 def add_objects(scene: bpy.types.Scene, rig: Rig) -> list[bpy.types.Object]:
     """Camera and mirrors of a rig, in a collection of their own; the camera becomes the scene's."""
-    lens = rig.intrinsics
+    lens, unit = rig.intrinsics, metres_per_unit(scene)
     with discard_on_error() as made:
         collection = bpy.data.collections.new(COLLECTION)
         made.append(collection)
@@ -34,8 +38,9 @@ def add_objects(scene: bpy.types.Scene, rig: Rig) -> list[bpy.types.Object]:
         camera.data.sensor_width = 36.0
         camera.data.sensor_fit = "HORIZONTAL"
         camera.data.lens = 36.0 * lens.fx / lens.width
-        camera.data.display_size = 0.3
-        camera.matrix_world = Matrix((rig.camera_to_avatar @ _FLIP).tolist())
+        camera.data.display_size = 0.3 / unit
+        camera.data.clip_start, camera.data.clip_end = 0.1 / unit, 100.0 / unit
+        camera.matrix_world = _in_units(Matrix((rig.camera_to_avatar @ _FLIP).tolist()), unit)
         objects = [camera]
         material = bpy.data.materials.get(MATERIAL)
         if rig.mirrors and (material is None or material.library is not None):
@@ -49,7 +54,7 @@ def add_objects(scene: bpy.types.Scene, rig: Rig) -> list[bpy.types.Object]:
                 if node.type == "BSDF_PRINCIPLED":
                     node.inputs["Metallic"].default_value, node.inputs["Roughness"].default_value = 1.0, 0.0
         for mirror in rig.mirrors:
-            w, h = mirror.width / 2, mirror.height / 2
+            w, h = mirror.width / 2 / unit, mirror.height / 2 / unit
             mesh = bpy.data.meshes.new(f"Mirror {mirror.name}")
             made.append(mesh)
             mesh.from_pydata([(-w, -h, 0), (w, -h, 0), (w, h, 0), (-w, h, 0)], [], [(0, 1, 2, 3)])
@@ -57,16 +62,22 @@ def add_objects(scene: bpy.types.Scene, rig: Rig) -> list[bpy.types.Object]:
             glass = bpy.data.objects.new(f"Mirror {mirror.name}", mesh)
             made.append(glass)
             axes = mirror.axes
-            glass.matrix_world = Matrix.Translation(mirror.centre) @ Matrix(axes.T.tolist()).to_4x4()
+            glass.matrix_world = _in_units(Matrix.Translation(mirror.centre) @ Matrix(axes.T.tolist()).to_4x4(), unit)
             glass.mirror_scan.is_mirror = True
-            glass.mirror_scan.frame_width = mirror.frame_width
-            glass.mirror_scan.frame_depth = mirror.frame_depth
+            glass.mirror_scan.frame_width = mirror.frame_width / unit
+            glass.mirror_scan.frame_depth = mirror.frame_depth / unit
             objects.append(glass)
         for item in objects:
             collection.objects.link(item)
         scene.collection.children.link(collection)
         scene.camera = camera
     return objects
+
+
+def _in_units(matrix: Matrix, unit: float) -> Matrix:
+    """A pose in metres as one in Blender units: the place changes, the axes keep their length."""
+    matrix.translation /= unit
+    return matrix
 
 
 def mirrors_of(scene: bpy.types.Scene) -> list[dict]:
@@ -77,7 +88,7 @@ def mirrors_of(scene: bpy.types.Scene) -> list[dict]:
     MirrorScanError
         When one is not flat, or has no size.
     """
-    mirrors = []
+    mirrors, unit = [], metres_per_unit(scene)
     for item in scene.objects:
         if not item.mirror_scan.is_mirror or item.hide_render:
             continue
@@ -85,7 +96,7 @@ def mirrors_of(scene: bpy.types.Scene) -> list[dict]:
         low, high = corners.min(axis=0), corners.max(axis=0)
         matrix = np.array(item.matrix_world)
         scale = np.linalg.norm(matrix[:3, :3], axis=0)
-        width, height, thick = (high - low) * scale
+        width, height, thick = (high - low) * scale * unit
         if min(width, height) <= 1e-4 or thick > 0.2 * min(width, height):
             text = say("{name}: is marked as a mirror, but is not flat in its local X and Y; its glass lies there")
             raise MirrorScanError(text.format(name=item.name))
@@ -94,19 +105,19 @@ def mirrors_of(scene: bpy.types.Scene) -> list[dict]:
         mirrors.append(
             {
                 "name": item.name.removeprefix("Mirror ")[:63] or item.name,
-                "centre": tuple(float(value) for value in (matrix @ (*top, 1.0))[:3]),
+                "centre": tuple(unit * float(value) for value in (matrix @ (*top, 1.0))[:3]),
                 "normal": tuple(float(value) for value in np.cross(matrix[:3, 0], matrix[:3, 1])),
                 "up": tuple(float(value) for value in matrix[:3, 1]),
                 "width": float(width),
                 "height": float(height),
-                "frame_width": settings.frame_width,
-                "frame_depth": settings.frame_depth,
+                "frame_width": unit * settings.frame_width,
+                "frame_depth": unit * settings.frame_depth,
             }
         )
     return mirrors
 
 
-def camera_of(camera: bpy.types.Object) -> dict:
+def camera_of(camera: bpy.types.Object, unit: float = 1.0) -> dict:
     """Place and angles of ``Rig`` for a camera object.
 
     Raises
@@ -128,7 +139,7 @@ def camera_of(camera: bpy.types.Object) -> dict:
     down = np.cross(ahead, right)
     roll = math.atan2(turn[:, 0] @ down, turn[:, 0] @ right)
     return {
-        "camera": tuple(float(value) for value in pose[:3, 3]),
+        "camera": tuple(unit * float(value) for value in pose[:3, 3]),
         "pan_deg": math.degrees(pan),
         "tilt_deg": math.degrees(tilt),
         "roll_deg": math.degrees(roll),
@@ -169,4 +180,5 @@ def world_surface(context: bpy.types.Context, body: bpy.types.Object) -> Surface
     matrix = np.array(body.matrix_world)
     if np.linalg.det(matrix[:3, :3]) < 0:
         triangles = np.ascontiguousarray(triangles[:, ::-1])
-    return Surface(vertices @ matrix[:3, :3].T + matrix[:3, 3], triangles, colors, None, None)
+    vertices = metres_per_unit(context.scene) * (vertices @ matrix[:3, :3].T + matrix[:3, 3])
+    return Surface(vertices, triangles, colors, None, None)

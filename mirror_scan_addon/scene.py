@@ -29,6 +29,7 @@ def create_avatar(
     name: str = "Avatar",
     collection: bpy.types.Collection | None = None,
     report: dict | None = None,
+    unit: float = 1.0,
 ) -> bpy.types.Object:
     """A Blender object from a mesh, smooth shaded, with a material that shows its colours.
 
@@ -46,6 +47,8 @@ def create_avatar(
         Where to link the object; by default it is linked nowhere.
     report : dict, optional
         Kept with the object as JSON text, see :func:`.reports.avatar_report`.
+    unit : float
+        Metres in a Blender unit, see :func:`.units.metres_per_unit`.
 
     Raises
     ------
@@ -56,7 +59,7 @@ def create_avatar(
     with discard_on_error() as made:
         data = bpy.data.meshes.new(name)
         made.append(data)
-        _fill(data, mesh)
+        _fill(data, mesh, unit)
         known_materials = set(bpy.data.materials)
         material = avatar_material(COLOR if mesh.colors is not None else "")
         if material not in known_materials:
@@ -109,8 +112,15 @@ def target_collection(context: bpy.types.Context, target: bpy.types.Scene) -> bp
     return collection
 
 
-def read_surface(avatar: bpy.types.Object) -> Surface:
-    """A mesh object's arrays in its own frame, as they are stored: polygons cut into triangles, no modifiers.
+def size_of(avatar: bpy.types.Object, unit: float) -> np.ndarray:
+    """(3,) Metres in the world along the object's own axes for one of its own units; never 0."""
+    return unit * np.maximum(np.abs(np.array(avatar.matrix_world.to_scale())), 1e-9)
+
+
+def read_surface(avatar: bpy.types.Object, size: np.ndarray) -> Surface:
+    """A mesh object's arrays along its own axes, as they are stored: polygons cut into triangles, no modifiers.
+
+    ``size`` (3,) are metres in one unit of each axis, see :func:`size_of`.
 
     Raises
     ------
@@ -130,7 +140,7 @@ def read_surface(avatar: bpy.types.Object) -> Surface:
     data.loop_triangles.foreach_get("polygon_index", polygon)
     kind, view = integers(data, KIND, "FACE"), integers(data, VIEW, "POINT")
     kind = None if kind is None else kind[polygon]
-    return Surface(vertices.astype(np.float64), triangles, active_colors(data), view, kind)
+    return Surface(vertices.astype(np.float64) * size, triangles, active_colors(data), view, kind)
 
 
 def active_colors(data: bpy.types.Mesh, but: str = "") -> np.ndarray | None:
@@ -225,11 +235,12 @@ def _check(mesh: Mesh) -> None:
             raise OutputError(f"mesh: {label} must have the shape {shape}, not {np.shape(values)}")
 
 
-def _fill(data: bpy.types.Mesh, mesh: Mesh) -> None:
+def _fill(data: bpy.types.Mesh, mesh: Mesh, unit: float) -> None:
     """Arrays into an empty mesh data-block by ``foreach_set``, then validate."""
     n_vertices, n_triangles = len(mesh.vertices), len(mesh.triangles)
     data.vertices.add(n_vertices)
-    data.attributes["position"].data.foreach_set("vector", np.ravel(mesh.vertices).astype(np.float32))
+    vertices = np.ravel(mesh.vertices) if unit == 1.0 else np.ravel(mesh.vertices) / unit
+    data.attributes["position"].data.foreach_set("vector", vertices.astype(np.float32))
     data.loops.add(3 * n_triangles)
     data.polygons.add(n_triangles)
     # The matching integer type lets Blender copy the block instead of converting item by item.

@@ -141,7 +141,7 @@ def quality_of(item: bpy.types.PropertyGroup) -> str:
 
 
 def parse_points(text: str) -> list[list[float]]:
-    """Points as a script passes them: the text of a list of pairs (pixels) or of triples (metres in the world).
+    """Points as a script passes them: the text of a list of pairs (pixels) or of triples (places in the world).
 
     Raises
     ------
@@ -156,14 +156,15 @@ def parse_points(text: str) -> list[list[float]]:
         raise MirrorError(say("points: must be a list such as [[485, 393], [561, 404], [568, 319]]")) from error
     sizes = {len(point) for point in points}
     if sizes not in ({2}, {3}) or not all(math.isfinite(value) for point in points for value in point):
-        raise MirrorError(say("points: must be pairs of pixels or triples of metres, all finite numbers"))
+        raise MirrorError(say("points: must be pairs of pixels or triples of coordinates, all finite numbers"))
     return points
 
 
 def view_settings(settings: bpy.types.PropertyGroup) -> dict:
     """Fields of ``core.views.ViewSettings``."""
-    names = ("depth_limit", "floor_clearance", "reach", "max_height", "object")
-    return {name: getattr(settings.subject, name) for name in names}
+    subject = settings.subject
+    lengths = ("depth_limit", "floor_clearance", "reach", "max_height")
+    return {name: getattr(subject, f"{name}_m") for name in lengths} | {"object": subject.object}
 
 
 def build_settings(settings: bpy.types.PropertyGroup) -> dict:
@@ -171,7 +172,7 @@ def build_settings(settings: bpy.types.PropertyGroup) -> dict:
     quality = settings.quality
     return {
         "depth": {"smoothing": quality.smoothing, "close_gaps": quality.close_gaps},
-        "mirror": {"glass_offset": quality.glass_offset},
+        "mirror": {"glass_offset": quality.glass_offset_m},
         "views": view_settings(settings),
         "triangulation": {"outline": quality.outline},
         "closing": {"refine": quality.refine, "untangle": quality.untangle},

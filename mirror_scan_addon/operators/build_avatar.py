@@ -10,6 +10,7 @@ from bpy.props import IntProperty, StringProperty
 from ...core.errors import CaptureError
 from .. import jobs, state
 from ..texts import CONTEXT, say
+from ..units import metres_per_unit
 from .load_capture import look_at
 
 
@@ -82,12 +83,13 @@ class MIRRORSCAN_OT_build_avatar(jobs.JobOperator, bpy.types.Operator):
         # The user may be in another scene by now; the avatar belongs where the button was pressed.
         here = target == context.scene
         collection = scene.target_collection(context, target)
-        avatar = scene.create_avatar(result.mesh, collection=collection, report=result.report)
+        unit = metres_per_unit(target)
+        avatar = scene.create_avatar(result.mesh, collection=collection, report=result.report, unit=unit)
         settings = target.mirror_scan
         settings.problem_index = 0
         points = cloud.cloud_of(target)
         if self._aligns and points is not None and points.library is None:
-            cloud.place(points, result.report["camera_to_avatar"])
+            cloud.place(points, result.report["camera_to_avatar"], unit)
             settings.show_cloud = False  # it would cover the avatar that it now coincides with
             if not settings.mirrors:
                 state.set_records(settings, result.mirrors)

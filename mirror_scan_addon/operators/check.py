@@ -7,7 +7,8 @@ from bpy.props import EnumProperty, IntProperty
 
 from .. import jobs, reports, state
 from ..texts import CONTEXT, say
-from .load_capture import viewport
+from ..units import metres_per_unit
+from .load_capture import show_within, viewport
 
 
 def no_mesh(context: bpy.types.Context) -> str:
@@ -43,8 +44,12 @@ class MIRRORSCAN_OT_check(jobs.JobOperator, bpy.types.Operator):
     def start(self, context: bpy.types.Context) -> jobs.Task:
         from .. import scene
 
-        self._uid = context.object.session_uid
-        return jobs.Task("check_steps", (scene.read_surface(context.object),))
+        avatar = context.object
+        self._uid = avatar.session_uid
+        self._size = scene.size_of(avatar, metres_per_unit(context.scene))
+        surface = scene.read_surface(avatar, self._size)
+        self._height = float(surface.vertices[:, 2].max() - surface.vertices[:, 2].min())
+        return jobs.Task("check_steps", (surface,))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         from ...core.errors import OutputError
@@ -55,15 +60,20 @@ class MIRRORSCAN_OT_check(jobs.JobOperator, bpy.types.Operator):
         report = reports.avatar_report(avatar) or {}
         mesh = report.setdefault("mesh", {})
         mesh.update({name: value for name, value in result.report.items() if name != "min_angle_deg"})
+        mesh["height_m"] = self._height
         if result.report.get("volume_m3") is not None:
             mesh["volume_l"] = 1000.0 * result.report["volume_m3"]
         else:
             mesh.pop("volume_l", None)
-        report["problems"] = result.problems
+        report["problems"] = [
+            # in the object's own frame, where they stay when it is moved; sizes are metres
+            place | {name: (self._size**-1 * place[name]).tolist() for name in ("point", "normal")}
+            for place in result.problems
+        ]
         reports.set_report(avatar, report)
         target.mirror_scan.problem_index = 0
         if result.problems:
-            worst = reports.problem_text(result.problems[0])
+            worst = reports.problem_text(result.problems[0], target)
             text = say("{name}: {count} places to look at, first: {worst}")
             self.report({"INFO"}, text.format(name=avatar.name, count=len(result.problems), worst=worst))
         else:
@@ -120,7 +130,7 @@ class MIRRORSCAN_OT_jump_to_problem(bpy.types.Operator):
         settings.problem_index = number
         place = problems[number - 1]
         _look_at(context, avatar, place)
-        text = f"{number}/{len(problems)}: {reports.problem_text(place)}"
+        text = f"{number}/{len(problems)}: {reports.problem_text(place, context.scene)}"
         self.report({"INFO"}, text)
         return {"FINISHED"}
 
@@ -138,7 +148,8 @@ def _look_at(context: bpy.types.Context, avatar: bpy.types.Object, place: dict) 
         normal = Vector((0, -1, 0))
     view.view_location = avatar.matrix_world @ Vector(place["point"])
     view.view_rotation = normal.to_track_quat("Z", "Y")
-    view.view_distance = max(0.35, 4.0 * place["size"])
+    view.view_distance = max(0.35, 4.0 * place["size"]) / metres_per_unit(context.scene)
+    show_within(area, 0.1 * view.view_distance, 100.0 * view.view_distance)
     area.tag_redraw()
 
 

@@ -6,6 +6,7 @@ import bpy
 
 from .. import jobs, state
 from ..texts import CONTEXT, say
+from ..units import metres_per_unit
 
 
 class MIRRORSCAN_OT_find_subject(jobs.JobOperator, bpy.types.Operator):
@@ -39,7 +40,7 @@ class MIRRORSCAN_OT_find_subject(jobs.JobOperator, bpy.types.Operator):
         if points is None:
             raise CaptureError(say("The points of the capture are gone; load it again"))
         cloud.set_values(points.data, seen=result.seen, view=result.view, height=result.height)
-        cloud.place(points, result.placement)
+        cloud.place(points, result.placement, metres_per_unit(target))
         settings.cloud_colors, settings.show_cloud = "PART", True
         names = [say("direct"), *(item.name for item in settings.mirrors)]
         counts = ", ".join(f"{name} {pixels:,}" for name, pixels in zip(names, result.pixels, strict=False))

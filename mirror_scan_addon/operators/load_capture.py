@@ -8,6 +8,7 @@ from bpy.props import EnumProperty, IntProperty, StringProperty
 from ...core.errors import CaptureError
 from .. import jobs, state
 from ..texts import CONTEXT, say
+from ..units import metres_per_unit
 
 
 class MIRRORSCAN_OT_load_capture(jobs.JobOperator, bpy.types.Operator):
@@ -149,8 +150,9 @@ def show_capture(context: bpy.types.Context, target: bpy.types.Scene, loaded) ->
         if loaded.color is not None:
             made.append(cloud.create_picture(f"{name} colour", loaded.color))
         points = cloud.create_cloud(
-            name, loaded.depth, loaded.color, loaded.intrinsics, loaded.info, loaded.placement, collection
-        )
+            name, loaded.depth, loaded.color, loaded.intrinsics, loaded.info, loaded.placement, collection,
+            metres_per_unit(target),
+        )  # fmt: skip
     forget_capture(target)
     # the names that those before may have held
     points.name = points.data.name = name
@@ -206,7 +208,15 @@ def look_from_camera(context: bpy.types.Context, cloud: bpy.types.Object) -> Non
     view.view_perspective = "PERSP"
     view.view_rotation = (cloud.matrix_world.to_3x3() @ Matrix.Rotation(3.14159265, 3, "X")).to_quaternion()
     view.view_location = cloud.matrix_world @ Vector((0, 0, 2.5))
-    view.view_distance = 4.8
+    view.view_distance = 4.8 * cloud.matrix_world.median_scale
+    show_within(area, 0.1 * cloud.matrix_world.median_scale, 50.0 * cloud.matrix_world.median_scale)
+
+
+def show_within(area: bpy.types.Area, near: float, far: float) -> None:
+    """Have a 3D viewport leave out nothing that is between ``near`` and ``far`` from the eye [Blender units]: in a
+    scene of millimetres a room is larger than what a viewport shows at first."""
+    space = area.spaces.active
+    space.clip_start, space.clip_end = min(space.clip_start, near), max(space.clip_end, far)
 
 
 def look_at(context: bpy.types.Context, target: bpy.types.Object) -> None:
@@ -215,6 +225,8 @@ def look_at(context: bpy.types.Context, target: bpy.types.Object) -> None:
     region = None if area is None else next((region for region in area.regions if region.type == "WINDOW"), None)
     if region is None or bpy.app.background:
         return
+    extent = max(target.dimensions, default=0.0)
+    show_within(area, max(0.01 * extent, 1e-6), 20.0 * extent)
     with context.temp_override(area=area, region=region):
         if bpy.ops.view3d.view_selected.poll():
             bpy.ops.view3d.view_selected()

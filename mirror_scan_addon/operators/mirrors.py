@@ -47,7 +47,7 @@ class MIRRORSCAN_OT_find_mirrors(_MirrorOperator, bpy.types.Operator):
         from .. import cloud
 
         arrays = cloud.read_cloud(cloud.cloud_of(context.scene))
-        offset = context.scene.mirror_scan.quality.glass_offset
+        offset = context.scene.mirror_scan.quality.glass_offset_m
         return jobs.Task("find_mirrors_steps", (arrays.depth, arrays.color, arrays.intrinsics, offset))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
@@ -78,7 +78,7 @@ class MIRRORSCAN_OT_set_mirror(_MirrorOperator, bpy.types.Operator):
     points: StringProperty(
         name="Points",
         description="Text of a list of at least 3 points on the frame: pairs are pixels of the depth image, triples "
-        "are metres in the world",
+        "are places in the world",
         options={"SKIP_SAVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     name: StringProperty(
@@ -119,7 +119,7 @@ class MIRRORSCAN_OT_set_mirror(_MirrorOperator, bpy.types.Operator):
         else:
             raise MirrorError(say("Give points on the mirror's frame, or a point and the normal of its plane"))
         self._index = index
-        offset = settings.quality.glass_offset
+        offset = settings.quality.glass_offset_m
         return jobs.Task("fit_steps", (arrays.depth, arrays.intrinsics, records, offset))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:

@@ -205,7 +205,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             self._picture = seen_as, Picture(self._points, view, space.window_matrix, size)
         scale = context.preferences.system.ui_scale
         at = event.mouse_x - region.x, event.mouse_y - region.y
-        return self._picture[1].pick(at, SNAP_PX * scale, DEPTH_TOLERANCE)
+        return self._picture[1].pick(at, SNAP_PX * scale, DEPTH_TOLERANCE * view.median_scale)
 
     def _snap(self, context, event, region) -> tuple[float, float] | None:
         index = self._nearest(context, event, region)
@@ -269,7 +269,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             self._asked = [number for number, record in enumerate(records) if record["picks"] or record["plane"]]
             if self._asked:
                 chosen = [records[number] for number in self._asked]
-                offset = settings.quality.glass_offset
+                offset = settings.quality.glass_offset_m
                 self._task = jobs.Task("fit_steps", (self._depth, self._intrinsics, chosen, offset, self._asked))
                 self._errand = jobs.begin(self._task)
             else:

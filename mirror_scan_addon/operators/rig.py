@@ -8,6 +8,7 @@ from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 from ...core.errors import MirrorScanError
 from .. import compiling, jobs, remote, state
 from ..texts import CONTEXT, say
+from ..units import metres_per_unit
 from .load_capture import look_at, look_from_camera, show_capture
 
 SENSORS = (
@@ -17,6 +18,12 @@ SENSORS = (
     ("realsense_d455", "RealSense D455", "Active stereo, 848 × 480"),
     ("ideal", "Ideal", "No noise, 640 × 480"),
 )
+
+
+DISTANCE, PATH = 2.5, 4.6
+"""From the camera to the person, and over a mirror, unless the user says otherwise [m]."""
+
+NEAREST = 0.5  # that a depth camera sees anything at [m]
 
 
 class MIRRORSCAN_OT_add_rig(bpy.types.Operator):
@@ -35,7 +42,7 @@ class MIRRORSCAN_OT_add_rig(bpy.types.Operator):
         name="Mirrors", description="How many mirrors", default=2, min=0, max=6, translation_context=CONTEXT
     )
     distance: FloatProperty(
-        name="Distance", description="From the camera to the person", default=2.5, min=0.5, soft_max=4.0,
+        name="Distance", description="From the camera to the person", default=DISTANCE, min=0.0, step=5, precision=2,
         subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
     )  # fmt: skip
     angle: FloatProperty(
@@ -44,8 +51,8 @@ class MIRRORSCAN_OT_add_rig(bpy.types.Operator):
         default=2.0943951, min=1.0471976, max=3.0543262, subtype="ANGLE", unit="ROTATION", translation_context=CONTEXT,
     )  # fmt: skip
     path: FloatProperty(
-        name="Path", description="From the camera over a mirror to the person", default=4.6, min=1.0, soft_max=7.0,
-        subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
+        name="Path", description="From the camera over a mirror to the person", default=PATH, min=0.0, step=5,
+        precision=2, subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
     )  # fmt: skip
 
     @classmethod
@@ -58,9 +65,13 @@ class MIRRORSCAN_OT_add_rig(bpy.types.Operator):
         from ...core.simulation.scene import default_rig
         from .. import rig
 
+        unit = metres_per_unit(context.scene)
+        for name, metres in (("distance", DISTANCE), ("path", PATH)):
+            value = unit * getattr(self, name) if self.properties.is_property_set(name) else metres
+            setattr(self, name, max(value, NEAREST) / unit)
         try:
             arranged = default_rig(
-                self.sensor, self.distance, math.degrees(self.angle), self.mirrors, path_length=self.path
+                self.sensor, unit * self.distance, math.degrees(self.angle), self.mirrors, path_length=unit * self.path
             )
             made = rig.add_objects(context.scene, arranged)
         except jobs.REPORTED as error:
@@ -119,7 +130,7 @@ class MIRRORSCAN_OT_simulate(jobs.JobOperator, bpy.types.Operator):
         if mirrors and context.scene.camera is None:
             raise MirrorScanError(say("There are mirrors but no camera; add one and make it the scene's camera"))
         if mirrors:
-            options |= rig.camera_of(context.scene.camera) | {"room": None}
+            options |= rig.camera_of(context.scene.camera, metres_per_unit(context.scene)) | {"room": None}
         self._folder = state.absolute(self.filepath)
         if self._folder:
             state.check_folder(self._folder)
