@@ -127,7 +127,8 @@ def spoiled_report(bpy, capsule, tmp_path):
     from mirror_scan.mirror_scan_addon import reports
 
     kept = reports.avatar_report(avatar)
-    assert not reports.summary(kept, bpy.context.scene) and not reports.distances(kept) and not reports.problems_of(kept)
+    scene = bpy.context.scene
+    assert not reports.summary(kept, scene) and not reports.distances(kept) and not reports.problems_of(kept)
 
 
 def camera_of_no_size(bpy, capsule, tmp_path):
