@@ -19,6 +19,7 @@ from ..core.camera import Intrinsics, unproject
 from ..core.errors import CaptureError
 from .scene import COLOR, discard_on_error
 from .tasks import Cloud
+from .texts import say
 
 INFO = "mirror_scan_capture"  # custom property of the object: what is known of the capture, as JSON text
 STAMP = "mirror_scan_stamp"  # custom property of its mesh: new with each change, so that what is drawn can be kept
@@ -57,7 +58,7 @@ def create_cloud(
     """
     pixel = np.flatnonzero(depth.ravel() > 0).astype(np.int32)
     if not len(pixel):
-        raise CaptureError(f"{name}: no pixel has a depth reading")
+        raise CaptureError(say("{name}: no pixel has a depth reading").format(name=name))
     points = unproject(depth, intrinsics).reshape(-1, 3)[pixel].astype(np.float32)
     points[:, 2] = depth.ravel()[pixel]
     with discard_on_error() as made:
@@ -97,15 +98,18 @@ def read_cloud(cloud: bpy.types.Object) -> Cloud:
     try:
         intrinsics = Intrinsics(**info.pop("intrinsics"))
     except (KeyError, TypeError) as error:
-        raise CaptureError(f"{cloud.name}: does not know its camera any more; load the capture again") from error
+        text = say("{name}: does not know its camera any more; load the capture again")
+        raise CaptureError(text.format(name=cloud.name)) from error
     size = intrinsics.width * intrinsics.height
     if pixel is None or not count or pixel.min() < 0 or pixel.max() >= size:
-        raise CaptureError(f"{cloud.name}: its points are no depth map any more; load the capture again")
+        text = say("{name}: its points are no depth map any more; load the capture again")
+        raise CaptureError(text.format(name=cloud.name))
     points = np.empty((count, 3), np.float32)
     mesh.attributes["position"].data.foreach_get("vector", points.ravel())
     sound = np.isfinite(points).all(axis=1) & (points[:, 2] > 0)
     if not sound.any():
-        raise CaptureError(f"{cloud.name}: none of its points is before the camera any more; load the capture again")
+        text = say("{name}: none of its points is before the camera any more; load the capture again")
+        raise CaptureError(text.format(name=cloud.name))
     color = None
     attribute = mesh.attributes.get(COLOR)
     if attribute is not None and len(attribute.data) == count:
@@ -133,7 +137,8 @@ def cloud_info(cloud: bpy.types.Object) -> dict:
             return info
     except ValueError:
         pass
-    raise CaptureError(f"{cloud.name}: what was known of its capture is damaged; load the capture again")
+    text = say("{name}: what was known of its capture is damaged; load the capture again")
+    raise CaptureError(text.format(name=cloud.name))
 
 
 def values(mesh: bpy.types.Mesh, name: str, dtype: type) -> np.ndarray | None:

@@ -21,6 +21,7 @@ from mathutils import Matrix, Vector
 from ..core.errors import OutputError
 from ..core.files import replacing
 from . import scene as avatar_scene
+from .texts import say
 from .units import metres_per_unit
 
 if TYPE_CHECKING:
@@ -167,7 +168,8 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -
                 bpy.data.libraries.write(file, {avatar}, compress=True, fake_user=True)
         # What an operator reports reaches scripts as RuntimeError; without the format there is no such operator.
         except (RuntimeError, AttributeError) as error:
-            raise OutputError(f"{path}: Blender cannot write it: {_reason(str(error))}") from error
+            text = say("{path}: Blender cannot write it: {reason}")
+            raise OutputError(text.format(path=path, reason=_reason(str(error)))) from error
 
 
 def _reason(text: str) -> str:
@@ -184,7 +186,8 @@ def _selected(avatar: bpy.types.Object) -> Iterator[None]:
     layer = bpy.context.view_layer
     selected, active = [item.name for item in layer.objects.selected], layer.objects.active
     if avatar.name not in layer.objects:
-        raise OutputError(f"{avatar.name}: is not in this view layer; exporters do not see it")
+        text = say("{name}: is not in this view layer; exporters do not see it")
+        raise OutputError(text.format(name=avatar.name))
     hidden = avatar.hide_get(view_layer=layer)
     try:
         avatar.hide_set(False, view_layer=layer)
@@ -209,7 +212,8 @@ def _scaled(avatar: bpy.types.Object, size: float) -> Iterator[None]:
         avatar.matrix_world = wanted
         bpy.context.view_layer.update()
         if not np.allclose(avatar.matrix_world, wanted, rtol=1e-4, atol=1e-4 * max(map(abs, wanted.translation))):
-            raise OutputError(f"{avatar.name}: cannot be written in metres while constraints hold it; apply them first")
+            text = say("{name}: cannot be written in metres while constraints hold it; apply them first")
+            raise OutputError(text.format(name=avatar.name))
         yield
     finally:
         avatar.matrix_basis = kept
@@ -298,7 +302,8 @@ def _export(target: bpy.types.Scene, module: str, operator: str, **options) -> N
         try:
             getattr(bpy.ops.export_scene, operator)(**options)
         except RuntimeError as error:  # what an operator reports as an error reaches scripts so
-            raise OutputError(f"Blender's {module} failed: {_reason(str(error))}") from error
+            text = say("Blender's {module} failed: {reason}")
+            raise OutputError(text.format(module=module, reason=_reason(str(error)))) from error
 
 
 @contextlib.contextmanager
@@ -306,7 +311,8 @@ def _enabled(module: str) -> Iterator[None]:
     """Have an add-on that Blender ships registered, without writing that into the user's preferences."""
     _, loaded = addon_utils.check(module)
     if not loaded and addon_utils.enable(module, default_set=False) is None:
-        raise OutputError(f"Blender's add-on {module} cannot be enabled; this Blender lacks it or it is broken")
+        text = say("Blender's add-on {module} cannot be enabled; this Blender lacks it or it is broken")
+        raise OutputError(text.format(module=module))
     try:
         yield
     finally:
@@ -320,14 +326,14 @@ def _shown(target: bpy.types.Scene) -> Iterator[None]:
     windows = [window for manager in bpy.data.window_managers for window in manager.windows]
     window = bpy.context.window or next(iter(windows), None)
     if window is None:
-        raise OutputError("Blender has no window to export from; open a file first")
+        raise OutputError(say("Blender has no window to export from; open a file first"))
     shown, layer = window.scene, window.view_layer
     try:
         with bpy.context.temp_override(window=window):
             # Not by overriding the context's scene: Blender 5.0 crashes when its view layer is updated then.
             window.scene = target
             if bpy.context.scene != target:
-                raise OutputError("Cannot export inside a context override of the scene; leave it first")
+                raise OutputError(say("Cannot export inside a context override of the scene; leave it first"))
             yield
     finally:
         window.scene = shown

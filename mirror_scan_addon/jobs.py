@@ -207,7 +207,7 @@ class JobOperator:
 
     def fail(self, error: Exception) -> set[str]:
         """Report an error and return what ``execute`` shall return."""
-        text = str(error)
+        text = say(str(error))  # core's errors are plain English; those without a name or number in them are looked up
         if isinstance(error, MemoryError):
             text = say("Not enough memory; close other programs or use fewer frames")
         self.report({"ERROR"}, text)

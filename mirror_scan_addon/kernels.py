@@ -10,6 +10,7 @@ import bpy
 
 from .. import __package__ as ROOT_PACKAGE
 from ..core.errors import MirrorScanError
+from .texts import say
 
 
 def prepare_kernels() -> None:
@@ -25,10 +26,11 @@ def prepare_kernels() -> None:
     try:
         import numba
     except ImportError as error:
-        raise MirrorScanError(
-            f"The Python package numba cannot be imported ({error}); install Mirror Scan from the zip made for your "
+        text = say(
+            "The Python package numba cannot be imported ({error}); install Mirror Scan from the zip made for your "
             "platform and this Blender version, or put numba into this Python"
-        ) from error
+        )
+        raise MirrorScanError(text.format(error=error)) from error
     if not numba.config.CACHE_DIR:
         numba.config.CACHE_DIR = cache_folder()
 
@@ -47,8 +49,8 @@ def cache_folder() -> str:
 def compiling_text() -> str:
     """What to tell while kernels are compiled."""
     if _extension_folder.cache_info().currsize and _is_temporary(_extension_folder()):
-        return "Compiling for this session"
-    return "Compiling for this computer, once"
+        return say("Compiling for this session")
+    return say("Compiling for this computer, once")
 
 
 @functools.cache

@@ -368,6 +368,7 @@ def _draw_problem(context, region, space, scale: float) -> None:
     from mathutils import Vector
 
     from . import reports
+    from .texts import say
 
     number = context.scene.mirror_scan.problem_index
     report = reports.avatar_report(context.object) if number and context.object is not None else None
@@ -381,7 +382,8 @@ def _draw_problem(context, region, space, scale: float) -> None:
     gpu.state.line_width_set(2.5 * scale)
     draw_circle_2d(at, (*COLORS["BAD"], 1), 26 * scale, segments=48)
     gpu.state.line_width_set(1)
-    text = f"{number}/{len(problems)}  {reports.problem_text(place, context.scene)}"
+    problem = reports.problem_text(place, context.scene)
+    text = say("{number} of {count}: {problem}").format(number=number, count=len(problems), problem=problem)
     _label(blf, text, at + Vector((0, 30 * scale)), COLORS["BAD"], scale)
 
 

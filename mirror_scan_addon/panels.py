@@ -11,6 +11,8 @@ from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
 from . import jobs, reports, state
+from .operators.check import no_mesh
+from .operators.color_by import shown_mode
 from .texts import CONTEXT, say
 
 NARROW = 250  # below this width of the sidebar labels go into their fields instead of beside them [px at 100 % scale]
@@ -126,7 +128,7 @@ class MIRRORSCAN_PT_capture(_Panel, bpy.types.Panel):
         row.operator("mirror_scan.record", text="", icon="RADIOBUT_ON")
         _draw_progress(layout, context, "mirror_scan.load_capture", "mirror_scan.record")
         column = _fields(layout)
-        column.prop(settings, "capture_path", text="Path", text_ctxt=CONTEXT, placeholder="Folder or file")
+        column.prop(settings, "capture_path", text="Path", text_ctxt=CONTEXT, placeholder=say("Folder or file"))
         _field(column, settings, "frames", "Frames (0 = all)")
         cloud = _cloud(context)
         if cloud is None:
@@ -293,7 +295,9 @@ class MIRRORSCAN_PT_subject(_Panel, bpy.types.Panel):
         column = _fields(layout)
         for name in ("depth_limit", "floor_clearance", "max_height", "reach", "object"):
             _field(column, settings.subject, name)
-        if settings.subject.message:
+        if settings.subject.message and settings.subject.stale:
+            _text(layout, say("Press Find Subject again: the search goes by Reach and Any Thing"), "FILE_REFRESH")
+        elif settings.subject.message:
             _text(layout, settings.subject.message, "CHECKMARK")
             _text(layout, say("Person orange, floor green, too far red, room grey"))
         else:
@@ -302,6 +306,9 @@ class MIRRORSCAN_PT_subject(_Panel, bpy.types.Panel):
 
 class MIRRORSCAN_PT_build(_Panel, bpy.types.Panel):
     bl_label = "Build"
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        _step_done(self.layout, reports.avatar_report(context.object) is not None)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -362,6 +369,13 @@ class MIRRORSCAN_PT_quality(_Panel, bpy.types.Panel):
 class MIRRORSCAN_PT_check(_Panel, bpy.types.Panel):
     bl_label = "Check"
 
+    def draw_header(self, context: bpy.types.Context) -> None:
+        report = reports.avatar_report(context.object) or {}
+        if reports.problems_of(report):
+            self.layout.label(text="", icon="ERROR")
+        else:
+            _step_done(self.layout, "problems" in report)
+
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         avatar = context.object
@@ -382,8 +396,9 @@ class MIRRORSCAN_PT_check(_Panel, bpy.types.Panel):
         column = layout.column(align=True)
         column.label(text="Colour By", text_ctxt=CONTEXT)
         row = column.row(align=True)
+        shown = shown_mode(avatar) if avatar.type == "MESH" else ""
         for mode, label in (("CAPTURE", "Capture"), ("VIEW", "View"), ("KIND", "Kind")):
-            row.operator("mirror_scan.color_by", text=label, text_ctxt=CONTEXT).mode = mode
+            row.operator("mirror_scan.color_by", text=label, text_ctxt=CONTEXT, depress=mode == shown).mode = mode
         if "problems" in report:
             _draw_problems(layout, context, report)
 
@@ -411,6 +426,11 @@ class MIRRORSCAN_PT_export(_Panel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         layout.operator_context = "INVOKE_DEFAULT"
+        problem = no_mesh(context)
+        if problem:
+            _text(layout, problem, "INFO")
+        column = _fields(layout)
+        column.prop(context.scene.mirror_scan, "export_folder", placeholder=say("Ask each time"))
         flow = layout.grid_flow(columns=4, even_columns=True, align=True)
         for kind in ("GLB", "FBX", "OBJ", "PLY", "STL", "USDC", "ABC", "BLEND"):
             flow.operator("mirror_scan.export_avatar", text=kind, translate=False).format = kind

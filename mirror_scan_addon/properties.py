@@ -54,6 +54,12 @@ def _quality_changed(self, context: bpy.types.Context) -> None:
         self.preset = preset
 
 
+def _search_changed(self, context: bpy.types.Context) -> None:
+    """What the search for the person goes by; unlike the limits it does not sort by itself what was found."""
+    self.stale = bool(self.message)
+    _redraw(self, context)
+
+
 def _name_changed(self, context: bpy.types.Context) -> None:
     if not self.name.strip():
         self.name = "mirror"
@@ -62,7 +68,10 @@ def _name_changed(self, context: bpy.types.Context) -> None:
 def _metres(default: float, low: float | None = None, high: float | None = None) -> object:
     """A length as it is kept, whatever the scene's units are; the panels show it by :func:`_length`."""
     limits = {name: value for name, value in (("min", low), ("max", high)) if value is not None}
-    return FloatProperty(name="Metres", default=default, options={"HIDDEN"}, translation_context=CONTEXT, **limits)
+    return FloatProperty(
+        name="Metres", description="The length in metres, whatever the scene's units are", default=default,
+        options={"HIDDEN"}, translation_context=CONTEXT, **limits,
+    )  # fmt: skip
 
 
 def _length(kept: str, name: str, description: str, step: float, precision: int, default: float, **options) -> object:
@@ -137,7 +146,7 @@ class MIRRORSCAN_PG_subject(bpy.types.PropertyGroup):
     reach_m: _metres(1.15, 0.2)
     reach: _length(
         "reach_m", "Reach", "How far from the place the mirrors look at the person may be",
-        step=5, precision=2, default=1.15, update=_redraw,
+        step=5, precision=2, default=1.15, update=_search_changed,
     )  # fmt: skip
     max_height_m: _metres(2.4, 0.2)
     max_height: _length(
@@ -149,11 +158,15 @@ class MIRRORSCAN_PG_subject(bpy.types.PropertyGroup):
         name="Any Thing",
         description="The subject may be a thing of any height, on the floor, a table or a plinth: what it stands on is "
         "cut off",
-        update=_redraw, translation_context=CONTEXT,
+        update=_search_changed, translation_context=CONTEXT,
     )  # fmt: skip
     message: StringProperty(
         name="Message", description="What the last search for the person found", translation_context=CONTEXT
     )
+    stale: BoolProperty(
+        name="Stale", description="Whether the person was searched for with other settings", options={"HIDDEN"},
+        translation_context=CONTEXT,
+    )  # fmt: skip
 
 
 class MIRRORSCAN_PG_quality(bpy.types.PropertyGroup):
@@ -283,6 +296,12 @@ class MIRRORSCAN_PG_scene(bpy.types.PropertyGroup):
     rig_message: StringProperty(
         name="Coverage", description="What the last virtual scan saw of the body", translation_context=CONTEXT
     )
+    export_folder: StringProperty(
+        name="Folder",
+        description="Folder that the buttons below write to at once, over a file of that name. Leave empty to be asked "
+        "each time",
+        subtype="DIR_PATH", options={"PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
     problem_index: IntProperty(
         name="Problem", description="Which problem of the avatar was jumped to last, counted from 1; 0 = none",
         min=0, translation_context=CONTEXT,

@@ -20,6 +20,7 @@ import bpy
 from .. import __package__ as ROOT_PACKAGE
 from ..core import errors
 from . import compiling, kernels
+from .texts import say
 
 _START = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='mirror_scan_worker')['main']()"
 _MESSAGE_TAIL = 2000  # characters of a dead worker's output that are shown
@@ -191,7 +192,9 @@ class Errand:
             self.progress = message["fraction"], text
         elif "compiling" in message:
             if not self._compiles:  # what the list of kernels lacks
-                self.progress = self.progress[0], f"{kernels.compiling_text()} ({message['compiling']})"
+                text = say("{compiling} ({kernel})")
+                text = text.format(compiling=kernels.compiling_text(), kernel=message["compiling"])
+                self.progress = self.progress[0], text
         elif "done" in message and self._compiles:
             self._compiles = False
             self._worker.result()
@@ -216,10 +219,11 @@ class Errand:
         code, said = self._worker.process.returncode, self._worker.output()
         if not self._worker.ready:
             return Unavailable(f"{sys.executable} ended with code {code}: {said}")
-        return errors.MirrorScanError(
-            f"The process that does the work was ended (code {code}); if you did not do that, memory ran out: close "
-            f"other programs, or use fewer frames. {said}".strip()
+        text = say(
+            "The process that does the work was ended (code {code}); if you did not do that, memory ran out: close "
+            "other programs, or use fewer frames. {said}"
         )
+        return errors.MirrorScanError(text.format(code=code, said=said).strip())
 
 
 def _take() -> Worker:

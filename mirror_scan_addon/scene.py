@@ -14,6 +14,7 @@ import numpy as np
 from ..core.errors import OutputError
 from .reports import REPORT
 from .tasks import Surface
+from .texts import say
 
 if TYPE_CHECKING:
     from ..core.mesh import Mesh
@@ -131,7 +132,7 @@ def read_surface(avatar: bpy.types.Object, size: np.ndarray) -> Surface:
     data.calc_loop_triangles()
     count = len(data.loop_triangles)
     if not count:
-        raise OutputError(f"{avatar.name}: has no faces")
+        raise OutputError(say("{name}: has no faces").format(name=avatar.name))
     vertices = np.empty((len(data.vertices), 3), np.float32)
     data.attributes["position"].data.foreach_get("vector", vertices.ravel())
     triangles = np.empty((count, 3), np.int32)
@@ -217,22 +218,23 @@ def _check(mesh: Mesh) -> None:
     """Refuse what Blender would crash on or silently change beyond recognition."""
     vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
     if vertices.ndim != 2 or vertices.shape[1] != 3 or triangles.ndim != 2 or triangles.shape[1] != 3:
-        raise OutputError(
-            f"mesh: vertices must be (V, 3) and triangles (T, 3), got {vertices.shape} and {triangles.shape}"
-        )
+        text = say("mesh: vertices must be (V, 3) and triangles (T, 3), got {vertices} and {triangles}")
+        raise OutputError(text.format(vertices=vertices.shape, triangles=triangles.shape))
     if len(vertices) == 0 or len(triangles) == 0:
-        raise OutputError("mesh: has no triangles, so there is nothing to show")
+        raise OutputError(say("mesh: has no triangles, so there is nothing to show"))
     if not (np.abs(vertices) < np.finfo(np.float32).max).all():  # false for NaN too
-        raise OutputError("mesh: some vertex coordinates are not finite numbers")
+        raise OutputError(say("mesh: some vertex coordinates are not finite numbers"))
     if triangles.min() < 0 or triangles.max() >= len(vertices):
-        raise OutputError(f"mesh: a triangle names a vertex that is not there (there are {len(vertices)})")
+        text = say("mesh: a triangle names a vertex that is not there (there are {count})")
+        raise OutputError(text.format(count=len(vertices)))
     for label, values, shape in (
         ("colors", mesh.colors, (len(vertices), 3)),
         ("view", mesh.view, (len(vertices),)),
         ("kind", mesh.kind, (len(triangles),)),
     ):
         if values is not None and np.shape(values) != shape:
-            raise OutputError(f"mesh: {label} must have the shape {shape}, not {np.shape(values)}")
+            text = say("mesh: {label} must have the shape {shape}, not {found}")
+            raise OutputError(text.format(label=label, shape=shape, found=np.shape(values)))
 
 
 def _fill(data: bpy.types.Mesh, mesh: Mesh, unit: float) -> None:

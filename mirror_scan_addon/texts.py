@@ -14,7 +14,8 @@ def say(text: str) -> str:
 
 
 TRANSLATIONS: dict[str, dict[tuple[str, str], str]] = {}
-"""Locale → (context, English) → translation, as ``bpy.app.translations`` wants it; English is what the code says."""
+"""Locale → (context, English) → translation, as ``bpy.app.translations`` wants it; English is what the code says. The
+context is ``CONTEXT``, of tooltips "*": Blender looks these up without one."""
 
 
 def register() -> None:

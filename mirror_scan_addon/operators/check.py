@@ -100,6 +100,15 @@ class MIRRORSCAN_OT_jump_to_problem(bpy.types.Operator):
     )  # fmt: skip
 
     @classmethod
+    def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
+        """Of the button that the mouse rests on."""
+        if properties.direction == "NUMBER":
+            return say("Turn the view to a problem of the selected avatar and mark it")
+        if properties.direction == "NEXT":
+            return say("Turn the view to the next problem of the selected avatar and mark it")
+        return say("Turn the view to the problem before this one and mark it")
+
+    @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         problem = no_mesh(context)
         if not problem and not context.scene.is_editable:
@@ -130,8 +139,9 @@ class MIRRORSCAN_OT_jump_to_problem(bpy.types.Operator):
         settings.problem_index = number
         place = problems[number - 1]
         _look_at(context, avatar, place)
-        text = f"{number}/{len(problems)}: {reports.problem_text(place, context.scene)}"
-        self.report({"INFO"}, text)
+        text = say("{number} of {count}: {problem}")
+        problem = reports.problem_text(place, context.scene)
+        self.report({"INFO"}, text.format(number=number, count=len(problems), problem=problem))
         return {"FINISHED"}
 
 

@@ -13,6 +13,14 @@ DERIVED = {"VIEW": "View Colors", "KIND": "Kind Colors"}
 """Colour attributes that are made for showing and removed again, by mode."""
 
 
+def shown_mode(avatar: bpy.types.Object) -> str:
+    """What the colours of a mesh object say now, as a mode; "" when they are none of ours."""
+    from .. import scene
+
+    name = avatar.data.color_attributes.active_color_name
+    return next((mode for mode, known in ({"CAPTURE": scene.COLOR} | DERIVED).items() if known == name), "")
+
+
 class MIRRORSCAN_OT_color_by(bpy.types.Operator):
     """Show another property of the selected avatar's surface as its colours"""
 
@@ -30,6 +38,11 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
         ),
         translation_context=CONTEXT,
     )  # fmt: skip
+
+    @classmethod
+    def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
+        """Of the button that the mouse rests on."""
+        return say(cls.bl_rna.properties["mode"].enum_items[properties.mode].description)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -40,6 +40,15 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
     )  # fmt: skip
 
     @classmethod
+    def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
+        """Of the button that the mouse rests on."""
+        if not properties.is_property_set("format"):
+            return ""
+        item = cls.bl_rna.properties["format"].enum_items[properties.format]
+        text = say("Write the selected avatar as {format}. {what}")
+        return text.format(format=say(item.name), what=say(item.description))
+
+    @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         problem = no_mesh(context)
         if not problem and context.mode != "OBJECT":
@@ -52,8 +61,11 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
         import os
 
         if not self.filepath:
-            folder = os.path.dirname(bpy.data.filepath)
+            chosen = context.scene.mirror_scan.export_folder
+            folder = chosen or os.path.dirname(bpy.data.filepath)
             self.filepath = os.path.join(folder, bpy.path.clean_name(context.object.name) + self._ending())
+            if chosen:
+                return self.execute(context)
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 

@@ -44,6 +44,7 @@ class MIRRORSCAN_OT_find_subject(jobs.JobOperator, bpy.types.Operator):
         settings.cloud_colors, settings.show_cloud = "PART", True
         names = [say("direct"), *(item.name for item in settings.mirrors)]
         counts = ", ".join(f"{name} {pixels:,}" for name, pixels in zip(names, result.pixels, strict=False))
+        settings.subject.stale = False
         settings.subject.message = say("Points of the person: {counts}").format(counts=counts)
         if not result.floor:
             self.report({"WARNING"}, say("No floor is seen; heights are counted from the person's lowest point"))

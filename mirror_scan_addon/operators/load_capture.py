@@ -36,6 +36,13 @@ class MIRRORSCAN_OT_load_capture(jobs.JobOperator, bpy.types.Operator):
     _frame_view = False
 
     @classmethod
+    def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
+        """Of the button that the mouse rests on."""
+        if properties.filepath:
+            return say("Load {path} again").format(path=properties.filepath)
+        return ""
+
+    @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return state.allows(cls, state.editable(context))
 

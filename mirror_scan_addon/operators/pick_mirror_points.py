@@ -39,6 +39,13 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
     _picture = None  # the view that was picked in last, and the points as it shows them
 
     @classmethod
+    def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
+        """Of the button that the mouse rests on."""
+        if properties.add:
+            return say("Add a mirror to the list, and click points on its frame")
+        return ""
+
+    @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         problem = state.editable(context) or state.no_cloud(context)
         if not problem and (context.area is None or context.area.type != "VIEW_3D"):

@@ -245,6 +245,17 @@ def test_sliders_move_the_colours_at_once(bpy, scan, loaded):
     assert share(3) > 0.3
 
 
+def test_what_the_search_goes_by_asks_for_another_search(bpy, loaded):
+    bpy.ops.mirror_scan.find_subject()
+    subject = settings_of(bpy).subject
+    subject.max_height = 2.0
+    assert not subject.stale
+    subject.reach = 0.9
+    assert subject.stale
+    bpy.ops.mirror_scan.find_subject()
+    assert not subject.stale
+
+
 def test_folding_lays_the_mirrored_body_onto_the_person(bpy, loaded):
     from mirror_scan.mirror_scan_addon import cloud
     from mirror_scan.mirror_scan_addon.overlay import cloud_arrays
@@ -397,6 +408,26 @@ def test_every_format_is_written_and_nothing_else_changes(bpy, capsule, tmp_path
     if ending == "blend":
         with bpy.data.libraries.load(str(file)) as (there, _):
             assert there.objects == ["Avatar"]
+
+
+def test_a_click_writes_into_the_folder_that_was_chosen(bpy, capsule, tmp_path):
+    from types import SimpleNamespace
+
+    from mirror_scan.mirror_scan_addon.operators.export_avatar import MIRRORSCAN_OT_export_avatar as Export
+    from mirror_scan.mirror_scan_addon.scene import create_avatar, select_only
+
+    select_only(bpy.context, create_avatar(capsule, collection=bpy.context.collection))
+    said = []
+    kind = bpy.ops.mirror_scan.export_avatar.get_rna_type()
+    button = SimpleNamespace(
+        filepath="", format="PLY", _ending=lambda: ".ply", report=lambda kind, text: said.append((kind, text)),
+        properties=SimpleNamespace(is_property_set=lambda name: True), bl_rna=kind,
+    )  # fmt: skip
+    button.execute = lambda context: Export.execute(button, context)
+    settings_of(bpy).export_folder = str(tmp_path)
+    assert Export.invoke(button, bpy.context, None) == {"FINISHED"} and (tmp_path / "Avatar.ply").is_file()
+    button.filepath, settings_of(bpy).export_folder = "", "//avatars"  # of a .blend that is not saved
+    assert Export.invoke(button, bpy.context, None) == {"CANCELLED"} and "save it first" in said[-1][1]
 
 
 def test_a_format_unknown_or_a_folder_missing_is_told(bpy, capsule, tmp_path):

@@ -78,6 +78,47 @@ def test_nothing_was_printed_as_an_error(found):
     assert "Traceback" not in text and "ERROR Python" not in text, text[-3000:]
 
 
+GERMAN = f"""
+import importlib, bpy
+texts = importlib.import_module({run.ADDON!r} + ".mirror_scan_addon.texts")
+texts.unregister()
+flat = "{{name}}: is marked as a mirror, but is not flat in its local X and Y; its glass lies there"
+texts.TRANSLATIONS["de_DE"] = {{("MirrorScan", "Load a capture first"): "Zuerst eine Aufnahme laden",
+                               ("MirrorScan", "Find Mirrors"): "Spiegel finden",
+                               ("MirrorScan", flat): "{{name}} ist krumm"}}
+texts.register()
+view = bpy.context.preferences.view
+if "de_DE" not in bpy.app.translations.locales:
+    raise SystemExit("NO LANGUAGES")
+view.language = "de_DE"
+view.use_translate_interface = view.use_translate_reports = True
+label = bpy.ops.mirror_scan.find_mirrors.get_rna_type()
+print("SAID", bpy.app.translations.pgettext_iface(label.name, label.translation_context))
+bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+bpy.ops.mesh.primitive_cube_add()
+bpy.context.object.name = "Glas"
+bpy.context.object.mirror_scan.is_mirror = True
+for name, options in (("find_mirrors", {{}}), ("simulate", {{"frames": 1}})):
+    try:
+        getattr(bpy.ops.mirror_scan, name)(**options)
+    except RuntimeError as error:
+        print("SAID", error)
+"""
+
+
+def test_texts_are_shown_in_the_language_of_the_user(found):
+    *_, place = found
+    script = place.share / "german.py"
+    script.write_text(GERMAN, encoding="utf-8")
+    done = place.run([place.blender, "--background", "--addons", run.ADDON, "--python-exit-code", "1", "--python",
+                      place.seen(script)], 120)  # fmt: skip
+    if "NO LANGUAGES" in done.stdout:
+        pytest.skip("this Blender was built without languages")
+    said = " ".join(line for line in done.stdout.splitlines() if line.startswith("SAID"))
+    for text in ("Spiegel finden", "Zuerst eine Aufnahme laden", "Glas ist krumm"):
+        assert text in said, done.stdout
+
+
 def test_the_script_of_the_readme_runs(found):
     *_, place = found
     done = run.run_readme(place)
