@@ -111,12 +111,10 @@ def read_cloud(cloud: bpy.types.Object) -> Cloud:
         text = say("{name}: none of its points is before the camera any more; load the capture again")
         raise CaptureError(text.format(name=cloud.name))
     color = None
-    attribute = mesh.attributes.get(COLOR)
-    if attribute is not None and len(attribute.data) == count:
-        rgba = np.empty((count, 4), np.float32)
-        attribute.data.foreach_get("color_srgb", rgba.ravel())
+    colors = colors_of(mesh)
+    if colors is not None:
         flat = np.zeros((size, 3), np.uint8)
-        flat[pixel] = np.rint(rgba[:, :3] * 255).astype(np.uint8)
+        flat[pixel] = colors
         color = flat.reshape(intrinsics.height, intrinsics.width, 3)
     if not sound.all():  # somebody moved a few to where no camera sees
         points, pixel = points[sound], pixel[sound]
@@ -142,13 +140,27 @@ def cloud_info(cloud: bpy.types.Object) -> dict:
 
 
 def values(mesh: bpy.types.Mesh, name: str, dtype: type) -> np.ndarray | None:
-    """A point attribute of single numbers (N,), or None when it is not there."""
+    """A point attribute of single numbers (N,), or None when it is not there, or of another kind."""
     attribute = mesh.attributes.get(name)
     if attribute is None or attribute.domain != "POINT" or len(attribute.data) != len(mesh.vertices):
+        return None
+    if attribute.data_type not in (("FLOAT",) if np.issubdtype(dtype, np.floating) else ("INT8", "INT")):
         return None
     found = np.empty(len(attribute.data), dtype)
     attribute.data.foreach_get("value", found)
     return found
+
+
+def colors_of(mesh: bpy.types.Mesh) -> np.ndarray | None:
+    """The capture's colours of the points, sRGB (N, 3) uint8, or None when there are none."""
+    attribute = mesh.attributes.get(COLOR)
+    if attribute is None or attribute.domain != "POINT" or len(attribute.data) != len(mesh.vertices):
+        return None
+    if attribute.data_type not in ("BYTE_COLOR", "FLOAT_COLOR"):
+        return None
+    rgba = np.empty((len(attribute.data), 4), np.float32)
+    attribute.data.foreach_get("color_srgb", rgba.ravel())
+    return np.rint(np.clip(rgba[:, :3], 0, 1) * 255).astype(np.uint8)
 
 
 def set_values(mesh: bpy.types.Mesh, **maps: np.ndarray) -> None:

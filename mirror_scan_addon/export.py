@@ -136,6 +136,7 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -
     OutputError
         When the file cannot be written, or the exporter is missing or fails.
     """
+    avatar_scene.check_finite(avatar, np.array(avatar.matrix_world))
     size = 1.0 if kind in ("FBX", "BLEND") else metres_per_unit(bpy.context.scene)
     with replacing(path) as temporary, _selected(avatar), _scaled(avatar, size), _quiet():
         file = str(temporary)
@@ -211,7 +212,7 @@ def _scaled(avatar: bpy.types.Object, size: float) -> Iterator[None]:
     try:
         avatar.matrix_world = wanted
         bpy.context.view_layer.update()
-        if not np.allclose(avatar.matrix_world, wanted, rtol=1e-4, atol=1e-4 * max(map(abs, wanted.translation))):
+        if not np.allclose(avatar.matrix_world, wanted, rtol=0.0, atol=1e-5 * np.abs(wanted).max()):
             text = say("{name}: cannot be written in metres while constraints hold it; apply them first")
             raise OutputError(text.format(name=avatar.name))
         yield

@@ -210,6 +210,8 @@ class JobOperator:
         text = say(str(error))  # core's errors are plain English; those without a name or number in them are looked up
         if isinstance(error, MemoryError):
             text = say("Not enough memory; close other programs or use fewer frames")
+        elif isinstance(error, OSError) and error.filename and error.strerror:
+            text = say("{path}: {reason}").format(path=error.filename, reason=error.strerror)
         self.report({"ERROR"}, text)
         return {"CANCELLED"}
 

@@ -63,7 +63,7 @@ def cloud_arrays(cloud: bpy.types.Object, settings: bpy.types.PropertyGroup, onl
     elif mode == "VIEW" and seen is not None:
         colors = palette.view_colors(seen)
     elif mode == "CAPTURE":
-        colors = _capture_colors(mesh)
+        colors = clouds.colors_of(mesh)
     if colors is None:
         colors = palette.depth_colors(depth)
     rgba = np.full((len(points), 4), 255, np.uint8)
@@ -81,19 +81,6 @@ def cloud_arrays(cloud: bpy.types.Object, settings: bpy.types.PropertyGroup, onl
         points, rgba = points[mine], rgba[mine]
         rgba[:, :3] = palette.view_colors(seen[mine]) if seen is not None else 0
     return points, rgba
-
-
-def _capture_colors(mesh: bpy.types.Mesh):
-    import numpy as np
-
-    from .scene import COLOR
-
-    attribute = mesh.attributes.get(COLOR)
-    if attribute is None or len(attribute.data) != len(mesh.vertices):
-        return None
-    rgba = np.empty((len(attribute.data), 4), np.float32)
-    attribute.data.foreach_get("color_srgb", rgba.ravel())
-    return np.rint(rgba[:, :3] * 255).astype(np.uint8)
 
 
 def mirror_corners(plane: dict) -> list[tuple[float, float, float]]:

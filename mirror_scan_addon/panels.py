@@ -413,7 +413,7 @@ def _draw_problems(layout: bpy.types.UILayout, context: bpy.types.Context, repor
     row.operator("mirror_scan.jump_to_problem", text="", icon="TRIA_LEFT").direction = "PREVIOUS"
     middle = row.row(align=True)
     middle.alignment = "CENTER"
-    count = say("{count} places to look at").format(count=len(problems))
+    count = say("Places to look at: {count}").format(count=len(problems))
     middle.label(text=f"{number} / {len(problems)}" if 0 < number <= len(problems) else count, translate=False)
     row.operator("mirror_scan.jump_to_problem", text="", icon="TRIA_RIGHT").direction = "NEXT"
     if 0 < number <= len(problems):

@@ -61,8 +61,15 @@ def _search_changed(self, context: bpy.types.Context) -> None:
 
 
 def _name_changed(self, context: bpy.types.Context) -> None:
-    if not self.name.strip():
-        self.name = "mirror"
+    """Never empty, and no other mirror's: files and reports name mirrors by it."""
+    taken = {item.name for item in self.id_data.mirror_scan.mirrors if item != self}
+    name = wanted = self.name.strip() or "mirror"
+    number = 1
+    while name in taken:
+        number += 1
+        name = f"{wanted} {number}"
+    if self.name != name:
+        self.name = name
 
 
 def _metres(default: float, low: float | None = None, high: float | None = None) -> object:
@@ -102,7 +109,7 @@ class MIRRORSCAN_PG_mirror(bpy.types.PropertyGroup):
     """One mirror: what was picked on it, and where it stands."""
 
     name: StringProperty(
-        name="Name", description="What you call this mirror; the report uses it", default="mirror", maxlen=63,
+        name="Name", description="What you call this mirror; the report uses it", default="mirror",
         update=_name_changed, translation_context=CONTEXT,
     )  # fmt: skip
     picks: CollectionProperty(

@@ -123,12 +123,12 @@ def camera_of(camera: bpy.types.Object, unit: float = 1.0) -> dict:
     Raises
     ------
     MirrorScanError
-        When the object looks nowhere, since it is scaled to nothing.
+        When the object looks nowhere, since it is scaled to nothing or at no finite place.
     """
     pose = np.array(camera.matrix_world) @ _FLIP
     size = np.linalg.norm(pose[:3, :3], axis=0)
     if not (np.isfinite(pose).all() and size.min() > 1e-9):
-        text = say("{name}: is scaled to nothing and looks nowhere; set its scale to 1")
+        text = say("{name}: is scaled to nothing, or nowhere, and sees nothing; set its scale to 1 and give it a place")
         raise MirrorScanError(text.format(name=camera.name))
     turn = pose[:3, :3] / size
     ahead = turn[:, 2]
@@ -162,7 +162,7 @@ def world_surface(context: bpy.types.Context, body: bpy.types.Object) -> Surface
     MirrorScanError
         When modifiers leave no faces.
     """
-    from .scene import active_colors
+    from .scene import active_colors, check_finite
 
     evaluated = body.evaluated_get(context.evaluated_depsgraph_get())
     data = evaluated.to_mesh()
@@ -178,6 +178,7 @@ def world_surface(context: bpy.types.Context, body: bpy.types.Object) -> Surface
     if not len(triangles):
         raise MirrorScanError(say("{name} has no faces").format(name=body.name))
     matrix = np.array(body.matrix_world)
+    check_finite(body, vertices @ matrix[:3, :3].T + matrix[:3, 3])
     if np.linalg.det(matrix[:3, :3]) < 0:
         triangles = np.ascontiguousarray(triangles[:, ::-1])
     vertices = metres_per_unit(context.scene) * (vertices @ matrix[:3, :3].T + matrix[:3, 3])

@@ -144,6 +144,18 @@ def read_surface(avatar: bpy.types.Object, size: np.ndarray) -> Surface:
     return Surface(vertices.astype(np.float64) * size, triangles, active_colors(data), view, kind)
 
 
+def check_finite(item: bpy.types.Object, vertices: np.ndarray) -> None:
+    """Refuse a mesh that is somewhere nowhere.
+
+    Raises
+    ------
+    OutputError
+    """
+    if not (np.abs(vertices) < 1e30).all():  # false for NaN too; Blender turns infinity into its largest number
+        text = say("{name}: a vertex or the object itself is at no finite place; remove or move it first")
+        raise OutputError(text.format(name=item.name))
+
+
 def active_colors(data: bpy.types.Mesh, but: str = "") -> np.ndarray | None:
     """sRGB (V, 3) uint8 of the mesh's active colour attribute, when it has one by vertex; ``but`` is never meant."""
     attribute = data.color_attributes.active_color

@@ -48,6 +48,7 @@ class MIRRORSCAN_OT_check(jobs.JobOperator, bpy.types.Operator):
         self._uid = avatar.session_uid
         self._size = scene.size_of(avatar, metres_per_unit(context.scene))
         surface = scene.read_surface(avatar, self._size)
+        scene.check_finite(avatar, surface.vertices)
         self._height = float(surface.vertices[:, 2].max() - surface.vertices[:, 2].min())
         return jobs.Task("check_steps", (surface,))
 
@@ -74,7 +75,7 @@ class MIRRORSCAN_OT_check(jobs.JobOperator, bpy.types.Operator):
         target.mirror_scan.problem_index = 0
         if result.problems:
             worst = reports.problem_text(result.problems[0], target)
-            text = say("{name}: {count} places to look at, first: {worst}")
+            text = say("{name}: places to look at: {count}; first: {worst}")
             self.report({"INFO"}, text.format(name=avatar.name, count=len(result.problems), worst=worst))
         else:
             self.report({"INFO"}, say("{name}: closed, in one piece, no problem found").format(name=avatar.name))
@@ -129,7 +130,8 @@ class MIRRORSCAN_OT_jump_to_problem(bpy.types.Operator):
             return {"CANCELLED"}
         if self.direction == "NUMBER":
             if self.number > len(problems):
-                self.report({"ERROR"}, say("There are {count} problems only").format(count=len(problems)))
+                text = say("No problem has the number {number}; the last one has {count}")
+                self.report({"ERROR"}, text.format(number=self.number, count=len(problems)))
                 return {"CANCELLED"}
             number = self.number
         else:

@@ -88,6 +88,8 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
             if not self.filepath:
                 raise OutputError(say("Give the name of a file to write"))
             path = state.absolute(self.filepath)
+            if os.path.isdir(path):
+                path = os.path.join(path, bpy.path.clean_name(context.object.name))
             ending = os.path.splitext(path)[1].lower()
             kind = self.format
             if not self.properties.is_property_set("format") and ending:

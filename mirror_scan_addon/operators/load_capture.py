@@ -87,7 +87,7 @@ class MIRRORSCAN_OT_load_capture(jobs.JobOperator, bpy.types.Operator):
         for mirror in settings.mirrors:
             if mirror.message:
                 self.report({"WARNING"}, mirror.message)
-        text = say("{name}: {format}, {points:,} points, {mirrors} mirrors").format(
+        text = say("{name}: {format}, {points:,} points, mirrors: {mirrors}").format(
             name=cloud.name, format=result.info["format"], points=count, mirrors=len(settings.mirrors)
         )
         self.report({"INFO"}, text)
@@ -183,10 +183,12 @@ def show_capture(context: bpy.types.Context, target: bpy.types.Scene, loaded) ->
 
 def forget_capture(target: bpy.types.Scene) -> None:
     """Remove the scene's cloud and pictures, unless another scene or object uses them."""
+    from ..cloud import is_cloud
+
     settings = target.mirror_scan
     cloud, images = settings.cloud, (settings.color_image, settings.depth_image)
     settings.cloud = settings.color_image = settings.depth_image = None
-    if cloud is not None and cloud.library is None and set(cloud.users_scene) <= {target}:
+    if is_cloud(cloud) and cloud.library is None and set(cloud.users_scene) <= {target}:
         mesh = cloud.data
         bpy.data.objects.remove(cloud)
         if mesh is not None and not mesh.users:

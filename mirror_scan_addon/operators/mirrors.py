@@ -60,7 +60,7 @@ class MIRRORSCAN_OT_find_mirrors(_MirrorOperator, bpy.types.Operator):
             )
         super().finish(context, target, result)
         names = ", ".join(record["name"] for record in result.mirrors)
-        self.report({"INFO"}, say("{count} mirrors found: {names}").format(count=len(result.mirrors), names=names))
+        self.report({"INFO"}, say("Mirrors found: {names}").format(names=names))
 
 
 class MIRRORSCAN_OT_set_mirror(_MirrorOperator, bpy.types.Operator):
@@ -82,9 +82,8 @@ class MIRRORSCAN_OT_set_mirror(_MirrorOperator, bpy.types.Operator):
         options={"SKIP_SAVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     name: StringProperty(
-        name="Name", description="What to call the mirror", maxlen=63, options={"SKIP_SAVE"},
-        translation_context=CONTEXT,
-    )  # fmt: skip
+        name="Name", description="What to call the mirror", options={"SKIP_SAVE"}, translation_context=CONTEXT
+    )
     point: FloatVectorProperty(
         name="Point", description="A point of the mirror's plane in the camera's frame, in metres; with a normal",
         size=3, subtype="XYZ", options={"SKIP_SAVE"}, translation_context=CONTEXT,
@@ -101,12 +100,12 @@ class MIRRORSCAN_OT_set_mirror(_MirrorOperator, bpy.types.Operator):
         records = state.records_of(settings)
         index = len(records) if self.index < 0 else self.index
         if index > len(records):
-            text = say("index: there are {count} mirrors, so {index} is too large")
+            text = say("index: {index} is too large; {count} adds a mirror")
             raise MirrorError(text.format(count=len(records), index=index))
         if index == len(records):
-            records.append(state.new_record(settings, self.name))
-        elif self.name:
-            records[index]["name"] = self.name
+            records.append(state.new_record(settings, self.name.strip()))
+        elif self.name.strip():
+            records[index]["name"] = self.name.strip()
         points = cloud.cloud_of(context.scene)
         arrays = cloud.read_cloud(points)
         if self.points:
@@ -128,8 +127,9 @@ class MIRRORSCAN_OT_set_mirror(_MirrorOperator, bpy.types.Operator):
             raise MirrorError(record["message"])
         super().finish(context, target, result)
         target.mirror_scan.mirror_index = self._index
-        text = say("{name}: fits to {residual:.1f} mm").format(name=record["name"], residual=record["residual_mm"])
-        self.report({"INFO"}, text)
+        name = target.mirror_scan.mirrors[self._index].name
+        text = say("{name}: fits to {residual:.1f} mm") if record["picks"] else say("{name}: placed as given")
+        self.report({"INFO"}, text.format(name=name, residual=record["residual_mm"]))
 
 
 def _pixels_of(points: list, camera_to_world, intrinsics) -> list:
@@ -176,8 +176,8 @@ class MIRRORSCAN_OT_remove_mirror(bpy.types.Operator):
         settings = context.scene.mirror_scan
         index = settings.mirror_index if self.index < 0 else self.index
         if index >= len(settings.mirrors):
-            text = say("There are {count} mirrors; none has the number {index}")
-            self.report({"ERROR"}, text.format(count=len(settings.mirrors), index=index))
+            text = say("No mirror has the number {index}; the last one has {last}")
+            self.report({"ERROR"}, text.format(last=len(settings.mirrors) - 1, index=index))
             return {"CANCELLED"}
         settings.mirrors.remove(index)
         settings.mirror_index = max(0, min(settings.mirror_index, len(settings.mirrors) - 1))
@@ -221,8 +221,8 @@ class MIRRORSCAN_OT_save_mirrors(bpy.types.Operator):
     bl_translation_context = CONTEXT
 
     filepath: StringProperty(
-        name="File", description="JSON file to write", subtype="FILE_PATH", options={"SKIP_SAVE"},
-        translation_context=CONTEXT,
+        name="File", description="JSON file to write", subtype="FILE_PATH",
+        options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     filter_glob: StringProperty(default="*.json", options={"HIDDEN", "SKIP_SAVE"})
 
@@ -257,13 +257,16 @@ class MIRRORSCAN_OT_save_mirrors(bpy.types.Operator):
         try:
             if not self.filepath:
                 raise OutputError(say("Give the name of a file to write"))
+            if not entries:
+                raise OutputError(say("No mirror is placed yet, so there is nothing to write"))
             path = state.absolute(self.filepath)
             with replacing(path) as temporary:
                 temporary.write_text(json.dumps({"mirrors": entries}, indent=1, ensure_ascii=False), encoding="utf-8")
         except jobs.REPORTED as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        self.report({"INFO"}, say("{count} mirrors written to {path}").format(count=len(entries), path=path))
+        names = ", ".join(entry["name"] for entry in entries)
+        self.report({"INFO"}, say("Mirrors written to {path}: {names}").format(path=path, names=names))
         return {"FINISHED"}
 
 

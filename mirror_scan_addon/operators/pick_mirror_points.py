@@ -322,7 +322,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         short = [record for record in kept if 0 < len(record["picks"]) < ENOUGH and not record["plane"]]
         if short:
             self._accepting = False
-            text = say("{name}: {count} points are picked, 3 are needed; pick more, or Backspace to drop them")
+            text = say("{name}: points picked: {count}, needed: 3; pick more, or Backspace to drop them")
             self.report({"WARNING"}, text.format(name=short[0]["name"], count=len(short[0]["picks"])))
             return {"PASS_THROUGH"}
         if len(kept) < len(records):  # a mirror that nothing was picked on, which Tab added
@@ -337,7 +337,8 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         for record in kept:
             if record["message"]:
                 self.report({"WARNING"}, record["message"])
-        self.report({"INFO"}, say("{count} mirrors").format(count=len(kept)))
+        names = ", ".join(record["name"] for record in kept)
+        self.report({"INFO"}, say("Mirrors: {names}").format(names=names))
         return {"FINISHED"}
 
     def _undo_all(self, context) -> None:
@@ -406,7 +407,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         else:
             how = say("fitting")
         text = say(
-            "{name}: {count} points, {how}    [Click] Pick or drag   [Right Click] Remove   [Backspace] Drop last   "
+            "{name}: {count} picked, {how}    [Click] Pick or drag   [Right Click] Remove   [Backspace] Drop last   "
             "[Tab] Next mirror   [Enter] Accept   [Esc] Cancel"
         )
         context.workspace.status_text_set(text.format(name=item.name, count=count, how=how))

@@ -79,7 +79,7 @@ class MIRRORSCAN_OT_add_rig(bpy.types.Operator):
             return {"CANCELLED"}
         if not bpy.app.background and context.window is not None:
             remote.compile_ahead(compiling.RIG)  # whoever adds a rig is about to scan with it
-        self.report({"INFO"}, say("Added a camera and {count} mirrors").format(count=len(made) - 1))
+        self.report({"INFO"}, say("Added a camera, and mirrors: {count}").format(count=len(made) - 1))
         return {"FINISHED"}
 
 

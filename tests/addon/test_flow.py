@@ -330,7 +330,7 @@ def test_check_finds_a_hole_and_jumps_to_it(bpy, capsule):
     assert abs(hole["point"][0]) < 0.05 and hole["point"][1] < -0.15 and hole["normal"][1] < -0.9
     assert bpy.ops.mirror_scan.jump_to_problem() == {"FINISHED"}
     assert settings_of(bpy).problem_index == 1
-    with pytest.raises(RuntimeError, match="problems only"):
+    with pytest.raises(RuntimeError, match="No problem has the number"):
         bpy.ops.mirror_scan.jump_to_problem(direction="NUMBER", number=99)
 
 
@@ -439,6 +439,8 @@ def test_a_format_unknown_or_a_folder_missing_is_told(bpy, capsule, tmp_path):
             bpy.ops.mirror_scan.export_avatar(filepath=str(tmp_path / path) if path else "")
     assert bpy.ops.mirror_scan.export_avatar(filepath=str(tmp_path / "named"), format="PLY") == {"FINISHED"}
     assert [path.name for path in tmp_path.iterdir()] == ["named.ply"]
+    bpy.ops.mirror_scan.export_avatar(filepath=str(tmp_path), format="PLY")  # a folder: under the avatar's name
+    assert (tmp_path / "Avatar.ply").is_file()
 
 
 # --- virtual rig --------------------------------------------------------------------------------------------------

@@ -116,7 +116,7 @@ def test_an_avatar_shows_how_it_came_out(bpy, capsule):
     select_only(bpy.context, avatar)
     shown = words(draw(bpy, "check"))
     for part in ("1.70 m", "200.0 l", "has holes", "fits to 0.8 mm", "widest 31 mm", "3 faces", "nobody is seen in",
-                 "1 places to look at"):  # fmt: skip
+                 "Places to look at: 1"):  # fmt: skip
         assert part in shown, part
     bpy.context.scene.mirror_scan.problem_index = 1
     assert "Hole, 5.0 cm across" in words(draw(bpy, "check"))

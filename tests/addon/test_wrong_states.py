@@ -115,6 +115,31 @@ def points_nowhere(bpy, capsule, tmp_path):
     item.data.vertices.foreach_set("co", [0, 0, -1, 0, 0, float("nan")])
 
 
+def other_kinds(bpy, capsule, tmp_path):
+    """A cloud whose attributes somebody replaced by others of the same names."""
+    points_nowhere(bpy, capsule, tmp_path)
+    data = bpy.data.objects["Spoiled"].data
+    data.vertices.foreach_set("co", [0, 0, 1, 0, 0, 2])
+    data.attributes.remove(data.attributes["pixel"])
+    for name, kind in (("pixel", "BYTE_COLOR"), ("Color", "STRING"), ("seen", "FLOAT_COLOR"), ("height", "INT")):
+        data.attributes.new(name, kind, "POINT")
+    bpy.context.view_layer.objects.active = bpy.data.objects["Spoiled"]
+
+
+def no_cloud_at_all(bpy, capsule, tmp_path):
+    """A script set what is none: it is not to be removed by the next capture either."""
+    curve = bpy.data.objects.new("Curve", bpy.data.curves.new("Curve", "CURVE"))
+    bpy.context.collection.objects.link(curve)
+    bpy.context.scene.mirror_scan.cloud = curve
+
+
+def nowhere(bpy, capsule, tmp_path):
+    """A mesh with a vertex at no place."""
+    bpy.ops.mesh.primitive_cube_add()
+    bpy.context.object.data.vertices[0].co = (float("nan"), 0, 0)
+    bpy.ops.mirror_scan.add_rig()
+
+
 def spoiled_report(bpy, capsule, tmp_path):
     """An avatar whose report somebody edited."""
     from mirror_scan.mirror_scan_addon.scene import create_avatar
@@ -139,7 +164,7 @@ def camera_of_no_size(bpy, capsule, tmp_path):
 
 STATES = (empty, edit_mode, not_a_mesh, no_faces, foreign_mesh, linked_object, linked_scene, gone_capture,
           unsaved_relative, spoiled_cloud, removed_cloud, spoiled_mirror, points_nowhere, spoiled_report,
-          camera_of_no_size)  # fmt: skip
+          camera_of_no_size, other_kinds, no_cloud_at_all, nowhere)  # fmt: skip
 
 
 @pytest.mark.parametrize("state", STATES, ids=lambda state: state.__name__)
@@ -172,3 +197,18 @@ def test_every_poll_answers_quickly_with_a_bool(bpy):
 
 def test_every_operator_is_listed_here(bpy):
     assert set(dir(bpy.ops.mirror_scan)) - {"add_quality_preset"} == set(OPERATORS)
+
+
+def test_what_is_no_cloud_survives_the_next_capture(bpy, capsule, tmp_path):
+    no_cloud_at_all(bpy, capsule, tmp_path)
+    bpy.ops.mirror_scan.simulate(frames=1, sensor="ideal")
+    assert bpy.data.objects["Curve"].data and bpy.context.scene.mirror_scan.cloud.name != "Curve"
+
+
+def test_names_of_mirrors_are_their_own(bpy):
+    mirrors = bpy.context.scene.mirror_scan.mirrors
+    for name in ("left", "left", "  ", "", "ü" * 100, "ü" * 100, "{0}"):
+        mirrors.add().name = name
+    assert [item.name for item in mirrors] == [
+        "left", "left 2", "mirror", "mirror 2", "ü" * 100, "ü" * 100 + " 2", "{0}"
+    ]  # fmt: skip
