@@ -99,8 +99,8 @@ def _measure(recipe) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     settings = Settings()
     scan = finish(scan_steps(scene.capture, scene.capture.mirrors, settings, Clock(), (0.0, 1.0)), None)
     patches = part_overlaps(scan.patches, scan.maps, settings.overlap)
-    zipped, _ = zip_patches(patches, scan.maps, scan.up, scan.axis, scan.floor, settings.zipper)
-    closed, _ = close_mesh(zipped, scan.maps, scan.up, scan.floor, settings.closing)
+    zipped, _, twin = zip_patches(patches, scan.maps, scan.up, scan.axis, scan.floor, settings.zipper)
+    closed, _ = close_mesh(zipped, scan.maps, scan.up, scan.floor, settings.closing, twin)
     strips = strips_of(zipped, merge(patches))
     truth = scene.truth.body
     tree = build_bvh(np.ascontiguousarray(truth.vertices, np.float64), np.ascontiguousarray(truth.triangles, np.int32))

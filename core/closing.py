@@ -25,6 +25,7 @@ from .mesh import (
 )
 from .overlap import ViewMaps, reading_noise
 from .refinement import edge_length_at_vertices, refine
+from .threads import each
 from .untangling import untangle
 
 
@@ -61,7 +62,12 @@ class ClosingSettings:
 
 
 def close_mesh(
-    mesh: Mesh, maps: ViewMaps, up: np.ndarray, floor: float | None, settings: ClosingSettings = ClosingSettings()
+    mesh: Mesh,
+    maps: ViewMaps,
+    up: np.ndarray,
+    floor: float | None,
+    settings: ClosingSettings = ClosingSettings(),
+    twin: np.ndarray | None = None,
 ) -> tuple[Mesh, list[str]]:
     """Zippered patches → one closed 2-manifold: fill what is open, refine it to the density around, fair it.
 
@@ -75,6 +81,8 @@ def close_mesh(
         Vertical, camera frame.
     floor : float or None
         Height of the floor along ``up`` [m]; soles are closed flat on it.
+    twin : np.ndarray [shape=(3 T,), dtype=int32], optional
+        The mesh's :func:`~.mesh.twins`, where they are known already.
 
     Returns
     -------
@@ -83,7 +91,7 @@ def close_mesh(
         What was dropped or could not be mended, for the user.
     """
     notes = []
-    twin = twins(mesh.triangles, len(mesh.vertices))
+    twin = twins(mesh.triangles, len(mesh.vertices)) if twin is None else twin
     mesh = remove_bowties(mesh, twin)  # so that loops touching in a vertex are told apart
     edges = open_edges(mesh.triangles, len(mesh.vertices), twin)
     if floor is not None:
@@ -95,8 +103,14 @@ def close_mesh(
         notes.append(f"{kept} piece(s) that nothing connects to the body are kept, each closed on its own")
     if dropped:
         notes.append(f"{dropped} small piece(s) that nothing connects to the body were left out")
-    marks = rim_marks(mesh, maps)
-    mesh, parents = refine(mesh, edge_length_at_vertices(mesh), settings.refine)
+    whole = mesh
+    marks, (mesh, parents) = each(
+        lambda work: work(),
+        (
+            lambda: rim_marks(whole, maps),
+            lambda: refine(whole, edge_length_at_vertices(whole), settings.refine),
+        ),
+    )
     made = mesh.view < 0
     flat = np.zeros(len(mesh.vertices), np.bool_)
     if floor is not None:
@@ -169,7 +183,7 @@ def drop_soles(mesh: Mesh, edges: np.ndarray, up: np.ndarray, floor: float, reac
     below = []
     for loop in loops_of(edges, len(mesh.vertices)):
         height = dot(mesh.vertices[loop], up) - floor
-        if len(loop) >= 8 and np.quantile(height, 0.75) < reach and height.max() < 4 * reach and height.min() > -reach:
+        if len(loop) >= 8 and height.max() < 4 * reach and height.min() > -reach and np.quantile(height, 0.75) < reach:
             below.append(loop)
     if not below:
         return mesh, edges

@@ -5,11 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from .dtw import Warping, dtw
 from .linear import dot
+from .threads import each
 
 _ENOUGH = 120  # vertices of a chain that tell which other it belongs to
 
@@ -88,14 +90,11 @@ def match_chains(points: np.ndarray, chains: list[Chain]) -> list[tuple[Chain, C
         go together is judged on some hundred vertices of each: O(C² + C · N²) time for C chains of N vertices.
     """
     thin = [points[chain.vertices[:: max(1, len(chain.vertices) // _ENOUGH)]] for chain in chains]
-    distance = {
-        (i, j): dtw(thin[i], thin[j][::-1]).distance
-        for i in range(len(chains))
-        for j in range(i + 1, len(chains))
-        if chains[i].patch != chains[j].patch
-    }
+    pairs = [(i, j) for i, j in combinations(range(len(chains)), 2) if chains[i].patch != chains[j].patch]
+    distance = dict(zip(pairs, each(lambda p: dtw(thin[p[0]], thin[p[1]][::-1]).distance, pairs), strict=True))
     best = min(pairings([chain.patch for chain in chains]), key=lambda way: sum(distance[p] for p in way), default=[])
-    return [(chains[i], chains[j], dtw(points[chains[i].vertices], points[chains[j].vertices[::-1]])) for i, j in best]
+    matched = [(chains[i], chains[j]) for i, j in best]
+    return each(lambda p: (*p, dtw(points[p[0].vertices], points[p[1].vertices[::-1]])), matched)
 
 
 def solidity(labels: np.ndarray, view: int = 0) -> float:

@@ -162,12 +162,42 @@ def _system_kernel(p, start, heads, free, stiffness, rows, stretch, target):
                 rhs[column[e], 2] -= value[e] * bend_z * scale
         row += 1
         begin[row] = n
-    near_start, near = np.zeros(len(unknown) + 1, np.int64), np.empty(len(heads), np.int32)
-    m = 0
-    for k in range(len(unknown)):
-        for e in range(start[unknown[k]], start[unknown[k] + 1]):
-            if number[heads[e]] >= 0:
-                near[m] = number[heads[e]]
-                m += 1
-        near_start[k + 1] = m
-    return unknown, (near_start, near[:m].copy()), (begin, column[:n].copy(), value[:n].copy(), diagonal, rhs)
+    near_start, near = _meeting(start, heads, rows, unknown, number)
+    return unknown, (near_start, near), (begin, column[:n].copy(), value[:n].copy(), diagonal, rhs)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _meeting(start, heads, rows, unknown, number):
+    """Which unknowns are neighbours or, so that none is eliminated long before another it meets in a row, next to each
+    other around a vertex that does not move: CSR arrays (start (N+1,), neighbour (E,))."""
+    begin = np.zeros(len(unknown) + 1, np.int64)
+    for v in range(len(number)):
+        last = -1
+        for e in range(start[v], start[v + 1]):
+            one = number[heads[e]]
+            if one < 0:
+                continue
+            if number[v] >= 0:
+                begin[number[v] + 1] += 1
+            elif rows[v] and last >= 0:
+                begin[one + 1] += 1
+                begin[last + 1] += 1
+            last = one
+    for n in range(len(unknown)):
+        begin[n + 1] += begin[n]
+    near, end = np.empty(begin[-1], np.int32), begin[:-1].copy()
+    for v in range(len(number)):
+        last = -1
+        for e in range(start[v], start[v + 1]):
+            one = number[heads[e]]
+            if one < 0:
+                continue
+            if number[v] >= 0:
+                near[end[number[v]]] = one
+                end[number[v]] += 1
+            elif rows[v] and last >= 0:
+                near[end[one]], near[end[last]] = last, one
+                end[one] += 1
+                end[last] += 1
+            last = one
+    return begin, near

@@ -13,6 +13,8 @@ from .linear import dot
 from .overlap import ViewMaps
 from .weaving import Candidates
 
+_IN_TURN = 8  # candidates looked at on one side before those on the other
+
 
 def find_partners(
     boundary: Boundary, limit: np.ndarray, up: np.ndarray, view: np.ndarray, maps: ViewMaps
@@ -166,6 +168,11 @@ def _warp_kernel(rows, start, point, tangent, normal, price, edge):
     )
 
 
+@njit(cache=True, nogil=True)
+def _product(vectors, i, j):
+    return vectors[i, 0] * vectors[j, 0] + vectors[i, 1] * vectors[j, 1] + vectors[i, 2] * vectors[j, 2]
+
+
 @njit(cache=True, nogil=True, parallel=True)
 def _partners_kernel(
     point,
@@ -191,45 +198,47 @@ def _partners_kernel(
     for i in prange(count):
         best = np.inf
         which = -1
-        # outwards along the sorting axis, on both sides in turn, until nothing nearer can come
-        down, up_ = i - 1, i + 1
-        while down >= 0 or up_ < count:
-            if up_ >= count or (down >= 0 and level[i] - level[down] <= level[up_] - level[i]):
-                j = down
-                down -= 1
-            else:
-                j = up_
-                up_ += 1
-            if abs(level[j] - level[i]) > min(limit[i], best):
-                break
-            dx, dy, dz = point[j, 0] - point[i, 0], point[j, 1] - point[i, 1], point[j, 2] - point[i, 2]
-            d2 = dx * dx + dy * dy + dz * dz
-            if d2 >= best * best or d2 > min(limit[i], limit[j]) ** 2:
-                continue
-            d = np.sqrt(d2)
-            along = tangent[i, 0] * tangent[j, 0] + tangent[i, 1] * tangent[j, 1] + tangent[i, 2] * tangent[j, 2]
-            if along > 0.3:
-                continue
-            facing = normal[i, 0] * normal[j, 0] + normal[i, 1] * normal[j, 1] + normal[i, 2] * normal[j, 2]
-            # within one view: across a slot in a surface, not from one side of a limb to the other
-            if facing < (0.3 if view[i] == view[j] else -0.6):
-                continue
-            if loop[i] == loop[j]:  # across a slot, not round its tip
-                run = abs(arc[i] - arc[j])
-                run = min(run, whole[i] - run)
-                if run < 2.5 * d or run < 0.012:
+        # outwards along the sorting axis, so many on either side in turn, until nothing nearer can come
+        more_below = more_above = True
+        first = 1
+        while more_below or more_above:
+            for side in (-1, 1):
+                if not (more_below if side < 0 else more_above):
                     continue
-            out_i = (outward[i, 0] * dx + outward[i, 1] * dy + outward[i, 2] * dz) / (d + 1e-9)
-            out_j = -(outward[j, 0] * dx + outward[j, 1] * dy + outward[j, 2] * dz) / (d + 1e-9)
-            if min(out_i, out_j) < -0.35 and d > 0.01:
-                continue
-            cost = d * (1.0 + 0.6 * (1.0 + along) + 0.5 * (1.0 - facing) + 0.4 * (2.0 - out_i - out_j))
-            if cost >= best:
-                continue
-            if bridge_is_free(point, i, point, j, to_view, clear, through, lens, noise):
-                continue
-            best = cost
-            which = j
+                for step in range(first, first + _IN_TURN):
+                    j = i + side * step
+                    if j < 0 or j >= count or abs(level[j] - level[i]) > min(limit[i], best):
+                        more_below, more_above = more_below and side > 0, more_above and side < 0
+                        break
+                    dx, dy, dz = point[j, 0] - point[i, 0], point[j, 1] - point[i, 1], point[j, 2] - point[i, 2]
+                    d2 = dx * dx + dy * dy + dz * dz
+                    if d2 >= best * best or d2 > min(limit[i], limit[j]) ** 2:
+                        continue
+                    d = np.sqrt(d2)
+                    along = _product(tangent, i, j)
+                    if along > 0.3:
+                        continue
+                    facing = _product(normal, i, j)
+                    # within one view: across a slot in a surface, not from one side of a limb to the other
+                    if facing < (0.3 if view[i] == view[j] else -0.6):
+                        continue
+                    if loop[i] == loop[j]:  # across a slot, not round its tip
+                        run = abs(arc[i] - arc[j])
+                        run = min(run, whole[i] - run)
+                        if run < 2.5 * d or run < 0.012:
+                            continue
+                    out_i = (outward[i, 0] * dx + outward[i, 1] * dy + outward[i, 2] * dz) / (d + 1e-9)
+                    out_j = -(outward[j, 0] * dx + outward[j, 1] * dy + outward[j, 2] * dz) / (d + 1e-9)
+                    if min(out_i, out_j) < -0.35 and d > 0.01:
+                        continue
+                    cost = d * (1.0 + 0.6 * (1.0 + along) + 0.5 * (1.0 - facing) + 0.4 * (2.0 - out_i - out_j))
+                    if cost >= best:
+                        continue
+                    if bridge_is_free(point, i, point, j, to_view, clear, through, lens, noise):
+                        continue
+                    best = cost
+                    which = j
+            first += _IN_TURN
         partner[i] = which
         price[i] = best
     return partner, price

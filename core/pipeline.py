@@ -244,11 +244,11 @@ def joining_steps(
     clock.lap("overlap")
 
     yield 0.7, "Zippering the seams"
-    open_mesh, seams = zip_patches(patches, scan.maps, scan.up, scan.axis, scan.floor, settings.zipper)
+    open_mesh, seams, twin = zip_patches(patches, scan.maps, scan.up, scan.axis, scan.floor, settings.zipper)
     clock.lap("zippering")
 
     yield 0.8, "Closing the mesh"
-    closed, notes = close_mesh(open_mesh, scan.maps, scan.up, scan.floor, settings.closing)
+    closed, notes = close_mesh(open_mesh, scan.maps, scan.up, scan.floor, settings.closing, twin)
     clock.lap("closing")
 
     yield 0.95, "Checking the result"

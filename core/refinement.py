@@ -10,26 +10,32 @@ from .mesh import SURFACE, Mesh, twins
 
 
 def edge_length_at_vertices(mesh: Mesh) -> np.ndarray:
-    """Mean edge length (V,) of the measured triangles around each vertex [m]; the median of all where there are
-    none."""
-    total, count = _edge_length_kernel(mesh.vertices, mesh.triangles, mesh.kind)
-    mean = total / np.maximum(count, 1)
-    return np.where(count > 0, mean, np.median(mean[count > 0]) if (count > 0).any() else 0.01)
+    """Mean edge length (V,) of the measured triangles around each vertex of a made one [m]; the median of these
+    elsewhere."""
+    rim = np.zeros(len(mesh.vertices), np.bool_)
+    rim[mesh.triangles[mesh.kind != SURFACE]] = True
+    total, count = _edge_length_kernel(mesh.vertices, mesh.triangles, mesh.kind, rim)
+    known = count > 0
+    mean = total[known] / count[known]
+    length = np.full(len(mesh.vertices), np.median(mean) if len(mean) else 0.01)
+    length[known] = mean
+    return length
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _edge_length_kernel(vertices, triangles, kind):
+def _edge_length_kernel(vertices, triangles, kind, rim):
     total = np.zeros(len(vertices))
     count = np.zeros(len(vertices))
     for t in range(len(triangles)):
-        if kind[t] != SURFACE:
+        if kind[t] != SURFACE or not (rim[triangles[t, 0]] or rim[triangles[t, 1]] or rim[triangles[t, 2]]):
             continue
         for k in range(3):
             i, j = triangles[t, k], triangles[t, (k + 1) % 3]
             d = np.sqrt(_distance2(vertices, i, j))
             for m in (i, j):
-                total[m] += d
-                count[m] += 1
+                if rim[m]:
+                    total[m] += d
+                    count[m] += 1
     return total, count
 
 
@@ -133,21 +139,30 @@ def _refine_kernel(vertices, region, kind, twin, fixed, target, factor, rounds):
             if i < j and in_region[i] and in_region[j] and not joined(i, j, *edges):
                 join(i, j, *edges)
     changed = np.ones(room, np.uint8)
+    fine = np.zeros(room, np.bool_)  # triangles that have not changed since none of their edges was too long
     for _ in range(rounds):
         for _ in range(5):
-            if _flip_pass(p, tri, tw, m, edges, count, changed) == 0:
+            if _flip_pass(p, tri, tw, m, edges, count, changed, fine) == 0:
                 break
         score = np.empty(3 * m)
         long_edges = np.empty(3 * m, np.int64)
         wanted = 0
-        for e in range(3 * m):
-            if tw[e] > e:
-                i, j = tri[e // 3, e % 3], tri[e // 3, (e % 3 + 1) % 3]
+        for t in range(m):
+            if fine[t]:
+                continue
+            for k in range(3):
+                e, g = 3 * t + k, tw[3 * t + k]
+                if g < 0 or (g < e and not fine[g // 3]):
+                    continue
+                i, j = tri[t, k], tri[t, (k + 1) % 3]
                 ratio2 = _distance2(p, i, j) / (factor * 0.5 * (size[i] + size[j])) ** 2
                 if ratio2 > 1.0:
                     score[wanted] = -ratio2
-                    long_edges[wanted] = e
+                    long_edges[wanted] = min(e, g)
                     wanted += 1
+        fine[:m] = True
+        for e in long_edges[:wanted]:
+            fine[e // 3] = fine[tw[e] // 3] = False
         if wanted == 0:
             break
         order = long_edges[np.argsort(score[:wanted])]
@@ -161,11 +176,12 @@ def _refine_kernel(vertices, region, kind, twin, fixed, target, factor, rounds):
             p[n] = 0.5 * (p[i] + p[j])
             size[n] = 0.5 * (size[i] + size[j])
             changed[t] = changed[s] = changed[m] = changed[m + 1] = 1
+            fine[t] = fine[s] = False
             parents[n - count, 0], parents[n - count, 1] = i, j
             m = _split(tri, tw, kinds, m, e, n, edges, count)
             n += 1
     for _ in range(8):
-        if _flip_pass(p, tri, tw, m, edges, count, changed) == 0:
+        if _flip_pass(p, tri, tw, m, edges, count, changed, fine) == 0:
             break
     return p[:n].copy(), tri[:m].copy(), kinds[:m].copy(), parents[: n - count].copy()
 
@@ -220,10 +236,11 @@ def _is_neighbour(tri, tw, t, k, v):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _flip_pass(p, tri, tw, m, edges, count, changed):
+def _flip_pass(p, tri, tw, m, edges, count, changed, fine):
     """Flip every inner edge whose opposite angles sum to more than 180°, unless that would fold the surface.
 
-    Only edges of ``changed`` triangles are looked at; the flag is moved on to those that the flips changed.
+    Only edges of ``changed`` triangles are looked at; the flag is moved on to those that the flips changed, which are
+    no longer ``fine``.
     """
     flips = 0
     for e in range(3 * m):
@@ -271,6 +288,7 @@ def _flip_pass(p, tri, tw, m, edges, count, changed):
         _link(tw, 3 * s + 1, bc)
         changed[t] |= 2
         changed[s] |= 2
+        fine[t] = fine[s] = False
         flips += 1
     for t in range(m):
         changed[t] >>= 1

@@ -32,13 +32,13 @@ _ABOUT = 0.03  # what a new triangle may run into has a vertex nearer than this 
 
 
 def untangle(
-    mesh: Mesh, maps: ViewMaps | None = None, rounds: int = 4, cuts: int = 3, coarseness: float = 2.0
+    mesh: Mesh, maps: ViewMaps | None = None, rounds: int = 8, cuts: int = 3, coarseness: float = 2.0
 ) -> tuple[Mesh, int]:
     """Smooth the surroundings of intersecting triangles until they come apart; cut out and fill anew what does not.
 
-    Each round relaxes the vertices of the triangles that still intersect, and their neighbours one ring farther than
-    the round before; all other vertices stay where they are. Where more than a few are left then, they are taken out, a
-    ring more each time, with what hangs on by them alone, and the holes are filled (as Attene 2010 does).
+    Each round relaxes the vertices of the triangles that still intersect, and their neighbours, from the third round on
+    two rings of them; all other vertices stay where they are. Where more than a few are left then, they are taken out,
+    a ring more each time, with what hangs on by them alone, and the holes are filled (as Attene 2010 does).
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def untangle(
     maps : ViewMaps, optional
         What the views saw, to keep fills out of empty space.
     rounds, cuts : int
-        At most so many.
+        At most so many; smoothing is given up after four rounds that have loosened next to nothing.
     coarseness : float
         Edges of what is filled anew are split where longer than this [edge lengths around].
 
@@ -119,9 +119,14 @@ def _smooth_apart(mesh: Mesh, crossing: np.ndarray, rounds: int) -> tuple[Mesh, 
     part = np.flatnonzero(triangles_touching(mesh.triangles, near))
     inner, triangles = renumbered(mesh.triangles[part], len(mesh.vertices))
     vertices, movable = mesh.vertices[inner], near[inner]
+    few, first, before = _FEW * len(mesh.triangles), len(crossing), np.inf
     crossing = np.searchsorted(part, crossing)
     for turn in range(rounds):
-        reach = 1 + turn // 2
+        hopeless, done = len(crossing) >= 0.75 * first, len(crossing) <= few and len(crossing) >= before
+        if turn >= 4 and (hopeless or done):
+            break
+        before = len(crossing)
+        reach = 1 + min(turn, 3) // 2
         seeds = triangles[crossing].ravel()
         # what moves, and what it may run into: triangles that reach into its surroundings
         local = _triangles_within(triangles, seeds, reach + 3, len(vertices))
@@ -131,7 +136,7 @@ def _smooth_apart(mesh: Mesh, crossing: np.ndarray, rounds: int) -> tuple[Mesh, 
         core = core[movable[used[core]]]
         if not len(core):
             break
-        moved = _relax(vertices[used], core, start, heads, 4 + 2 * turn)
+        moved = _relax(vertices[used], core, start, heads, 4 + 2 * min(turn, 3))
         vertices[used] = moved
         crossing = local[np.unique(self_intersections(moved, around))]
         if not len(crossing):

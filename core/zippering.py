@@ -13,7 +13,7 @@ from .filling import fill_loops
 from .freespace import bridge_is_free
 from .linear import dot
 from .matching import find_partners, warp_runs
-from .mesh import Mesh, components_of, extend_open_edges, merge, open_edges, triangles_touching, twins
+from .mesh import Mesh, components_of, extend_open_edges, extend_twins, merge, open_edges, triangles_touching, twins
 from .overlap import ViewMaps
 from .weaving import Candidates, Seam, begin_weave, weave_seams
 
@@ -54,7 +54,7 @@ def zip_patches(
     axis: np.ndarray,
     floor: float | None,
     settings: ZipperSettings = ZipperSettings(),
-) -> tuple[Mesh, list[Seam]]:
+) -> tuple[Mesh, list[Seam], np.ndarray]:
     """Zipper the patches: a compact figure first as the paper does, then every pair of boundary runs that face each
     other.
 
@@ -76,6 +76,8 @@ def zip_patches(
     mesh : Mesh
         With the seams' triangles (kind ``SEAM``); no directed edge occurs twice. Small holes are filled (``FILL``).
     seams : list of Seam
+    twin : np.ndarray [shape=(3 T,), dtype=int32]
+        :func:`~.mesh.twins` of the mesh, for :func:`~.closing.close_mesh`.
 
     Notes
     -----
@@ -83,14 +85,12 @@ def zip_patches(
     """
     mesh = merge(patches)
     seams: list[Seam] = []
-    if not len(mesh.triangles):
-        return mesh, seams
     count = len(mesh.vertices)
     twin = twins(mesh.triangles, count)
     label, pieces = components_of(twin, len(mesh.triangles))
     edges = open_edges(mesh.triangles, count, twin)
     if not len(edges):
-        return mesh, seams
+        return mesh, seams, twin
     # all that follows asks for triangles at the boundary only: those farther in wait
     shore = np.zeros(count, np.bool_)
     shore[edges[:, 0]] = True
@@ -122,7 +122,8 @@ def zip_patches(
         # a hole closed round a new vertex never meets a boundary again: its piece does not matter
         piece = np.concatenate((piece, np.zeros(len(mesh.vertices) - len(piece), np.int64)))
     triangles = np.concatenate((whole.triangles, mesh.triangles[measured:]))
-    return replace(mesh, triangles=triangles, kind=np.concatenate((whole.kind, mesh.kind[measured:]))), seams
+    twin = extend_twins(twin, triangles, len(mesh.vertices))
+    return replace(mesh, triangles=triangles, kind=np.concatenate((whole.kind, mesh.kind[measured:]))), seams, twin
 
 
 def _compact_candidates(

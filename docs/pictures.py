@@ -66,8 +66,8 @@ def main() -> None:
     patches = make_patches(depth, views, mirrors, noise, capture, settings.triangulation)
     maps = view_maps(depth, views.labels, views.seen, camera, mirrors, noise)
     parted = part_overlaps(patches, maps, settings.overlap)
-    zipped, _ = zip_patches(parted, maps, views.up, views.axis, views.floor, settings.zipper)
-    closed, _ = close_mesh(zipped, maps, views.up, views.floor, settings.closing)
+    zipped, _, twin = zip_patches(parted, maps, views.up, views.axis, views.floor, settings.zipper)
+    closed, _ = close_mesh(zipped, maps, views.up, views.floor, settings.closing, twin)
     to_avatar = avatar_frame(closed, views)
 
     frames = [_moulding(mirror) for mirror in mirrors]

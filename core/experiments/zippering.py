@@ -129,9 +129,9 @@ def run(
         if progress:
             progress(number / len(steps), f"zippering, {percent:g} % less behind")
         thinned = [parts[0]] + [decimate(part, _left(part, percent)) for part in parts[1:]]
-        zipped, seams = zip_patches(thinned, maps, UP, axis, None, settings)
+        zipped, seams, twin = zip_patches(thinned, maps, UP, axis, None, settings)
         sewn = int(np.count_nonzero(zipped.kind == SEAM))
-        mesh, notes = close_mesh(zipped, maps, UP, None)
+        mesh, notes = close_mesh(zipped, maps, UP, None, twin=twin)
         other = bridge(merge(thinned)) if bridge else None
         bridged = _compare(other, body, samples) if other is not None else None
         vertices = tuple(len(part.vertices) for part in thinned)

@@ -127,7 +127,7 @@ def test_parted_views_zip_to_one_surface():
     """A mirror right behind would see the rest; here the zipper joins both patches and leaves one outline."""
     scene = two_views(noise=0.0005)
     parted = part_overlaps(scene.patches, scene.maps)
-    mesh, seams = zip_patches(parted, scene.maps, np.array((0, -1.0, 0)), CENTRE, None)
+    mesh, seams, _ = zip_patches(parted, scene.maps, np.array((0, -1.0, 0)), CENTRE, None)
     assert seams and all(set(s.views) <= {0, 1} for s in seams)
     assert (twins(mesh.triangles, len(mesh.vertices)) >= -1).all()
     loops = boundary_loops(mesh.triangles, len(mesh.vertices))

@@ -69,7 +69,7 @@ GENERAL = ZipperSettings(compactness=2.0)
 @pytest.mark.parametrize(("columns", "turn"), [(60, 0.0), (60, 0.05), (37, 0.2), (24, 0.0), (150, 1.0)])
 def test_two_tubes_become_one(blind_maps, columns, turn):
     patches = [tube(0.0, 0.4, 12, 60), tube(0.42, 0.8, 9, columns, 1, turn)]
-    mesh, seams = zip_patches(patches, blind_maps, UP, np.zeros(3), None, GENERAL)
+    mesh, seams, _ = zip_patches(patches, blind_maps, UP, np.zeros(3), None, GENERAL)
     check_zipped(mesh, patches)
     loops = boundary_loops(mesh.triangles, len(mesh.vertices))
     assert sorted(len(loop) for loop in loops) == sorted((60, columns)), "only the far ends stay open"
@@ -97,7 +97,7 @@ def test_two_halves_of_a_ball_close(blind_maps):
             np.array(half.vertices), half.faces.astype(np.int32), np.zeros((count, 3), np.uint8),
             np.full(count, view, np.int8), np.zeros(len(half.faces), np.int8),
         ))  # fmt: skip
-    mesh, _ = zip_patches(halves, blind_maps, UP, np.zeros(3), None, GENERAL)
+    mesh, *_ = zip_patches(halves, blind_maps, UP, np.zeros(3), None, GENERAL)
     check_zipped(mesh, halves)
     assert not boundary_loops(mesh.triangles, len(mesh.vertices))
     closed = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
@@ -117,10 +117,10 @@ def test_front_and_two_backs_of_a_tube(blind_maps, way):
         lens = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
         compact = np.where(np.abs(np.arange(64) - 32) < 12, 0, -1).astype(np.int8) * np.ones((48, 1), np.int8)
         maps = view_maps(np.zeros((48, 64), np.float32), compact, np.full_like(compact, -1), lens, [], np.zeros(1))
-        mesh, seams = zip_patches(patches, maps, UP, np.zeros(3), None, ZipperSettings(compactness=0.0))
+        mesh, seams, _ = zip_patches(patches, maps, UP, np.zeros(3), None, ZipperSettings(compactness=0.0))
         assert "coronal and sagittal planes" in {seam.method for seam in seams}
     else:
-        mesh, seams = zip_patches(patches, blind_maps, UP, np.zeros(3), None, GENERAL)
+        mesh, seams, _ = zip_patches(patches, blind_maps, UP, np.zeros(3), None, GENERAL)
     check_zipped(mesh, patches)
     assert {seam.views for seam in seams} == {(0, 1), (0, 2), (1, 2)}
     loops = boundary_loops(mesh.triangles, len(mesh.vertices))
@@ -153,16 +153,17 @@ def test_no_bridge_through_space_seen_to_be_empty(blind_maps):
         s for s in zip_patches(patches, blind_maps, np.array((0, -1.0, 0)), np.array((0, 0, 2.0)), None, GENERAL)[1]
     ]
     assert {s.views for s in across} == {(0, 1)}
-    mesh, none = seams(5.0, 0)
+    mesh, none, twin = seams(5.0, 0)
     assert not [s for s in none if s.views == (0, 1)], "the camera looked through the gap"
     check_zipped(mesh, patches)
+    np.testing.assert_array_equal(twin, twins(mesh.triangles, len(mesh.vertices)))
     assert {s.views for s in seams(2.0, 0)[1]} == {(0, 1)}, "a surface read right there hides nothing"
     assert {s.views for s in seams(5.0, 1)[1]} == {(0, 1)}, "what another view reads there says nothing"
 
 
 def test_wide_gaps_stay_open(blind_maps):
     patches = plates(0.25)
-    mesh, seams = zip_patches(
+    mesh, seams, _ = zip_patches(
         patches, blind_maps, UP, np.zeros(3), None, ZipperSettings(gaps=(0.03, 0.08), compactness=2.0)
     )
     assert not seams and (mesh.kind == SURFACE).all() and len(mesh.vertices) == 1800
@@ -176,17 +177,17 @@ def test_nothing_to_zip(blind_maps):
         np.empty(0, np.int8),
         np.empty(0, np.int8),
     )
-    mesh, seams = zip_patches([empty, empty], blind_maps, UP, np.zeros(3), None)
+    mesh, seams, _ = zip_patches([empty, empty], blind_maps, UP, np.zeros(3), None)
     assert len(mesh.triangles) == 0 and seams == []
     one = tube(0, 0.4, 5, 60)
-    mesh, seams = zip_patches([one, empty], blind_maps, UP, np.zeros(3), None, GENERAL)
+    mesh, seams, _ = zip_patches([one, empty], blind_maps, UP, np.zeros(3), None, GENERAL)
     np.testing.assert_array_equal(mesh.triangles, one.triangles)
     torus = trimesh.creation.torus(0.3, 0.1)
     closed = Mesh(
         np.array(torus.vertices), torus.faces.astype(np.int32), None, np.zeros(len(torus.vertices), np.int8),
         np.zeros(len(torus.faces), np.int8),
     )  # fmt: skip
-    mesh, seams = zip_patches([closed], blind_maps, UP, np.zeros(3), None)
+    mesh, seams, _ = zip_patches([closed], blind_maps, UP, np.zeros(3), None)
     assert not seams and len(mesh.triangles) == len(torus.faces)
 
 
