@@ -141,25 +141,25 @@ class MIRRORSCAN_PG_subject(bpy.types.PropertyGroup):
         "depth_limit_m", "Depth Limit",
         "Everything farther from the camera than this is ignored; the way over a mirror counts whole. "
         "0 m = by itself, from where the person can be",
-        step=5, precision=2, default=0.0, update=_redraw,
+        step=5, precision=3, default=0.0, update=_redraw,
     )  # fmt: skip
     floor_clearance_m: _metres(0.002, 0.0, 0.5)
     floor_clearance: _length(
         "floor_clearance_m", "Floor Clearance",
         "Up to this height above the floor everything counts as the floor. Raise it when pieces of the floor stick to "
         "the soles",
-        step=0.1, precision=3, default=0.002, update=_redraw,
+        step=0.1, precision=4, default=0.002, update=_redraw,
     )  # fmt: skip
     reach_m: _metres(1.15, 0.2)
     reach: _length(
         "reach_m", "Reach", "How far from the place the mirrors look at the person may be",
-        step=5, precision=2, default=1.15, update=_search_changed,
+        step=5, precision=3, default=1.15, update=_search_changed,
     )  # fmt: skip
     max_height_m: _metres(2.4, 0.2)
     max_height: _length(
         "max_height_m", "Max Height",
         "Everything higher above the floor than this is ignored, such as lamps and the ceiling",
-        step=5, precision=2, default=2.4, update=_redraw,
+        step=5, precision=3, default=2.4, update=_redraw,
     )  # fmt: skip
     object: BoolProperty(
         name="Any Thing",

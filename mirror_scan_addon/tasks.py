@@ -46,7 +46,7 @@ class Cloud:
     color : np.ndarray [shape=(H, W, 3), dtype=uint8] or None
     intrinsics : Intrinsics
     info : dict
-        name, format, path, frames and lines about the capture.
+        name, format, path, frames, size, sensor and notes.
     """
 
     points: np.ndarray
@@ -172,7 +172,6 @@ def _open(path: str, frames: int, mirrors_path: str) -> Capture:
 
 def _loaded(capture: Capture, path: str) -> Steps[Loaded]:
     yield 0.4, AVERAGING
-    from ..core.capture import describe
     from ..core.depth import fuse_burst, remove_flying_pixels
 
     depth, _ = fuse_burst(capture.depth)
@@ -191,7 +190,6 @@ def _loaded(capture: Capture, path: str) -> Steps[Loaded]:
         "color": capture.color is not None,
         "sensor": capture.sensor,
         "notes": list(capture.notes),
-        "words": list(describe.words(capture)),
     }
     return Loaded(
         depth, capture.color, depth_colors(depth), capture.intrinsics, info,
