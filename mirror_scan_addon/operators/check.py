@@ -11,10 +11,13 @@ from ..units import metres_per_unit
 from .load_capture import show_within, viewport
 
 
+CLOUD = "mirror_scan_capture"  # :data:`.cloud.INFO`, which numpy would have to be imported for
+
+
 def no_mesh(context: bpy.types.Context) -> str:
     """Why the active object cannot be looked over; "" when it can."""
     active = context.object
-    if active is None or active.type != "MESH":
+    if active is None or active.type != "MESH" or CLOUD in active:
         return say("Select an avatar first")
     if not active.data.polygons:
         return say("{name} has no faces").format(name=active.name)
