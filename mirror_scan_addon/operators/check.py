@@ -10,7 +10,6 @@ from ..texts import CONTEXT, say
 from ..units import metres_per_unit
 from .load_capture import show_within, viewport
 
-
 CLOUD = "mirror_scan_capture"  # :data:`.cloud.INFO`, which numpy would have to be imported for
 
 
