@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from .camera import Intrinsics, unproject
 from .errors import ReconstructionError
+from .floor_parting import NEAR_FLOOR, ROW, share_of_feet, standing_pixels
 from .ground import find_ground
 from .linear import dot
 from .mesh import root_of
@@ -15,9 +16,9 @@ from .views import Views, ViewSettings, sort_rays
 
 DEFAULTS = ViewSettings()
 
-_NEAR_FLOOR = 0.12  # readings within this of the floor tell how each view sees it [m]
 _OUTLINE = 0.08  # a view's points may stick out of the subject's outline in another view by this much [m]
 _ROUGH = 0.014  # a floor's noise is less [m]
+_UNSEEN = 0.004  # where a floor that a mirror hardly shows is, to within one standard deviation [m]
 _ENOUGH = 1000  # readings tell a floor
 _FOOTPRINT = 0.4  # radius about the subject in which feet may be [m]
 _FLOOR_PRIOR = (0.01, 0.006, 0.006)  # by how much a mirror's error may lift [m] and tilt the floor in it
@@ -25,8 +26,6 @@ _SHARED = 60.0  # neighbouring readings share so much of their errors that this 
 _PIECE = 8  # px: fewer are noise
 _CONFIRMED = 0.25  # m
 _STEPS = 0.026  # a far sensor counts in steps: pieces may be so much of z apart
-_HOLE = 1.5  # the floor right at a sole hardly shows, a lost piece of foot does: it counts so many times
-_ROW = 3  # px to either side that a pixel near the floor is judged by
 _CLICK_RADIUS = 6  # px: a click without a reading takes the nearest one
 _AXIS_SPREAD, _THING_SPREAD = 0.5, 0.3  # how far off the rig's crossing a person or thing counts less [m]
 
@@ -112,10 +111,12 @@ def find_subject(
 
     def standing(views: range, floor: float | None, center: np.ndarray | None, rough: float, apart: bool = True):
         """Components and sizes of what stands on the floor as these views see it, and how rough that is at most."""
-        floors, clearance, rough = _floor_of_views(
+        floors, noises, shares, rough = _floor_of_views(
             points, seen, up, floor, views, center, settings, pixel_angle, rough, apart
         )
-        upright = _standing(points, seen, up, floors, clearance, highest, views)
+        upright = standing_pixels(
+            points, seen, depth, up, floors, noises, shares, highest, settings.floor_clearance, views[0], pixel_angle
+        )
         return (*connected_pixels(depth, upright, pixel_angle), rough)
 
     def direct(component: np.ndarray, sizes: np.ndarray) -> np.ndarray | None:
@@ -209,41 +210,41 @@ def _floor_of_views(
     pixel_angle: float,
     rough: float,
     apart: bool,
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """The floor as these views see it about the subject, and how far above it a reading is no floor any more.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """The floor as these views see it about the subject, how noisy it is, and how much of it there is beside feet.
 
     A mirror's plane is off by a little, and by twice that the floor in it; a longer path is noisier. So each view has
-    its own plane (views, 4), n·p = d, and clearance (views,) [m]. ``middle``: where the subject stands. ``apart``:
-    there is more of it than what is under the subject. Last, how rough a view of it may be: as given, or, where the
-    direct view is one of them, as that tells.
+    its own plane (views, 4), n·p = d [m], noise (views,) [m] and :func:`.share_of_feet` (views,) [1/m]. ``middle``:
+    where the subject stands. ``apart``: there is more of the floor than what is under the subject. Last, how rough a
+    view of it may be: as given, or, where the direct view is one of them, as that tells.
     """
     planes = np.zeros((len(views), 4))
     planes[:, :3], planes[:, 3] = up, -np.inf if floor is None else floor
-    clearance = np.full(len(views), settings.floor_clearance)
+    noises, shares = np.zeros((2, len(views)))
     if floor is None:
-        return planes, clearance, rough
+        return planes, noises, shares, rough
     center = np.zeros(3) if middle is None else middle
     # farther off it is noisier, and at the subject there are feet
     ring = (0.0, np.inf) if middle is None else (_FOOTPRINT if apart else 0.0, 0.9 * settings.reach)
     under = np.inf if middle is None else _FOOTPRINT
     samples, heights = _near_floor_kernel(
-        points, seen, up, floor, _NEAR_FLOOR, center, ring[0] ** 2, ring[1] ** 2, under**2, _across(up), views[0],
+        points, seen, up, floor, NEAR_FLOOR, center, ring[0] ** 2, ring[1] ** 2, under**2, _across(up), views[0],
         len(views), pixel_angle,
     )  # fmt: skip
     for k, (view, (sample, rows)) in enumerate(zip(views, samples, strict=True)):
         fitted = _fit_floor(sample, up, floor, center, rough)
-        if fitted is not None:
+        if fitted is None:
+            noises[k], lift = _UNSEEN, 0.0
+        else:
             normal, d, kept, noise = fitted
             if view == 0:  # twice as far a sensor is four times as noisy, through a mirror more
                 rough = min(_ROUGH, 7.0 * noise + 0.002)
             planes[k, :3], planes[k, 3] = normal, d
             # a row's median decides on a pixel
-            off = rows[kept] + dot(sample[kept], normal) - d
-            off = np.abs(off - np.median(off))
-            noise = max(1.4826 * float(np.median(off)), 0.608 * float(np.quantile(off, 0.9)), 0.0005)
+            noises[k] = _closest_half(rows[kept] + dot(sample[kept], normal))
             lift = (d - normal @ center) / (normal @ up) + up @ center - floor  # of this view's floor at the centre
-            clearance[k] = max(settings.floor_clearance, _parting(heights[k], lift, noise))
-    return planes, clearance, rough
+        shares[k] = share_of_feet(heights[k], lift, noises[k])
+    return planes, noises, shares, rough
 
 
 def _fit_floor(
@@ -259,9 +260,9 @@ def _fit_floor(
         return None
     height = dot(sample, up) - floor
     # feet are spread over all heights, the floor has one
-    bins = np.bincount(np.floor((height + _NEAR_FLOOR) / 0.005).astype(np.int64).clip(0))
+    bins = np.bincount(np.floor((height + NEAR_FLOOR) / 0.005).astype(np.int64).clip(0))
     level = np.convolve(bins, np.ones(4), mode="same")
-    place = 0.005 * (np.arange(len(bins)) + 0.5) - _NEAR_FLOOR
+    place = 0.005 * (np.arange(len(bins)) + 0.5) - NEAR_FLOOR
     likely = level * np.exp(-0.5 * (place / (2.0 * _FLOOR_PRIOR[0])) ** 2)
     first = _level_axis(up)
     plan = sample - center
@@ -298,29 +299,6 @@ def _floor_equations(rows, height, miss, band, noise):
                 for b in range(3):
                     matrix[a, b] += weight * rows[i, a] * rows[i, b]
     return matrix, right
-
-
-def _parting(heights: np.ndarray, lift: float, noise: float) -> float:
-    """Height above the floor from which a reading near the subject is rather a foot's than the floor's [m].
-
-    The floor's are spread about 0 by ``noise`` [m], feet's evenly over all heights. How many there are of each is
-    counted, the floor's below 0 where feet have none: where a mirror shows hardly any floor about the feet, less must
-    be given away to be rid of it.
-
-    Parameters
-    ----------
-    heights : np.ndarray [shape=(B,)]
-        How many of a view's readings about the subject there are in each bin of height, from -``_NEAR_FLOOR`` to
-        ``_NEAR_FLOOR``.
-    lift : float
-        Where the floor is in it [m].
-    """
-    place = (np.arange(len(heights)) + 0.5) * (2.0 * _NEAR_FLOOR / len(heights)) - _NEAR_FLOOR - lift
-    ground = 2.0 * float(heights[(place < 0.0) & (place > -5.0 * noise)].sum())
-    above = (place > min(3.0 * noise, 0.2 * _NEAR_FLOOR)) & (place < 0.5 * _NEAR_FLOOR)
-    feet = max(float(heights[above].sum()), 1.0) / max(float(np.ptp(place[above])), 0.01)
-    odds = ground / (_HOLE * np.sqrt(2.0 * np.pi) * noise * feet)
-    return noise * float(np.sqrt(2.0 * np.log(odds))) if odds > 1.0 else 0.0
 
 
 def _closest_half(values: np.ndarray) -> float:
@@ -368,7 +346,7 @@ def _near_floor_kernel(
             found[k][count[k]] = v * width + u
             count[k] += 1
     samples = []
-    row = np.empty(2 * _ROW + 1)
+    row = np.empty(2 * ROW + 1)
     for k in range(views):
         some = found[k][: count[k] : count[k] // _ENOUGH + 1]
         sample, medians = np.empty((len(some), 3)), np.empty(len(some))
@@ -377,7 +355,7 @@ def _near_floor_kernel(
             p = points[v, u]
             sample[i] = p
             n = 0
-            for w in range(max(u - _ROW, 0), min(u + _ROW + 1, width)):
+            for w in range(max(u - ROW, 0), min(u + ROW + 1, width)):
                 q = points[v, w]
                 if seen[v, w] == seen[v, u] and abs(q[2] - p[2]) < 0.1:
                     row[n] = up[0] * (q[0] - p[0]) + up[1] * (q[1] - p[1]) + up[2] * (q[2] - p[2])
@@ -385,84 +363,6 @@ def _near_floor_kernel(
             medians[i] = np.median(row[:n])
         samples.append((sample, medians))
     return samples, heights
-
-
-def _standing(points, seen, up, floors, clearance, highest, views):
-    """``seen`` where it is one of ``views`` and the pixel's point above its floor and below ``highest``, else -1.
-
-    Near the floor the median of a pixel's row neighbours decides, which halves the noise and keeps a foot's sides where
-    they are; and a pixel amid floor pixels is the floor's as well.
-    """
-    out, above, near = _above_kernel(points, seen, up, floors, 4.0 * clearance + 0.01, highest, views[0])
-    _feet_kernel(points, seen, above, near, clearance, views[0], out)
-    return out
-
-
-@njit(cache=True, nogil=True, parallel=True)
-def _above_kernel(points, seen, up, floors, bands, highest, first):
-    """``seen`` where a point is above its view's floor and below ``highest``; its height above that floor [m]; and
-    which rows have points within ``bands`` of it. The floors are those of the views from ``first`` on."""
-    height, width = seen.shape
-    out = np.full(seen.shape, -1, np.int8)
-    above = np.empty(seen.shape, np.float32)
-    near = np.zeros(height, np.bool_)
-    for v in prange(height):
-        for u in range(width):
-            k = seen[v, u]
-            above[v, u] = np.inf
-            if k < first or k >= first + len(floors):
-                continue
-            p, plane = points[v, u], floors[k - first]
-            if p[0] * up[0] + p[1] * up[1] + p[2] * up[2] < highest:
-                a = p[0] * plane[0] + p[1] * plane[1] + p[2] * plane[2] - plane[3]
-                above[v, u] = a
-                if a > 0.0:
-                    out[v, u] = k
-                if a < bands[k - first]:
-                    near[v] = True
-    return out, above, near
-
-
-@njit(cache=True, nogil=True)
-def _feet_kernel(points, seen, above, near, clearance, first, out):
-    """Decide anew for pixels near the floor, in ``out``."""
-    height, width = seen.shape
-    under = np.zeros(seen.shape, np.int8)  # 1 = of the floor or below it, 2 = near it but above
-    for v in range(height):
-        if not near[v]:
-            continue
-        for u in range(width):
-            if above[v, u] == np.inf:
-                continue
-            k = seen[v, u]
-            least = clearance[k - first]
-            if above[v, u] > 4.0 * least + 0.01:
-                continue
-            if above[v, u] < -4.0 * least - 0.01:
-                under[v, u] = 1
-                continue
-            balance = 0  # the median of the row is above where most of the row is
-            for x in range(max(u - _ROW, 0), min(u + _ROW + 1, width)):
-                if seen[v, x] == k and abs(points[v, x, 2] - points[v, u, 2]) < 0.1:
-                    balance += 1 if above[v, x] > least else -1
-            under[v, u] = 1 if balance <= 0 else 2
-            out[v, u] = -1 if balance <= 0 else k  # what noise puts under the floor amid a foot as well
-    for v in range(height):
-        if not near[v]:
-            continue
-        for u in range(width):
-            if under[v, u] != 2:
-                continue
-            floor = 0
-            other = 0
-            for y in range(max(v - 2, 0), min(v + 3, height)):
-                for x in range(max(u - 2, 0), min(u + 3, width)):
-                    if under[y, x] == 1:
-                        floor += 1
-                    elif seen[y, x] >= 0:
-                        other += 1
-            if floor > 2 * other:
-                out[v, u] = -1
 
 
 def _direct_subject(

@@ -22,7 +22,7 @@ class ViewSettings:
     near : float
         What lies nearer is dropped [m]; 0 = automatic.
     floor_clearance : float
-        Readings up to this far above the floor are the floor's [m]; never less than the floor's own noise asks for.
+        Readings up to this far above the floor are the floor's in any case [m]; above, what is seen decides.
     reach : float
         Radius about the vertical axis through the subject inside which it is looked for [m].
     max_height : float

@@ -10,6 +10,7 @@ import pytest
 from mirror_scan.core.cli import _settings, build_parser
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
 from mirror_scan.core.errors import ReconstructionError
+from mirror_scan.core.floor_parting import NEAR_FLOOR, share_of_feet, standing_pixels
 from mirror_scan.core.ground import find_ground, leans, mirrors_vertical
 from mirror_scan.core.mirror import place_mirror, plane_mirror
 from mirror_scan.core.pipeline import Settings
@@ -18,7 +19,7 @@ from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.rays import BODY
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
-from mirror_scan.core.subject import _HOLE, _NEAR_FLOOR, _fit_floor, _parting, find_subject
+from mirror_scan.core.subject import _fit_floor, find_subject
 from mirror_scan.core.views import ViewSettings
 
 
@@ -97,21 +98,45 @@ def test_a_mirror_s_floor_is_told_from_what_lies_across_it():
     assert _fit_floor(feet, up, -0.9, center, 0.008) is None
 
 
-def test_floor_and_feet_are_parted_where_both_are_as_likely():
-    """Little floor about the feet: hardly anything is given away; much of it: as much as its noise asks for."""
+def test_how_much_floor_there_is_for_feet():
     rng = np.random.default_rng(0)
-    noise, edges = 0.003, np.linspace(-_NEAR_FLOOR, _NEAR_FLOOR, 121)
-    feet = rng.uniform(0.0, _NEAR_FLOOR, 12_000)
+    noise, edges = 0.003, np.linspace(-NEAR_FLOOR, NEAR_FLOOR, 121)
+    feet = rng.uniform(0.0, NEAR_FLOOR, 12_000)
     for lift in (0.0, 0.004):
-        counts = {}
         for ground in (400, 4_000, 40_000):
             level = np.concatenate((rng.normal(0.0, noise, ground), feet)) + lift
-            counts[ground] = _parting(np.histogram(level, edges)[0], lift, noise)
-            likely = ground / (np.sqrt(2 * np.pi) * noise * _HOLE * 12_000 / _NEAR_FLOOR)
-            wanted = noise * np.sqrt(2 * np.log(max(likely, 1.0)))
-            assert counts[ground] == pytest.approx(wanted, abs=0.25 * noise)
-        assert counts[400] == 0.0 < counts[4_000] < counts[40_000]
-    assert _parting(np.zeros(120, np.int64), 0.0, noise) == 0.0
+            share = share_of_feet(np.histogram(level, edges)[0], lift, noise)
+            assert share == pytest.approx(12_000 / NEAR_FLOOR / ground, rel=0.25)
+    assert share_of_feet(np.zeros(120, np.int64), 0.0, noise) > 0
+
+
+@pytest.mark.parametrize(("distance", "noise"), [(2.4, 0.0), (2.4, 0.011), (4.8, 0.023)])
+def test_a_foot_begins_where_its_column_does(distance, noise):
+    """A box on the floor, read with noise of z [m] that lifts the floor by more than the box's first row."""
+    rng = np.random.default_rng(0)
+    height, width, focal, eye = 200, 120, 430.0, 1.0
+    v, u = np.indices((height, width))
+    rays = np.stack(((u - 60) / focal, (v - 120.6) / focal + eye / distance, np.ones(v.shape)), axis=-1)
+    floor = np.where(rays[..., 1] > 0.05, eye / np.maximum(rays[..., 1], 1e-9), 0.0)
+    box = (np.abs(u - 60) < 12) & (floor > distance) & (distance * rays[..., 1] > eye - 0.15)
+    true = np.where(box, distance, floor)
+    depth = true + noise * (true / distance) ** 2 * rng.standard_normal(true.shape) * (true > 0)
+    seen = np.where(true > 0, 0, -1).astype(np.int8)
+    up = np.array((0.0, -1.0, 0.0))
+    about = np.abs(floor - distance) < 0.4
+    lifts = (depth[..., None] * rays @ up + eye)[about & ~box]
+    quiet = np.median(np.abs(lifts)) * 1.4826 / 2.2  # of a row's median
+    share = box.sum() / 0.15 / (about & ~box).sum()
+    found = standing_pixels(
+        rays * depth[..., None], seen, depth, up, np.array([[*up, -eye]]), np.array([quiet]), np.array([share]),
+        np.inf, 0.002, 0, 1 / focal,
+    ) == 0  # fmt: skip
+    around = np.abs(u - 60) < 9
+    rows = box.any(axis=1).sum()
+    lost, left = (box & ~found & around).sum(axis=0), (found & ~box & around & about).sum(axis=0)
+    print(f"{distance} m, noise of a row {1000 * quiet:.1f} mm: lost {lost.sum()}, left {left.sum()} of {rows} rows")
+    assert lost.sum() <= 0.4 * around[0].sum() and left.sum() <= 0.4 * around[0].sum()
+    assert not found[about & (np.abs(u - 60) > 20)].any()
 
 
 @pytest.mark.parametrize("case", ["mirrors lean", "chair beside"])

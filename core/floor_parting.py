@@ -1,0 +1,226 @@
+"""Feet told from the floor they stand on: in each column of the image, where the heights begin to rise."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+NEAR_FLOOR = 0.12  # readings within this of the floor tell how each view sees it [m]
+ROW = 3  # px to either side that a pixel near the floor is judged by
+_ROWS = 4  # px above and below, as well
+_RISE = 0.8  # what is not floor rises by this share of what an upright surface would
+_SOLE = 0.0035  # height at which a foot begins: its sole is rounded [m]
+_STEPS = 4  # places of that beginning that are weighed against each other, a pixel
+_HOLE = 1.5  # the floor right at a sole hardly shows, a lost piece of foot does: it counts so many times
+_QUIET = 0.0007  # rows are never surer than this [m]
+_SURE = 4.0  # standard deviations
+
+
+def share_of_feet(heights: np.ndarray, lift: float, noise: float) -> float:
+    """How many readings per metre of height feet have for one that the floor has about the subject [1/m].
+
+    The floor's are spread about 0 by ``noise`` [m], feet's evenly over all heights. How many there are of each is
+    counted, the floor's below 0 where feet have none.
+
+    Parameters
+    ----------
+    heights : np.ndarray [shape=(B,)]
+        How many of a view's readings about the subject there are in each bin of height, from -``NEAR_FLOOR`` to
+        ``NEAR_FLOOR``.
+    lift : float
+        Where the floor is in it [m].
+    """
+    place = (np.arange(len(heights)) + 0.5) * (2.0 * NEAR_FLOOR / len(heights)) - NEAR_FLOOR - lift
+    ground = 2.0 * float(heights[(place < 0.0) & (place > -5.0 * noise)].sum())
+    above = (place > min(3.0 * noise, 0.2 * NEAR_FLOOR)) & (place < 0.5 * NEAR_FLOOR)
+    feet = max(float(heights[above].sum()), 1.0) / max(float(np.ptp(place[above])), 0.01)
+    return feet / max(ground, 1.0)
+
+
+def standing_pixels(
+    points: np.ndarray,
+    seen: np.ndarray,
+    depth: np.ndarray,
+    up: np.ndarray,
+    floors: np.ndarray,
+    noises: np.ndarray,
+    shares: np.ndarray,
+    highest: float,
+    clearance: float,
+    first: int,
+    pixel_angle: float,
+) -> np.ndarray:
+    """``seen`` where it is one of these views and what the pixel shows stands on the floor, else -1.
+
+    Height alone tells a foot from the floor only above the floor's noise, which in a mirror, and in short bursts, is a
+    centimetre and more. But up a column of the image the floor stays at 0 and what stands on it rises by about a pixel
+    a pixel: of all rows in which that may begin, near a pixel, each is as likely as a column of heights that does so
+    fits the one that is seen. Median heights of short rows are used, which keeps a foot's sides where they are.
+
+    Parameters
+    ----------
+    points : np.ndarray [shape=(H, W, 3)]
+        Placed readings, camera frame [m].
+    seen : np.ndarray [shape=(H, W), dtype=int8]
+        View of each, -1 = none.
+    depth : np.ndarray [shape=(H, W)]
+        z as read, along the whole path [m].
+    up : np.ndarray [shape=(3,)]
+    floors : np.ndarray [shape=(K, 4)]
+        Plane n·p = d of the floor in each of the views from ``first`` on [m]; d = -inf: none.
+    noises : np.ndarray [shape=(K,)]
+        Standard deviation of such medians on the floor [m].
+    shares : np.ndarray [shape=(K,)]
+        See :func:`share_of_feet`.
+    highest : float
+        Height along ``up`` above which nothing counts [m].
+    clearance : float
+        What is lower above the floor is the floor's in any case [m].
+    pixel_angle : float
+        Of one pixel [rad].
+
+    Notes
+    -----
+    O(H W); some hundred operations a pixel near the floor.
+    """
+    noises = np.maximum(noises, _QUIET)
+    bands = np.maximum(6.0 * noises, clearance) + 0.03
+    out, above, near = _above_kernel(points, seen, up, floors, bands, highest, clearance, first)
+    rows = _pooled_kernel(above, seen, depth, near)
+    kind = _feet_kernel(seen, depth, rows, near, noises, shares, clearance, first, pixel_angle, out)
+    _islands_kernel(seen, kind, near, out)
+    return out
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _above_kernel(points, seen, up, floors, bands, highest, clearance, first):
+    """``seen`` where a point is above its view's floor and below ``highest``; its height above that floor [m]; and
+    which rows have points within ``bands`` of it. The floors are those of the views from ``first`` on."""
+    height, width = seen.shape
+    out = np.full(seen.shape, -1, np.int8)
+    above = np.empty(seen.shape, np.float32)
+    near = np.zeros(height, np.bool_)
+    for v in prange(height):
+        for u in range(width):
+            k = seen[v, u]
+            above[v, u] = np.inf
+            if k < first or k >= first + len(floors):
+                continue
+            p, plane = points[v, u], floors[k - first]
+            if p[0] * up[0] + p[1] * up[1] + p[2] * up[2] < highest:
+                a = p[0] * plane[0] + p[1] * plane[1] + p[2] * plane[2] - plane[3]
+                above[v, u] = a
+                if a > clearance:
+                    out[v, u] = k
+                if a < bands[k - first]:
+                    near[v] = True
+    return out, above, near
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _pooled_kernel(above, seen, depth, near):
+    """Median height (H, W) of each pixel's row about it, in rows ``near`` the floor; inf where there is none."""
+    height, width = seen.shape
+    out = np.full(seen.shape, np.inf, np.float32)
+    for v in prange(height):
+        if not near[v]:
+            continue
+        row = np.empty(2 * ROW + 1, np.float32)
+        for u in range(width):
+            if above[v, u] > 2.0 * NEAR_FLOOR:
+                continue
+            n = 0
+            for x in range(max(u - ROW, 0), min(u + ROW + 1, width)):
+                if seen[v, x] == seen[v, u] and abs(depth[v, x] - depth[v, u]) < 0.1:
+                    a, at = above[v, x], n
+                    while at > 0 and row[at - 1] > a:
+                        row[at] = row[at - 1]
+                        at -= 1
+                    row[at] = a
+                    n += 1
+            out[v, u] = row[n // 2] if n % 2 else 0.5 * (row[n // 2 - 1] + row[n // 2])
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _feet_kernel(seen, depth, rows, near, noises, shares, clearance, first, pixel_angle, out):
+    """Decide anew for pixels near the floor, in ``out``; 1 = the floor's or below it, 2 = near it but a foot's."""
+    height, width = seen.shape
+    kind = np.zeros(seen.shape, np.int8)
+    column = np.empty(2 * _ROWS + 1)
+    for v in range(height):
+        if not near[v]:
+            continue
+        for u in range(width):
+            h = rows[v, u]
+            if h == np.inf:
+                continue
+            k = seen[v, u]
+            noise = noises[k - first]
+            rise = _RISE * pixel_angle * depth[v, u]
+            if h < clearance:
+                kind[v, u] = 1
+                out[v, u] = -1
+                continue
+            if h > _SURE * noise + rise:
+                out[v, u] = k
+                continue
+            # the rows that belong together: what gets higher downwards, or lower upwards, is something else
+            column[_ROWS] = h
+            less = more = 0
+            low = high = h
+            for j in range(1, _ROWS + 1):
+                y = v - j
+                if y < 0 or seen[y, u] != k or rows[y, u] == np.inf or rows[y, u] < high - _SURE * noise:
+                    break
+                less = j
+                column[_ROWS - j] = rows[y, u]
+                high = max(high, rows[y, u])
+            for j in range(1, _ROWS + 1):
+                y = v + j
+                if y >= height or seen[y, u] != k or rows[y, u] == np.inf or rows[y, u] > low + _SURE * noise:
+                    break
+                more = j
+                column[_ROWS + j] = rows[y, u]
+                low = min(low, rows[y, u])
+            flat = 0.0
+            for j in range(-less, more + 1):
+                flat += column[_ROWS + j] ** 2
+            # no foot at all, or one from so many rows below this one on; half a row is not told
+            floor, foot = 1.0, 0.0
+            weight = shares[k - first] * rise / _STEPS
+            for step in range(-_STEPS * less, _STEPS * (more + _ROWS + 2)):
+                begin, miss = step / _STEPS, 0.0
+                for j in range(-less, more + 1):
+                    expected = rise * (begin - j) + _SOLE if begin > j else 0.0
+                    miss += (column[_ROWS + j] - expected) ** 2
+                likely = weight * np.exp(min(0.5 * (flat - miss) / noise**2, 300.0))
+                if begin >= 0.5:
+                    foot += likely
+                else:
+                    floor += likely
+            mine = _HOLE * foot > floor
+            kind[v, u] = 2 if mine else 1
+            out[v, u] = k if mine else -1
+    return kind
+
+
+@njit(cache=True, nogil=True)
+def _islands_kernel(seen, kind, near, out):
+    """A pixel of a foot amid such of the floor is the floor's as well."""
+    height, width = seen.shape
+    for v in range(height):
+        if not near[v]:
+            continue
+        for u in range(width):
+            if kind[v, u] != 2:
+                continue
+            floor, other = 0, 0
+            for y in range(max(v - 2, 0), min(v + 3, height)):
+                for x in range(max(u - 2, 0), min(u + 3, width)):
+                    if kind[y, x] == 1:
+                        floor += 1
+                    elif seen[y, x] >= 0:
+                        other += 1
+            if floor > 2 * other:
+                out[v, u] = -1
