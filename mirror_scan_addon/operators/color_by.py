@@ -42,7 +42,7 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
         """Of the button that the mouse rests on."""
-        return say(cls.bl_rna.properties["mode"].enum_items[properties.mode].description)
+        return say(properties.bl_rna.properties["mode"].enum_items[properties.mode].description)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

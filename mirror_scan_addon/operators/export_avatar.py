@@ -44,7 +44,7 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
         """Of the button that the mouse rests on."""
         if not properties.is_property_set("format"):
             return ""
-        item = cls.bl_rna.properties["format"].enum_items[properties.format]
+        item = properties.bl_rna.properties["format"].enum_items[properties.format]
         text = say("Write the selected avatar as {format}. {what}")
         return text.format(format=say(item.name), what=say(item.description))
 

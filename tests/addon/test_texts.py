@@ -54,3 +54,23 @@ def test_no_text_is_said_without_being_looked_up(path):
             if literal(given.get("name")) and "SKIP_SAVE" not in ast.unparse(node):
                 wrong.append(node)
     assert not wrong, [f"line {node.lineno}: {ast.unparse(node)}" for node in wrong]
+
+
+BUTTONS = (
+    ("load_capture", {}, ""), ("load_capture", {"filepath": "/a/b"}, "Load /a/b again"), ("pick_mirror_points", {}, ""),
+    ("pick_mirror_points", {"add": True}, "Add a mirror"), ("color_by", {"mode": "KIND"}, "seam between two views red"),
+    ("export_avatar", {}, ""), ("export_avatar", {"format": "STL"}, "For 3D printing"),
+    ("jump_to_problem", {"direction": "PREVIOUS"}, "before this one"), ("jump_to_problem", {}, "next problem"),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name, values, words", BUTTONS)
+def test_a_button_tells_what_it_does(bpy, name, values, words):
+    given = bpy.context.window_manager.operator_properties_last(f"mirror_scan.{name}")
+    for key in ("filepath", "add", "mode", "format", "direction"):
+        if key in given.bl_rna.properties:
+            given.property_unset(key)
+    for key, value in values.items():
+        setattr(given, key, value)
+    text = getattr(bpy.types, f"MIRROR_SCAN_OT_{name}").description(bpy.context, given)
+    assert words in text and bool(words) == bool(text) and not text.endswith(".")
