@@ -257,7 +257,7 @@ def _weight_kernel(points, rim, blocked, penalty):
     apex = np.full((n, n), -1, np.int32)
     normal = np.zeros((n, n, 3))  # of the triangle that closes the part between i and j
     for i in range(n - 1):
-        weight[i, i + 1] = 0.0
+        weight[i, i + 1] = weight[i + 1, i] = 0.0
         normal[i, i + 1] = rim[i]
     normal[n - 1, 0] = rim[n - 1]  # of what lies behind the loop's last edge
     for span in range(2, n):
@@ -268,7 +268,7 @@ def _weight_kernel(points, rim, blocked, penalty):
             best, third = np.inf, -1
             best_x = best_y = best_z = 0.0
             for m in range(i + 1, j):
-                base = weight[i, m] + weight[m, j]
+                base = weight[i, m] + weight[j, m]
                 if base >= best:
                     continue
                 nx, ny, nz = _cross(points, j, m, i)  # the fill winds against the boundary
@@ -283,6 +283,7 @@ def _weight_kernel(points, rim, blocked, penalty):
                 if base < best:
                     best, third = base, m
                     best_x, best_y, best_z = nx, ny, nz
-            weight[i, j], apex[i, j] = best, third
+            weight[i, j] = weight[j, i] = best  # by row and by column: both are walked along rows
+            apex[i, j] = third
             normal[i, j, 0], normal[i, j, 1], normal[i, j, 2] = best_x, best_y, best_z
     return apex

@@ -132,7 +132,7 @@ def _smooth_apart(mesh: Mesh, crossing: np.ndarray, rounds: int) -> tuple[Mesh, 
         local = _triangles_within(triangles, seeds, reach + 3, len(vertices))
         used, around = renumbered(triangles[local], len(vertices))
         start, heads = neighbours(around, len(used))
-        core = _grow(np.searchsorted(used, seeds), start, heads, reach, len(used))
+        core = _grow(np.searchsorted(used, seeds), start, heads, reach)
         core = core[movable[used[core]]]
         if not len(core):
             break
@@ -208,29 +208,35 @@ def _triangles_within(triangles, vertices, rings, count):
     return out[:n].copy()
 
 
-def _ring(vertices: np.ndarray, start: np.ndarray, heads: np.ndarray) -> np.ndarray:
-    """All neighbours of the given vertices, with repeats."""
-    counts = start[vertices + 1] - start[vertices]
-    offset = np.repeat(start[vertices] - np.concatenate(([0], np.cumsum(counts)[:-1])), counts)
-    return heads[np.arange(counts.sum()) + offset]
+@njit(cache=True, nogil=True)
+def _grow(vertices, start, heads, rings):
+    """The vertices and those within so many rings of them, ascending."""
+    ring = np.full(len(start) - 1, rings + 1)
+    for v in vertices:
+        ring[v] = 0
+    for r in range(rings):
+        for v in range(len(ring)):
+            if ring[v] == r:
+                for e in range(start[v], start[v + 1]):
+                    ring[heads[e]] = min(ring[heads[e]], r + 1)
+    return np.flatnonzero(ring <= rings)
 
 
-def _grow(vertices: np.ndarray, start: np.ndarray, heads: np.ndarray, rings: int, count: int) -> np.ndarray:
-    """The vertices and those within so many rings of them, sorted."""
-    inside = np.zeros(count, np.bool_)
-    inside[vertices] = True
-    for _ in range(rings):
-        inside[_ring(np.flatnonzero(inside), start, heads)] = True
-    return np.flatnonzero(inside)
-
-
-def _relax(vertices: np.ndarray, chosen: np.ndarray, start: np.ndarray, heads: np.ndarray, steps: int) -> np.ndarray:
+@njit(cache=True, nogil=True, error_model="numpy")
+def _relax(vertices, chosen, start, heads, steps):
     """Chosen vertices moved half way to the mean of their one-ring, ``steps`` times."""
-    vertices = vertices.copy()
-    counts = start[chosen + 1] - start[chosen]
-    ring = _ring(chosen, start, heads)
-    begin = np.concatenate(([0], np.cumsum(counts)[:-1]))
+    now, after = vertices.copy(), np.empty((len(chosen), 3))
     for _ in range(steps):
-        mean = np.add.reduceat(vertices[ring], begin, axis=0) / counts[:, None]
-        vertices[chosen] = 0.5 * (vertices[chosen] + mean)
-    return vertices
+        for n in range(len(chosen)):
+            v = chosen[n]
+            x = y = z = 0.0
+            for e in range(start[v], start[v + 1]):
+                x, y, z = x + now[heads[e], 0], y + now[heads[e], 1], z + now[heads[e], 2]
+            share = 0.5 / (start[v + 1] - start[v])
+            after[n, 0] = 0.5 * now[v, 0] + share * x
+            after[n, 1] = 0.5 * now[v, 1] + share * y
+            after[n, 2] = 0.5 * now[v, 2] + share * z
+        for n in range(len(chosen)):
+            for c in range(3):
+                now[chosen[n], c] = after[n, c]
+    return now
