@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit, prange
 
 from .errors import MirrorScanError
+from .mesh import boundary_vertices
 
 STACK = 64
 """Entries a traversal stack needs; :func:`build_bvh` never makes a tree deeper than that."""
@@ -718,10 +719,11 @@ def _folded(corners, normals, i, i_at, j, j_at):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _pair_meets(corners, normals, index, i, j):
+def _pair_meets(corners, normals, index, spread, i, j):
     """Whether two triangles of a mesh meet anywhere but in what they share by index.
 
-    ``normals`` (T, 3) are as long as twice the area; ``index`` (T, 3) names the vertices of ``corners`` (T, 3, 3).
+    ``normals`` (T, 3) are as long as twice the area; ``index`` (T, 3) names the vertices of ``corners`` (T, 3, 3);
+    triangles around a vertex of :func:`_spread_out` ``spread`` (V,) do not meet.
     """
     # counted without branches: which corners agree is as good as random
     a0, a1, a2, b0, b1, b2 = index[i, 0], index[i, 1], index[i, 2], index[j, 0], index[j, 1], index[j, 2]
@@ -735,10 +737,12 @@ def _pair_meets(corners, normals, index, i, j):
     if common == 0:
         return _triangles_meet(corners, normals, i, j)
     if common == 1:
-        return _fan_meets(corners, normals, i, i_at, j, j_at)
+        return not spread[index[i, i_at]] and _fan_meets(corners, normals, i, i_at, j, j_at)
     if common == 2:
         i_free, j_free = 3 - i_at, 3 - j_at
-        return 0 <= i_free <= 2 and 0 <= j_free <= 2 and _folded(corners, normals, i, i_free, j, j_free)
+        if not (0 <= i_free <= 2 and 0 <= j_free <= 2) or spread[index[i, (i_free + 1) % 3]]:
+            return False
+        return _folded(corners, normals, i, i_free, j, j_free)
     return True
 
 
@@ -759,6 +763,43 @@ def _by_place(bvh, triangles):
         vx, vy, vz = corners[i, 2, 0] - px, corners[i, 2, 1] - py, corners[i, 2, 2] - pz
         normals[i, 0], normals[i, 1], normals[i, 2] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     return box, normals, index
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _spread_out(corners, normals, index, inner):
+    """Around which of the ``inner`` vertices (V,) bool the triangles lie side by side, seen along their mean normal:
+    all face that way and together they go round once. So no two of them meet but in what they share."""
+    count = len(inner)
+    mean = np.zeros((count, 3))
+    for t in range(len(index)):
+        for k in range(3):
+            v = index[t, k]
+            for c in range(3):
+                mean[v, c] += normals[t, c]
+    turns = np.zeros(count, np.int8)
+    for t in range(len(index)):
+        long2 = normals[t, 0] ** 2 + normals[t, 1] ** 2 + normals[t, 2] ** 2
+        for k in range(3):
+            v = index[t, k]
+            x, y, z = mean[v, 0], mean[v, 1], mean[v, 2]
+            facing = normals[t, 0] * x + normals[t, 1] * y + normals[t, 2] * z
+            if not (facing > 0.0 and facing * facing > 1e-12 * long2 * (x * x + y * y + z * z)):
+                turns[v] = 100  # more than its triangles make up for
+                continue
+            # a direction across the normal, away from the axis that the normal is farthest from
+            if abs(x) <= abs(y) and abs(x) <= abs(z):
+                x, y, z = 0.0, z, -y
+            elif abs(y) <= abs(z):
+                x, y, z = -z, 0.0, x
+            else:
+                x, y, z = y, -x, 0.0
+            here = x * corners[t, k, 0] + y * corners[t, k, 1] + z * corners[t, k, 2]
+            n, m = (k + 1) % 3, (k + 2) % 3
+            begin = x * corners[t, n, 0] + y * corners[t, n, 1] + z * corners[t, n, 2] - here
+            end = x * corners[t, m, 0] + y * corners[t, m, 1] + z * corners[t, m, 2] - here
+            if begin < 0.0 and end >= 0.0 and turns[v] < 2:
+                turns[v] += 1
+    return (turns == 1) & inner
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -818,7 +859,7 @@ def _node_pairs(boxes, child, count, wanted):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _pairs_below(bvh, boxes, box, normals, index, a, b, pairs):
+def _pairs_below(bvh, boxes, box, normals, index, spread, a, b, pairs):
     """Pairs of triangles, one below node a and one below b, that meet, by descending both at once.
 
     Writes as many as fit into ``pairs`` (room, 2); returns how many there are.
@@ -836,7 +877,7 @@ def _pairs_below(bvh, boxes, box, normals, index, a, b, pairs):
             continue
         for i in range(child[a], child[a] + count[a]):
             for j in range(i + 1 if a == b else child[b], child[b] + count[b]):
-                if _boxes_meet(box, i, j) and _pair_meets(corners, normals, index, i, j):
+                if _boxes_meet(box, i, j) and _pair_meets(corners, normals, index, spread, i, j):
                     if held < pairs.shape[0]:
                         pairs[held, 0], pairs[held, 1] = min(order[i], order[j]), max(order[i], order[j])
                     held += 1
@@ -844,10 +885,11 @@ def _pairs_below(bvh, boxes, box, normals, index, a, b, pairs):
 
 
 @njit(cache=True, nogil=True, parallel=True, error_model="numpy")
-def _self_intersection_kernel(bvh, boxes, box, normals, index, nodes, pairs, found):
+def _self_intersection_kernel(bvh, boxes, box, normals, index, spread, nodes, pairs, found):
     """One task a pair of ``nodes`` (K, 2): ``pairs`` (K, room, 2), ``found`` (K,)."""
     for task in prange(len(nodes)):
-        found[task] = _pairs_below(bvh, boxes, box, normals, index, nodes[task, 0], nodes[task, 1], pairs[task])
+        a, b = nodes[task, 0], nodes[task, 1]
+        found[task] = _pairs_below(bvh, boxes, box, normals, index, spread, a, b, pairs[task])
 
 
 def self_intersections(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -879,14 +921,15 @@ def self_intersections(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarra
     triangles = np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3)
     bvh = build_bvh(np.ascontiguousarray(vertices, dtype=np.float64), triangles, True)
     # Rounding keeps order: boxes that meet still do in float32, and those of a whole figure fit the processor's cache.
-    boxes, by_place = bvh.boxes.astype(np.float32), _by_place(bvh, triangles)
+    boxes, (box, normals, index) = bvh.boxes.astype(np.float32), _by_place(bvh, triangles)
+    spread = _spread_out(bvh.corners, normals, index, ~boundary_vertices(triangles, len(vertices)))
     nodes = _node_pairs(boxes, bvh.child, bvh.count, min(128, len(triangles) // 64))
     if not len(nodes):
         return np.empty((0, 2), dtype=np.int32)
     room = 64
     while True:
         pairs, found = np.empty((len(nodes), room, 2), dtype=np.int32), np.empty(len(nodes), dtype=np.int64)
-        _self_intersection_kernel(bvh, boxes, *by_place, nodes, pairs, found)
+        _self_intersection_kernel(bvh, boxes, box, normals, index, spread, nodes, pairs, found)
         if found.max() <= room:
             break
         room = int(found.max())
