@@ -30,6 +30,8 @@ _OPEN_SHOWN = 0.07  # with a side missing, this share of all readings must lie o
 
 
 _PLAIN = 0.15  # a mirror that shows so much needs less of a rim
+_WHOLE, _FEW_SHOWN = 0.95, 15  # one with so much of a rim, and nothing against it, need show only so many readings
+_AT_BORDER = 0.02  # sides nearer to the image's border, as a share of its size, are cut off by it
 
 
 @dataclass(frozen=True)
@@ -590,7 +592,7 @@ def verify(
     before, on, none, outside, violated, shown, hidden, ground = (float(c) for c in counts)
     behind = outside + violated + shown + hidden + ground
     total = behind + on + none
-    if total < 60 or behind + none < 0.8 * total or behind < 30:
+    if total < 60 or behind + none < 0.8 * total or behind < _FEW_SHOWN:
         return None
     if TOP not in guess.sides and BOTTOM not in guess.sides:
         # two uprights alone, such as legs or door posts, must leave the picture where the lying side would be
@@ -611,8 +613,26 @@ def verify(
     if settings.empty_rig:
         return made if len(guess.sides) >= 3 or shown >= 30.0 else None
     # a rim of which a side is missing may be a wall's, seen past a mirror that stands before it
-    open_rim = _OPEN_SHOWN * total if len(guess.sides) < 4 else 0.0
-    return made if shown >= max(30.0, settings.min_shown * behind, open_rim) else None
+    open_rim = _OPEN_SHOWN * (behind + on) if _open_sides(guess, intrinsics) else 0.0
+    whole = rim > _WHOLE and len(guess.sides) >= 3 and violated == 0.0
+    few = _FEW_SHOWN if whole else 30.0
+    return made if shown >= max(few, settings.min_shown * behind, open_rim) else None
+
+
+def _open_sides(guess: Hypothesis, intrinsics: Intrinsics) -> int:
+    """How many sides have no rim where the image would show it: its border cuts off the others."""
+    margin = _AT_BORDER * np.array((intrinsics.width, intrinsics.height))
+    count = 0
+    for side in range(4):
+        if side in guess.sides:
+            continue
+        axis, end = {LEFT: (0, 1), RIGHT: (0, 0), TOP: (1, 0), BOTTOM: (1, 1)}[side]  # basis[:, 0] points left
+        at = np.empty(2)
+        at[axis], at[1 - axis] = guess.rectangle[axis, end], guess.rectangle[1 - axis].mean()
+        place = project(guess.point + guess.basis[:, :2] @ at, intrinsics)[axis]
+        size = (intrinsics.width, intrinsics.height)[axis]
+        count += bool(margin[axis] < place < size - 1 - margin[axis])
+    return count
 
 
 @njit(cache=True, nogil=True)

@@ -6,12 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mirror_scan.core.camera import project
+from mirror_scan.core.camera import Intrinsics, project
 from mirror_scan.core.capture import MirrorPicks
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.mirror import place_mirror, plane_mirror, reflect
-from mirror_scan.core.mirror_detection import find_mirror_at, find_mirrors
+from mirror_scan.core.mirror_detection import (
+    BOTTOM,
+    RIGHT,
+    TOP,
+    Hypothesis,
+    _open_sides,
+    find_mirror_at,
+    find_mirrors,
+)
 from mirror_scan.core.pipeline import reconstruct
 from mirror_scan.core.simulation.props import wall_behind
 from mirror_scan.core.simulation.scene import default_rig
@@ -189,3 +197,13 @@ def test_frameless_mirrors(person, sensor):
     assert find_mirrors(depth, free.intrinsics) == []
     with pytest.raises(MirrorError, match=r"left: only \d of 8 picked points lie in one plane.*tape"):
         place_mirror(picked(rig.mirrors[1], 0.0), depth, free.intrinsics)
+
+
+def test_a_side_beyond_the_picture_is_not_missing():
+    """Of a rim whose left side is not seen: it may be hidden in the picture, or outside of it."""
+    lens = Intrinsics(640, 480, 580.0, 580.0, 319.5, 239.5)
+    basis = np.diag((-1.0, 1.0, -1.0))  # left, down, towards the camera
+    rectangle, sides = np.array(((-0.4, 0.4), (-0.7, 0.7))), dict.fromkeys((RIGHT, TOP, BOTTOM))
+    for left, missing in ((0.0, 1), (-1.1, 1), (-1.35, 0), (-1.6, 0)):
+        guess = Hypothesis(np.array((left + 0.4, 0.0, 2.5)), basis, rectangle, sides)
+        assert _open_sides(guess, lens) == missing
