@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .agreement import disagreements
-from .camera import Intrinsics
+from .camera import Intrinsics, project
 from .ground import leans
 from .linear import dot, transform
 from .mirror import Mirror, reflection_matrix
@@ -167,6 +167,9 @@ def foresee(
     share = (mirror.normal @ mirror.point) / dot(laid, mirror.normal)
     on = laid * share[:, None] - mirror.point  # where the line of sight meets the mirror's plane
     a, b = dot(on, mirror.basis[:, 0]), dot(on, mirror.basis[:, 1])
+    within = (u >= 0) & (v >= 0) & (u <= k.width - 1) & (v <= k.height - 1)
+    row, column = (np.rint(np.where(within, x, 0.0)).astype(int) for x in (v, u))
+    masked = within & ahead & (views.labels[row, column] == 0)
     corners = glass_corners(mirror)
     over_glass = dict.fromkeys(("left", "right", "top", "bottom"), -np.inf)
     through = ahead & (share > 0) & (share < 1)
@@ -174,15 +177,24 @@ def foresee(
         (a0, b0), (a1, b1) = corners.min(axis=0), corners.max(axis=0)
         # seen by the camera a points left, b down
         over_glass = {"left": a - a1, "right": a0 - a, "top": b0 - b, "bottom": b - b1}
-        through &= (a > a0) & (a < a1) & (b > b0) & (b < b1)
-        over_glass = _beyond({side: np.where(ahead, value, np.inf) for side, value in over_glass.items()})
+        # where the edge is behind the subject itself, how far the glass goes on is not known
+        edge = project(
+            mirror.point + np.column_stack((np.clip(a, a0, a1), np.clip(b, b0, b1))) @ mirror.basis[:, :2].T, k
+        )  # fmt: skip
+        edge = np.rint(np.clip(np.nan_to_num(edge), 0, (k.width - 1, k.height - 1))).astype(int)
+        masked &= views.labels[edge[:, 1], edge[:, 0]] == 0
+        through &= masked | ((a > a0) & (a < a1) & (b > b0) & (b < b1))
+        over_glass = _beyond({
+            side: np.where(masked, np.minimum(value, 0.0), np.where(ahead, value, np.inf))
+            for side, value in over_glass.items()
+        })  # fmt: skip
     per_pixel = z / k.fx
     over_image = _beyond({
         "left": -u * per_pixel, "right": (u - k.width + 1) * per_pixel,
         "top": -v * per_pixel, "bottom": (v - k.height + 1) * per_pixel,
     })  # fmt: skip
-    inside = through & (u >= 0) & (v >= 0) & (u <= k.width - 1) & (v <= k.height - 1)
-    row, column = np.rint(v[inside]).astype(int), np.rint(u[inside]).astype(int)
+    inside = through & within
+    row, column = row[inside], column[inside]
     label, reading = views.labels[row, column], depth[row, column]
     hidden = (label == 0) | ((reading > 0) & (views.seen[row, column] == 0))
     unread = reading == 0

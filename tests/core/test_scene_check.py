@@ -95,6 +95,12 @@ def test_hidden_behind_the_subject(person):
     assert any("is hidden by what stands before it" in text and "arms" in text for text in told)
 
 
+def test_hidden_with_an_edge_of_the_glass(person):
+    """The inner edges of both mirrors are behind the body: they are hidden, not too small."""
+    told = checked(scene(person, view_angle_deg=165.0))
+    assert len(told) == 2 and all("is hidden by what stands before it" in text for text in told)
+
+
 def test_mirrors_nearly_parallel(person):
     told = checked(scene(person, mirrors=(112.0, 128.0), mirror_size=(0.5, 1.75)))
     assert any("nearly the same side" in text for text in told)
