@@ -9,11 +9,14 @@ import numpy as np
 from .bulging import bulge, rim_marks
 from .fairing import fair
 from .filling import fill_loops
+from .freespace import reach_before_empty
 from .linear import dot
 from .mesh import (
     FILL,
     SURFACE,
     Mesh,
+    check_mesh,
+    clashing,
     components_of,
     extend_open_edges,
     extend_twins,
@@ -27,6 +30,10 @@ from .overlap import ViewMaps, reading_noise
 from .refinement import edge_length_at_vertices, refine
 from .threads import each
 from .untangling import untangle
+
+_TIMES_HELD = 4  # what is held back pushes its surroundings
+_HELD = 1.0  # how stiffly, beside the bending of the surface
+_MATTERS = 0.004  # so far into space seen to be empty is not worth another round [m]
 
 
 @dataclass(frozen=True)
@@ -74,7 +81,7 @@ def close_mesh(
     Parameters
     ----------
     mesh : Mesh
-        Edges with at most two triangles, consistently wound.
+        Edges with at most two triangles, consistently wound; triangles that are not so are taken out.
     maps : ViewMaps
         What the views saw, to keep fills out of empty space.
     up : np.ndarray [shape=(3,)]
@@ -89,9 +96,20 @@ def close_mesh(
     mesh : Mesh
     notes : list of str
         What was dropped or could not be mended, for the user.
+
+    Raises
+    ------
+    MirrorScanError
+        When the mesh is damaged: :func:`~.mesh.check_mesh`.
     """
     notes = []
+    check_mesh(mesh, "closing")
     twin = twins(mesh.triangles, len(mesh.vertices)) if twin is None else twin
+    clashes = clashing(mesh.triangles, twin)
+    if clashes.any():
+        mesh = keep_triangles(mesh, ~clashes)
+        twin = twins(mesh.triangles, len(mesh.vertices))
+        notes.append(f"{np.count_nonzero(clashes)} triangles that clash with their neighbours were taken out")
     mesh = remove_bowties(mesh, twin)  # so that loops touching in a vertex are told apart
     edges = open_edges(mesh.triangles, len(mesh.vertices), twin)
     if floor is not None:
@@ -120,7 +138,7 @@ def close_mesh(
     rim[mesh.triangles[mesh.kind != SURFACE]] = True
     stiffness = np.where(flat, np.inf, np.where(made, 0.0, np.where(rim, _stiffness(mesh, maps, settings), np.inf)))
     stretch = bulge(marks, parents, mesh)
-    mesh = replace(mesh, vertices=fair(mesh.vertices, mesh.triangles, stiffness, stretch))
+    mesh = replace(mesh, vertices=_faired(mesh, stiffness, stretch, maps))
     if settings.untangle:
         mesh, left = untangle(mesh, maps, coarseness=settings.refine)
         if left > 0.001 * len(mesh.triangles):
@@ -128,6 +146,33 @@ def close_mesh(
                 f"{left} triangles run through others; look at the seams there, a longer burst or a clearer view helps"
             )
     return mesh, notes
+
+
+def _faired(mesh: Mesh, stiffness: np.ndarray, stretch: np.ndarray, maps: ViewMaps) -> np.ndarray:
+    """The vertices faired; what comes to lie where a view saw nothing is held back on the way there, and the rest
+    faired to it.
+
+    A cap over a sharp rim would else be drawn out through space that the views look through.
+    """
+    start = mesh.vertices
+    faired = fair(start, mesh.triangles, stiffness, stretch)
+    free = np.flatnonzero(stiffness == 0)
+    target = start
+    for _ in range(_TIMES_HELD):
+        way = faired[free] - start[free]
+        reach = reach_before_empty(
+            start[free], faired[free], maps.to_view, maps.clear, maps.through, maps.lens, maps.noise
+        )
+        held = (1.0 - reach) * np.linalg.norm(way, axis=1) > _MATTERS
+        if not held.any():
+            break
+        if target is start:
+            target, stiffness = start.copy(), stiffness.copy()
+        target[free[held]] += reach[held, None] * way[held]
+        stiffness[free[held]] = _HELD
+        faired = fair(start, mesh.triangles, stiffness, stretch, target)
+        free = free[~held]
+    return faired
 
 
 def _arch(vertices: np.ndarray, flat: np.ndarray, up: np.ndarray) -> np.ndarray:

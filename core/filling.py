@@ -8,7 +8,7 @@ from numba import njit
 
 from .edge_set import empty_edges, join, joined
 from .freespace import bridge_is_free
-from .mesh import FILL, Mesh, loops_of, open_edges
+from .mesh import FILL, Mesh, check_mesh, check_sheet, loops_of, open_edges, twins
 from .overlap import ViewMaps
 
 
@@ -31,19 +31,27 @@ def fill_loops(
     diameter : float
         Only loops whose bounding box is smaller than this along its diagonal are closed [m].
     edges : np.ndarray [shape=(B, 3)], optional
-        The mesh's :func:`~.mesh.open_edges`, where they are known already.
+        The mesh's :func:`~.mesh.open_edges`, where they are known already; the mesh is then taken for sound.
 
     Returns
     -------
     Mesh
         Its new triangles are of kind ``FILL``, its new vertices of view -1.
 
+    Raises
+    ------
+    MirrorScanError
+        When the mesh is damaged or no sheet: :func:`~.mesh.check_mesh`, :func:`~.mesh.check_sheet`.
+
     Notes
     -----
     O(n³) time and O(n²) memory for a loop of n ≤ ``largest`` vertices.
     """
     if edges is None:
-        edges = open_edges(mesh.triangles, len(mesh.vertices))
+        check_mesh(mesh, "filling")
+        twin = twins(mesh.triangles, len(mesh.vertices))
+        check_sheet(mesh.triangles, twin, "filling")
+        edges = open_edges(mesh.triangles, len(mesh.vertices), twin)
     loops = loops_of(edges, len(mesh.vertices))
     if not loops:
         return mesh

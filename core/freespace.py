@@ -91,3 +91,65 @@ def bridge_is_free(p, i, q, j, to_view, clear, through, lens, noise):
             if through[row, column] == k and clear[row, column] > z * far + SLACK:
                 return True
     return False
+
+
+_ASIDE = 2  # so far around a point a view must have looked through, for what is drawn out to be told wrong [px]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def reach_before_empty(start, end, to_view, clear, through, lens, noise):
+    """How far each point may go on its straight way before it is where a view saw nothing: share of the way (K,).
+
+    Parameters
+    ----------
+    start, end : np.ndarray [shape=(K, 3)]
+        Both ends of each way [m].
+    to_view, clear, through, lens, noise
+        As in :class:`.overlap.ViewMaps`.
+
+    Returns
+    -------
+    np.ndarray [shape=(K,)]
+        1 where ``end`` is not known to be empty, and where ``start`` is so already: going back would not help. O(K).
+    """
+    out = np.ones(len(start))
+    for i in range(len(start)):
+        if not _is_empty(end[i, 0], end[i, 1], end[i, 2], to_view, clear, through, lens, noise):
+            continue
+        if _is_empty(start[i, 0], start[i, 1], start[i, 2], to_view, clear, through, lens, noise):
+            continue
+        free, empty = 0.0, 1.0
+        for _ in range(6):
+            half = 0.5 * (free + empty)
+            x = start[i, 0] + half * (end[i, 0] - start[i, 0])
+            y = start[i, 1] + half * (end[i, 1] - start[i, 1])
+            z = start[i, 2] + half * (end[i, 2] - start[i, 2])
+            if _is_empty(x, y, z, to_view, clear, through, lens, noise):
+                empty = half
+            else:
+                free = half
+        out[i] = free
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _is_empty(px, py, pz, to_view, clear, through, lens, noise):
+    """Whether a view looks through the point and through all that is as near as ``_ASIDE`` to it in its image."""
+    for k in range(len(to_view)):
+        z = to_view[k, 2, 0] * px + to_view[k, 2, 1] * py + to_view[k, 2, 2] * pz + to_view[k, 2, 3]
+        if z <= 0.05:
+            continue
+        x = to_view[k, 0, 0] * px + to_view[k, 0, 1] * py + to_view[k, 0, 2] * pz + to_view[k, 0, 3]
+        y = to_view[k, 1, 0] * px + to_view[k, 1, 1] * py + to_view[k, 1, 2] * pz + to_view[k, 1, 3]
+        u, v = x / z * lens[k, 0] + lens[k, 2], y / z * lens[k, 1] + lens[k, 3]
+        if not (_ASIDE <= u < clear.shape[1] - 1 - _ASIDE and _ASIDE <= v < clear.shape[0] - 1 - _ASIDE):
+            continue
+        row, column = int(v + 0.5), int(u + 0.5)
+        behind = z * (1.0 + 3.0 * noise[k]) + SLACK
+        all_empty = True
+        for y_there in (row, row - _ASIDE, row + _ASIDE):
+            for x_there in (column, column - _ASIDE, column + _ASIDE):
+                all_empty = all_empty and through[y_there, x_there] == k and clear[y_there, x_there] > behind
+        if all_empty:
+            return True
+    return False

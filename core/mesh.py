@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
+from .errors import MirrorScanError
 from .linear import transform
 
 SURFACE, SEAM, FILL = 0, 1, 2
@@ -40,6 +41,44 @@ class Mesh:
     def transformed(self, matrix: np.ndarray) -> Mesh:
         """The mesh moved by a rigid or similarity ``matrix`` (4, 4)."""
         return replace(self, vertices=transform(self.vertices, matrix))
+
+
+def check_mesh(mesh: Mesh, what: str) -> None:
+    """Refuse what cannot be zippered or closed, in words that begin with ``what``. O(V + T).
+
+    Raises
+    ------
+    MirrorScanError
+        When ``view`` or ``kind`` are missing, a vertex is not finite, or a triangle names one that does not exist.
+    """
+    if mesh.view is None or mesh.kind is None:
+        raise MirrorScanError(f"{what}: the mesh does not say which view its vertices and what kind its triangles are")
+    if not np.isfinite(mesh.vertices).all():
+        raise MirrorScanError(f"{what}: a vertex of the mesh is not a finite number; take it out first")
+    if len(mesh.triangles) and not 0 <= mesh.triangles.min() <= mesh.triangles.max() < len(mesh.vertices):
+        raise MirrorScanError(f"{what}: a triangle names a vertex that does not exist; the mesh is damaged")
+
+
+def clashing(triangles: np.ndarray, twin: np.ndarray) -> np.ndarray:
+    """Triangles that keep a mesh from being a manifold, bool (T,): with a corner twice, or at an edge of more than two
+    triangles or of two wound against each other."""
+    bad = (twin.reshape(-1, 3) == -2).any(axis=1)
+    return bad | (triangles == np.roll(triangles, 1, axis=1)).any(axis=1)
+
+
+def check_sheet(triangles: np.ndarray, twin: np.ndarray, what: str) -> None:
+    """Refuse triangles of which some are :func:`clashing`, in words that begin with ``what``.
+
+    Raises
+    ------
+    MirrorScanError
+    """
+    clashes = int(np.count_nonzero(clashing(triangles, twin)))
+    if clashes:
+        raise MirrorScanError(
+            f"{what}: {clashes} triangles have a corner twice, share an edge with more than one other, or are wound "
+            "against their neighbours; take them out or turn them first"
+        )
 
 
 def edge_keys(triangles: np.ndarray, vertex_count: int) -> np.ndarray:

@@ -341,14 +341,16 @@ def make_patches(
 
 def avatar_frame(mesh: Mesh, views: Views | Scan) -> np.ndarray:
     """Camera frame → avatar frame (4, 4): Z up, facing −Y (towards the camera), soles on z = 0, between the feet x =
-    y = 0."""
+    y = 0. What is not on the floor has its lowest point there."""
     up = views.up
     away = views.axis - (views.axis @ up) * up
     away /= np.linalg.norm(away)
     rotation = np.stack((np.cross(away, up), away, up))
     vertices = transform(mesh.vertices, np.column_stack((rotation, np.zeros(3))))
-    low = vertices[:, 2].min() if views.floor is None else views.floor
-    feet = vertices[vertices[:, 2] < low + 0.1 * (vertices[:, 2].max() - low)]
+    low, high = vertices[:, 2].min(), vertices[:, 2].max()
+    if views.floor is not None and low < views.floor + 0.1 * (high - views.floor):  # else it is not on that floor
+        low = views.floor
+    feet = vertices[vertices[:, 2] <= low + 0.1 * (high - low)]
     matrix = np.eye(4)
     matrix[:3, :3] = rotation
     matrix[:3, 3] = -0.5 * (feet.min(axis=0) + feet.max(axis=0))

@@ -29,6 +29,8 @@ from .refinement import edge_length_at_vertices, refine
 
 _FEW = 0.0003  # of all triangles: what smoothing leaves of these is left
 _ABOUT = 0.03  # what a new triangle may run into has a vertex nearer than this [m]
+_MOST_CELLS = 2e7
+_MOST_CUT = 0.3  # of all triangles: where more run through each other, nothing sound is near to be filled to
 
 
 def untangle(
@@ -90,12 +92,22 @@ def _crossing(mesh: Mesh, changed: np.ndarray | None = None) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _within(vertices, points, reach):
-    """Which vertices (V,) are in the cells of ``points`` (K, 3), ``reach`` wide, or beside one. O(V + K)."""
+    """Which vertices (V,) are in the cells of ``points`` (K, 3), ``reach`` wide, or beside one. O(V + K).
+
+    Cells are wider where the points lie so far apart that there would be too many.
+    """
     low = np.empty(3)
     size = np.empty(3, np.int64)
-    for c in range(3):
-        low[c] = points[:, c].min() - reach
-        size[c] = int((points[:, c].max() + reach - low[c]) / reach) + 1
+    cells = np.inf
+    while cells > _MOST_CELLS:
+        cells = 1.0
+        for c in range(3):
+            low[c] = points[:, c].min() - reach
+            wide = (points[:, c].max() + reach - low[c]) / reach
+            size[c] = int(min(wide, _MOST_CELLS)) + 1
+            cells *= wide + 1.0
+        if cells > _MOST_CELLS:
+            reach *= 2.0
     busy = np.zeros((size[0], size[1], size[2]), np.bool_)
     for p in points:
         i, j, k = int((p[0] - low[0]) / reach), int((p[1] - low[1]) / reach), int((p[2] - low[2]) / reach)
@@ -152,7 +164,8 @@ def _fill_anew(
     """The mesh with its ``crossing`` triangles and so many rings around them taken out, and the holes filled; and the
     points (K, 3) about which that changed it.
 
-    None where that would take away a piece of more than 2 % of the mesh, or 6 % in all, or cannot be closed.
+    None where that would cut out a whole piece or much of the mesh, take away a piece of more than 2 % of it, or 6 % in
+    all, or cannot be closed.
     """
     keep = np.ones(len(mesh.triangles), np.bool_)
     keep[crossing] = False
@@ -162,6 +175,8 @@ def _fill_anew(
     pieces = components_of(twin, len(mesh.triangles))[1]
     twin = keep_twins(twin, keep)
     label, count = components_of(twin, int(keep.sum()))
+    if count < pieces or keep.sum() < (1.0 - _MOST_CUT) * len(keep):
+        return None
     if count > pieces:  # what hung on by the cut alone goes with it
         size = np.bincount(label)
         main = np.argsort(-size, kind="stable")[:pieces]

@@ -9,11 +9,23 @@ from numba import njit
 
 from .boundary import Boundary, boundary_of
 from .coronal import match_chains, outer_chains, solidity
+from .errors import MirrorScanError
 from .filling import fill_loops
 from .freespace import bridge_is_free
 from .linear import dot
 from .matching import find_partners, warp_runs
-from .mesh import Mesh, components_of, extend_open_edges, extend_twins, merge, open_edges, triangles_touching, twins
+from .mesh import (
+    Mesh,
+    check_mesh,
+    check_sheet,
+    components_of,
+    extend_open_edges,
+    extend_twins,
+    merge,
+    open_edges,
+    triangles_touching,
+    twins,
+)
 from .overlap import ViewMaps
 from .weaving import Candidates, Seam, begin_weave, weave_seams
 
@@ -79,14 +91,24 @@ def zip_patches(
     twin : np.ndarray [shape=(3 T,), dtype=int32]
         :func:`~.mesh.twins` of the mesh, for :func:`~.closing.close_mesh`.
 
+    Raises
+    ------
+    MirrorScanError
+        When there is no patch, or one is damaged or no sheet: :func:`~.mesh.check_mesh`, :func:`~.mesh.check_sheet`.
+
     Notes
     -----
     O(B²) time in the worst case for B boundary vertices, O(B) memory and one byte a DTW cell.
     """
+    if not patches:
+        raise MirrorScanError("zippering: no patch is given; give one for each view")
+    for number, patch in enumerate(patches):
+        check_mesh(patch, f"zippering: patch {number}")
     mesh = merge(patches)
     seams: list[Seam] = []
     count = len(mesh.vertices)
     twin = twins(mesh.triangles, count)
+    check_sheet(mesh.triangles, twin, "zippering")
     label, pieces = components_of(twin, len(mesh.triangles))
     edges = open_edges(mesh.triangles, count, twin)
     if not len(edges):

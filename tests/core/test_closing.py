@@ -9,9 +9,14 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.closing import ClosingSettings, close_mesh, keep_components
+from mirror_scan.core.errors import MirrorScanError
+from mirror_scan.core.filling import fill_loops
 from mirror_scan.core.mesh import FILL, SURFACE, Mesh, compact, merge, twins, vertex_fans
 from mirror_scan.core.metrics import mesh_report
+from mirror_scan.core.overlap import view_maps
+from mirror_scan.core.zippering import zip_patches
 
 UP = np.array((0.0, 0.0, 1.0))
 
@@ -157,3 +162,70 @@ def test_closed_already(blind_maps):
     np.testing.assert_array_equal(closed.vertices, mesh.vertices)
     np.testing.assert_array_equal(closed.triangles, mesh.triangles)
     assert notes == [] and mesh_report(closed)["watertight"]
+
+
+def test_a_cap_stays_out_of_space_seen_to_be_empty(blind_maps):
+    """A pillar with a sharp rim, looked at from below the rim: the wall is read over it, so no dome can be there."""
+    up, lens = np.array((0.0, -1.0, 0.0)), Intrinsics(300, 200, 300.0, 300.0, 149.5, 99.5)
+    angle, rows = 2 * np.pi * np.arange(80) / 80, 40
+    ring = np.column_stack((0.25 * np.cos(angle), np.zeros(80), 2.0 - 0.25 * np.sin(angle)))
+    points = np.concatenate([ring + (0, 0.3 - 0.6 * k / (rows - 1), 0) for k in range(rows)])
+    at = np.arange(len(points)).reshape(rows, 80)
+    after = np.roll(at, -1, axis=1)
+    a, b, c, d = (x.ravel() for x in (at[:-1], after[:-1], after[1:], at[1:]))
+    pillar = measured(points, np.concatenate((np.column_stack((a, b, c)), np.column_stack((a, c, d)))))
+    depth = np.where(np.arange(200)[:, None] < 99.5 - 300 * 0.3 / 1.75, 5.0, 1.75) * np.ones((200, 300))
+    seen = np.zeros(depth.shape, np.int8)
+    maps = view_maps(depth.astype(np.float32), np.full(depth.shape, -1, np.int8), seen, lens, [], np.zeros(1))
+    tops = []
+    for known in (blind_maps, maps):
+        closed, _ = close_mesh(pillar, known, up, None)
+        check_closed(closed)
+        tops.append(-closed.vertices[:, 1].min() - 0.3)
+    sight = 0.3 / 1.75 * 0.25  # where the ray over the front of the rim is above the middle
+    assert tops[0] > 0.1 > 2 * sight > tops[1] > 0, "drawn out where nothing is known, held back where it is"
+
+
+def test_triangles_that_clash_are_taken_out(blind_maps):
+    """Doubled, turned round, or with a corner twice: the rest is closed all the same, and it is said."""
+    whole = trimesh.creation.icosphere(subdivisions=4, radius=0.4)
+    faces = np.array(whole.faces)
+    faces[100:130] = faces[100:130, ::-1]
+    faces = np.concatenate((faces, faces[:20], [[5, 5, 6]]))
+    mesh = Mesh(np.array(whole.vertices), faces.astype(np.int32), None, np.zeros(len(whole.vertices), np.int8),
+                np.zeros(len(faces), np.int8))  # fmt: skip
+    closed, notes = close_mesh(mesh, blind_maps, UP, None)
+    report = mesh_report(closed)
+    assert report["watertight"] and report["manifold"] and report["components"] == 1
+    assert report["volume_m3"] == pytest.approx(whole.volume, rel=0.02)
+    assert "clash" in notes[0]
+
+
+def broken(case: str) -> Mesh:
+    mesh = post(0.02)
+    vertices, triangles = mesh.vertices.copy(), mesh.triangles.copy()
+    if case == "not a number":
+        vertices[7] = np.nan
+    elif case == "no such vertex":
+        triangles[3, 1] = len(vertices)
+    elif case == "negative":
+        triangles[3, 1] = -1
+    elif case == "no kind":
+        return replace(mesh, kind=None)
+    return replace(mesh, vertices=vertices, triangles=triangles)
+
+
+@pytest.mark.parametrize(
+    ("case", "words"),
+    [("not a number", "finite"), ("no such vertex", "does not exist"), ("negative", "does not exist"),
+     ("no kind", "what kind")],
+)  # fmt: skip
+def test_a_damaged_mesh_is_refused_in_words(blind_maps, case, words):
+    mesh = broken(case)
+    for begin, work in (
+        ("closing", lambda: close_mesh(mesh, blind_maps, UP, 0.0)),
+        ("filling", lambda: fill_loops(mesh, blind_maps)),
+        ("zippering: patch 1", lambda: zip_patches([post(0.02), mesh], blind_maps, UP, np.zeros(3), 0.0)),
+    ):
+        with pytest.raises(MirrorScanError, match=f"^{begin}.*{words}"):
+            work()

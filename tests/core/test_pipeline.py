@@ -6,6 +6,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,9 +14,10 @@ import trimesh
 from mirror_scan.core.capture import Capture, open_capture
 from mirror_scan.core.errors import Cancelled, CaptureError, MirrorError, ReconstructionError
 from mirror_scan.core.io import read_mesh
+from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.metrics import evaluate, surface_distance
 from mirror_scan.core.mirror import reflect, reflection_matrix
-from mirror_scan.core.pipeline import Settings, reconstruct, reconstruction_steps
+from mirror_scan.core.pipeline import Settings, avatar_frame, reconstruct, reconstruction_steps
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
 from scipy.spatial import cKDTree
@@ -58,6 +60,17 @@ def test_a_closed_avatar_on_the_true_body(simulated, reconstructed, person, sens
     assert max(aligned["accuracy_max"], aligned["complete_max"]) < largest
     assert plain < 1.5 * accuracy + 1.0 and aligned["icp_shift_mm"] < 8
     assert made.warnings == () and made.frame == "avatar"
+
+
+def test_what_hangs_above_the_floor_has_its_lowest_point_on_z_0():
+    """Of a chair with thin legs only the back may be read."""
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.2)
+    mesh = Mesh(ball.vertices + (0.1, -0.5, 2.0), ball.faces.astype(np.int32))
+    for floor, lowest in ((-1.0, 0.0), (0.27, 0.03), (None, 0.0)):
+        scan = SimpleNamespace(up=np.array((0, -1.0, 0)), axis=np.array((0, 0, 2.0)), floor=floor)
+        placed = mesh.transformed(avatar_frame(mesh, scan)).vertices
+        assert placed[:, 2].min() == pytest.approx(lowest, abs=1e-9)
+        assert np.abs(placed[:, :2].min(axis=0) + placed[:, :2].max(axis=0)).max() < 1e-9
 
 
 def test_it_stands_in_the_avatar_frame(simulated, reconstructed, person):

@@ -85,3 +85,27 @@ def test_what_is_more_than_a_crumb_is_not_cut_off():
     out, left = untangle(mesh)
     assert np.ptp(out.vertices[:, 2]) > 0.75, "neither half was dropped"
     assert (twins(out.triangles, len(out.vertices)) >= 0).all() and left >= 0
+
+
+def test_what_is_all_double_is_not_cut_away():
+    """Both sides of a flat sheet lie in each other: no triangle is sound, and none is taken out."""
+    x, y = (part.ravel() for part in np.meshgrid(np.linspace(0, 0.4, 30), np.linspace(0, 0.4, 30)))
+    at = np.arange(900).reshape(30, 30)
+    a, b, c, d = (part.ravel() for part in (at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]))
+    front = np.concatenate((np.column_stack((a, b, c)), np.column_stack((a, c, d))))
+    # the back has vertices of its own inside, and shares those of the rim
+    back = np.where(np.isin(at, at[1:-1, 1:-1]), at + 900, at).ravel()[front[:, ::-1]]
+    flat = np.column_stack((x, y, np.zeros(900)))
+    mesh = body(np.concatenate((flat, flat)), np.concatenate((front, back)), np.arange(1800) >= 900)
+    out, left = untangle(mesh)
+    assert len(out.triangles) == len(mesh.triangles) and left > 0
+
+
+def test_crossings_far_apart_take_little_memory():
+    """Two dented balls 200 m from each other: what is near is looked up in as many cells as memory has room for."""
+    vertices, faces = np.array(ball().vertices), ball().faces
+    made = np.hypot(vertices[:, 0], vertices[:, 1]) < 0.05
+    vertices[made & (vertices[:, 2] > 0), 2] -= 0.85
+    both = np.concatenate((vertices, vertices + (200, 200, 200)))
+    out, left = untangle(body(both, np.concatenate((faces, faces + len(vertices))), np.concatenate((made, made))))
+    assert (twins(out.triangles, len(out.vertices)) >= 0).all() and left == 0

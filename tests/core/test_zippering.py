@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.coronal import Chain, match_chains, pairings, solidity, split_loop
 from mirror_scan.core.dtw import dtw
+from mirror_scan.core.errors import MirrorScanError
+from mirror_scan.core.filling import fill_loops
 from mirror_scan.core.mesh import SURFACE, Mesh, boundary_edges, boundary_loops, triangle_normals, twins
 from mirror_scan.core.overlap import view_maps
 from mirror_scan.core.weaving import add_triangles, zip_chains
@@ -189,6 +191,21 @@ def test_nothing_to_zip(blind_maps):
     )  # fmt: skip
     mesh, seams, _ = zip_patches([closed], blind_maps, UP, np.zeros(3), None)
     assert not seams and len(mesh.triangles) == len(torus.faces)
+
+
+def test_what_is_no_sheet_is_refused_in_words(blind_maps):
+    one = tube(0, 0.4, 5, 60)
+    turned = one.triangles.copy()
+    turned[40:60] = turned[40:60, ::-1]
+    for triangles in (turned, np.concatenate((one.triangles, one.triangles[:9])), [[0, 0, 1]]):
+        triangles = np.array(triangles, np.int32)
+        patch = Mesh(one.vertices, triangles, one.colors, one.view, np.zeros(len(triangles), np.int8))
+        with pytest.raises(MirrorScanError, match="zippering: [0-9]+ triangles"):
+            zip_patches([patch], blind_maps, UP, np.zeros(3), None)
+        with pytest.raises(MirrorScanError, match="filling: [0-9]+ triangles"):
+            fill_loops(patch, blind_maps)
+    with pytest.raises(MirrorScanError, match="no patch is given"):
+        zip_patches([], blind_maps, UP, np.zeros(3), None)
 
 
 @settings(max_examples=30, deadline=None)
