@@ -150,7 +150,7 @@ def find_subject(
         component, sizes, _ = standing(range(1, count), floor, axis, rough, support is None)
         verdict, votes = _verdict_kernel(
             component, len(sizes), seen, points, depth, labels, lens, wide, axis, _across(up), reach, up,
-            (height.min() - 0.15, height.max() + 0.15), deepest,
+            _height_limits(labels, height), deepest,
         )  # fmt: skip
         taken = _take_mirrors(depth, component, verdict, votes, seen, points, pixel_angle, labels, count)
         for i, m in enumerate(mirrors, start=1):
@@ -164,6 +164,15 @@ def find_subject(
         labels, seen, points, up, floor, ground.noise, axis, tuple(warnings),
         _limits(depth, labels, count), ground.disagreement_deg,
     )  # fmt: skip
+
+
+def _height_limits(labels: np.ndarray, height: np.ndarray) -> tuple[float, float]:
+    """Between which heights a mirror may show the subject, by those that it is seen at directly (N,): where the image's
+    border cuts it off there, more of it may be seen in a mirror."""
+    return (
+        -np.inf if (labels[-3:] == 0).any() else height.min() - 0.15,
+        np.inf if (labels[:3] == 0).any() else height.max() + 0.15,
+    )
 
 
 def _nobody(settings: ViewSettings, clicked: tuple[int, int] | None) -> str:

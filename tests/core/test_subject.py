@@ -139,6 +139,15 @@ def test_a_foot_begins_where_its_column_does(distance, noise):
     assert not found[about & (np.abs(u - 60) > 20)].any()
 
 
+def test_a_head_out_of_the_picture_is_kept_in_the_mirrors(person):
+    simulation = simulate(person, default_rig("ideal", 2.0, tilt_deg=9.0))
+    views, _, left, body = sorted_out(simulation)
+    height = simulation.truth.sight.point[..., 2]
+    head = body & (height > height[body].max() - 0.12)
+    assert head.sum() > 300 and not (simulation.truth.labels[head] == 0).any()
+    assert (views.labels[head] < 0).mean() < 0.01 and left < 0.002
+
+
 @pytest.mark.parametrize("case", ["mirrors lean", "chair beside"])
 def test_feet_stay(person, case):
     """Kinect v1: steps of 6 cm on the mirrored floor, mirrors that lean, a heel behind a chair's leg."""
