@@ -182,11 +182,12 @@ def scan_steps(
     part: tuple[float, float],
     meeting: np.ndarray | None = None,
     find: bool = True,
+    alone: bool = True,
 ) -> Generator[tuple[float, str], None, Scan]:
     """One camera's readings → patches: the first half of the job, ``part`` of the whole.
 
     ``meeting``: where the subject is meant to stand, camera frame [m]; by default where the mirrors look. ``find``:
-    without ``picks`` mirrors are searched for.
+    without ``picks`` mirrors are searched for. ``alone``: as in :func:`.scene_check.check_scene`.
     """
 
     def at(share: float) -> float:
@@ -209,7 +210,7 @@ def scan_steps(
     yield at(0.58), "Smoothing the depth"
     sensor, model = recognise(capture, settings.depth)
     views, apart = check_agreement(depth, views, placed, camera)
-    faults = [*apart, *check_scene(depth, views, placed, camera, model)]
+    faults = [*apart, *check_scene(depth, views, placed, camera, model, alone)]
     moved = still_warning(capture.depth, views.labels, camera.fx, settings.depth)
     depth, views, noise = clean_views(
         depth, views, len(placed), camera, settings.depth, model, spread if len(capture.depth) > 1 else None

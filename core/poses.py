@@ -101,7 +101,8 @@ def reconstruction_views_steps(
     for k, (capture, pose) in enumerate(zip(captures, to_first, strict=True)):
         meeting = None if crossing is None else transform(crossing[None], np.linalg.inv(pose))[0]
         part = (0.6 * k / len(captures), 0.6 * (k + 1) / len(captures))
-        scan = yield from scan_steps(capture, known[k], settings, clock, part, meeting, find=False)
+        alone = len(captures) == 1
+        scan = yield from scan_steps(capture, known[k], settings, clock, part, meeting, find=False, alone=alone)
         scans.append(scan)
     return (yield from joining_steps(join_scans(scans, to_first, names), settings, frame, clock))
 

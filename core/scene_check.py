@@ -62,7 +62,12 @@ class Reflection:
 
 
 def check_scene(
-    depth: np.ndarray, views: Views, mirrors: list[Mirror], intrinsics: Intrinsics, model: NoiseModel | None = None
+    depth: np.ndarray,
+    views: Views,
+    mirrors: list[Mirror],
+    intrinsics: Intrinsics,
+    model: NoiseModel | None = None,
+    alone: bool = True,
 ) -> list[str]:
     """Warnings about a scene from which a result is possible, the worst for the result first.
 
@@ -76,6 +81,8 @@ def check_scene(
     intrinsics : Intrinsics
     model : NoiseModel or None
         Of the camera, where it is known: how far it reads.
+    alone : bool
+        No other camera looks at the subject: what this one does not see nobody sees.
 
     Returns
     -------
@@ -97,7 +104,7 @@ def check_scene(
                     f"{1000.0 * error:.0f} mm off; take a longer burst, pick points on all sides of its frame, or use "
                     "a wider frame"
                 )
-    told += _about_rig(views, mirrors)
+    told += _about_rig(views, mirrors, alone)
     return told
 
 
@@ -271,7 +278,7 @@ def _sides(over: dict[str, float]) -> str:
     return "outside" if worst is None else names[worst]
 
 
-def _about_rig(views: Views, mirrors: list[Mirror]) -> list[str]:
+def _about_rig(views: Views, mirrors: list[Mirror], alone: bool) -> list[str]:
     told = []
     if views.floor is not None:
         for mirror, lean in zip(mirrors, leans(mirrors, views.up), strict=True):
@@ -296,7 +303,7 @@ def _about_rig(views: Views, mirrors: list[Mirror]) -> list[str]:
                 f"{names[i]} and {names[j]} show the subject from nearly the same side, {apart:.0f}° apart; turn the "
                 "mirrors so that the views are about 120° apart"
             )
-        elif apart > MAX_GAP_DEG and mirrors:
+        elif apart > MAX_GAP_DEG and mirrors and alone:
             told.append(
                 f"nothing is seen of one side of the subject: from {names[i]} to {names[j]} there are {apart:.0f}° "
                 "without a view, and that side is guessed; add a mirror there"
