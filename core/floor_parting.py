@@ -142,15 +142,15 @@ def _pooled_kernel(above, seen, depth, near):
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, parallel=True)
 def _feet_kernel(seen, depth, rows, near, noises, shares, clearance, first, pixel_angle, out):
     """Decide anew for pixels near the floor, in ``out``; 1 = the floor's or below it, 2 = near it but a foot's."""
     height, width = seen.shape
     kind = np.zeros(seen.shape, np.int8)
-    column = np.empty(2 * _ROWS + 1)
-    for v in range(height):
+    for v in prange(height):
         if not near[v]:
             continue
+        column = np.empty(2 * _ROWS + 1)
         for u in range(width):
             h = rows[v, u]
             if h == np.inf:
@@ -183,13 +183,22 @@ def _feet_kernel(seen, depth, rows, near, noises, shares, clearance, first, pixe
                 more = j
                 column[_ROWS + j] = rows[y, u]
                 low = min(low, rows[y, u])
-            flat = 0.0
+            flat = over = 0.0
             for j in range(-less, more + 1):
                 flat += column[_ROWS + j] ** 2
+                least = rise * (0.5 - j) + _SOLE if j <= 0 else 0.0
+                expected = max(column[_ROWS + j], least)
+                over += expected * (2.0 * column[_ROWS + j] - expected)
+            weight = shares[k - first] * rise / _STEPS
+            last = _STEPS * (more + _ROWS + 2)
+            # no foot fits better than one that is all that is seen, but no lower than a foot is: floor mostly ends here
+            if _HOLE * weight * last * np.exp(min(0.5 * over / noise**2, 300.0)) < 1.0:
+                kind[v, u] = 1
+                out[v, u] = -1
+                continue
             # no foot at all, or one from so many rows below this one on; half a row is not told
             floor, foot = 1.0, 0.0
-            weight = shares[k - first] * rise / _STEPS
-            for step in range(-_STEPS * less, _STEPS * (more + _ROWS + 2)):
+            for step in range(-_STEPS * less, last):
                 begin, miss = step / _STEPS, 0.0
                 for j in range(-less, more + 1):
                     expected = rise * (begin - j) + _SOLE if begin > j else 0.0
