@@ -11,7 +11,6 @@ import numpy as np
 
 from .dtw import Warping, dtw
 from .linear import dot
-from .threads import each
 
 _ENOUGH = 120  # vertices of a chain that tell which other it belongs to
 
@@ -91,10 +90,9 @@ def match_chains(points: np.ndarray, chains: list[Chain]) -> list[tuple[Chain, C
     """
     thin = [points[chain.vertices[:: max(1, len(chain.vertices) // _ENOUGH)]] for chain in chains]
     pairs = [(i, j) for i, j in combinations(range(len(chains)), 2) if chains[i].patch != chains[j].patch]
-    distance = dict(zip(pairs, each(lambda p: dtw(thin[p[0]], thin[p[1]][::-1]).distance, pairs), strict=True))
+    distance = {(i, j): dtw(thin[i], thin[j][::-1]).distance for i, j in pairs}
     best = min(pairings([chain.patch for chain in chains]), key=lambda way: sum(distance[p] for p in way), default=[])
-    matched = [(chains[i], chains[j]) for i, j in best]
-    return each(lambda p: (*p, dtw(points[p[0].vertices], points[p[1].vertices[::-1]])), matched)
+    return [(chains[i], chains[j], dtw(points[chains[i].vertices], points[chains[j].vertices[::-1]])) for i, j in best]
 
 
 def solidity(labels: np.ndarray, view: int = 0) -> float:

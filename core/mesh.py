@@ -59,11 +59,15 @@ def check_mesh(mesh: Mesh, what: str) -> None:
         raise MirrorScanError(f"{what}: a triangle names a vertex that does not exist; the mesh is damaged")
 
 
+@njit(cache=True, nogil=True)
 def clashing(triangles: np.ndarray, twin: np.ndarray) -> np.ndarray:
     """Triangles that keep a mesh from being a manifold, bool (T,): with a corner twice, or at an edge of more than two
     triangles or of two wound against each other."""
-    bad = (twin.reshape(-1, 3) == -2).any(axis=1)
-    return bad | (triangles == np.roll(triangles, 1, axis=1)).any(axis=1)
+    out = np.empty(len(triangles), np.bool_)
+    for t in range(len(triangles)):
+        i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        out[t] = i == j or j == k or k == i or twin[3 * t] == -2 or twin[3 * t + 1] == -2 or twin[3 * t + 2] == -2
+    return out
 
 
 def check_sheet(triangles: np.ndarray, twin: np.ndarray, what: str) -> None:
