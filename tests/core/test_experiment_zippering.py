@@ -55,7 +55,8 @@ def test_distances_agree_with_pymeshlab(person, steps):
         # most points lie on both surfaces: the mean is that of the few that do not
         assert ours.mean == pytest.approx(theirs["mean"], rel=0.06)
         assert ours.rms == pytest.approx(theirs["RMS"], rel=0.06)
-        assert ours.max >= 0.9 * theirs["max"]
+        # the farthest is the tip of a finger, which either's random points hit by chance
+        assert 0.75 * theirs["max"] <= ours.max <= theirs["max"] / 0.75
 
 
 def test_the_cut_takes_points_only(person):
