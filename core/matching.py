@@ -113,7 +113,7 @@ def _in_order(flat: np.ndarray, begin: np.ndarray, order: np.ndarray) -> tuple[n
     return flat[place], moved
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, parallel=True)
 def _warp_kernel(rows, start, point, tangent, normal, price, edge):
     """Entries and warping path of each run, flat, and its mean cost along the path [m]."""
     count, room_a, room_b = len(rows), 0, 0
@@ -121,11 +121,10 @@ def _warp_kernel(rows, start, point, tangent, normal, price, edge):
         room_a += rows[r, 2]
         room_b += rows[r, 5]
     at_a, at_b = np.empty(room_a, np.int64), np.empty(room_b, np.int64)
-    path = np.empty((room_a + room_b, 2), np.int32)
     begin = np.zeros((3, count + 1), np.int64)
-    mean = np.empty(count)
+    apart = np.empty(count)  # of the vertices of a run from their partners, on average
     on_a = np.zeros(len(point), np.bool_)
-    kept = n_a = n_b = n_path = 0
+    kept = n_a = n_b = 0
     for r in range(count):
         loop_a, first_a, size_a, loop_b, first_b, size_b = rows[r]
         whole_a, whole_b = start[loop_a + 1] - start[loop_a], start[loop_b + 1] - start[loop_b]
@@ -145,27 +144,53 @@ def _warp_kernel(rows, start, point, tangent, normal, price, edge):
             on_a[a[k]] = False
         if size_b < 2 or shared:
             continue
-        x, y = np.empty((9, size_a)), np.empty((9, size_b))
-        for c in range(3):
-            for k in range(size_a):
-                x[c, k], x[3 + c, k], x[6 + c, k] = point[a[k], c], 0.01 * tangent[a[k], c], 0.01 * normal[a[k], c]
-            for k in range(size_b):
-                y[c, k], y[3 + c, k], y[6 + c, k] = point[b[k], c], -0.01 * tangent[b[k], c], 0.01 * normal[b[k], c]
-        steps, distance = warp(x, y, 2.0 * edge + total / max(priced, 1))
-        path[n_path : n_path + len(steps)] = steps
-        n_a, n_b, n_path = n_a + size_a, n_b + size_b, n_path + len(steps)
-        mean[kept] = distance / len(steps)
+        n_a, n_b = n_a + size_a, n_b + size_b
+        apart[kept] = total / max(priced, 1)
         kept += 1
-        begin[0, kept], begin[1, kept], begin[2, kept] = n_a, n_b, n_path
+        begin[0, kept], begin[1, kept] = n_a, n_b
+
+    # long ones in turn to either half of the tasks, which is what one of two threads takes
+    cost = (begin[0, 1 : kept + 1] - begin[0, :kept]) * (begin[1, 1 : kept + 1] - begin[1, :kept])
+    falling = np.argsort(-cost)
+    order = np.concatenate((falling[::2], falling[1::2]))
+    room = np.empty((n_a + n_b, 2), np.int32)
+    steps, mean = np.zeros(kept, np.int64), np.empty(kept)
+    for task in prange(kept):
+        r = order[task]
+        a, b = at_a[begin[0, r] : begin[0, r + 1]], at_b[begin[1, r] : begin[1, r + 1]]
+        found, distance = warp(
+            _described(a, 1.0, point, tangent, normal), _described(b, -1.0, point, tangent, normal),
+            2.0 * edge + apart[r],
+        )  # fmt: skip
+        first = begin[0, r] + begin[1, r]
+        room[first : first + len(found)] = found
+        steps[r] = len(found)
+        mean[r] = distance / len(found)
+    path = np.empty((steps.sum(), 2), np.int32)
+    for r in range(kept):
+        first, at = begin[0, r] + begin[1, r], begin[2, r]
+        path[at : at + steps[r]] = room[first : first + steps[r]]
+        begin[2, r + 1] = at + steps[r]
     return (
         at_a[:n_a].copy(),
         begin[0, : kept + 1].copy(),
         at_b[:n_b].copy(),
         begin[1, : kept + 1].copy(),
-        path[:n_path].copy(),
+        path,
         begin[2, : kept + 1].copy(),
-        mean[:kept].copy(),
+        mean,
     )
+
+
+@njit(cache=True, nogil=True)
+def _described(chosen, sense, point, tangent, normal):
+    """What warping compares of the ``chosen`` boundary vertices (9, N): place, direction walked in, and normal."""
+    out = np.empty((9, len(chosen)))
+    for c in range(3):
+        for k in range(len(chosen)):
+            i = chosen[k]
+            out[c, k], out[3 + c, k], out[6 + c, k] = point[i, c], sense * 0.01 * tangent[i, c], 0.01 * normal[i, c]
+    return out
 
 
 @njit(cache=True, nogil=True)
