@@ -60,7 +60,7 @@ class ClosingSettings:
     """
 
     largest_loop: int = 64
-    refine: float = 2.25
+    refine: float = 2.0
     fairness: float = 0.45
     floor_reach: float = 0.09
     untangle: bool = True

@@ -34,7 +34,7 @@ _MOST_CUT = 0.3  # of all triangles: where more run through each other, nothing 
 
 
 def untangle(
-    mesh: Mesh, maps: ViewMaps | None = None, rounds: int = 8, cuts: int = 3, coarseness: float = 2.25
+    mesh: Mesh, maps: ViewMaps | None = None, rounds: int = 8, cuts: int = 3, coarseness: float = 2.0
 ) -> tuple[Mesh, int]:
     """Smooth the surroundings of intersecting triangles until they come apart; cut out and fill anew what does not.
 

@@ -23,8 +23,8 @@ from .units import metres_per_unit
 
 QUALITY = {
     "FINE": {"smoothing": 0.7, "close_gaps": 2, "outline": 0.4, "refine": 1.4, "untangle": True},
-    "BALANCED": {"smoothing": 1.0, "close_gaps": 2, "outline": 0.5, "refine": 2.25, "untangle": True},
-    "SMOOTH": {"smoothing": 1.6, "close_gaps": 3, "outline": 0.6, "refine": 2.7, "untangle": True},
+    "BALANCED": {"smoothing": 1.0, "close_gaps": 2, "outline": 0.5, "refine": 2.0, "untangle": True},
+    "SMOOTH": {"smoothing": 1.6, "close_gaps": 3, "outline": 0.6, "refine": 2.4, "untangle": True},
     "DRAFT": {"smoothing": 1.0, "close_gaps": 2, "outline": 0.5, "refine": 3.0, "untangle": False},
 }
 """Values of each preset, by the names of :class:`MIRRORSCAN_PG_quality`."""
@@ -211,7 +211,7 @@ class MIRRORSCAN_PG_quality(bpy.types.PropertyGroup):
     refine: FloatProperty(
         name="Seam Coarseness",
         description="Longest edge in seams and fills, as a multiple of the edges around them. Smaller is finer",
-        default=2.25, min=1.0, soft_max=4.0, max=10.0, step=10, precision=2, update=_quality_changed,
+        default=2.0, min=1.0, soft_max=4.0, max=10.0, step=10, precision=2, update=_quality_changed,
         translation_context=CONTEXT,
     )  # fmt: skip
     untangle: BoolProperty(
