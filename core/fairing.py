@@ -170,34 +170,28 @@ def _system_kernel(p, start, heads, free, stiffness, rows, stretch, target):
 def _meeting(start, heads, rows, unknown, number):
     """Which unknowns are neighbours or, so that none is eliminated long before another it meets in a row, next to each
     other around a vertex that does not move: CSR arrays (start (N+1,), neighbour (E,))."""
+    tail, head = np.empty(2 * len(heads), np.int32), np.empty(2 * len(heads), np.int32)
+    count = 0
+    for v in range(len(number)):
+        last = -1
+        for e in range(start[v], start[v + 1]):
+            one = number[heads[e]]
+            if one < 0:
+                continue
+            if number[v] >= 0:
+                tail[count], head[count] = number[v], one
+                count += 1
+            elif rows[v] and last >= 0:
+                tail[count], head[count] = one, last
+                tail[count + 1], head[count + 1] = last, one
+                count += 2
+            last = one
     begin = np.zeros(len(unknown) + 1, np.int64)
-    for v in range(len(number)):
-        last = -1
-        for e in range(start[v], start[v + 1]):
-            one = number[heads[e]]
-            if one < 0:
-                continue
-            if number[v] >= 0:
-                begin[number[v] + 1] += 1
-            elif rows[v] and last >= 0:
-                begin[one + 1] += 1
-                begin[last + 1] += 1
-            last = one
-    for n in range(len(unknown)):
-        begin[n + 1] += begin[n]
-    near, end = np.empty(begin[-1], np.int32), begin[:-1].copy()
-    for v in range(len(number)):
-        last = -1
-        for e in range(start[v], start[v + 1]):
-            one = number[heads[e]]
-            if one < 0:
-                continue
-            if number[v] >= 0:
-                near[end[number[v]]] = one
-                end[number[v]] += 1
-            elif rows[v] and last >= 0:
-                near[end[one]], near[end[last]] = last, one
-                end[one] += 1
-                end[last] += 1
-            last = one
+    for n in range(count):
+        begin[tail[n] + 1] += 1
+    begin = np.cumsum(begin)
+    near, end = np.empty(count, np.int32), begin[:-1].copy()
+    for n in range(count):
+        near[end[tail[n]]] = head[n]
+        end[tail[n]] += 1
     return begin, near
