@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .mesh import SURFACE, Mesh, triangles_touching, vertex_normals
+from .mesh import SURFACE, Mesh, made_vertices, triangles_touching, vertex_normals
 from .overlap import ViewMaps, look_at, reading_noise
 
 _WINDOW = 4  # so far beside the last reading of an outline the next one may be [px]
@@ -23,10 +23,9 @@ def rim_marks(mesh: Mesh, maps: ViewMaps) -> np.ndarray:
     readings were lost or the view was cut. Where nothing is known of the view it counts as one. The noisier its
     readings, the less the last of them tell which way it goes on. Zero at made vertices.
     """
-    made = mesh.kind != SURFACE
-    rim = np.zeros(len(mesh.vertices), np.bool_)
-    rim[mesh.triangles[made]] = True
-    normals = vertex_normals(mesh.vertices, mesh.triangles[~made & triangles_touching(mesh.triangles, rim)], rim)
+    rim = made_vertices(mesh)
+    around = (mesh.kind == SURFACE) & triangles_touching(mesh.triangles, rim)
+    normals = vertex_normals(mesh.vertices, mesh.triangles[around], rim)
     ends = _outline_kernel(mesh.vertices, np.flatnonzero(rim & (mesh.view >= 0)), mesh.view, maps.to_view, maps.depth,
                            maps.lens)  # fmt: skip
     sure = 1.0 / (1.0 + (reading_noise(mesh, maps) / _NOISY) ** 2)

@@ -13,7 +13,6 @@ from .freespace import reach_before_empty
 from .linear import dot
 from .mesh import (
     FILL,
-    SURFACE,
     Mesh,
     check_mesh,
     clashing,
@@ -22,6 +21,7 @@ from .mesh import (
     extend_twins,
     keep_triangles,
     loops_of,
+    made_vertices,
     open_edges,
     remove_bowties,
     twins,
@@ -134,8 +134,7 @@ def close_mesh(
     if floor is not None:
         flat = made & (np.abs(dot(mesh.vertices, up) - floor) < 1e-6)
         mesh = replace(mesh, vertices=_arch(mesh.vertices, flat, up))
-    rim = np.zeros(len(mesh.vertices), np.bool_)
-    rim[mesh.triangles[mesh.kind != SURFACE]] = True
+    rim = made_vertices(mesh)
     stiffness = np.where(flat, np.inf, np.where(made, 0.0, np.where(rim, _stiffness(mesh, maps, settings), np.inf)))
     stretch = bulge(marks, parents, mesh)
     mesh = replace(mesh, vertices=_faired(mesh, stiffness, stretch, maps))

@@ -383,6 +383,13 @@ def triangles_touching(triangles: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     return out
 
 
+def made_vertices(mesh: Mesh) -> np.ndarray:
+    """Which vertices, bool (V,), are corners of seams or fills: what was made, and the rim of what was measured."""
+    out = np.zeros(len(mesh.vertices), np.bool_)
+    out[mesh.triangles[mesh.kind != SURFACE]] = True
+    return out
+
+
 def keep_triangles(mesh: Mesh, keep: np.ndarray) -> Mesh:
     """The mesh of the triangles where ``keep`` (T,) bool holds, unused vertices dropped."""
     kept = np.flatnonzero(keep)

@@ -6,15 +6,13 @@ import numpy as np
 from numba import njit
 
 from .edge_set import empty_edges, join, joined, part
-from .mesh import SURFACE, Mesh, twins
+from .mesh import SURFACE, Mesh, made_vertices, twins
 
 
 def edge_length_at_vertices(mesh: Mesh) -> np.ndarray:
     """Mean edge length (V,) of the measured triangles around each vertex of a made one [m]; the median of these
     elsewhere."""
-    rim = np.zeros(len(mesh.vertices), np.bool_)
-    rim[mesh.triangles[mesh.kind != SURFACE]] = True
-    total, count = _edge_length_kernel(mesh.vertices, mesh.triangles, mesh.kind, rim)
+    total, count = _edge_length_kernel(mesh.vertices, mesh.triangles, mesh.kind, made_vertices(mesh))
     known = count > 0
     mean = total[known] / count[known]
     length = np.full(len(mesh.vertices), np.median(mean) if len(mean) else 0.01)

@@ -18,6 +18,7 @@ from .mesh import (
     components_of,
     keep_triangles,
     keep_twins,
+    made_vertices,
     open_edges,
     remove_bowties,
     renumbered,
@@ -29,7 +30,7 @@ from .refinement import edge_length_at_vertices, refine
 
 _FEW = 0.0003  # of all triangles: what smoothing leaves of these is left
 _ABOUT = 0.03  # what a new triangle may run into has a vertex nearer than this [m]
-_MOST_CELLS = 2e7
+_MOST_CELLS = 2e7  # one byte each
 _MOST_CUT = 0.3  # of all triangles: where more run through each other, nothing sound is near to be filled to
 
 
@@ -80,8 +81,7 @@ def untangle(
 def _crossing(mesh: Mesh, changed: np.ndarray | None = None) -> np.ndarray:
     """Triangles that intersect others, ascending, among seams, fills and what touches them; only near the ``changed``
     points (K, 3), where these are given."""
-    near = np.zeros(len(mesh.vertices), np.bool_)
-    near[mesh.triangles[mesh.kind != SURFACE]] = True
+    near = made_vertices(mesh)
     if changed is not None:
         near &= _within(mesh.vertices, changed, _ABOUT)
     searched = np.flatnonzero(triangles_touching(mesh.triangles, near))
