@@ -11,9 +11,7 @@ import contextlib
 import json
 import math
 import os
-import shutil
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -421,8 +419,9 @@ def _inspect(options: argparse.Namespace, writers: Writers) -> None:
 
 def _convert(options: argparse.Namespace, writers: Writers) -> None:
     from .capture.writing import write_folder
+    from .files import fresh_folder
 
-    with _fresh_folder(options.folder) as fresh:
+    with fresh_folder(options.folder) as fresh:
         capture = _open(options.capture, options)
         write_folder(fresh, capture)
     for note in capture.notes:
@@ -481,25 +480,6 @@ def _settings(options: argparse.Namespace) -> Settings:
         views=ViewSettings(click=given.get("subject"), object=given.get("object", False)),
         closing=ClosingSettings(keep_islands=given.get("keep_islands", False)),
     )
-
-
-@contextlib.contextmanager
-def _fresh_folder(folder: Path) -> Iterator[Path]:
-    """A folder to fill that takes the name ``folder`` when the block ends well."""
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise OutputError(f"{folder}: exists already; choose another name")
-    parent = folder.absolute().parent
-    if not parent.is_dir():
-        raise OutputError(f"{folder}: the folder {parent} does not exist; create it first")
-    try:
-        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=parent) as temporary:
-            fresh = Path(temporary) / "new"
-            yield fresh
-            if folder.exists():
-                folder.rmdir()
-            shutil.move(fresh, folder)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be written: {error.strerror or error}") from error
 
 
 def _evaluate(options: argparse.Namespace, writers: Writers) -> None:
@@ -659,6 +639,7 @@ def _make_folder(folder: Path) -> None:
 
 def _write_simulation(folder: Path, *, sensor: str, frames: int, seed: int, mirrors: int, body: Path | None) -> None:
     """Simulate into a folder beside ``folder``, then swap; only a simulation may be replaced, never a recording."""
+    from .files import fresh_folder
     from .io import read_mesh
     from .simulation.mannequin import mannequin
     from .simulation.scene import default_rig
@@ -670,15 +651,8 @@ def _write_simulation(folder: Path, *, sensor: str, frames: int, seed: int, mirr
             raise OutputError(f"{folder}: exists and is not an earlier simulation; choose another name or remove it")
     subject = _stand(read_mesh(body), body) if body else mannequin()
     simulation = simulate(subject, default_rig(sensor=sensor, mirrors=mirrors, frames=frames, seed=seed))
-    try:
-        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.absolute().parent) as temporary:
-            fresh, stale = Path(temporary) / "new", Path(temporary) / "old"
-            write_simulation(simulation, fresh)
-            if folder.exists():
-                os.replace(folder, stale)
-            shutil.move(fresh, folder)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    with fresh_folder(folder, replace=True) as fresh:
+        write_simulation(simulation, fresh)
 
 
 def _stand(subject: Mesh, path: Path) -> Mesh:

@@ -1,4 +1,4 @@
-"""Files that appear under their name only when they are complete."""
+"""Files and folders that appear under their name only when they are complete."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import contextlib
 import os
 import secrets
 import shutil
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -44,3 +45,43 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
         raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def fresh_folder(folder: str | os.PathLike, replace: bool = False) -> Iterator[Path]:
+    """Name of a folder to make and fill that takes the name ``folder`` when the block ends well.
+
+    When the block raises, what it made is removed and ``folder`` keeps what it held.
+
+    Parameters
+    ----------
+    folder : path
+        Must not exist, or be empty.
+    replace : bool
+        A folder that holds something is replaced.
+
+    Raises
+    ------
+    OutputError
+        When ``folder`` is taken, what it is to stand in is missing, or it cannot be written.
+    """
+    folder = Path(folder)
+    target = Path(os.path.realpath(folder))
+    if target.exists() and (not target.is_dir() or (not replace and any(target.iterdir()))):
+        raise OutputError(f"{folder}: exists already; choose another name")
+    if not target.parent.is_dir():
+        raise OutputError(f"{folder}: the folder {target.parent} does not exist; create it first")
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as temporary:
+            fresh, stale = Path(temporary) / "new", Path(temporary) / "old"
+            yield fresh
+            if target.exists():
+                os.replace(target, stale)
+            try:
+                os.replace(fresh, target)
+            except OSError:
+                if stale.exists():
+                    os.replace(stale, target)
+                raise
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written: {error.strerror or error}") from error

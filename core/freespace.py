@@ -60,6 +60,15 @@ def clear_depth(depth: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.nda
     return clear, through
 
 
+@njit(cache=True, nogil=True)
+def in_view_frame(to_view, k, px, py, pz):
+    """The point (px, py, pz) in the frame of view k: x, y, z."""
+    x = to_view[k, 0, 0] * px + to_view[k, 0, 1] * py + to_view[k, 0, 2] * pz + to_view[k, 0, 3]
+    y = to_view[k, 1, 0] * px + to_view[k, 1, 1] * py + to_view[k, 1, 2] * pz + to_view[k, 1, 3]
+    z = to_view[k, 2, 0] * px + to_view[k, 2, 1] * py + to_view[k, 2, 2] * pz + to_view[k, 2, 3]
+    return x, y, z
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def bridge_is_free(p, i, q, j, to_view, clear, through, lens, noise):
     """Whether the straight bridge from p[i] to q[j] crosses space that was seen to be empty."""
@@ -72,9 +81,7 @@ def bridge_is_free(p, i, q, j, to_view, clear, through, lens, noise):
     for k in range(len(to_view)):
         far = 1.0 + 3.0 * noise[k]
         # along the bridge x, y and z in the view's frame change evenly
-        x = to_view[k, 0, 0] * ax + to_view[k, 0, 1] * ay + to_view[k, 0, 2] * az + to_view[k, 0, 3]
-        y = to_view[k, 1, 0] * ax + to_view[k, 1, 1] * ay + to_view[k, 1, 2] * az + to_view[k, 1, 3]
-        z = to_view[k, 2, 0] * ax + to_view[k, 2, 1] * ay + to_view[k, 2, 2] * az + to_view[k, 2, 3]
+        x, y, z = in_view_frame(to_view, k, ax, ay, az)
         step_x = (to_view[k, 0, 0] * dx + to_view[k, 0, 1] * dy + to_view[k, 0, 2] * dz) / steps
         step_y = (to_view[k, 1, 0] * dx + to_view[k, 1, 1] * dy + to_view[k, 1, 2] * dz) / steps
         step_z = (to_view[k, 2, 0] * dx + to_view[k, 2, 1] * dy + to_view[k, 2, 2] * dz) / steps
@@ -136,11 +143,9 @@ def reach_before_empty(start, end, to_view, clear, through, lens, noise):
 def _is_empty(px, py, pz, to_view, clear, through, lens, noise):
     """Whether a view looks through the point and through all that is as near as ``_ASIDE`` to it in its image."""
     for k in range(len(to_view)):
-        z = to_view[k, 2, 0] * px + to_view[k, 2, 1] * py + to_view[k, 2, 2] * pz + to_view[k, 2, 3]
+        x, y, z = in_view_frame(to_view, k, px, py, pz)
         if z <= 0.05:
             continue
-        x = to_view[k, 0, 0] * px + to_view[k, 0, 1] * py + to_view[k, 0, 2] * pz + to_view[k, 0, 3]
-        y = to_view[k, 1, 0] * px + to_view[k, 1, 1] * py + to_view[k, 1, 2] * pz + to_view[k, 1, 3]
         u, v = x / z * lens[k, 0] + lens[k, 2], y / z * lens[k, 1] + lens[k, 3]
         if not (_ASIDE <= u < clear.shape[1] - 1 - _ASIDE and _ASIDE <= v < clear.shape[0] - 1 - _ASIDE):
             continue

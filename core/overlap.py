@@ -13,7 +13,7 @@ from numba import njit
 
 from .camera import Intrinsics
 from .clipping import clip, distance_to_zero, smooth_on_mesh, trim_outline
-from .freespace import clear_depth
+from .freespace import clear_depth, in_view_frame
 from .linear import transform
 from .mesh import Mesh, triangles_touching, vertex_normals
 from .mirror import Mirror, reflection_matrix
@@ -197,10 +197,7 @@ def _maps_kernel(depth, labels, lens, to_view, offsets):
 @njit(cache=True, nogil=True, error_model="numpy")
 def look_at(points, i, to_view, k, image, lens):
     """Where view k lays points[i]: pixel and z there; (row, column) -1 outside the image or behind the camera."""
-    px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-    x = to_view[k, 0, 0] * px + to_view[k, 0, 1] * py + to_view[k, 0, 2] * pz + to_view[k, 0, 3]
-    y = to_view[k, 1, 0] * px + to_view[k, 1, 1] * py + to_view[k, 1, 2] * pz + to_view[k, 1, 3]
-    z = to_view[k, 2, 0] * px + to_view[k, 2, 1] * py + to_view[k, 2, 2] * pz + to_view[k, 2, 3]
+    x, y, z = in_view_frame(to_view, k, points[i, 0], points[i, 1], points[i, 2])
     if z <= 0.05:
         return -1.0, -1.0, z
     u, v = x / z * lens[k, 0] + lens[k, 2], y / z * lens[k, 1] + lens[k, 3]

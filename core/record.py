@@ -10,8 +10,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
-import shutil
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +19,8 @@ import numpy as np
 from .camera import Intrinsics
 from .capture.rgbd_folder import sensor_named
 from .capture.writing import FolderWriter
-from .errors import CaptureError, MirrorScanError, OutputError
+from .errors import CaptureError, MirrorScanError
+from .files import fresh_folder
 
 SETTLE = 15  # frames until exposure and laser have settled
 TIMEOUT_MS = 5000
@@ -78,20 +77,8 @@ def record(
     folder = Path(folder)
     if frames < 1:
         raise CaptureError(f"at least one frame must be recorded, not {frames}")
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise OutputError(f"{folder}: exists already; choose another name")
-    parent = folder.absolute().parent
-    if not parent.is_dir():
-        raise OutputError(f"{folder}: the folder {parent} does not exist; create it first")
-    try:
-        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=parent) as temporary:
-            fresh = Path(temporary) / "new"
-            _save(stream, fresh, frames, settle, progress)
-            if folder.exists():
-                folder.rmdir()
-            shutil.move(fresh, folder)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    with fresh_folder(folder) as fresh:
+        _save(stream, fresh, frames, settle, progress)
     return folder
 
 

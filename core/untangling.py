@@ -141,11 +141,10 @@ def _smooth_apart(mesh: Mesh, crossing: np.ndarray, rounds: int) -> tuple[Mesh, 
         reach = 1 + min(turn, 3) // 2
         seeds = triangles[crossing].ravel()
         # what moves, and what it may run into: triangles that reach into its surroundings
-        local = _triangles_within(triangles, seeds, reach + 3, len(vertices))
+        ring, local = _rings_around(triangles, seeds, reach + 3, len(vertices))
         used, around = renumbered(triangles[local], len(vertices))
         start, heads = neighbours(around, len(used))
-        core = _grow(np.searchsorted(used, seeds), start, heads, reach)
-        core = core[movable[used[core]]]
+        core = np.flatnonzero(movable[used] & (ring[used] <= reach))
         if not len(core):
             break
         moved = _relax(vertices[used], core, start, heads, 4 + 2 * min(turn, 3))
@@ -170,7 +169,7 @@ def _fill_anew(
     keep = np.ones(len(mesh.triangles), np.bool_)
     keep[crossing] = False
     if rings:
-        keep[_triangles_within(mesh.triangles, mesh.triangles[crossing].ravel(), rings - 1, len(mesh.vertices))] = False
+        keep[_rings_around(mesh.triangles, mesh.triangles[crossing].ravel(), rings - 1, len(mesh.vertices))[1]] = False
     twin = twins(mesh.triangles, len(mesh.vertices))
     pieces = components_of(twin, len(mesh.triangles))[1]
     twin = keep_twins(twin, keep)
@@ -204,37 +203,24 @@ def _fill_anew(
 
 
 @njit(cache=True, nogil=True)
-def _triangles_within(triangles, vertices, rings, count):
-    """Triangles that reach into the vertices' surroundings of so many rings, ascending. O(rings · T)."""
-    ring = np.full(count, rings + 1)  # how far away each vertex is, as far as that matters
-    for v in vertices:
+def _rings_around(triangles, seeds, rings, count):
+    """Of each vertex (V,) the ring around the seeds in which it lies, ``rings + 1`` farther off; and the triangles that
+    reach into these rings, ascending. O(rings · T)."""
+    ring = np.full(count, rings + 1)
+    for v in seeds:
         ring[v] = 0
     for r in range(rings):
         for t in range(len(triangles)):
             i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
             if ring[i] == r or ring[j] == r or ring[k] == r:
                 ring[i], ring[j], ring[k] = min(ring[i], r + 1), min(ring[j], r + 1), min(ring[k], r + 1)
-    out = np.empty(len(triangles), np.int32)
+    reached = np.empty(len(triangles), np.int32)
     n = 0
     for t in range(len(triangles)):
         if min(ring[triangles[t, 0]], ring[triangles[t, 1]], ring[triangles[t, 2]]) <= rings:
-            out[n] = t
+            reached[n] = t
             n += 1
-    return out[:n].copy()
-
-
-@njit(cache=True, nogil=True)
-def _grow(vertices, start, heads, rings):
-    """The vertices and those within so many rings of them, ascending."""
-    ring = np.full(len(start) - 1, rings + 1)
-    for v in vertices:
-        ring[v] = 0
-    for r in range(rings):
-        for v in range(len(ring)):
-            if ring[v] == r:
-                for e in range(start[v], start[v + 1]):
-                    ring[heads[e]] = min(ring[heads[e]], r + 1)
-    return np.flatnonzero(ring <= rings)
+    return ring, reached[:n].copy()
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -13,12 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import MirrorScanError
-from ..images import write_png
 from ..mesh import Mesh
 from ..metrics import SurfaceDistance, surface_distance
 from ..simulation.scene import default_rig
 from ..simulation.simulate import simulate
-from .results import plot, write_csv
+from .results import keep
 from .snapshot import WAYS, distance_picture, patch
 
 DISTANCES = (3.0, 3.5, 4.0, 4.5, 5.0)
@@ -163,13 +162,8 @@ def table(rows: Sequence[Capture]) -> list[str]:
 def write_results(rows: Sequence[Capture], folder: Path) -> tuple[list[Path], str]:
     """Write table.csv, result.png and, when matplotlib is there, plot.png into a folder that exists.
 
-    Returns
-    -------
-    paths : list of Path
-    note : str
-        Why there is no plot; empty when there is.
+    Returns and raises as :func:`.results.keep`.
     """
-    paths = [folder / "table.csv", folder / "result.png"]
     figures = ("mean", "rms", "p95", "max")
     lines = [
         ["way", "distance_m", "vertices", "triangles", "paper_mean_mm"]
@@ -180,14 +174,12 @@ def write_results(rows: Sequence[Capture], folder: Path) -> tuple[list[Path], st
         values = [f"{1e3 * getattr(d, f):.5f}" for d in (r.apart, r.truth) for f in figures]
         shown = "" if paper is None else f"{1e3 * paper:.3f}"
         lines.append([r.way, f"{r.distance:g}", len(r.mesh.vertices), len(r.mesh.triangles), shown, *values])
-    write_csv(paths[0], lines)
     ways = _ways(rows)
     references = [ways[r.way][0].mesh for r in rows]
     heading = "from near to far   blue on the nearest   red as far off as the farthest of the paper"
     titles = [r.way for r in rows]
     columns = len(next(iter(ways.values())))
     picture = distance_picture([r.mesh for r in rows], references, titles, (0, -1, 0), 0.035, heading, columns)
-    write_png(paths[1], picture)
     fits = _fits(rows)
 
     def draw(distances, counts) -> None:
@@ -215,5 +207,4 @@ def write_results(rows: Sequence[Capture], folder: Path) -> tuple[list[Path], st
             axes.grid(alpha=0.3)
             axes.legend()
 
-    note = plot(folder / "plot.png", (10.4, 4.0), 2, draw)
-    return (paths if note else [*paths, folder / "plot.png"]), note
+    return keep(folder, lines, picture, draw, 2, (10.4, 4.0))

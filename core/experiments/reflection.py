@@ -13,13 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import MirrorScanError
-from ..images import write_png
 from ..mesh import Mesh
 from ..metrics import SurfaceDistance, surface_distance
 from ..simulation.scene import FramedMirror, Rig
 from ..simulation.sensors import find_sensor
 from ..simulation.simulate import Simulation, simulate
-from .results import plot, write_csv
+from .results import keep
 from .snapshot import WAYS, distance_picture, patch
 
 PATH = 3.0
@@ -156,13 +155,8 @@ def table(rows: Sequence[Comparison]) -> list[str]:
 def write_results(rows: Sequence[Comparison], folder: Path) -> tuple[list[Path], str]:
     """Write table.csv, result.png and, when matplotlib is there, plot.png into a folder that exists.
 
-    Returns
-    -------
-    paths : list of Path
-    note : str
-        Why there is no plot; empty when there is.
+    Returns and raises as :func:`.results.keep`.
     """
-    paths = [folder / "table.csv", folder / "result.png"]
     figures = ("mean", "rms", "p95", "max")
     lines = [
         ["way", "vertices_mirrored", "vertices_direct", "triangles_mirrored", "triangles_direct", "vertex_loss_pct"]
@@ -174,13 +168,12 @@ def write_results(rows: Sequence[Comparison], folder: Path) -> tuple[list[Path],
         losses = [f"{100 * r.loss(what):.3f}" for what in ("vertices", "triangles")]
         ways = (r.apart, r.mirrored_truth, r.direct_truth)
         lines.append([r.way, *sizes, *losses, *(f"{1e3 * getattr(d, f):.5f}" for d in ways for f in figures)])
-    write_csv(paths[0], lines)
     pictures = []
     for r in rows:
         pictures += [(r.mirrored, r.direct, f"{r.way}   in the mirror"), (r.direct, r.mirrored, f"{r.way}   directly")]
     meshes, references, titles = zip(*pictures, strict=True)
     heading = "distance to the other   blue none   red as much as the largest of the paper"
-    write_png(paths[1], distance_picture(meshes, references, titles, (0, 1, 0), PAPER["max"], heading, 4))
+    picture = distance_picture(meshes, references, titles, (0, 1, 0), PAPER["max"], heading, 4)
 
     def draw(distances, losses) -> None:
         names = ["paper", *(r.way for r in rows)]
@@ -198,5 +191,4 @@ def write_results(rows: Sequence[Comparison], folder: Path) -> tuple[list[Path],
         for axes in (distances, losses):
             axes.grid(alpha=0.3, axis="y")
 
-    note = plot(folder / "plot.png", (10.4, 4.0), 2, draw)
-    return (paths if note else [*paths, folder / "plot.png"]), note
+    return keep(folder, lines, picture, draw, 2, (10.4, 4.0))

@@ -1,4 +1,4 @@
-"""How every experiment keeps its results: a table as CSV, a plot where matplotlib is there."""
+"""How every experiment keeps its results: a table as CSV, a picture, a plot where matplotlib is there."""
 
 from __future__ import annotations
 
@@ -7,27 +7,57 @@ import io
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from ..errors import OutputError
+import numpy as np
+
 from ..files import replacing
+from ..images import write_png
 
 
-def write_csv(path: Path, rows: Iterable[Sequence]) -> None:
+def keep(
+    folder: Path, rows: Iterable[Sequence], picture: np.ndarray, draw: Callable, panels: int, size: tuple[float, float]
+) -> tuple[list[Path], str]:
+    """Write table.csv, result.png and, when matplotlib is there, plot.png into a folder that exists.
+
+    Parameters
+    ----------
+    folder : Path
+    rows : iterable of sequence
+        The table's cells, the first the headings.
+    picture : np.ndarray [shape=(H, W, 3), dtype=uint8]
+    draw : callable
+        ``draw(*axes)`` draws the plot's panels.
+    panels : int
+        How many there are, side by side.
+    size : (float, float)
+        Of the plot [inches].
+
+    Returns
+    -------
+    paths : list of Path
+    note : str
+        Why there is no plot; empty when there is.
+
+    Raises
+    ------
+    OutputError
+        When a file cannot be written.
+    """
+    table, result, plot = (folder / name for name in ("table.csv", "result.png", "plot.png"))
+    _write_csv(table, rows)
+    write_png(result, picture)
+    note = _plot(plot, size, panels, draw)
+    return [table, result, *([] if note else [plot])], note
+
+
+def _write_csv(path: Path, rows: Iterable[Sequence]) -> None:
     """Write rows of cells, the first the headings; raises :class:`OutputError`."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
-    write_bytes(path, lambda target: target.write_text(text.getvalue(), encoding="utf-8"))
+    with replacing(path) as target:
+        target.write_text(text.getvalue(), encoding="utf-8")
 
 
-def write_bytes(path: Path, write: Callable[[Path], object]) -> None:
-    """Let ``write`` fill a temporary file that takes the place of ``path``."""
-    try:
-        with replacing(path) as temporary:
-            write(temporary)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
-
-
-def plot(path: Path, size: tuple[float, float], panels: int, draw: Callable) -> str:
+def _plot(path: Path, size: tuple[float, float], panels: int, draw: Callable) -> str:
     """``draw(*axes)`` into a PNG of so many inches; returns why there is none, empty when there is."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -37,5 +67,6 @@ def plot(path: Path, size: tuple[float, float], panels: int, draw: Callable) -> 
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
     draw(*figure.subplots(1, panels, squeeze=False)[0])
-    write_bytes(path, lambda target: figure.savefig(target, format="png", dpi=150))
+    with replacing(path) as target:
+        figure.savefig(target, format="png", dpi=150)
     return ""

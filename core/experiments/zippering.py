@@ -15,14 +15,13 @@ from ..camera import Intrinsics
 from ..closing import close_mesh
 from ..coronal import solidity
 from ..errors import MirrorScanError
-from ..images import write_png
 from ..mesh import SEAM, SURFACE, Mesh, compact, drop_small_components, keep_triangles, merge, remove_bowties, twins
 from ..metrics import SurfaceDistance, mesh_report, surface_distance
 from ..overlap import ViewMaps, view_maps
 from ..preview import KIND_COLORS, SIDES, draw_text, render_views
 from ..weaving import Seam
 from ..zippering import ZipperSettings, zip_patches
-from .results import plot, write_csv
+from .results import keep
 
 STEPS = (0, 10, 20, 30, 40, 50)
 """Vertices taken from the two back parts [%] (paper 5.3)."""
@@ -502,22 +501,10 @@ def write_results(steps: Sequence[Step], body: Mesh, folder: Path) -> tuple[list
     The picture shows the step nearest to 40 %: above by distance to the original (red near, blue far, as in the
     paper's figure 15), below by kind of surface.
 
-    Returns
-    -------
-    paths : list of Path
-    note : str
-        Why there is no plot; empty when there is.
-
-    Raises
-    ------
-    OutputError
-        When a file cannot be written.
+    Returns and raises as :func:`.results.keep`.
     """
     tall = _height(body)
-    paths = [folder / "table.csv", folder / "result.png"]
-    write_csv(paths[0], _rows(steps, tall))
     shown = min(steps, key=lambda s: abs(s.decimation - 40.0))
-    write_png(paths[1], _picture(shown, body))
 
     def draw(axes) -> None:
         order = sorted(steps, key=lambda s: s.decimation)
@@ -534,8 +521,7 @@ def write_results(steps: Sequence[Step], body: Mesh, folder: Path) -> tuple[list
         axes.grid(alpha=0.3)
         axes.legend()
 
-    note = plot(folder / "plot.png", (6.4, 4.2), 1, draw)
-    return (paths if note else [*paths, folder / "plot.png"]), note
+    return keep(folder, _rows(steps, tall), _picture(shown, body), draw, 1, (6.4, 4.2))
 
 
 def _rows(steps: Sequence[Step], tall: float) -> list[list]:

@@ -1,0 +1,58 @@
+"""Nothing of the user's is lost, and nothing half-made is left behind."""
+
+import os
+
+import pytest
+from mirror_scan.core.errors import OutputError
+from mirror_scan.core.files import fresh_folder, replacing
+
+
+def contents(folder):
+    return {str(path.relative_to(folder)): path.read_text() for path in folder.rglob("*") if path.is_file()}
+
+
+def fill(folder, text):
+    folder.mkdir()
+    (folder / "data.txt").write_text(text)
+
+
+def test_folder_appears_whole_or_not_at_all(tmp_path):
+    folder = tmp_path / "scan"
+    with fresh_folder(folder) as fresh:
+        fill(fresh, "first")
+        assert not folder.exists()
+    assert contents(tmp_path) == {os.path.join("scan", "data.txt"): "first"}
+    with pytest.raises(OutputError, match="exists already"), fresh_folder(folder):
+        pytest.fail("a folder that holds something was handed out")
+    with pytest.raises(ValueError), fresh_folder(folder, replace=True) as fresh:
+        fill(fresh, "half")
+        raise ValueError
+    assert contents(tmp_path) == {os.path.join("scan", "data.txt"): "first"}
+    assert [path.name for path in tmp_path.iterdir()] == ["scan"]
+    with fresh_folder(folder, replace=True) as fresh:
+        fill(fresh, "second")
+    assert contents(tmp_path) == {os.path.join("scan", "data.txt"): "second"}
+
+
+def test_folder_comes_back_when_its_successor_was_not_made(tmp_path):
+    folder = tmp_path / "scan"
+    fill(folder, "kept")
+    with pytest.raises(OutputError, match="cannot be written"), fresh_folder(folder, replace=True):
+        pass  # nothing is made
+    assert contents(tmp_path) == {os.path.join("scan", "data.txt"): "kept"}
+
+
+@pytest.mark.parametrize("make", [fresh_folder, replacing])
+def test_missing_parent_is_told(tmp_path, make):
+    with pytest.raises(OutputError, match="does not exist; create it first"), make(tmp_path / "none" / "scan"):
+        pytest.fail("a name in a missing folder was handed out")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need a privilege on Windows")
+def test_link_stays_a_link(tmp_path):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    with fresh_folder(tmp_path / "link") as fresh:
+        fill(fresh, "through")
+    assert (tmp_path / "link").is_symlink()
+    assert contents(tmp_path / "real") == {"data.txt": "through"}
