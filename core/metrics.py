@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from .bvh import Bvh, build_bvh, closest_point, self_intersections
+from .bvh import Bvh, build_bvh, closest_point
 from .errors import MirrorScanError
+from .intersections import self_intersections
 from .mesh import Mesh, edge_keys, root_of, triangle_normals
 
 ALIGNMENT_REACH = (0.08, 0.03, 0.015)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .bvh import self_intersections
+from .intersections import self_intersections
 from .mesh import FILL, Mesh, edge_keys, loops_of, open_edges, triangle_components, triangle_normals
 
 HOLE, EDGE, CROSSING, PIECE, GUESS = "hole", "edge", "crossing", "piece", "guess"

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from .bvh import self_intersections
 from .fairing import fair, neighbours
 from .filling import fill_loops
+from .intersections import self_intersections
 from .mesh import (
     FILL,
     SURFACE,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import trimesh
-from mirror_scan.core.bvh import self_intersections
+from mirror_scan.core.intersections import self_intersections
 from mirror_scan.core.mesh import FILL, SURFACE, Mesh, triangle_components, twins, vertex_fans
 from mirror_scan.core.untangling import untangle
 
