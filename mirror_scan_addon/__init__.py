@@ -12,9 +12,9 @@ from types import ModuleType
 
 def _modules() -> tuple[ModuleType, ...]:
     """Modules with something to register, in the order of their needs."""
-    from . import command, jobs, operators, overlay, panels, properties, remote, texts
+    from . import command, jobs, live, operators, overlay, panels, properties, remote, texts
 
-    return texts, properties, remote, jobs, operators, overlay, panels, command
+    return texts, properties, remote, jobs, live, operators, overlay, panels, command
 
 
 def register() -> None:

@@ -83,8 +83,8 @@ def create_cloud(
     return cloud
 
 
-def read_cloud(cloud: bpy.types.Object) -> Cloud:
-    """The arrays of a cloud object.
+def read_cloud(cloud: bpy.types.Object, color: bool = True) -> Cloud:
+    """The arrays of a cloud object; without colours, which take longer than all the rest, for who needs none.
 
     Raises
     ------
@@ -110,15 +110,15 @@ def read_cloud(cloud: bpy.types.Object) -> Cloud:
     if not sound.any():
         text = say("{name}: none of its points is before the camera any more; load the capture again")
         raise CaptureError(text.format(name=cloud.name))
-    color = None
-    colors = colors_of(mesh)
+    image = None
+    colors = colors_of(mesh) if color else None
     if colors is not None:
         flat = np.zeros((size, 3), np.uint8)
         flat[pixel] = colors
-        color = flat.reshape(intrinsics.height, intrinsics.width, 3)
+        image = flat.reshape(intrinsics.height, intrinsics.width, 3)
     if not sound.all():  # somebody moved a few to where no camera sees
         points, pixel = points[sound], pixel[sound]
-    return Cloud(points, pixel, color, intrinsics, info)
+    return Cloud(points, pixel, image, intrinsics, info)
 
 
 def cloud_info(cloud: bpy.types.Object) -> dict:
@@ -185,6 +185,19 @@ def forget_values(mesh: bpy.types.Mesh, *names: str) -> None:
         if attribute is not None:
             mesh.attributes.remove(attribute)
     touch(mesh)
+
+
+def set_nobody(mesh: bpy.types.Mesh) -> None:
+    """Have no point be the person's, where that was told."""
+    attribute = mesh.attributes.get(VIEW)
+    if attribute is not None and values(mesh, VIEW, np.int8) is not None:
+        attribute.data.foreach_set("value", np.full(len(attribute.data), -1, np.int8))
+        touch(mesh)
+
+
+def stamp_of(cloud: bpy.types.Object) -> tuple:
+    """What is another after every change of the cloud's data."""
+    return cloud.data.session_uid, cloud.data.get(STAMP), len(cloud.data.vertices)
 
 
 def touch(mesh: bpy.types.Mesh) -> None:

@@ -10,7 +10,7 @@ import bpy
 from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
-from . import jobs, reports, state
+from . import jobs, live, reports, state
 from .operators.check import no_mesh
 from .operators.color_by import shown_mode
 from .texts import CONTEXT, say
@@ -284,7 +284,8 @@ class MIRRORSCAN_PT_subject(_Panel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw_header(self, context: bpy.types.Context) -> None:
-        _step_done(self.layout, bool(context.scene.mirror_scan.subject.message))
+        subject = context.scene.mirror_scan.subject
+        _step_done(self.layout, bool(subject.message) and not subject.stale)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -295,10 +296,15 @@ class MIRRORSCAN_PT_subject(_Panel, bpy.types.Panel):
         column = _fields(layout)
         for name in ("depth_limit", "floor_clearance", "max_height", "reach", "object"):
             _field(column, settings.subject, name)
-        if settings.subject.message and settings.subject.stale:
-            _text(layout, say("Press Find Subject again: the search goes by Reach and Any Thing"), "FILE_REFRESH")
-        elif settings.subject.message:
-            _text(layout, settings.subject.message, "CHECKMARK")
+        subject = settings.subject
+        if live.searching(context.scene) and not jobs.running(context):
+            _text(layout, say("Searching for the person"), "SORTTIME")
+        elif subject.stale:
+            _text(layout, say("Press Find Subject again: it was searched for with other settings"), "FILE_REFRESH")
+        elif subject.problem:
+            _text(layout, subject.problem, "ERROR")
+        elif subject.message:
+            _text(layout, subject.message, "CHECKMARK")
             _text(layout, say("Person orange, floor green, too far red, room grey"))
         else:
             _text(layout, say("Optional: the build does this by itself. Look here when it takes a chair for a leg"))

@@ -55,9 +55,18 @@ def _quality_changed(self, context: bpy.types.Context) -> None:
 
 
 def _search_changed(self, context: bpy.types.Context) -> None:
-    """What the search for the person goes by; unlike the limits it does not sort by itself what was found."""
-    self.stale = bool(self.message)
+    """What the search for the person goes by: it is searched for again, and until then sorted by the new limits."""
+    from . import live
+
+    live.schedule(self.id_data)
     _redraw(self, context)
+
+
+def _is_stale(self) -> bool:
+    from . import state
+
+    now = state.key_of(state.view_settings(self.id_data.mirror_scan))
+    return bool(self.searched_with) and self.searched_with != now
 
 
 def _name_changed(self, context: bpy.types.Context) -> None:
@@ -141,14 +150,14 @@ class MIRRORSCAN_PG_subject(bpy.types.PropertyGroup):
         "depth_limit_m", "Depth Limit",
         "Everything farther from the camera than this is ignored; the way over a mirror counts whole. "
         "0 m = by itself, from where the person can be",
-        step=5, precision=3, default=0.0, update=_redraw,
+        step=5, precision=3, default=0.0, update=_search_changed,
     )  # fmt: skip
     floor_clearance_m: _metres(0.002, 0.0, 0.5)
     floor_clearance: _length(
         "floor_clearance_m", "Floor Clearance",
         "Up to this height above the floor everything counts as the floor. Raise it when pieces of the floor stick to "
         "the soles",
-        step=0.1, precision=4, default=0.002, update=_redraw,
+        step=0.1, precision=4, default=0.002, update=_search_changed,
     )  # fmt: skip
     reach_m: _metres(1.15, 0.2)
     reach: _length(
@@ -159,7 +168,7 @@ class MIRRORSCAN_PG_subject(bpy.types.PropertyGroup):
     max_height: _length(
         "max_height_m", "Max Height",
         "Everything higher above the floor than this is ignored, such as lamps and the ceiling",
-        step=5, precision=3, default=2.4, update=_redraw,
+        step=5, precision=3, default=2.4, update=_search_changed,
     )  # fmt: skip
     object: BoolProperty(
         name="Any Thing",
@@ -170,9 +179,16 @@ class MIRRORSCAN_PG_subject(bpy.types.PropertyGroup):
     message: StringProperty(
         name="Message", description="What the last search for the person found", translation_context=CONTEXT
     )
+    problem: StringProperty(
+        name="Problem", description="Why the last search for the person found nobody", translation_context=CONTEXT
+    )
+    searched_with: StringProperty(
+        name="Searched With", description="The settings of the last search for the person, as JSON; empty before it",
+        options={"HIDDEN"}, translation_context=CONTEXT,
+    )  # fmt: skip
     stale: BoolProperty(
         name="Stale", description="Whether the person was searched for with other settings", options={"HIDDEN"},
-        translation_context=CONTEXT,
+        get=_is_stale, translation_context=CONTEXT,
     )  # fmt: skip
 
 

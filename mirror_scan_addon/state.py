@@ -167,6 +167,17 @@ def view_settings(settings: bpy.types.PropertyGroup) -> dict:
     return {name: getattr(subject, f"{name}_m") for name in lengths} | {"object": subject.object}
 
 
+def key_of(views: dict) -> str:
+    """Settings of a search for the person, to see whether they have changed since."""
+    return json.dumps(views, sort_keys=True)
+
+
+def forget_subject(settings: bpy.types.PropertyGroup) -> None:
+    """What was found out about the person is not true any more."""
+    subject = settings.subject
+    subject.message = subject.problem = subject.searched_with = ""
+
+
 def build_settings(settings: bpy.types.PropertyGroup) -> dict:
     """What the panels set of ``core.pipeline.Settings``, stage by stage."""
     quality = settings.quality

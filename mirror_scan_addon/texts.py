@@ -13,6 +13,11 @@ def say(text: str) -> str:
     return bpy.app.translations.pgettext_rpt(text, CONTEXT)
 
 
+def tell(text: object) -> str:
+    """An error or a warning of core in the user's language."""
+    return say(str(text))
+
+
 TRANSLATIONS: dict[str, dict[tuple[str, str], str]] = {}
 """Locale → (context, English) → translation, as ``bpy.app.translations`` wants it; English is what the code says. The
 context is ``CONTEXT``, of tooltips "*": Blender looks these up without one."""

@@ -25,11 +25,10 @@ class MIRRORSCAN_OT_find_subject(jobs.JobOperator, bpy.types.Operator):
         from .. import cloud
 
         settings = context.scene.mirror_scan
-        arrays = cloud.read_cloud(cloud.cloud_of(context.scene))
+        arrays = cloud.read_cloud(cloud.cloud_of(context.scene), color=False)
         mirrors = state.placed_mirrors(settings)
-        return jobs.Task(
-            "find_subject_steps", (arrays.depth, arrays.intrinsics, mirrors, state.view_settings(settings))
-        )
+        self._views = state.view_settings(settings)
+        return jobs.Task("find_subject_steps", (arrays.depth, arrays.intrinsics, mirrors, self._views))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         from ...core.errors import CaptureError
@@ -39,18 +38,26 @@ class MIRRORSCAN_OT_find_subject(jobs.JobOperator, bpy.types.Operator):
         points = cloud.cloud_of(target)
         if points is None:
             raise CaptureError(say("The points of the capture are gone; load it again"))
-        cloud.set_values(points.data, seen=result.seen, view=result.view, height=result.height)
+        put_subject(target, points, result, self._views)
         cloud.place(points, result.placement, metres_per_unit(target))
         settings.cloud_colors, settings.show_cloud = "PART", True
-        names = [say("direct"), *(item.name for item in settings.mirrors)]
-        counts = ", ".join(f"{name} {pixels:,}" for name, pixels in zip(names, result.pixels, strict=False))
-        settings.subject.stale = False
-        settings.subject.message = say("Points of the person: {counts}").format(counts=counts)
         if not result.floor:
             self.report({"WARNING"}, say("No floor is seen; heights are counted from the person's lowest point"))
         for warning in result.warnings:
             self.report({"WARNING"}, warning)
         self.report({"INFO"}, settings.subject.message)
+
+
+def put_subject(target: bpy.types.Scene, points: bpy.types.Object, result, views: dict) -> None:
+    """Have a scene's points tell what a search with the settings ``views`` found."""
+    from .. import cloud
+
+    settings, subject = target.mirror_scan, target.mirror_scan.subject
+    cloud.set_values(points.data, seen=result.seen, view=result.view, height=result.height)
+    names = [say("direct"), *(item.name for item in settings.mirrors)]
+    counts = ", ".join(f"{name} {pixels:,}" for name, pixels in zip(names, result.pixels, strict=False))
+    subject.message = say("Points of the person: {counts}").format(counts=counts)
+    subject.problem, subject.searched_with = "", state.key_of(views)
 
 
 CLASSES = (MIRRORSCAN_OT_find_subject,)

@@ -174,7 +174,7 @@ def show_capture(context: bpy.types.Context, target: bpy.types.Scene, loaded) ->
     if loaded.seen is not None:
         cloud.set_values(points.data, seen=loaded.seen)
     settings.cloud_colors, settings.show_cloud, settings.fold = "CAPTURE", True, False
-    settings.subject.message = ""
+    state.forget_subject(settings)
     if target == context.scene:
         scene.select_only(context, points)
         points.select_set(False, view_layer=context.view_layer)  # its box would draw the eye

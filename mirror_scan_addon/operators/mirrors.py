@@ -32,7 +32,7 @@ def put_mirrors(target: bpy.types.Scene, fitted) -> None:
         cloud.forget_values(points.data, cloud.SEEN)
     else:
         cloud.set_values(points.data, seen=fitted.seen)
-    target.mirror_scan.subject.message = ""
+    state.forget_subject(target.mirror_scan)
 
 
 class MIRRORSCAN_OT_find_mirrors(_MirrorOperator, bpy.types.Operator):
@@ -210,7 +210,7 @@ def _forget_views(target: bpy.types.Scene) -> None:
     points = cloud.cloud_of(target)
     if points is not None and points.data.library is None:
         cloud.forget_values(points.data, cloud.SEEN, cloud.VIEW, cloud.HEIGHT)
-    target.mirror_scan.subject.message = ""
+    state.forget_subject(target.mirror_scan)
 
 
 class MIRRORSCAN_OT_save_mirrors(bpy.types.Operator):

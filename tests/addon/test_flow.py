@@ -245,15 +245,75 @@ def test_sliders_move_the_colours_at_once(bpy, scan, loaded):
     assert share(3) > 0.3
 
 
-def test_what_the_search_goes_by_asks_for_another_search(bpy, loaded):
+def turn_until_done(live, scene, limit=120.0):
+    """What Blender's timers do in a window; the longest turn [ms], apart from the one that starts a process."""
+    import time
+
+    live._wanted.add(scene.session_uid)
+    longest, deadline = 0.0, time.monotonic() + limit
+    while True:
+        begins = live._search is None
+        start = time.perf_counter()
+        pause = live._turn()
+        if not begins:
+            longest = max(longest, 1000 * (time.perf_counter() - start))
+        if pause is None:
+            return longest
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_what_the_search_goes_by_is_searched_for_again_by_itself(bpy, loaded):
+    from mirror_scan.mirror_scan_addon import cloud, live
+
     bpy.ops.mirror_scan.find_subject()
-    subject = settings_of(bpy).subject
-    subject.max_height = 2.0
+    scene, subject = bpy.context.scene, settings_of(bpy).subject
     assert not subject.stale
-    subject.reach = 0.9
+    found, place = cloud.values(loaded.data, cloud.VIEW, np.int8), loaded.matrix_world.copy()
+    subject.reach, subject.depth_limit = 0.9, 3.0  # the mirrors show the person from beyond that
     assert subject.stale
-    bpy.ops.mirror_scan.find_subject()
-    assert not subject.stale
+    turn_until_done(live, scene)
+    assert not subject.stale and not subject.problem and not live.searching(scene)
+    near = cloud.values(loaded.data, cloud.VIEW, np.int8)
+    assert (near == 0).any() and not (near > 0).any() and (near[near == 0] == found[near == 0]).all()
+    assert loaded.matrix_world == place
+    subject.reach, subject.depth_limit = 1.15, 0.0
+    assert turn_until_done(live, scene) < 150
+    assert (cloud.values(loaded.data, cloud.VIEW, np.int8) == found).all()
+    subject.depth_limit = 0.6  # nobody is there
+    turn_until_done(live, scene)
+    assert subject.problem and not subject.message and not subject.stale
+    assert (cloud.values(loaded.data, cloud.VIEW, np.int8) < 0).all()
+    subject.depth_limit = 0.0
+    turn_until_done(live, scene)
+    assert not subject.problem and (cloud.values(loaded.data, cloud.VIEW, np.int8) == found).all()
+
+
+def test_a_setting_that_moves_before_the_first_search_makes_one(bpy, loaded):
+    from mirror_scan.mirror_scan_addon import live
+
+    settings = settings_of(bpy)
+    settings.subject.object = True
+    turn_until_done(live, bpy.context.scene)
+    assert settings.cloud_colors == "PART" and "direct" in settings.subject.message and not settings.subject.stale
+
+
+def test_a_live_search_drops_what_is_not_true_any_more(bpy, loaded):
+    from mirror_scan.mirror_scan_addon import live
+
+    scene, settings = bpy.context.scene, settings_of(bpy)
+    for change in ("clear", "delete"):
+        if change == "delete":
+            bpy.ops.mirror_scan.find_mirrors()
+        live._wanted.add(scene.session_uid)
+        live._turn()
+        assert live.searching(scene)
+        if change == "clear":
+            bpy.ops.mirror_scan.clear_mirrors()
+        elif change == "delete":
+            bpy.data.objects.remove(settings.cloud)
+        turn_until_done(live, scene)
+        assert not settings.subject.message and not live.searching(scene)
 
 
 def test_folding_lays_the_mirrored_body_onto_the_person(bpy, loaded):

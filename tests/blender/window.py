@@ -104,6 +104,8 @@ def story() -> Story:
         expect(bool(settings().subject.message), "the points of the person, counted")
     yield from shot("5_subject")
 
+    with step("move the subject's settings, live"):
+        yield from live()
     watch = Watch()
     with step("build, with the window alive"):
         yield from press("build_avatar")
@@ -288,6 +290,52 @@ def pick() -> Story:
     yield from press("find_mirrors")
     yield from settled()
     expect(len(settings().mirrors) == 2, "two mirrors again")
+
+
+def live() -> Story:
+    """Drag *Reach*, and tick *Any Thing*: the person is searched for again by itself; undo takes that along."""
+    module = sys.modules[f"{ADDON}.mirror_scan_addon.live"]
+    inner, spent = module._turn, []
+
+    def turn():
+        start = time.perf_counter()
+        try:
+            return inner()
+        finally:
+            spent.append(1000 * (time.perf_counter() - start))
+
+    module._turn = turn
+
+    def found():
+        return not subject().stale and not module.searching(bpy.context.scene)
+
+    def subject():
+        return settings().subject
+
+    stamp = cloud().data["mirror_scan_stamp"]
+    x, y = yield from find_field("mirror_scan.subject.reach", 0.75)
+    before = subject().reach
+    yield from move(x, y)
+    send("LEFTMOUSE", "PRESS", x, y)
+    yield 0.1
+    for k in range(1, 9):
+        yield from move(x - 4 * k, y)
+        yield 0.1
+    expect(cloud().data["mirror_scan_stamp"] != stamp, "points that were sorted anew while the mouse still drags")
+    send("LEFTMOUSE", "RELEASE", x - 32, y)
+    yield 0.2
+    expect(subject().reach < before, f"a smaller reach than {before}, not {subject().reach}")
+    yield from until(found, "the person, searched for with the new reach")
+    yield from keys("Z", ctrl=True)
+    yield from until(lambda: abs(subject().reach - before) < 1e-6 and found(), "the reach and the person of before")
+    place = yield from find_field("mirror_scan.subject.object", 0.75)
+    yield from click(*place)
+    yield from until(lambda: subject().object and found(), "the thing, searched for")
+    yield from shot("5_live")
+    yield from click(*place)
+    yield from until(lambda: not subject().object and found(), "the person again")
+    module._turn = inner
+    note("live_search_own_ms", max(spent))
 
 
 def pictures() -> Story:
@@ -555,6 +603,25 @@ def find_button(operator: str, column: float = 0.33, properties: dict[str, str] 
                     places[key] = x, y
                     return x, y
     return None
+
+
+def find_field(name: str, column: float):
+    """Where a setting's field is in the sidebar: its data path, as Blender copies it, ends with ``name``."""
+    manager, sidebar = bpy.context.window_manager, region("UI")
+    x = sidebar.x + 10 + round(column * (sidebar.width - 48))
+    for turns in (0, -40, 8, 8, 8):
+        if turns:
+            yield from scroll(turns)
+        for y in range(sidebar.y + sidebar.height - 10, sidebar.y, -8):
+            yield from move(x - 1, y)
+            yield from move(x, y)
+            manager.clipboard = ""
+            with viewport("UI"), contextlib.suppress(RuntimeError):
+                if bpy.ops.ui.copy_data_path_button.poll():
+                    bpy.ops.ui.copy_data_path_button(full_path=True)
+            if manager.clipboard.endswith(name):
+                return x, y
+    raise Missed(f"the field of {name}")
 
 
 def is_button(operator: str, properties: dict[str, str], x: int, y: int, on=None, area=None, kind: str = "UI"):

@@ -1,0 +1,159 @@
+"""The Subject step's settings, live: while they move, the person is searched for again, beside the window.
+
+The limits colour the points anew at once (:func:`.overlay.cloud_arrays`); what is connected with what, and so what
+*Reach* and *Any Thing* change, only a new search tells. One runs at a time; the next begins, with the values of then,
+when it is done. What it finds belongs to the settings like a colour: it makes no undo step of its own, and after undo
+and redo it is made again when it does not fit.
+"""
+
+from __future__ import annotations
+
+import bpy
+from bpy.app.handlers import persistent
+
+from ..core.errors import MirrorScanError
+from . import jobs, state
+from .texts import tell
+
+DELAY_S = 0.1  # from a change to the search, and from one look at it to the next
+WAIT_S = 0.5  # while a job of ours runs in the window, or the user edits
+
+_wanted: set[int] = set()  # scenes, by session_uid, whose settings changed; no state: a file knows nothing of them
+_search: Search | None = None
+
+
+class Search:
+    """One that is under way, and what it was begun with."""
+
+    def __init__(self, scene: bpy.types.Scene) -> None:
+        from . import cloud
+
+        settings = scene.mirror_scan
+        points = cloud.cloud_of(scene)
+        arrays = cloud.read_cloud(points, color=False)
+        self.scene_uid = scene.session_uid
+        self.stamp = cloud.stamp_of(points)
+        self.views = state.view_settings(settings)
+        self._task = jobs.Task(
+            "find_subject_steps", (arrays.depth, arrays.intrinsics, state.placed_mirrors(settings), self.views)
+        )
+        self.worker = jobs.begin(self._task)
+
+    def is_alive(self) -> bool:
+        if self.worker.is_alive():
+            return True
+        if isinstance(self.worker.error, jobs.UNAVAILABLE):
+            self.worker = jobs.begin(self._task, thread=True)
+            return True
+        return False
+
+    def deliver(self, scene: bpy.types.Scene) -> None:
+        from . import cloud
+        from .operators.find_subject import put_subject
+
+        points = cloud.cloud_of(scene)
+        if points is None or cloud.stamp_of(points) != self.stamp or _obstacle(scene):
+            return  # undone, loaded anew or sorted by other mirrors meanwhile
+        subject, error = scene.mirror_scan.subject, self.worker.error
+        if error is None:
+            if not subject.searched_with:  # the first search: show what it found
+                scene.mirror_scan.cloud_colors = "PART"
+            put_subject(scene, points, self.worker.result, self.views)
+        elif isinstance(error, jobs.REPORTED):
+            cloud.set_nobody(points.data)
+            subject.message, subject.problem, subject.searched_with = "", tell(error), state.key_of(self.views)
+        else:
+            raise error
+
+
+def schedule(scene: bpy.types.Scene) -> None:
+    """Have a scene's person searched for again soon; nothing happens without a window, or without mirrors."""
+    if bpy.app.background or scene.library is not None:
+        return
+    _wanted.add(scene.session_uid)
+    if not bpy.app.timers.is_registered(_turn):
+        bpy.app.timers.register(_turn, first_interval=DELAY_S, persistent=True)
+
+
+def searching(scene: bpy.types.Scene) -> bool:
+    """Whether a search is under way for a scene, or about to begin."""
+    return scene.session_uid in _wanted or (_search is not None and _search.scene_uid == scene.session_uid)
+
+
+def _turn() -> float | None:
+    """Blender calls this again after the seconds it returns."""
+    global _search
+    context = bpy.context
+    if _search is not None:
+        if _search.is_alive():
+            return DELAY_S
+        done, _search = _search, None
+        scene = _scene(done.scene_uid)
+        if scene is not None:
+            done.deliver(scene)
+            if scene.mirror_scan.subject.stale:
+                _wanted.add(scene.session_uid)
+        jobs.redraw(context)
+    for uid in list(_wanted):
+        scene = _scene(uid)
+        if scene is None or not _possible(scene):
+            _wanted.discard(uid)
+    if not _wanted:
+        return None
+    if jobs.running(context):
+        return WAIT_S
+    uid = _wanted.pop()
+    try:
+        _search = Search(_scene(uid))
+    except MirrorScanError:  # somebody's edits left no depth map; Find Subject says so when it is pressed
+        return DELAY_S
+    jobs.redraw(context, panels_only=True)
+    return DELAY_S
+
+
+def _scene(uid: int) -> bpy.types.Scene | None:
+    return next((scene for scene in bpy.data.scenes if scene.session_uid == uid), None)
+
+
+def _possible(scene: bpy.types.Scene) -> bool:
+    mirrors = scene.mirror_scan.mirrors
+    return bool(mirrors) and all(item.plane for item in mirrors) and not _obstacle(scene) and _changed(scene)
+
+
+def _changed(scene: bpy.types.Scene) -> bool:
+    subject = scene.mirror_scan.subject
+    return subject.stale or not subject.searched_with
+
+
+def _obstacle(scene: bpy.types.Scene) -> bool:
+    """Whether the points cannot be written to."""
+    from . import cloud
+
+    points = cloud.cloud_of(scene)
+    return points is None or points.library is not None or points.data.library is not None or points.mode != "OBJECT"
+
+
+@persistent
+def _after_undo(*_: object) -> None:
+    """A step holds the settings, and the colours that were made of those before them when they were not ready yet."""
+    for scene in bpy.data.scenes:
+        if scene.mirror_scan.subject.stale:
+            schedule(scene)
+
+
+def register() -> None:
+    for handlers in (bpy.app.handlers.undo_post, bpy.app.handlers.redo_post):
+        handlers.append(_after_undo)
+
+
+def unregister() -> None:
+    global _search
+    for handlers in (bpy.app.handlers.undo_post, bpy.app.handlers.redo_post):
+        if _after_undo in handlers:
+            handlers.remove(_after_undo)
+    if bpy.app.timers.is_registered(_turn):
+        bpy.app.timers.unregister(_turn)
+    if _search is not None:
+        _search.worker.ask_to_stop()
+    _search = None
+    _wanted.clear()
