@@ -15,7 +15,7 @@ import bpy
 
 from ..core.errors import MirrorScanError
 from . import kernels, remote
-from .texts import say
+from .texts import say, tell
 
 TICK_S = 0.05  # how often the window looks how far the work is
 SHOW_S = 0.25  # how often at most it is drawn: drawing takes its time where there is no graphics card
@@ -207,7 +207,7 @@ class JobOperator:
 
     def fail(self, error: Exception) -> set[str]:
         """Report an error and return what ``execute`` shall return."""
-        text = say(str(error))  # core's errors are plain English; those without a name or number in them are looked up
+        text = tell(error)
         if isinstance(error, MemoryError):
             text = say("Not enough memory; close other programs or use fewer frames")
         elif isinstance(error, OSError) and error.filename and error.strerror:

@@ -13,7 +13,6 @@ from bpy.app.handlers import persistent
 
 from ..core.errors import MirrorScanError
 from . import jobs, state
-from .texts import tell
 
 DELAY_S = 0.1  # from a change to the search, and from one look at it to the next
 WAIT_S = 0.5  # while a job of ours runs in the window, or the user edits
@@ -61,7 +60,7 @@ class Search:
             put_subject(scene, points, self.worker.result, self.views)
         elif isinstance(error, jobs.REPORTED):
             cloud.set_nobody(points.data)
-            subject.message, subject.problem, subject.searched_with = "", tell(error), state.key_of(self.views)
+            subject.message, subject.problem, subject.searched_with = "", str(error), state.key_of(self.views)
         else:
             raise error
 

@@ -290,7 +290,7 @@ def _draw_text() -> None:
     from mathutils import Vector
 
     from . import state
-    from .texts import say
+    from .texts import say, tell
 
     context = bpy.context
     region, space, scale = context.region, context.region_data, context.preferences.system.ui_scale
@@ -311,7 +311,7 @@ def _draw_text() -> None:
                 continue
             text = item.name
             if item.message:
-                text = item.message
+                text = tell(item.message)
             elif item.source != "given":
                 text = say("{name}  {residual:.1f} mm").format(name=item.name, residual=item.residual_mm)
             _label(blf, text, at, COLORS[state.quality_of(item)], scale)

@@ -13,7 +13,7 @@ from bl_ui.utils import PresetPanel
 from . import jobs, live, reports, state
 from .operators.check import no_mesh
 from .operators.color_by import shown_mode
-from .texts import CONTEXT, say
+from .texts import CONTEXT, say, tell
 
 NARROW = 250  # below this width of the sidebar labels go into their fields instead of beside them [px at 100 % scale]
 MARGIN, ICON = 64, 20  # what tabs and panel borders take of the sidebar's width, and an icon [px at 100 % scale]
@@ -265,7 +265,7 @@ def _draw_mirror(layout: bpy.types.UILayout, item: bpy.types.PropertyGroup) -> N
     quality = state.quality_of(item)
     plane = state.plane_of(item)
     if item.message:
-        _text(layout, item.message, "CANCEL")
+        _text(layout, tell(item.message), "CANCEL")
     elif plane is None:
         _text(layout, say("Pick points on its frame, not on its glass; 8 on all four sides are best"), "INFO")
     elif item.source != "given":
@@ -302,7 +302,7 @@ class MIRRORSCAN_PT_subject(_Panel, bpy.types.Panel):
         elif subject.stale:
             _text(layout, say("Press Find Subject again: it was searched for with other settings"), "FILE_REFRESH")
         elif subject.problem:
-            _text(layout, subject.problem, "ERROR")
+            _text(layout, tell(subject.problem), "ERROR")
         elif subject.message:
             _text(layout, subject.message, "CHECKMARK")
             _text(layout, say("Person orange, floor green, too far red, room grey"))
@@ -398,7 +398,7 @@ class MIRRORSCAN_PT_check(_Panel, bpy.types.Panel):
             layout.separator(factor=0.5)
             _table(layout, lines)
         for warning in report.get("warnings", ()):
-            _text(layout, str(warning), "ERROR")
+            _text(layout, tell(warning), "ERROR")
         column = layout.column(align=True)
         column.label(text="Colour By", text_ctxt=CONTEXT)
         row = column.row(align=True)

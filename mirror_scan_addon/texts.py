@@ -13,9 +13,19 @@ def say(text: str) -> str:
     return bpy.app.translations.pgettext_rpt(text, CONTEXT)
 
 
+def language() -> str:
+    """Blender's, such as "de_DE"; "" where it has none but English."""
+    return bpy.app.translations.locale
+
+
 def tell(text: object) -> str:
-    """An error or a warning of core in the user's language."""
-    return say(str(text))
+    """An error or a warning of core in the user's language; other texts come back as they are."""
+    text = str(text)
+    if language() in ("", "en_US"):
+        return text
+    from .messages import translate  # reads a list, which Blender's start must not wait for
+
+    return translate(text, say)
 
 
 TRANSLATIONS: dict[str, dict[tuple[str, str], str]] = {}

@@ -9,7 +9,7 @@ from bpy.props import IntProperty, StringProperty
 
 from ...core.errors import CaptureError
 from .. import jobs, state
-from ..texts import CONTEXT, say
+from ..texts import CONTEXT, say, tell
 from ..units import metres_per_unit
 from .load_capture import look_at
 
@@ -103,7 +103,7 @@ class MIRRORSCAN_OT_build_avatar(jobs.JobOperator, bpy.types.Operator):
             text = say("{name}: Blender removed {count} degenerate or doubled faces")
             self.report({"WARNING"}, text.format(name=avatar.name, count=dropped))
         for warning in result.warnings:
-            self.report({"WARNING"}, warning)
+            self.report({"WARNING"}, tell(warning))
         text = say("{name}: {count:,} vertices").format(name=avatar.name, count=len(avatar.data.vertices))
         self.report({"INFO"}, text)
 

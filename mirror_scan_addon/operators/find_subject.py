@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from .. import jobs, state
-from ..texts import CONTEXT, say
+from ..texts import CONTEXT, say, tell
 from ..units import metres_per_unit
 
 
@@ -44,7 +44,7 @@ class MIRRORSCAN_OT_find_subject(jobs.JobOperator, bpy.types.Operator):
         if not result.floor:
             self.report({"WARNING"}, say("No floor is seen; heights are counted from the person's lowest point"))
         for warning in result.warnings:
-            self.report({"WARNING"}, warning)
+            self.report({"WARNING"}, tell(warning))
         self.report({"INFO"}, settings.subject.message)
 
 

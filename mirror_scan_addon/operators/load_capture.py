@@ -7,7 +7,7 @@ from bpy.props import EnumProperty, IntProperty, StringProperty
 
 from ...core.errors import CaptureError
 from .. import jobs, state
-from ..texts import CONTEXT, say
+from ..texts import CONTEXT, say, tell
 from ..units import metres_per_unit
 
 
@@ -83,10 +83,10 @@ class MIRRORSCAN_OT_load_capture(jobs.JobOperator, bpy.types.Operator):
             look_from_camera(context, cloud)
         count = len(cloud.data.vertices)
         for note in result.info["notes"]:
-            self.report({"WARNING"}, note)
+            self.report({"WARNING"}, tell(note))
         for mirror in settings.mirrors:
             if mirror.message:
-                self.report({"WARNING"}, mirror.message)
+                self.report({"WARNING"}, tell(mirror.message))
         text = say("{name}: {format}, {points:,} points, mirrors: {mirrors}").format(
             name=cloud.name, format=result.info["format"], points=count, mirrors=len(settings.mirrors)
         )

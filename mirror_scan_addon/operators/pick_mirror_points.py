@@ -6,7 +6,7 @@ import bpy
 from bpy.props import BoolProperty
 
 from .. import jobs, overlay, state
-from ..texts import CONTEXT, say
+from ..texts import CONTEXT, say, tell
 
 SNAP_PX, GRAB_PX = 14.0, 12.0
 """How far from the mouse a point of the cloud is looked for, and a pick is taken hold of [px at 100 % scale]."""
@@ -65,7 +65,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         try:
             arrays = cloud.read_cloud(target)
         except jobs.REPORTED as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, tell(error))
             return {"CANCELLED"}
         settings = context.scene.mirror_scan
         self._points, self._pixel = arrays.points, arrays.pixel
@@ -332,7 +332,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             if numbers != list(range(len(kept))):
                 cloud.forget_values(mesh, cloud.SEEN)
         cloud.forget_values(cloud.cloud_of(context.scene).data, cloud.VIEW, cloud.HEIGHT)
-        settings.subject.message = ""
+        state.forget_subject(settings)
         self._end(context)
         for record in kept:
             if record["message"]:
@@ -399,7 +399,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         item = self._active(context.scene.mirror_scan)
         count = len(item.picks)
         if item.message:
-            how = item.message
+            how = tell(item.message)
         elif item.plane and count:
             how = say("fits to {residual:.1f} mm").format(residual=item.residual_mm)
         elif count < ENOUGH:

@@ -64,7 +64,7 @@ def names_in(path: Path) -> set[str]:
 def test_it_holds_what_runs_and_nothing_else(package, manifest, tmp_path):
     assert package.name == f"mirror_scan-{manifest['version']}.zip"
     allowed = re.compile(
-        r"(core|mirror_scan_addon)/.*\.py|mirror_scan_addon/signatures\.json|__init__\.py|blender_manifest\.toml|LICENSE"
+        r"(core|mirror_scan_addon)/.*\.py|mirror_scan_addon/(signatures|messages)\.json|__init__\.py|blender_manifest\.toml|LICENSE"
     )
     names = names_in(package)
     assert [name for name in names if not allowed.fullmatch(name)] == []

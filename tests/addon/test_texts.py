@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import json
+import runpy
 from pathlib import Path
 
 import pytest
@@ -74,3 +76,86 @@ def test_a_button_tells_what_it_does(bpy, name, values, words):
         setattr(given, key, value)
     text = getattr(bpy.types, f"MIRROR_SCAN_OT_{name}").description(bpy.context, given)
     assert words in text and bool(words) == bool(text) and not text.endswith(".")
+
+
+# --- core's messages -------------------------------------------------------------------------------------------------
+
+GERMAN = {
+    "{path}: there is no such file or folder": "{path}: Datei oder Ordner nicht gefunden",
+    "the click ({u}, {v}) is outside the {width}×{height} depth image":
+        "Klick ({u}, {v}) liegt außerhalb des Tiefenbilds, {width}×{height}",
+    "{name}: nobody is seen in this mirror, its side of the body is guessed; turn the mirror until the camera sees the "
+    "subject's back in it": "Niemand in {name} zu sehen: diese Seite ist geraten; drehe den Spiegel",
+    "{path}: cannot be read as a rig file: {reason}": "{path} ist keine Datei eines Aufbaus: {reason}",
+    "the index points at no message": "das Verzeichnis zeigt auf nichts",
+    "Fitting the mirrors": "Spiegel werden eingepasst",
+}  # fmt: skip
+"""A sample of what a translator may write."""
+
+
+@pytest.fixture
+def german(bpy, monkeypatch):
+    """The bpy module has no languages, so that this stands in for Blender's look-up; ``tests/blender`` asks Blender."""
+    from mirror_scan.mirror_scan_addon import jobs, texts
+
+    monkeypatch.setattr(texts, "language", lambda: "de_DE")
+    monkeypatch.setattr(texts, "say", lambda text: GERMAN.get(text, text))
+    return lambda text: jobs.tell(text)
+
+
+def listed():
+    return json.loads((ROOT / "messages.json").read_text(encoding="utf-8"))
+
+
+def test_the_list_of_core_s_messages_is_true():
+    tool = runpy.run_path(str(ROOT.parent / "tools" / "messages.py"))
+    assert listed() == tool["messages"](), "run python tools/messages.py"
+
+
+def test_what_is_raised_and_warned_of_is_in_the_list():
+    """Against another reading of the code: the texts beside “raise” alone."""
+    tool = runpy.run_path(str(ROOT.parent / "tools" / "messages.py"))
+    known, raised = set(map(tool["skeleton"], listed())), 0
+    for path in tool["sources"]():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and node.exc.args:
+                name, text = ast.unparse(node.exc.func), node.exc.args[0]
+                if name.endswith("Error") and name not in ("TypeError", "KeyError") and isinstance(text, ast.JoinedStr):
+                    template, words = tool["template"](text)
+                    raised += 1
+                    said = tool["SENTENCE"].search(words) is not None
+                    assert tool["skeleton"](template) in known or not said, (path.name, template)
+    assert raised > 150
+
+
+def test_every_message_is_recognised_with_what_was_filled_in():
+    import string
+
+    from mirror_scan.mirror_scan_addon.messages import recognise
+
+    other = []
+    for template in listed():
+        names = [name for _, name, *_ in string.Formatter().parse(template) if name is not None]
+        values = {name: f"<{number}>" for number, name in enumerate(names)}
+        text = template.format(**values)
+        found, said = recognise(text)
+        assert found.format(**said) == text
+        if (found, said) != (template, values):
+            other.append(template)
+    assert len(other) <= 2, other  # a template whose own words another one has too
+
+
+def test_core_s_messages_are_told_in_the_user_s_language(german):
+    assert german("/x/a b: there is no such file or folder") == "/x/a b: Datei oder Ordner nicht gefunden"
+    assert german("left: the click (7, 900) is outside the 640×576 depth image") == (
+        "left: Klick (7, 900) liegt außerhalb des Tiefenbilds, 640×576"
+    )
+    quoted = "r.json: cannot be read as a rig file: the index points at no message"
+    assert german(quoted) == "r.json ist keine Datei eines Aufbaus: das Verzeichnis zeigt auf nichts"
+    for other in ("", "?", "ein Satz, den core nie sagt", "{path}: {", "a: b: c: d", "x" * 9999):
+        assert german(other) == other
+
+
+def test_reports_and_panels_tell_core_s_errors_in_the_user_s_language(german, bpy, tmp_path):
+    with pytest.raises(RuntimeError, match="Datei oder Ordner nicht gefunden"):
+        bpy.ops.mirror_scan.load_capture(filepath=str(tmp_path / "none"))
