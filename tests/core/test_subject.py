@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mirror_scan.core.cli import _settings, build_parser
+from mirror_scan.core.cli import build_parser
+from mirror_scan.core.cli.commands import settings_of
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
 from mirror_scan.core.errors import ReconstructionError
 from mirror_scan.core.floor_parting import NEAR_FLOOR, share_of_feet, standing_pixels
@@ -211,9 +212,9 @@ def test_gravity_from_mirrors_and_floor():
 def test_options_on_the_command_line(capsys):
     line = ["reconstruct", "scan", "-o", "a.ply"]
     options = build_parser("mirror-scan").parse_args([*line, "--subject", "120,340.5", "--object", "--keep-islands"])
-    settings = _settings(options)
+    settings = settings_of(options)
     assert settings.views == ViewSettings(click=(120.0, 340.5), object=True) and settings.closing.keep_islands
-    assert _settings(build_parser("mirror-scan").parse_args(line)) == Settings()
+    assert settings_of(build_parser("mirror-scan").parse_args(line)) == Settings()
     for text in ("12", "a,b", "1,nan"):
         with pytest.raises(SystemExit):
             build_parser("mirror-scan").parse_args([*line, "--subject", text])

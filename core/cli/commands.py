@@ -1,0 +1,329 @@
+"""What each command does."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import CaptureError, OutputError
+from .outputs import (
+    Writers,
+    check_targets,
+    make_folder,
+    plain,
+    plan_outputs,
+    stand,
+    write_outputs,
+    write_simulation,
+    writer_of,
+)
+from .terminal import advance, complain, distance_lines, progress_bar, say, stage_of, summary_line
+
+if TYPE_CHECKING:
+    from ..capture import Capture, FrameChoice, ReadOptions
+    from ..pipeline import Reconstruction, Settings
+
+CLEANING = {"outliers": {"burst_tolerance": math.inf}, "flying": {"support": 0}, "gaps": {"close_gaps": 0},
+            "steps": {"dequantise": False}, "smoothing": {"smoothing": 0.0}}  # fmt: skip
+"""Steps of cleaning that can be left out, and the :class:`.depth.DepthSettings` that do so."""
+
+
+def run_reconstruct(options: argparse.Namespace, writers: Writers) -> None:
+    outputs = plan_outputs(options.outputs, writers)
+    check_targets([*options.outputs, *([options.report] if options.report else [])])
+
+    result, read_ms = _reconstructed(options)
+    for warning in result.warnings:
+        complain("warning", warning)
+    write_outputs(result, outputs, options.report, read_ms)
+    if not options.quiet:
+        say(summary_line(result))
+        for path, _ in outputs:
+            say(f"  {path}")
+
+
+def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
+    """What the captures of a command line give, and the milliseconds that reading them took."""
+    from ..capture.rgbd_folder import read_mirrors
+
+    started = time.perf_counter()
+    first = options.captures[0]
+    if options.poses or len(options.captures) > 1 or (first / "poses.json").is_file():
+        if options.mirrors or options.rig:
+            raise CaptureError("--mirrors and --rig are for one camera; keep mirrors.json beside the capture it is of")
+        if options.subject:
+            raise CaptureError("--subject is for one camera; with poses the subject is where the cameras' axes cross")
+        from ..poses import open_posed_captures, reconstruct_views
+
+        captures, poses = open_posed_captures(options.captures, options.poses, *_reading(options))
+        read_ms = (time.perf_counter() - started) * 1e3
+        for capture in captures:
+            for note in capture.notes:
+                complain("note", f"{capture.name}: {note}")
+        with progress_bar(options.quiet) as progress:
+            result = reconstruct_views(
+                captures, poses, settings=settings_of(options), progress=progress, frame=options.frame
+            )
+            return result, read_ms
+    capture = _open(first, options)
+    mirrors = read_mirrors(options.mirrors, capture.intrinsics) if options.mirrors else None
+    if options.rig:
+        from ..rig_file import mirrors_for, read_rig
+
+        mirrors = mirrors_for(read_rig(options.rig), capture.intrinsics)
+    read_ms = (time.perf_counter() - started) * 1e3
+
+    from ..pipeline import reconstruct  # brings numba; a capture that cannot be read is told before that
+
+    for note in capture.notes:
+        complain("note", note)
+    with progress_bar(options.quiet) as progress:
+        return reconstruct(capture, mirrors, settings_of(options), progress=progress, frame=options.frame), read_ms
+
+
+def run_calibrate(options: argparse.Namespace, writers: Writers) -> None:
+    check_targets([options.rig])
+
+    from ..capture import open_capture
+    from ..capture.rgbd_folder import read_mirrors
+    from ..rig_file import calibrate, write_rig
+
+    capture = open_capture(options.capture)
+    rig = calibrate(capture, read_mirrors(options.mirrors, capture.intrinsics) if options.mirrors else None)
+    write_rig(options.rig, rig)
+    if options.quiet:
+        return
+    for mirror in rig.mirrors:
+        sure = mirror.displacement(mirror.point + 1.5 * mirror.normal)
+        expected = "" if sure is None else f", expected error {1000.0 * sure:.1f} mm at a person 1.5 m before it"
+        say(f"{mirror.name}: {mirror.source}, residual {1000.0 * mirror.residual:.1f} mm{expected}")
+    say(f"  {options.rig}")
+
+
+def run_demo(options: argparse.Namespace, writers: Writers) -> None:
+    folder: Path = options.folder
+    make_folder(folder)
+    targets, left_out = [folder / "avatar.ply"], ""
+    for name in ("avatar.blend", "avatar.glb"):
+        try:
+            writer_of(folder / name, writers)
+            targets.append(folder / name)
+        except OutputError as error:
+            left_out = str(error)
+    outputs = plan_outputs(targets, writers)
+    report = folder / "report.json"
+    check_targets([*targets, report, folder / "preview.png"])
+
+    from ..capture import open_capture
+    from ..io import read_mesh
+    from ..metrics import evaluate
+    from ..pipeline import reconstruct
+    from ..preview import render_preview
+
+    with progress_bar(options.quiet) as progress:
+        advance(progress, 0.0, "making a mannequin and scanning it")
+        capture_folder = folder / "capture"
+        write_simulation(capture_folder, sensor="azure_kinect", frames=10, seed=0, mirrors=2, body=None)
+        started = time.perf_counter()
+        capture = open_capture(capture_folder)
+        read_ms = (time.perf_counter() - started) * 1e3
+        result = reconstruct(capture, progress=stage_of(progress, 0.3, 0.8))
+        advance(progress, 0.8, "writing")
+        write_outputs(result, outputs, report, read_ms)
+        render_preview(result.mesh, folder / "preview.png")
+        advance(progress, 0.95, "comparing with the truth")
+        truth = read_mesh(capture_folder / "truth" / "body.ply").transformed(result.camera_to_avatar)
+        distances = evaluate(result.mesh, truth)
+    for warning in result.warnings:
+        complain("warning", warning)
+    if options.quiet:
+        return
+    say(summary_line(result))
+    for line in distance_lines(distances):
+        say(line)
+    say(f"written to {folder}{os.sep}")
+    for path in (*targets, folder / "preview.png", report, capture_folder):
+        say(f"  {path.name}{os.sep if path.is_dir() else ''}")
+    if left_out:
+        say(f"  without .blend and .glb: {left_out}")
+
+
+def run_simulate(options: argparse.Namespace, writers: Writers) -> None:
+    parent = options.folder.absolute().parent
+    if not parent.is_dir():
+        raise OutputError(f"{options.folder}: the folder {parent} does not exist; create it first")
+    with progress_bar(options.quiet) as progress:
+        advance(progress, 0.0, "scanning a virtual body")
+        write_simulation(
+            options.folder, sensor=options.sensor, frames=options.frames, seed=options.seed, mirrors=options.mirrors,
+            body=options.body,
+        )  # fmt: skip
+    if not options.quiet:
+        say(f"{options.folder}: {options.sensor}, {options.frames} frames, {options.mirrors} mirrors, truth in truth/")
+
+
+def run_inspect(options: argparse.Namespace, writers: Writers) -> None:
+    if options.preview:
+        if options.preview.suffix.lower() != ".png":
+            raise OutputError(f"{options.preview}: the preview is a PNG; give a name that ends in .png")
+        check_targets([options.preview])
+
+    from ..images import write_png
+
+    capture = _open(options.capture, options)
+    from ..inspection import inspect_capture, inspection_picture  # brings numba, as above
+
+    found = inspect_capture(capture, settings_of(options))
+    if options.preview:
+        write_png(options.preview, inspection_picture(capture, found.cleaned))
+    for line in found.lines:
+        say(line)
+    if options.preview:
+        say(f"  {options.preview}")
+    for warning in found.warnings:
+        complain("warning", warning)
+
+
+def run_convert(options: argparse.Namespace, writers: Writers) -> None:
+    from ..capture.writing import write_folder
+    from ..files import fresh_folder
+
+    with fresh_folder(options.folder) as fresh:
+        capture = _open(options.capture, options)
+        write_folder(fresh, capture)
+    for note in capture.notes:
+        complain("note", note)
+    if not options.quiet:
+        frames = f"{len(capture.depth)} frame{'s' if len(capture.depth) > 1 else ''}"
+        say(f"{options.folder}: {frames} of {capture.format}, {capture.intrinsics.width}×{capture.intrinsics.height}")
+
+
+def run_record(options: argparse.Namespace, writers: Writers) -> None:
+    from ..record import DRIVERS, record
+
+    with (
+        progress_bar(options.quiet) as progress,
+        DRIVERS[options.camera](options.size, options.rate, options.serial) as stream,
+    ):
+        record(stream, options.folder, options.frames, progress=progress)
+    if not options.quiet:
+        say(f"{options.folder}: {options.frames} frames; look at it with “mirror-scan inspect {options.folder}”")
+
+
+def _open(path: Path, options: argparse.Namespace) -> Capture:
+    """The capture at ``path``, read as the options of :func:`.parser._add_reading` say."""
+    from ..capture import open_capture
+
+    return open_capture(path, *_reading(options))
+
+
+def _reading(options: argparse.Namespace) -> tuple[FrameChoice, ReadOptions]:
+    """Which frames to read, and what the options of :func:`.parser._add_reading` say of the file."""
+    from ..capture import ReadOptions
+    from ..capture.rgbd_folder import read_intrinsics
+
+    lens = read_intrinsics(options.intrinsics)[0] if options.intrinsics else None
+    reading = ReadOptions(
+        intrinsics=lens, depth_unit_m=options.depth_unit, disparity=options.disparity,
+        kinect_calibration=options.kinect_calibration, turn_degrees=options.turn, mirrored=options.mirrored,
+        min_confidence=options.min_confidence, color=not options.no_color,
+    )  # fmt: skip
+    return (1 if getattr(options, "single_frame", False) else options.frames), reading
+
+
+def settings_of(options: argparse.Namespace) -> Settings:
+    """Settings with what :func:`.parser._add_cleaning` leaves out, and what a command says of the subject."""
+    from ..closing import ClosingSettings
+    from ..depth import DepthSettings
+    from ..pipeline import Settings
+    from ..views import ViewSettings
+
+    given = vars(options)
+    changes: dict = {"sensor": options.sensor}
+    for step in options.without:
+        changes |= CLEANING[step]
+    return Settings(
+        depth=DepthSettings(**changes),
+        views=ViewSettings(click=given.get("subject"), object=given.get("object", False)),
+        closing=ClosingSettings(keep_islands=given.get("keep_islands", False)),
+    )
+
+
+def run_evaluate(options: argparse.Namespace, writers: Writers) -> None:
+    from ..io import read_mesh
+    from ..metrics import evaluate
+
+    mesh, truth = read_mesh(options.mesh), read_mesh(options.truth)
+    for path, surface in ((options.mesh, mesh), (options.truth, truth)):
+        if not len(surface.triangles):
+            raise CaptureError(f"{path}: holds points but no faces; distances need surfaces")
+    distances = evaluate(mesh, truth)
+    if options.json:
+        say(json.dumps(plain(distances), indent=1))
+    else:
+        for line in distance_lines(distances):
+            say(line)
+
+
+def run_experiment_zippering(options: argparse.Namespace, writers: Writers) -> None:
+    make_folder(options.folder)
+    check_targets([options.folder / name for name in ("table.csv", "result.png", "plot.png")])
+
+    from ..experiments.zippering import run, table, write_results
+    from ..io import read_mesh
+    from ..simulation.mannequin import mannequin
+
+    with progress_bar(options.quiet) as progress:
+        advance(progress, 0.0, "reading the body" if options.mesh else "making a mannequin")
+        body = read_mesh(options.mesh) if options.mesh else mannequin()
+        bridge = options.find_bridge() if options.find_bridge else None
+        steps = run(body, options.steps, options.matching, progress=stage_of(progress, 0.05, 0.95), bridge=bridge)
+        advance(progress, 0.95, "writing")
+        paths, note = write_results(steps, body, options.folder)
+    for step in steps:
+        for warning in step.notes:
+            complain("warning", f"{step.decimation:g} %: {warning}")
+    if options.quiet:
+        return
+    for line in table(steps, body):
+        say(line)
+    say("distances between the surfaces, of both directions the larger; % of the body's height")
+    if bridge is None:
+        say("without Blender's Bridge Edge Loops beside it: bpy cannot be imported here; “pip install bpy”")
+    for path in paths:
+        say(f"  {path}")
+    if note:
+        say(f"  {note}")
+
+
+def run_experiment_capture(options: argparse.Namespace, writers: Writers) -> None:
+    import importlib
+
+    make_folder(options.folder)
+    check_targets([options.folder / name for name in ("table.csv", "result.png", "plot.png")])
+    experiment = importlib.import_module(f"..experiments.{options.experiment}", __package__)
+
+    from ..io import read_mesh
+    from ..simulation.mannequin import mannequin
+
+    with progress_bar(options.quiet) as progress:
+        advance(progress, 0.0, "reading the body" if options.mesh else "making a mannequin")
+        body = stand(read_mesh(options.mesh), options.mesh) if options.mesh else mannequin()
+        outcome = experiment.run(
+            body, options.sensor, options.frames, options.seed, progress=stage_of(progress, 0.05, 0.95)
+        )
+        advance(progress, 0.95, "writing")
+        paths, note = experiment.write_results(outcome, options.folder)
+    if options.quiet:
+        return
+    for line in experiment.table(outcome):
+        say(line)
+    for path in paths:
+        say(f"  {path}")
+    if note:
+        say(f"  {note}")

@@ -1,0 +1,143 @@
+"""Files a command writes: refused before the work where they could not be, in place only when all are whole."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import CaptureError, OutputError
+
+if TYPE_CHECKING:
+    from ..mesh import Mesh
+    from ..pipeline import Reconstruction
+
+Writers = Mapping[str, Callable[["Path", "Reconstruction"], object]]
+
+BLENDER_SUFFIXES = (".blend", ".glb", ".fbx")
+PLAIN_SUFFIXES = (".ply", ".obj", ".stl")
+SIMULATION_ENTRIES = {"intrinsic.json", "mirrors.json", "depth", "color", "truth"}
+
+
+def writer_of(path: Path, writers: Writers) -> Callable[[Path, Reconstruction], object]:
+    """What writes ``path``, by its suffix."""
+    suffix = path.suffix.lower()
+    if suffix in PLAIN_SUFFIXES:
+        from ..io import write_mesh
+
+        return lambda target, result: write_mesh(target, result.mesh)
+    if suffix in writers:
+        return writers[suffix]
+    if suffix in BLENDER_SUFFIXES:
+        raise OutputError(
+            f"{path}: {suffix} needs Blender's Python module; “pip install bpy==5.0.1” (Python 3.11), bpy==5.2.3 "
+            f"(Python 3.13) or bpy 4.5 LTS (Python 3.11); this is Python {sys.version_info[0]}.{sys.version_info[1]}. "
+            "Without it, write .ply, .obj or .stl"
+        )
+    known = ", ".join((*PLAIN_SUFFIXES, *BLENDER_SUFFIXES))
+    raise OutputError(f"{path}: unknown format “{path.suffix}”; use one of {known}")
+
+
+def plan_outputs(paths: Iterable[Path], writers: Writers) -> list[tuple[Path, Callable]]:
+    return [(path, writer_of(path, writers)) for path in paths]
+
+
+def check_targets(paths: Sequence[Path]) -> None:
+    """Refuse, before any work is done, what could not be written at its end."""
+    seen: dict[str, Path] = {}
+    for path in paths:
+        parent = path.absolute().parent
+        if not parent.is_dir():
+            raise OutputError(f"{path}: the folder {parent} does not exist; create it first")
+        if path.exists() and not path.is_file():
+            raise OutputError(f"{path}: is not a regular file; give the name of a file to write")
+        if not os.access(parent, os.W_OK | os.X_OK):
+            raise OutputError(f"{path}: the folder {parent} cannot be written to; choose another")
+        real = os.path.realpath(path)
+        if real in seen:
+            raise OutputError(f"{path}: is to be written twice; give each output its own name")
+        seen[real] = path
+
+
+def write_outputs(
+    result: Reconstruction, outputs: list[tuple[Path, Callable]], report: Path | None, read_ms: float
+) -> None:
+    """Write all files under temporary names, then put them in place together."""
+    from ..files import replacing
+
+    started = time.perf_counter()
+    with contextlib.ExitStack() as stack:
+        temporaries = [stack.enter_context(replacing(path)) for path, _ in outputs]
+        report_temporary = stack.enter_context(replacing(report)) if report else None
+        for (path, write), temporary in zip(outputs, temporaries, strict=True):
+            with _blaming(path):
+                write(temporary, result)
+        if report and report_temporary:
+            timings = {"read": read_ms, **result.report.get("timings_ms", {})}
+            timings["write"] = (time.perf_counter() - started) * 1e3
+            text = json.dumps(plain({**result.report, "timings_ms": timings}), indent=1, ensure_ascii=False)
+            with _blaming(report):
+                report_temporary.write_text(text + "\n", encoding="utf-8")
+
+
+@contextlib.contextmanager
+def _blaming(path: Path) -> Iterator[None]:
+    """Name the file an :class:`OSError` is about by the name the user gave it."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made a folder: {error.strerror or error}") from error
+
+
+def write_simulation(folder: Path, *, sensor: str, frames: int, seed: int, mirrors: int, body: Path | None) -> None:
+    """Simulate into a folder beside ``folder``, then swap; only a simulation may be replaced, never a recording."""
+    from ..files import fresh_folder
+    from ..io import read_mesh
+    from ..simulation.mannequin import mannequin
+    from ..simulation.scene import default_rig
+    from ..simulation.simulate import simulate, write_simulation
+
+    if folder.exists():
+        entries = {entry.name for entry in folder.iterdir()} if folder.is_dir() else None
+        if entries is None or (entries and not ("truth" in entries and entries <= SIMULATION_ENTRIES)):
+            raise OutputError(f"{folder}: exists and is not an earlier simulation; choose another name or remove it")
+    subject = stand(read_mesh(body), body) if body else mannequin()
+    simulation = simulate(subject, default_rig(sensor=sensor, mirrors=mirrors, frames=frames, seed=seed))
+    with fresh_folder(folder, replace=True) as fresh:
+        write_simulation(simulation, fresh)
+
+
+def stand(subject: Mesh, path: Path) -> Mesh:
+    """A mesh from a file, put on the floor where the rig expects it."""
+    import numpy as np
+
+    low, high = subject.vertices.min(axis=0), subject.vertices.max(axis=0)
+    if not 0.2 <= high[2] - low[2] <= 3.0:
+        raise CaptureError(f"{path}: is {high[2] - low[2]:.3g} m tall; give a body of 0.2 to 3 m, in metres, Z up")
+    move = np.eye(4)
+    move[:3, 3] = -(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]
+    return subject.transformed(move)
+
+
+def plain(value: object) -> object:
+    """Values JSON can hold: numpy scalars unwrapped, not-a-number as null."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(v) for key, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,231 @@
+"""The words of the command line: what each command takes."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+from . import commands
+
+SENSORS = ("ideal", "kinect_v1", "azure_kinect", "femto_bolt", "realsense_d455")
+CAMERAS = ("realsense",)
+DEMO_FOLDER = "mirror_scan_demo"
+EXPERIMENT_FOLDER = "{}_experiment"
+
+
+def build_parser(prog: str) -> argparse.ArgumentParser:
+    """The parser of all commands; each sets ``run`` to its function."""
+    parser = argparse.ArgumentParser(
+        prog=prog, description="One depth camera, two mirrors, one snapshot: a closed, coloured avatar."
+    )
+    subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+
+    command = subparsers.add_parser("reconstruct", help="make an avatar of a capture")
+    command.add_argument(
+        "captures", metavar="CAPTURE", type=Path, nargs="+",
+        help="folder with intrinsic.json and depth/*.png; several with --poses, or one folder of them with poses.json",
+    )  # fmt: skip
+    command.add_argument(
+        "-o", dest="outputs", metavar="OUT", type=Path, action="append", required=True,
+        help="file to write, by suffix: .ply .obj .stl, with Blender also .blend .glb .fbx; may be given several times",
+    )  # fmt: skip
+    command.add_argument("--mirrors", metavar="FILE", type=Path, help="mirrors.json to use instead of the capture's")
+    command.add_argument("--rig", metavar="FILE", type=Path, help="rig file of “calibrate” to take the mirrors from")
+    command.add_argument("--poses", metavar="FILE", type=Path, help="poses.json of several cameras, by capture")
+    command.add_argument(
+        "--subject", metavar="U,V", type=_pixel, help="pixel of the depth image on the subject, where another is chosen"
+    )
+    command.add_argument("--object", action="store_true", help="the subject is any thing: cut off what it stands on")
+    command.add_argument("--keep-islands", action="store_true", help="keep pieces that nothing connects to the body")
+    command.add_argument("--report", metavar="FILE", type=Path, help="write what was found and measured, as JSON")
+    command.add_argument("--frame", choices=("avatar", "camera"), default="avatar", help="coordinates (default avatar)")
+    command.add_argument("--single-frame", action="store_true", help="use only the first depth frame of a burst")
+    _add_reading(command)
+    _add_cleaning(command)
+    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    command.set_defaults(run=commands.run_reconstruct)
+
+    command = subparsers.add_parser("calibrate", help="place the mirrors of a rig once, for all its later captures")
+    command.add_argument("capture", metavar="CAPTURE", type=Path, help="capture of the rig, best with nobody in it")
+    command.add_argument(
+        "-o", dest="rig", metavar="RIG", type=Path, required=True, help="rig file to write, for “reconstruct --rig”"
+    )
+    command.add_argument("--mirrors", metavar="FILE", type=Path, help="mirrors.json to use instead of the capture's")
+    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    command.set_defaults(run=commands.run_calibrate)
+
+    command = subparsers.add_parser("demo", help="scan a virtual person and reconstruct it")
+    command.add_argument(
+        "folder", metavar="DIR", type=Path, nargs="?", default=Path(DEMO_FOLDER),
+        help=f"where to put everything (default {DEMO_FOLDER})",
+    )  # fmt: skip
+    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    command.set_defaults(run=commands.run_demo)
+
+    command = subparsers.add_parser("simulate", help="write an RGB-D folder of a virtual scan, with its truth")
+    command.add_argument("folder", metavar="DIR", type=Path, help="folder to write; an earlier simulation is replaced")
+    command.add_argument("--sensor", choices=SENSORS, default="azure_kinect", help="depth camera, default azure_kinect")
+    command.add_argument("--frames", metavar="N", type=_whole(1, 300), default=10, help="of the burst, default 10")
+    command.add_argument("--seed", metavar="N", type=_whole(0, 2**32 - 1), default=0, help="of the noise, default 0")
+    command.add_argument("--mirrors", metavar="N", type=_whole(1, 8), default=2, help="number of mirrors, default 2")
+    command.add_argument("--body", metavar="FILE", type=Path, help="mesh to scan, Z up, in metres; default a mannequin")
+    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    command.set_defaults(run=commands.run_simulate)
+
+    command = subparsers.add_parser("inspect", help="say what a capture holds, and whether it can be right")
+    command.add_argument("capture", metavar="CAPTURE", type=Path, help="folder or file of a depth camera")
+    _add_reading(command)
+    _add_cleaning(command)
+    command.add_argument(
+        "-o", dest="preview", metavar="PNG", type=Path, help="write a picture of depth, colour and cleaned depth"
+    )
+    command.set_defaults(run=commands.run_inspect)
+
+    command = subparsers.add_parser("convert", help="write a capture of any format as an RGB-D folder")
+    command.add_argument("capture", metavar="CAPTURE", type=Path, help="folder or file of a depth camera")
+    _add_reading(command)
+    command.add_argument("folder", metavar="DIR", type=Path, help="folder to make")
+    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    command.set_defaults(run=commands.run_convert)
+
+    command = subparsers.add_parser("record", help="record a burst of a camera that is connected")
+    command.add_argument("folder", metavar="DIR", type=Path, help="folder to make")
+    command.add_argument("--camera", choices=CAMERAS, default=CAMERAS[0], help=f"driver, default {CAMERAS[0]}")
+    command.add_argument("--serial", metavar="NUMBER", help="of the camera, where there are several")
+    command.add_argument("--frames", metavar="N", type=_whole(1, 300), default=30, help="of the burst, default 30")
+    command.add_argument(
+        "--size", metavar="WxH", type=_size, default=(848, 480), help="of the depth picture, default 848x480"
+    )
+    command.add_argument("--rate", metavar="HZ", type=_whole(1, 120), default=30, help="frames a second, default 30")
+    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    command.set_defaults(run=commands.run_record)
+
+    command = subparsers.add_parser("evaluate", help="measure a mesh against the true one")
+    command.add_argument("mesh", metavar="MESH", type=Path, help=".ply, .obj or .stl")
+    command.add_argument("truth", metavar="TRUTH", type=Path, help="the true surface, in the same frame and unit")
+    command.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    command.set_defaults(run=commands.run_evaluate)
+
+    experiments = subparsers.add_parser("experiment", help="repeat an experiment of the paper").add_subparsers(
+        title="experiments", metavar="EXPERIMENT", required=True
+    )
+    command = experiments.add_parser("zippering", help="what zippering costs: cut a body in three, thin its back, sew")
+    command.add_argument(
+        "mesh", metavar="MESH", type=Path, nargs="?",
+        help="closed body, Z up, facing -Y, in metres; default a mannequin",
+    )  # fmt: skip
+    command.add_argument(
+        "-o", dest="folder", metavar="DIR", type=Path, default=Path(EXPERIMENT_FOLDER.format("zippering")),
+        help=f"where to put table.csv, result.png and plot.png (default {EXPERIMENT_FOLDER.format('zippering')})",
+    )  # fmt: skip
+    command.add_argument(
+        "--steps", metavar="PERCENT", type=_percentages, default=(0, 10, 20, 30, 40, 50),
+        help="vertices to take from the back, separated by commas (default 0,10,20,30,40,50)",
+    )  # fmt: skip
+    command.add_argument(
+        "--matching", choices=("auto", "planes", "facing"), default="auto",
+        help="begin with the paper's planes, never use them, or let the figure decide (default)",
+    )  # fmt: skip
+    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    command.set_defaults(run=commands.run_experiment_zippering)
+
+    for name, words in (
+        ("reflection", "what a mirror costs: the same back by way of a mirror and directly, over the same path"),
+        ("distance", "what distance costs: the same figure from 3 to 5 m"),
+    ):
+        command = experiments.add_parser(name, help=words)
+        command.add_argument(
+            "mesh", metavar="MESH", type=Path, nargs="?", help="body, Z up, in metres; default a mannequin"
+        )
+        command.add_argument(
+            "-o", dest="folder", metavar="DIR", type=Path, default=Path(EXPERIMENT_FOLDER.format(name)),
+            help=f"where to put table.csv, result.png and plot.png (default {EXPERIMENT_FOLDER.format(name)})",
+        )  # fmt: skip
+        command.add_argument(
+            "--sensor", choices=SENSORS, default="kinect_v1", help="depth camera, default the paper's kinect_v1"
+        )
+        command.add_argument(
+            "--frames", metavar="N", type=_whole(1, 100), default=10, help="of each burst, default the paper's 10"
+        )
+        command.add_argument("--seed", metavar="N", type=_whole(0, 2**32 - 1), default=0, help="of the noise")
+        command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+        command.set_defaults(run=commands.run_experiment_capture, experiment=name)
+    return parser
+
+
+def _add_reading(command: argparse.ArgumentParser) -> None:
+    """What a file cannot say of itself."""
+    group = command.add_argument_group("reading", "what the file cannot say, or says wrongly")
+    group.add_argument("--frames", metavar="A:B", help="frames to read: 5 the sixth alone, 10: from the eleventh on")
+    group.add_argument("--intrinsics", metavar="FILE", type=Path, help="intrinsic.json of the depth camera")
+    group.add_argument("--depth-unit", metavar="METRES", type=float, help="what one unit of depth means (0.001 = 1 mm)")
+    group.add_argument("--turn", type=int, choices=(0, 90, 180, 270), help="clockwise degrees that make it upright")
+    group.add_argument(
+        "--mirrored", action=argparse.BooleanOptionalAction, default=None, help="left and right are exchanged, or not"
+    )
+    group.add_argument(
+        "--disparity", choices=("factory", "linear", "tangent"), default="factory",
+        help="formula of raw Kinect v1 values (default factory)",
+    )  # fmt: skip
+    group.add_argument(
+        "--kinect-calibration", choices=("factory", "burrus"), default="factory", help="of a Kinect v1 that brings none"
+    )
+    group.add_argument(
+        "--min-confidence", type=int, choices=(0, 1, 2), default=1, help="drop what the camera trusts less, default 1"
+    )
+    group.add_argument("--no-color", action="store_true", help="go without colour")
+
+
+def _add_cleaning(command: argparse.ArgumentParser) -> None:
+    group = command.add_argument_group("cleaning")
+    group.add_argument(
+        "--sensor", default="auto", help="noise model to use: auto (default), unknown, or a sensor's name, as kinect_v1"
+    )
+    group.add_argument(
+        "--without", metavar="STEP", action="append", choices=tuple(commands.CLEANING), default=[],
+        help=f"leave out a step: {', '.join(commands.CLEANING)}; may be given several times",
+    )  # fmt: skip
+
+
+def _whole(low: int, high: int) -> Callable[[str], int]:
+    """argparse type: a whole number within bounds."""
+
+    def whole_number(text: str) -> int:
+        value = int(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"must be from {low} to {high}, not {value}")
+        return value
+
+    return whole_number
+
+
+def _size(text: str) -> tuple[int, int]:
+    """argparse type: width and height, as 848x480."""
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 4096 and 0 < int(height) <= 4096):
+        raise argparse.ArgumentTypeError(f"must be as 848x480, not {text}")
+    return int(width), int(height)
+
+
+def _pixel(text: str) -> tuple[float, float]:
+    """argparse type: a pixel as column,row."""
+    u, v = (float(part) for part in text.split(","))
+    if not math.isfinite(u) or not math.isfinite(v):
+        raise argparse.ArgumentTypeError(f"must be two numbers, column,row, not {text}")
+    return u, v
+
+
+_pixel.__name__ = "pixel as column,row"  # argparse names the type when it cannot be read
+
+
+def _percentages(text: str) -> tuple[float, ...]:
+    """argparse type: percentages from 0 to below 100, separated by commas."""
+    values = tuple(float(part) for part in text.split(","))
+    if not all(0 <= value < 100 for value in values):
+        raise argparse.ArgumentTypeError(f"must be from 0 to below 100, separated by commas, not {text}")
+    return values
+
+
+_percentages.__name__ = "list of percentages"  # argparse names the type when a number cannot be read
