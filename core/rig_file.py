@@ -50,7 +50,7 @@ class RigFile:
 
 def calibrate(
     capture: Capture,
-    picks: tuple[MirrorPicks, ...] | None = None,
+    picks: tuple[MirrorPicks | Mirror, ...] | None = None,
     mirror: MirrorSettings = _MIRROR,
     depth: DepthSettings = _DEPTH,
 ) -> RigFile:
@@ -62,7 +62,7 @@ def calibrate(
     Parameters
     ----------
     capture : Capture
-    picks : tuple of MirrorPicks, optional
+    picks : tuple of MirrorPicks or Mirror, optional
         What is known of each mirror; by default what the capture holds, and when that is nothing they are found.
 
     Raises
@@ -74,7 +74,7 @@ def calibrate(
     known = capture.mirrors if picks is None else tuple(picks)
     fused = remove_flying_pixels(fuse_burst(capture.depth, depth)[0], 1.0 / lens.fx, depth)
     if known:
-        placed = [place_mirror(pick, fused, lens, mirror) for pick in known]
+        placed = [pick if isinstance(pick, Mirror) else place_mirror(pick, fused, lens, mirror) for pick in known]
     else:
         placed = find_mirrors(fused, lens, capture.color, _EMPTY, mirror.glass_offset)
     if not placed:

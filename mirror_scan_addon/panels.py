@@ -224,6 +224,10 @@ class MIRRORSCAN_PT_mirrors(_Panel, bpy.types.Panel):
         label = "Pick Mirror Points" if _width() >= NARROW else "Pick Points"
         row.operator("mirror_scan.pick_mirror_points", text=label, icon=_icon("EYEDROPPER"), text_ctxt=CONTEXT)
         row.operator("mirror_scan.pick_mirror_points", text="", icon="ADD").add = True
+        row = layout.row(align=True)
+        row.operator("mirror_scan.use_rig", icon=_icon("FILE_FOLDER"), text_ctxt=CONTEXT)
+        row.operator("mirror_scan.calibrate_rig", text="", icon="FILE_TICK")
+        _draw_progress(layout, context, "mirror_scan.use_rig", "mirror_scan.calibrate_rig")
         if context.window_manager.mirror_scan.picking:
             _draw_keys(layout)
         if not settings.mirrors:

@@ -79,10 +79,12 @@ class Loaded:
 
 @dataclass(frozen=True)
 class Fitted:
-    """Mirrors after a fit, and through which of them each pixel (H, W) was seen (0 directly, -1 unknown)."""
+    """Mirrors after a fit, through which of them each pixel (H, W) was seen (0 directly, -1 unknown), and what to tell
+    of them."""
 
     mirrors: list[dict]
     seen: np.ndarray | None
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -225,6 +227,29 @@ def find_mirrors_steps(
     found = find_mirrors(depth, intrinsics, color, glass_offset=glass_offset)
     yield 0.9, FITTING
     return Fitted([record_of(mirror) for mirror in found], _seen(depth, intrinsics, found) if found else None)
+
+
+def calibrate_steps(cloud: Cloud, mirrors: list[dict], glass_offset: float, path: str) -> Steps[Fitted]:
+    """Place the mirrors of a rig, found when there are none yet, and write them to the rig file ``path``."""
+    yield 0.0, FITTING if mirrors else FINDING
+    from ..core.mirror import MirrorSettings
+    from ..core.rig_file import calibrate, read_rig, write_rig
+
+    known = tuple(_known(record) for record in mirrors)
+    write_rig(path, calibrate(_capture_of(cloud), known, MirrorSettings(glass_offset=glass_offset)))
+    placed = list(read_rig(path).mirrors)  # as later captures will have them
+    return Fitted([record_of(mirror) for mirror in placed], _seen(cloud.depth, cloud.intrinsics, placed))
+
+
+def rig_steps(cloud: Cloud, path: str) -> Steps[Fitted]:
+    """The mirrors of a rig file, and a warning of each that has moved since it was written."""
+    yield 0.0, "Reading the rig file"
+    from ..core.rig_file import mirrors_for, moved_warning, read_rig
+
+    placed, depth = list(mirrors_for(read_rig(path), cloud.intrinsics)), cloud.depth
+    yield 0.5, FITTING
+    warnings = tuple(text for text in (moved_warning(mirror, depth, cloud.intrinsics) for mirror in placed) if text)
+    return Fitted([record_of(mirror) for mirror in placed], _seen(depth, cloud.intrinsics, placed), warnings)
 
 
 def _fit(

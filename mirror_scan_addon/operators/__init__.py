@@ -4,8 +4,22 @@ from __future__ import annotations
 
 import bpy
 
-from . import build_avatar, check, color_by, export_avatar, find_subject, load_capture, mirrors, pick_mirror_points, rig
+from . import (
+    build_avatar,
+    check,
+    color_by,
+    export_avatar,
+    find_subject,
+    load_capture,
+    mirrors,
+    pick_mirror_points,
+    rig,
+    rig_file,
+)
 
-_modules = (load_capture, mirrors, pick_mirror_points, find_subject, build_avatar, check, color_by, export_avatar, rig)
+_modules = (
+    load_capture, mirrors, pick_mirror_points, rig_file, find_subject, build_avatar, check, color_by, export_avatar,
+    rig,
+)  # fmt: skip
 
 register, unregister = bpy.utils.register_classes_factory(tuple(kind for module in _modules for kind in module.CLASSES))

@@ -219,6 +219,36 @@ def test_mirrors_are_written_for_the_next_capture(bpy, scan, loaded, tmp_path):
         bpy.ops.mirror_scan.save_mirrors(filepath=str(tmp_path / "no" / "mirrors.json"))
 
 
+def test_a_rig_is_calibrated_once_and_used_again(bpy, scan, loaded, tmp_path, capfd):
+    file = tmp_path / "rig.json"
+    assert bpy.ops.mirror_scan.calibrate_rig(filepath=str(file)) == {"FINISHED"}
+    assert [mirror["name"] for mirror in json.loads(file.read_text())["mirrors"]] == ["right", "left"]
+    bpy.ops.mirror_scan.clear_mirrors()
+    capfd.readouterr()
+    assert bpy.ops.mirror_scan.use_rig(filepath=str(file)) == {"FINISHED"}
+    assert "moved" not in reports(bpy, capfd)
+    assert {item.source for item in settings_of(bpy).mirrors} == {"rig file"}
+    assert_true(bpy, scan)
+    # found when there are none yet
+    bpy.ops.mirror_scan.clear_mirrors()
+    assert bpy.ops.mirror_scan.calibrate_rig(filepath=str(file)) == {"FINISHED"}
+    assert_true(bpy, scan)
+    content = json.loads(file.read_text())
+    content["mirrors"][0]["point"][2] += 0.05
+    file.write_text(json.dumps(content))
+    bpy.ops.mirror_scan.use_rig(filepath=str(file))
+    assert "Warning: " in (said := reports(bpy, capfd)) and "has moved since it was calibrated" in said
+    content["intrinsics"]["width"] += 1
+    file.write_text(json.dumps(content))
+    before = len(settings_of(bpy).mirrors)
+    for path, words in ((file, "calibrated at"), (tmp_path, "is a folder"), (tmp_path / "no.json", "cannot be read")):
+        with pytest.raises(RuntimeError, match=f"Error: .*{words}"):
+            bpy.ops.mirror_scan.use_rig(filepath=str(path))
+    with pytest.raises(RuntimeError, match="Error: .*does not exist"):
+        bpy.ops.mirror_scan.calibrate_rig(filepath=str(tmp_path / "no" / "rig.json"))
+    assert len(settings_of(bpy).mirrors) == before
+
+
 # --- subject and avatar -------------------------------------------------------------------------------------------
 
 

@@ -15,6 +15,8 @@ OPERATORS = {
     "set_mirror": {"points": "[[100, 100], [200, 100], [100, 200]]"},
     "pick_mirror_points": {},
     "save_mirrors": {"filepath": "/proc/mirrors.json"},
+    "calibrate_rig": {"filepath": "/proc/rig.json"},
+    "use_rig": {"filepath": "/proc/rig.json"},
     "find_subject": {},
     "build_avatar": {},
     "check": {},

@@ -1,0 +1,109 @@
+"""A rig calibrated once and used for every later capture, until something of it moves."""
+
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
+
+import os
+
+import bpy
+from bpy.props import StringProperty
+
+from ...core.errors import MirrorError, OutputError
+from .. import jobs, state
+from ..texts import CONTEXT, say, tell
+from .mirrors import put_mirrors
+
+
+class _RigFileOperator(jobs.JobOperator):
+    """A job about a rig file, which the file browser asks for."""
+
+    _asked = False
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return state.allows(cls, state.editable(context) or state.no_cloud(context))
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        self._asked = True
+        if self.filepath:
+            return self.run(context)
+        self.filepath = _proposal(context.scene.mirror_scan)
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        if self._asked and not bpy.app.background and self._worker is None:  # the file browser calls this
+            return self.run(context)
+        return super().execute(context)
+
+    def start(self, context: bpy.types.Context) -> jobs.Task:
+        from .. import cloud
+
+        if not self.filepath:
+            raise OutputError(say("Give the name of a rig file"))
+        arrays = cloud.read_cloud(cloud.cloud_of(context.scene))
+        return self.task(arrays, state.absolute(self.filepath), context.scene.mirror_scan)
+
+
+def _proposal(settings: bpy.types.PropertyGroup) -> str:
+    """A rig file beside the capture's folder: captures come and go, the rig stays."""
+    try:
+        root = state.absolute(state.capture_root(settings.capture_path))
+    except jobs.REPORTED:
+        root = ""
+    return os.path.join(os.path.dirname(os.path.normpath(root)) if root else "", "rig.json")
+
+
+class MIRRORSCAN_OT_calibrate_rig(_RigFileOperator, bpy.types.Operator):
+    """Place the mirrors once for all later captures of this rig, and write them to a rig file. Best with nobody in it,
+    a long burst, and a flat board where people will stand, seen directly and in the mirrors"""
+
+    bl_idname = "mirror_scan.calibrate_rig"
+    bl_label = "Calibrate Rig"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: StringProperty(
+        name="Rig File", description="JSON file to write", subtype="FILE_PATH",
+        options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN", "SKIP_SAVE"})
+    check_existing: bpy.props.BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
+
+    def task(self, arrays, path: str, settings: bpy.types.PropertyGroup) -> jobs.Task:
+        records = state.placed_mirrors(settings) if settings.mirrors else []
+        return jobs.Task("calibrate_steps", (arrays, records, settings.quality.glass_offset_m, path))
+
+    def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
+        put_mirrors(target, result)
+        names = ", ".join(record["name"] for record in result.mirrors)
+        self.report({"INFO"}, say("Rig written to {path}: {names}").format(path=self.filepath, names=names))
+
+
+class MIRRORSCAN_OT_use_rig(_RigFileOperator, bpy.types.Operator):
+    """Take the mirrors from a rig file. Replaces the mirrors there are, and warns of mirrors that have moved since"""
+
+    bl_idname = "mirror_scan.use_rig"
+    bl_label = "Use Rig File"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: StringProperty(
+        name="Rig File", description="JSON file that Calibrate Rig or the command line wrote", subtype="FILE_PATH",
+        options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN", "SKIP_SAVE"})
+
+    def task(self, arrays, path: str, settings: bpy.types.PropertyGroup) -> jobs.Task:
+        if os.path.isdir(path):
+            raise MirrorError(say("{path}: is a folder; choose a rig file").format(path=path))
+        return jobs.Task("rig_steps", (arrays, path))
+
+    def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
+        put_mirrors(target, result)
+        for warning in result.warnings:
+            self.report({"WARNING"}, tell(warning))
+        names = ", ".join(record["name"] for record in result.mirrors)
+        self.report({"INFO"}, say("Mirrors of the rig: {names}").format(names=names))
+
+
+CLASSES = (MIRRORSCAN_OT_calibrate_rig, MIRRORSCAN_OT_use_rig)
