@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .camera import Intrinsics, unproject
+from .camera import Intrinsics, project, unproject
 from .errors import ReconstructionError
 from .floor_parting import NEAR_FLOOR, ROW, share_of_feet, standing_pixels
 from .ground import find_ground
 from .linear import dot
 from .mesh import root_of
 from .mirror import Mirror, reflect
+from .things import find_support, gather_pieces
 from .views import Views, ViewSettings, sort_rays
 
 DEFAULTS = ViewSettings()
@@ -58,8 +59,15 @@ def rig_axis(mirrors: list[Mirror], up: np.ndarray, intrinsics: Intrinsics) -> n
 
 def _visible_middle(mirror: Mirror, intrinsics: Intrinsics) -> np.ndarray:
     """Point of the mirror's plane in the middle of its outline, as far as that is in the image."""
-    corners = np.nan_to_num(mirror.outline, nan=0.0)
+    corners = mirror.outline
     size = np.array((intrinsics.width - 1, intrinsics.height - 1))
+    if not np.isfinite(corners).all():  # a side is beside or behind the camera
+        a, b = (np.linspace(*limits, 65) for limits in mirror.rectangle)
+        grid = np.stack(np.meshgrid(a, b), axis=-1).reshape(-1, 2)
+        pixels = project(mirror.point + grid @ mirror.basis[:, :2].T, intrinsics)
+        corners = pixels[((pixels >= 0) & (pixels <= size)).all(axis=1)]
+        if not len(corners):
+            return mirror.point
     u, v = 0.5 * (np.clip(corners.min(axis=0), 0, size) + np.clip(corners.max(axis=0), 0, size))
     ray = np.array(((u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy, 1.0))
     return ray * (mirror.normal @ mirror.point) / (mirror.normal @ ray)
@@ -119,25 +127,46 @@ def find_subject(
         )
         return (*connected_pixels(depth, upright, pixel_angle), rough)
 
-    def direct(component: np.ndarray, sizes: np.ndarray) -> np.ndarray | None:
-        return _direct_subject(
-            depth, component, len(sizes), seen, points, up, meeting, clicked, pixel_angle, settings
-        )  # fmt: skip
+    def standing_anywhere(floor: float | None, center: np.ndarray | None, apart: bool):
+        """The same of all views."""
+        component, sizes, rough = standing(range(1), floor, center, _ROUGH, apart)
+        if mirrors:
+            others, more, _ = standing(range(1, count), floor, center, rough, apart)
+            component = np.where(others >= 0, others + len(sizes), component)
+            sizes = np.concatenate((sizes, more))
+        return component, sizes, rough
 
-    component, sizes, rough = standing(range(1), ground.floor, meeting, _ROUGH)
-    chosen = direct(component, sizes)
     floor, support = ground.floor, None
-    if settings.object and chosen is not None:
-        support = _support(points[component == chosen[0]], up, settings)
-        if support is not None:
-            # from here on what the thing stands on is its floor
-            floor = support
-            component, sizes, rough = standing(range(1), floor, meeting, _ROUGH, False)
-            chosen = direct(component, sizes)
+    if settings.object:
+        component, sizes, rough = standing_anywhere(floor, meeting, True)
+        chosen = _thing(depth, component, len(sizes), seen, points, up, meeting, clicked, pixel_angle, settings)
+        if chosen is not None:
+            figure = _member_table(chosen, len(sizes))[component] & (component >= 0)
+            support = find_support(points, seen, figure, up, floor, pixel_angle, settings.min_pixels)
+            if support is not None and clicked is not None and points[clicked] @ up < support:
+                support = None  # what is clicked on is meant
+            if support is not None:
+                how = "" if floor is None else f", {100.0 * (support - floor):.0f} cm above the floor"
+                warnings.append(
+                    f"what the thing stands on{how}, is cut off; if it is part of the thing, click on it to keep it"
+                )
+            middle = np.median(points[figure & (seen == 0)], axis=0)
+            off = np.inf if meeting is None else np.linalg.norm(_across(up) @ (middle - meeting))
+            if support is not None or off > _FOOTPRINT / 2:
+                # from here on what the thing stands on is its floor
+                floor = floor if support is None else support
+                component, sizes, rough = standing_anywhere(floor, middle, support is None)
+                chosen = _thing(depth, component, len(sizes), seen, points, up, middle, clicked, pixel_angle, settings)
+    else:
+        component, sizes, rough = standing(range(1), floor, meeting, _ROUGH)
+        chosen = _direct_subject(
+            depth, component, len(sizes), points, up, meeting, clicked, pixel_angle, settings
+        )  # fmt: skip
     if chosen is None:
         raise ReconstructionError(_nobody(settings, clicked))
+    member = _member_table(chosen, len(sizes))
     labels = np.full(depth.shape, -1, np.int8)
-    _label_kernel(component, _member_table(chosen, len(sizes)), 0, labels)
+    _label_kernel(component, member, seen, 0, labels)
     inside = points[labels == 0]
     axis = np.median(inside, axis=0)
     height = dot(inside, up)
@@ -147,12 +176,14 @@ def find_subject(
     # how deep a figure is behind its front; a thing may be as deep as it is wide
     deepest = 0.5 if not settings.object else max(0.3, 3.0 * np.sqrt(reach) - 1.05)
     if mirrors:
-        component, sizes, _ = standing(range(1, count), floor, axis, rough, support is None)
+        if not settings.object:
+            component, sizes, _ = standing(range(1, count), floor, axis, rough)
+            member = np.zeros(len(sizes), np.bool_)
         verdict, votes = _verdict_kernel(
             component, len(sizes), seen, points, depth, labels, lens, wide, axis, _across(up), reach, up,
             _height_limits(labels, height), deepest,
         )  # fmt: skip
-        taken = _take_mirrors(depth, component, verdict, votes, seen, points, pixel_angle, labels, count)
+        taken = _take_mirrors(depth, component, member, verdict, votes, seen, points, pixel_angle, labels, count)
         for i, m in enumerate(mirrors, start=1):
             if taken[i] < settings.min_pixels:
                 labels[labels == i] = -1
@@ -374,33 +405,73 @@ def _near_floor_kernel(
     return samples, heights
 
 
-def _direct_subject(
-    depth, component, count, seen, points, up, meeting, clicked, pixel_angle, settings
-) -> np.ndarray | None:
+def _direct_subject(depth, component, count, points, up, meeting, clicked, pixel_angle, settings) -> np.ndarray | None:
     """Components seen directly that are the subject: the chosen one first, then what belongs to it."""
-    # without a rig that tells where it looks: near the vertical plane straight ahead of the camera
-    axis, across = (np.zeros(3), np.diag((1.0, 0, 0))) if meeting is None else (meeting, _across(up))
-    spread = _THING_SPREAD if settings.object or clicked is not None else _AXIS_SPREAD
-    total, within, weight, box = _pieces_kernel(
-        component, count, seen, points, axis, across, settings.reach**2, spread**2, pixel_angle
-    )
-    # a wall or a chair row that only passes through the place is mostly outside of it
-    score = np.where((within > 0.6 * total) & (within >= 20), weight, 0.0)
-    if clicked is not None and seen[clicked] == 0 and component[clicked] >= 0:
+    spread = _AXIS_SPREAD if clicked is None else _THING_SPREAD
+    total, within, score, box = _scores(component, count, points, up, meeting, spread, pixel_angle, settings)
+    if clicked is not None and component[clicked] >= 0:
         best = int(component[clicked])
     else:
         whole = np.where(within >= settings.min_pixels, score, 0.0)
         if not count or whole.max() <= 0:
             return None
         best = int(np.argmax(whole))
-    member = _member_table(np.array([best]), count)
+    member = _joined(np.array([best]), component, count, points, up, total, score, box, pixel_angle)
+    others = np.flatnonzero(member)
+    return np.concatenate(([best], others[others != best]))
+
+
+def _thing(depth, component, count, seen, points, up, meeting, clicked, pixel_angle, settings) -> np.ndarray | None:
+    """Components of all views that are the thing: what is best seen where the rig looks, in the most views."""
+    total, within, score, box = _scores(component, count, points, up, meeting, _THING_SPREAD, pixel_angle, settings)
+    usable = (score > 0) & (total >= _PIECE)
+    group = gather_pieces(component, count, points, depth, up, usable)
+    views = int(seen.max()) + 1
+    standing = component >= 0
+    pixels = np.bincount(seen[standing].astype(np.int64) * count + group[component[standing]], minlength=views * count)
+    pixels = pixels.reshape(views, count)
+    if clicked is not None and component[clicked] >= 0:
+        best = int(group[component[clicked]])
+    else:
+        near = np.bincount(group, score, count)
+        # furniture that happens to stand there is hardly seen in every mirror
+        near *= (pixels >= 0.3 * settings.min_pixels).sum(axis=0) ** 2
+        near[pixels[0] < settings.min_pixels] = 0.0
+        if not count or near.max() <= 0:
+            return None
+        best = int(np.argmax(near))
+    mine = group == best
+    direct = np.zeros(count, np.bool_)
+    direct[np.unique(component[standing & (seen == 0)])] = True
+    direct &= mine
+    if not direct.any():
+        return None
+    alone = np.where(seen == 0, component, -1)
+    joined = _joined(np.flatnonzero(direct), alone, count, points, up, total, score, box, pixel_angle)
+    return np.flatnonzero(mine | joined)
+
+
+def _scores(component, count, points, up, meeting, spread, pixel_angle, settings):
+    """Per component: pixels, those within reach of where the rig looks, how much of it there is there, and its box."""
+    # without a rig that tells where it looks: near the vertical plane straight ahead of the camera
+    axis, across = (np.zeros(3), np.diag((1.0, 0, 0))) if meeting is None else (meeting, _across(up))
+    total, within, weight, box = _pieces_kernel(
+        component, count, points, axis, across, settings.reach**2, spread**2, pixel_angle
+    )
+    # a wall or a chair row that only passes through the place is mostly outside of it
+    return total, within, np.where((within > 0.6 * total) & (within >= 20), weight, 0.0), box
+
+
+def _joined(chosen, component, count, points, up, total, score, box, pixel_angle) -> np.ndarray:
+    """Bool (count,): the chosen components and what belongs to them, as near as it is."""
+    member = _member_table(chosen, count)
     lowest = _lowest_kernel(component, count, points, up)
-    floor_reach = lowest[best] + 0.05
+    floor_reach = lowest[chosen].min() + 0.05
     while True:  # a piece may reach the body through another one: a hand through a forearm
         low, high = box[member, 0].min(axis=0) - 0.12, box[member, 1].max(axis=0) + 0.12
         near = ~member & (score > 0) & (box[:, 0] < high).all(axis=1) & (box[:, 1] > low).all(axis=1)
         if not near.any():
-            break
+            return member
         gap = _gap_kernel(component, member, near, points, total, 0.12 / pixel_angle)
         inside = (box[:, 0] > low).all(axis=1) & (box[:, 1] < high).all(axis=1)
         # a head whose neck was not read stands out of the rest; another person is as large as the rest, and what
@@ -408,15 +479,13 @@ def _direct_subject(
         limit = np.where(inside, 0.12, np.where(total < 0.3 * total[member].sum(), 0.08, 0.0))
         joined = near & (gap < np.where(lowest < floor_reach, np.minimum(limit, 0.04), limit))
         if not joined.any():
-            break
+            return member
         member |= joined
-    others = np.flatnonzero(member)
-    return np.concatenate(([best], others[others != best]))
 
 
 @njit(cache=True, nogil=True)
-def _pieces_kernel(component, count, seen, points, origin, projection, reach2, spread2, pixel_angle):
-    """Per component of the direct view: pixels, those within reach, their area weighed by how near they are, box."""
+def _pieces_kernel(component, count, points, origin, projection, reach2, spread2, pixel_angle):
+    """Per component: pixels, those within reach, their area weighed by how near they are, box."""
     total, within = np.zeros(count, np.int64), np.zeros(count, np.int64)
     weight = np.zeros(count)
     box = np.empty((count, 2, 3))
@@ -424,7 +493,7 @@ def _pieces_kernel(component, count, seen, points, origin, projection, reach2, s
     for v in range(component.shape[0]):
         for u in range(component.shape[1]):
             k = component[v, u]
-            if k < 0 or seen[v, u] != 0:
+            if k < 0:
                 continue
             p = points[v, u]
             total[k] += 1
@@ -487,44 +556,6 @@ def _gap_kernel(component, member, near, points, total, reach):
                             d += (points[v, u, c] - points[y, x, c]) ** 2
                         gap[k] = min(gap[k], d)
     return np.sqrt(gap)
-
-
-def _support(points: np.ndarray, up: np.ndarray, settings: ViewSettings) -> float | None:
-    """Height of the table or plinth a thing stands on; None when it stands on the floor.
-
-    Parameters
-    ----------
-    points : np.ndarray [shape=(K, 3)]
-        The connected figure, thing and what it stands on.
-
-    Notes
-    -----
-    A support is a level surface wider than what rises above it; the lowest that has the whole thing on it counts.
-    """
-    height = dot(points, up)
-    first = _level_axis(up)
-    second = np.cross(up, first)
-    cell = 0.02
-    plan = np.column_stack((dot(points, first), dot(points, second)))
-    key = np.floor((plan - plan.min(axis=0)) / cell).astype(np.int64)
-    key = key[:, 0] * 100_000 + key[:, 1]
-    bins = np.floor((height - height.min()) / 0.01).astype(np.int64)
-    counted = np.bincount(bins)
-    best = None
-    for level in np.argsort(-counted)[:12]:
-        at = height.min() + (level + 0.5) * 0.01
-        on = np.abs(height - at) < 0.015
-        above = height > at + 0.03
-        if above.sum() < settings.min_pixels:
-            continue
-        # cells of a level surface are only that: nothing of it reaches through the level from below or above
-        flat = np.setdiff1d(key[on], key[(height > at + 0.03) | (height < at - 0.03)])
-        if len(flat) < 40 or len(flat) < 0.6 * len(np.unique(key[above])):
-            continue
-        if best is None or counted[level] > best[1]:
-            near = height[np.isin(key, flat) & on]
-            best = (float(np.median(near)), counted[level])
-    return None if best is None else best[0]
 
 
 @njit(cache=True, nogil=True)
@@ -601,6 +632,7 @@ def _verdict_kernel(
 def _take_mirrors(
     depth: np.ndarray,
     component: np.ndarray,
+    member: np.ndarray,
     verdict: np.ndarray,
     votes: np.ndarray,
     seen: np.ndarray,
@@ -609,10 +641,12 @@ def _take_mirrors(
     labels: np.ndarray,
     views: int,
 ) -> np.ndarray:
-    """Label the mirrors' components that the direct view does not deny; how many pixels (views,) each view has."""
+    """Label the mirrors' components that the direct view does not deny, and where it does not those of a ``member``;
+    how many pixels (views,) each view has."""
     yes, hidden, unsure, no = votes
     told = yes + hidden + no
     chosen = (yes + unsure >= 30) & (yes > 0.6 * told) & (yes > 0.25 * (told + unsure))
+    chosen |= member
     taken = _take_kernel(component, chosen, verdict, seen, labels, views)
     if not chosen.any():
         return taken
@@ -691,11 +725,11 @@ def _member_table(chosen: np.ndarray, count: int) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True)
-def _label_kernel(component, member, label, labels):
-    """Write ``label`` where a pixel's component is a ``member``."""
+def _label_kernel(component, member, seen, label, labels):
+    """Write ``label`` where a pixel seen in that view has a component that is a ``member``."""
     for v in range(component.shape[0]):
         for u in range(component.shape[1]):
-            if component[v, u] >= 0 and member[component[v, u]]:
+            if component[v, u] >= 0 and seen[v, u] == label and member[component[v, u]]:
                 labels[v, u] = label
 
 

@@ -20,7 +20,7 @@ from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.rays import BODY
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
-from mirror_scan.core.subject import _fit_floor, find_subject
+from mirror_scan.core.subject import _fit_floor, find_subject, rig_axis
 from mirror_scan.core.views import ViewSettings
 
 
@@ -188,6 +188,51 @@ def test_a_thing(stand):
     views, right, left, _ = sorted_out(simulate(thing, rig, under), ViewSettings(object=True))
     assert right > 0.97 and left < 0.01
     assert views.floor == pytest.approx(-0.55, abs=0.012), "the height of what it stands on, from the camera"
+
+
+@pytest.mark.parametrize("what", ["chair", "stool", "lamp", "suitcase"])
+def test_a_thing_whole(what):
+    """Thin legs that hide each other, a foot below a shade, a handle on a lid: all is kept, nothing is a plinth."""
+    box = props.box
+    thing = {
+        "chair": props.placed(props.chair(), 0, 0, 75),
+        "stool": props.placed(props.together(
+            box((-0.17, -0.17, 0.42), (0.17, 0.17, 0.45)),
+            *(box((x, y, 0), (x + 0.025, y + 0.025, 0.42)) for x in (-0.16, 0.135) for y in (-0.16, 0.135)),
+        ), 0, 0, 30),
+        "lamp": props.together(
+            box((-0.15, -0.15, 0), (0.15, 0.15, 0.03)), box((-0.012, -0.012, 0.03), (0.012, 0.012, 1.1)),
+            box((-0.2, -0.2, 1.1), (0.2, 0.2, 1.4)),
+        ),
+        "suitcase": props.placed(props.together(
+            box((-0.26, -0.11, 0), (0.26, 0.11, 0.7)), box((-0.1, 0.03, 0.7), (-0.08, 0.05, 0.98)),
+            box((0.08, 0.03, 0.7), (0.1, 0.05, 0.98)), box((-0.1, 0.03, 0.98), (0.1, 0.05, 1.0)),
+        ), 0, 0, 20),
+    }[what]  # fmt: skip
+    simulation = simulate(thing, default_rig("azure_kinect", frames=4))
+    views, right, left, body = sorted_out(simulation, ViewSettings(object=True))
+    assert right > 0.98 and left < 0.003 and views.warnings == ()
+
+
+def test_a_click_keeps_what_a_thing_stands_on():
+    thing = props.together(props.plinth(), props.placed(props.box((-0.1, -0.1, 0), (0.1, 0.1, 0.3)), 0, 0, 30, 0.6))
+    simulation = simulate(thing, default_rig("azure_kinect", frames=2, camera_height=1.2, tilt_deg=15.0))
+    rows, columns = np.nonzero((simulation.truth.labels == 0) & (simulation.truth.sight.point[..., 2] < 0.4))
+    for click in (None, (float(np.median(columns)), float(np.median(rows)))):
+        views, right, _, _ = sorted_out(simulation, ViewSettings(object=True, click=click))
+        assert right > 0.98 if click else right < 0.7
+        assert bool(views.warnings) is (click is None) and all("60 cm above" in text for text in views.warnings)
+
+
+def test_where_mirrors_look_that_reach_out_of_the_image():
+    rig = default_rig("azure_kinect", 1.6, path_length=3.6, camera_height=0.72, tilt_deg=17.0, frames=1)
+    simulation = simulate(props.box((-0.15, -0.15, 0), (0.15, 0.15, 0.4)), rig)
+    lens, depth = simulation.capture.intrinsics, simulation.capture.depth[0]
+    mirrors = [place_mirror(m, depth, lens) for m in simulation.capture.mirrors]
+    assert any(not np.isfinite(m.outline).all() for m in mirrors)
+    up = np.linalg.inv(rig.camera_to_avatar)[:3, 2]
+    meeting = rig.camera_to_avatar[:3, :3] @ rig_axis(mirrors, up, lens) + rig.camera_to_avatar[:3, 3]
+    assert np.hypot(*meeting[:2]) < 0.25
 
 
 def test_gravity_from_mirrors_and_floor():
