@@ -289,7 +289,7 @@ def place_mirrors(
         raise MirrorError(
             f"{capture.name}: no mirror was found: none is given, and no straight frame with the person's reflection "
             "in it is seen; pick points on each mirror's frame and save them in mirrors.json beside the capture, or "
-            "pass them with --mirrors; a frame at least 3 cm wide and 10 cm off the wall is found by itself"
+            "elsewhere (option “mirrors”); a frame at least 3 cm wide and 10 cm off the wall is found by itself"
         )
     placed, notes = align_reflections(placed, depth, camera, settings.alignment)
     placed = level_floor(placed, depth, camera, settings.floor)

@@ -80,7 +80,7 @@ def calibrate(
     if not placed:
         raise MirrorError(
             f"{capture.name}: no mirror was found; see that each mirror's frame is in the picture and stands clear of "
-            "walls, or pick points on the frames and pass them with --mirrors"
+            "walls, or pick points on the frames (option “mirrors”)"
         )
     placed = align_reflections(placed, fused, lens, _BOARD)[0]
     for m in placed:

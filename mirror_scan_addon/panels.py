@@ -185,6 +185,19 @@ def _draw_progress(layout: bpy.types.UILayout, context: bpy.types.Context, *oper
     _text(column, say("Press Esc to cancel"), "BLANK1")
 
 
+class MIRRORSCAN_PT_reading(_Panel, bpy.types.Panel):
+    bl_label = "Reading"
+    bl_parent_id = "MIRRORSCAN_PT_capture"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        reading = context.scene.mirror_scan.reading
+        column = _fields(self.layout)
+        for name in state.READING:
+            _field(column, reading, name)
+        _text(self.layout, say("For what the files do not say, or say wrongly; then load the capture again"), "INFO")
+
+
 class MIRRORSCAN_UL_mirrors(bpy.types.UIList):
     bl_idname = "MIRRORSCAN_UL_mirrors"
 
@@ -297,6 +310,10 @@ class MIRRORSCAN_PT_subject(_Panel, bpy.types.Panel):
         layout.operator_context = "INVOKE_DEFAULT"
         layout.operator("mirror_scan.find_subject", icon="OUTLINER_OB_ARMATURE", text_ctxt=CONTEXT)
         _draw_progress(layout, context, "mirror_scan.find_subject")
+        row = layout.row(align=True)
+        row.operator("mirror_scan.pick_subject", icon=_icon("EYEDROPPER"), text_ctxt=CONTEXT)
+        if settings.subject.clicked:
+            row.prop(settings.subject, "clicked", text="", icon="X", invert_checkbox=True)
         column = _fields(layout)
         for name in ("depth_limit", "floor_clearance", "max_height", "reach", "object"):
             _field(column, settings.subject, name)
@@ -348,7 +365,9 @@ class MIRRORSCAN_OT_add_quality_preset(AddPresetBase, bpy.types.Operator):
     bl_translation_context = CONTEXT
     preset_menu = "MIRRORSCAN_PT_quality_presets"
     preset_defines = ["quality = bpy.context.scene.mirror_scan.quality"]
-    preset_values = [f"quality.{name}" for name in ("smoothing", "close_gaps", "outline", "refine", "untangle")]
+    preset_values = [
+        f"quality.{name}" for name in ("smoothing", "close_gaps", "outline", "refine", "untangle", "keep_islands")
+    ]
     preset_subdir = "mirror_scan/quality"
 
 
@@ -372,7 +391,7 @@ class MIRRORSCAN_PT_quality(_Panel, bpy.types.Panel):
         layout = self.layout
         quality = context.scene.mirror_scan.quality
         column = _fields(layout)
-        for name in ("preset", "smoothing", "close_gaps", "outline", "refine", "untangle"):
+        for name in ("preset", "smoothing", "close_gaps", "outline", "refine", "untangle", "keep_islands"):
             _field(column, quality, name)
 
 
@@ -473,6 +492,7 @@ register, unregister = bpy.utils.register_classes_factory(
         MIRRORSCAN_OT_add_quality_preset,
         MIRRORSCAN_PT_quality_presets,
         MIRRORSCAN_PT_capture,
+        MIRRORSCAN_PT_reading,
         MIRRORSCAN_PT_mirrors,
         MIRRORSCAN_PT_subject,
         MIRRORSCAN_PT_build,

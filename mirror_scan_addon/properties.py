@@ -105,6 +105,76 @@ def _length(kept: str, name: str, description: str, step: float, precision: int,
     )  # fmt: skip
 
 
+class MIRRORSCAN_PG_reading(bpy.types.PropertyGroup):
+    """What a capture's files cannot say of themselves, or say wrongly."""
+
+    intrinsics: StringProperty(
+        name="Intrinsics",
+        description="File that says what the depth camera's lens does (intrinsic.json), for captures that do not. "
+        "Leave empty for the capture's own",
+        subtype="FILE_PATH", options={"PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+    depth_unit_mm: FloatProperty(
+        name="Depth Unit",
+        description="What one unit in the depth pictures means, in millimetres. 0 = as the capture says",
+        default=0.0, min=0.0, max=1e6, precision=4, translation_context=CONTEXT,
+    )  # fmt: skip
+    turn: EnumProperty(
+        name="Turn",
+        description="Clockwise turn that makes the pictures upright",
+        items=(
+            ("FILE", "As Recorded", "What the capture says of itself, else none"),
+            ("0", "None", "Not turned, whatever the capture says"),
+            ("90", "90°", "A quarter turn to the right"),
+            ("180", "180°", "Upside down"),
+            ("270", "270°", "A quarter turn to the left"),
+        ),
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    mirrored: EnumProperty(
+        name="Mirrored",
+        description="Whether left and right are exchanged in the pictures, as the second Kinect's software does it",
+        items=(
+            ("FILE", "As Recorded", "What the capture says of itself, else not"),
+            ("YES", "Yes", "Left and right are exchanged back"),
+            ("NO", "No", "Left and right stay as they are"),
+        ),
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    min_confidence: EnumProperty(
+        name="Confidence",
+        description="Readings that the camera itself trusts less are dropped, where it says so",
+        items=(
+            ("0", "All", "Keep every reading"),
+            ("1", "Medium", "Drop readings of low confidence"),
+            ("2", "High", "Drop readings of low and medium confidence"),
+        ),
+        default="1", translation_context=CONTEXT,
+    )  # fmt: skip
+    disparity: EnumProperty(
+        name="Raw Values",
+        description="Formula that turns the raw values of a first Kinect into distances",
+        items=(
+            ("factory", "Factory", "That of the camera's drivers"),
+            ("linear", "Linear", "The OpenKinect community's; 50 mm short at 1.2 m"),
+            ("tangent", "Tangent", "Magnenat's, good to 3.8 m"),
+        ),
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    kinect_calibration: EnumProperty(
+        name="Kinect Lens",
+        description="Lens of a first Kinect whose recording does not say it",
+        items=(
+            ("factory", "Factory", "The nominal values of the camera's drivers"),
+            ("burrus", "Burrus", "As measured by Burrus for one camera, and in wide use"),
+        ),
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    color: BoolProperty(
+        name="Colour", description="Read the colour pictures too", default=True, translation_context=CONTEXT
+    )
+
+
 class MIRRORSCAN_PG_pick(bpy.types.PropertyGroup):
     """One point picked on a mirror's frame."""
 
@@ -176,6 +246,16 @@ class MIRRORSCAN_PG_subject(bpy.types.PropertyGroup):
         "cut off",
         update=_search_changed, translation_context=CONTEXT,
     )  # fmt: skip
+    clicked: BoolProperty(
+        name="By Click",
+        description="The person is who was clicked, not who stands where the mirrors look at",
+        update=_search_changed, translation_context=CONTEXT,
+    )  # fmt: skip
+    click: FloatVectorProperty(
+        name="Click", description="Where the person was clicked in the depth image: from the left and from the top, in "
+        "pixels",
+        size=2, precision=1, update=_search_changed, translation_context=CONTEXT,
+    )  # fmt: skip
     message: StringProperty(
         name="Message", description="What the last search for the person found", translation_context=CONTEXT
     )
@@ -235,6 +315,10 @@ class MIRRORSCAN_PG_quality(bpy.types.PropertyGroup):
         description="Smooth places where the surface runs through itself until it no longer does",
         default=True, update=_quality_changed, translation_context=CONTEXT,
     )  # fmt: skip
+    keep_islands: BoolProperty(
+        name="Keep Islands", description="Keep pieces that nothing connects to the body, each closed on its own",
+        translation_context=CONTEXT,
+    )  # fmt: skip
     glass_offset_m: _metres(0.0)
     glass_offset: _length(
         "glass_offset_m", "Glass Depth",
@@ -262,6 +346,10 @@ class MIRRORSCAN_PG_scene(bpy.types.PropertyGroup):
         name="Frames",
         description="How many depth frames of the burst to average, 0 for all. More frames, less noise",
         default=0, min=0, soft_max=60, translation_context=CONTEXT,
+    )  # fmt: skip
+    reading: PointerProperty(
+        type=MIRRORSCAN_PG_reading, name="Reading", description="What the capture's files cannot say of themselves",
+        translation_context=CONTEXT,
     )  # fmt: skip
     cloud: PointerProperty(
         type=bpy.types.Object, name="Cloud", description="Object that holds the points of the capture", poll=_is_cloud,
@@ -371,6 +459,7 @@ class MIRRORSCAN_PG_progress(bpy.types.PropertyGroup):
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
     (
+        MIRRORSCAN_PG_reading,
         MIRRORSCAN_PG_pick,
         MIRRORSCAN_PG_mirror,
         MIRRORSCAN_PG_subject,

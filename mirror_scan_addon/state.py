@@ -15,6 +15,11 @@ from .texts import say
 GOOD_MM, USABLE_MM = 5.0, 12.0
 """Residual of a mirror up to which it is good, and up to which it is usable [mm]."""
 
+READING = (
+    "intrinsics", "depth_unit_mm", "turn", "mirrored", "min_confidence", "disparity", "kinect_calibration", "color",
+)  # fmt: skip
+"""What may be said of a capture's files, in the order in which the panels ask for it."""
+
 RECORD = ("name", "source", "plane", "residual_mm", "message")
 
 
@@ -160,11 +165,33 @@ def parse_points(text: str) -> list[list[float]]:
     return points
 
 
+def reading_of(settings: bpy.types.PropertyGroup) -> dict:
+    """Fields of ``core.capture.ReadOptions``, but ``intrinsics`` is the path of a file, or "".
+
+    Raises
+    ------
+    CaptureError
+        When that path is relative to a .blend that has no place yet.
+    """
+    reading = settings.reading
+    return {
+        "intrinsics": absolute(reading.intrinsics),
+        "depth_unit_m": reading.depth_unit_mm / 1000.0 or None,
+        "turn_degrees": None if reading.turn == "FILE" else int(reading.turn),
+        "mirrored": {"FILE": None, "YES": True, "NO": False}[reading.mirrored],
+        "min_confidence": int(reading.min_confidence),
+        "disparity": reading.disparity,
+        "kinect_calibration": reading.kinect_calibration,
+        "color": reading.color,
+    }
+
+
 def view_settings(settings: bpy.types.PropertyGroup) -> dict:
     """Fields of ``core.views.ViewSettings``."""
     subject = settings.subject
     lengths = ("depth_limit", "floor_clearance", "reach", "max_height")
-    return {name: getattr(subject, f"{name}_m") for name in lengths} | {"object": subject.object}
+    click = tuple(subject.click) if subject.clicked else None
+    return {name: getattr(subject, f"{name}_m") for name in lengths} | {"object": subject.object, "click": click}
 
 
 def key_of(views: dict) -> str:
@@ -186,7 +213,11 @@ def build_settings(settings: bpy.types.PropertyGroup) -> dict:
         "mirror": {"glass_offset": quality.glass_offset_m},
         "views": view_settings(settings),
         "triangulation": {"outline": quality.outline},
-        "closing": {"refine": quality.refine, "untangle": quality.untangle},
+        "closing": {
+            "refine": quality.refine,
+            "untangle": quality.untangle,
+            "keep_islands": quality.keep_islands,
+        },
     }
 
 

@@ -142,10 +142,10 @@ class Simulated:
 # --- capture ---------------------------------------------------------------------------------------------------------
 
 
-def load_steps(path: str, frames: int, mirrors_path: str = "") -> Steps[Loaded]:
-    """Read a capture, average its burst, and fit the mirrors it knows."""
+def load_steps(path: str, frames: int, mirrors_path: str = "", reading: dict | None = None) -> Steps[Loaded]:
+    """Read a capture, average its burst, and fit the mirrors it knows; ``reading`` is of :func:`.state.reading_of`."""
     yield 0.0, READING
-    capture = _open(path, frames, mirrors_path)
+    capture = _open(path, frames, mirrors_path, reading)
     return (yield from _loaded(capture, path))
 
 
@@ -161,13 +161,15 @@ def record_steps(camera: str, folder: str, frames: int) -> Steps[Loaded]:
     return (yield from load_steps(folder, 0))
 
 
-def _open(path: str, frames: int, mirrors_path: str) -> Capture:
-    from ..core.capture import open_capture
+def _open(path: str, frames: int, mirrors_path: str, reading: dict | None) -> Capture:
+    from ..core.capture import ReadOptions, open_capture
+    from ..core.capture.rgbd_folder import read_intrinsics, read_mirrors
 
-    capture = open_capture(path, frames or None)
+    options = dict(reading or {})
+    lens = options.pop("intrinsics", "")
+    options = ReadOptions(intrinsics=read_intrinsics(lens)[0] if lens else None, **options)
+    capture = open_capture(path, frames or None, options)
     if mirrors_path:
-        from ..core.capture.rgbd_folder import read_mirrors
-
         capture = dataclasses.replace(capture, mirrors=read_mirrors(mirrors_path, capture.intrinsics))
     return capture
 
@@ -391,6 +393,7 @@ def build_steps(
     mirrors_path: str = "",
     settings: dict | None = None,
     cloud: Cloud | None = None,
+    reading: dict | None = None,
 ) -> Steps[Built]:
     """Read a capture and reconstruct it.
 
@@ -402,10 +405,12 @@ def build_steps(
         Records; by default what the capture or ``mirrors_path`` says, and if that is nothing they are found.
     settings : dict, optional
         By the names of ``core.pipeline.Settings``, each a dict of the fields that differ from the defaults.
+    reading : dict, optional
+        Of :func:`.state.reading_of`.
     """
     yield 0.0, READING
     if path:
-        capture = _open(path, frames, mirrors_path)
+        capture = _open(path, frames, mirrors_path, reading)
     elif cloud is not None:
         capture = _capture_of(cloud)
     else:

@@ -285,7 +285,7 @@ def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:
     degrees = capture.turn_degrees if options.turn_degrees is None else options.turn_degrees
     if capture.sensor == "kinect_v2" and options.mirrored is None and not capture.mirrored:
         hint = "Kinect v2's SDK exchanges left and right, and no file says so: if this picture is mirrored, say so"
-        capture = replace(capture, notes=(*capture.notes, f"{hint} (--mirrored)"))
+        capture = replace(capture, notes=(*capture.notes, f"{hint} (option “mirrored”)"))
     if mirrored or degrees:
         from ..registration import turned, unmirrored
 

@@ -87,7 +87,7 @@ def read(path: Path, frames: FrameChoice = None, options: ReadOptions | None = N
         if nominal is None:
             raise CaptureError(
                 f"{path / INTRINSIC_NAMES[0]}: is missing; it gives width, height and intrinsic_matrix of the depth "
-                "camera; write it, or name a file that holds them with --intrinsics"
+                "camera; write it, or give a file that holds them (option “intrinsics”)"
             )
         intrinsics, sensor, note = nominal
         scale, notes = DEFAULT_DEPTH_SCALE, (note,)

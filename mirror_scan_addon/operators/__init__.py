@@ -13,13 +13,14 @@ from . import (
     load_capture,
     mirrors,
     pick_mirror_points,
+    pick_subject,
     rig,
     rig_file,
 )
 
 _modules = (
-    load_capture, mirrors, pick_mirror_points, rig_file, find_subject, build_avatar, check, color_by, export_avatar,
-    rig,
+    load_capture, mirrors, pick_mirror_points, rig_file, find_subject, pick_subject, build_avatar, check, color_by,
+    export_avatar, rig,
 )  # fmt: skip
 
 register, unregister = bpy.utils.register_classes_factory(tuple(kind for module in _modules for kind in module.CLASSES))

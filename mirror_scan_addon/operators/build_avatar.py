@@ -74,8 +74,8 @@ class MIRRORSCAN_OT_build_avatar(jobs.JobOperator, bpy.types.Operator):
                     self.report({"WARNING"}, text.format(path=path))
                 path, arrays = "", cloud.read_cloud(points)
         path = state.absolute(path)
-        options = state.build_settings(settings)
-        return jobs.Task("build_steps", (path, frames, mirrors, mirrors_path, options, arrays))
+        options, reading = state.build_settings(settings), state.reading_of(settings)
+        return jobs.Task("build_steps", (path, frames, mirrors, mirrors_path, options, arrays, reading))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         from .. import cloud, scene

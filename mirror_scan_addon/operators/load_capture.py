@@ -65,6 +65,9 @@ class MIRRORSCAN_OT_load_capture(jobs.JobOperator, bpy.types.Operator):
         layout.use_property_split = True
         layout.prop(self, "frames")
         layout.prop(self, "mirrors_filepath")
+        layout.separator()
+        for name in state.READING:
+            layout.prop(context.scene.mirror_scan.reading, name)
 
     def start(self, context: bpy.types.Context) -> jobs.Task:
         settings = context.scene.mirror_scan
@@ -73,7 +76,8 @@ class MIRRORSCAN_OT_load_capture(jobs.JobOperator, bpy.types.Operator):
             raise CaptureError(say("No capture is chosen; give its folder or file"))
         frames = self.frames if self.properties.is_property_set("frames") else settings.frames
         self._path, self._frames = state.capture_root(self.filepath or settings.capture_path), frames
-        return jobs.Task("load_steps", (path, frames, state.absolute(self.mirrors_filepath)))
+        mirrors = state.absolute(self.mirrors_filepath)
+        return jobs.Task("load_steps", (path, frames, mirrors, state.reading_of(settings)))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         cloud = show_capture(context, target, result)
@@ -174,6 +178,7 @@ def show_capture(context: bpy.types.Context, target: bpy.types.Scene, loaded) ->
     if loaded.seen is not None:
         cloud.set_values(points.data, seen=loaded.seen)
     settings.cloud_colors, settings.show_cloud, settings.fold = "CAPTURE", True, False
+    settings.subject.clicked = False
     state.forget_subject(settings)
     if target == context.scene:
         scene.select_only(context, points)

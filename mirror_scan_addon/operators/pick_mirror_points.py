@@ -6,19 +6,11 @@ import bpy
 from bpy.props import BoolProperty
 
 from .. import jobs, overlay, state
+from ..aiming import NAVIGATION, Aim, region_under
 from ..texts import CONTEXT, say, tell
 
-SNAP_PX, GRAB_PX = 14.0, 12.0
-"""How far from the mouse a point of the cloud is looked for, and a pick is taken hold of [px at 100 % scale]."""
-
-DEPTH_TOLERANCE = 0.12
-"""How much deeper than the front-most point under the mouse a point may lie to be meant [m]."""
-
+GRAB_PX = 12.0  # how far from the mouse a pick is taken hold of [px at 100 % scale]
 ENOUGH = 3  # picks that make a plane; with fewer the mirror is looked for around them
-
-NAVIGATION = ("MIDDLEMOUSE", "WHEEL", "NUMPAD_", "TRACKPAD", "NDOF", "MOUSEROTATE", "MOUSESMARTZOOM", "HOME", "TIMER",
-              "WINDOW", "MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "EVT_", "ACCENT_GRAVE")  # fmt: skip
-"""Beginnings of event types that are Blender's while picking."""
 
 
 class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
@@ -36,7 +28,6 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
     )  # fmt: skip
 
     _running = False
-    _picture = None  # the view that was picked in last, and the points as it shows them
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
@@ -69,6 +60,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             return {"CANCELLED"}
         settings = context.scene.mirror_scan
         self._points, self._pixel = arrays.points, arrays.pixel
+        self._aim = Aim(arrays.points)
         self._count = len(target.data.vertices)
         self._depth, self._intrinsics = arrays.depth, arrays.intrinsics
         self._before = state.records_of(settings)
@@ -182,7 +174,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def _hover_over(self, context, event, region) -> None:
-        index = self._nearest(context, event, region)
+        index = self._aim.nearest(context, event, region)
         overlay.set_hover(None if index is None else self._points[index])
         jobs.redraw(context)
 
@@ -199,23 +191,8 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
 
     # --- where the mouse is -------------------------------------------------------------------------------------------
 
-    def _nearest(self, context, event, region) -> int | None:
-        """Index of the cloud's point that the mouse means."""
-        from ...core.picking import Picture
-        from .. import cloud
-
-        space = region.data
-        view = space.view_matrix @ cloud.cloud_of(context.scene).matrix_world
-        seen_as = (view.freeze(), space.window_matrix.copy().freeze(), region.width, region.height)
-        if self._picture is None or self._picture[0] != seen_as:  # as long as the view stands still, it is kept
-            size = region.width, region.height
-            self._picture = seen_as, Picture(self._points, view, space.window_matrix, size)
-        scale = context.preferences.system.ui_scale
-        at = event.mouse_x - region.x, event.mouse_y - region.y
-        return self._picture[1].pick(at, SNAP_PX * scale, DEPTH_TOLERANCE * view.median_scale)
-
     def _snap(self, context, event, region) -> tuple[float, float] | None:
-        index = self._nearest(context, event, region)
+        index = self._aim.nearest(context, event, region)
         if index is None:
             return None
         row, column = divmod(int(self._pixel[index]), self._intrinsics.width)
@@ -412,52 +389,6 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         )
         context.workspace.status_text_set(text.format(name=item.name, count=count, how=how))
         jobs.redraw(context)
-
-
-def region_under(context, event, area_pointer: int):
-    """The window region of the viewport that picking was begun in, if the mouse is over it and over nothing that lies
-    on top of it: sidebars, headers, the navigation gizmo. Else None."""
-    area = next((area for area in context.window.screen.areas if area.as_pointer() == area_pointer), None)
-    if area is None or area.type != "VIEW_3D":
-        return None
-    x, y = event.mouse_x, event.mouse_y
-    window = None
-    right = 0
-    for region in area.regions:
-        if region.type == "WINDOW":
-            if _inside(region, x, y) and (window is None or len(area.spaces.active.region_quadviews)):
-                window = region
-        elif region.width > 1 and region.height > 1:
-            if region.type != "HUD" and _inside(region, x, y):
-                return None
-            if region.type == "UI" and region.alignment == "RIGHT":
-                right = region.width
-    if window is None or _on_gizmo(context, area, window, x, y, right):
-        return None
-    return window
-
-
-def _inside(region, x: int, y: int) -> bool:
-    return region.x <= x < region.x + region.width and region.y <= y < region.y + region.height
-
-
-def _on_gizmo(context, area, window, x: int, y: int, covered: int) -> bool:
-    """Whether the mouse is on the axes and buttons at the viewport's upper right."""
-    space = area.spaces.active
-    if not (space.show_gizmo and space.show_gizmo_navigate):
-        return False
-    scale = context.preferences.system.ui_scale
-    ball = (context.preferences.view.gizmo_size_navigate_v3d + 20) * scale
-    right = window.x + window.width - covered
-    top = window.y + window.height
-    for region in area.regions:  # headers lie over the viewport where regions overlap
-        if region.type in ("HEADER", "TOOL_HEADER") and region.alignment == "TOP" and region.y < top:
-            if region.height > 1 and _inside(window, region.x + region.width // 2, region.y):
-                top = min(top, region.y)
-    if not right - ball <= x <= right:
-        return False
-    # below the ball stand some small buttons in a column at its right
-    return y >= top - ball or (x >= right - 48 * scale and y >= top - ball - 150 * scale)
 
 
 CLASSES = (MIRRORSCAN_OT_pick_mirror_points,)

@@ -77,6 +77,32 @@ def test_loading_again_replaces(bpy, scan, loaded):
     assert [settings.cloud.name, settings.color_image.name] == ["capture", "capture colour"]  # no “.001”
 
 
+def test_what_the_files_do_not_say_is_said_in_the_scene(bpy, scan, tmp_path):
+    from mirror_scan.mirror_scan_addon import cloud
+
+    folder = tmp_path / "capture"
+    shutil.copytree(scan[0], folder, ignore=shutil.ignore_patterns("truth", "intrinsic.json", "image"))
+    with pytest.raises(RuntimeError, match="intrinsic.json: is missing"):
+        bpy.ops.mirror_scan.load_capture(filepath=str(folder))
+    reading = settings_of(bpy).reading
+    reading.intrinsics = str(scan[0] / "intrinsic.json")
+    bpy.ops.mirror_scan.load_capture(filepath=str(folder))
+    plain = cloud.read_cloud(settings_of(bpy).cloud)
+    assert bpy.ops.mirror_scan.build_avatar() == {"FINISHED"}
+    assert 1.5 < bpy.context.object.dimensions.z < 2.0
+    reading.turn, reading.mirrored, reading.color, reading.depth_unit_mm = "90", "YES", False, 2.0
+    (folder / "mirrors.json").unlink()
+    bpy.ops.mirror_scan.load_capture()
+    turned = cloud.read_cloud(settings_of(bpy).cloud)
+    as_said = 2 * np.rot90(plain.depth[:, ::-1], -1)
+    assert turned.depth.shape == as_said.shape
+    assert np.isclose(turned.depth, as_said, atol=1e-6).mean() > 0.9999  # cleaning goes by the distance
+    assert turned.color is None
+    reading.intrinsics = str(tmp_path / "none.json")
+    with pytest.raises(RuntimeError, match="Error: .*none.json"):
+        bpy.ops.mirror_scan.load_capture()
+
+
 def test_a_live_camera_is_recorded_and_shown(bpy, scan, tmp_path, monkeypatch):
     import contextlib
 
@@ -273,6 +299,31 @@ def test_sliders_move_the_colours_at_once(bpy, scan, loaded):
     assert share(2) < 0.7 * person
     settings.subject.depth_limit = 2.0
     assert share(3) > 0.3
+
+
+def test_the_person_is_who_was_clicked(bpy, scan, loaded):
+    from mirror_scan.mirror_scan_addon import cloud
+
+    subject = settings_of(bpy).subject
+    bpy.ops.mirror_scan.find_subject()
+    width = cloud.read_cloud(loaded).intrinsics.width
+    pixels = cloud.read_cloud(loaded).pixel
+    found = cloud.values(loaded.data, cloud.VIEW, np.int8)
+    v, u = np.median(np.divmod(pixels[found == 0], width), axis=1)
+    assert bpy.ops.mirror_scan.pick_subject(pixel=(u, v)) == {"FINISHED"}
+    assert subject.clicked and subject.stale
+    bpy.ops.mirror_scan.find_subject()
+    assert (cloud.values(loaded.data, cloud.VIEW, np.int8) == found).mean() > 0.999 and not subject.stale
+    assert bpy.ops.mirror_scan.build_avatar() == {"FINISHED"}
+    # on the wall behind nobody stands
+    u, v = next(divmod(int(p), width)[::-1] for p in pixels[found == -1] if p // width < 60)
+    bpy.ops.mirror_scan.pick_subject(pixel=(u, v))
+    with pytest.raises(RuntimeError, match="Error: .*click"):
+        bpy.ops.mirror_scan.find_subject()
+    with pytest.raises(RuntimeError, match="Error: pixel: give a column from 0 to 639"):
+        bpy.ops.mirror_scan.pick_subject(pixel=(640, 3))
+    bpy.ops.mirror_scan.load_capture(filepath=str(scan[0]))
+    assert not subject.clicked
 
 
 def turn_until_done(live, scene, limit=120.0):

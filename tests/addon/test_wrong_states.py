@@ -18,6 +18,7 @@ OPERATORS = {
     "calibrate_rig": {"filepath": "/proc/rig.json"},
     "use_rig": {"filepath": "/proc/rig.json"},
     "find_subject": {},
+    "pick_subject": {"pixel": (-3, 7)},
     "build_avatar": {},
     "check": {},
     "jump_to_problem": {},

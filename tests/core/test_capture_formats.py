@@ -397,7 +397,7 @@ def test_sun_and_redwood(tmp_path):
     assert_camera(capture.intrinsics, 525, 525, 319.5, 239.5)
     assert capture.notes and capture.color is not None
     (tmp_path / "redwood" / "image").rename(tmp_path / "redwood" / "color")  # no longer Redwood's: no camera is guessed
-    with pytest.raises(CaptureError, match=r"intrinsic\.json: is missing.*--intrinsics"):
+    with pytest.raises(CaptureError, match=r"intrinsic\.json: is missing.*intrinsics”"):
         open_capture(tmp_path / "redwood")
 
 

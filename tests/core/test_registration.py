@@ -232,8 +232,8 @@ def test_options_turn_and_flip_any_format(tmp_path):
     assert (both.turn_degrees, both.mirrored) == (0, False)
     v2 = tmp_path / "v2.npy"  # its SDK exchanges left and right: whether that was undone no file says
     np.save(v2, np.full((424, 512), 2.0, np.float32))
-    assert any("--mirrored" in note for note in open_capture(v2).notes)
-    assert not any("--mirrored" in note for note in open_capture(v2, options=ReadOptions(mirrored=False)).notes)
+    assert any("option “mirrored”" in note for note in open_capture(v2).notes)
+    assert not any("option “mirrored”" in note for note in open_capture(v2, options=ReadOptions(mirrored=False)).notes)
     for wrong in ({"turn_degrees": 45}, {"disparity": "magic"}, {"depth_unit_m": 0}, {"min_confidence": 3}):
         with pytest.raises(CaptureError):
             ReadOptions(**wrong)

@@ -1,0 +1,89 @@
+"""Which point of the capture the mouse means, in the viewport."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import bpy
+
+if TYPE_CHECKING:
+    import numpy as np
+
+SNAP_PX = 14.0
+"""How far from the mouse a point of the cloud is looked for [px at 100 % scale]."""
+
+DEPTH_TOLERANCE = 0.12
+"""How much deeper than the front-most point under the mouse a point may lie to be meant [m]."""
+
+NAVIGATION = ("MIDDLEMOUSE", "WHEEL", "NUMPAD_", "TRACKPAD", "NDOF", "MOUSEROTATE", "MOUSESMARTZOOM", "HOME", "TIMER",
+              "WINDOW", "MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "EVT_", "ACCENT_GRAVE")  # fmt: skip
+"""Beginnings of event types that are Blender's while picking."""
+
+
+class Aim:
+    """Finds points (N, 3) of the scene's cloud, in the camera's frame, under the mouse."""
+
+    def __init__(self, points: np.ndarray) -> None:
+        self._points = points
+        self._picture = None  # the view that was looked from last, and the points as it shows them
+
+    def nearest(self, context: bpy.types.Context, event: bpy.types.Event, region: bpy.types.Region) -> int | None:
+        """Index of the point that the mouse means; None where there is none."""
+        from ..core.picking import Picture
+        from . import cloud
+
+        space = region.data
+        view = space.view_matrix @ cloud.cloud_of(context.scene).matrix_world
+        seen_as = (view.freeze(), space.window_matrix.copy().freeze(), region.width, region.height)
+        if self._picture is None or self._picture[0] != seen_as:  # as long as the view stands still, it is kept
+            size = region.width, region.height
+            self._picture = seen_as, Picture(self._points, view, space.window_matrix, size)
+        scale = context.preferences.system.ui_scale
+        at = event.mouse_x - region.x, event.mouse_y - region.y
+        return self._picture[1].pick(at, SNAP_PX * scale, DEPTH_TOLERANCE * view.median_scale)
+
+
+def region_under(context, event, area_pointer: int):
+    """The window region of the viewport that picking was begun in, if the mouse is over it and over nothing that lies
+    on top of it: sidebars, headers, the navigation gizmo. Else None."""
+    area = next((area for area in context.window.screen.areas if area.as_pointer() == area_pointer), None)
+    if area is None or area.type != "VIEW_3D":
+        return None
+    x, y = event.mouse_x, event.mouse_y
+    window = None
+    right = 0
+    for region in area.regions:
+        if region.type == "WINDOW":
+            if _inside(region, x, y) and (window is None or len(area.spaces.active.region_quadviews)):
+                window = region
+        elif region.width > 1 and region.height > 1:
+            if region.type != "HUD" and _inside(region, x, y):
+                return None
+            if region.type == "UI" and region.alignment == "RIGHT":
+                right = region.width
+    if window is None or _on_gizmo(context, area, window, x, y, right):
+        return None
+    return window
+
+
+def _inside(region, x: int, y: int) -> bool:
+    return region.x <= x < region.x + region.width and region.y <= y < region.y + region.height
+
+
+def _on_gizmo(context, area, window, x: int, y: int, covered: int) -> bool:
+    """Whether the mouse is on the axes and buttons at the viewport's upper right."""
+    space = area.spaces.active
+    if not (space.show_gizmo and space.show_gizmo_navigate):
+        return False
+    scale = context.preferences.system.ui_scale
+    ball = (context.preferences.view.gizmo_size_navigate_v3d + 20) * scale
+    right = window.x + window.width - covered
+    top = window.y + window.height
+    for region in area.regions:  # headers lie over the viewport where regions overlap
+        if region.type in ("HEADER", "TOOL_HEADER") and region.alignment == "TOP" and region.y < top:
+            if region.height > 1 and _inside(window, region.x + region.width // 2, region.y):
+                top = min(top, region.y)
+    if not right - ball <= x <= right:
+        return False
+    # below the ball stand some small buttons in a column at its right
+    return y >= top - ball or (x >= right - 48 * scale and y >= top - ball - 150 * scale)

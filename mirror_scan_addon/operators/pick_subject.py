@@ -1,0 +1,116 @@
+"""The person by a click, where another is taken for it."""
+
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
+
+import bpy
+from bpy.props import FloatVectorProperty
+
+from .. import jobs, overlay, state
+from ..aiming import NAVIGATION, Aim, region_under
+from ..texts import CONTEXT, say, tell
+
+
+class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
+    """Click the person, or the thing, that is to become the avatar, where the camera sees it directly; for rooms in
+    which somebody else is taken for it"""
+
+    bl_idname = "mirror_scan.pick_subject"
+    bl_label = "Click the Person"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO"}
+
+    pixel: FloatVectorProperty(
+        name="Pixel", description="Where in the depth image the person is: from the left and from the top, in pixels",
+        size=2, default=(-1.0, -1.0), precision=1, options={"SKIP_SAVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+
+    _picking = False
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return state.allows(cls, state.editable(context) or state.no_cloud(context) or state.no_mirror(context))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from .. import cloud
+
+        try:
+            lens = cloud.read_cloud(cloud.cloud_of(context.scene), color=False).intrinsics
+        except jobs.REPORTED as error:
+            self.report({"ERROR"}, tell(error))
+            return {"CANCELLED"}
+        u, v = self.pixel
+        if not (0 <= u < lens.width and 0 <= v < lens.height):
+            text = say("pixel: give a column from 0 to {width} and a row from 0 to {height}")
+            self.report({"ERROR"}, text.format(width=lens.width - 1, height=lens.height - 1))
+            return {"CANCELLED"}
+        subject = context.scene.mirror_scan.subject
+        subject.click, subject.clicked = (u, v), True
+        return {"FINISHED"}
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        from .. import cloud
+
+        if bpy.app.background or self.properties.is_property_set("pixel"):
+            return self.execute(context)
+        if context.area is None or context.area.type != "VIEW_3D":
+            self.report({"ERROR"}, say("The person is clicked in a 3D viewport; scripts give pixel"))
+            return {"CANCELLED"}
+        try:
+            arrays = cloud.read_cloud(cloud.cloud_of(context.scene), color=False)
+        except jobs.REPORTED as error:
+            self.report({"ERROR"}, tell(error))
+            return {"CANCELLED"}
+        self._aim, self._points = Aim(arrays.points), arrays.points
+        self._pixels, self._width = arrays.pixel, arrays.intrinsics.width
+        self._scene_uid, self._area = context.scene.session_uid, context.area.as_pointer()
+        settings = context.scene.mirror_scan
+        settings.show_cloud, settings.fold = True, False  # what is drawn is what is clicked
+        context.window_manager.modal_handler_add(self)
+        context.workspace.status_text_set(say("[Click] The person    [Esc] Cancel"))
+        self._picking = True
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        from .. import cloud
+
+        target = cloud.cloud_of(context.scene)
+        gone = target is None or len(target.data.vertices) != len(self._points) or context.mode != "OBJECT"
+        if context.scene.session_uid != self._scene_uid or gone:
+            self.cancel(context)
+            self.report({"WARNING"}, say("The points of the capture are not here any more; picking has ended"))
+            return {"CANCELLED"}
+        if event.type in ("ESC", "RIGHTMOUSE") and event.value == "PRESS":
+            self.cancel(context)
+            return {"CANCELLED"}
+        region = region_under(context, event, self._area)
+        context.window.cursor_modal_set("DEFAULT" if region is None else "CROSSHAIR")
+        if region is None or event.type.startswith(NAVIGATION):
+            if event.type == "MOUSEMOVE":
+                index = None if region is None else self._aim.nearest(context, event, region)
+                overlay.set_hover(None if index is None else self._points[index])
+                jobs.redraw(context)
+            return {"PASS_THROUGH"}
+        if event.type != "LEFTMOUSE" or event.value != "PRESS" or event.alt:
+            return {"PASS_THROUGH"}
+        index = self._aim.nearest(context, event, region)
+        if index is None:
+            self.report({"WARNING"}, say("There is no point of the capture here; click on the person"))
+            return {"RUNNING_MODAL"}
+        row, column = divmod(int(self._pixels[index]), self._width)
+        self.pixel = column, row
+        self.cancel(context)
+        return self.execute(context)
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Clear the traces of picking from the window; Blender calls this too, when it loads another file."""
+        if not self._picking:
+            return
+        self._picking = False
+        overlay.set_hover(None)
+        if context.window is not None:
+            context.window.cursor_modal_restore()
+        context.workspace.status_text_set(None)
+        jobs.redraw(context)
+
+
+CLASSES = (MIRRORSCAN_OT_pick_subject,)
