@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import json
+import math
 import os
 import shutil
 import subprocess
@@ -54,6 +55,7 @@ def story() -> Story:
     with step("open the sidebar"):
         yield from open_sidebar()
     yield from shot("1_panel")
+    note("redraw_empty_ms", redraw_ms())
 
     with step("load by the file browser"):
         started = time.perf_counter()
@@ -84,7 +86,7 @@ def story() -> Story:
         note("points_made_s", made)
         note("points_shown_s", shown)
         note("points_shown", len(cloud().data.vertices))
-        note("points_redraw_ms", redraw_ms())
+        note("redraw_points_ms", redraw_ms())
 
     with step("find mirrors"):
         yield from press("clear_mirrors", 0.97)
@@ -142,6 +144,7 @@ def story() -> Story:
         note("second_build_s", time.perf_counter() - started)
         yield 0.5
         blocks.stop()
+        note("build_working_blocks_ms", blocks.worst_until(watch.last_modal))
         note("second_build_blocks_ms", blocks.worst)
         note("build_own_ms", watch.worst())
         result["own_calls_ms"] = watch.longest()
@@ -729,6 +732,7 @@ class Watch:
 
     def __init__(self) -> None:
         self.spent: list[tuple[float, str]] = []
+        self.last_modal = 0.0  # when the last call of an operator's modal() began
         self._put_back: list[tuple[object, str, object]] = []
         prefix = f"{ADDON}.mirror_scan_addon."
         for kind in (bpy.types.Operator, bpy.types.Panel):
@@ -748,6 +752,8 @@ class Watch:
 
         def call(*arguments):
             start = time.perf_counter()
+            if name == "modal":
+                self.last_modal = start
             try:
                 return inner(*arguments)
             finally:
@@ -811,10 +817,19 @@ class Blocks:
     running: Blocks | None = None
 
     def __init__(self) -> None:
-        self.worst, self._last, self._on = 0.0, 0.0, False
+        self.all: list[tuple[float, float]] = []  # each one's end, and its length [ms]
+        self._last, self._on = 0.0, False
+
+    @property
+    def worst(self) -> float:
+        return self.worst_until(math.inf)
+
+    def worst_until(self, end: float) -> float:
+        """Of those that were over by then."""
+        return max((length for ended, length in self.all if ended <= end), default=0.0)
 
     def start(self) -> None:
-        self.worst, self._last, self._on = 0.0, time.perf_counter(), True
+        self.all, self._last, self._on = [], time.perf_counter(), True
         Blocks.running = self
         bpy.app.timers.register(self._turn)
 
@@ -829,7 +844,7 @@ class Blocks:
 
     def _turn(self) -> float | None:
         now = time.perf_counter()
-        self.worst = max(self.worst, 1000 * (now - self._last))
+        self.all.append((now, 1000 * (now - self._last)))
         self._last = now
         return self.STEP_S if self._on else None
 
