@@ -54,9 +54,9 @@ class Search:
         if points is None or cloud.stamp_of(points) != self.stamp or _obstacle(scene):
             return  # undone, loaded anew or sorted by other mirrors meanwhile
         subject, error = scene.mirror_scan.subject, self.worker.error
+        if not subject.searched_with:  # the first search: show what it found
+            scene.mirror_scan.cloud_colors = "PART"
         if error is None:
-            if not subject.searched_with:  # the first search: show what it found
-                scene.mirror_scan.cloud_colors = "PART"
             put_subject(scene, points, self.worker.result, self.views)
         elif isinstance(error, jobs.REPORTED):
             cloud.set_nobody(points.data)
