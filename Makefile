@@ -38,7 +38,7 @@ FUZZ_CASES ?= 20000
 fuzz: $(VENV)/ready-bpy,test
 	MIRROR_SCAN_FUZZ_CASES=$(FUZZ_CASES) $(PY) -m pytest -q tests/core/test_capture_fuzz.py
 
-# Each bpy fits one Python. Those that are not here are left out, by name.
+# Each bpy fits one Python. Those that are not here are left out, by name. PREPARE_ONLY=1 installs and tests nothing.
 BPYS ?= 4.5.15 5.0.1 5.2.3
 
 test-addon: $(BPYS:%=test-addon-%)
@@ -52,6 +52,7 @@ test-addon-%:
 		$$python -m venv $$venv; \
 		$$venv/bin/python -m pip install -q bpy==$* numba OpenImageIO tqdm pytest trimesh scipy; \
 		touch $$venv/ready; }; \
+	[ -z "$(PREPARE_ONLY)" ] || exit 0; \
 	echo "bpy $*, $$($$venv/bin/python -c 'import numpy, sys; print("Python", sys.version.split()[0], "numpy", numpy.__version__)')"; \
 	NUMBA_CACHE_DIR=$(NUMBA_CACHE_DIR) $$venv/bin/python -m pytest -q tests/addon
 
