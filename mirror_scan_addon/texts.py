@@ -28,13 +28,53 @@ def tell(text: object) -> str:
     return translate(text, say)
 
 
-TRANSLATIONS: dict[str, dict[tuple[str, str], str]] = {}
-"""Locale → (context, English) → translation, as ``bpy.app.translations`` wants it; English is what the code says. The
-context is ``CONTEXT``, of tooltips "*": Blender looks these up without one."""
+LANGUAGES = "languages"
+"""Folder beside this file with a .po file for each language, named as Blender calls it: ``de_DE.po``. English is what
+the code says. ``tools/messages.py --pot`` writes what there is to translate: texts of the context ``CONTEXT``, and of
+the context "*" tooltips, since Blender looks these up without one."""
+
+
+def translations() -> dict[str, dict[tuple[str, str], str]]:
+    """Locale → (context, English) → translation, as ``bpy.app.translations`` wants it, of all languages there are."""
+    import os
+    import sys
+
+    folder = os.path.join(sys.modules[__package__].__path__[0], LANGUAGES)
+    if not os.path.isdir(folder):
+        return {}
+    found = {}
+    for name in sorted(os.listdir(folder)):
+        locale, kind = os.path.splitext(name)
+        if kind == ".po":
+            with open(os.path.join(folder, name), encoding="utf-8") as file:
+                found[locale] = read_translation(file.read())
+    return found
+
+
+def read_translation(text: str) -> dict[tuple[str, str], str]:
+    """(context, English) → translation of a .po file; what is not translated, or marked as doubtful, is left out."""
+    import ast
+
+    found = {}
+    for block in text.replace("\r\n", "\n").split("\n\n"):
+        parts: dict[str, str] = {}
+        name = ""
+        for line in block.splitlines():
+            if line.startswith("#"):
+                if line.startswith("#,") and "fuzzy" in line:
+                    parts.clear()
+                    break
+                continue
+            word, quote, rest = line.partition('"')
+            name = word.strip() or name
+            parts[name] = parts.get(name, "") + ast.literal_eval(quote + rest)
+        if parts.get("msgid") and parts.get("msgstr"):
+            found[parts.get("msgctxt", "*"), parts["msgid"]] = parts["msgstr"]
+    return found
 
 
 def register() -> None:
-    bpy.app.translations.register(__name__, TRANSLATIONS)
+    bpy.app.translations.register(__name__, translations())
 
 
 def unregister() -> None:

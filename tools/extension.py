@@ -13,6 +13,7 @@ import argparse
 import importlib.util
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -168,6 +169,8 @@ def stage(target: Path, wheels: list[Path], platforms: list[str]) -> None:
         shutil.copy2(ROOT / name, target / name)
     for name in SHIPPED_FOLDERS:
         shutil.copytree(ROOT / name, target / name, ignore=shutil.ignore_patterns(*LEFT_OUT))
+    tool = runpy.run_path(str(Path(__file__).with_name("messages.py")))
+    tool["write_list"](target / tool["LIST"].relative_to(ROOT))  # the one in the checkout may lag behind
     text = (ROOT / MANIFEST).read_text(encoding="utf-8")
     if wheels:
         (target / "wheels").mkdir()
@@ -241,7 +244,8 @@ def check(path: Path) -> dict:
         sources = {ROOT / folder for folder in SHIPPED_FOLDERS}
         shipped = {file.relative_to(ROOT).as_posix() for folder in sources for file in folder.rglob("*.py")}
         strange = [n for n in names if not re.fullmatch(r"(core|mirror_scan_addon)/[\w/]+\.py|wheels/[^/]+\.whl", n)]
-        known = {MANIFEST, *SHIPPED_FILES, *SHIPPED_DATA}
+        languages = {file.relative_to(ROOT).as_posix() for file in ROOT.glob("mirror_scan_addon/languages/*.po")}
+        known = {MANIFEST, *SHIPPED_FILES, *SHIPPED_DATA, *languages}
         demand(set(strange) == known, f"holds {sorted(set(strange) - known)}, lacks {sorted(known - set(strange))}")
         demand(shipped <= names, f"lacks {sorted(shipped - names)}")
     texts = {"tagline": manifest["tagline"], **manifest.get("permissions", {})}

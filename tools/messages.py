@@ -1,6 +1,7 @@
-"""List the messages that core may say, for translators: mirror_scan_addon/messages.json.
+"""List what is said to people, for translators.
 
-    python tools/messages.py
+    python tools/messages.py                   core's messages, into mirror_scan_addon/messages.json
+    python tools/messages.py --pot FILE.pot    everything, as a template for gettext's tools
 
 Core speaks English and knows of no translation; ``mirror_scan_addon/messages.py`` recognises what it said by this list.
 What is filled in stands in braces, under the name it has in the code. To be run again when a text came, went or
@@ -9,6 +10,7 @@ changed; ``tests/addon/test_texts.py`` says when.
 
 from __future__ import annotations
 
+import argparse
 import ast
 import json
 import re
@@ -22,6 +24,9 @@ ELSEWHERE = ("core/cli/", "core/inspection.py", "core/experiments")
 
 BESIDE = ("tasks.py", "worker.py", "compiling.py")
 """Of the add-on, what runs in the second Python."""
+
+CONTEXT = "MirrorScan"
+"""As in ``mirror_scan_addon/texts.py``."""
 
 NOT_SAID = {"compile", "execute", "debug", "print"}
 """Functions whose arguments are patterns, queries or the log's."""
@@ -42,6 +47,13 @@ def messages() -> list[str]:
     """Templates for ``str.format`` in order; of those that differ in the names in braces alone the first."""
     found = {text for path in sources() for text in texts_of(ast.parse(path.read_text(encoding="utf-8")))}
     return sorted({skeleton(text): text for text in sorted(found, reverse=True)}.values())
+
+
+def write_list(path: Path) -> int:
+    """Write the list that the add-on reads; returns how long it is."""
+    listed = messages()
+    path.write_text(json.dumps(listed, indent=0, ensure_ascii=False) + "\n", encoding="utf-8")
+    return len(listed)
 
 
 def skeleton(template: str) -> str:
@@ -107,10 +119,85 @@ def name_of(node: ast.expr) -> str:
     return "value"
 
 
+# --- the add-on's own texts ------------------------------------------------------------------------------------------
+
+
+def own_texts() -> Iterator[tuple[str, str, str]]:
+    """Context, text and file of what the add-on says: looked up by ``say``, on buttons and panels, and in tooltips.
+
+    Blender looks up tooltips in no context, for which it writes "*"; an operator's name on its button in ours.
+    """
+    for path in sorted((ROOT / "mirror_scan_addon").rglob("*.py")):
+        if path.name in BESIDE:
+            continue
+        where = path.relative_to(ROOT).as_posix()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef) and node.name.startswith("MIRRORSCAN_OT_") and ast.get_docstring(node):
+                yield "*", " ".join(ast.get_docstring(node).split()), where
+            elif isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "bl_label":
+                yield CONTEXT, node.value.value, where
+            elif isinstance(node, ast.Call):
+                for context, text in said_by(node):
+                    yield context, text, where
+
+
+def said_by(call: ast.Call) -> Iterator[tuple[str, str]]:
+    """Context and text of what a call says."""
+    name = ast.unparse(call.func).rpartition(".")[2]
+    given = {keyword.arg: keyword.value for keyword in call.keywords}
+    if name == "say":
+        yield from ((CONTEXT, text) for text in literals(call.args[0]))
+    elif name.endswith("Property"):
+        yield from ((CONTEXT, text) for text in literals(given.get("name")))
+        yield from (("*", text) for text in literals(given.get("description")))
+        items = given.get("items")
+        for item in items.elts if isinstance(items, ast.Tuple) else ():
+            yield from ((CONTEXT, text) for text in literals(item.elts[1]))
+            yield from (("*", text) for text in literals(item.elts[2]))
+    elif name == "_length":
+        yield from ((CONTEXT, text) for text in literals(call.args[1]))
+        yield from (("*", text) for text in literals(call.args[2]))
+    elif name == "_field" and len(call.args) == 4:
+        yield from ((CONTEXT, text) for text in literals(call.args[3]))
+    elif "text_ctxt" in given:
+        yield from ((CONTEXT, text) for text in literals(given.get("text")))
+
+
+def literals(node: ast.expr | None) -> Iterator[str]:
+    if isinstance(node, ast.IfExp):
+        yield from (*literals(node.body), *literals(node.orelse))
+    elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value:
+        yield node.value
+
+
+def template_file() -> str:
+    """All of it in gettext's form."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for context, text, where in own_texts():
+        found.setdefault((context, text), []).append(where)
+    for text in messages():
+        found.setdefault((CONTEXT, text), []).append("core")
+    lines = ['msgid ""', 'msgstr ""', '"Content-Type: text/plain; charset=UTF-8\\n"']
+    for (context, text), places in sorted(found.items()):
+        lines += ["", *(f"#: {place}" for place in dict.fromkeys(places))]
+        if "{" in text:
+            lines.append("#, python-brace-format")
+        lines += [f"msgctxt {quoted(context)}", f"msgid {quoted(text)}", 'msgstr ""']
+    return "\n".join(lines) + "\n"
+
+
+def quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)
+
+
 def main() -> None:
-    listed = messages()
-    LIST.write_text(json.dumps(listed, indent=0, ensure_ascii=False) + "\n", encoding="utf-8")
-    print(f"{len(listed)} messages")
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--pot", type=Path, metavar="FILE", help="write a template of everything there")
+    options = parser.parse_args()
+    if options.pot is not None:
+        options.pot.write_text(template_file(), encoding="utf-8")
+        return
+    print(f"{write_list(LIST)} messages")
 
 
 if __name__ == "__main__":

@@ -68,6 +68,9 @@ def test_it_holds_what_runs_and_nothing_else(package, manifest, tmp_path):
     )
     names = names_in(package)
     assert [name for name in names if not allowed.fullmatch(name)] == []
+    with zipfile.ZipFile(package) as archive:
+        listed = json.loads(archive.read("mirror_scan_addon/messages.json"))
+    assert listed == runpy.run_path(str(ROOT / "tools" / "messages.py"))["messages"]()
     # A checkout that is built as it stands gives the same: the manifest's own patterns leave out the rest.
     builder._run([*builder.find_tool(None), "build", "--source-dir", str(ROOT), "--output-dir", str(tmp_path)])
     assert names_in(tmp_path / package.name) == names

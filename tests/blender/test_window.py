@@ -83,9 +83,11 @@ import importlib, bpy
 texts = importlib.import_module({run.ADDON!r} + ".mirror_scan_addon.texts")
 texts.unregister()
 flat = "{{name}}: is marked as a mirror, but is not flat in its local X and Y; its glass lies there"
-texts.TRANSLATIONS["de_DE"] = {{("MirrorScan", "Load a capture first"): "Zuerst eine Aufnahme laden",
-                               ("MirrorScan", "Find Mirrors"): "Spiegel finden",
-                               ("MirrorScan", flat): "{{name}} ist krumm"}}
+core = "{{path}}: there is no such file or folder"
+german = {{("MirrorScan", "Load a capture first"): "Zuerst eine Aufnahme laden",
+          ("MirrorScan", "Find Mirrors"): "Spiegel finden", ("MirrorScan", flat): "{{name}} ist krumm",
+          ("MirrorScan", core): "{{path}} gibt es nicht"}}
+texts.translations = lambda: {{"de_DE": german}}
 texts.register()
 view = bpy.context.preferences.view
 if "de_DE" not in bpy.app.translations.locales:
@@ -98,7 +100,9 @@ bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
 bpy.ops.mesh.primitive_cube_add()
 bpy.context.object.name = "Glas"
 bpy.context.object.mirror_scan.is_mirror = True
-for name, options in (("find_mirrors", {{}}), ("simulate", {{"frames": 1}})):
+for name, options in (
+    ("find_mirrors", {{}}), ("simulate", {{"frames": 1}}), ("load_capture", {{"filepath": "/no/such/place"}}),
+):
     try:
         getattr(bpy.ops.mirror_scan, name)(**options)
     except RuntimeError as error:
@@ -115,7 +119,7 @@ def test_texts_are_shown_in_the_language_of_the_user(found):
     if "NO LANGUAGES" in done.stdout:
         pytest.skip("this Blender was built without languages")
     said = " ".join(line for line in done.stdout.splitlines() if line.startswith("SAID"))
-    for text in ("Spiegel finden", "Zuerst eine Aufnahme laden", "Glas ist krumm"):
+    for text in ("Spiegel finden", "Zuerst eine Aufnahme laden", "Glas ist krumm", "/no/such/place gibt es nicht"):
         assert text in said, done.stdout
 
 

@@ -201,8 +201,6 @@ def story() -> Story:
         yield from scroll(40)
     yield from shot("9_rig")
 
-    with step("an error of core in German"):
-        speak_german()
     with step("disable and enable"):
         # in the midst of picking: that ends, and the mirrors are as before
         mirrors = [(mirror.name, len(mirror.picks)) for mirror in settings().mirrors]
@@ -373,28 +371,6 @@ def tear(item) -> None:
     bmesh.ops.delete(work, geom=faces, context="FACES")
     work.to_mesh(item.data)
     work.free()
-
-
-def speak_german() -> None:
-    """Blender's own look-up of what a translator wrote, for a message that core made."""
-    view, message = bpy.context.preferences.view, "{path}: there is no such file or folder"
-    sample = {("MirrorScan", message): "{path}: nicht gefunden"}
-    bpy.app.translations.register("sample", {"de_DE": sample})
-    try:
-        view.language = "de_DE"
-    except TypeError:
-        print("         this Blender has no German", flush=True)
-        return
-    try:
-        expect(bpy.app.translations.locale == "de_DE", "German")
-        with viewport():
-            bpy.ops.mirror_scan.load_capture(filepath="/no/such/place")
-        raise Missed("an error")
-    except RuntimeError as error:
-        expect("place: nicht gefunden" in str(error), f"the error in German, not {error}")
-    finally:
-        view.language = "en_US"
-        bpy.app.translations.unregister("sample")
 
 
 def measure() -> None:
