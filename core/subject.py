@@ -27,6 +27,9 @@ _SHARED = 60.0  # neighbouring readings share so much of their errors that this 
 _PIECE = 8  # px: fewer are noise
 _CONFIRMED = 0.25  # m
 _STEPS = 0.026  # a far sensor counts in steps: pieces may be so much of z apart
+_THICK = 0.12  # m: what is seen so little behind something else is its other side
+_LOOSE = 0.15  # of what a mirror shows of the subject: a larger piece that the direct view does not show is none
+_BELOW = 0.15  # of the figure: so much of it may be seen below what stands before it
 _CLICK_RADIUS = 6  # px: a click without a reading takes the nearest one
 _AXIS_SPREAD, _THING_SPREAD = 0.5, 0.3  # how far off the rig's crossing a person or thing counts less [m]
 
@@ -176,12 +179,14 @@ def find_subject(
     # how deep a figure is behind its front; a thing may be as deep as it is wide
     deepest = 0.5 if not settings.object else max(0.3, 3.0 * np.sqrt(reach) - 1.05)
     if mirrors:
+        # what stands there besides, seen directly
+        others = (component >= 0) & (sizes[component] >= settings.min_pixels) & (seen == 0) & (labels < 0)
         if not settings.object:
             component, sizes, _ = standing(range(1, count), floor, axis, rough)
             member = np.zeros(len(sizes), np.bool_)
         verdict, votes = _verdict_kernel(
-            component, len(sizes), seen, points, depth, labels, lens, wide, axis, _across(up), reach, up,
-            _height_limits(labels, height), deepest,
+            component, len(sizes), seen, points, depth, labels, others, lens, wide, axis, _across(up), reach, up,
+            _height_limits(labels, height, floor), deepest,
         )  # fmt: skip
         taken = _take_mirrors(depth, component, member, verdict, votes, seen, points, pixel_angle, labels, count)
         for i, m in enumerate(mirrors, start=1):
@@ -197,13 +202,12 @@ def find_subject(
     )  # fmt: skip
 
 
-def _height_limits(labels: np.ndarray, height: np.ndarray) -> tuple[float, float]:
+def _height_limits(labels: np.ndarray, height: np.ndarray, floor: float | None) -> tuple[float, float]:
     """Between which heights a mirror may show the subject, by those that it is seen at directly (N,): where the image's
-    border cuts it off there, more of it may be seen in a mirror."""
-    return (
-        -np.inf if (labels[-3:] == 0).any() else height.min() - 0.15,
-        np.inf if (labels[:3] == 0).any() else height.max() + 0.15,
-    )
+    border cuts it off there, or something before it hides its feet, more of it may be seen in a mirror."""
+    low, high = height.min(), height.max()
+    cut = (labels[-3:] == 0).any() or (floor is not None and low > floor + 0.1)
+    return -np.inf if cut else low - 0.15, np.inf if (labels[:3] == 0).any() else high + 0.15
 
 
 def _nobody(settings: ViewSettings, clicked: tuple[int, int] | None) -> str:
@@ -417,6 +421,9 @@ def _direct_subject(depth, component, count, points, up, meeting, clicked, pixel
             return None
         best = int(np.argmax(whole))
     member = _joined(np.array([best]), component, count, points, up, total, score, box, pixel_angle)
+    below = ~member & (score > 0) & (total < _BELOW * total[member].sum())
+    if below.any():
+        member |= _below_kernel(component, member, below, depth) >= _PIECE // 2
     others = np.flatnonzero(member)
     return np.concatenate(([best], others[others != best]))
 
@@ -511,6 +518,33 @@ def _pieces_kernel(component, count, points, origin, projection, reach2, spread2
 
 
 @njit(cache=True, nogil=True)
+def _below_kernel(component, member, small, depth):
+    """In how many columns (C,) a ``small`` component goes on below a member, but for what stands before both."""
+    height, width = component.shape
+    columns = np.zeros(len(member), np.int64)
+    for v in range(1, height):
+        for u in range(width):
+            k = component[v, u]
+            if k < 0 or not small[k] or component[v - 1, u] == k:
+                continue
+            hidden = unread = 0
+            y = v - 1
+            while y >= 0 and unread <= 4:
+                j, z = component[y, u], depth[y, u]
+                if j >= 0 and member[j]:
+                    columns[k] += hidden > 0 and abs(z - depth[v, u]) < 0.3
+                    break
+                if z == 0:
+                    unread += 1
+                elif z < depth[v, u] - 0.05:
+                    hidden, unread = hidden + 1, 0
+                else:
+                    break
+                y -= 1
+    return columns
+
+
+@njit(cache=True, nogil=True)
 def _lowest_kernel(component, count, points, up):
     """Lowest height (C,) of each component along ``up``."""
     low = np.full(count, np.inf)
@@ -592,12 +626,12 @@ def _dilated(labels, radius):
 
 @njit(cache=True, nogil=True)
 def _verdict_kernel(
-    component, count, seen, points, depth, labels, lens, wide, axis, across, reach2, up, heights, deepest
+    component, count, seen, points, depth, labels, others, lens, wide, axis, across, reach2, up, heights, deepest
 ):
     """What the direct view says of each standing pixel of a mirror: 2 the subject's, 1 it hides behind the subject, 0
     cannot tell, -1 not the subject's; -2 elsewhere. And how many of each (4, C) a component has, 2 first.
 
-    ``wide`` is the directly seen outline, grown.
+    ``wide`` is the directly seen outline, grown; ``others``: where somebody or something else is seen to stand.
     """
     height, width = component.shape
     out = np.full((height, width), -2, np.int8)
@@ -624,6 +658,8 @@ def _verdict_kernel(
                             verdict = 1 if p[2] - depth[row, column] > deepest else 2
                         elif not wide[row, column] and depth[row, column] > p[2] - 0.05:
                             verdict = -1
+                        elif others[row, column] and -0.05 < p[2] - depth[row, column] < _THICK:
+                            verdict = -1  # the other side of that
             out[v, u] = verdict
             votes[2 - verdict, component[v, u]] += 1
     return out, votes
@@ -653,7 +689,8 @@ def _take_mirrors(
     mine = labels > 0
     # right at the figure: what the direct view cannot see, a foot behind a chair's leg; and of what is denied as a
     # whole the part that it confirms, a foot that touches the chair
-    loose = ~chosen & (yes + unsure >= _PIECE) & (yes + unsure > 0.7 * (told + unsure))
+    small = (told + unsure < _LOOSE * taken.max()) | (yes > unsure)
+    loose = ~chosen & small & (yes + unsure >= _PIECE) & (yes + unsure > 0.7 * (told + unsure))
     mixed = ~chosen & ~loose & (yes >= _PIECE)
     if not loose.any() and not mixed.any():
         return taken
