@@ -22,12 +22,18 @@ MAX_LEAN_DEG = 4.0
 """Mirrors that lean more than this are told."""
 
 MAX_CUT = 0.05
-"""Of the subject, by height or width, that may be cut off before it is told [share]."""
+"""Of the subject that the image may cut off in a mirror before it is told [share]."""
 
-MAX_HIDDEN = 0.3
+MAX_OVER = 0.04
+"""What the subject's reflection may reach over an edge of the glass, or of the image, before it is told [m]."""
+
+MAX_HIDDEN = 0.25
 """Of a reflection that may be hidden by the subject's own body before it is told [share]."""
 
-MAX_UNREAD = 0.75
+MAX_FAR = 1.25
+"""Of the distance to which the camera reads well, that a reflection may be away before it is told [share]."""
+
+MAX_UNREAD, MAX_UNREAD_PATTERN = 0.5, 0.75
 """Of a reflection, beyond the camera's range, that may have no reading before it is told [share]; where two patterns
 light a surface a structured-light camera loses half of it at any distance."""
 
@@ -40,6 +46,7 @@ MIN_APART_DEG = 25.0
 MAX_GAP_DEG = 200.0
 """A wider gap between the directions the subject is seen from leaves a side unseen."""
 
+_SPARE_DEG = 2.5  # between the image's border and the subject: toes point forward, hair stands up
 _BORDER_PIXELS = 6  # of the subject at the image's border that mean it is cut
 
 
@@ -94,9 +101,8 @@ def check_scene(
     subject = views.points.reshape(-1, 3)[mine[:: len(mine) // 4000 + 1]]
     if len(subject):
         for k, mirror in enumerate(mirrors, start=1):
-            told += _about(
-                mirror, foresee(subject, depth, views, mirror, k, intrinsics), (views.labels == k).any(), model
-            )
+            found = foresee(subject, depth, views, mirror, k, intrinsics)
+            told += _about(mirror, found, (views.labels == k).any(), model, intrinsics.fx)
             error = mirror.displacement(subject[::16])
             if error is not None and error > MAX_UNSURE:
                 told.append(
@@ -149,17 +155,39 @@ def _cut_by_image(views: Views, intrinsics: Intrinsics) -> list[str]:
     height, width = mine.shape
     # the last pixels of an image often have no reading
     edge, aside = 3, "step to the middle of the image or farther back"
-    advice = {
-        "upper": (mine[:edge].any(axis=0).sum(), "the head is", "tilt the camera up or step back"),
-        "lower": (mine[height - edge :].any(axis=0).sum(), "the feet are", "tilt the camera down or step back"),
-        "left": (mine[:, :edge].any(axis=1).sum(), "a side is", aside),
-        "right": (mine[:, width - edge :].any(axis=1).sum(), "a side is", aside),
+    cut = {
+        "upper": mine[:edge].any(axis=0).sum(), "lower": mine[height - edge :].any(axis=0).sum(),
+        "left": mine[:, :edge].any(axis=1).sum(), "right": mine[:, width - edge :].any(axis=1).sum(),
     }  # fmt: skip
+    advice = {
+        "upper": ("the head is", f"tilt the camera up{_by_tilt(views, intrinsics, True)} or step back"),
+        "lower": ("the feet are", f"tilt the camera down{_by_tilt(views, intrinsics, False)} or step back"),
+        "left": ("a side is", aside),
+        "right": ("a side is", aside),
+    }  # fmt: skip
+    if min(cut["upper"], cut["lower"]) >= _BORDER_PIXELS:
+        advice["upper"], advice["lower"] = (("the head is", "step back"), ("the feet are", "step back"))
     return [
         f"the subject is cut off by the image's {side} border: {what} missing there and closed by guess; {do}"
-        for side, (pixels, what, do) in advice.items()
-        if pixels >= _BORDER_PIXELS
+        for side, (what, do) in advice.items()
+        if cut[side] >= _BORDER_PIXELS
     ]
+
+
+def _by_tilt(views: Views, intrinsics: Intrinsics, upwards: bool) -> str:
+    """By how much to tilt the camera: mirrors show how tall the subject is, and the floor where its feet are."""
+    reflected = dot(views.points[views.labels > 0], views.up)
+    if upwards:
+        end = np.quantile(reflected, 0.999) if len(reflected) else -np.inf
+    else:
+        end = views.floor if views.floor is not None else np.quantile(reflected, 0.001) if len(reflected) else np.inf
+    if not np.isfinite(end):
+        return ""
+    x, y, z = views.axis + (end - views.axis @ views.up) * views.up
+    border = 0 if upwards else intrinsics.height - 1
+    beyond = np.degrees(np.arctan2(y, z) - np.arctan2(border - intrinsics.cy, intrinsics.fy))
+    beyond = max(int(np.ceil(_SPARE_DEG + (-beyond if upwards else beyond))), 2)
+    return f" by {beyond}°" if beyond < 45 else ""
 
 
 def foresee(
@@ -218,11 +246,11 @@ def _beyond(distance: dict[str, np.ndarray]) -> dict[str, float]:
     return dict(zip(distance, reach.tolist(), strict=True))
 
 
-def _about(mirror: Mirror, found: Reflection, shown: bool, model: NoiseModel | None) -> list[str]:
+def _about(mirror: Mirror, found: Reflection, shown: bool, model: NoiseModel | None, focal: float) -> list[str]:
     """What is wrong with one mirror's reflection."""
     name, told = quoted(mirror), []
-    glass = {side: value for side, value in found.over_glass.items() if value > 0.04}
-    image = {side: value for side, value in found.over_image.items() if value > 0.04}
+    glass = {side: value for side, value in found.over_glass.items() if value > MAX_OVER}
+    image = {side: value for side, value in found.over_image.items() if value > MAX_OVER}
     if found.seen < 0.05:
         told.append(
             f"{name} does not show the subject: its reflection lies {_sides(glass or image)} of the "
@@ -230,7 +258,9 @@ def _about(mirror: Mirror, found: Reflection, shown: bool, model: NoiseModel | N
             "camera sees the subject's back in it"
         )
         return told
-    if found.seen < 1 - MAX_CUT and glass:
+    if found.hidden > MAX_HIDDEN:  # where a glass ends behind the body is hardly known
+        glass = {side: value for side, value in glass.items() if side in ("top", "bottom") or value > 0.1}
+    if glass:
         for one, other, what in (("top", "bottom", "high"), ("left", "right", "wide")):
             lacking = found.over_glass[one] + found.over_glass[other]
             if (one in glass or other in glass) and lacking > 0:
@@ -259,10 +289,16 @@ def _about(mirror: Mirror, found: Reflection, shown: bool, model: NoiseModel | N
                 f"the reflection in {name} is cut off by the image's {what} border, {100 * value:.0f} cm of the "
                 f"subject; {do}, or move the camera back"
             )
-    if model is not None and found.distance > model.max_range and (found.unread > MAX_UNREAD or not shown):
+    if model is not None and found.distance > model.max_range and (
+        found.distance > MAX_FAR * model.max_range
+        or found.unread > (MAX_UNREAD_PATTERN if model.disparity_step else MAX_UNREAD)
+        or not shown
+    ):
         told.append(
             f"the way over {name} is {found.distance:.1f} m, and {model.title} reads well to {model.max_range:.1f} m: "
-            f"{found.unread:.0%} of the reflection has no reading; move the mirror and the camera nearer to the subject"
+            f"{found.unread:.0%} of the reflection has no reading, and the rest scatters by "
+            f"{1000.0 * model.sigma(found.distance, focal):.0f} mm; bring the mirror and the camera nearer to the "
+            f"subject, by {found.distance - model.max_range:.1f} m in all"
         )
     elif found.hidden > MAX_HIDDEN:
         told.append(

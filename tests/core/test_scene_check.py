@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -55,6 +56,14 @@ def shared_captures():
 def test_a_mirror_too_small(person):
     told = checked(scene(person, mirror_size=(0.22, 1.75)))
     assert len(told) == 2 and all("too small" in text and "less wide" in text for text in told)
+    told = checked(scene(person, mirror_size=(0.8, 0.9)))
+    assert len(told) == 2 and all("too small" in text and "less high" in text for text in told)
+
+
+@pytest.mark.parametrize(("width", "cut"), [(0.3, True), (0.45, False)])
+def test_a_mirror_that_loses_a_hand(person, width, cut):
+    told = checked(scene(person, mirror_size=(width, 1.75)))
+    assert len(told) == (2 if cut else 0) and all("too small" in text or "partly out" in text for text in told)
 
 
 def test_out_of_the_mirror(person):
@@ -77,10 +86,16 @@ def test_a_mirror_that_leans(person):
     assert not any("“left” is not vertical" in text for text in told)
 
 
-@pytest.mark.parametrize(("tilt", "words"), [(-9.0, "lower border: the feet are"), (14.0, "upper border: the head is")])
-def test_cut_by_the_image(person, tilt, words):
-    told = checked(scene(person, tilt_deg=tilt, subject_distance=1.9, path_length=4.2))
-    assert any(words in text and "tilt the camera" in text for text in told)
+@pytest.mark.parametrize(
+    ("tilt", "words", "way"), [(-9.0, "lower border: the feet are", 1), (14.0, "upper border: the head is", -1)]
+)
+def test_cut_by_the_image(person, tilt, words, way):
+    """And the tilt that is named mends it."""
+    wide = {"subject_distance": 2.2, "path_length": 4.5}
+    told = [text for text in checked(scene(person, tilt_deg=tilt, **wide)) if words in text]
+    found = re.search(r"tilt the camera (up|down) by (\d+)°", told[0])
+    assert found[1] == {1: "down", -1: "up"}[way]
+    assert checked(scene(person, tilt_deg=tilt + way * int(found[2]), **wide)) == []
 
 
 def test_beyond_the_camera_s_range(person):
@@ -88,6 +103,14 @@ def test_beyond_the_camera_s_range(person):
     depth = np.where(capture.depth > 3.9, 0, capture.depth)  # what the camera reads no more
     told = checked(replace(capture, depth=depth), replace(SENSORS["azure_kinect"], max_range=3.9))
     assert sum("reads well to 3.9 m" in text and "nearer" in text for text in told) == 2
+
+
+@pytest.mark.parametrize(("path", "told_of"), [(4.6, 0), (6.2, 2)])
+def test_a_way_that_is_too_long(person, path, told_of):
+    """Half of it is read, as it is at any distance where two patterns meet, but badly."""
+    rig = default_rig("kinect_v1", 2.8, frames=2, path_length=path)
+    told = checked(simulate(person, rig).capture)
+    assert len(told) == told_of and all("reads well to 4.0 m" in t and "1.6 m in all" in t for t in told)
 
 
 def test_hidden_behind_the_subject(person):
