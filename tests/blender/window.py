@@ -106,6 +106,17 @@ def story() -> Story:
         expect(bool(settings().subject.message), "the points of the person, counted")
     yield from shot("5_subject")
 
+    with step("click the person"):
+        yield from click_person()
+    with step("calibrate the rig, and use its file"):
+        for name in ("calibrate_rig", "use_rig"):
+            with viewport():
+                getattr(bpy.ops.mirror_scan, name)("INVOKE_DEFAULT", filepath=str(OUT / "rig.json"))
+            yield from settled()
+            sources = [mirror.source for mirror in settings().mirrors]
+            expect(sources == ["rig file"] * 2, f"two mirrors of a rig file, not {sources}")
+        yield from press("find_mirrors")
+        yield from settled()
     with step("move the subject's settings, live"):
         yield from live()
     watch = Watch()
@@ -293,6 +304,24 @@ def pick() -> Story:
     yield from press("find_mirrors")
     yield from settled()
     expect(len(settings().mirrors) == 2, "two mirrors again")
+
+
+def click_person() -> Story:
+    """A click on the middle of the person: the search goes by it, and finds the same."""
+    points, module = cloud(), sys.modules[f"{ADDON}.mirror_scan_addon.live"]
+    reader = sys.modules[f"{ADDON}.mirror_scan_addon.cloud"]
+    arrays, view = reader.read_cloud(points), reader.values(points.data, reader.VIEW, np.int8)
+    rows, columns = np.divmod(arrays.pixel[view == 0], arrays.intrinsics.width)
+    pixel = np.median(columns), np.median(rows)
+    yield from press("pick_subject")
+    expect(busy(), "clicking runs")
+    yield from click(*screen_place(pixel))
+    subject = settings().subject
+    expect(subject.clicked and np.hypot(*(np.array(subject.click) - pixel)) < 12, f"the click: {tuple(subject.click)}")
+    yield from until(lambda: not subject.stale and not module.searching(bpy.context.scene), "the person, searched for")
+    expect((reader.values(cloud().data, reader.VIEW, np.int8) == view).mean() > 0.999, "the same person as before")
+    subject.clicked = False
+    yield from until(lambda: not subject.stale and not module.searching(bpy.context.scene), "the person again")
 
 
 def live() -> Story:
