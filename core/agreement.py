@@ -87,7 +87,9 @@ def views_of(
     return [surfaces(depth, direct, 0, intrinsics, sigma), *shown]
 
 
-def surfaces(depth: np.ndarray, seen: np.ndarray, view: int, intrinsics: Intrinsics, sigma: float) -> Surfaces:
+def surfaces(
+    depth: np.ndarray, seen: np.ndarray, view: int, intrinsics: Intrinsics, sigma: float, most: int = _ENOUGH
+) -> Surfaces:
     """The pieces of surface that one view shows, each a plane fitted to a small window.
 
     Parameters
@@ -98,6 +100,8 @@ def surfaces(depth: np.ndarray, seen: np.ndarray, view: int, intrinsics: Intrins
     view : int
     sigma : float
         Standard deviation of 1/z [1/m]: how wide the window must be.
+    most : int
+        About so many pieces at most.
     """
     count, z, *box = _extent_kernel(depth, seen, view)
     size = (depth.shape[0] + 1) // 2, (depth.shape[1] + 1) // 2
@@ -111,7 +115,7 @@ def surfaces(depth: np.ndarray, seen: np.ndarray, view: int, intrinsics: Intrins
     while radius < 6 and sigma * z * intrinsics.fx > 0.2 * (2 * radius + 1) * np.sqrt(radius * (radius + 1) / 3.0):
         radius += 1
     # neighbours share their windows, and some hundred pieces tell as much as thousands
-    stride = max(2 if radius < 4 else 3, int(np.ceil(np.sqrt(count / _ENOUGH))))
+    stride = max(2 if radius < 4 else 3, int(np.ceil(np.sqrt(count / most))))
     grid, points, normals, variances, pixels = _surface_kernel(
         depth, seen, view, intrinsics.lens, np.array(box), stride, radius, sigma
     )
@@ -150,8 +154,10 @@ def meetings(
     gate: float,
     depth: np.ndarray | None = None,
     seen: np.ndarray | None = None,
+    facing: float = _FACING,
 ) -> list[Meeting]:
-    """What each pair of views shows of the same surface; with ``depth`` and ``seen`` also what is looked through."""
+    """What each pair of views shows of the same surface; with ``depth`` and ``seen`` also what is looked through.
+    Surfaces are not judged whose cosine to the line of sight is under ``facing``."""
     if depth is None or seen is None:
         depth, seen = np.zeros((1, 1), np.float32), np.full((1, 1), -1, np.int8)
     flips = [np.eye(4), *(reflection_matrix(m) for m in mirrors)]
@@ -165,7 +171,7 @@ def meetings(
                                                           @ mirrors[by - 1].point)  # fmt: skip
             here, there, normals, gaps, variances, half, *counts = _meet_kernel(
                 s.points, s.normals, s.variances, s.pixels, flips[of], flips[by], plane, intrinsics.lens, t.grid,
-                t.stride, t.points, t.normals, t.variances, gate, depth, seen, by,
+                t.stride, t.points, t.normals, t.variances, gate, depth, seen, by, facing,
             )  # fmt: skip
             out.append(Meeting(of, by, here, there, normals, gaps, variances, half, *counts))
     return out
@@ -521,7 +527,7 @@ def _surface_kernel(depth, seen, view, camera, box, stride, radius, sigma):
 @njit(cache=True, nogil=True)
 def _meet_kernel(
     points, normals, variances, pixels, flip, flip_by, plane, camera, grid, stride, there, there_normals,
-    there_variances, gate, depth, seen, by,
+    there_variances, gate, depth, seen, by, facing_limit,
 ):  # fmt: skip
     """Pieces of one view laid before another's eye, and what that sees in the same line of sight."""
     fx, fy, cx, cy = camera
@@ -556,7 +562,7 @@ def _meet_kernel(
             judged += 1
             if depth[y, x] > laid[2] + gate:
                 through += 1
-        if facing < _FACING * np.sqrt(length) or x < 0 or y < 0:
+        if facing < facing_limit * np.sqrt(length) or x < 0 or y < 0:
             continue
         row, column = (y + stride // 2) // stride, (x + stride // 2) // stride
         if row >= rows or column >= columns:

@@ -19,6 +19,7 @@ from numba import njit
 from .camera import Intrinsics, project
 from .capture import MirrorPicks
 from .errors import MirrorError
+from .frameless import find_frameless
 from .mirror import Mirror, at_border, reflection_matrix
 from .mirror_refinement import fit_frame
 
@@ -30,7 +31,9 @@ _OPEN_SHOWN = 0.07  # with a side missing, this share of all readings must lie o
 
 
 _PLAIN = 0.15  # a mirror that shows so much needs less of a rim
+_LITTLE = 0.06  # a mirror of which less of the readings is seen than of what hides it shows more than this share
 _WHOLE, _FEW_SHOWN = 0.95, 15  # one with so much of a rim, and nothing against it, need show only so many readings
+_RIG = 2  # mirrors make a rig: with fewer, mirrors that nothing but a figure tells of are looked for
 _AT_BORDER = 0.02  # sides nearer to the image's border, as a share of its size, are cut off by it
 
 
@@ -576,23 +579,12 @@ def verify(
     is seen directly, it is shown. What lies outside the picture says nothing. Behind the glass of mirrors that are
     ``known`` a rim is hidden.
     """
-    mirror = Mirror("", guess.point, guess.basis[:, 2], guess.basis)
-    corners = np.array([(x, y) for x in guess.rectangle[0] for y in guess.rectangle[1]])
-    pixels = project(guess.point + corners @ guess.basis[:, :2].T, intrinsics)
-    if not np.isfinite(pixels).all():
-        return None
-    low = np.clip(np.floor(pixels.min(axis=0)), 0, None).astype(np.int64)
-    high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, (intrinsics.width, intrinsics.height)).astype(np.int64)
-    counts = np.zeros(8, np.int64)
-    camera = intrinsics.lens
-    _verify_kernel(
-        depth, camera, guess.basis, guess.point, guess.rectangle, reflection_matrix(mirror), low, high,
-        floor, counts,
-    )  # fmt: skip
-    before, on, none, outside, violated, shown, hidden, ground = (float(c) for c in counts)
+    before, on, none, outside, violated, shown, hidden, ground = _count(guess, depth, intrinsics, floor)
     behind = outside + violated + shown + hidden + ground
     total = behind + on + none
     if total < 60 or behind + none < 0.8 * total or behind < _FEW_SHOWN:
+        return None
+    if behind < min(_LITTLE * total, before):  # something stands there, and next to nothing is seen beyond
         return None
     if TOP not in guess.sides and BOTTOM not in guess.sides:
         # two uprights alone, such as legs or door posts, must leave the picture where the lying side would be
@@ -617,6 +609,23 @@ def verify(
     whole = rim > _WHOLE and len(guess.sides) >= 3 and violated == 0.0
     few = _FEW_SHOWN if whole else 30.0
     return made if shown >= max(few, settings.min_shown * behind, open_rim) else None
+
+
+def _count(guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics, floor: float) -> list[float]:
+    """What becomes of the readings in the rectangle, see :func:`_verify_kernel`; all 0 when it reaches behind the
+    camera."""
+    mirror = Mirror("", guess.point, guess.basis[:, 2], guess.basis)
+    corners = np.array([(x, y) for x in guess.rectangle[0] for y in guess.rectangle[1]])
+    pixels = project(guess.point + corners @ guess.basis[:, :2].T, intrinsics)
+    counts = np.zeros(8, np.int64)
+    if np.isfinite(pixels).all():
+        low = np.clip(np.floor(pixels.min(axis=0)), 0, None).astype(np.int64)
+        high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, (intrinsics.width, intrinsics.height)).astype(np.int64)
+        _verify_kernel(
+            depth, intrinsics.lens, guess.basis, guess.point, guess.rectangle, reflection_matrix(mirror), low, high,
+            floor, counts,
+        )  # fmt: skip
+    return [float(count) for count in counts]
 
 
 def _open_sides(guess: Hypothesis, intrinsics: Intrinsics) -> int:
@@ -752,8 +761,46 @@ def find_mirrors(
         # a mirror through another one: its rim is not where the other's glass is before it
         proposed = [guess for guess in proposed if _partly_behind(guess, found)]
         guesses = _verified(proposed, depth, intrinsics, lenient, found)
+    doubt = [_doubtful(m, depth, intrinsics) for m in found]
+    sure = [m for m, doubted in zip(found, doubt, strict=True) if not doubted]
+    if len(sure) < min(_RIG, settings.max_mirrors) and not settings.empty_rig:
+        better = _frameless(depth, intrinsics, settings, sure)
+        found = [m for m, doubted in zip(found, doubt, strict=True) if not (doubted and _overlaps(m, better))] + better
     found.sort(key=lambda m: m.point[0] / m.point[2])
     return [replace(m, name=name) for m, name in zip(found, _names(found), strict=True)]
+
+
+def _doubtful(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> bool:
+    """More of its glass is hidden than shows anything: its rim may be a wall's, seen past mirrors without a frame."""
+    guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
+    before, _, _, *behind = _count(guess, depth, intrinsics, _ground(depth, intrinsics, mirror.basis))
+    return before > sum(behind)
+
+
+def _overlaps(mirror: Mirror, others: Iterable[Mirror]) -> bool:
+    """Whether it shares more than a quarter of the smaller one's place in the picture with one of the others."""
+    for other in others:
+        low = np.maximum(mirror.outline.min(axis=0), other.outline.min(axis=0))
+        size = np.minimum(mirror.outline.max(axis=0), other.outline.max(axis=0)) - low
+        smaller = min(np.prod(np.ptp(m.outline, axis=0)) for m in (mirror, other))
+        if size.min() > 0 and np.prod(size) > 0.25 * smaller:
+            return True
+    return False
+
+
+def _frameless(
+    depth: np.ndarray, intrinsics: Intrinsics, settings: DetectionSettings, known: list[Mirror]
+) -> list[Mirror]:
+    """Mirrors that only the figure in them tells of, as far as the rest of what they show may be a reflection too."""
+    good = []
+    for mirror in find_frameless(depth, intrinsics, known, _RIG - len(known)):
+        guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
+        _, _, _, _, violated, shown, hidden, ground = _count(
+            guess, depth, intrinsics, _ground(depth, intrinsics, mirror.basis)
+        )
+        if shown >= 30 and violated <= settings.max_violation * (violated + shown + hidden + ground):
+            good.append(mirror)
+    return good
 
 
 def find_mirror_at(
