@@ -35,6 +35,7 @@ _CLEAR = 0.3  # above the floor things begin [m]: a mirror that leans lifts the 
 _TALL = 2.4  # what is higher above the floor is no figure's [m]
 _CELLS = 150  # a figure has at least so many readings of the thinned picture
 _WIDE, _HIGH, _FLAT = 2.2, 0.4, 0.015  # no figure is wider, less high, or flatter (standard deviation) [m]
+_ENOUGH = 1200  # of a figure's readings say where it is
 _FIGURES = 8  # so many are looked at, the largest
 _BEHIND = 0.7  # an image is so much farther off than the figure [m]
 _SKIN = 0.08  # how far before its middle a figure is seen [m]
@@ -54,10 +55,11 @@ _SYSTEMATIC = 0.002  # slopes that no residual tells [rad]
 
 @dataclass(frozen=True)
 class Figure:
-    """A thing that stands out: ``id`` in the picture of things, ``points`` (N, 3) [m], ``middle`` (3,) and ``top`` [m]
-    along the vertical; ``cut``: the picture's border cuts its top off."""
+    """A thing that stands out: ``id`` in the picture of things, ``count`` of its readings, ``points`` (N, 3), some of
+    them [m], ``middle`` (3,), and ``top`` along the vertical [m]; ``cut``: the picture's border cuts its top off."""
 
     id: int
+    count: int
     points: np.ndarray
     middle: np.ndarray
     top: float
@@ -66,7 +68,7 @@ class Figure:
 
 def find_frameless(
     depth: np.ndarray, intrinsics: Intrinsics, known: Iterable[Mirror] = (), most: int = 2
-) -> list[Mirror]:
+) -> list[tuple[Mirror, bool]]:
     """Mirrors that nothing but the figure in them tells of, besides those ``known``.
 
     Parameters
@@ -78,8 +80,9 @@ def find_frameless(
 
     Returns
     -------
-    list of Mirror
-        ``source`` "found", not ``refined``; the covariance says how sure.
+    list of (Mirror, bool)
+        ``source`` "found", not ``refined``; the covariance says how sure. True: something stands beside the glass near
+        its plane. Without a frame there nothing would, so it is its frame, or the post of a door.
 
     Notes
     -----
@@ -95,17 +98,19 @@ def find_frameless(
         return []
     up, floor, _ = ground
     things, figures = _figures(thin, cloud, lens, up, floor)
-    things = _widened_kernel(depth, thin, things, stride)
-    known, found = list(known), []
+    known, found, beside = list(known), [], []
     pairs = [
         (one, image) for one in figures for image in figures
         if image.middle[2] > one.middle[2] + 0.5 * _BEHIND
         and np.linalg.norm(image.middle) > np.linalg.norm(one.middle) + _BEHIND
         and (one.cut or image.cut or abs(one.top - image.top) < 0.35)
     ]  # fmt: skip
-    pairs.sort(key=lambda pair: -min(len(pair[0].points), len(pair[1].points)))
+    pairs = [pair for pair in pairs if not _in_glass(pair[1].middle, known)]
+    if pairs:
+        things = _widened_kernel(depth, thin, things, stride)
+    pairs.sort(key=lambda pair: -min(pair[0].count, pair[1].count))
     for one, image in pairs[:12]:
-        if len(found) == most or _in_glass(image.middle, [*known, *found]):
+        if len(found) == most or _in_glass(image.middle, found):
             continue
         shown = _surfaces(one, image, things, depth, intrinsics)
         start = _searched(one, image, shown, things, depth, intrinsics, up)
@@ -114,8 +119,9 @@ def find_frameless(
             continue
         mirror = _with_glass(mirror, image, things, depth, intrinsics, np.append(up, floor))
         if mirror is not None:
-            found.append(mirror)
-    return found
+            found.append(mirror[0])
+            beside.append(mirror[1])
+    return list(zip(found, beside, strict=True))
 
 
 def _in_glass(point: np.ndarray, mirrors: list[Mirror]) -> bool:
@@ -143,14 +149,15 @@ def _figures(
         if sizes[k] < _CELLS or len(out) == _FIGURES:
             break
         rows, columns = np.nonzero(things == k)
-        points = cloud[rows, columns]
+        some = slice(None, None, len(rows) // _ENOUGH + 1)
+        points = cloud[rows[some], columns[some]]
         span = np.array([np.ptp(np.quantile(dot(points, axis), (0.02, 0.98))) for axis in (across, ahead, up)])
         top = float(np.quantile(dot(points, up), 0.995))
         if span[:2].max() > _WIDE or span[2] < _HIGH or top > floor + _TALL - 0.1:
             continue
         if _thickness(points) < _FLAT:
             continue
-        out.append(Figure(int(k), points, np.median(points, axis=0), top, rows.min() < 3))
+        out.append(Figure(int(k), int(sizes[k]), points, np.median(points, axis=0), top, rows.min() < 3))
     return things, out
 
 
@@ -263,7 +270,7 @@ def _searched(
     ):
         axes = [c + np.linspace(-r, r, n) for c, r, n in zip(best, reach, steps, strict=True)]
         tries = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        flips = np.stack([reflection_matrix(moved(mirror, step)) for step in tries])
+        flips = _flips(mirror, tries)
         scores = np.zeros(len(tries))
         for of, by in ((0, 1), (1, 0)):
             s, t = shown[of], shown[by]
@@ -276,7 +283,18 @@ def _searched(
     return moved(mirror, best) if scores.max() > 0.0 else None
 
 
-_ASKED = 400  # pieces of a figure's surface that are laid on the other
+def _flips(mirror: Mirror, steps: np.ndarray) -> np.ndarray:
+    """:func:`.mirror.reflection_matrix` (K, 4, 4) of the mirror :func:`.mirror.moved` by each of ``steps`` (K, 3)."""
+    a, b, n = mirror.basis.T
+    normals = n - steps[:, :1] * a - steps[:, 1:2] * b
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    out = np.tile(np.eye(4), (len(steps), 1, 1))
+    out[:, :3, :3] -= 2.0 * normals[:, :, None] * normals[:, None, :]
+    out[:, :3, 3] = 2.0 * ((mirror.point + steps[:, 2:] * n) * normals).sum(axis=1)[:, None] * normals
+    return out
+
+
+_ASKED = 300  # pieces of a figure's surface that are laid on the other
 # against 1 for a piece that may be where it is laid: for one that may not, and besides for one that meets its like
 _LOOKED_THROUGH, _ALIKE = -3.0, 2.0
 
@@ -448,9 +466,9 @@ def _with_glass(
     depth: np.ndarray,
     lens: Intrinsics,
     floor: np.ndarray,
-) -> Mirror | None:
+) -> tuple[Mirror, bool] | None:
     """The mirror with its glass: the rectangle about the image whose sides depth jumps along; None when no straight
-    line bounds it. ``floor`` (4,): up and the floor's height."""
+    line bounds it; and whether something stands beside it. ``floor`` (4,): up and the floor's height."""
     up, height = floor[:3], floor[3]
     a, b, n = mirror.basis.T
     d = float(n @ mirror.point)
@@ -487,10 +505,11 @@ def _with_glass(
         both = upright[:, columns.start - 4 : columns.start + 1].any(axis=1) | upright[
             :, columns.stop : columns.stop + 5].any(axis=1)  # fmt: skip
         rectangle[1, 0] = corner[1] + np.flatnonzero(both)[0] * _CELL if both.any() else top
-    if met < 2 or _stands_beside(mirror, rectangle, [side[0] == _MET for side in sides], depth, lens):
+    if met < 2:
         return None
+    beside = _stands_beside(mirror, rectangle, [side[0] == _MET for side in sides], depth, lens)
     open_ends = np.array(((sides[0][0] != _MET, sides[1][0] != _MET), (state != _MET, True)))
-    return at_border(replace(mirror, rectangle=rectangle), lens, open_ends)
+    return at_border(replace(mirror, rectangle=rectangle), lens, open_ends), beside
 
 
 _NONE, _MET, _HIDDEN = 0, 1, 2

@@ -20,7 +20,7 @@ from .camera import Intrinsics, project
 from .capture import MirrorPicks
 from .errors import MirrorError
 from .frameless import find_frameless
-from .mirror import Mirror, at_border, reflection_matrix
+from .mirror import Mirror, at_border, person_before, reflection_matrix, reflection_shift, with_outline
 from .mirror_refinement import fit_frame
 
 LEFT, RIGHT, TOP, BOTTOM = 0, 1, 2, 3
@@ -32,8 +32,7 @@ _OPEN_SHOWN = 0.07  # with a side missing, this share of all readings must lie o
 
 _PLAIN = 0.15  # a mirror that shows so much needs less of a rim
 _LITTLE = 0.06  # a mirror of which less of the readings is seen than of what hides it shows more than this share
-_WHOLE, _FEW_SHOWN = 0.95, 15  # one with so much of a rim, and nothing against it, need show only so many readings
-_RIG = 2  # mirrors make a rig: with fewer, mirrors that nothing but a figure tells of are looked for
+_WHOLE, _FEW_SHOWN = 0.95, (15, 8)  # with so much of a rim on 3 or 4 sides, and nothing against it, so few must show
 _AT_BORDER = 0.02  # sides nearer to the image's border, as a share of its size, are cut off by it
 
 
@@ -582,9 +581,7 @@ def verify(
     before, on, none, outside, violated, shown, hidden, ground = _count(guess, depth, intrinsics, floor)
     behind = outside + violated + shown + hidden + ground
     total = behind + on + none
-    if total < 60 or behind + none < 0.8 * total or behind < _FEW_SHOWN:
-        return None
-    if behind < min(_LITTLE * total, before):  # something stands there, and next to nothing is seen beyond
+    if total < 60 or behind + none < 0.8 * total or behind < min(_FEW_SHOWN):
         return None
     if TOP not in guess.sides and BOTTOM not in guess.sides:
         # two uprights alone, such as legs or door posts, must leave the picture where the lying side would be
@@ -606,9 +603,11 @@ def verify(
         return made if len(guess.sides) >= 3 or shown >= 30.0 else None
     # a rim of which a side is missing may be a wall's, seen past a mirror that stands before it
     open_rim = _OPEN_SHOWN * (behind + on) if _open_sides(guess, intrinsics) else 0.0
-    whole = rim > _WHOLE and len(guess.sides) >= 3 and violated == 0.0
-    few = _FEW_SHOWN if whole else 30.0
-    return made if shown >= max(few, settings.min_shown * behind, open_rim) else None
+    if rim > _WHOLE and len(guess.sides) >= 3 and violated == 0.0:
+        return made if shown >= max(_FEW_SHOWN[len(guess.sides) - 3], settings.min_shown * judged, open_rim) else None
+    if behind < min(_LITTLE * total, before):  # something stands there, and next to nothing is seen beyond
+        return None
+    return made if shown >= max(30.0, settings.min_shown * behind, open_rim) else None
 
 
 def _count(guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics, floor: float) -> list[float]:
@@ -763,7 +762,7 @@ def find_mirrors(
         guesses = _verified(proposed, depth, intrinsics, lenient, found)
     doubt = [_doubtful(m, depth, intrinsics) for m in found]
     sure = [m for m, doubted in zip(found, doubt, strict=True) if not doubted]
-    if len(sure) < min(_RIG, settings.max_mirrors) and not settings.empty_rig:
+    if len(sure) < settings.max_mirrors and not settings.empty_rig:
         better = _frameless(depth, intrinsics, settings, sure)
         found = [m for m, doubted in zip(found, doubt, strict=True) if not (doubted and _overlaps(m, better))] + better
     found.sort(key=lambda m: m.point[0] / m.point[2])
@@ -791,10 +790,21 @@ def _overlaps(mirror: Mirror, others: Iterable[Mirror]) -> bool:
 def _frameless(
     depth: np.ndarray, intrinsics: Intrinsics, settings: DetectionSettings, known: list[Mirror]
 ) -> list[Mirror]:
-    """Mirrors that only the figure in them tells of, as far as the rest of what they show may be a reflection too."""
+    """Mirrors that only the figure in them tells of, as far as the rest of what they show may be a reflection too.
+
+    Where something stands beside the glass it must be a frame in its plane, which then tells that better.
+    """
     good = []
-    for mirror in find_frameless(depth, intrinsics, known, _RIG - len(known)):
+    for mirror, beside in find_frameless(depth, intrinsics, known, settings.max_mirrors - len(known)):
+        if beside:
+            framed = fit_frame(mirror, depth, intrinsics)
+            off = framed and reflection_shift(person_before(mirror), framed, mirror)
+            if off is None or off > 3.0 * mirror.displacement(person_before(mirror)):
+                continue
+            mirror = with_outline(framed, intrinsics)
         guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
+        if beside and rim_share(guess, depth, intrinsics, 0.2, known) < settings.min_rim:
+            continue
         _, _, _, _, violated, shown, hidden, ground = _count(
             guess, depth, intrinsics, _ground(depth, intrinsics, mirror.basis)
         )
