@@ -44,10 +44,12 @@ _PIECES = 8000  # of a figure's surface
 _FEW_PAIRS = 42
 # cosine to the line of sight under which skin is not judged, in turn when that leaves too few pairs, and what then may
 # be wrong with the shift [m]: the more grazing, the flatter cameras see a limb
-_GRAZING = ((0.35, 0.003), (0.25, 0.004), (0.15, 0.010))
+_GRAZING = ((0.35, 0.003), (0.25, 0.007), (0.15, 0.012))
 _THROUGH, _TOLD, _MET_SHARE = (0.03, 0.05), 0.25, 0.6  # shares of a figure and of its image, see _one_body
+_OBLIQUE = 0.03  # of a rounded body a tenth is seen obliquely; patterns that meet over a mirror put it out
 _RAGGED = 0.010  # root mean square of the gaps between skin seen both ways [m]
 _OUTSIDE = 0.03  # an image does not reach farther beyond its glass [m]
+_SURE = 0.006  # a mirror expected to misplace a person by more is told of [m]
 _USELESS = 0.03  # a mirror expected to misplace a person by more tells nothing [m]
 _HELD_OUT = 0.05  # how far apart the two halves of the readings may place a person [m]
 _SYSTEMATIC = 0.002  # slopes that no residual tells [rad]
@@ -122,6 +124,17 @@ def find_frameless(
             found.append(mirror[0])
             beside.append(mirror[1])
     return list(zip(found, beside, strict=True))
+
+
+def frameless_notes(mirrors: list[Mirror]) -> tuple[str, ...]:
+    """What the user should know of mirrors that were placed without a frame, and are not sure."""
+    return tuple(
+        f"{m.name}: nothing is seen of its frame; where it stands was told from the figure that it shows, which may be "
+        f"misplaced by {1000.0 * error:.0f} mm; strips of paper or tape, 3 cm wide, along its edges would make that "
+        "surer"
+        for m in mirrors
+        if m.source == "found" and not m.refined and (error := expected_error(m)) > _SURE
+    )
 
 
 def _in_glass(point: np.ndarray, mirrors: list[Mirror]) -> bool:
@@ -401,6 +414,8 @@ def _kinds_kernel(points, flip, lens, things, depth, other, whole, slack):
 
 def _fitted(mirror: Mirror, shown: list[Surfaces], lens: Intrinsics) -> Mirror | None:
     """The plane for which the skin that both views show meets, with its covariance; None when it does not."""
+    if min(_oblique(s) for s in shown) < _OBLIQUE:
+        return None  # what both views see is oblique to both: of what is left of it some may be on the wrong side
     prior = np.diag(1.0 / np.array((0.03, 0.02, 0.04)) ** 2)
 
     def solve(half: int, facing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
@@ -430,6 +445,12 @@ def _fitted(mirror: Mirror, shown: list[Surfaces], lens: Intrinsics) -> Mirror |
     if apart > _HELD_OUT or residual > _RAGGED or expected_error(made) > _USELESS:
         return None
     return made
+
+
+def _oblique(shown: Surfaces) -> float:
+    """Share of a figure's surface that is seen at more than 60 degrees from its normal."""
+    facing = -np.einsum("nc,nc->n", shown.points, shown.normals) / np.linalg.norm(shown.points, axis=1)
+    return float((facing < 0.5).mean()) if len(facing) else 0.0
 
 
 def _equations(

@@ -332,8 +332,8 @@ def _without_outliers(points: np.ndarray, plane: Mirror) -> Mirror:
         raise MirrorError(
             f"{plane.name}: only {near} of {count} picked points lie in one plane, the others up to "
             f"{best.max():.1f} m off it; pick on the frame itself, not on the glass. A mirror without a frame that "
-            "stands clear of the wall shows the camera nothing of where it is: put strips of paper or tape, 3 cm wide, "
-            "along its edges"
+            "stands clear of the wall shows only by the person in it where it is, and here that is not enough: put "
+            "strips of paper or tape, 3 cm wide, along its edges"
         )
     inlier = best <= max(3.0 * np.median(best), 0.02)
     if inlier.sum() < 4:

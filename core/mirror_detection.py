@@ -6,6 +6,8 @@ collected for each of the four sides, (2) chained and split into straight segmen
 that meet in space, or two standing ones, span a plane and a rectangle, and (4) the readings in the rectangle, flipped
 over the plane, must make sense: nothing may end up where the camera looks through, and a part must lie on, or close
 behind, what is seen directly. A doorway, a table's legs or a window fail there.
+
+Where a mirror has no frame and no wall about it, see :mod:`.frameless`.
 """
 
 from __future__ import annotations
@@ -31,7 +33,6 @@ _OPEN_SHOWN = 0.07  # with a side missing, this share of all readings must lie o
 
 
 _PLAIN = 0.15  # a mirror that shows so much needs less of a rim
-_LITTLE = 0.06  # a mirror of which less of the readings is seen than of what hides it shows more than this share
 _WHOLE, _FEW_SHOWN = 0.95, (15, 8)  # with so much of a rim on 3 or 4 sides, and nothing against it, so few must show
 _AT_BORDER = 0.02  # sides nearer to the image's border, as a share of its size, are cut off by it
 
@@ -605,7 +606,7 @@ def verify(
     open_rim = _OPEN_SHOWN * (behind + on) if _open_sides(guess, intrinsics) else 0.0
     if rim > _WHOLE and len(guess.sides) >= 3 and violated == 0.0:
         return made if shown >= max(_FEW_SHOWN[len(guess.sides) - 3], settings.min_shown * judged, open_rim) else None
-    if behind < min(_LITTLE * total, before):  # something stands there, and next to nothing is seen beyond
+    if before > behind:  # something stands there, and little is seen beyond: it may be the image in another mirror
         return None
     return made if shown >= max(30.0, settings.min_shown * behind, open_rim) else None
 
@@ -760,7 +761,7 @@ def find_mirrors(
         # a mirror through another one: its rim is not where the other's glass is before it
         proposed = [guess for guess in proposed if _partly_behind(guess, found)]
         guesses = _verified(proposed, depth, intrinsics, lenient, found)
-    doubt = [_doubtful(m, depth, intrinsics) for m in found]
+    doubt = [doubtful(m, depth, intrinsics) for m in found]
     sure = [m for m, doubted in zip(found, doubt, strict=True) if not doubted]
     if len(sure) < settings.max_mirrors and not settings.empty_rig:
         better = _frameless(depth, intrinsics, settings, sure)
@@ -769,8 +770,10 @@ def find_mirrors(
     return [replace(m, name=name) for m, name in zip(found, _names(found), strict=True)]
 
 
-def _doubtful(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> bool:
+def doubtful(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> bool:
     """More of its glass is hidden than shows anything: its rim may be a wall's, seen past mirrors without a frame."""
+    if mirror.rectangle is None:
+        return False
     guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
     before, _, _, *behind = _count(guess, depth, intrinsics, _ground(depth, intrinsics, mirror.basis))
     return before > sum(behind)
@@ -836,16 +839,11 @@ def find_mirror_at(
     """
     trusting = replace(settings, empty_rig=True, max_violation=max(2.0 * settings.max_violation, 0.3))
     pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)
-    best, nearest = None, np.inf
-    for guess in hypotheses(depth, intrinsics, trusting):
-        mirror = _settled(guess, depth, intrinsics, trusting, glass_offset)
-        if mirror is None:
-            continue
-        corners = np.nan_to_num(mirror.outline)
-        distance = np.mean([_to_outline(pixel, corners) for pixel in pixels])
-        size = np.ptp(corners, axis=0).min()
-        if distance < nearest and distance < 0.5 * size:
-            best, nearest = mirror, distance
+    guesses = hypotheses(depth, intrinsics, trusting)
+    settled = [_settled(guess, depth, intrinsics, trusting, glass_offset) for guess in guesses]
+    best = _nearest([mirror for mirror in settled if mirror is not None], pixels, 0.5)
+    if best is None and (bare := find_frameless_at(picks, depth, intrinsics, settings, 0.5)) is not None:
+        return bare
     if best is None:
         u, v = pixels[0]
         raise MirrorError(
@@ -853,6 +851,31 @@ def find_mirror_at(
             "plane; pick at least 3 points on its frame, on two sides"
         )
     return replace(best, name=picks.name, source="picked")
+
+
+def find_frameless_at(
+    picks: MirrorPicks,
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    settings: DetectionSettings = DetectionSettings(),
+    reach: float = 0.15,
+) -> Mirror | None:
+    """The mirror without a frame along whose edges picks were made, which no reading there can place; None when there
+    is none within ``reach`` of its size. Its ``source`` stays "found": the picks say only which."""
+    pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)
+    mirror = _nearest(_frameless(depth, intrinsics, settings, []), pixels, reach)
+    return None if mirror is None else replace(mirror, name=picks.name)
+
+
+def _nearest(mirrors: list[Mirror], pixels: np.ndarray, reach: float) -> Mirror | None:
+    """The mirror whose outline is nearest to pixels (K, 2) on average, within ``reach`` of its lesser size."""
+    best, nearest = None, np.inf
+    for mirror in mirrors:
+        corners = np.nan_to_num(mirror.outline)
+        distance = np.mean([_to_outline(pixel, corners) for pixel in pixels])
+        if distance < nearest and distance < reach * np.ptp(corners, axis=0).min():
+            best, nearest = mirror, distance
+    return best
 
 
 def _to_outline(pixel: np.ndarray, corners: np.ndarray) -> float:

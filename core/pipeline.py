@@ -16,11 +16,12 @@ from .closing import ClosingSettings, close_mesh
 from .depth import DepthSettings, fuse_burst, remove_flying_pixels
 from .errors import MirrorError, ReconstructionError
 from .floor_refinement import FloorSettings, level_floor
+from .frameless import frameless_notes
 from .linear import transform
 from .mesh import FILL, SEAM, Mesh
 from .metrics import mesh_report
 from .mirror import Mirror, MirrorSettings, place_mirror, reflection_matrix
-from .mirror_detection import DetectionSettings, find_mirror_at, find_mirrors
+from .mirror_detection import DetectionSettings, doubtful, find_frameless_at, find_mirror_at, find_mirrors
 from .mirror_refinement import JointSettings, align_reflections
 from .overlap import OverlapSettings, ViewMaps, part_overlaps, view_maps
 from .rig_file import moved_warning
@@ -279,7 +280,16 @@ def place_mirrors(
             return one
         if one.frame_pixels is not None and len(one.frame_pixels) < 3:
             return find_mirror_at(one, depth, camera, settings.detection, offset)
-        return place_mirror(one, depth, camera, settings.mirror, cloud)
+        try:
+            mirror = place_mirror(one, depth, camera, settings.mirror, cloud)
+        except MirrorError:  # along the edges of a mirror without a frame nothing is in its plane
+            bare = find_frameless_at(one, depth, camera, settings.detection)
+            if bare is None:
+                raise
+            return bare
+        # or the wall behind is, which the image stands before
+        bare = find_frameless_at(one, depth, camera, settings.detection) if doubtful(mirror, depth, camera) else None
+        return bare or mirror
 
     placed = [place(one) for one in known]
     warnings = [moved_warning(m, depth, camera) for m in placed if m.source == "rig file"]
@@ -289,12 +299,13 @@ def place_mirrors(
         raise MirrorError(
             f"{capture.name}: no mirror was found: none is given, and no straight frame with the person's reflection "
             "in it is seen; pick points on each mirror's frame and save them in mirrors.json beside the capture, or "
-            "elsewhere (option “mirrors”); a frame at least 3 cm wide and 10 cm off the wall is found by itself"
+            "elsewhere (option “mirrors”); a frame at least 3 cm wide and 10 cm off the wall is found by itself, and a "
+            "mirror without one where the camera sees some of the same skin directly and in it"
         )
     placed, notes = align_reflections(placed, depth, camera, settings.alignment)
     placed = level_floor(placed, depth, camera, settings.floor)
     placed = agree(placed, depth, camera, settings.agreement)
-    return placed, (*(text for text in warnings if text), *notes)
+    return placed, (*(text for text in warnings if text), *notes, *frameless_notes(placed))
 
 
 def clean_views(

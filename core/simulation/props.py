@@ -75,6 +75,16 @@ def plinth(width: float = 0.5, height: float = 0.6) -> Mesh:
     return box((-width / 2, -width / 2, 0), (width / 2, width / 2, height), STONE)
 
 
+def open_door(width: float = 0.9, height: float = 2.05) -> Mesh:
+    """A wall 5 m wide with an opening in its middle, across the Y axis."""
+    half = width / 2
+    return together(
+        box((-2.5, -0.06, 0.0), (-half, 0.06, 2.7), STONE),
+        box((half, -0.06, 0.0), (2.5, 0.06, 2.7), STONE),
+        box((-half, -0.06, height), (half, 0.06, 2.7), STONE),
+    )
+
+
 def wall_behind(mirror: FramedMirror, gap: float = 0.001, margin: float = 0.7) -> Mesh:
     """A piece of wall that a mirror hangs on, ``gap`` behind its glass, from the floor to ``margin`` above it [m]."""
     _, up, normal = mirror.axes
