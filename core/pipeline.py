@@ -24,7 +24,7 @@ from .mirror import Mirror, MirrorSettings, place_mirror, reflection_matrix
 from .mirror_detection import DetectionSettings, doubtful, find_frameless_at, find_mirror_at, find_mirrors
 from .mirror_refinement import JointSettings, align_reflections
 from .overlap import OverlapSettings, ViewMaps, part_overlaps, view_maps
-from .rig_file import moved_warning
+from .rig_file import moved_warnings
 from .scene_check import check_agreement, check_scene, quoted
 from .sensors import NoiseModel
 from .subject import find_subject
@@ -292,7 +292,7 @@ def place_mirrors(
         return bare or mirror
 
     placed = [place(one) for one in known]
-    warnings = [moved_warning(m, depth, camera) for m in placed if m.source == "rig file"]
+    warnings = moved_warnings([m for m in placed if m.source == "rig file"], depth, camera)
     if not known:
         placed = find_mirrors(depth, camera, capture.color, settings.detection, offset)
     if not placed:
@@ -305,7 +305,7 @@ def place_mirrors(
     placed, notes = align_reflections(placed, depth, camera, settings.alignment)
     placed = level_floor(placed, depth, camera, settings.floor)
     placed = agree(placed, depth, camera, settings.agreement)
-    return placed, (*(text for text in warnings if text), *notes, *frameless_notes(placed))
+    return placed, (*warnings, *notes, *frameless_notes(placed))
 
 
 def clean_views(

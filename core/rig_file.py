@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -210,12 +211,22 @@ def mirrors_for(rig: RigFile, intrinsics: Intrinsics) -> tuple[Mirror, ...]:
     return rig.mirrors
 
 
-def moved_warning(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, limit: float = 0.010) -> str | None:
+def moved_warnings(mirrors: Sequence[Mirror], depth: np.ndarray, intrinsics: Intrinsics) -> list[str]:
+    """:func:`moved_warning` of all mirrors of a rig file; one when all have moved, for then it is the camera."""
+    told = [text for text in (moved_warning(mirror, depth, intrinsics) for mirror in mirrors) if text]
+    if len(told) < max(2, len(mirrors)):
+        return told
+    names, first = ", ".join(mirror.name for mirror in mirrors), told[0].removeprefix(f"{mirrors[0].name}: ")
+    return [f"{names}: {first}; all have moved alike, so most likely it was the camera"]
+
+
+def moved_warning(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, limit: float = 0.006) -> str | None:
     """What to tell the user when a mirror no longer stands where the rig file has it; None when it does, or cannot be
     seen.
 
     The frame as it is seen now is fitted anew about the stored plane. It has moved when that changes the reflection of
-    a person 1.5 m before the mirror by more than ``limit`` [m] and three times what both fits' covariances allow.
+    a person 1.5 m before the mirror by more than ``limit`` [m] and three times what both fits' covariances allow. What
+    it does not change, a mirror pushed along its own plane, is not told.
 
     Parameters
     ----------
@@ -236,9 +247,17 @@ def moved_warning(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, lim
     sure = np.hypot(seen.displacement(person), mirror.displacement(person) or 0.0)
     if shift <= max(limit, 3.0 * sure):
         return None
-    return f"{again}, by about {1000.0 * shift:.0f} mm at the person; calibrate it again"
+    nearer = float(seen.normal @ (seen.point - mirror.point) / (seen.normal @ mirror.normal))
+    turned = float(np.degrees(np.arccos(np.clip(seen.normal @ mirror.normal, -1.0, 1.0))))
+    how = [f"{1000.0 * abs(nearer):.0f} mm {'forward' if nearer > 0 else 'back'}"] if abs(nearer) > 0.002 else []
+    how += [f"turned by {turned:.1f}°"] if turned > 0.15 else []
+    return (
+        f"{again}, by about {1000.0 * shift:.0f} mm at the person ({', '.join(how) or 'tilted a little'}); put it "
+        "back, or calibrate it again"
+    )
 
 
 def _empty(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> bool:
-    """Most of the frame's place shows what is farther away."""
-    return circumference(mirror.point, mirror.basis, mirror.rectangle, depth, intrinsics, outward=-0.015)[1] > 0.5
+    """Nothing stands in the frame's place, and what is farther away is seen in much of it."""
+    there, beyond = circumference(mirror.point, mirror.basis, mirror.rectangle, depth, intrinsics, outward=-0.015)
+    return beyond > 0.5 or (beyond > 0.25 and there < 0.02)

@@ -246,11 +246,11 @@ def calibrate_steps(cloud: Cloud, mirrors: list[dict], glass_offset: float, path
 def rig_steps(cloud: Cloud, path: str) -> Steps[Fitted]:
     """The mirrors of a rig file, and a warning of each that has moved since it was written."""
     yield 0.0, "Reading the rig file"
-    from ..core.rig_file import mirrors_for, moved_warning, read_rig
+    from ..core.rig_file import mirrors_for, moved_warnings, read_rig
 
     placed, depth = list(mirrors_for(read_rig(path), cloud.intrinsics)), cloud.depth
     yield 0.5, FITTING
-    warnings = tuple(text for text in (moved_warning(mirror, depth, cloud.intrinsics) for mirror in placed) if text)
+    warnings = tuple(moved_warnings(placed, depth, cloud.intrinsics))
     return Fitted([record_of(mirror) for mirror in placed], _seen(depth, cloud.intrinsics, placed), warnings)
 
 

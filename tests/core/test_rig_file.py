@@ -12,7 +12,7 @@ from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mirror import plane_mirror, reflect
 from mirror_scan.core.pipeline import reconstruct
-from mirror_scan.core.rig_file import calibrate, mirrors_for, moved_warning, read_rig, write_rig
+from mirror_scan.core.rig_file import calibrate, mirrors_for, moved_warning, moved_warnings, read_rig, write_rig
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
 
@@ -71,6 +71,39 @@ def test_a_rig_that_moved_is_told(rig, simulated, person):
         away = replace(file, point=file.point + 0.15 * file.normal)
         assert "not where it was" in moved_warning(away, standing, lens)
         assert moved_warning(file, np.zeros_like(standing), lens) is None, "what is not seen is not blamed"
+
+
+@pytest.mark.parametrize(
+    "what", ["nothing", "camera 5 mm", "camera 1°", "camera 5 cm", "mirror 5 mm", "mirror 1°", "mirror 5 cm"]
+)
+def test_a_rig_that_was_knocked(rig, person, what):
+    """The things themselves are moved: the camera, or one mirror."""
+    base = default_rig("azure_kinect", frames=8, seed=6)
+    right, left = base.mirrors
+    out = np.array(right.normal)
+    turn = np.radians(1.0)
+    turned = (out[0] * np.cos(turn) - out[1] * np.sin(turn), out[0] * np.sin(turn) + out[1] * np.cos(turn), out[2])
+    pushed = {
+        d: replace(base, mirrors=(replace(right, centre=tuple(right.centre + d * out)), left)) for d in (0.005, 0.05)
+    }
+    knocked = {
+        "nothing": base,
+        "camera 5 mm": replace(base, camera=tuple(np.array(base.camera) + (0, 0.005, 0))),
+        "camera 1°": replace(base, pan_deg=1.0),
+        "camera 5 cm": replace(base, camera=tuple(np.array(base.camera) + (0.05, 0, 0))),
+        "mirror 5 mm": pushed[0.005],
+        "mirror 1°": replace(base, mirrors=(replace(right, normal=turned), left)),
+        "mirror 5 cm": pushed[0.05],
+    }[what]
+    told = moved_warnings(rig.mirrors, clean(simulate(person, knocked).capture), rig.intrinsics)
+    print("\n".join(told))
+    assert len(told) == (what != "nothing")
+    if what.startswith("camera"):
+        assert "most likely it was the camera" in told[0]
+    if what.startswith("mirror"):
+        assert told[0].startswith("right: the rig has moved since it was calibrated")
+        how = {"mirror 5 mm": "5 mm forward", "mirror 1°": "turned by 1.", "mirror 5 cm": "50 mm forward"}[what]
+        assert how in told[0]
 
 
 @pytest.mark.parametrize(
