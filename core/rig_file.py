@@ -8,7 +8,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -36,6 +35,7 @@ from .mirror_refinement import JointSettings, align_reflections, fit_frame
 
 FORMAT, VERSION = "mirror-scan rig", 1
 MAX_BYTES = 1_000_000
+_LARGEST, _FARTHEST = 1e6, 1e3  # of all numbers, and of places [m]
 _BOARD = JointSettings(two_sided=True)
 _MIRROR, _DEPTH, _EMPTY = MirrorSettings(), DepthSettings(), DetectionSettings(empty_rig=True)
 _LENS = ("width", "height", "fx", "fy", "cx", "cy")
@@ -149,18 +149,22 @@ def read_rig(path: str | os.PathLike) -> RigFile:
 
 
 def _number(path: Path, where: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise MirrorError(f"{path}: {where}: a number is missing or not finite; calibrate again")
+    # an integer of a file may be too large for a float
+    if isinstance(value, bool) or not isinstance(value, int | float) or not -_LARGEST < value < _LARGEST:
+        raise MirrorError(f"{path}: {where}: a number is missing, not finite or far too large; calibrate again")
     return float(value)
 
 
 def _array(path: Path, name: str, entry: dict, key: str, shape: tuple[int, ...]) -> np.ndarray:
     try:
         array = np.array(entry.get(key), dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise MirrorError(f"{path}: {name}: “{key}” holds no numbers; calibrate again") from error
-    if array.shape != shape or not np.isfinite(array).all():
-        raise MirrorError(f"{path}: {name}: “{key}” must hold {' × '.join(map(str, shape))} finite numbers")
+    if array.shape != shape or not (np.abs(array) < _FARTHEST).all():
+        raise MirrorError(
+            f"{path}: {name}: “{key}” must hold {' × '.join(map(str, shape))} numbers below {_FARTHEST:g}; "
+            "calibrate again"
+        )
     return array
 
 
@@ -177,6 +181,9 @@ def _mirror(path: Path, place: int, entry: object, intrinsics: Intrinsics) -> Mi
     covariance = entry.get("covariance")
     if covariance is not None:
         covariance = _array(path, name, entry, "covariance", (3, 3))
+        spread = np.linalg.eigvalsh(0.5 * (covariance + covariance.T))
+        if spread[0] < -1e-6 * max(spread[-1], 0.0) or np.abs(covariance - covariance.T).max() > 1e-6 * spread[-1]:
+            raise MirrorError(f"{path}: {name}: “covariance” is none; calibrate again")
     return at_border(
         replace(
             placed,

@@ -118,6 +118,10 @@ def test_a_rig_that_was_knocked(rig, person, what):
         (lambda c: c["mirrors"][0].update(normal=[0, 0, 0]), "left"),
         (lambda c: c["mirrors"][0].update(rectangle=[[1, 0], [0, 1]]), "no extent"),
         (lambda c: c["mirrors"][0].update(covariance=[["a"]]), "no numbers"),
+        (lambda c: c["mirrors"][0].update(covariance=[[1, 0, 0], [0, -1, 0], [0, 0, 1]]), "“covariance” is none"),
+        (lambda c: c["mirrors"][0].update(point=[0, 1e200, 2]), "below 1000"),
+        (lambda c: c["intrinsics"].update(cx=10**400), "far too large"),
+        (lambda c: c["mirrors"][0].update(down=[10**400, 0, 0]), "no numbers"),
         (lambda c: c["mirrors"].append(3), "mirror 3"),
     ],
 )
