@@ -27,6 +27,7 @@ from .overlap import OverlapSettings, ViewMaps, part_overlaps, view_maps
 from .rig_file import moved_warnings
 from .scene_check import check_agreement, check_scene, quoted
 from .sensors import NoiseModel
+from .stillness import BurstNoise, burst_noise
 from .subject import find_subject
 from .threads import each
 from .triangulation import TriangulationSettings, triangulate_view
@@ -161,6 +162,8 @@ class Scan:
     warnings : tuple of str
     limits : np.ndarray [shape=(N+1, 2)]
         Nearest and farthest depth of the subject in each view [m], see :class:`.views.Views`.
+    noise : tuple of BurstNoise
+        Of each view's readings, before smoothing.
     """
 
     patches: list[Mesh]
@@ -173,6 +176,7 @@ class Scan:
     sensor: str
     warnings: tuple[str, ...]
     limits: np.ndarray
+    noise: tuple[BurstNoise, ...]
 
 
 def scan_steps(
@@ -212,6 +216,7 @@ def scan_steps(
     sensor, model = recognise(capture, settings.depth)
     views, apart = check_agreement(depth, views, placed, camera)
     faults = [*apart, *check_scene(depth, views, placed, camera, model, alone)]
+    scatter = burst_noise(len(capture.depth), spread, depth, views.labels, len(placed) + 1)
     moved = still_warning(capture.depth, views.labels, camera.fx, settings.depth)
     depth, views, noise = clean_views(
         depth, views, len(placed), camera, settings.depth, model, spread if len(capture.depth) > 1 else None
@@ -233,8 +238,9 @@ def scan_steps(
     ]  # fmt: skip
     warnings = (*told, *((moved,) if moved else ()), *blind, *faults)
     return Scan(
-        patches, maps, views.up, views.axis, views.floor, view_names(placed), placed, sensor, warnings, views.limits
-    )
+        patches, maps, views.up, views.axis, views.floor, view_names(placed), placed, sensor, warnings, views.limits,
+        scatter,
+    )  # fmt: skip
 
 
 def joining_steps(
@@ -424,6 +430,10 @@ def _report(
                 "name": name,
                 "pixels": int((scan.maps.labels == k).sum()),
                 "depth_m": None if np.isnan(scan.limits[k]).any() else scan.limits[k].tolist(),
+                "frames": scan.noise[k].frames,
+                "frame_noise_mm": _millimetres(scan.noise[k].frame),
+                "expected_noise_mm": _millimetres(scan.noise[k].expected),
+                "noise_mm": _millimetres(scan.noise[k].fused),
                 "vertices": len(patch.vertices),
                 "triangles": len(patch.triangles),
             }
@@ -446,6 +456,10 @@ def _report(
         "timings_ms": {name: round(value, 2) for name, value in clock.laps.items()},
         "warnings": list(warnings),
     }
+
+
+def _millimetres(value: float | None) -> float | None:
+    return None if value is None else round(1000.0 * value, 3)
 
 
 def _seam_summary(seams: list[Seam], names: list[str]) -> list[dict]:

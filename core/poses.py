@@ -217,6 +217,7 @@ def join_scans(scans: Sequence[Scan], poses: Sequence[np.ndarray], names: Sequen
         ", ".join(dict.fromkeys(scan.sensor for scan in scans)),
         tuple(warnings),
         np.concatenate([scan.limits for scan in scans]),
+        tuple(noise for scan in scans for noise in scan.noise),
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Whether the subject stood still while a burst was recorded, and how far it went if not."""
+"""A burst: whether the subject stood still while it was recorded, and how much its frames lowered the noise."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit, prange
+
+from .depth import noise_of_windows, window_variance
 
 _CELL = 4  # px: the smallest square whose noise is looked at
 _BLOCKS = (2, 4)  # cells: the side of a block that moves as one; the larger where noise asks for it
@@ -26,6 +28,51 @@ class Motion:
     share: float
     median: float
     largest: float
+
+
+@dataclass(frozen=True)
+class BurstNoise:
+    """Random error of the subject's readings in one view [m], before anything is smoothed.
+
+    ``frame``: of one frame, by how the frames of the burst differ; None when there is one only. ``expected``: of
+    ``frames`` frames, if nothing but chance made them differ: frame / √frames. ``fused``: by how much the fused
+    readings scatter about the surface: what all frames have in common, a camera's steps and ripples, is in it, and no
+    number of frames lowers that.
+    """
+
+    frames: int
+    frame: float | None
+    expected: float | None
+    fused: float
+
+
+def burst_noise(
+    frames: int, spread: np.ndarray, fused: np.ndarray, labels: np.ndarray, views: int
+) -> tuple[BurstNoise, ...]:
+    """How noisy each view is, with one frame and with all.
+
+    Parameters
+    ----------
+    frames : int
+        How many there are.
+    spread, fused : np.ndarray [shape=(H, W), dtype=float32]
+        Of :func:`.depth.fuse_burst`.
+    labels : np.ndarray [shape=(H, W), dtype=int8]
+        View of each pixel, -1 = not the subject.
+    views : int
+    """
+    variance = window_variance(fused, labels)
+    found = []
+    for view in range(views):
+        mine = labels == view
+        z = float(np.median(fused[mine])) if mine.any() else 0.0
+        told = spread[mine & (spread > 0)]
+        # the median of standard deviations of few is low (Wilson and Hilferty)
+        low = (1.0 - 2.0 / (9.0 * (frames - 1))) ** 1.5 if frames > 1 else 1.0
+        frame = float(np.median(told)) * z / low if frames > 1 and len(told) else None
+        expected = None if frame is None else frame / math.sqrt(frames)
+        found.append(BurstNoise(frames, frame, expected, noise_of_windows(variance[mine]) * z))
+    return tuple(found)
 
 
 def burst_motion(depth: np.ndarray, labels: np.ndarray, pixel_angle: float, least: float = 0.0) -> Motion:

@@ -135,6 +135,9 @@ def test_the_report_is_plain_and_whole(reconstructed):
     near, far = zip(*(v["depth_m"] for v in report["views"]), strict=True)
     assert 2.0 < near[0] < far[0] < 3.2 and min(near[1:]) > far[0] and max(far[1:]) < 5.5
     assert all(v["pixels"] > v["vertices"] * 0.5 > 0 and v["triangles"] > 0 for v in report["views"])
+    for v in report["views"]:
+        assert v["expected_noise_mm"] == pytest.approx(v["frame_noise_mm"] / v["frames"] ** 0.5, abs=0.001)
+        assert 0.5 * v["expected_noise_mm"] < v["noise_mm"] < 2.0 * v["expected_noise_mm"]
     assert all({"between", "length_m", "mean_gap_mm", "max_gap_mm"} <= set(s) for s in report["seams"])
     assert {"direct", "right", "left"} <= {name for s in report["seams"] for name in s["between"]}
     mesh = report["mesh"]
