@@ -34,6 +34,9 @@ _OPEN_SHOWN = 0.07  # with a side missing, this share of all readings must lie o
 
 _PLAIN = 0.15  # a mirror that shows so much needs less of a rim
 _WHOLE, _FEW_SHOWN = 0.95, (15, 8)  # with so much of a rim on 3 or 4 sides, and nothing against it, so few must show
+_CONTRADICTED = 0.15  # share of what a mirror shows that nothing but a wrong plane puts before what is seen
+_HIT = 0.35  # share of the picks that say which mirror is meant, where they fit no plane together
+_STANDS, _MOSTLY = 0.6, 0.9  # of its outline, of all and of what can be judged, something must stand in its plane
 _AT_BORDER = 0.02  # sides nearer to the image's border, as a share of its size, are cut off by it
 
 
@@ -853,6 +856,44 @@ def find_mirror_at(
     return replace(best, name=picks.name, source="picked")
 
 
+def find_better_at(
+    picks: MirrorPicks,
+    mirror: Mirror | None,
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    settings: DetectionSettings = DetectionSettings(),
+    glass_offset: float = 0.0,
+) -> Mirror | None:
+    """The mirror that picks mean where that of the plane through them, ``mirror``, cannot be, or there is none: they
+    missed its frame, or it has none. Else ``mirror``."""
+    if mirror is None or contradicted(mirror, depth, intrinsics):
+        pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)
+        guesses = hypotheses(depth, intrinsics, settings)
+        settled = [_settled(guess, depth, intrinsics, settings, glass_offset) for guess in guesses]
+        better = _nearest([found for found in settled if found is not None], pixels, 0.05)
+        if better is not None:
+            return replace(better, name=picks.name, source="picked")
+    elif not doubtful(mirror, depth, intrinsics):
+        return mirror
+    return find_frameless_at(picks, depth, intrinsics, settings) or mirror
+
+
+def contradicted(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, known: Iterable[Mirror] = ()) -> bool:
+    """Much of what is seen in its glass would, flipped over its plane, stand where the camera looks through; or along
+    its outline, as far as other mirrors that are ``known`` do not hide it, hardly anything stands in its plane."""
+    if mirror.rectangle is None or mirror.polygon is not None:
+        return False
+    guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
+    _, _, _, _, violated, *other = _count(guess, depth, intrinsics, _ground(depth, intrinsics, mirror.basis))
+    if violated > max(_CONTRADICTED * (violated + sum(other)), 50.0):
+        return True
+    rims = [
+        circumference(mirror.point, mirror.basis, mirror.rectangle, depth, intrinsics, outward, known)
+        for outward in (-0.015, 0.015)
+    ]
+    return all(on < _STANDS and on < _MOSTLY * (on + beyond) for on, beyond in rims)
+
+
 def find_frameless_at(
     picks: MirrorPicks,
     depth: np.ndarray,
@@ -868,11 +909,11 @@ def find_frameless_at(
 
 
 def _nearest(mirrors: list[Mirror], pixels: np.ndarray, reach: float) -> Mirror | None:
-    """The mirror whose outline is nearest to pixels (K, 2) on average, within ``reach`` of its lesser size."""
+    """The mirror whose outline is nearest to the better part of pixels (K, 2), within ``reach`` of its lesser size."""
     best, nearest = None, np.inf
     for mirror in mirrors:
         corners = np.nan_to_num(mirror.outline)
-        distance = np.mean([_to_outline(pixel, corners) for pixel in pixels])
+        distance = np.quantile([_to_outline(pixel, corners) for pixel in pixels], _HIT)
         if distance < nearest and distance < reach * np.ptp(corners, axis=0).min():
             best, nearest = mirror, distance
     return best

@@ -21,7 +21,7 @@ from .linear import transform
 from .mesh import FILL, SEAM, Mesh
 from .metrics import mesh_report
 from .mirror import Mirror, MirrorSettings, place_mirror, reflection_matrix
-from .mirror_detection import DetectionSettings, doubtful, find_frameless_at, find_mirror_at, find_mirrors
+from .mirror_detection import DetectionSettings, contradicted, find_better_at, find_mirror_at, find_mirrors
 from .mirror_refinement import JointSettings, align_reflections
 from .overlap import OverlapSettings, ViewMaps, part_overlaps, view_maps
 from .rig_file import moved_warnings
@@ -286,19 +286,24 @@ def place_mirrors(
             return one
         if one.frame_pixels is not None and len(one.frame_pixels) < 3:
             return find_mirror_at(one, depth, camera, settings.detection, offset)
+        mirror, fault = None, None
         try:
             mirror = place_mirror(one, depth, camera, settings.mirror, cloud)
-        except MirrorError:  # along the edges of a mirror without a frame nothing is in its plane
-            bare = find_frameless_at(one, depth, camera, settings.detection)
-            if bare is None:
-                raise
-            return bare
-        # or the wall behind is, which the image stands before
-        bare = find_frameless_at(one, depth, camera, settings.detection) if doubtful(mirror, depth, camera) else None
-        return bare or mirror
+        except MirrorError as error:
+            fault = error
+        mirror = find_better_at(one, mirror, depth, camera, settings.detection, offset)
+        if mirror is None:
+            raise fault
+        return mirror
 
     placed = [place(one) for one in known]
-    warnings = moved_warnings([m for m in placed if m.source == "rig file"], depth, camera)
+    warnings = list(moved_warnings([m for m in placed if m.source == "rig file"], depth, camera))
+    warnings += [
+        f"{m.name}: the plane through its picks cannot be a mirror's: hardly a frame stands in it, or what is seen in "
+        "it would stand where the camera looks through; pick again, on its frame only"
+        for k, m in enumerate(placed)
+        if m.source == "picked" and contradicted(m, depth, camera, placed[:k] + placed[k + 1 :])
+    ]
     if not known:
         placed = find_mirrors(depth, camera, capture.color, settings.detection, offset)
     if not placed:

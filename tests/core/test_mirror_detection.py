@@ -10,7 +10,7 @@ from mirror_scan.core.camera import Intrinsics, project
 from mirror_scan.core.capture import MirrorPicks
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
-from mirror_scan.core.mirror import person_before, place_mirror, plane_mirror, reflect
+from mirror_scan.core.mirror import MirrorSettings, person_before, place_mirror, plane_mirror, reflect
 from mirror_scan.core.mirror_detection import (
     BOTTOM,
     RIGHT,
@@ -134,6 +134,71 @@ def test_mirrors_that_cross(person, angles):
     body = simulation.truth.body.vertices
     for true in simulation.truth.mirrors:
         assert min(misplaced(mirror, true, body) for mirror in found) < 0.006
+
+
+def bad_picks(simulation, how: str, rng) -> list[MirrorPicks]:
+    """The picks of both mirrors, clicked as people may."""
+    picks = [m.frame_pixels + rng.uniform(-0.6, 0.6, m.frame_pixels.shape) for m in simulation.capture.mirrors]
+    person_v, person_u = np.nonzero(simulation.truth.labels == 0)
+    for pixels in picks:
+        which = rng.permutation(len(pixels))[:2]
+        angle, on = rng.uniform(0.0, 2.0 * np.pi), rng.integers(0, len(person_u), 2)
+        if how == "one slipped":
+            pixels[which[0]] += 15.0 * np.array((np.cos(angle), np.sin(angle)))
+        elif how == "on the person":
+            pixels[which] = np.column_stack((person_u[on], person_v[on]))
+        elif how == "on the glass":
+            pixels[which] = 0.5 * (pixels[which] + pixels.mean(axis=0))
+        elif how == "careless":
+            pixels += rng.normal(0.0, 3.0, pixels.shape)
+    if how == "in the other list":
+        picks[0][:2], picks[1][:2] = picks[1][:2].copy(), picks[0][:2].copy()
+    size = np.array(simulation.truth.labels.shape[::-1])
+    return [
+        replace(m, frame_pixels=np.clip(pixels, 0, size - 1))
+        for m, pixels in zip(simulation.capture.mirrors, picks, strict=True)
+    ]
+
+
+@pytest.mark.parametrize(
+    "how", ["good", "one slipped", "in the other list", "on the person", "on the glass", "careless"]
+)
+def test_never_worse_than_the_picks(simulated, how):
+    for sensor in ("azure_kinect", "kinect_v1"):
+        simulation = simulated(sensor)
+        capture, body = simulation.capture, simulation.truth.body.vertices
+        depth, true = clean(capture), {m.name: m for m in simulation.truth.mirrors}
+        rng = np.random.default_rng(len(how))
+        for _ in range(4):
+            picks = bad_picks(simulation, how, rng)
+            mirrors, notes = place_mirrors(tuple(picks), depth, capture, Settings())
+            for mirror, one in zip(mirrors, picks, strict=True):
+                plain = place_mirror(one, depth, capture.intrinsics, MirrorSettings(grow=False))
+                error, before = (misplaced(m, true[one.name], body) for m in (mirror, plain))
+                assert error < before + 1e-3 and mirror.name == one.name
+                told = any(text.startswith(one.name) and "pick again" in text for text in notes)
+                assert error < 0.012 or told
+
+
+def test_picks_on_no_frame_are_told_or_put_right(simulated):
+    """Four of eight on the person, who stands between: the plane through them is none of a mirror."""
+    simulation = simulated("azure_kinect")
+    capture, body = simulation.capture, simulation.truth.body.vertices
+    v, u = np.nonzero(simulation.truth.labels == 0)
+    rng = np.random.default_rng(0)
+    depth, true = clean(capture), {m.name: m for m in simulation.truth.mirrors}
+    for _ in range(6):
+        pixels = capture.mirrors[0].frame_pixels.copy()
+        on = rng.integers(0, len(u), 4)
+        pixels[rng.permutation(len(pixels))[:4]] = np.column_stack((u[on], v[on]))
+        picks = replace(capture.mirrors[0], frame_pixels=pixels)
+        try:
+            mirrors, notes = place_mirrors((picks,), depth, capture, Settings())
+        except MirrorError as error:
+            assert "pick" in str(error)
+            continue
+        right = misplaced(mirrors[0], true[picks.name], body) < 0.006
+        assert right or any("pick again" in text for text in notes)
 
 
 def test_what_looks_like_a_mirror():
