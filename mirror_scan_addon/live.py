@@ -11,7 +11,6 @@ from __future__ import annotations
 import bpy
 from bpy.app.handlers import persistent
 
-from ..core.errors import MirrorScanError
 from . import jobs, state
 
 DELAY_S = 0.1  # from a change to the search, and from one look at it to the next
@@ -104,7 +103,7 @@ def _turn() -> float | None:
     uid = _wanted.pop()
     try:
         _search = Search(_scene(uid))
-    except MirrorScanError:  # somebody's edits left no depth map; Find Subject says so when it is pressed
+    except jobs.REPORTED:  # somebody's edits left no depth map, or the disk is full: pressing Find Subject says so
         return DELAY_S
     jobs.redraw(context, panels_only=True)
     return DELAY_S
