@@ -207,12 +207,7 @@ class JobOperator:
 
     def fail(self, error: Exception) -> set[str]:
         """Report an error and return what ``execute`` shall return."""
-        text = tell(error)
-        if isinstance(error, MemoryError):
-            text = say("Not enough memory; close other programs or use fewer frames")
-        elif isinstance(error, OSError) and error.filename and error.strerror:
-            text = say("{path}: {reason}").format(path=error.filename, reason=error.strerror)
-        self.report({"ERROR"}, text)
+        self.report({"ERROR"}, in_words(error))
         return {"CANCELLED"}
 
     def _deliver(self, context: bpy.types.Context, result: object) -> set[str]:
@@ -239,6 +234,15 @@ class JobOperator:
         context.workspace.status_text_set(say("{label}: {stage}  {done:.0%}    [Esc] Cancel").format(
             label=label, stage=stage, done=fraction))  # fmt: skip
         redraw(context, panels_only=True)
+
+
+def in_words(error: Exception) -> str:
+    """One of :data:`REPORTED` in the user's language."""
+    if isinstance(error, MemoryError):
+        return say("Not enough memory; close other programs or use fewer frames")
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return say("{path}: {reason}").format(path=error.filename, reason=error.strerror)
+    return tell(error)
 
 
 UNAVAILABLE = remote.Unavailable

@@ -11,6 +11,7 @@ from __future__ import annotations
 import bpy
 from bpy.app.handlers import persistent
 
+from ..core.errors import MirrorScanError
 from . import jobs, state
 
 DELAY_S = 0.1  # from a change to the search, and from one look at it to the next
@@ -59,7 +60,8 @@ class Search:
             put_subject(scene, points, self.worker.result, self.views)
         elif isinstance(error, jobs.REPORTED):
             cloud.set_nobody(points.data)
-            subject.message, subject.problem, subject.searched_with = "", str(error), state.key_of(self.views)
+            subject.message, subject.searched_with = "", state.key_of(self.views)
+            subject.problem = str(error) if isinstance(error, MirrorScanError) else jobs.in_words(error)
         else:
             raise error
 

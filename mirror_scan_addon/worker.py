@@ -86,11 +86,19 @@ def _do(task: dict, package: str, folder: Path, say: Callable) -> None:
         os.unlink(folder / task["arguments"])
         function = getattr(importlib.import_module(task["module"]), task["function"])
         result = _drain(function(*arguments), say)
-        with open(folder / task["result"], "wb") as file:
-            pickle.dump(result, file, protocol=5)
+        try:
+            with open(folder / task["result"], "wb") as file:
+                pickle.dump(result, file, protocol=5)
+        except OSError as error:
+            (folder / task["result"]).unlink(missing_ok=True)
+            reason = error.strerror or error
+            say(error="OutputError", text=f"{folder}: the result cannot be kept there: {reason}; make room on the disk")
+            return
         say(done=True)
     except errors.MirrorScanError as error:
         say(error=type(error).__name__, text=str(error))
+    except OSError as error:
+        say(error="MirrorScanError", text=f"{error.filename or folder}: {error.strerror or error}")
     except MemoryError:
         say(error="MirrorScanError", text="There is not enough memory for this; close other files or programs")
     except Exception:

@@ -6,7 +6,7 @@ import bpy
 from bpy.props import EnumProperty
 
 from .. import jobs, state
-from ..texts import CONTEXT, say, tell
+from ..texts import CONTEXT, say
 from .check import no_mesh, not_ours
 
 DERIVED = {"VIEW": "View Colors", "KIND": "Kind Colors"}
@@ -52,7 +52,7 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
         try:
             self._show(context)
         except jobs.REPORTED as error:
-            self.report({"ERROR"}, tell(error))
+            self.report({"ERROR"}, jobs.in_words(error))
             return {"CANCELLED"}
         space = context.space_data
         if space is not None and space.type == "VIEW_3D" and space.shading.type == "SOLID":

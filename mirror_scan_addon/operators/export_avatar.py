@@ -7,7 +7,7 @@ from bpy.props import EnumProperty, StringProperty
 
 from ...core.errors import OutputError
 from .. import jobs, state
-from ..texts import CONTEXT, say, tell
+from ..texts import CONTEXT, say
 from .check import no_mesh
 
 FORMATS = (
@@ -102,7 +102,7 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
                 path += wanted
             export.write_object(path, context.object, kind)
         except jobs.REPORTED as error:
-            self.report({"ERROR"}, tell(error))
+            self.report({"ERROR"}, jobs.in_words(error))
             return {"CANCELLED"}
         self.report({"INFO"}, say("{name} written to {path}").format(name=context.object.name, path=path))
         return {"FINISHED"}

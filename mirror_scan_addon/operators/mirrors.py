@@ -7,7 +7,7 @@ from bpy.props import FloatVectorProperty, IntProperty, StringProperty
 
 from ...core.errors import MirrorError, OutputError
 from .. import jobs, state
-from ..texts import CONTEXT, say, tell
+from ..texts import CONTEXT, say
 
 
 class _MirrorOperator(jobs.JobOperator):
@@ -263,7 +263,7 @@ class MIRRORSCAN_OT_save_mirrors(bpy.types.Operator):
             with replacing(path) as temporary:
                 temporary.write_text(json.dumps({"mirrors": entries}, indent=1, ensure_ascii=False), encoding="utf-8")
         except jobs.REPORTED as error:
-            self.report({"ERROR"}, tell(error))
+            self.report({"ERROR"}, jobs.in_words(error))
             return {"CANCELLED"}
         names = ", ".join(entry["name"] for entry in entries)
         self.report({"INFO"}, say("Mirrors written to {path}: {names}").format(path=path, names=names))

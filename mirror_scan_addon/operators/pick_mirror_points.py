@@ -56,7 +56,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         try:
             arrays = cloud.read_cloud(target)
         except jobs.REPORTED as error:
-            self.report({"ERROR"}, tell(error))
+            self.report({"ERROR"}, jobs.in_words(error))
             return {"CANCELLED"}
         settings = context.scene.mirror_scan
         self._points, self._pixel = arrays.points, arrays.pixel
@@ -100,7 +100,12 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         if not context.scene.mirror_scan.mirrors:
             self._add_mirror(context.scene.mirror_scan)
         if event.type == "TIMER":
-            return self._work(context)
+            try:
+                return self._work(context)
+            except jobs.REPORTED as error:  # no room for a second process and what it is told
+                self._undo_all(context)
+                self.report({"ERROR"}, jobs.in_words(error))
+                return {"CANCELLED"}
         if event.type == "ESC" and event.value == "PRESS":
             self._undo_all(context)
             return {"CANCELLED"}

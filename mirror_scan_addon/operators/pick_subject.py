@@ -7,7 +7,7 @@ from bpy.props import FloatVectorProperty
 
 from .. import jobs, overlay, state
 from ..aiming import NAVIGATION, Aim, region_under
-from ..texts import CONTEXT, say, tell
+from ..texts import CONTEXT, say
 
 
 class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
@@ -36,7 +36,7 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
         try:
             lens = cloud.read_cloud(cloud.cloud_of(context.scene), color=False).intrinsics
         except jobs.REPORTED as error:
-            self.report({"ERROR"}, tell(error))
+            self.report({"ERROR"}, jobs.in_words(error))
             return {"CANCELLED"}
         u, v = self.pixel
         if not (0 <= u < lens.width and 0 <= v < lens.height):
@@ -58,7 +58,7 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
         try:
             arrays = cloud.read_cloud(cloud.cloud_of(context.scene), color=False)
         except jobs.REPORTED as error:
-            self.report({"ERROR"}, tell(error))
+            self.report({"ERROR"}, jobs.in_words(error))
             return {"CANCELLED"}
         self._aim, self._points = Aim(arrays.points), arrays.points
         self._pixels, self._width = arrays.pixel, arrays.intrinsics.width

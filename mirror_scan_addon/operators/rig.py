@@ -7,7 +7,7 @@ from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ...core.errors import MirrorScanError
 from .. import compiling, jobs, remote, state
-from ..texts import CONTEXT, say, tell
+from ..texts import CONTEXT, say
 from ..units import metres_per_unit
 from .load_capture import look_at, look_from_camera, show_capture
 
@@ -75,7 +75,7 @@ class MIRRORSCAN_OT_add_rig(bpy.types.Operator):
             )
             made = rig.add_objects(context.scene, arranged)
         except jobs.REPORTED as error:
-            self.report({"ERROR"}, tell(error))
+            self.report({"ERROR"}, jobs.in_words(error))
             return {"CANCELLED"}
         if not bpy.app.background and context.window is not None:
             remote.compile_ahead(compiling.RIG)  # whoever adds a rig is about to scan with it

@@ -33,6 +33,21 @@ def stumble():
     return 1 / 0
 
 
+class Unkept:
+    def __reduce__(self):
+        raise OSError(28, "No space left on device")
+
+
+def overflow():
+    yield 0.5, "Filling"
+    return Unkept()
+
+
+def read(path):
+    yield 0.5, "Reading"
+    return open(path).read()
+
+
 def end(code):
     yield 0.5, "Ending"
     print("out of luck", flush=True)
@@ -112,6 +127,10 @@ def test_errors_keep_their_kind(errands):
     process = errand._worker.process.pid
     errand, _ = run(errands.stumble)
     assert type(errand.error) is RuntimeError and "ZeroDivisionError" in str(errand.error)
+    errand, _ = run(errands.overflow)
+    assert "No space left on device; make room" in str(errand.error)
+    errand, _ = run(errands.read, "/no/such/file")
+    assert str(errand.error) == "/no/such/file: No such file or directory"
     assert run(errands.count, 1)[0].result["process"] == process
 
 
