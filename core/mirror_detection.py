@@ -585,7 +585,7 @@ def verify(
     before, on, none, outside, violated, shown, hidden, ground = _count(guess, depth, intrinsics, floor)
     behind = outside + violated + shown + hidden + ground
     total = behind + on + none
-    if total < 60 or behind + none < 0.8 * total or behind < min(_FEW_SHOWN):
+    if total < 60 or behind + none < 0.5 * total or behind < min(_FEW_SHOWN):
         return None
     if TOP not in guess.sides and BOTTOM not in guess.sides:
         # two uprights alone, such as legs or door posts, must leave the picture where the lying side would be
@@ -607,8 +607,11 @@ def verify(
         return made if len(guess.sides) >= 3 or shown >= 30.0 else None
     # a rim of which a side is missing may be a wall's, seen past a mirror that stands before it
     open_rim = _OPEN_SHOWN * (behind + on) if _open_sides(guess, intrinsics) else 0.0
-    if rim > _WHOLE and len(guess.sides) >= 3 and violated == 0.0:
-        return made if shown >= max(_FEW_SHOWN[len(guess.sides) - 3], settings.min_shown * judged, open_rim) else None
+    if rim > _WHOLE and violated == 0.0 and (len(guess.sides) >= 3 or known):
+        few = _FEW_SHOWN[len(guess.sides) == 4]
+        return made if shown >= max(few, settings.min_shown * judged, open_rim) else None
+    if behind + none < 0.8 * total:  # something is in its plane, such as somebody right before the glass, or a wall
+        return None
     if before > behind:  # something stands there, and little is seen beyond: it may be the image in another mirror
         return None
     return made if shown >= max(30.0, settings.min_shown * behind, open_rim) else None

@@ -299,8 +299,8 @@ def place_mirrors(
     placed = [place(one) for one in known]
     warnings = list(moved_warnings([m for m in placed if m.source == "rig file"], depth, camera))
     warnings += [
-        f"{m.name}: the plane through its picks cannot be a mirror's: hardly a frame stands in it, or what is seen in "
-        "it would stand where the camera looks through; pick again, on its frame only"
+        f"{m.name}: the plane through its picks does not look like a mirror's: hardly a frame stands in it, or what is "
+        "seen in it would stand where the camera looks through; pick again, on its frame only"
         for k, m in enumerate(placed)
         if m.source == "picked" and contradicted(m, depth, camera, placed[:k] + placed[k + 1 :])
     ]
