@@ -92,22 +92,21 @@ def find_frameless(
     """
     stride = max(1, round(np.sqrt(depth.size / 80000.0)))
     thin = np.ascontiguousarray(depth[::stride, ::stride])
-    lens = Intrinsics(thin.shape[1], thin.shape[0], *(x / stride for x in intrinsics.lens))
-    cloud = lay_grid(thin, *lens.lens)
+    cloud = lay_grid(thin, *(x / stride for x in intrinsics.lens))
     points = cloud[thin > 0]
     ground = find_floor(points, _UP, 20.0) if len(points) else None
     if ground is None:
         return []
     up, floor, _ = ground
-    things, figures = _figures(thin, cloud, lens, up, floor)
-    known, found, beside = list(known), [], []
+    known = list(known)
+    things, figures = _figures(thin, cloud, up, floor, known)
+    found, beside = [], []
     pairs = [
         (one, image) for one in figures for image in figures
         if image.middle[2] > one.middle[2] + 0.5 * _BEHIND
         and np.linalg.norm(image.middle) > np.linalg.norm(one.middle) + _BEHIND
         and (one.cut or image.cut or abs(one.top - image.top) < 0.35)
     ]  # fmt: skip
-    pairs = [pair for pair in pairs if not _in_glass(pair[1].middle, known)]
     if pairs:
         things = _widened_kernel(depth, thin, things, stride)
     pairs.sort(key=lambda pair: -min(pair[0].count, pair[1].count))
@@ -147,9 +146,10 @@ def _in_glass(point: np.ndarray, mirrors: list[Mirror]) -> bool:
 
 
 def _figures(
-    depth: np.ndarray, cloud: np.ndarray, lens: Intrinsics, up: np.ndarray, floor: float
+    depth: np.ndarray, cloud: np.ndarray, up: np.ndarray, floor: float, known: list[Mirror]
 ) -> tuple[np.ndarray, list[Figure]]:
-    """Picture of things (H, W), 0 = none, and those of them that may be somebody, the largest first."""
+    """Picture of things (H, W), 0 = none, and those of them that may be somebody, the largest first; not what is seen
+    in mirrors that are ``known``."""
     height = dot(cloud, up) - floor
     things, count = _things_kernel(depth, (height > _CLEAR) & (height < _TALL))
     sizes = np.bincount(things.ravel(), minlength=count + 1)
@@ -164,13 +164,17 @@ def _figures(
         rows, columns = np.nonzero(things == k)
         some = slice(None, None, len(rows) // _ENOUGH + 1)
         points = cloud[rows[some], columns[some]]
-        span = np.array([np.ptp(np.quantile(dot(points, axis), (0.02, 0.98))) for axis in (across, ahead, up)])
-        top = float(np.quantile(dot(points, up), 0.995))
-        if span[:2].max() > _WIDE or span[2] < _HIGH or top > floor + _TALL - 0.1:
+        middle = np.median(points, axis=0)
+        if _in_glass(middle, known):
+            continue
+        place = np.sort(points @ np.column_stack((across, ahead, up)), axis=0)
+        low, high, top = (place[int(share * (len(place) - 1))] for share in (0.02, 0.98, 0.995))
+        span = high - low
+        if span[:2].max() > _WIDE or span[2] < _HIGH or top[2] > floor + _TALL - 0.1:
             continue
         if _thickness(points) < _FLAT:
             continue
-        out.append(Figure(int(k), int(sizes[k]), points, np.median(points, axis=0), top, rows.min() < 3))
+        out.append(Figure(int(k), int(sizes[k]), points, middle, float(top[2]), rows.min() < 3))
     return things, out
 
 

@@ -1023,9 +1023,9 @@ def _verified(
     settings: DetectionSettings,
     known: Iterable[Mirror] = (),
 ) -> list[Hypothesis]:
-    good = []
+    good, points = [], _some(depth, intrinsics) if proposed else None
     for guess in proposed:
-        checked = verify(guess, depth, intrinsics, _ground(depth, intrinsics, guess.basis), settings, known)
+        checked = verify(guess, depth, intrinsics, _lowest(points, guess.basis), settings, known)
         if checked is not None:
             good.append(checked)
     good.sort(key=lambda h: -h.score)
@@ -1034,8 +1034,19 @@ def _verified(
 
 def _ground(depth: np.ndarray, intrinsics: Intrinsics, basis: np.ndarray) -> float:
     """How far down, along the rectangle, readings may belong to a floor [m]."""
+    return _lowest(_some(depth, intrinsics), basis)
+
+
+def _some(depth: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
+    """Every eighth reading along rows and columns as a point, (3, N)."""
     z = depth[::8, ::8]
     v, u = np.nonzero(z)
-    down = basis[:, 1]
-    slope = (8.0 * u - intrinsics.cx) / intrinsics.fx * down[0] + (8.0 * v - intrinsics.cy) / intrinsics.fy * down[1]
-    return float(np.quantile(z[v, u] * (slope + down[2]), 0.97)) - 0.15
+    z = z[v, u].astype(np.float64)
+    return np.stack(((8.0 * u - intrinsics.cx) / intrinsics.fx * z, (8.0 * v - intrinsics.cy) / intrinsics.fy * z, z))
+
+
+def _lowest(points: np.ndarray, basis: np.ndarray) -> float:
+    """:func:`_ground` of points (3, N)."""
+    drop = basis[:, 1] @ points
+    k = int(0.97 * (len(drop) - 1))
+    return float(np.partition(drop, k)[k]) - 0.15 if len(drop) else 0.0
