@@ -11,7 +11,9 @@ _ROWS = 4  # px above and below, as well
 _RISE = 0.8  # what is not floor rises by this share of what an upright surface would
 _SOLE = 0.0035  # height at which a foot begins: its sole is rounded [m]
 _STEPS = 4  # places of that beginning that are weighed against each other, a pixel
-_HOLE = 1.5  # the floor right at a sole hardly shows, a lost piece of foot does: it counts so many times
+# the floor right at a sole hardly shows, a lost piece of foot does: it counts so many times; more where noise is that
+# share of a row's rise, for there such pieces are whole feet in few pixels
+_HOLE, _BLURRED_HOLE, _BLURRED = 1.5, 6.0, (0.5, 0.8)
 _QUIET = 0.0007  # rows are never surer than this [m]
 _SURE = 4.0  # standard deviations
 
@@ -190,9 +192,11 @@ def _feet_kernel(seen, depth, rows, near, noises, shares, clearance, first, pixe
                 expected = max(column[_ROWS + j], least)
                 over += expected * (2.0 * column[_ROWS + j] - expected)
             weight = shares[k - first] * rise / _STEPS
+            blurred = min(max((noise / rise - _BLURRED[0]) / (_BLURRED[1] - _BLURRED[0]), 0.0), 1.0)
+            hole = _HOLE + blurred * (_BLURRED_HOLE - _HOLE)
             last = _STEPS * (more + _ROWS + 2)
             # no foot fits better than one that is all that is seen, but no lower than a foot is: floor mostly ends here
-            if _HOLE * weight * last * np.exp(min(0.5 * over / noise**2, 300.0)) < 1.0:
+            if hole * weight * last * np.exp(min(0.5 * over / noise**2, 300.0)) < 1.0:
                 kind[v, u] = 1
                 out[v, u] = -1
                 continue
@@ -208,7 +212,7 @@ def _feet_kernel(seen, depth, rows, near, noises, shares, clearance, first, pixe
                     foot += likely
                 else:
                     floor += likely
-            mine = _HOLE * foot > floor
+            mine = hole * foot > floor
             kind[v, u] = 2 if mine else 1
             out[v, u] = k if mine else -1
     return kind
