@@ -13,7 +13,8 @@ _SOLE = 0.0035  # height at which a foot begins: its sole is rounded [m]
 _STEPS = 4  # places of that beginning that are weighed against each other, a pixel
 # the floor right at a sole hardly shows, a lost piece of foot does: it counts so many times; more where noise is that
 # share of a row's rise, for there such pieces are whole feet in few pixels
-_HOLE, _BLURRED_HOLE, _BLURRED = 1.5, 6.0, (0.5, 0.8)
+_HOLE, _BLURRED_HOLE, _BLURRED = 1.5, 6.0, (0.3, 0.7)
+_SIDE, _OWN = 3, 0.3  # px on either side of a foot's edge; how far from floor to foot a pixel of the floor may read
 _QUIET = 0.0007  # rows are never surer than this [m]
 _SURE = 4.0  # standard deviations
 
@@ -91,6 +92,7 @@ def standing_pixels(
     rows = _pooled_kernel(above, seen, depth, near)
     kind = _feet_kernel(seen, depth, rows, near, noises, shares, clearance, first, pixel_angle, out)
     _islands_kernel(seen, kind, near, out)
+    _sides_kernel(seen, above, kind, near, noises, first, out)
     return out
 
 
@@ -237,3 +239,33 @@ def _islands_kernel(seen, kind, near, out):
                         other += 1
             if floor > 2 * other:
                 out[v, u] = -1
+
+
+@njit(cache=True, nogil=True)
+def _sides_kernel(seen, above, kind, near, noises, first, out):
+    """Beside a foot the median of a row is the foot's: what the pixel's own readings say is the floor's as well."""
+    height, width = seen.shape
+    for v in range(1, height - 1):
+        if not near[v]:
+            continue
+        for u in range(_SIDE, width - _SIDE):
+            if kind[v, u] != 2 or out[v, u] < 0:
+                continue
+            k = seen[v, u]
+            for way in (-1, 1):
+                if kind[v, u + way] != 1 and kind[v, u + 2 * way] != 1:
+                    continue
+                floor, foot, own = 0.0, 0.0, 0.0
+                whole = seen[v - 1, u] == k and seen[v + 1, u] == k
+                for step in range(1, _SIDE + 1):
+                    whole &= seen[v, u + step * way] == k and seen[v, u - step * way] == k
+                    floor += above[v, u + step * way]
+                    foot += above[v, u - step * way]
+                if not whole:
+                    continue
+                for y in range(v - 1, v + 2):
+                    own += above[y, u]
+                if foot - floor > _SIDE * _SURE * noises[k - first] and own - floor < _OWN * (foot - floor):
+                    kind[v, u] = 1
+                    out[v, u] = -1
+                    break
