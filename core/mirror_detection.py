@@ -37,6 +37,8 @@ _WHOLE, _FEW_SHOWN = 0.95, (15, 8)  # with so much of a rim on 3 or 4 sides, and
 _CONTRADICTED = 0.15  # share of what a mirror shows that nothing but a wrong plane puts before what is seen
 _HIT = 0.35  # share of the picks that say which mirror is meant, where they fit no plane together
 _STANDS, _MOSTLY = 0.6, 0.9  # of its outline, of all and of what can be judged, something must stand in its plane
+_MISSING = 10, 0.005  # readings, and share of them, that noise may make look as if a mirror did not show them
+_BLIND, _IN_REACH = 0.05, 0.8  # a glass of which less is read must be nearer than this share of the farthest reading
 _AT_BORDER = 0.02  # sides nearer to the image's border, as a share of its size, are cut off by it
 
 
@@ -591,6 +593,8 @@ def verify(
         # two uprights alone, such as legs or door posts, must leave the picture where the lying side would be
         if min(s.ends[0, 1] for s in guess.sides.values()) > 0.04 * intrinsics.height:
             return None
+    if behind < _BLIND * total and guess.point[2] > _IN_REACH * float(depth[::8, ::8].max()):
+        return None  # the end of what the camera reaches looks like a rim, too
     judged = violated + shown + hidden + ground
     violation = violated / max(judged, 1.0)
     plain = shown > _PLAIN * total and violation < 0.02
@@ -725,6 +729,73 @@ def _verify_kernel(depth, camera, basis, point, rectangle, flip, low, high, floo
                 counts[6] += 1
 
 
+def _missing(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> bool:
+    """What stands before the plane would be seen in the glass, and is not: it is a door, whoever stands behind it."""
+    flip = reflection_matrix(mirror)
+    missing, there = _missing_kernel(
+        depth, intrinsics.lens, mirror.basis, mirror.point, mirror.rectangle, flip, 3
+    )  # fmt: skip
+    return missing > max(_MISSING[0], _MISSING[1] * (missing + there))
+
+
+@njit(cache=True, nogil=True)
+def _missing_kernel(depth, camera, basis, point, rectangle, flip, stride):
+    """Of what stands before the plane and, flipped, would be seen in the glass: how much is not, since what is read
+    there is farther; and how much is, or may be hidden."""
+    height, width = depth.shape
+    fx, fy, cx, cy = camera
+    d = 0.0
+    for c in range(3):
+        d += basis[c, 2] * point[c]
+    p, q = np.empty(3), np.empty(3)
+    missing, there = 0, 0
+    for v in range(0, height, stride):
+        for u in range(0, width, stride):
+            z = depth[v, u]
+            if z == 0:
+                continue
+            p[0], p[1], p[2] = (u - cx) / fx * z, (v - cy) / fy * z, z
+            ahead = -d
+            for c in range(3):
+                ahead += basis[c, 2] * p[c]
+            if ahead < 0.15:
+                continue
+            for r in range(3):
+                q[r] = flip[r, 3]
+                for c in range(3):
+                    q[r] += flip[r, c] * p[c]
+            if q[2] < 0.3:
+                continue
+            x, y = int(np.rint(q[0] / q[2] * fx + cx)), int(np.rint(q[1] / q[2] * fy + cy))
+            if x < 3 or y < 3 or x >= width - 3 or y >= height - 3:
+                continue
+            slope = 0.0
+            for c in range(3):
+                slope += basis[c, 2] * q[c]
+            at, inside = d / slope, True
+            for k in range(2):
+                s = 0.0
+                for c in range(3):
+                    s += basis[c, k] * (q[c] * at - point[c])
+                if s < rectangle[k, 0] + 0.08 or s > rectangle[k, 1] - 0.08:
+                    inside = False
+            if not inside:
+                continue
+            nearest = np.inf
+            for i in range(-3, 4, 3):
+                for j in range(-3, 4, 3):
+                    if depth[y + i, x + j] == 0.0:
+                        nearest = 0.0
+                    nearest = min(nearest, depth[y + i, x + j])
+            if nearest == 0.0:
+                continue
+            if nearest > q[2] + 0.08 + 0.01 * q[2] * q[2]:
+                missing += 1
+            else:
+                there += 1
+    return missing, there
+
+
 def find_mirrors(
     depth: np.ndarray,
     intrinsics: Intrinsics,
@@ -817,7 +888,8 @@ def _frameless(
         _, _, _, _, violated, shown, hidden, ground = _count(
             guess, depth, intrinsics, _ground(depth, intrinsics, mirror.basis)
         )
-        if shown >= 30 and violated <= settings.max_violation * (violated + shown + hidden + ground):
+        bad = violated > settings.max_violation * (violated + shown + hidden + ground)
+        if shown >= 30 and not bad and not _missing(mirror, depth, intrinsics):
             good.append(mirror)
     return good
 
@@ -965,6 +1037,8 @@ def _settled(
         return None
     final = replace(guess, point=fitted.point, basis=fitted.basis)
     if verify(final, depth, intrinsics, _ground(depth, intrinsics, fitted.basis), settings, known) is None:
+        return None
+    if _missing(fitted, depth, intrinsics):
         return None
     behind = replace(fitted, point=fitted.point - glass_offset * fitted.normal)
     return at_border(behind, intrinsics, _unseen(guess))

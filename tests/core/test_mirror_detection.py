@@ -286,6 +286,20 @@ def test_frameless_mirrors_clear_of_any_wall(person, sensor):
     assert max(misplaced(m, true[m.name], truth.body.vertices) for m in picked) < 0.025, "picks on its edges say which"
 
 
+@pytest.mark.parametrize(
+    ("sensor", "y", "turn", "facing"),
+    [("azure_kinect", 1.0, 35.0, 90.0), ("realsense_d455", 1.0, 35.0, 270.0), ("realsense_d455", 1.2, 25.0, 90.0)],
+)
+def test_a_door_in_a_wall_aslant(person, sensor, y, turn, facing):
+    """Its posts stand in the wall's plane as a frame does, and the figure behind, flipped, lands close behind the one
+    before it: but that one is not seen in it, as it would be in a mirror. Nor is there a rim where the camera's reach
+    ends."""
+    rig = replace(default_rig(sensor, frames=2, tilt_deg=3.0), mirrors=(), room=(-4.5, 4.5, -5.0, 6.5, 2.8))
+    others = [placed(open_door(), -1.1, y, turn), placed(person, -1.45, y + 1.2, facing)]
+    capture = simulate(person, rig, others).capture
+    assert find_mirrors(clean(capture), capture.intrinsics) == []
+
+
 def project_corners(simulation, name: str) -> np.ndarray:
     """Corners and middles of the sides of a mirror's glass [px]."""
     rig = simulation.rig
