@@ -217,6 +217,8 @@ class Errand:
 
     def _obituary(self) -> Exception:
         code, said = self._worker.process.returncode, self._worker.output()
+        if code == -9:  # killed from outside, so that what was printed then is not the reason
+            said = ""
         if not self._worker.ready:
             return Unavailable(f"{sys.executable} ended with code {code}: {said}")
         text = say(
