@@ -75,6 +75,11 @@ def schedule(scene: bpy.types.Scene) -> None:
         bpy.app.timers.register(_turn, first_interval=DELAY_S, persistent=True)
 
 
+def forget(scene: bpy.types.Scene) -> None:
+    """Begin no search that was asked for; what was to be sorted is there no more."""
+    _wanted.discard(scene.session_uid)
+
+
 def searching(scene: bpy.types.Scene) -> bool:
     """Whether a search is under way for a scene, or about to begin."""
     return scene.session_uid in _wanted or (_search is not None and _search.scene_uid == scene.session_uid)

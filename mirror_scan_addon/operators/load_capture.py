@@ -6,7 +6,7 @@ import bpy
 from bpy.props import EnumProperty, IntProperty, StringProperty
 
 from ...core.errors import CaptureError
-from .. import jobs, state
+from .. import jobs, live, state
 from ..texts import CONTEXT, say, tell
 from ..units import metres_per_unit
 
@@ -178,7 +178,8 @@ def show_capture(context: bpy.types.Context, target: bpy.types.Scene, loaded) ->
     if loaded.seen is not None:
         cloud.set_values(points.data, seen=loaded.seen)
     settings.cloud_colors, settings.show_cloud, settings.fold = "CAPTURE", True, False
-    settings.subject.clicked = False
+    settings.subject.property_unset("clicked")  # which, unlike setting it, asks for no search
+    live.forget(target)
     state.forget_subject(settings)
     if target == context.scene:
         scene.select_only(context, points)
