@@ -29,6 +29,7 @@ _CONFIRMED = 0.25  # m
 _STEPS = 0.026  # a far sensor counts in steps: pieces may be so much of z apart
 _THICK = 0.12  # m: what is seen so little behind something else is its other side
 _LOOSE = 0.15  # of what a mirror shows of the subject: a larger piece that the direct view does not show is none
+_STEP, _MAT = (0.012, 0.2), 0.2  # how high [m], and how large [m²] at least, is a mat or step that a person stands on
 _BELOW = 0.15  # of the figure: so much of it may be seen below what stands before it
 _CLICK_RADIUS = 6  # px: a click without a reading takes the nearest one
 _AXIS_SPREAD, _THING_SPREAD = 0.5, 0.3  # how far off the rig's crossing a person or thing counts less [m]
@@ -123,7 +124,7 @@ def find_subject(
     def standing(views: range, floor: float | None, center: np.ndarray | None, rough: float, apart: bool = True):
         """Components and sizes of what stands on the floor as these views see it, and how rough that is at most."""
         floors, noises, shares, rough = _floor_of_views(
-            points, seen, up, floor, views, center, settings, pixel_angle, rough, apart
+            points, seen, up, floor, views, center, settings, pixel_angle, rough, apart, outer
         )
         upright = standing_pixels(
             points, seen, depth, up, floors, noises, shares, highest, settings.floor_clearance, views[0], pixel_angle
@@ -139,7 +140,7 @@ def find_subject(
             sizes = np.concatenate((sizes, more))
         return component, sizes, rough
 
-    floor, support = ground.floor, None
+    floor, support, outer = ground.floor, None, 0.9 * settings.reach
     if settings.object:
         component, sizes, rough = standing_anywhere(floor, meeting, True)
         chosen = _thing(depth, component, len(sizes), seen, points, up, meeting, clicked, pixel_angle, settings)
@@ -165,6 +166,21 @@ def find_subject(
         chosen = _direct_subject(
             depth, component, len(sizes), points, up, meeting, clicked, pixel_angle, settings
         )  # fmt: skip
+        if chosen is not None and floor is not None:
+            figure = _member_table(chosen, len(sizes))[component] & (component >= 0)
+            if _is_stepped(dot(points[figure], up) - floor):
+                support = find_support(
+                    points, seen, figure, up, floor, pixel_angle, settings.min_pixels, _STEP, _MAT
+                )  # fmt: skip
+            if support is not None:
+                warnings.append(
+                    f"what the subject stands on, {100.0 * (support - floor):.0f} cm above the floor, is cut off"
+                )
+                floor, outer, middle = support, _FOOTPRINT, np.median(points[figure & (seen == 0)], axis=0)
+                component, sizes, rough = standing(range(1), floor, middle, _ROUGH, False)
+                chosen = _direct_subject(
+                    depth, component, len(sizes), points, up, middle, clicked, pixel_angle, settings
+                )  # fmt: skip
     if chosen is None:
         raise ReconstructionError(_nobody(settings, clicked))
     member = _member_table(chosen, len(sizes))
@@ -182,7 +198,7 @@ def find_subject(
         # what stands there besides, seen directly
         others = (component >= 0) & (sizes[component] >= settings.min_pixels) & (seen == 0) & (labels < 0)
         if not settings.object:
-            component, sizes, _ = standing(range(1, count), floor, axis, rough)
+            component, sizes, _ = standing(range(1, count), floor, axis, rough, support is None)
             member = np.zeros(len(sizes), np.bool_)
         verdict, votes = _verdict_kernel(
             component, len(sizes), seen, points, depth, labels, others, lens, wide, axis, _across(up), reach, up,
@@ -200,6 +216,12 @@ def find_subject(
         labels, seen, points, up, floor, ground.noise, axis, tuple(warnings),
         _limits(depth, labels, count), ground.disagreement_deg,
     )  # fmt: skip
+
+
+def _is_stepped(height: np.ndarray) -> bool:
+    """Whether much of a figure, by the heights of its pixels (N,), is at one level near the floor: a mat, a step."""
+    bins = np.bincount(np.floor(height[(height >= 0.0) & (height < 1.5)] / 0.01).astype(np.int64), minlength=150)
+    return bins[: int(_STEP[1] / 0.01) + 1].max() > 5.0 * np.median(bins)
 
 
 def _height_limits(labels: np.ndarray, height: np.ndarray, floor: float | None) -> tuple[float, float]:
@@ -254,13 +276,15 @@ def _floor_of_views(
     pixel_angle: float,
     rough: float,
     apart: bool,
+    outer: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """The floor as these views see it about the subject, how noisy it is, and how much of it there is beside feet.
 
     A mirror's plane is off by a little, and by twice that the floor in it; a longer path is noisier. So each view has
     its own plane (views, 4), n·p = d [m], noise (views,) [m] and :func:`.share_of_feet` (views,) [1/m]. ``middle``:
-    where the subject stands. ``apart``: there is more of the floor than what is under the subject. Last, how rough a
-    view of it may be: as given, or, where the direct view is one of them, as that tells.
+    where the subject stands. ``apart``: there is more of the floor than what is under the subject; else it is looked
+    for up to ``outer`` from there. Last, how rough a view of it may be: as given, or, where the direct view is one of
+    them, as that tells.
     """
     planes = np.zeros((len(views), 4))
     planes[:, :3], planes[:, 3] = up, -np.inf if floor is None else floor
@@ -269,7 +293,7 @@ def _floor_of_views(
         return planes, noises, shares, rough
     center = np.zeros(3) if middle is None else middle
     # farther off it is noisier, and at the subject there are feet
-    ring = (0.0, np.inf) if middle is None else (_FOOTPRINT if apart else 0.0, 0.9 * settings.reach)
+    ring = (0.0, np.inf) if middle is None else (_FOOTPRINT, 0.9 * settings.reach) if apart else (0.0, outer)
     under = np.inf if middle is None else _FOOTPRINT
     samples, heights = _near_floor_kernel(
         points, seen, up, floor, NEAR_FLOOR, center, ring[0] ** 2, ring[1] ** 2, under**2, _across(up), views[0],

@@ -7,10 +7,8 @@ from numba import njit
 
 from .linear import dot
 
-_LOWEST = 0.15  # a lower step is the thing's own foot [m]
 _CELL = 0.025  # of the plan [m]
 _LEVEL = 0.03  # a level surface's readings are within this of it [m]
-_SMALLEST = 0.016  # of a support, beside what stands on it [m²]
 _ROUNDED = 0.35  # a rounded back has more than this share of its top's plan again right below it
 _BESIDE = 4  # cells on each side of what stands on it in which a support goes on
 _BREADTH = 0.045  # a handle or a back of rods is nowhere so broad [m]
@@ -111,12 +109,14 @@ def find_support(
     floor: float | None,
     pixel_angle: float,
     least: int,
+    between: tuple[float, float] = (0.15, np.inf),
+    smallest: float = 0.016,
 ) -> float | None:
     """Height along ``up`` of the table or plinth that a thing stands on; None when it stands on the floor.
 
-    A support is a level surface, at least 15 cm above the floor, that ends in edges (an animal's back is rounded) and
-    goes on before, behind and beside what stands on it (a chair's seat ends at its back). What stands on it is broader
-    than a handle. Of several the largest counts.
+    A support is a level surface, ``between`` so high above the floor, that ends in edges (an animal's back is rounded)
+    and goes on before, behind and beside what stands on it (a chair's seat ends at its back). What stands on it is
+    broader than a handle. Of several the largest counts.
 
     Parameters
     ----------
@@ -133,6 +133,10 @@ def find_support(
         Of one pixel [rad].
     least : int
         Pixels that a thing has.
+    between : tuple of float
+        What is lower is the thing's own foot [m].
+    smallest : float
+        Of a support, beside what stands on it [m²].
 
     Notes
     -----
@@ -145,13 +149,13 @@ def find_support(
     away /= np.linalg.norm(away)
     low, high, cell = _plan_kernel(mine, height, np.cross(up, away), away)
     lowest = height.min() if floor is None else floor
-    tops = high[high > lowest + _LOWEST]
-    if len(tops) * _CELL**2 < _SMALLEST:
+    tops = high[(high > lowest + between[0]) & (high < lowest + between[1] + _LEVEL)]
+    if len(tops) * _CELL**2 < smallest:
         return None
     base = tops.min()
     bins = np.convolve(np.bincount(np.floor((tops - base) / 0.01).astype(np.int64)), np.ones(3), mode="same")
     thin = np.where(low <= high, high, np.inf) - np.where(low <= high, low, 0.0) < 2.0 * _LEVEL
-    while bins.max() * _CELL**2 >= _SMALLEST:
+    while bins.max() * _CELL**2 >= smallest:
         best = int(np.argmax(bins))
         top = base + (best + 0.5) * 0.01
         # a cell's highest reading is off by its noise
@@ -164,11 +168,12 @@ def find_support(
 
         surface = reached(-0.5 * _LEVEL, 0.5 * _LEVEL) & (high < at + _LEVEL)
         rounded = thin & (np.abs(high - at + 2.0 * _LEVEL) < _LEVEL)
-        enough = surface.sum() * _CELL**2 >= _SMALLEST and rounded.sum() <= _ROUNDED * surface.sum()
+        enough = surface.sum() * _CELL**2 >= smallest and rounded.sum() <= _ROUNDED * surface.sum()
         if enough and _goes_on(surface, reached(_LEVEL, 2.0 * _LEVEL)):
             pixels, breadth = _breadth_kernel(points, figure & (seen == 0), up, at + _LEVEL)
             if pixels >= least and breadth * pixel_angle > _BREADTH:
-                return float(np.median(height[np.abs(height - at) < 0.5 * _LEVEL]))
+                found = float(np.median(height[np.abs(height - at) < 0.5 * _LEVEL]))
+                return found if between[0] < found - lowest < between[1] else None
         bins[max(best - 3, 0) : best + 4] = 0.0
     return None
 

@@ -190,6 +190,24 @@ def test_a_thing(stand):
     assert views.floor == pytest.approx(-0.55, abs=0.012), "the height of what it stands on, from the camera"
 
 
+@pytest.mark.parametrize("height", [0.03, 0.12])
+def test_a_mat_or_a_step_is_cut_off(person, height):
+    mat = props.box((-0.45, -0.4, 0.0), (0.45, 0.4, height))
+    standing = replace(person, vertices=person.vertices + (0, 0, height))
+    simulation = simulate(standing, default_rig("azure_kinect"), [mat])
+    views, right, left, _ = sorted_out(simulation)
+    assert right > 0.99 and left < 0.002
+    assert f"{100 * height:.0f} cm above the floor, is cut off" in views.warnings[0]
+
+
+def test_what_stands_before_the_legs(person):
+    """A chair between camera and legs: its back, that only mirrors show, goes, and what is seen of the feet below it
+    stays."""
+    chair = props.placed(props.chair(), -0.05, -0.6, 170)
+    views, right, left, body = sorted_out(simulate(person, default_rig("azure_kinect", frames=3), [chair]))
+    assert right > 0.98 and left < 0.002
+
+
 @pytest.mark.parametrize("what", ["chair", "stool", "lamp", "suitcase"])
 def test_a_thing_whole(what):
     """Thin legs that hide each other, a foot below a shade, a handle on a lid: all is kept, nothing is a plinth."""
