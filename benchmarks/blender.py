@@ -42,6 +42,7 @@ LIMITS = {  # name of the figure: (what, unit, limit; None: told, for what the o
 MESH_RUNS = 7
 TURNS = 50  # registrations, and builds that are undone
 SETTLED = 10  # turns after which memory has to stand still
+AMONG = 7  # turns whose median is taken
 GROWTH_MB = 30.0  # that is taken for standing still; were they kept, that many builds would take 200 MB
 
 
@@ -117,7 +118,8 @@ def _over_and_over() -> dict:
             turn()
             gc.collect()
             memory.append(resident("VmRSS"))
-        return memory[-1] - memory[SETTLED]
+        # a single look may be 25 MB off: malloc gives back what it has when it pleases
+        return median(memory[-AMONG:]) - median(memory[SETTLED : SETTLED + AMONG])
 
     def register() -> None:
         mirror_scan.unregister()
