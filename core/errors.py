@@ -13,6 +13,10 @@ class MirrorError(MirrorScanError):
     """A mirror cannot be placed: too few points, collinear points, points on no reading."""
 
 
+class PicksDisagreeError(MirrorError):
+    """The points picked on a mirror lie in no common plane."""
+
+
 class ReconstructionError(MirrorScanError):
     """The capture was read, but no avatar can be made of what it shows."""
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from .camera import Intrinsics, project, unproject
 from .capture import MirrorPicks
-from .errors import MirrorError
+from .errors import MirrorError, PicksDisagreeError
 from .frame_fit import DisparityPlane, fit_core, frame_sides, grow_frame
 
 
@@ -329,7 +329,7 @@ def _without_outliers(points: np.ndarray, plane: Mirror) -> Mirror:
     best = distance[np.argmin(score)]
     near = int((best <= _NO_PICK).sum())
     if near < 0.6 * count:
-        raise MirrorError(
+        raise PicksDisagreeError(
             f"{plane.name}: only {near} of {count} picked points lie in one plane, the others up to "
             f"{best.max():.1f} m off it; pick on the frame itself, not on the glass. A mirror without a frame that "
             "stands clear of the wall shows only by the person in it where it is, and here that is not enough: put "

@@ -14,7 +14,7 @@ from .capture import Capture, MirrorPicks
 from .cleaning import clean, recognise, still_warning
 from .closing import ClosingSettings, close_mesh
 from .depth import DepthSettings, fuse_burst, remove_flying_pixels
-from .errors import MirrorError, ReconstructionError
+from .errors import MirrorError, PicksDisagreeError, ReconstructionError
 from .floor_refinement import FloorSettings, level_floor
 from .frameless import frameless_notes
 from .linear import transform
@@ -289,7 +289,7 @@ def place_mirrors(
         mirror, fault = None, None
         try:
             mirror = place_mirror(one, depth, camera, settings.mirror, cloud)
-        except MirrorError as error:
+        except PicksDisagreeError as error:
             fault = error
         mirror = find_better_at(one, mirror, depth, camera, settings.detection, offset)
         if mirror is None:
