@@ -32,8 +32,9 @@ def test_it_builds_selects_and_remembers(bpy, steps, reconstruction, tmp_path):
     bpy.context.scene.mirror_scan.capture_path = str(tmp_path)
     bpy.context.scene.mirror_scan.frames = 7
     assert bpy.ops.mirror_scan.build_avatar() == {"FINISHED"}
-    ((path, frames, mirrors, mirrors_path, settings, cloud),) = steps
+    ((path, frames, mirrors, mirrors_path, settings, cloud, reading),) = steps
     assert (path, frames, mirrors, mirrors_path, cloud) == (str(tmp_path), 7, None, "", None)
+    assert reading["turn_degrees"] is None and reading["color"]
     assert settings["depth"]["smoothing"] == 1 and settings["views"]["max_height"] == pytest.approx(2.4)
     avatar = bpy.context.object
     assert avatar.name == "Avatar" and bpy.context.selected_objects == [avatar]
