@@ -408,18 +408,16 @@ def raycast(
             f"raycast: origins and directions must be (N, 3), got {origins.shape} and {directions.shape}"
         )
     try:
-        origins, directions = map(
-            np.ascontiguousarray, np.broadcast_arrays(np.atleast_2d(origins), np.atleast_2d(directions))
-        )
+        # copied: what broadcast_arrays gives is read-only, or warns of becoming so
+        pair = np.broadcast_arrays(np.atleast_2d(origins), np.atleast_2d(directions))
+        origins, directions = (np.array(a, order="C") for a in pair)
     except ValueError as error:
         raise MirrorScanError(
             f"raycast: {len(origins)} origins do not pair with {len(directions)} directions"
         ) from error
     total = len(origins)
     t, triangle, barycentric = np.empty(total), np.empty(total, dtype=np.int32), np.empty((total, 2))
-    _raycast_kernel(
-        bvh, np.ascontiguousarray(origins), np.ascontiguousarray(directions), float(t_max), t, triangle, barycentric
-    )
+    _raycast_kernel(bvh, origins, directions, float(t_max), t, triangle, barycentric)
     return t, triangle, barycentric
 
 
