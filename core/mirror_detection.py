@@ -33,6 +33,8 @@ _HIT = 0.35  # share of the picks that say which mirror is meant, where they fit
 _STANDS, _MOSTLY = 0.6, 0.9  # of its outline, of all and of what can be judged, something must stand in its plane
 _MISSING = 10, 0.005  # readings, and share of them, that noise may make look as if a mirror did not show them
 _BLIND, _IN_REACH = 0.05, 0.8  # a glass of which less is read must be nearer than this share of the farthest reading
+_USUAL = 2  # mirrors: where depth alone finds fewer, the colour picture's lines are asked as well
+_LINE, _CHANGE = 3, 20  # px to each side between which a line in the colour picture changes a channel by so much
 _AT_BORDER = 0.02  # sides nearer to the image's border, as a share of its size, are cut off by it
 
 
@@ -42,14 +44,19 @@ def rim_share(
     intrinsics: Intrinsics,
     least: float = 0.3,
     known: Iterable[Mirror] = (),
+    color: np.ndarray | None = None,
 ) -> float:
     """Share of the rectangle's circumference, as far as nothing hides it, just outside of which something stands in
-    the plane: a frame or a wall; 0 when that is less than ``least`` of it all. A thin frame is only seen close by."""
+    the plane: a frame or a wall; 0 when that is less than ``least`` of it all. A thin frame is only seen close by.
+
+    Black and glossy frames give few readings: where half as much as ``least`` is read, lines in the ``color`` picture
+    (H, W, 3) stand for the rest."""
     shares = []
+    place = guess.point, guess.basis, guess.rectangle, depth, intrinsics
     for outward in (0.015, 0.007):
-        on, beyond = circumference(
-            guess.point, guess.basis, guess.rectangle, depth, intrinsics, outward, known
-        )
+        on, beyond = circumference(*place, outward, known)
+        if color is not None and 0.5 * least <= on < least:
+            on, beyond = circumference(*place, outward, known, color)
         shares.append(on / (on + beyond) if on >= least else 0.0)
     return max(shares)
 
@@ -62,9 +69,11 @@ def circumference(
     intrinsics: Intrinsics,
     outward: float = 0.015,
     known: Iterable[Mirror] = (),
+    color: np.ndarray | None = None,
 ) -> tuple[float, float]:
     """Shares of a mirror's circumference where, ``outward`` of its rectangle [m], something stands in its plane, and
-    where the camera sees beyond; of what the glass of ``known`` mirrors hides neither."""
+    where the camera sees beyond; of what the glass of ``known`` mirrors hides neither. With a ``color`` picture
+    (H, W, 3) something stands also where nothing is read and the picture has a line."""
     (left, right), (top, bottom) = rectangle + np.array((-outward, outward))
     along = np.linspace(0.0, 1.0, 41)[1:-1]
     corners = np.array(((left, top), (right, top), (right, bottom), (left, bottom), (left, top)))
@@ -75,12 +84,27 @@ def circumference(
     inside = (u > 0) & (v > 0) & (u < intrinsics.width - 1) & (v < intrinsics.height - 1)  # false where NaN
     inside[inside] = ~_behind(points[inside], known)
     read = np.zeros(len(points))
-    read[inside] = depth[np.rint(v[inside]).astype(int), np.rint(u[inside]).astype(int)]
+    rows, columns = np.rint(v[inside]).astype(int), np.rint(u[inside]).astype(int)
+    read[inside] = depth[rows, columns]
     apart = read - points[:, 2]
     slack = 0.02 * points[:, 2] + 0.02
     on = inside & (np.abs(apart) < slack)
+    if color is not None:
+        on[inside] |= (read[inside] == 0) & _on_line(color, rows, columns)
     beyond = inside & (read > 0) & (apart >= slack)
     return float(weight[on].sum() / weight.sum()), float(weight[beyond].sum() / weight.sum())
+
+
+def _on_line(color: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Whether the colour picture changes across each of the pixels, along rows or columns."""
+    height, width = color.shape[:2]
+
+    def at(down: int, right: int) -> np.ndarray:
+        there = color[np.clip(rows + down, 0, height - 1), np.clip(columns + right, 0, width - 1)]
+        return there.astype(np.int16)
+
+    change = np.maximum(np.abs(at(0, _LINE) - at(0, -_LINE)), np.abs(at(_LINE, 0) - at(-_LINE, 0)))
+    return change.max(axis=-1) > _CHANGE
 
 
 def verify(
@@ -90,13 +114,14 @@ def verify(
     floor: float,
     settings: DetectionSettings,
     known: Iterable[Mirror] = (),
+    color: np.ndarray | None = None,
 ) -> Hypothesis | None:
     """The hypothesis with its evidence, or None when what it shows cannot be a reflection.
 
     Every third reading in the rectangle is flipped over the plane. Where it lands nearer than what the camera sees in
     that direction, the camera would have looked through it: a violation. Where it lands on, or up to 0.7 m behind, what
     is seen directly, it is shown. What lies outside the picture says nothing. Behind the glass of mirrors that are
-    ``known`` a rim is hidden.
+    ``known`` a rim is hidden. ``color`` as for :func:`rim_share`.
     """
     before, on, none, outside, violated, shown, hidden, ground = _count(guess, depth, intrinsics, floor)
     behind = outside + violated + shown + hidden + ground
@@ -115,7 +140,7 @@ def verify(
     if len(guess.sides) == 2 and min(s.length for s in guess.sides.values()) < (0.3 if plain else 0.5):
         return None  # a leg and the edge of its shadow, a table and one of its legs
     least = 0.2 if plain else 0.3
-    rim = rim_share(guess, depth, intrinsics, least, known)
+    rim = rim_share(guess, depth, intrinsics, least, known, color)
     made = replace(guess, shown=shown, violated=violation, behind=behind / total, score=rim * (1.0 - violation))
     if rim < settings.min_rim + (0.13 if len(guess.sides) == 2 else 0.0):
         return None
@@ -324,6 +349,9 @@ def find_mirrors(
     depth : np.ndarray [shape=(H, W), dtype=float32]
         Fused depth, flying pixels removed; z [m], 0 = no reading.
     intrinsics : Intrinsics
+    color : np.ndarray [shape=(H, W, 3), dtype=uint8], optional
+        On the depth's grid. Where depth alone finds fewer than two mirrors, its lines stand for parts of frames that
+        give no readings, as black and glossy ones do. Another size is not used.
     glass_offset : float
         How far the reflecting glass lies behind the front of the frame [m].
 
@@ -336,22 +364,11 @@ def find_mirrors(
     -----
     O(H W) and the square of the number of straight rims; deterministic.
     """
-    lenient = replace(settings, max_violation=2.0 * settings.max_violation)
-    proposed = propose(find_rims(depth, intrinsics, settings), settings)
-    guesses = _verified(proposed, depth, intrinsics, lenient)
-    found: list[Mirror] = []
-    while guesses:
-        new = []
-        for guess in _apart(guesses, intrinsics, found)[: settings.max_mirrors - len(found)]:
-            mirror = _settled(guess, depth, intrinsics, settings, glass_offset, found)
-            if mirror is not None:
-                new.append(mirror)
-        found += new
-        if not new or len(found) == settings.max_mirrors:
-            break
-        # a mirror through another one: its rim is not where the other's glass is before it
-        proposed = [guess for guess in proposed if _partly_behind(guess, found)]
-        guesses = _verified(proposed, depth, intrinsics, lenient, found)
+    if color is not None and color.shape[:2] != depth.shape:
+        color = None
+    found = _framed([], depth, intrinsics, settings, glass_offset)
+    if color is not None and len(found) < _USUAL:
+        found = _framed(found, depth, intrinsics, settings, glass_offset, color)
     doubt = [doubtful(m, depth, intrinsics) for m in found]
     sure = [m for m, doubted in zip(found, doubt, strict=True) if not doubted]
     if len(sure) < settings.max_mirrors and not settings.empty_rig:
@@ -359,6 +376,33 @@ def find_mirrors(
         found = [m for m, doubted in zip(found, doubt, strict=True) if not (doubted and _overlaps(m, better))] + better
     found.sort(key=lambda m: m.point[0] / m.point[2])
     return [replace(m, name=name) for m, name in zip(found, _names(found), strict=True)]
+
+
+def _framed(
+    found: list[Mirror],
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    settings: DetectionSettings,
+    glass_offset: float,
+    color: np.ndarray | None = None,
+) -> list[Mirror]:
+    """Mirrors with a frame or a wall about them, besides those ``found``: these and the new ones."""
+    lenient = replace(settings, max_violation=2.0 * settings.max_violation)
+    proposed = propose(find_rims(depth, intrinsics, settings, color), settings)
+    guesses = _verified(proposed, depth, intrinsics, lenient, color=color)
+    while guesses:
+        new = []
+        for guess in _apart(guesses, intrinsics, found)[: settings.max_mirrors - len(found)]:
+            mirror = _settled(guess, depth, intrinsics, settings, glass_offset, found, color)
+            if mirror is not None:
+                new.append(mirror)
+        found = found + new
+        if not new or len(found) == settings.max_mirrors:
+            break
+        # a mirror through another one: its rim is not where the other's glass is before it
+        proposed = [guess for guess in proposed if _partly_behind(guess, found)]
+        guesses = _verified(proposed, depth, intrinsics, lenient, found, color)
+    return found
 
 
 def doubtful(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> bool:
@@ -543,6 +587,7 @@ def _settled(
     settings: DetectionSettings,
     glass_offset: float,
     known: Iterable[Mirror] = (),
+    color: np.ndarray | None = None,
 ) -> Mirror | None:
     """The hypothesis as a mirror on its frame's plane; None when what it shows makes no sense with that plane."""
     mirror = Mirror("", guess.point, guess.basis[:, 2], guess.basis, guess.rectangle, source="found")
@@ -550,7 +595,7 @@ def _settled(
     if fitted is None:
         return None
     final = replace(guess, point=fitted.point, basis=fitted.basis)
-    if verify(final, depth, intrinsics, _ground(depth, intrinsics, fitted.basis), settings, known) is None:
+    if verify(final, depth, intrinsics, _ground(depth, intrinsics, fitted.basis), settings, known, color) is None:
         return None
     if _missing(fitted, depth, intrinsics):
         return None
@@ -610,10 +655,11 @@ def _verified(
     intrinsics: Intrinsics,
     settings: DetectionSettings,
     known: Iterable[Mirror] = (),
+    color: np.ndarray | None = None,
 ) -> list[Hypothesis]:
     good, points = [], _some(depth, intrinsics) if proposed else None
     for guess in proposed:
-        checked = verify(guess, depth, intrinsics, _lowest(points, guess.basis), settings, known)
+        checked = verify(guess, depth, intrinsics, _lowest(points, guess.basis), settings, known, color)
         if checked is not None:
             good.append(checked)
     good.sort(key=lambda h: -h.score)

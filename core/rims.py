@@ -186,18 +186,24 @@ def _split_kernel(rows, columns, disparity, start, stop, tolerance, minimum, cut
     return found
 
 
-def find_rims(depth: np.ndarray, intrinsics: Intrinsics, settings: DetectionSettings) -> list[Segment]:
+def find_rims(
+    depth: np.ndarray, intrinsics: Intrinsics, settings: DetectionSettings, color: np.ndarray | None = None
+) -> list[Segment]:
     """Straight pieces of near-side depth edges of all four sides, broken pieces joined.
 
     Parameters
     ----------
     depth : np.ndarray [shape=(H, W), dtype=float32]
         z [m], 0 = no reading.
+    color : np.ndarray [shape=(H, W, 3), dtype=uint8], optional
+        On the depth's grid. Black and glossy frames are read here and there only: what is read of them counts even
+        where it is short, and is joined over wide gaps, along the lines that this picture has.
     """
     segments: list[Segment] = []
     focal = 0.5 * (intrinsics.fx + intrinsics.fy)
     for turned in (False, True):
         grid = np.ascontiguousarray(depth.T) if turned else depth
+        lines = None if color is None else _lines(color.swapaxes(0, 1) if turned else color)
         for step in (1, -1):
             side = (TOP if step > 0 else BOTTOM) if turned else (LEFT if step > 0 else RIGHT)
             room = 24 * grid.shape[0]
@@ -208,25 +214,48 @@ def find_rims(depth: np.ndarray, intrinsics: Intrinsics, settings: DetectionSett
             rows, columns, disparity = rows[:n], columns[:n], disparity[:n]
             chain = np.empty(n, np.int32)
             _chain_kernel(rows, columns, disparity, 4, chain)
-            pieces = _pieces(rows, columns, disparity, chain, settings, focal)
+            pieces = _pieces(rows, columns, disparity, chain, settings, focal, lines)
 
             def placed(piece, side=side, turned=turned) -> Segment | None:
                 return _segment(side, *piece, turned, intrinsics)
 
-            for piece in _joined(pieces, settings.straightness, grid, placed, settings.max_size):
+            for piece in _joined(pieces, settings.straightness, grid, placed, settings.max_size, lines):
                 segment = placed(piece)
                 if segment is not None and segment.length >= settings.min_side:
                     segments.append(segment)
     return segments
 
 
-def _pieces(rows, columns, disparity, chain, settings, focal) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+_REACH, _CHANGE = 2, 16  # px to each side of a line in the colour picture, between which a channel changes by so much
+_ALONG = 0.8  # of a piece, or of a gap, such a line has to run along
+
+
+def _lines(color: np.ndarray) -> np.ndarray:
+    """Where the colour picture (H, W, 3) changes along its rows: on upright lines, (H, W) bool."""
+    out = np.zeros(color.shape[:2], np.bool_)
+    wide = color.astype(np.int16)
+    out[:, _REACH:-_REACH] = np.abs(wide[:, 2 * _REACH :] - wide[:, : -2 * _REACH]).max(axis=2) > _CHANGE
+    return out
+
+
+def _on_line(lines: np.ndarray, v: np.ndarray, u: np.ndarray) -> bool:
+    """Whether a line runs along most of the pixels (v, u), or right beside them."""
+    inside = (u >= 1) & (u < lines.shape[1] - 2)
+    row, column = v[inside].astype(np.int64), np.rint(u[inside]).astype(np.int64)
+    near = lines[row, column] | lines[row, column - 1] | lines[row, column + 1]
+    return bool(near.sum() > _ALONG * len(v))
+
+
+def _pieces(
+    rows, columns, disparity, chain, settings, focal, lines
+) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     order = np.argsort(chain, kind="stable")  # pixels are in the order of their rows
     rows, columns, disparity, chain = rows[order], columns[order], disparity[order], chain[order]
     bounds = np.flatnonzero(np.diff(chain, prepend=-1, append=chain[-1] + 1))
     start, stop = bounds[:-1], bounds[1:]
     # the shortest piece worth having: less than half of what a side needs, in pixels at that distance
-    minimum = np.maximum(8, (0.4 * settings.min_side * focal * disparity[(start + stop) // 2]).astype(np.int64))
+    least = np.maximum(8, (0.4 * settings.min_side * focal * disparity[(start + stop) // 2]).astype(np.int64))
+    minimum = least if lines is None else np.maximum(6, least * 2 // 5)
     long = np.flatnonzero(rows[stop - 1] - rows[start] >= minimum)
     cuts = np.empty((64, 2), np.int64)
     out = []
@@ -235,16 +264,22 @@ def _pieces(rows, columns, disparity, chain, settings, focal) -> list[tuple[np.n
             rows, columns, disparity, start[i], stop[i], settings.straightness, minimum[i], cuts
         )  # fmt: skip
         for a, b in cuts[:found]:
-            out.append((rows[a:b].astype(float), columns[a:b].astype(float), disparity[a:b]))
+            if rows[b - 1] - rows[a] >= least[i] or _on_line(lines, rows[a:b], columns[a:b]):
+                out.append((rows[a:b].astype(float), columns[a:b].astype(float), disparity[a:b]))
     return out
 
 
 def _joined(
-    pieces: list, tolerance: float, depth: np.ndarray, placed: Callable[[tuple], Segment | None], longest: float
+    pieces: list,
+    tolerance: float,
+    depth: np.ndarray,
+    placed: Callable[[tuple], Segment | None],
+    longest: float,
+    lines: np.ndarray | None,
 ) -> list:
     """Pieces of one line, parted by something in front of it, as one; the longest first. Where the camera sees beyond
     the line between them it ends there, and where together they were longer [m] than a mirror is: images of images
-    continue the lines of frames."""
+    continue the lines of frames. Along a line of the colour picture gaps may be wide."""
     pieces = sorted(pieces, key=lambda p: -len(p[0]))
     # what a piece is to another: its rows' ends, and the mean place and disparity at its middle
     ends = np.array([(p[0][0], p[0][-1]) for p in pieces]).reshape(-1, 2)
@@ -262,7 +297,7 @@ def _joined(
             both = np.maximum(high, ends[:, 1]) - np.minimum(low, ends[:, 0])
             stray = 1.0 + 0.3 * np.maximum(gap, 0.0) / (high - low)
             v, u, d = middle.T
-            fits = ~taken & (gap > -3) & (gap < 0.6 * both)
+            fits = ~taken & (gap > -3) & (gap < (0.6 if lines is None else 0.9) * both)
             fits &= np.abs(au + bu * v - u) < stray * tolerance
             fits &= np.abs((ad + bd * v) / d - 1.0) < 0.03 * stray
             joined = False
@@ -271,12 +306,14 @@ def _joined(
                 between = np.arange(*((high + 1, ends[j, 0]) if ends[j, 0] > high else (ends[j, 1] + 1, low)))
                 if _ended(between, au + bu * between, ad + bd * between, depth):
                     continue
+                if gap[j] >= 0.6 * both[j] and not _on_line(lines, between, au + bu * between):
+                    continue
                 if np.abs(au + bu * v - u).mean() >= stray[j] * tolerance:
                     continue
-                both = tuple(np.concatenate(pair) for pair in zip(mine, pieces[j], strict=True))
-                if len(between) and ((whole := placed(both)) is None or whole.length > longest):
+                one = tuple(np.concatenate(pair) for pair in zip(mine, pieces[j], strict=True))
+                if len(between) and ((whole := placed(one)) is None or whole.length > longest):
                     continue
-                mine, taken[j], joined = both, True, True
+                mine, taken[j], joined = one, True, True
                 break
             if not joined:
                 break

@@ -23,6 +23,7 @@ from mirror_scan.core.mirror_detection import (
 from mirror_scan.core.pipeline import Settings, place_mirrors, reconstruct
 from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.props import open_door, placed, wall_behind
+from mirror_scan.core.simulation.rays import FRAME
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
 
@@ -52,6 +53,24 @@ def check_found(simulation, limit: float):
         outer = np.array((glass.width, glass.height)) + 2 * glass.frame_width
         assert (np.abs(np.ptp(mirror.rectangle, axis=1) - outer) < 0.12).all(), mirror.rectangle
     return found
+
+
+def test_lines_in_colour_stand_for_frames_that_are_hardly_read(simulated):
+    simulation = simulated("azure_kinect")
+    capture, truth = simulation.capture, simulation.truth
+    depth = clean(capture)
+    # a black frame: seven of ten patches of it give no readings
+    patches = np.random.default_rng(1).random((depth.shape[0] // 8, depth.shape[1] // 8)) < 0.7
+    frame = (truth.sight.object == FRAME) & (truth.sight.view == 0)
+    depth[frame & np.kron(patches, np.ones((8, 8), bool))] = 0
+    assert not any(m.refined for m in find_mirrors(depth, capture.intrinsics)), "no frame by depth alone"
+    found = find_mirrors(depth, capture.intrinsics, capture.color)
+    true = {m.name: m for m in truth.mirrors}
+    assert {m.name for m in found} == set(true) and all(m.refined for m in found)
+    for mirror in found:
+        assert misplaced(mirror, true[mirror.name], truth.body.vertices) < 0.004
+    other_size = capture.color[::2, ::2]
+    assert not any(m.refined for m in find_mirrors(depth, capture.intrinsics, other_size))
 
 
 @pytest.mark.parametrize(
