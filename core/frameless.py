@@ -22,6 +22,7 @@ from .linear import dot, lay_grid
 from .mirror import (
     Mirror,
     at_border,
+    behind_glass,
     moved,
     oriented,
     person_before,
@@ -111,7 +112,7 @@ def find_frameless(
         things = _widened_kernel(depth, thin, things, stride)
     pairs.sort(key=lambda pair: -min(pair[0].count, pair[1].count))
     for one, image in pairs[:12]:
-        if len(found) == most or _in_glass(image.middle, found):
+        if len(found) == most or behind_glass(image.middle[None], found)[0]:
             continue
         shown = _surfaces(one, image, things, depth, intrinsics)
         start = _searched(one, image, shown, things, depth, intrinsics, up)
@@ -136,15 +137,6 @@ def frameless_notes(mirrors: list[Mirror]) -> tuple[str, ...]:
     )
 
 
-def _in_glass(point: np.ndarray, mirrors: list[Mirror]) -> bool:
-    for m in mirrors:
-        share = (m.normal @ m.point) / (m.normal @ point)
-        place = (share * point - m.point) @ m.basis[:, :2]
-        if 0.0 < share < 1.0 and (m.rectangle[:, 0] < place).all() and (place < m.rectangle[:, 1]).all():
-            return True
-    return False
-
-
 def _figures(
     depth: np.ndarray, cloud: np.ndarray, up: np.ndarray, floor: float, known: list[Mirror]
 ) -> tuple[np.ndarray, list[Figure]]:
@@ -165,7 +157,7 @@ def _figures(
         some = slice(None, None, len(rows) // _ENOUGH + 1)
         points = cloud[rows[some], columns[some]]
         middle = np.median(points, axis=0)
-        if _in_glass(middle, known):
+        if behind_glass(middle[None], known)[0]:
             continue
         place = np.sort(points @ np.column_stack((across, ahead, up)), axis=0)
         low, high, top = (place[int(share * (len(place) - 1))] for share in (0.02, 0.98, 0.995))

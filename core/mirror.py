@@ -3,6 +3,7 @@ whole frame."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -199,6 +200,23 @@ def reflect(points: np.ndarray, mirror: Mirror) -> np.ndarray:
     """Points [shape=(..., 3)] flipped over the mirror's plane (paper eq. 2–4)."""
     matrix = reflection_matrix(mirror)
     return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def behind_glass(
+    points: np.ndarray, mirrors: Iterable[Mirror], margin: float = 0.0, nearest: float = 1.0
+) -> np.ndarray:
+    """Which of some points (N, 3) the camera sees, or would see, in the rectangle of a mirror that is before them.
+
+    ``margin`` [m] widens the rectangles; what is nearer than the plane counts, too, when the plane is less than
+    ``nearest`` times as far.
+    """
+    hidden = np.zeros(len(points), np.bool_)
+    for m in mirrors:
+        share = (m.normal @ m.point) / (points @ m.normal)
+        place = (points * share[:, None] - m.point) @ m.basis[:, :2]
+        on = ((m.rectangle[:, 0] - margin < place) & (place < m.rectangle[:, 1] + margin)).all(axis=1)
+        hidden |= on & (share > 0.0) & (share < nearest)
+    return hidden
 
 
 def moved(mirror: Mirror, step: np.ndarray) -> Mirror:

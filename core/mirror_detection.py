@@ -20,7 +20,15 @@ from .camera import Intrinsics, project
 from .capture import MirrorPicks
 from .errors import MirrorError
 from .frameless import find_frameless
-from .mirror import Mirror, at_border, person_before, reflection_matrix, reflection_shift, with_outline
+from .mirror import (
+    Mirror,
+    at_border,
+    behind_glass,
+    person_before,
+    reflection_matrix,
+    reflection_shift,
+    with_outline,
+)
 from .mirror_refinement import fit_frame
 from .rims import BOTTOM, LEFT, RIGHT, TOP, DetectionSettings, Hypothesis, Segment, find_rims, propose
 
@@ -35,6 +43,7 @@ _MISSING = 10, 0.005  # readings, and share of them, that noise may make look as
 _BLIND, _IN_REACH = 0.05, 0.8  # a glass of which less is read must be nearer than this share of the farthest reading
 _USUAL = 2  # mirrors: where depth alone finds fewer, the colour picture's lines are asked as well
 _LINE, _CHANGE = 3, 20  # px to each side between which a line in the colour picture changes a channel by so much
+_HIDDEN = 0.03, 1.02  # glass and frame hide what is seen so far around them [m], the plane at most so many times as far
 _AT_BORDER = 0.02  # sides nearer to the image's border, as a share of its size, are cut off by it
 
 
@@ -82,7 +91,7 @@ def circumference(
     points = point + at @ basis[:, :2].T
     u, v = project(points, intrinsics).T
     inside = (u > 0) & (v > 0) & (u < intrinsics.width - 1) & (v < intrinsics.height - 1)  # false where NaN
-    inside[inside] = ~_behind(points[inside], known)
+    inside[inside] = ~behind_glass(points[inside], known, *_HIDDEN)
     read = np.zeros(len(points))
     rows, columns = np.rint(v[inside]).astype(int), np.rint(u[inside]).astype(int)
     read[inside] = depth[rows, columns]
@@ -565,19 +574,8 @@ def _partly_behind(guess: Hypothesis, mirrors: list[Mirror]) -> bool:
     (left, right), (top, bottom) = guess.rectangle
     x, y = np.meshgrid((left, 0.5 * (left + right), right), (top, 0.5 * (top + bottom), bottom))
     points = guess.point + np.column_stack((x.ravel(), y.ravel())) @ guess.basis[:, :2].T
-    hidden = _behind(points, mirrors)
+    hidden = behind_glass(points, mirrors, *_HIDDEN)
     return bool(hidden.any() and not hidden[4])
-
-
-def _behind(points: np.ndarray, mirrors: Iterable[Mirror]) -> np.ndarray:
-    """Which of some points (N, 3) are on or hidden by the glass or frame of a mirror before them."""
-    hidden = np.zeros(len(points), np.bool_)
-    for m in mirrors:
-        share = (m.normal @ m.point) / (points @ m.normal)
-        place = (points * share[:, None] - m.point) @ m.basis[:, :2]
-        on = ((m.rectangle[:, 0] - 0.03 < place) & (place < m.rectangle[:, 1] + 0.03)).all(axis=1)
-        hidden |= on & (share > 0.0) & (share < 1.02)
-    return hidden
 
 
 def _settled(

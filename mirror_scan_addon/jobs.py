@@ -245,6 +245,30 @@ def in_words(error: Exception) -> str:
     return tell(error)
 
 
+class FileJobOperator(JobOperator):
+    """Base of operators that run a job about a file, ``filepath``; a click without one opens the file browser."""
+
+    _asked = False  # by a click, not by a script
+
+    def proposal(self, context: bpy.types.Context) -> str:
+        """What the file browser begins with."""
+        return ""
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        self._asked = True
+        if self.filepath:
+            return self.run(context)
+        self.filepath = self.proposal(context)
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        # The file browser calls this when a file was chosen; people's work goes on beside the window then too.
+        if self._asked and not bpy.app.background and self._worker is None:
+            return self.run(context)
+        return super().execute(context)
+
+
 UNAVAILABLE = remote.Unavailable
 """There is no second process; :func:`begin` with ``thread``."""
 

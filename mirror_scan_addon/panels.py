@@ -13,6 +13,7 @@ from bl_ui.utils import PresetPanel
 from . import jobs, live, reports, state
 from .operators.check import no_mesh
 from .operators.color_by import shown_mode
+from .properties import QUALITY_KEPT
 from .texts import CONTEXT, say, tell
 
 NARROW = 250  # below this width of the sidebar labels go into their fields instead of beside them [px at 100 % scale]
@@ -365,9 +366,7 @@ class MIRRORSCAN_OT_add_quality_preset(AddPresetBase, bpy.types.Operator):
     bl_translation_context = CONTEXT
     preset_menu = "MIRRORSCAN_PT_quality_presets"
     preset_defines = ["quality = bpy.context.scene.mirror_scan.quality"]
-    preset_values = [
-        f"quality.{name}" for name in ("smoothing", "close_gaps", "outline", "refine", "untangle", "keep_islands")
-    ]
+    preset_values = [f"quality.{name}" for name in QUALITY_KEPT]
     preset_subdir = "mirror_scan/quality"
 
 
@@ -391,7 +390,7 @@ class MIRRORSCAN_PT_quality(_Panel, bpy.types.Panel):
         layout = self.layout
         quality = context.scene.mirror_scan.quality
         column = _fields(layout)
-        for name in ("preset", "smoothing", "close_gaps", "outline", "refine", "untangle", "keep_islands"):
+        for name in ("preset", *QUALITY_KEPT):
             _field(column, quality, name)
 
 

@@ -29,6 +29,9 @@ QUALITY = {
 }
 """Values of each preset, by the names of :class:`MIRRORSCAN_PG_quality`."""
 
+QUALITY_KEPT = (*QUALITY["BALANCED"], "keep_islands")
+"""What a user's own preset keeps, in the order in which the panel shows it."""
+
 
 def _redraw(self, context: bpy.types.Context) -> None:
     from .jobs import redraw

@@ -46,6 +46,14 @@ def capture_root(path: str) -> str:
     return path
 
 
+def capture_place(settings: bpy.types.PropertyGroup) -> str:
+    """Where the scene's capture is, as an absolute path; "" when that cannot be told."""
+    try:
+        return absolute(capture_root(settings.capture_path))
+    except CaptureError:  # relative to a .blend that is not saved
+        return ""
+
+
 def check_folder(folder: str) -> None:
     """Refuse a folder that cannot be made, before the work is done that would fill it.
 

@@ -11,7 +11,7 @@ from ..texts import CONTEXT, say, tell
 from ..units import metres_per_unit
 
 
-class MIRRORSCAN_OT_load_capture(jobs.JobOperator, bpy.types.Operator):
+class MIRRORSCAN_OT_load_capture(jobs.FileJobOperator, bpy.types.Operator):
     """Read what a depth camera wrote and show it as coloured points. Takes the folder or any file of a capture"""
 
     bl_idname = "mirror_scan.load_capture"
@@ -33,8 +33,6 @@ class MIRRORSCAN_OT_load_capture(jobs.JobOperator, bpy.types.Operator):
         default=0, min=0, soft_max=60, options={"SKIP_SAVE"}, translation_context=CONTEXT,
     )  # fmt: skip
 
-    _frame_view = False
-
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
         """Of the button that the mouse rests on."""
@@ -46,19 +44,8 @@ class MIRRORSCAN_OT_load_capture(jobs.JobOperator, bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         return state.allows(cls, state.editable(context))
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        self._frame_view = True
-        if self.filepath:
-            return self.run(context)
-        self.filepath = context.scene.mirror_scan.capture_path
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        # The file browser calls this when a file was chosen; people's work goes on beside the window then too.
-        if self._frame_view and not bpy.app.background and self._worker is None:
-            return self.run(context)
-        return super().execute(context)
+    def proposal(self, context: bpy.types.Context) -> str:
+        return context.scene.mirror_scan.capture_path
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -83,7 +70,7 @@ class MIRRORSCAN_OT_load_capture(jobs.JobOperator, bpy.types.Operator):
         cloud = show_capture(context, target, result)
         settings = target.mirror_scan
         settings.capture_path, settings.frames = self._path, self._frames
-        if self._frame_view:
+        if self._asked:
             look_from_camera(context, cloud)
         count = len(cloud.data.vertices)
         for note in result.info["notes"]:
@@ -97,7 +84,7 @@ class MIRRORSCAN_OT_load_capture(jobs.JobOperator, bpy.types.Operator):
         self.report({"INFO"}, text)
 
 
-class MIRRORSCAN_OT_record(jobs.JobOperator, bpy.types.Operator):
+class MIRRORSCAN_OT_record(jobs.FileJobOperator, bpy.types.Operator):
     """Record a burst of a depth camera that is connected, into a new folder, and load it. Hold still meanwhile"""
 
     bl_idname = "mirror_scan.record"
@@ -120,19 +107,6 @@ class MIRRORSCAN_OT_record(jobs.JobOperator, bpy.types.Operator):
     )  # fmt: skip
 
     poll = MIRRORSCAN_OT_load_capture.poll
-    _asked = False
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        self._asked = True
-        if self.filepath:
-            return self.run(context)
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        if self._asked and not bpy.app.background:  # the file browser calls this
-            return self.run(context)
-        return super().execute(context)
 
     def start(self, context: bpy.types.Context) -> jobs.Task:
         folder = state.absolute(self.filepath)

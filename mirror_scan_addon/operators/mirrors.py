@@ -233,11 +233,8 @@ class MIRRORSCAN_OT_save_mirrors(bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         import os
 
-        try:
-            root = state.absolute(state.capture_root(context.scene.mirror_scan.capture_path))
-        except jobs.REPORTED:
-            root = ""
-        self.filepath = self.filepath or os.path.join(root, "mirrors.json")
+        place = state.capture_place(context.scene.mirror_scan)
+        self.filepath = self.filepath or os.path.join(place, "mirrors.json")
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 

@@ -5,7 +5,7 @@
 import os
 
 import bpy
-from bpy.props import StringProperty
+from bpy.props import BoolProperty, StringProperty
 
 from ...core.errors import MirrorError, OutputError
 from .. import jobs, state
@@ -13,27 +13,15 @@ from ..texts import CONTEXT, say, tell
 from .mirrors import put_mirrors
 
 
-class _RigFileOperator(jobs.JobOperator):
-    """A job about a rig file, which the file browser asks for."""
-
-    _asked = False
-
+class _RigFileOperator(jobs.FileJobOperator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return state.allows(cls, state.editable(context) or state.no_cloud(context))
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        self._asked = True
-        if self.filepath:
-            return self.run(context)
-        self.filepath = _proposal(context.scene.mirror_scan)
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        if self._asked and not bpy.app.background and self._worker is None:  # the file browser calls this
-            return self.run(context)
-        return super().execute(context)
+    def proposal(self, context: bpy.types.Context) -> str:
+        """A rig file beside the capture's folder: captures come and go, the rig stays."""
+        root = state.capture_place(context.scene.mirror_scan)
+        return os.path.join(os.path.dirname(os.path.normpath(root)) if root else "", "rig.json")
 
     def start(self, context: bpy.types.Context) -> jobs.Task:
         from .. import cloud
@@ -42,15 +30,6 @@ class _RigFileOperator(jobs.JobOperator):
             raise OutputError(say("Give the name of a rig file"))
         arrays = cloud.read_cloud(cloud.cloud_of(context.scene))
         return self.task(arrays, state.absolute(self.filepath), context.scene.mirror_scan)
-
-
-def _proposal(settings: bpy.types.PropertyGroup) -> str:
-    """A rig file beside the capture's folder: captures come and go, the rig stays."""
-    try:
-        root = state.absolute(state.capture_root(settings.capture_path))
-    except jobs.REPORTED:
-        root = ""
-    return os.path.join(os.path.dirname(os.path.normpath(root)) if root else "", "rig.json")
 
 
 class MIRRORSCAN_OT_calibrate_rig(_RigFileOperator, bpy.types.Operator):
@@ -67,7 +46,7 @@ class MIRRORSCAN_OT_calibrate_rig(_RigFileOperator, bpy.types.Operator):
         options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     filter_glob: StringProperty(default="*.json", options={"HIDDEN", "SKIP_SAVE"})
-    check_existing: bpy.props.BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
+    check_existing: BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
 
     def task(self, arrays, path: str, settings: bpy.types.PropertyGroup) -> jobs.Task:
         records = state.placed_mirrors(settings) if settings.mirrors else []
