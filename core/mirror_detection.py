@@ -29,8 +29,9 @@ from .mirror import (
     reflection_shift,
     with_outline,
 )
-from .mirror_refinement import fit_frame
+from .mirror_refinement import fit_frame, without_frames
 from .rims import BOTTOM, LEFT, RIGHT, TOP, DetectionSettings, Hypothesis, Segment, find_rims, propose
+from .twins import measures, one_make
 
 _DETECTION = DetectionSettings()
 _OPEN_SHOWN = 0.07  # with a side missing, this share of all readings must lie on or close behind what is seen directly
@@ -44,6 +45,7 @@ _BLIND, _IN_REACH = 0.05, 0.8  # a glass of which less is read must be nearer th
 _USUAL = 2  # mirrors: where depth alone finds fewer, the colour picture's lines are asked as well
 _LINE, _CHANGE = 3, 20  # px to each side between which a line in the colour picture changes a channel by so much
 _HIDDEN = 0.03, 1.02  # glass and frame hide what is seen so far around them [m], the plane at most so many times as far
+_EMPTY = 0.02  # of a glass so much may be read in its plane, and of that so much make no sense, by noise
 _AT_BORDER = 0.02  # sides nearer to the image's border, as a share of its size, are cut off by it
 
 
@@ -399,19 +401,101 @@ def _framed(
     lenient = replace(settings, max_violation=2.0 * settings.max_violation)
     proposed = propose(find_rims(depth, intrinsics, settings, color), settings)
     guesses = _verified(proposed, depth, intrinsics, lenient, color=color)
+    bare = _without(found, depth, intrinsics, glass_offset)
     while guesses:
         new = []
         for guess in _apart(guesses, intrinsics, found)[: settings.max_mirrors - len(found)]:
-            mirror = _settled(guess, depth, intrinsics, settings, glass_offset, found, color)
+            mirror = _settled(guess, depth, intrinsics, settings, glass_offset, found, color, bare)
             if mirror is not None:
                 new.append(mirror)
+                bare = _without([mirror], bare, intrinsics, glass_offset)
         found = found + new
         if not new or len(found) == settings.max_mirrors:
             break
         # a mirror through another one: its rim is not where the other's glass is before it
-        proposed = [guess for guess in proposed if _partly_behind(guess, found)]
-        guesses = _verified(proposed, depth, intrinsics, lenient, found, color)
-    return found
+        behind = [guess for guess in proposed if _partly_behind(guess, found)]
+        guesses = _verified(behind, depth, intrinsics, lenient, found, color)
+    return found + _twins(proposed, found, depth, intrinsics, settings, glass_offset, color, bare)
+
+
+def _without(mirrors: list[Mirror], depth: np.ndarray, intrinsics: Intrinsics, glass_offset: float) -> np.ndarray:
+    """The depth without the frames of mirrors."""
+    frames = [replace(m, point=m.point + glass_offset * m.normal) for m in mirrors]
+    return without_frames(depth, frames, intrinsics) if frames else depth
+
+
+def _twins(
+    proposed: list[Hypothesis],
+    found: list[Mirror],
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    settings: DetectionSettings,
+    glass_offset: float,
+    color: np.ndarray | None,
+    bare: np.ndarray,
+) -> list[Mirror]:
+    """Mirrors that show next to nothing, but stand in frames of the make of those ``found`` (:mod:`.twins`); ``bare``
+    is the depth without the latter."""
+    asked, points = [], _some(depth, intrinsics) if found else None
+    for guess in _uncovered(proposed, found) if found else ():
+        rim, _ = _unopposed(guess, points, depth, intrinsics, found, color)
+        if rim > 0.0:
+            asked.append((len(guess.sides), rim, guess))
+    asked.sort(key=lambda one: one[:2], reverse=True)
+    makes = [
+        measures(replace(m, point=m.point + glass_offset * m.normal), depth, intrinsics)
+        for m in (found if asked else ())
+        if not doubtful(m, depth, intrinsics)
+    ]
+    new: list[Mirror] = []
+    for _, _, guess in asked:
+        if len(found) + len(new) == settings.max_mirrors or not _uncovered([guess], new):
+            continue
+        fitted = _on_its_frame(guess, bare, intrinsics)
+        if fitted is None or _missing(fitted, depth, intrinsics):
+            continue
+        final = replace(guess, point=fitted.point, basis=fitted.basis)
+        rim, shown = _unopposed(final, points, depth, intrinsics, found, color)
+        mine = measures(fitted, depth, intrinsics)
+        if rim > 0.0 and any(one_make(mine, make, shown >= min(_FEW_SHOWN)) for make in makes):
+            behind = replace(fitted, point=fitted.point - glass_offset * fitted.normal)
+            new.append(at_border(behind, intrinsics, _unseen(guess)))
+            bare = _without(new[-1:], bare, intrinsics, glass_offset)
+    return new
+
+
+def _uncovered(guesses: list[Hypothesis], mirrors: list[Mirror]) -> list[Hypothesis]:
+    """Those of which no more than half is where rectangles of mirrors are in the picture."""
+    share = np.linspace(0.0, 1.0, 7)
+    x, y = (part.ravel() for part in np.meshgrid(share, share))
+    points = []
+    for guess in guesses:
+        (left, right), (top, bottom) = guess.rectangle
+        at = np.column_stack((left + x * (right - left), top + y * (bottom - top)))
+        points.append(guess.point + at @ guess.basis[:, :2].T)
+    if not points:
+        return []
+    hidden = behind_glass(np.concatenate(points), mirrors, nearest=np.inf).reshape(len(guesses), -1)
+    return [guess for guess, part in zip(guesses, hidden.mean(axis=1), strict=True) if part <= 0.5]
+
+
+def _unopposed(
+    guess: Hypothesis,
+    points: np.ndarray,
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    known: Iterable[Mirror],
+    color: np.ndarray | None,
+) -> tuple[float, float]:
+    """:func:`rim_share` where nothing stands in the rectangle's plane but its rim, and nothing it shows would be where
+    the camera looks through, else 0; and how many readings it shows. ``points`` as for
+    :func:`_lowest`."""
+    before, on, none, *behind = _count(guess, depth, intrinsics, _lowest(points, guess.basis))
+    glass = none + sum(behind)
+    if glass < 60 or on > _EMPTY * glass or behind[1] > max(_EMPTY * sum(behind), 3.0):
+        return 0.0, 0.0
+    rim = rim_share(guess, depth, intrinsics, 0.2, known, color)
+    return (rim if rim > _WHOLE else 0.0), behind[2]
 
 
 def doubtful(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> bool:
@@ -586,10 +670,11 @@ def _settled(
     glass_offset: float,
     known: Iterable[Mirror] = (),
     color: np.ndarray | None = None,
+    bare: np.ndarray | None = None,
 ) -> Mirror | None:
-    """The hypothesis as a mirror on its frame's plane; None when what it shows makes no sense with that plane."""
-    mirror = Mirror("", guess.point, guess.basis[:, 2], guess.basis, guess.rectangle, source="found")
-    fitted = fit_frame(mirror, depth, intrinsics, seeds=_along(guess.sides.values()))
+    """The hypothesis as a mirror on its frame's plane; None when what it shows makes no sense with that plane. ``bare``
+    is the depth without the frames of other mirrors."""
+    fitted = _on_its_frame(guess, depth if bare is None else bare, intrinsics)
     if fitted is None:
         return None
     final = replace(guess, point=fitted.point, basis=fitted.basis)
@@ -599,6 +684,11 @@ def _settled(
         return None
     behind = replace(fitted, point=fitted.point - glass_offset * fitted.normal)
     return at_border(behind, intrinsics, _unseen(guess))
+
+
+def _on_its_frame(guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics) -> Mirror | None:
+    mirror = Mirror("", guess.point, guess.basis[:, 2], guess.basis, guess.rectangle, source="found")
+    return fit_frame(mirror, depth, intrinsics, seeds=_along(guess.sides.values()))
 
 
 def _along(sides: Iterable[Segment]) -> np.ndarray:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
 
 from .camera import Intrinsics, project
-from .frame_fit import DisparityPlane, disparity_plane, fit_core, grow_frame
+from .frame_fit import WIDEST, DisparityPlane, disparity_plane, fit_core, grow_frame
 from .mirror import (
     Mirror,
     disparity_of_plane,
@@ -85,6 +86,25 @@ def fit_frame(
     if fitted is None:
         return None
     return _on_frame(mirror, u, v, depth, fitted, intrinsics, outward)
+
+
+def without_frames(depth: np.ndarray, mirrors: Iterable[Mirror], intrinsics: Intrinsics) -> np.ndarray:
+    """The depth without what stands in the planes of mirrors about their glass: of a frame that crosses another one
+    only its own readings tell its plane.
+
+    Parameters
+    ----------
+    mirrors : iterable of Mirror
+        On the planes of their frames.
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+    """
+    out = depth.copy()
+    for mirror in mirrors:
+        plane = disparity_of_plane(mirror.normal, float(mirror.normal @ mirror.point), intrinsics)
+        band = max(4.0 * mirror.residual, 0.004) / float(mirror.point[2])
+        u, v = _ring(mirror, plane, depth, intrinsics, 0.02, band, WIDEST)
+        out[v, u] = 0.0
+    return out
 
 
 def _snapped(seeds: np.ndarray, depth: np.ndarray) -> np.ndarray:
