@@ -212,6 +212,8 @@ def behind_glass(
     """
     hidden = np.zeros(len(points), np.bool_)
     for m in mirrors:
+        if m.rectangle is None:  # how far it goes is not known
+            continue
         share = (m.normal @ m.point) / (points @ m.normal)
         place = (points * share[:, None] - m.point) @ m.basis[:, :2]
         on = ((m.rectangle[:, 0] - margin < place) & (place < m.rectangle[:, 1] + margin)).all(axis=1)

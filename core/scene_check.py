@@ -1,12 +1,14 @@
 """What is wrong with a scene, in words a user understands, and what to move: :func:`check_scene`.
 
-All is geometry: the subject's directly seen points are laid into each mirror, and it is looked at where they would be
-seen: on the glass or past it, in the image or out of it, behind something, farther than the camera reads.
+All is geometry: the subject's points that the other views show are laid into each mirror, and it is looked at where
+they would be seen: on the glass or past it, in the image or out of it, behind something, farther than the camera reads.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -16,19 +18,20 @@ from .ground import leans
 from .linear import dot, transform
 from .mirror import Mirror, reflection_matrix
 from .sensors import NoiseModel
+from .subject import rig_axis, visible_middle
 from .views import Views, glass_corners
 
 MAX_LEAN_DEG = 4.0
 """Mirrors that lean more than this are told."""
 
 MAX_CUT = 0.05
-"""Of the subject that the image may cut off in a mirror before it is told [share]."""
+"""Of the subject that the image, or a glass, may cut off in a mirror before it is told [share]."""
 
 MAX_OVER = 0.04
 """What the subject's reflection may reach over an edge of the glass, or of the image, before it is told [m]."""
 
-MAX_HIDDEN = 0.25
-"""Of a reflection that may be hidden by the subject's own body before it is told [share]."""
+MAX_HIDDEN = 0.07
+"""Of a reflection that may be hidden by the subject's own body or something else before it is told [share]."""
 
 MAX_FAR = 1.25
 """Of the distance to which the camera reads well, that a reflection may be away before it is told [share]."""
@@ -46,24 +49,35 @@ MIN_APART_DEG = 25.0
 MAX_GAP_DEG = 200.0
 """A wider gap between the directions the subject is seen from leaves a side unseen."""
 
+_NOT_SHOWN = 0.15  # of the subject: a mirror that shows less of it shows something else
+_MUCH_HIDDEN = 0.25  # of a reflection: where the glass ends behind that is hardly known
+_ROOM = 0.02  # beside the subject, when it is told how much is lacking [m]
+_LONG_MOVE, _SHORT_STEP = 0.15, 0.1  # m: a mirror is turned rather than moved so far; nobody is told to step less
+_WIDEST_FRAME, _IN_PLANE = 0.15, 0.02  # of a mirror [m]; how near to its plane that is read, of z
+_TRUNK = 0.24  # from the body's middle: what is farther off is an arm [m]
+_OUTWARDS = np.arange(0.05, 0.85, 0.05)  # by how much a mirror may be asked to be moved [m]
 _SPARE_DEG = 2.5  # between the image's border and the subject: toes point forward, hair stands up
 _BORDER_PIXELS = 6  # of the subject at the image's border that mean it is cut
 
 
 @dataclass(frozen=True)
 class Reflection:
-    """Where the subject's reflection in a mirror ought to be: shares of its directly seen points.
+    """Where the subject's reflection in a mirror ought to be: shares of its points that other views show.
 
     ``over_glass``, ``over_image``: how far the subject reaches over the left, right, top and bottom edge of the glass
-    [m on the mirror] and of the image [m at the subject], negative = room to spare; ``seen``: share inside both;
-    ``hidden``: share of those behind the subject's own body; ``unread``: share without a reading; ``distance``: median
-    z along the folded path [m].
+    [m on the mirror] and of the image [m at the subject], negative = room to spare; ``out``: share past the glass;
+    ``seen``: share inside both; ``hidden``: share of all that is behind the subject's own body, and ``blocked``: behind
+    something else; ``arms``: how much of ``hidden`` is behind what is held off the trunk; ``unread``: share of what is
+    inside both without a reading; ``distance``: median z along the folded path [m].
     """
 
     over_glass: dict[str, float]
     over_image: dict[str, float]
+    out: float
     seen: float
     hidden: float
+    blocked: float
+    arms: float
     unread: float
     distance: float
 
@@ -97,12 +111,18 @@ def check_scene(
         Each says what is wrong, where, and what to do. Empty for a good scene.
     """
     told = _cut_by_image(views, intrinsics)
-    mine = np.flatnonzero(views.labels == 0)
-    subject = views.points.reshape(-1, 3)[mine[:: len(mine) // 4000 + 1]]
+    subject = _thinned(views, views.labels == 0)
     if len(subject):
-        for k, mirror in enumerate(mirrors, start=1):
-            found = foresee(subject, depth, views, mirror, k, intrinsics)
-            told += _about(mirror, found, (views.labels == k).any(), model, intrinsics.fx)
+        # what a mirror shows itself ends where its glass does
+        others = [_thinned(views, (views.labels >= 0) & (views.labels != k)) for k in range(1, len(mirrors) + 1)]
+        mirrors = [_without_frame(m, depth, views, intrinsics) for m in mirrors]
+        found = [foresee(points, depth, views, m, intrinsics) for points, m in zip(others, mirrors, strict=True)]
+        step = _step_aside(subject, views, mirrors, found, intrinsics)
+        if step is not None:
+            told.append(step)
+        for k, (mirror, reflection) in enumerate(zip(mirrors, found, strict=True), start=1):
+            if_moved = partial(foresee, others[k - 1], depth, views, intrinsics=intrinsics)
+            told += _about(mirror, reflection, views, k, model, intrinsics, step is not None, if_moved)
             error = mirror.displacement(subject[::16])
             if error is not None and error > MAX_UNSURE:
                 told.append(
@@ -145,6 +165,12 @@ def check_agreement(
     return replace(views, labels=labels), told
 
 
+def _thinned(views: Views, which: np.ndarray) -> np.ndarray:
+    """Some thousand points (N, 3) of the pixels that are meant (H, W)."""
+    mine = np.flatnonzero(which)
+    return views.points.reshape(-1, 3)[mine[:: len(mine) // 4000 + 1]]
+
+
 def quoted(mirror: Mirror) -> str:
     return f"the mirror “{mirror.name}”"
 
@@ -159,13 +185,15 @@ def _cut_by_image(views: Views, intrinsics: Intrinsics) -> list[str]:
         "upper": mine[:edge].any(axis=0).sum(), "lower": mine[height - edge :].any(axis=0).sum(),
         "left": mine[:, :edge].any(axis=1).sum(), "right": mine[:, width - edge :].any(axis=1).sum(),
     }  # fmt: skip
+    over, under = _beyond_image(views, intrinsics, True), _beyond_image(views, intrinsics, False)
     advice = {
-        "upper": ("the head is", f"tilt the camera up{_by_tilt(views, intrinsics, True)} or step back"),
-        "lower": ("the feet are", f"tilt the camera down{_by_tilt(views, intrinsics, False)} or step back"),
+        "upper": ("the head is", f"tilt the camera up{_by_tilt(over)} or step back"),
+        "lower": ("the feet are", f"tilt the camera down{_by_tilt(under)} or step back"),
         "left": ("a side is", aside),
         "right": ("a side is", aside),
     }  # fmt: skip
-    if min(cut["upper"], cut["lower"]) >= _BORDER_PIXELS:
+    both = min(cut["upper"], cut["lower"]) >= _BORDER_PIXELS
+    if both or over + under > -_SPARE_DEG:  # it is too high for the image
         advice["upper"], advice["lower"] = (("the head is", "step back"), ("the feet are", "step back"))
     return [
         f"the subject is cut off by the image's {side} border: {what} missing there and closed by guess; {do}"
@@ -174,54 +202,53 @@ def _cut_by_image(views: Views, intrinsics: Intrinsics) -> list[str]:
     ]
 
 
-def _by_tilt(views: Views, intrinsics: Intrinsics, upwards: bool) -> str:
-    """By how much to tilt the camera: mirrors show how tall the subject is, and the floor where its feet are."""
+def _beyond_image(views: Views, intrinsics: Intrinsics, upwards: bool) -> float:
+    """By what angle head or feet are beyond the image [degrees]: mirrors show how tall the subject is, and the floor
+    where its feet are. NaN where nothing tells."""
     reflected = dot(views.points[views.labels > 0], views.up)
     if upwards:
-        end = np.quantile(reflected, 0.999) if len(reflected) else -np.inf
+        end = np.quantile(reflected, 0.999) if len(reflected) else np.nan
     else:
-        end = views.floor if views.floor is not None else np.quantile(reflected, 0.001) if len(reflected) else np.inf
-    if not np.isfinite(end):
-        return ""
+        end = views.floor if views.floor is not None else np.quantile(reflected, 0.001) if len(reflected) else np.nan
     x, y, z = views.axis + (end - views.axis @ views.up) * views.up
     border = 0 if upwards else intrinsics.height - 1
     beyond = np.degrees(np.arctan2(y, z) - np.arctan2(border - intrinsics.cy, intrinsics.fy))
-    beyond = max(int(np.ceil(_SPARE_DEG + (-beyond if upwards else beyond))), 2)
-    return f" by {beyond}°" if beyond < 45 else ""
+    return float(-beyond if upwards else beyond)
 
 
-def foresee(
-    subject: np.ndarray, depth: np.ndarray, views: Views, mirror: Mirror, view: int, intrinsics: Intrinsics
-) -> Reflection:
-    """Where the mirror ought to show the subject, by its directly seen points (N, 3)."""
+def _by_tilt(beyond: float) -> str:
+    """By how much to tilt the camera."""
+    if np.isnan(beyond):
+        return ""
+    by = max(int(np.ceil(_SPARE_DEG + beyond)), 2)
+    return f" by {by}°" if by < 45 else ""
+
+
+def foresee(subject: np.ndarray, depth: np.ndarray, views: Views, mirror: Mirror, intrinsics: Intrinsics) -> Reflection:
+    """Where the mirror ought to show the subject, by points (N, 3) of it that are seen otherwise."""
     k = intrinsics
-    laid = transform(subject, reflection_matrix(mirror))
+    laid, a, b, through = _on_mirror(subject, mirror)
     ahead = laid[:, 2] > 0.1
     z = np.where(ahead, laid[:, 2], 1.0)
     u, v = laid[:, 0] / z * k.fx + k.cx, laid[:, 1] / z * k.fy + k.cy
-    share = (mirror.normal @ mirror.point) / dot(laid, mirror.normal)
-    on = laid * share[:, None] - mirror.point  # where the line of sight meets the mirror's plane
-    a, b = dot(on, mirror.basis[:, 0]), dot(on, mirror.basis[:, 1])
     within = (u >= 0) & (v >= 0) & (u <= k.width - 1) & (v <= k.height - 1)
     row, column = (np.rint(np.where(within, x, 0.0)).astype(int) for x in (v, u))
     masked = within & ahead & (views.labels[row, column] == 0)
+    over_glass, out = dict.fromkeys(("left", "right", "top", "bottom"), -np.inf), 0.0
     corners = glass_corners(mirror)
-    over_glass = dict.fromkeys(("left", "right", "top", "bottom"), -np.inf)
-    through = ahead & (share > 0) & (share < 1)
     if corners is not None:
         (a0, b0), (a1, b1) = corners.min(axis=0), corners.max(axis=0)
-        # seen by the camera a points left, b down
-        over_glass = {"left": a - a1, "right": a0 - a, "top": b0 - b, "bottom": b - b1}
         # where the edge is behind the subject itself, how far the glass goes on is not known
         edge = project(
             mirror.point + np.column_stack((np.clip(a, a0, a1), np.clip(b, b0, b1))) @ mirror.basis[:, :2].T, k
         )  # fmt: skip
         edge = np.rint(np.clip(np.nan_to_num(edge), 0, (k.width - 1, k.height - 1))).astype(int)
         masked &= views.labels[edge[:, 1], edge[:, 0]] == 0
-        through &= masked | ((a > a0) & (a < a1) & (b > b0) & (b < b1))
+        shown = masked | ((a > a0) & (a < a1) & (b > b0) & (b < b1))
+        through, out = through & shown, float((ahead & ~shown).mean())
         over_glass = _beyond({
             side: np.where(masked, np.minimum(value, 0.0), np.where(ahead, value, np.inf))
-            for side, value in over_glass.items()
+            for side, value in _past(a, b, corners).items()
         })  # fmt: skip
     per_pixel = z / k.fx
     over_image = _beyond({
@@ -231,13 +258,62 @@ def foresee(
     inside = through & within
     row, column = row[inside], column[inside]
     label, reading = views.labels[row, column], depth[row, column]
-    hidden = (label == 0) | ((reading > 0) & (views.seen[row, column] == 0))
+    hidden = label == 0
+    blocked = ~hidden & (reading > 0) & (views.seen[row, column] == 0)
+    across = np.cross(views.up, views.axis)
+    aside = dot(views.points[row[hidden], column[hidden]] - views.axis, across / np.linalg.norm(across))
     unread = reading == 0
-    count = max(int(inside.sum()), 1)
     return Reflection(
-        over_glass, over_image, float(inside.mean()), float(hidden.sum() / count), float(unread.sum() / count),
-        float(np.median(z)),
+        over_glass, over_image, out, float(inside.mean()), float(hidden.sum() / len(subject)),
+        float(blocked.sum() / len(subject)), float((np.abs(aside) > _TRUNK).sum() / max(len(aside), 1)),
+        float(unread.sum() / max(int(inside.sum()), 1)), float(np.median(z)),
     )  # fmt: skip
+
+
+def _without_frame(mirror: Mirror, depth: np.ndarray, views: Views, intrinsics: Intrinsics) -> Mirror:
+    """The mirror whose rectangle ends where its frame begins: up to there readings lie in its plane."""
+    if mirror.rectangle is None or mirror.polygon is not None:
+        return mirror
+    height, width = depth.shape
+    rectangle = np.array(mirror.rectangle, dtype=np.float64)
+    steps = np.arange(0.0, _WIDEST_FRAME, 0.004)
+    for axis in range(2):
+        along = np.linspace(*np.clip(mirror.rectangle[1 - axis], -2.0, 2.0), 62)[6:-6]
+        for end, way in ((0, 1.0), (1, -1.0)):
+            place = np.empty((len(steps), len(along), 2))
+            place[..., axis], place[..., 1 - axis] = (mirror.rectangle[axis, end] + way * steps)[:, None], along
+            on = mirror.point + place @ mirror.basis[:, :2].T
+            pixel = np.rint(np.nan_to_num(project(on.reshape(-1, 3), intrinsics), nan=-1.0)).reshape(place.shape)
+            u, v = pixel[..., 0], pixel[..., 1]
+            free = (u >= 0) & (v >= 0) & (u < width) & (v < height)
+            row, column = np.where(free, v, 0).astype(int), np.where(free, u, 0).astype(int)
+            free &= views.labels[row, column] != 0
+            frame = free & (np.abs(depth[row, column] - on[..., 2]) < _IN_PLANE * on[..., 2])
+            free, frame = free.sum(axis=1), frame.sum(axis=1)
+            moulding = (free >= 6) & (frame >= 0.5 * free)
+            if moulding.any():
+                first = int(np.argmax(moulding))  # the outermost pixels are often not read
+                last = first + int(np.argmin(moulding[first:]))
+                if not moulding[last]:
+                    rectangle[axis, end] += way * steps[last]
+    return replace(mirror, rectangle=rectangle)
+
+
+def _on_mirror(subject: np.ndarray, mirror: Mirror) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Reflections (N, 3) of points; where their lines of sight meet the mirror's plane, along a and b (N,) [m]; and
+    which of them (N,) meet it on their way."""
+    laid = transform(subject, reflection_matrix(mirror))
+    share = (mirror.normal @ mirror.point) / dot(laid, mirror.normal)
+    on = laid * share[:, None] - mirror.point
+    through = (laid[:, 2] > 0.1) & (share > 0) & (share < 1)
+    return laid, dot(on, mirror.basis[:, 0]), dot(on, mirror.basis[:, 1]), through
+
+
+def _past(a: np.ndarray, b: np.ndarray, corners: np.ndarray) -> dict[str, np.ndarray]:
+    """How far places on a mirror (N,) are past each edge of its glass [m]."""
+    (a0, b0), (a1, b1) = corners.min(axis=0), corners.max(axis=0)
+    # seen by the camera a points left, b down
+    return {"left": a - a1, "right": a0 - a, "top": b0 - b, "bottom": b - b1}
 
 
 def _beyond(distance: dict[str, np.ndarray]) -> dict[str, float]:
@@ -246,38 +322,123 @@ def _beyond(distance: dict[str, np.ndarray]) -> dict[str, float]:
     return dict(zip(distance, reach.tolist(), strict=True))
 
 
-def _about(mirror: Mirror, found: Reflection, shown: bool, model: NoiseModel | None, focal: float) -> list[str]:
-    """What is wrong with one mirror's reflection."""
+def _step_aside(
+    subject: np.ndarray, views: Views, mirrors: list[Mirror], found: list[Reflection], intrinsics: Intrinsics
+) -> str | None:
+    """Where to stand instead, when the sides of more than one glass cut the subject off and none would there."""
+    sides = [max(reflection.over_glass["left"], reflection.over_glass["right"]) for reflection in found]
+    out = [mirror for mirror, over in zip(mirrors, sides, strict=True) if over > MAX_OVER]
+    meeting = rig_axis(mirrors, views.up, intrinsics) if len(out) > 1 else None
+    if meeting is None:
+        return None
+    step = meeting - views.axis
+    step -= (step @ views.up) * views.up
+    if np.linalg.norm(step) < _SHORT_STEP:
+        return None
+    for mirror in mirrors:
+        corners = glass_corners(mirror)
+        if corners is not None:
+            _, a, b, _ = _on_mirror(subject + step, mirror)
+            over = _beyond(_past(a, b, corners))
+            if max(over["left"], over["right"]) > MAX_OVER:
+                return None
+    right = np.cross(views.up, (0.0, 0.0, -1.0))
+    right /= np.linalg.norm(right)
+    moves = (
+        (step @ right, "to the right", "to the left"),
+        (step @ np.cross(views.up, right), "away from the camera", "towards the camera"),
+    )
+    moves = [f"{100 * abs(by):.0f} cm {one if by > 0 else other}" for by, one, other in moves if abs(by) > 0.05]
+    way = " and ".join(moves)
+    names = " and ".join(map(quoted, out))
+    return (
+        f"{names} show only part of the subject, because it does not stand where they look; step {way} (as seen by the "
+        "camera)"
+    )
+
+
+def _turn(mirror: Mirror, views: Views, intrinsics: Intrinsics, outwards: float = 0.0) -> tuple[Mirror, str]:
+    """The mirror moved ``outwards`` [m], away from the subject's side, and turned about the vertical so that the
+    subject is in its middle; and how it is turned."""
+    up = views.up
+    middle = mirror.point if mirror.outline is None else visible_middle(mirror, intrinsics)
+    right = np.cross(up, (0.0, 0.0, -1.0))
+    right /= np.linalg.norm(right)
+    side = np.sign((middle - views.axis * (middle[2] / views.axis[2])) @ right) or 1.0
+    moved = middle + outwards * side * right
+
+    def level(direction: np.ndarray) -> np.ndarray:
+        direction = direction - (direction @ up) * up
+        return direction / np.linalg.norm(direction)
+
+    now, wanted = level(mirror.normal), level(level(-moved) + level(views.axis - moved))
+    angle = np.arctan2(np.cross(now, wanted) @ up, now @ wanted)
+    c, s = np.cos(angle), np.sin(angle)
+    cross = np.array(((0.0, -up[2], up[1]), (up[2], 0.0, -up[0]), (-up[1], up[0], 0.0)))
+    turn = c * np.eye(3) + s * cross + (1.0 - c) * np.outer(up, up)
+    turned = replace(
+        mirror, point=moved + turn @ (mirror.point - middle), normal=turn @ mirror.normal, basis=turn @ mirror.basis,
+        outline=None,
+    )  # fmt: skip
+    edge = "left" if np.cross(up, -right) @ now * angle > 0 else "right"
+    return turned, f"turn it by {np.degrees(abs(angle)):.0f}° about the vertical, its {edge} edge forward"
+
+
+def _about(
+    mirror: Mirror,
+    found: Reflection,
+    views: Views,
+    view: int,
+    model: NoiseModel | None,
+    intrinsics: Intrinsics,
+    steps: bool,
+    if_moved: Callable[[Mirror], Reflection],
+) -> list[str]:
+    """What is wrong with one mirror's reflection. ``steps``: it was told where to stand instead; ``if_moved``: what the
+    mirror would show if it were moved or turned."""
     name, told = quoted(mirror), []
     glass = {side: value for side, value in found.over_glass.items() if value > MAX_OVER}
     image = {side: value for side, value in found.over_image.items() if value > MAX_OVER}
-    if found.seen < 0.05:
-        told.append(
-            f"{name} does not show the subject: its reflection lies {_sides(glass or image)} of the "
-            f"{'glass' if glass else 'image'}; turn {name} towards the line between camera and subject until the "
-            "camera sees the subject's back in it"
-        )
-        return told
-    if found.hidden > MAX_HIDDEN:  # where a glass ends behind the body is hardly known
-        glass = {side: value for side, value in glass.items() if side in ("top", "bottom") or value > 0.1}
-    if glass:
-        for one, other, what in (("top", "bottom", "high"), ("left", "right", "wide")):
-            lacking = found.over_glass[one] + found.over_glass[other]
-            if (one in glass or other in glass) and lacking > 0:
-                told.append(
-                    f"{name} is too small: it is {100 * lacking:.0f} cm less {what} than the "
-                    "reflection of the subject; use a larger mirror, or move it nearer to the subject"
-                )
-                glass = {side: value for side, value in glass.items() if side not in (one, other)}
-        for side, value in glass.items():
-            what, do = {
-                "top": ("its upper edge", "raise it"), "bottom": ("its lower edge", "lower it"),
-                "left": ("its left edge", "move it to the left"), "right": ("its right edge", "move it to the right"),
-            }[side]  # fmt: skip
+    if found.seen - found.hidden < _NOT_SHOWN and found.hidden < 1.0 - found.seen:
+        if glass and not steps:
             told.append(
-                f"the subject is partly out of {name}: {what} cuts the reflection off; {do} by {100 * value:.0f} cm "
-                "(as seen by the camera), or turn it, or step aside"
+                f"{name} does not show the subject: its reflection lies {_sides(glass)} of the glass; "
+                f"{_turn(mirror, views, intrinsics)[1]}, until the camera sees the subject's back in it"
             )
+        elif not glass:
+            told.append(
+                f"{name} does not show the subject: its reflection lies {_sides(image)} of the image; move the camera "
+                "back, or the mirror inwards, until the camera sees the subject's back in it"
+            )
+        return told
+    if found.hidden > _MUCH_HIDDEN:  # where a glass ends behind the body is hardly known
+        glass = {side: value for side, value in glass.items() if side in ("top", "bottom") or value > 0.1}
+    elif not glass and found.out > MAX_CUT:
+        worst = max(found.over_glass, key=found.over_glass.get)
+        glass = {worst: max(found.over_glass[worst], 0.01)}
+    for one, other, what in (("top", "bottom", "high"), ("left", "right", "wide")):
+        lacking = found.over_glass[one] + found.over_glass[other] + 2.0 * _ROOM
+        if (one in glass or other in glass) and lacking > 0.01:
+            told.append(
+                f"{name} is too small: it is {100 * lacking:.0f} cm less {what} than the "
+                "reflection of the subject; use a larger mirror, or move it nearer to the subject"
+            )
+            glass = {side: value for side, value in glass.items() if side not in (one, other)}
+    for side, value in glass.items():
+        if steps and side in ("left", "right"):
+            continue
+        what, do = {
+            "top": ("its upper edge", "raise it"), "bottom": ("its lower edge", "lower it"),
+            "left": ("its left edge", "move it to the left"), "right": ("its right edge", "move it to the right"),
+        }[side]  # fmt: skip
+        cut = f"the subject is partly out of {name}: {what} cuts the reflection off"
+        by = f"{do} by {100 * (value + _ROOM):.0f} cm (as seen by the camera)"
+        turned, how = _turn(mirror, views, intrinsics)
+        there = if_moved(turned).over_glass
+        if side in ("left", "right") and max(there["left"], there["right"]) < MAX_OVER:
+            told.append(f"{cut}; {how}" if value > _LONG_MOVE else f"{cut}; {by}, or {how}")
+        else:
+            told.append(f"{cut}; {by}")
     if found.seen < 1 - MAX_CUT:
         for side, value in image.items():
             what, do = {
@@ -289,23 +450,55 @@ def _about(mirror: Mirror, found: Reflection, shown: bool, model: NoiseModel | N
                 f"the reflection in {name} is cut off by the image's {what} border, {100 * value:.0f} cm of the "
                 f"subject; {do}, or move the camera back"
             )
-    if model is not None and found.distance > model.max_range and (
+    far = model is not None and found.distance > model.max_range
+    if far and (
         found.distance > MAX_FAR * model.max_range
         or found.unread > (MAX_UNREAD_PATTERN if model.disparity_step else MAX_UNREAD)
-        or not shown
+        or not (views.labels == view).any()
     ):
         told.append(
             f"the way over {name} is {found.distance:.1f} m, and {model.title} reads well to {model.max_range:.1f} m: "
             f"{found.unread:.0%} of the reflection has no reading, and the rest scatters by "
-            f"{1000.0 * model.sigma(found.distance, focal):.0f} mm; bring the mirror and the camera nearer to the "
-            f"subject, by {found.distance - model.max_range:.1f} m in all"
+            f"{1000.0 * model.sigma(found.distance, intrinsics.fx):.0f} mm; bring the mirror and the camera nearer to "
+            f"the subject, by {found.distance - model.max_range:.1f} m in all"
         )
-    elif found.hidden > MAX_HIDDEN:
+    elif found.unread > MAX_UNREAD_PATTERN:
         told.append(
-            f"{found.hidden:.0%} of the reflection in {name} is hidden by what stands before it, most likely the "
-            f"subject's own body or arms; move {name} outwards, or hold the arms closer to the body"
+            f"{found.unread:.0%} of the reflection in {name} has no reading, over a way of {found.distance:.1f} m; "
+            "bring the mirror and the camera nearer to the subject, see that the glass is clean, and keep sunlight out"
+        )
+    if found.hidden > MAX_HIDDEN:
+        told.append(_about_hidden(mirror, found, views, intrinsics, if_moved))
+    if found.blocked > MAX_HIDDEN:
+        told.append(
+            f"{found.blocked:.0%} of the reflection in {name} is hidden by something that stands before it; take that "
+            "away"
         )
     return told
+
+
+def _about_hidden(
+    mirror: Mirror,
+    found: Reflection,
+    views: Views,
+    intrinsics: Intrinsics,
+    if_moved: Callable[[Mirror], Reflection],
+) -> str:
+    """By how much to move a mirror until the subject does not hide its own reflection, or what else to do."""
+    name = quoted(mirror)
+    do = f"move {name} outwards and turn it so that the subject stays in its middle"
+    for outwards in _OUTWARDS:
+        moved, how = _turn(mirror, views, intrinsics, outwards)
+        there = if_moved(moved)
+        if there.hidden < 0.3 * MAX_HIDDEN and max(there.over_image.values()) < MAX_OVER:
+            do = f"move {name} outwards by {100 * outwards:.0f} cm and {how}"
+            break
+    if found.arms > 0.5:
+        return (
+            f"{found.hidden:.0%} of the reflection in {name} is hidden by the subject's own arms; hold the arms closer "
+            f"to the body, or {do}"
+        )
+    return f"{found.hidden:.0%} of the reflection in {name} is hidden by the subject's own body; {do}"
 
 
 def _sides(over: dict[str, float]) -> str:

@@ -46,7 +46,7 @@ def rig_axis(mirrors: list[Mirror], up: np.ndarray, intrinsics: Intrinsics) -> n
     for m in mirrors:
         if m.outline is None:
             continue
-        middle = _visible_middle(m, intrinsics)
+        middle = visible_middle(m, intrinsics)
         direction = reflect(middle * 2, m) - middle
         lines.append((middle, direction / np.linalg.norm(direction)))
     if len(lines) < 2:
@@ -61,7 +61,7 @@ def rig_axis(mirrors: list[Mirror], up: np.ndarray, intrinsics: Intrinsics) -> n
     return np.linalg.solve(A, b)
 
 
-def _visible_middle(mirror: Mirror, intrinsics: Intrinsics) -> np.ndarray:
+def visible_middle(mirror: Mirror, intrinsics: Intrinsics) -> np.ndarray:
     """Point of the mirror's plane in the middle of its outline, as far as that is in the image."""
     corners = mirror.outline
     size = np.array((intrinsics.width - 1, intrinsics.height - 1))

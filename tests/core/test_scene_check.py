@@ -13,6 +13,8 @@ from mirror_scan.core.depth import DepthSettings, fuse_burst, remove_flying_pixe
 from mirror_scan.core.mirror import place_mirror, plane_mirror
 from mirror_scan.core.scene_check import check_scene, directions
 from mirror_scan.core.sensors import SENSORS
+from mirror_scan.core.simulation.mannequin import Figure, mannequin
+from mirror_scan.core.simulation.props import box, placed
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
 from mirror_scan.core.subject import find_subject
@@ -67,9 +69,58 @@ def test_a_mirror_that_loses_a_hand(person, width, cut):
 
 
 def test_out_of_the_mirror(person):
+    """Out of both: where to stand instead is told, to within some centimetres."""
     farther = replace(person, vertices=person.vertices + (0, 0.5, 0))
     told = checked(scene(farther))
-    assert any("partly out of" in text and "edge cuts" in text for text in told)
+    assert len(told) == 1 and "“right” and the mirror “left” show only part" in told[0]
+    assert abs(int(re.search(r"step (\d+) cm towards the camera", told[0])[1]) - 50) < 8
+
+
+@pytest.mark.parametrize(("degrees", "edge"), [(9.0, "right"), (-9.0, "left")])
+def test_a_mirror_that_is_turned_away(person, degrees, edge):
+    """How far to turn it back, and which way."""
+    rig = default_rig("azure_kinect", frames=2)
+    right, left = rig.mirrors
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    x, y, _ = right.normal
+    turned = replace(right, normal=(c * x - s * y, s * x + c * y, 0.0))
+    told = checked(simulate(person, replace(rig, mirrors=(turned, left))).capture)
+    assert len(told) == 1 and "the subject is partly out of the mirror “right”" in told[0]
+    found = re.search(r"turn it by (\d+)° about the vertical, its (left|right) edge forward", told[0])
+    assert abs(int(found[1]) - 9) <= 1 and found[2] == edge
+
+
+def test_a_frame_is_no_glass(person):
+    """The picks' rectangle goes to the outer edge of the frame."""
+    told = checked(scene(person, mirror_size=(0.28, 1.75), frame_width=0.06))
+    assert len(told) == 2 and all("too small" in text for text in told)
+
+
+def test_hidden_by_the_arms():
+    """And the way to move and turn the mirrors that is told mends it."""
+    body = mannequin(figure=Figure(arm_angle_deg=40.0), resolution=0.014)
+    rig = default_rig("azure_kinect", frames=2, view_angle_deg=150.0, mirror_size=(1.1, 1.9))
+    told = checked(simulate(body, rig).capture)
+    assert len(told) == 2 and all("hidden by the subject's own arms; hold the arms closer" in text for text in told)
+    moved = []
+    for mirror, text in zip(rig.mirrors, told, strict=True):
+        found = re.search(r"outwards by (\d+) cm and turn it by (\d+)° about the vertical, its (\w+) edge", text)
+        assert f"“{mirror.name}”" in text and found[3] == mirror.name
+        side = 1.0 if mirror.name == "right" else -1.0
+        turn = side * np.radians(int(found[2]))
+        (x, y, _), (cx, cy, cz) = mirror.normal, mirror.centre
+        normal = (np.cos(turn) * x + np.sin(turn) * y, -np.sin(turn) * x + np.cos(turn) * y, 0.0)
+        moved.append(replace(mirror, normal=normal, centre=(cx + side * int(found[1]) / 100, cy, cz)))
+    assert checked(simulate(body, replace(rig, mirrors=tuple(moved))).capture) == []
+
+
+def test_hidden_by_a_thing(person):
+    """A board before the mirror."""
+    rig = default_rig("azure_kinect", frames=2)
+    x, y, _ = rig.mirrors[0].centre
+    board = placed(box((-0.15, -0.02, 0.0), (0.15, 0.02, 1.4)), x - 0.1, y - 0.35)
+    told = checked(simulate(person, rig, (board,)).capture)
+    assert len(told) == 1 and "in the mirror “right” is hidden by something that stands before it" in told[0]
 
 
 def test_a_mirror_that_shows_nobody(person):
@@ -110,18 +161,18 @@ def test_a_way_that_is_too_long(person, path, told_of):
     """Half of it is read, as it is at any distance where two patterns meet, but badly."""
     rig = default_rig("kinect_v1", 2.8, frames=2, path_length=path)
     told = checked(simulate(person, rig).capture)
-    assert len(told) == told_of and all("reads well to 4.0 m" in t and "1.6 m in all" in t for t in told)
+    assert len(told) == told_of and all("reads well to 4.0 m" in t and "1.7 m in all" in t for t in told)
 
 
 def test_hidden_behind_the_subject(person):
     told = checked(scene(person, mirrors=(172.0,)))
-    assert any("is hidden by what stands before it" in text and "arms" in text for text in told)
+    assert any("is hidden by the subject's own body" in text and "outwards" in text for text in told)
 
 
 def test_hidden_with_an_edge_of_the_glass(person):
     """The inner edges of both mirrors are behind the body: they are hidden, not too small."""
     told = checked(scene(person, view_angle_deg=165.0))
-    assert len(told) == 2 and all("is hidden by what stands before it" in text for text in told)
+    assert len(told) == 2 and all("is hidden by the subject's own body" in text for text in told)
 
 
 def test_mirrors_nearly_parallel(person):
