@@ -11,7 +11,7 @@ import numpy as np
 from .camera import Intrinsics, project, unproject
 from .capture import MirrorPicks
 from .errors import MirrorError, PicksDisagreeError
-from .frame_fit import DisparityPlane, fit_core, frame_sides, grow_frame
+from .frame_fit import DisparityPlane, fit_core, frame_sides, grow_frame, part_wall
 
 
 @dataclass(frozen=True)
@@ -373,6 +373,25 @@ def _grow(
     if grown is None:
         return None
     u, v, fitted = grown
+    mirror, core = _on_pixels(u, v, fitted, depth, seeds, cloud, plane, intrinsics)
+    parted = part_wall(u, v, depth, fitted, intrinsics.lens, mirror.point, mirror.basis, mirror.rectangle)
+    if parted.fitted is not fitted:
+        mirror, core = _on_pixels(parted.u, parted.v, parted.fitted, depth, seeds, cloud, plane, intrinsics)
+    covariance = plane_covariance(core, intrinsics, mirror.point, mirror.basis)
+    return replace(mirror, covariance=covariance + np.diag((0.0, 0.0, parted.unsure**2)))
+
+
+def _on_pixels(
+    u: np.ndarray,
+    v: np.ndarray,
+    fitted: DisparityPlane,
+    depth: np.ndarray,
+    seeds: np.ndarray,
+    cloud: np.ndarray,
+    plane: Mirror,
+    intrinsics: Intrinsics,
+) -> tuple[Mirror, DisparityPlane]:
+    """The mirror on the plane of its frame's pixels, with its rectangle, about picks ``seeds``; and that plane."""
     kept = fitted.weights > 0.1
     points = cloud[v[kept], u[kept]]
     core = fit_core(u, v, depth, fitted)
@@ -391,7 +410,7 @@ def _grow(
     mirror = _with_sides(
         mirror, points, picked[on_plane] if on_plane.any() else points, drawn, depth, core, intrinsics
     )  # fmt: skip
-    return replace(mirror, covariance=plane_covariance(core, intrinsics, center, mirror.basis))
+    return mirror, core
 
 
 def _with_sides(
@@ -464,9 +483,7 @@ def plane_covariance(
     return transfer @ fitted.covariance @ transfer.T
 
 
-def _extent(
-    frame: np.ndarray, picked: np.ndarray, drawn: np.ndarray, mirror: Mirror
-) -> tuple[np.ndarray, np.ndarray]:
+def _extent(frame: np.ndarray, picked: np.ndarray, drawn: np.ndarray, mirror: Mirror) -> tuple[np.ndarray, np.ndarray]:
     """Extent of the frame along the mirror's right and down axes, about its point: rows (min, max) [m]; and on which
     sides (2, 2) a wall goes on in its plane: there only the picks, as ``drawn`` on the plane, say how far it goes."""
     grown = (frame - mirror.point) @ mirror.basis[:, :2]

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from .camera import Intrinsics, project
-from .frame_fit import WIDEST, DisparityPlane, disparity_plane, fit_core, grow_frame
+from .frame_fit import WIDEST, DisparityPlane, disparity_plane, fit_core, grow_frame, part_wall
 from .mirror import (
     Mirror,
     disparity_of_plane,
@@ -85,7 +85,9 @@ def fit_frame(
             break
     if fitted is None:
         return None
-    return _on_frame(mirror, u, v, depth, fitted, intrinsics, outward)
+    parted = part_wall(u, v, depth, fitted, intrinsics.lens, mirror.point, mirror.basis, mirror.rectangle)
+    placed = _on_frame(mirror, parted.u, parted.v, depth, parted.fitted, intrinsics, outward)
+    return replace(placed, covariance=placed.covariance + np.diag((0.0, 0.0, parted.unsure**2)))
 
 
 def without_frames(depth: np.ndarray, mirrors: Iterable[Mirror], intrinsics: Intrinsics) -> np.ndarray:

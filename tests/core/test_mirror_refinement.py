@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
 from mirror_scan.core.mesh import Mesh
-from mirror_scan.core.mirror import plane_mirror, reflect, reflection_moves
+from mirror_scan.core.mirror import place_mirror, plane_mirror, reflect, reflection_moves
 from mirror_scan.core.mirror_detection import find_mirrors
 from mirror_scan.core.mirror_refinement import JointSettings, align_reflections
 from mirror_scan.core.rig_file import calibrate
+from mirror_scan.core.simulation.props import wall_behind
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
 
@@ -89,3 +90,21 @@ def test_reflection_moves_are_derivatives(simulated):
         np.testing.assert_allclose(
             (reflect(points, turned) - reflect(points, mirror)) / small, moves[..., k], atol=1e-4
         )
+
+
+@pytest.mark.parametrize("sensor", ["realsense_d455", "kinect_v1"])
+@pytest.mark.parametrize("frame_width", [0.045, 0.0])
+def test_a_mirror_on_a_wall(person, sensor, frame_width):
+    """The wall is 12 mm behind the glass, less than a reading's noise: a frame is told from it all the same; where
+    there is none the wall is what is known, and that is said."""
+    rig = default_rig(sensor, frames=10, frame_width=frame_width, seed=7)
+    hung = simulate(person, rig, [wall_behind(m, gap=0.012) for m in rig.mirrors])
+    mirrors, depth, lens = placed(hung)
+    assert len(mirrors) == 2
+    if frame_width:
+        mirrors += [place_mirror(picks, depth, lens) for picks in hung.capture.mirrors]
+    body = hung.truth.body.vertices
+    for mirror, error in zip(mirrors, misplaced(mirrors, hung, body), strict=True):
+        promised = mirror.displacement(body)
+        assert error < 3.0 * promised
+        assert error < 0.008 and promised < 0.008 if frame_width else 0.01 < promised < 0.03
