@@ -368,7 +368,8 @@ def frame_sides(
     return _sides_kernel(depth, lens, plane, tolerance, point, basis, np.ascontiguousarray(rectangle), WIDEST)
 
 
-_THICK = 0.008  # how far a mirror's glass may stand before the wall it hangs on, one standard deviation [m]
+THICK = 0.008
+"""How far a mirror's glass may stand before the wall it hangs on, one standard deviation [m]."""
 _DEEP = 0.035  # farther before the wall than that nobody takes a frame for it [m]
 _STEP = 4.0  # standard deviations by which a frame must stand before the wall to be told from it
 _PARTS = 6  # of each side, asked one by one
@@ -425,7 +426,7 @@ def part_wall(
     goes_on = outer == inner  # false where NaN
     if not goes_on.any():
         return Parted(u, v, fitted, 0.0)
-    wall = Parted(u, v, fitted, _THICK if goes_on.sum() > 1 else 0.0)
+    wall = Parted(u, v, fitted, THICK if goes_on.sum() > 1 else 0.0)
     pixel = z / (0.5 * (lens[0] + lens[1]))
     limit = _DEEP / z**2
     count, total = _beside_kernel(depth, lens, plane, point, basis, inner, limit, pixel, int(WIDEST / pixel), _PARTS)

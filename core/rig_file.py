@@ -20,6 +20,7 @@ from .capture import Capture, MirrorPicks
 from .depth import DepthSettings, fuse_burst, remove_flying_pixels
 from .errors import CaptureError, MirrorError
 from .files import replacing
+from .frame_fit import THICK
 from .mirror import (
     Mirror,
     MirrorSettings,
@@ -38,6 +39,8 @@ MAX_BYTES = 1_000_000
 _LARGEST, _FARTHEST = 1e6, 1e3  # of all numbers, and of places [m]
 _BOARD = JointSettings(two_sided=True)
 _MIRROR, _DEPTH, _EMPTY = MirrorSettings(), DepthSettings(), DetectionSettings(empty_rig=True)
+_TOLD = 0.003  # what moves the reflection of a person by less is not told [m]
+_SURE, _LIKELY = 5.0, 3.0  # standard deviations by which a mirror has moved; and by which it has, when another one did
 _LENS = ("width", "height", "fx", "fy", "cx", "cy")
 
 
@@ -218,22 +221,45 @@ def mirrors_for(rig: RigFile, intrinsics: Intrinsics) -> tuple[Mirror, ...]:
     return rig.mirrors
 
 
-def moved_warnings(mirrors: Sequence[Mirror], depth: np.ndarray, intrinsics: Intrinsics) -> list[str]:
-    """:func:`moved_warning` of all mirrors of a rig file; one when all have moved, for then it is the camera."""
-    told = [text for text in (moved_warning(mirror, depth, intrinsics) for mirror in mirrors) if text]
+@dataclass(frozen=True)
+class _Change:
+    """A mirror beside its frame as it is seen now, ``seen``: by how much that moves the reflection of a person [m], and
+    how many standard deviations of both fits that is. ``gone``: its frame is not there any more."""
+
+    mirror: Mirror
+    seen: Mirror | None
+    shift: float = 0.0
+    deviations: float = 0.0
+    gone: bool = False
+
+    def told(self, deviations: float, limit: float) -> bool:
+        return self.gone or (self.deviations > deviations and self.shift > limit)
+
+
+def moved_warnings(
+    mirrors: Sequence[Mirror], depth: np.ndarray, intrinsics: Intrinsics, limit: float = _TOLD
+) -> list[str]:
+    """:func:`moved_warning` of all mirrors of a rig file; one when all have moved, for then it is the camera.
+
+    Where one has surely moved, less will do to say so of the others.
+    """
+    changes = [_change(mirror, depth, intrinsics) for mirror in mirrors]
+    if not any(change.told(_SURE, limit) for change in changes):
+        return []
+    told = [_in_words(change) for change in changes if change.told(_LIKELY, 0.5 * limit)]
     if len(told) < max(2, len(mirrors)):
         return told
     names, first = ", ".join(mirror.name for mirror in mirrors), told[0].removeprefix(f"{mirrors[0].name}: ")
     return [f"{names}: {first}; all have moved alike, so most likely it was the camera"]
 
 
-def moved_warning(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, limit: float = 0.006) -> str | None:
+def moved_warning(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, limit: float = _TOLD) -> str | None:
     """What to tell the user when a mirror no longer stands where the rig file has it; None when it does, or cannot be
     seen.
 
-    The frame as it is seen now is fitted anew about the stored plane. It has moved when that changes the reflection of
-    a person 1.5 m before the mirror by more than ``limit`` [m] and three times what both fits' covariances allow. What
-    it does not change, a mirror pushed along its own plane, is not told.
+    The frame as it is seen now is fitted anew about the stored plane. It has moved when slopes and shift between both
+    are more than their covariances allow (Mahalanobis), and change the reflection of a person 1.5 m before the mirror
+    by more than ``limit`` [m]. What it does not change, a mirror pushed along its own plane, is not told.
 
     Parameters
     ----------
@@ -242,25 +268,43 @@ def moved_warning(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, lim
     depth : np.ndarray [shape=(H, W), dtype=float32]
         Fused depth of the snapshot, z [m].
     """
-    again = f"{mirror.name}: the rig has moved since it was calibrated"
+    change = _change(mirror, depth, intrinsics)
+    return _in_words(change) if change.told(_SURE, limit) else None
+
+
+def _change(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> _Change:
     seen = fit_frame(mirror, depth, intrinsics, inward=0.06)
     if seen is None:
         # is there anything that stands behind the place of the frame, where it should hide it?
-        return (
-            f"{again}: its frame is not where it was; calibrate it again" if _empty(mirror, depth, intrinsics) else None
-        )
-    person = person_before(mirror)
-    shift = reflection_shift(person, seen, mirror)
-    sure = np.hypot(seen.displacement(person), mirror.displacement(person) or 0.0)
-    if shift <= max(limit, 3.0 * sure):
-        return None
+        return _Change(mirror, None, gone=_empty(mirror, depth, intrinsics))
+    a, b, normal = mirror.basis.T
+    along = seen.normal @ normal
+    step = np.array((-(seen.normal @ a), -(seen.normal @ b), seen.normal @ (seen.point - mirror.point))) / along
+    allowed = _random(seen) + (_random(mirror) if mirror.covariance is not None else 0.0)
+    deviations = float(np.sqrt(step @ np.linalg.solve(allowed, step)))
+    return _Change(mirror, seen, reflection_shift(person_before(mirror), seen, mirror), deviations)
+
+
+def _random(mirror: Mirror) -> np.ndarray:
+    """The covariance of its plane without the thickness of a glass that hangs on a wall: that is the same twice."""
+    covariance = np.array(mirror.covariance)
+    if covariance[2, 2] > THICK**2:
+        covariance[2, 2] -= THICK**2
+    return covariance
+
+
+def _in_words(change: _Change) -> str:
+    mirror, seen = change.mirror, change.seen
+    again = f"{mirror.name}: the rig has moved since it was calibrated"
+    if seen is None:
+        return f"{again}: its frame is not where it was; calibrate it again"
     nearer = float(seen.normal @ (seen.point - mirror.point) / (seen.normal @ mirror.normal))
     turned = float(np.degrees(np.arccos(np.clip(seen.normal @ mirror.normal, -1.0, 1.0))))
     how = [f"{1000.0 * abs(nearer):.0f} mm {'forward' if nearer > 0 else 'back'}"] if abs(nearer) > 0.002 else []
     how += [f"turned by {turned:.1f}°"] if turned > 0.15 else []
     return (
-        f"{again}, by about {1000.0 * shift:.0f} mm at the person ({', '.join(how) or 'tilted a little'}); put it "
-        "back, or calibrate it again"
+        f"{again}, by about {1000.0 * change.shift:.0f} mm at the person ({', '.join(how) or 'tilted a little'}); "
+        "put it back, or calibrate it again"
     )
 
 

@@ -11,8 +11,10 @@ from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mirror import plane_mirror, reflect
+from mirror_scan.core.mirror_detection import find_mirrors
 from mirror_scan.core.pipeline import reconstruct
 from mirror_scan.core.rig_file import calibrate, mirrors_for, moved_warning, moved_warnings, read_rig, write_rig
+from mirror_scan.core.simulation.props import wall_behind
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
 
@@ -104,6 +106,30 @@ def test_a_rig_that_was_knocked(rig, person, what):
         assert told[0].startswith("right: the rig has moved since it was calibrated")
         how = {"mirror 5 mm": "5 mm forward", "mirror 1°": "turned by 1.", "mirror 5 cm": "50 mm forward"}[what]
         assert how in told[0]
+
+
+def test_a_noisy_camera_notices_five_millimetres(person):
+    """What the slopes and the shift of a plane may be off by chance is known to less than their sum at the person."""
+    base = default_rig("realsense_d455", 2.4, frames=10, seed=11)
+    rig = calibrate(replace(simulate(SPECK, base).capture, mirrors=()))
+    camera = np.array(base.camera)
+    for move, told in (((0, 0, 0), 0), ((0.005, 0, 0), 1), ((0, 0.005, 0), 1), ((0, 0, 0.005), 0)):
+        knocked = replace(base, camera=tuple(camera + move), seed=12)
+        texts = moved_warnings(rig.mirrors, clean(simulate(person, knocked).capture), rig.intrinsics)
+        assert len(texts) == told, "up and down, along its own planes, no mirror has moved"
+        assert all("most likely it was the camera" in text for text in texts)
+
+
+def test_a_wall_does_not_hide_a_move(person):
+    """How thick the glass is before its wall is not known, but it is as thick as when it was calibrated."""
+    base = default_rig("azure_kinect", frames=6, frame_width=0.0, seed=13)
+    walls = [wall_behind(m) for m in base.mirrors]
+    hung = clean(simulate(person, base, walls).capture)
+    mirrors = find_mirrors(hung, base.intrinsics)
+    assert len(mirrors) == 2 and all(m.covariance[2, 2] > 0.005**2 for m in mirrors)
+    assert moved_warnings(mirrors, hung, base.intrinsics) == []
+    pushed = [replace(m, point=m.point + 0.006 * m.normal) for m in mirrors]
+    assert len(moved_warnings(pushed, hung, base.intrinsics)) == 1
 
 
 @pytest.mark.parametrize(
