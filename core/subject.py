@@ -9,6 +9,7 @@ from .camera import Intrinsics, project, unproject
 from .errors import ReconstructionError
 from .floor_parting import NEAR_FLOOR, ROW, share_of_feet, standing_pixels
 from .ground import find_ground
+from .hidden_pieces import pieces_behind
 from .linear import dot
 from .mesh import root_of
 from .mirror import Mirror, reflect
@@ -197,14 +198,34 @@ def find_subject(
     if mirrors:
         # what stands there besides, seen directly
         others = (component >= 0) & (sizes[component] >= settings.min_pixels) & (seen == 0) & (labels < 0)
+        direct, direct_member = component, member
         if not settings.object:
             component, sizes, _ = standing(range(1, count), floor, axis, rough, support is None)
             member = np.zeros(len(sizes), np.bool_)
-        verdict, votes = _verdict_kernel(
-            component, len(sizes), seen, points, depth, labels, others, lens, wide, axis, _across(up), reach, up,
-            _height_limits(labels, height, floor), deepest,
-        )  # fmt: skip
-        taken = _take_mirrors(depth, component, member, verdict, votes, seen, points, pixel_angle, labels, count)
+
+        def take() -> tuple[np.ndarray, np.ndarray]:
+            """Label the mirrors' pixels: how many each view has, and which components are the figure."""
+            verdict, votes = _verdict_kernel(
+                component, len(sizes), seen, points, depth, labels, others, lens, wide, axis, _across(up), reach, up,
+                _height_limits(labels, height, floor), deepest,
+            )  # fmt: skip
+            return _take_mirrors(depth, component, member, verdict, votes, seen, points, pixel_angle, labels, count)
+
+        taken, chosen = take()
+        if not settings.object:
+            small = _small_pieces(direct, direct_member, points, axis, up, pixel_angle, settings)
+            if small.any():
+                shown = np.where(component < 0, -1, chosen[component] | (labels > 0)).astype(np.int8)
+                parted = pieces_behind(
+                    direct, direct_member, small, points, depth, seen, shown, mirrors, intrinsics
+                )  # fmt: skip
+                if parted.any():
+                    labels[labels > 0] = -1
+                    _label_kernel(direct, parted, seen, 0, labels)
+                    others &= labels < 0
+                    wide = _dilated(labels, int(np.ceil(_OUTLINE * intrinsics.fx / np.median(depth[labels == 0]))) + 1)
+                    height = dot(points[labels == 0], up)
+                    taken, chosen = take()
         for i, m in enumerate(mirrors, start=1):
             if taken[i] < settings.min_pixels:
                 labels[labels == i] = -1
@@ -482,6 +503,14 @@ def _thing(depth, component, count, seen, points, up, meeting, clicked, pixel_an
     return np.flatnonzero(mine | joined)
 
 
+def _small_pieces(component, member, points, axis, up, pixel_angle, settings) -> np.ndarray:
+    """Bool (C,): what else stands about the subject and is small beside it."""
+    total, within, *_ = _pieces_kernel(
+        component, len(member), points, axis, _across(up), settings.reach**2, 1.0, pixel_angle
+    )  # fmt: skip
+    return ~member & (total >= _PIECE) & (within > 0.6 * total) & (total < _BELOW * total[member].sum())
+
+
 def _scores(component, count, points, up, meeting, spread, pixel_angle, settings):
     """Per component: pixels, those within reach of where the rig looks, how much of it there is there, and its box."""
     # without a rig that tells where it looks: near the vertical plane straight ahead of the camera
@@ -700,16 +729,16 @@ def _take_mirrors(
     pixel_angle: float,
     labels: np.ndarray,
     views: int,
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray]:
     """Label the mirrors' components that the direct view does not deny, and where it does not those of a ``member``;
-    how many pixels (views,) each view has."""
+    how many pixels (views,) each view has, and which components (C,) are the figure."""
     yes, hidden, unsure, no = votes
     told = yes + hidden + no
     chosen = (yes + unsure >= 30) & (yes > 0.6 * told) & (yes > 0.25 * (told + unsure))
     chosen |= member
     taken = _take_kernel(component, chosen, verdict, seen, labels, views)
     if not chosen.any():
-        return taken
+        return taken, chosen
     mine = labels > 0
     # right at the figure: what the direct view cannot see, a foot behind a chair's leg; and of what is denied as a
     # whole the part that it confirms, a foot that touches the chair
@@ -717,7 +746,7 @@ def _take_mirrors(
     loose = ~chosen & small & (yes + unsure >= _PIECE) & (yes + unsure > 0.7 * (told + unsure))
     mixed = ~chosen & ~loose & (yes >= _PIECE)
     if not loose.any() and not mixed.any():
-        return taken
+        return taken, chosen
     pieces = _pieces_beside(component, loose, mixed, verdict, seen)
     part, sizes = connected_pixels(depth, pieces, pixel_angle)
     count = len(sizes)
@@ -727,7 +756,7 @@ def _take_mirrors(
     distance, sure = _piece_kernel(part, verdict, depth, count + 1)
     # what the direct view confirms, be it in part, may be far off: a foot below a chair's seat, a heel behind its leg
     joined = near & (gap < np.where(sure > 0.0, _CONFIRMED, np.maximum(0.05, _STEPS * distance)))
-    return taken + _take_kernel(part, joined, verdict, seen, labels, views)
+    return taken + _take_kernel(part, joined, verdict, seen, labels, views), chosen
 
 
 @njit(cache=True, nogil=True)

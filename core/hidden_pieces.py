@@ -1,0 +1,167 @@
+"""Pieces of a person that something before the person cuts off: told from furniture by what the mirrors show."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from .camera import Intrinsics
+from .mirror import Mirror, reflection_matrix
+
+_ENOUGH = 4  # pixels that tell
+_DIRECTIONS = 13  # from the right over the top to the left in which the rest of the figure may be
+_FARTHEST = 220  # px
+_UNREAD = 16  # px: the shadow beside what stands before, seen by a camera with two viewpoints
+_BEFORE = 0.05  # m: what hides is so much nearer
+_ASIDE = 0.35  # m: a foot is no farther from its leg
+_TOUCH = 0.05  # m: the same part of a body, seen from two sides
+
+
+def pieces_behind(
+    component: np.ndarray,
+    member: np.ndarray,
+    candidate: np.ndarray,
+    points: np.ndarray,
+    depth: np.ndarray,
+    seen: np.ndarray,
+    shown: np.ndarray,
+    mirrors: list[Mirror],
+    intrinsics: Intrinsics,
+) -> np.ndarray:
+    """Which of the pieces seen directly are the person's although something before the person parts them from it.
+
+    Such a piece begins where something nearer hides what is beside or above it, and mostly the figure goes on behind
+    that. A chair's hind legs do so, too: but in the mirrors, which see behind what hides it, the piece hangs together
+    with the figure, and a chair's leg does not.
+
+    Parameters
+    ----------
+    component : np.ndarray [shape=(H, W), dtype=int32]
+        Piece of each pixel seen directly, -1 = none.
+    member, candidate : np.ndarray [shape=(C,), dtype=bool]
+        Which pieces are the figure, and which may be parts of it.
+    points : np.ndarray [shape=(H, W, 3)]
+        Placed readings, camera frame [m].
+    depth : np.ndarray [shape=(H, W)]
+        z as read [m].
+    seen : np.ndarray [shape=(H, W), dtype=int8]
+        View of each.
+    shown : np.ndarray [shape=(H, W), dtype=int8]
+        Of what stands in mirrors: 1 = connected with the figure there, 0 = something else; -1 elsewhere.
+    mirrors : list of Mirror
+    intrinsics : Intrinsics
+
+    Returns
+    -------
+    np.ndarray [shape=(C,), dtype=bool]
+        Those that are.
+
+    Notes
+    -----
+    O(B) of B pixels at the border of candidates, some thousand operations each.
+    """
+    flips = np.stack([reflection_matrix(mirror) for mirror in mirrors])
+    member = member.copy()
+    found = np.zeros(len(member), np.bool_)
+    touches, others, asked = _touch_kernel(
+        component, candidate & ~member, points, seen, shown, flips, intrinsics.lens, _TOUCH
+    )  # fmt: skip
+    shared = candidate & ~member & (touches >= np.maximum(_ENOUGH, 0.05 * asked)) & (touches > 2 * others)
+    sure = shared & (touches > 0.6 * asked) & (others < 0.1 * asked)
+    while shared.any():  # a shin between two bars, and the foot below
+        beside, met = _linked_kernel(component, member, shared, points, depth)
+        linked = (met >= _ENOUGH) | (sure & (beside >= _ENOUGH))
+        if not linked.any():
+            break
+        found |= linked
+        member |= linked
+        shared &= ~linked
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _linked_kernel(component, member, candidate, points, depth):
+    """How many border pixels of each ``candidate`` (C,) are beside something nearer; and from how many the figure is
+    met behind what hides what is between."""
+    height, width = component.shape
+    beside, count = np.zeros(len(member), np.int64), np.zeros(len(member), np.int64)
+    for v in range(1, height):
+        for u in range(1, width - 1):
+            k = component[v, u]
+            if k < 0 or not candidate[k]:
+                continue
+            if component[v - 1, u] == k and component[v, u - 1] == k and component[v, u + 1] == k:
+                continue
+            met = before = False
+            for direction in range(_DIRECTIONS):
+                angle = np.pi * direction / (_DIRECTIONS - 1)
+                c, s = np.cos(angle), -np.sin(angle)
+                hidden = unread = 0
+                for step in range(1, _FARTHEST):
+                    y, x = int(np.rint(v + step * s)), int(np.rint(u + step * c))
+                    if y < 0 or x < 0 or x >= width:
+                        break
+                    j, z = component[y, x], depth[y, x]
+                    if j == k:
+                        break
+                    if z == 0.0:
+                        unread += 1
+                        if unread > _UNREAD:
+                            break
+                    elif z < depth[v, u] - _BEFORE and not (j >= 0 and member[j]):
+                        hidden += 1
+                        before = True
+                    elif j >= 0 and member[j] and hidden > 0:
+                        away = 0.0
+                        for i in (0, 2):
+                            away += (points[y, x, i] - points[v, u, i]) ** 2
+                        met = away < _ASIDE**2
+                        break
+                    else:
+                        break
+                if met:
+                    break
+            count[k] += met
+            beside[k] += before
+    return beside, count
+
+
+@njit(cache=True, nogil=True)
+def _touch_kernel(component, candidate, points, seen, shown, flips, lens, reach):
+    """How many pixels of each ``candidate`` (C,) have the figure, as a mirror shows it, right at them; how many
+    something else; and how many were asked."""
+    height, width = component.shape
+    touches, others = np.zeros(len(candidate), np.int64), np.zeros(len(candidate), np.int64)
+    asked = np.zeros(len(candidate), np.int64)
+    for v in range(height):
+        for u in range(width):
+            k = component[v, u]
+            if k < 0 or not candidate[k]:
+                continue
+            asked[k] += 1
+            p = points[v, u]
+            nearest, other = reach * reach, reach * reach
+            for m in range(len(flips)):
+                z = flips[m, 2, 0] * p[0] + flips[m, 2, 1] * p[1] + flips[m, 2, 2] * p[2] + flips[m, 2, 3]
+                if z < 0.1:
+                    continue
+                x = flips[m, 0, 0] * p[0] + flips[m, 0, 1] * p[1] + flips[m, 0, 2] * p[2] + flips[m, 0, 3]
+                y = flips[m, 1, 0] * p[0] + flips[m, 1, 1] * p[1] + flips[m, 1, 2] * p[2] + flips[m, 1, 3]
+                column, row = int(np.rint(x / z * lens[0] + lens[2])), int(np.rint(y / z * lens[1] + lens[3]))
+                radius = min(int(reach * lens[0] / z) + 1, 12)
+                for b in range(max(row - radius, 0), min(row + radius + 1, height)):
+                    for a in range(max(column - radius, 0), min(column + radius + 1, width)):
+                        if shown[b, a] < 0 or seen[b, a] != m + 1:
+                            continue
+                        away = 0.0
+                        for i in range(3):
+                            away += (points[b, a, i] - p[i]) ** 2
+                        if shown[b, a] == 1:
+                            nearest = min(nearest, away)
+                        else:
+                            other = min(other, away)
+            if nearest < reach * reach and nearest <= other:
+                touches[k] += 1
+            elif other < reach * reach:
+                others[k] += 1
+    return touches, others, asked
