@@ -30,6 +30,8 @@ _CONFIRMED = 0.25  # m
 _STEPS = 0.026  # a far sensor counts in steps: pieces may be so much of z apart
 _THICK = 0.12  # m: what is seen so little behind something else is its other side
 _LOOSE = 0.15  # of what a mirror shows of the subject: a larger piece that the direct view does not show is none
+_DENIED, _HARDLY = 0.1, 0.15  # of a piece: furniture, that the direct view shows the front of
+_TIGHT = 0.5  # of the depth jump that parts a figure from the room
 _STEP, _MAT = (0.012, 0.2), 0.2  # how high [m], and how large [m²] at least, is a mat or step that a person stands on
 _BELOW = 0.15  # of the figure: so much of it may be seen below what stands before it
 _CLICK_RADIUS = 6  # px: a click without a reading takes the nearest one
@@ -736,6 +738,7 @@ def _take_mirrors(
     told = yes + hidden + no
     chosen = (yes + unsure >= 30) & (yes > 0.6 * told) & (yes > 0.25 * (told + unsure))
     chosen |= member
+    _deny_furniture(depth, component, chosen & (no >= _PIECE), verdict, seen, pixel_angle)
     taken = _take_kernel(component, chosen, verdict, seen, labels, views)
     if not chosen.any():
         return taken, chosen
@@ -744,6 +747,7 @@ def _take_mirrors(
     # whole the part that it confirms, a foot that touches the chair
     small = (told + unsure < _LOOSE * taken.max()) | (yes > unsure)
     loose = ~chosen & small & (yes + unsure >= _PIECE) & (yes + unsure > 0.7 * (told + unsure))
+    loose &= ~_is_furniture(yes, no, told + unsure)
     mixed = ~chosen & ~loose & (yes >= _PIECE)
     if not loose.any() and not mixed.any():
         return taken, chosen
@@ -757,6 +761,26 @@ def _take_mirrors(
     # what the direct view confirms, be it in part, may be far off: a foot below a chair's seat, a heel behind its leg
     joined = near & (gap < np.where(sure > 0.0, _CONFIRMED, np.maximum(0.05, _STEPS * distance)))
     return taken + _take_kernel(part, joined, verdict, seen, labels, views), chosen
+
+
+def _is_furniture(yes: np.ndarray, no: np.ndarray, total: np.ndarray) -> np.ndarray:
+    """Of what a mirror shows that the direct view confirms hardly anywhere, what it denies in part: the other side of
+    a box that is seen directly, of which all that is deeper is hidden behind its front."""
+    return (no >= np.maximum(_PIECE, _DENIED * total)) & (yes < _HARDLY * total)
+
+
+def _deny_furniture(depth, component, mixed, verdict, seen, pixel_angle) -> None:
+    """What is connected with the figure (``mixed`` components) across a small jump only is judged by itself, in
+    ``verdict``."""
+    if not mixed.any():
+        return
+    table = np.append(mixed, False)
+    part, sizes = connected_pixels(depth, np.where(table[component], seen, -1).astype(np.int8), pixel_angle, _TIGHT)
+    rows, columns = np.nonzero(part >= 0)
+    piece, told = part[rows, columns], verdict[rows, columns]
+    yes, no = (np.bincount(piece, told == value, len(sizes)) for value in (2, -1))
+    denied = _is_furniture(yes, no, sizes)[piece]
+    verdict[rows[denied], columns[denied]] = -1
 
 
 @njit(cache=True, nogil=True)
@@ -847,8 +871,12 @@ def _squared_distance(points, origin, projection):
     return out
 
 
-def connected_pixels(depth: np.ndarray, seen: np.ndarray, pixel_angle: float) -> tuple[np.ndarray, np.ndarray]:
+def connected_pixels(
+    depth: np.ndarray, seen: np.ndarray, pixel_angle: float, jump: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Connected components of each view's pixels, not connected over depth jumps (two-pass union-find).
+
+    ``jump``: how large these are, for a slanting surface 1.
 
     Returns
     -------
@@ -856,7 +884,7 @@ def connected_pixels(depth: np.ndarray, seen: np.ndarray, pixel_angle: float) ->
         Component of each pixel, -1 where ``seen`` is negative.
     sizes : np.ndarray [shape=(C,), dtype=int64]
     """
-    return _components_kernel(depth, seen, pixel_angle)
+    return _components_kernel(depth, seen, pixel_angle, jump)
 
 
 @njit(cache=True, nogil=True)
@@ -874,10 +902,10 @@ def _link(depth, seen, parent, v, u, dv, du, reach):
 
 
 @njit(cache=True, nogil=True)
-def _components_kernel(depth, seen, pixel_angle):
+def _components_kernel(depth, seen, pixel_angle, jump):
     height, width = depth.shape
     parent = np.empty(height * width, np.int32)
-    near, far = 8.0 * pixel_angle + 0.012, 16.0 * pixel_angle + 0.012
+    near, far = jump * (8.0 * pixel_angle + 0.012), jump * (16.0 * pixel_angle + 0.012)
     for v in range(height):
         for u in range(width):
             if seen[v, u] < 0:

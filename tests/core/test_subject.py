@@ -208,6 +208,22 @@ def test_what_stands_before_the_legs(person):
     assert right > 0.98 and left < 0.002
 
 
+@pytest.mark.parametrize("what", ["box", "stool", "low table"])
+def test_something_before_the_legs(person, what):
+    """Of a foot that is seen beside or below it nothing is lost, and of the thing, whose back mirrors show, hardly
+    anything is kept."""
+    prop = {
+        "box": props.placed(props.box((-0.2, -0.15, 0.0), (0.2, 0.15, 0.35)), -0.05, -0.5, 10),
+        "stool": props.placed(props.table(0.36, 0.32, 0.45), 0.14, -0.5, 10),
+        "low table": props.placed(props.table(0.9, 0.45, 0.45), 0.0, -0.6, -15),
+    }[what]
+    simulation = simulate(person, default_rig("azure_kinect", frames=1), [prop])
+    views, right, left, body = sorted_out(simulation)
+    feet = body & (simulation.truth.sight.point[..., 2] < 0.12)
+    assert (views.labels[feet] >= 0).mean() > 0.98
+    assert right > 0.995 and left < 0.002
+
+
 @pytest.mark.parametrize("what", ["chair", "stool", "lamp", "suitcase"])
 def test_a_thing_whole(what):
     """Thin legs that hide each other, a foot below a shade, a handle on a lid: all is kept, nothing is a plinth."""
