@@ -368,7 +368,7 @@ def frame_sides(
     return _sides_kernel(depth, lens, plane, tolerance, point, basis, np.ascontiguousarray(rectangle), WIDEST)
 
 
-THICK = 0.008
+THICK = 0.01
 """How far a mirror's glass may stand before the wall it hangs on, one standard deviation [m]."""
 _DEEP = 0.035  # farther before the wall than that nobody takes a frame for it [m]
 _STEP = 4.0  # standard deviations by which a frame must stand before the wall to be told from it
@@ -422,13 +422,15 @@ def part_wall(
     z = float(point[2])
     tolerance = min(max(4.0 * np.hypot(fitted.scale, np.sqrt(fitted.common)), 0.004 / z**2), 0.02 / z)
     plane, rectangle = fitted.coefficients, np.ascontiguousarray(rectangle)
+    limit = _DEEP / z**2
     inner, outer, _, _ = frame_sides(depth, lens, plane, tolerance, point, basis, rectangle)
+    if np.isnan(inner).all():  # the frame may be too far before the plane
+        inner, outer, _, _ = frame_sides(depth, lens, plane, limit, point, basis, rectangle)
     goes_on = outer == inner  # false where NaN
     if not goes_on.any():
         return Parted(u, v, fitted, 0.0)
     wall = Parted(u, v, fitted, THICK if goes_on.sum() > 1 else 0.0)
     pixel = z / (0.5 * (lens[0] + lens[1]))
-    limit = _DEEP / z**2
     count, total = _beside_kernel(depth, lens, plane, point, basis, inner, limit, pixel, int(WIDEST / pixel), _PARTS)
     below, above = np.cumsum(count, axis=1), np.cumsum(count[:, ::-1], axis=1)[:, ::-1]
     near, far = np.cumsum(total, axis=1), np.cumsum(total[:, ::-1], axis=1)[:, ::-1]

@@ -24,6 +24,7 @@ from .mirror import (
     at_border,
     behind_glass,
     moved,
+    on_wall,
     oriented,
     person_before,
     reflection_matrix,
@@ -128,12 +129,19 @@ def find_frameless(
 
 def frameless_notes(mirrors: list[Mirror]) -> tuple[str, ...]:
     """What the user should know of mirrors that were placed without a frame, and are not sure."""
-    return tuple(
+    bare = tuple(
         f"{m.name}: nothing is seen of its frame; where it stands was told from the figure that it shows, which may be "
         f"misplaced by {1000.0 * error:.0f} mm; strips of paper or tape, 3 cm wide, along its edges would make that "
         "surer"
         for m in mirrors
         if m.source == "found" and not m.refined and (error := expected_error(m)) > _SURE
+    )
+    return bare + tuple(
+        f"{m.name}: hangs on a wall, and no frame stands out before it: its plane was taken to be the wall's, and what "
+        "it shows is misplaced by twice as much as its glass stands before the wall; strips of paper or tape, 3 cm "
+        "wide, on the edges of the glass would tell where that is"
+        for m in mirrors
+        if m.refined and m.source != "rig file" and on_wall(m)
     )
 
 
@@ -532,9 +540,7 @@ def _with_glass(
 _NONE, _MET, _HIDDEN = 0, 1, 2
 
 
-def _stands_beside(
-    mirror: Mirror, rectangle: np.ndarray, met: list[bool], depth: np.ndarray, lens: Intrinsics
-) -> bool:
+def _stands_beside(mirror: Mirror, rectangle: np.ndarray, met: list[bool], depth: np.ndarray, lens: Intrinsics) -> bool:
     """Beside the glass, where only the room behind should be seen, something is near the plane: posts of a door."""
     down = np.linspace(rectangle[1, 0], 0.5 * rectangle[1].sum(), 40)
     for end in np.flatnonzero(met):

@@ -11,7 +11,7 @@ import numpy as np
 from .camera import Intrinsics, project, unproject
 from .capture import MirrorPicks
 from .errors import MirrorError, PicksDisagreeError
-from .frame_fit import DisparityPlane, fit_core, frame_sides, grow_frame, part_wall
+from .frame_fit import THICK, DisparityPlane, fit_core, frame_sides, grow_frame, part_wall
 
 
 @dataclass(frozen=True)
@@ -101,6 +101,11 @@ class Mirror:
         a, b, n = self.basis.T
         moves = reflection_moves(self, points)
         return float(np.sqrt(np.einsum("nci,ij,ncj->n", moves, self.covariance, moves).mean()))
+
+
+def on_wall(mirror: Mirror) -> bool:
+    """Its plane is that of a wall it hangs on; its glass is before it, nobody knows how far."""
+    return mirror.covariance is not None and mirror.covariance[2, 2] > THICK**2
 
 
 def reflection_moves(mirror: Mirror, points: np.ndarray) -> np.ndarray:

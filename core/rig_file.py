@@ -25,6 +25,7 @@ from .mirror import (
     Mirror,
     MirrorSettings,
     at_border,
+    on_wall,
     oriented,
     person_before,
     place_mirror,
@@ -288,7 +289,7 @@ def _change(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> _Chang
 def _random(mirror: Mirror) -> np.ndarray:
     """The covariance of its plane without the thickness of a glass that hangs on a wall: that is the same twice."""
     covariance = np.array(mirror.covariance)
-    if covariance[2, 2] > THICK**2:
+    if on_wall(mirror):
         covariance[2, 2] -= THICK**2
     return covariance
 

@@ -16,7 +16,7 @@ from .agreement import disagreements
 from .camera import Intrinsics, project
 from .ground import leans
 from .linear import dot, transform
-from .mirror import Mirror, reflection_matrix
+from .mirror import Mirror, on_wall, reflection_matrix
 from .sensors import NoiseModel
 from .subject import rig_axis, visible_middle
 from .views import Views, glass_corners
@@ -124,7 +124,7 @@ def check_scene(
             if_moved = partial(foresee, others[k - 1], depth, views, intrinsics=intrinsics)
             told += _about(mirror, reflection, views, k, model, intrinsics, step is not None, if_moved)
             error = mirror.displacement(subject[::16])
-            if error is not None and error > MAX_UNSURE:
+            if error is not None and error > MAX_UNSURE and not on_wall(mirror):  # that is told elsewhere
                 told.append(
                     f"the plane of {quoted(mirror)} is known so badly that its view of the subject may be "
                     f"{1000.0 * error:.0f} mm off; take a longer burst, pick points on all sides of its frame, or use "

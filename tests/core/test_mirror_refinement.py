@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
+from mirror_scan.core.frameless import frameless_notes
 from mirror_scan.core.mesh import Mesh
-from mirror_scan.core.mirror import place_mirror, plane_mirror, reflect, reflection_moves
+from mirror_scan.core.mirror import on_wall, place_mirror, plane_mirror, reflect, reflection_moves
 from mirror_scan.core.mirror_detection import find_mirrors
 from mirror_scan.core.mirror_refinement import JointSettings, align_reflections
 from mirror_scan.core.rig_file import calibrate
@@ -108,3 +109,4 @@ def test_a_mirror_on_a_wall(person, sensor, frame_width):
         promised = mirror.displacement(body)
         assert error < 3.0 * promised
         assert error < 0.008 and promised < 0.008 if frame_width else 0.01 < promised < 0.03
+        assert on_wall(mirror) == any(mirror.name in note for note in frameless_notes(mirrors)) == (not frame_width)
