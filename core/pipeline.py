@@ -26,6 +26,7 @@ from .mirror_refinement import JointSettings, align_reflections
 from .overlap import OverlapSettings, ViewMaps, part_overlaps, view_maps
 from .rig_file import moved_warnings
 from .scene_check import check_agreement, check_scene, quoted
+from .seam_consistency import SeamSettings, align_seams, mirrored_views, move_views
 from .sensors import NoiseModel
 from .stillness import BurstNoise, burst_noise
 from .subject import find_subject
@@ -52,6 +53,7 @@ class Settings:
     triangulation: TriangulationSettings = TriangulationSettings()
     overlap: OverlapSettings = OverlapSettings()
     zipper: ZipperSettings = ZipperSettings()
+    seams: SeamSettings = SeamSettings()
     closing: ClosingSettings = ClosingSettings()
 
 
@@ -255,6 +257,14 @@ def joining_steps(
     open_mesh, seams, twin = zip_patches(patches, scan.maps, scan.up, scan.axis, scan.floor, settings.zipper)
     clock.lap("zippering")
 
+    yield 0.78, "Comparing the seams"
+    better = seams_aligned(scan, open_mesh, settings)
+    if better is not None:
+        scan = better
+        patches = part_overlaps(scan.patches, scan.maps, settings.overlap)
+        open_mesh, seams, twin = zip_patches(patches, scan.maps, scan.up, scan.axis, scan.floor, settings.zipper)
+    clock.lap("seams")
+
     yield 0.8, "Closing the mesh"
     closed, notes = close_mesh(open_mesh, scan.maps, scan.up, scan.floor, settings.closing, twin)
     clock.lap("closing")
@@ -267,6 +277,23 @@ def joining_steps(
     return Reconstruction(
         mesh if frame == "avatar" else closed, frame, to_avatar, report, warnings, tuple(patches), tuple(scan.mirrors)
     )
+
+
+def seams_aligned(scan: Scan, mesh: Mesh, settings: Settings) -> Scan | None:
+    """The scan with its mirrors where the seams of its zippered ``mesh`` want them; None when they stay."""
+
+    def join(patches: list[Mesh], maps: ViewMaps) -> Mesh:
+        parted = part_overlaps(patches, maps, settings.overlap)
+        return zip_patches(parted, maps, scan.up, scan.axis, scan.floor, settings.zipper)[0]
+
+    mirrors, notes = align_seams(scan.mirrors, scan.patches, scan.maps, mesh, join, settings.seams)
+    if not notes:
+        return None
+    motions = [
+        reflection_matrix(new) @ reflection_matrix(old) for new, old in zip(mirrors, scan.mirrors, strict=True)
+    ]  # fmt: skip
+    patches, maps = move_views(scan.patches, scan.maps, mirrored_views(scan.maps), motions)
+    return replace(scan, mirrors=mirrors, patches=patches, maps=maps, warnings=(*scan.warnings, *notes))
 
 
 def check_frame(frame: str) -> None:

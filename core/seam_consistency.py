@@ -1,0 +1,419 @@
+"""Seams tell how well the mirrors fit: across a gap the skin goes on as it ends, or a mirror is off.
+
+The first Kinect reads no skin twice, so its patches never overlap, and how far a frame stands proud of its glass shows
+in nothing but the seams. Over a gap so narrow that the skin bends evenly, the chord between its two ends makes the
+same angle with both: it is at right angles to the sum of their normals. What it has along that sum is a step, and
+all seams' steps together say how the mirrors should move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+
+from .agreement import expected_error
+from .linear import transform
+from .mesh import SEAM, Mesh
+from .mirror import (
+    Mirror,
+    moved,
+    person_before,
+    reflect,
+    reflection_matrix,
+    reflection_moves,
+    reflection_shift,
+    with_reason,
+)
+from .overlap import ViewMaps
+
+
+@dataclass(frozen=True)
+class SeamSettings:
+    """When the seams may move the mirrors.
+
+    Parameters
+    ----------
+    use : bool
+        Off leaves the planes where they are.
+    unsure : float
+        A mirror that is expected to misplace a person by more than this [m] goes where the seams say; one that its
+        frame places better must be shown to be off.
+    offset : float
+        How far the glass may well lie off the frame's plane, one standard deviation [m].
+    max_shift, max_slope : float
+        Bounds of the whole step [m], [rad].
+    sure : float
+        Mirrors that are not unsure are moved only when that moves a person by so many times as much as it leaves
+        unsure.
+    min_pieces : int
+        Of seams, each about ``piece`` [m] long.
+    piece : float
+        Over this length the noise of normals is averaged [m].
+    rounds : int
+        How often mirrors are moved and zippered anew at most.
+    """
+
+    use: bool = True
+    unsure: float = 0.008
+    offset: float = 0.01
+    max_shift: float = 0.03
+    max_slope: float = 0.02
+    sure: float = 2.5
+    min_pieces: int = 12
+    piece: float = 0.12
+    rounds: int = 4
+
+
+_WINDOW = 4  # px to each side over which a normal is averaged
+_SAME = 0.05  # readings that lie farther apart are of other surfaces [m]
+_TWICE = 0.015  # so near to what another view reads, it is the same skin [m]
+_ROUND = 1.0  # least length of the sum of two ends' normals: across sharper bends nothing is known
+_EVEN = 0.7  # cosine between that sum and the way against both lines of sight
+_APART = 0.2  # least length of the sum of both lines of sight, beside the seam: of opposite ones nothing is known
+_STEP, _BEND = 0.003, 0.25  # noise of a piece's step: of itself [m], and as a share of its gap
+_SHARED = 2.0  # neighbouring pieces share so much of their errors that this many count as one
+_BIAS, _UNEVEN = 0.002, 0.2  # what all steps between two views may have in common [m], and as a share of gap and bend
+_SETTLED = 5e-4  # of slopes [rad] and shifts [m]
+_BEGUN = 0.6  # of what makes a step sure, the first round must show
+
+
+Joiner = Callable[[list[Mesh], ViewMaps], Mesh]
+"""Patches and maps → one mesh with seams, as :func:`.zippering.zip_patches` after :func:`.overlap.part_overlaps`."""
+
+
+def align_seams(
+    mirrors: list[Mirror],
+    patches: list[Mesh],
+    maps: ViewMaps,
+    mesh: Mesh,
+    join: Joiner,
+    settings: SeamSettings | None = None,
+) -> tuple[list[Mirror], tuple[str, ...]]:
+    """Mirrors moved until the seams between their patches show no steps; as they were when that is not sure to help.
+
+    All mirrors are solved for together: two slopes and a shift each, the frames' covariances (and ``offset``) as
+    prior, the steps of the seams' pieces as observations. What all steps between two views have in common, of itself
+    or in proportion to how sharply the gap bends, counts as the views' own: silhouettes are read unevenly. The mirrors
+    are moved, the patches zippered anew, and so on. Two halves of the pieces are set against each other: what one asks
+    for must lessen the other's steps.
+
+    Parameters
+    ----------
+    mirrors : list of Mirror
+        In the order of the views that ``maps`` says are reflected.
+    patches : list of Mesh
+        One a view, before overlaps are parted; camera frame.
+    maps : ViewMaps
+    mesh : Mesh
+        What ``join`` makes of them.
+    join : callable(patches, maps)
+        Called once a round, and only when the first round shows that the mirrors are off.
+
+    Returns
+    -------
+    mirrors : list of Mirror
+        Not moved, too, when several cameras take part: how they stand to each other would show in the seams as well.
+    notes : tuple of str
+        What was moved, for the user.
+    """
+    settings = settings or SeamSettings()
+    behind = mirrored_views(maps)
+    free = [k for k, m in enumerate(mirrors) if m.covariance is not None and m.source in ("picked", "found")]
+    if not settings.use or not free or len(maps.to_view) - len(behind) != 1:
+        return list(mirrors), ()
+    doubted = max(expected_error(mirrors[k]) for k in free) > settings.unsure
+    glass = np.diag((0.0, 0.0, 0.0 if doubted else settings.offset**2))
+    column, prior = np.full(len(maps.to_view), -1), np.zeros((3 * len(free),) * 2)
+    for n, k in enumerate(free):
+        column[behind[k]] = 3 * n
+        prior[3 * n : 3 * n + 3, 3 * n : 3 * n + 3] = np.linalg.inv(mirrors[k].covariance + glass)
+
+    def placed(step: np.ndarray, covariance: np.ndarray) -> list[Mirror]:
+        out = list(mirrors)
+        for n, k in enumerate(free):
+            part = slice(3 * n, 3 * n + 3)
+            out[k] = replace(moved(mirrors[k], step[part]), covariance=covariance[part, part])
+        return out
+
+    def surely(at: list[Mirror]) -> float:
+        """How far people are moved, in units of what is left unsure, by the mirror of which most is known."""
+        return max(reflection_shift(person_before(mirrors[k]), at[k], mirrors[k]) / expected_error(at[k]) for k in free)
+
+    step, at, costs = np.zeros(len(prior)), list(mirrors), []
+    for turn in range(settings.rounds):
+        pieces = seam_pieces(mesh, maps, settings.piece)
+        if len(pieces.gap) < settings.min_pieces:
+            return list(mirrors), ()
+        costs.append(np.log1p((pieces.step / _noise(pieces)) ** 2).mean())
+        rows = _moves(pieces, at, behind, column, len(prior))
+        change, covariance = _solve(pieces, rows, prior, step)
+        step = step + change
+        old, at = at, placed(step, covariance)
+        if turn == 0 and not doubted and surely(at) < _BEGUN * settings.sure:
+            return list(mirrors), ()
+        if turn == 0 and not _agreed(pieces, rows, prior):
+            return list(mirrors), ()
+        if (np.abs(step.reshape(-1, 3)) > (settings.max_slope, settings.max_slope, settings.max_shift)).any():
+            return list(mirrors), ()
+        if turn == settings.rounds - 1 or np.abs(change).max() < _SETTLED:
+            break
+        motions = [reflection_matrix(new) @ reflection_matrix(m) for new, m in zip(at, old, strict=True)]
+        patches, maps = move_views(patches, maps, behind, motions)
+        mesh = join(patches, maps)
+    if costs[-1] >= costs[0] or (not doubted and surely(at) < settings.sure):
+        return list(mirrors), ()
+    notes = []
+    for k in free:
+        apart = 1000.0 * reflection_shift(person_before(mirrors[k]), at[k], mirrors[k])
+        if apart < 1e-3:  # no seam of its view told anything
+            at[k] = mirrors[k]
+            continue
+        at[k] = with_reason(at[k], mirrors[k], "seams")
+        depth = 1000.0 * float((mirrors[k].point - at[k].point) @ at[k].normal)
+        notes.append(
+            f"{mirrors[k].name}: the seams between its reflection and the other views show a step; its plane was moved "
+            f"by {apart:.0f} mm at the person, as if its glass lay {abs(depth):.0f} mm "
+            f"{'behind' if depth > 0 else 'before'} the front of its frame"
+        )
+    return at, tuple(notes)
+
+
+def mirrored_views(maps: ViewMaps) -> np.ndarray:
+    """Indices (M,) of the views that are reflections, in the order of the mirrors."""
+    return np.flatnonzero(np.linalg.det(maps.to_view[:, :3, :3]) < 0)
+
+
+def move_views(
+    patches: list[Mesh], maps: ViewMaps, behind: np.ndarray, motions: list[np.ndarray]
+) -> tuple[list[Mesh], ViewMaps]:
+    """Patches and maps of the views ``behind`` moved rigidly (4, 4), as when their mirrors are."""
+    patches, to_view, normals = list(patches), maps.to_view.copy(), maps.normals.copy()
+    for view, motion in zip(behind, motions, strict=True):
+        patches[view] = patches[view].transformed(motion)
+        to_view[view] = to_view[view] @ np.linalg.inv(motion)
+        turn = np.eye(4)
+        turn[:3, :3] = motion[:3, :3]
+        mine = maps.labels == view
+        normals[mine] = transform(maps.normals[mine], turn)
+    return patches, replace(maps, to_view=to_view, normals=normals)
+
+
+@dataclass(frozen=True)
+class SeamPieces:
+    """Pieces of seams: where their two ends are, and how they face.
+
+    ``low`` and ``high`` (K, 3) the middle of each end [m], ``views`` (K, 2) which views they are of, the lower first,
+    ``along`` (K, 3) the unit vectors half way against both lines of sight, beside the seam: where the skin faces, free
+    of the normals' noise. ``step`` (K,) the chord's part along the sum of the ends' normals [m], ``gap`` (K,) the
+    chord's length [m], ``bend`` (K,) half the angle between the ends' normals [rad].
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    views: np.ndarray
+    along: np.ndarray
+    step: np.ndarray
+    gap: np.ndarray
+    bend: np.ndarray
+
+
+def seam_pieces(mesh: Mesh, maps: ViewMaps, piece: float = 0.12) -> SeamPieces:
+    """Cut the zippered seams into pieces and measure each.
+
+    Seams between skin that both views read are left out: overlaps were brought to one surface and parted, whatever
+    the mirrors.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        As :func:`.zippering.zip_patches` leaves it: a seam's triangles follow each other.
+    maps : ViewMaps
+    piece : float
+        Length of a piece [m].
+
+    Notes
+    -----
+    O(seam triangles).
+    """
+    seam = mesh.triangles[mesh.kind == SEAM]
+    view = mesh.view[seam]
+    low, high = view.min(axis=1), view.max(axis=1)
+    seam, view = seam[(low >= 0) & (low < high)], view[(low >= 0) & (low < high)]
+    low, high = view.min(axis=1), view.max(axis=1)
+    two = ((view == low[:, None]) | (view == high[:, None])).all(axis=1)
+    seam, view, low, high = seam[two], view[two], low[two], high[two]
+    used, seam = np.unique(seam, return_inverse=True)
+    seam = seam.reshape(-1, 3)
+    points = mesh.vertices[used]
+    normals, twice = _ends_kernel(
+        points, mesh.view[used], maps.depth, maps.labels, maps.normals, maps.to_view, maps.lens, _WINDOW
+    )
+    # of each triangle one vertex is at one end and the edge across from it at the other
+    at_low = (view == low[:, None]).astype(np.float64)
+    weight = [at / at.sum(axis=1, keepdims=True) for at in (at_low, 1.0 - at_low)]
+    ends = [np.einsum("tk,tkc->tc", w, points[seam]) for w in weight]
+    faces = [np.einsum("tk,tkc->tc", w, normals[seam]) for w in weight]
+    known = (np.linalg.norm(normals, axis=1) > 0.5)[seam].all(axis=1) & ~twice[seam].any(axis=1)
+    number = _numbered(seam, low, high, 0.5 * (ends[0] + ends[1]), piece)
+    number[~known] = -1
+    count = np.bincount(number + 1, minlength=2)[1:]
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        sums = [np.bincount(number + 1, column, len(count) + 1)[1:] for column in values.T]
+        return np.column_stack(sums) / np.maximum(count, 1)[:, None]
+
+    p, q, n, m = (mean(values) for values in (*ends, *faces))
+    first = np.full(len(count), -1)
+    first[number[known][::-1]] = np.flatnonzero(known)[::-1]
+    last = np.full(len(count), -1)
+    last[number[known]] = np.flatnonzero(known)
+    middle = 0.5 * (ends[0] + ends[1])
+    enough = count >= 6
+    p, q, n, m, first, last = p[enough], q[enough], n[enough], m[enough], first[enough], last[enough]
+    n, m = _unit(n), _unit(m)
+    chord, facing = q - p, n + m
+    size = np.linalg.norm(facing, axis=1)
+    facing = facing / np.maximum(size, 1e-9)[:, None]
+    views = np.column_stack((low, high))[first].astype(np.int64)
+    # both views lose the skin where it turns away from them: half way between it faces against both lines of sight
+    tangent = _unit(middle[last] - middle[first])
+    against = -sum(_sight(end, side, maps) for end, side in ((p, views[:, 0]), (q, views[:, 1])))
+    against -= (against * tangent).sum(axis=1)[:, None] * tangent
+    against *= np.sign((against * facing).sum(axis=1))[:, None]
+    even = np.linalg.norm(against, axis=1)
+    good = (size > _ROUND) & (even > _APART) & ((against * facing).sum(axis=1) > _EVEN * even)
+    bend = 0.5 * np.arccos(np.clip((n * m).sum(axis=1), -1.0, 1.0))
+    return SeamPieces(
+        p[good],
+        q[good],
+        views[good],
+        _unit(against)[good],
+        (chord * facing).sum(axis=1)[good],
+        np.linalg.norm(chord, axis=1)[good],
+        bend[good],
+    )
+
+
+def _sight(points: np.ndarray, views: np.ndarray, maps: ViewMaps) -> np.ndarray:
+    """Unit vectors (N, 3) along which each point is seen by its view, where the subject really is."""
+    turn = maps.to_view[views, :3, :3]
+    laid = np.einsum("nij,nj->ni", turn, points) + maps.to_view[views, :3, 3]
+    return np.einsum("nji,nj->ni", turn, _unit(laid))
+
+
+def _numbered(seam: np.ndarray, low: np.ndarray, high: np.ndarray, middle: np.ndarray, piece: float) -> np.ndarray:
+    """The piece that each seam triangle belongs to: runs of triangles side by side, cut into equal lengths."""
+    if not len(seam):
+        return np.empty(0, np.int64)
+    shared = (seam[1:, :, None] == seam[:-1, None, :]).sum(axis=(1, 2))
+    begins = np.concatenate(([True], (shared < 2) | (low[1:] != low[:-1]) | (high[1:] != high[:-1])))
+    run = np.cumsum(begins) - 1
+    start = np.flatnonzero(begins)
+    far = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(middle, axis=0), axis=1))))
+    far -= far[start][run]
+    end = np.concatenate((start[1:], [len(seam)])) - 1
+    length = far[end]
+    parts = np.maximum(np.rint(length / piece), 1.0)
+    at = np.minimum(far / np.maximum(length, 1e-9)[run] * parts[run], parts[run] - 1).astype(np.int64)
+    first = np.concatenate(([0], np.cumsum(parts[:-1]))).astype(np.int64)
+    return first[run] + at
+
+
+def _moves(pieces: SeamPieces, mirrors: list[Mirror], behind: np.ndarray, column: np.ndarray, count: int) -> np.ndarray:
+    """How the pieces' steps change with the free mirrors' slopes and shifts (K, ``count``)."""
+    rows = np.zeros((len(pieces.gap), count))
+    for mirror, view in zip(mirrors, behind, strict=True):
+        if column[view] < 0:
+            continue
+        for side, points, sign in ((0, pieces.low, -1.0), (1, pieces.high, 1.0)):
+            mine = pieces.views[:, side] == view
+            moves = reflection_moves(mirror, reflect(points[mine], mirror))
+            part = slice(column[view], column[view] + 3)
+            rows[mine, part] += sign * np.einsum("nci,nc->ni", moves, pieces.along[mine])
+    return rows
+
+
+def _solve(
+    pieces: SeamPieces, rows: np.ndarray, prior: np.ndarray, done: np.ndarray, chosen: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """The further step that lessens the (``chosen``) pieces' steps most, ``done`` the one so far; and its covariance.
+
+    Least squares with Cauchy's weights; what the steps between two views have in common is solved for as well."""
+    if chosen is None:
+        chosen = np.ones(len(pieces.gap), np.bool_)
+    _, pair = np.unique(pieces.views[chosen], axis=0, return_inverse=True)
+    pair = np.eye(pair.max() + 1)[pair.ravel()]
+    uneven = pair * (pieces.gap * np.sin(pieces.bend))[chosen, None]
+    noise = _noise(pieces)[chosen]
+    A = np.hstack((rows[chosen], pair, uneven)) / noise[:, None]
+    b = pieces.step[chosen] / noise
+    count, pairs = len(prior), pair.shape[1]
+    weak = np.zeros((A.shape[1],) * 2)
+    weak[:count, :count] = prior
+    weak[range(count, len(weak)), range(count, len(weak))] = np.repeat((_BIAS**-2, _UNEVEN**-2), pairs)
+    start = np.zeros(len(weak))
+    start[:count] = -done
+    x = np.zeros(len(weak))
+    for _ in range(10):
+        weight = 1.0 / (1.0 + ((A @ x + b) / 2.0) ** 2) / _SHARED
+        information = (A * weight[:, None]).T @ A + weak
+        x = np.linalg.solve(information, weak @ start - (A * weight[:, None]).T @ b)
+    scale = max(1.0, 1.4826 * float(np.median(np.abs(A @ x + b))))  # some cameras read silhouettes worse than others
+    return x[:count], scale**2 * np.linalg.inv(information)[:count, :count]
+
+
+def _noise(pieces: SeamPieces) -> np.ndarray:
+    return np.hypot(_STEP, _BEND * pieces.gap)
+
+
+def _agreed(pieces: SeamPieces, rows: np.ndarray, prior: np.ndarray) -> bool:
+    """What each half of the pieces asks for lessens the steps of the other."""
+    half = np.arange(len(pieces.gap)) // 2 % 2 == 0
+    nothing = np.zeros(len(prior))
+    for mine in (half, ~half):
+        step = _solve(pieces, rows, prior, nothing, mine)[0]
+        apart = [
+            np.log1p((s / _noise(pieces))[~mine] ** 2).sum() for s in (pieces.step, pieces.step + rows @ step)
+        ]  # fmt: skip
+        if apart[1] >= apart[0]:
+            return False
+    return True
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-9)[:, None]
+
+
+@njit(cache=True, nogil=True)
+def _ends_kernel(points, view, depth, labels, normals, to_view, lens, window):
+    """Unit normals (N, 3), averaged over the readings around each point in its own view, 0 where there are too few; and
+    (N,) whether another view reads the same skin there."""
+    height, width = depth.shape
+    out, twice = np.zeros((len(points), 3)), np.zeros(len(points), np.bool_)
+    for i in range(len(points)):
+        for k in range(len(to_view)):
+            M = to_view[k]
+            x = M[0, 0] * points[i, 0] + M[0, 1] * points[i, 1] + M[0, 2] * points[i, 2] + M[0, 3]
+            y = M[1, 0] * points[i, 0] + M[1, 1] * points[i, 1] + M[1, 2] * points[i, 2] + M[1, 3]
+            z = M[2, 0] * points[i, 0] + M[2, 1] * points[i, 1] + M[2, 2] * points[i, 2] + M[2, 3]
+            if z <= 0.0:
+                continue
+            u, v = int(np.rint(x / z * lens[k, 0] + lens[k, 2])), int(np.rint(y / z * lens[k, 1] + lens[k, 3]))
+            reach = window if k == view[i] else 0
+            for row in range(max(v - reach, 0), min(v + reach + 1, height)):
+                for column in range(max(u - reach, 0), min(u + reach + 1, width)):
+                    if labels[row, column] != k:
+                        continue
+                    off = abs(depth[row, column] - z)
+                    if k != view[i]:
+                        twice[i] |= off < _TWICE
+                    elif off < _SAME:
+                        for c in range(3):
+                            out[i, c] += normals[row, column, c]
+        length = np.sqrt(out[i, 0] ** 2 + out[i, 1] ** 2 + out[i, 2] ** 2)
+        for c in range(3):
+            out[i, c] = out[i, c] / length if length > 3.0 else 0.0
+    return out, twice
