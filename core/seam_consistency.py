@@ -9,7 +9,7 @@ all seams' steps together say how the mirrors should move.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numba import njit
@@ -70,6 +70,7 @@ class SeamSettings:
 _WINDOW = 4  # px to each side over which a normal is averaged
 _SAME = 0.05  # readings that lie farther apart are of other surfaces [m]
 _TWICE = 0.015  # so near to what another view reads, it is the same skin [m]
+_BLOCK, _ALIKE = 16, 0.7  # px across a block of skin that is read twice, and least cosine between both normals
 _ROUND = 1.0  # least length of the sum of two ends' normals: across sharper bends nothing is known
 _EVEN = 0.7  # cosine between that sum and the way against both lines of sight
 _APART = 0.2  # least length of the sum of both lines of sight, beside the seam: of opposite ones nothing is known
@@ -144,7 +145,7 @@ def align_seams(
 
     step, at, costs = np.zeros(len(prior)), list(mirrors), []
     for turn in range(settings.rounds):
-        pieces = seam_pieces(mesh, maps, settings.piece)
+        pieces = seam_pieces(mesh, maps, settings.piece).and_also(skin_read_twice(maps))
         if len(pieces.gap) < settings.min_pieces:
             return list(mirrors), ()
         costs.append(np.log1p((pieces.step / _noise(pieces)) ** 2).mean())
@@ -208,7 +209,8 @@ class SeamPieces:
     ``low`` and ``high`` (K, 3) the middle of each end [m], ``views`` (K, 2) which views they are of, the lower first,
     ``along`` (K, 3) the unit vectors half way against both lines of sight, beside the seam: where the skin faces, free
     of the normals' noise. ``step`` (K,) the chord's part along the sum of the ends' normals [m], ``gap`` (K,) the
-    chord's length [m], ``bend`` (K,) half the angle between the ends' normals [rad].
+    chord's length [m], ``bend`` (K,) half the angle between the ends' normals [rad]. Of skin that is read twice, too
+    (``twice`` (K,)): then ``along`` is its normal, and there is no gap to be bridged and no bend.
     """
 
     low: np.ndarray
@@ -218,6 +220,11 @@ class SeamPieces:
     step: np.ndarray
     gap: np.ndarray
     bend: np.ndarray
+    twice: np.ndarray
+
+    def and_also(self, other: SeamPieces) -> SeamPieces:
+        """Both together."""
+        return SeamPieces(*(np.concatenate((getattr(self, f.name), getattr(other, f.name))) for f in fields(self)))
 
 
 def seam_pieces(mesh: Mesh, maps: ViewMaps, piece: float = 0.12) -> SeamPieces:
@@ -294,7 +301,30 @@ def seam_pieces(mesh: Mesh, maps: ViewMaps, piece: float = 0.12) -> SeamPieces:
         (chord * facing).sum(axis=1)[good],
         np.linalg.norm(chord, axis=1)[good],
         bend[good],
+        np.zeros(int(good.sum()), np.bool_),
     )
+
+
+def skin_read_twice(maps: ViewMaps, least: int = 12) -> SeamPieces:
+    """Blocks of skin that two views read, and how far apart they place it: where patches overlap there is no gap.
+
+    Parameters
+    ----------
+    maps : ViewMaps
+    least : int
+        Readings that a block of ``_BLOCK`` × ``_BLOCK`` pixels must have.
+
+    Notes
+    -----
+    O(pixels of the subject).
+    """
+    low, high, normal, views = _twice_kernel(
+        maps.depth, maps.labels, maps.normals, maps.to_view, np.linalg.inv(maps.to_view), maps.lens, least
+    )
+    normal = _unit(normal)
+    step = ((high - low) * normal).sum(axis=1)
+    none = np.zeros(len(step))
+    return SeamPieces(low, high, views, normal, step, none, none, np.ones(len(step), np.bool_))
 
 
 def _sight(points: np.ndarray, views: np.ndarray, maps: ViewMaps) -> np.ndarray:
@@ -344,7 +374,8 @@ def _solve(
     Least squares with Cauchy's weights; what the steps between two views have in common is solved for as well."""
     if chosen is None:
         chosen = np.ones(len(pieces.gap), np.bool_)
-    _, pair = np.unique(pieces.views[chosen], axis=0, return_inverse=True)
+    kinds = np.column_stack((pieces.views, pieces.twice))[chosen]
+    _, pair = np.unique(kinds, axis=0, return_inverse=True)
     pair = np.eye(pair.max() + 1)[pair.ravel()]
     uneven = pair * (pieces.gap * np.sin(pieces.bend))[chosen, None]
     noise = _noise(pieces)[chosen]
@@ -417,3 +448,68 @@ def _ends_kernel(points, view, depth, labels, normals, to_view, lens, window):
         for c in range(3):
             out[i, c] = out[i, c] / length if length > 3.0 else 0.0
     return out, twice
+
+
+@njit(cache=True, nogil=True)
+def _twice_kernel(depth, labels, normals, to_view, from_view, lens, least):
+    """Means over blocks of pixels of a view and over what a later view reads of the same skin: both places (K, 3), the
+    sums of both normals (K, 3), and the views (K, 2)."""
+    height, width = depth.shape
+    count = len(to_view)
+    rows, columns = (height + _BLOCK - 1) // _BLOCK, (width + _BLOCK - 1) // _BLOCK
+    room = rows * columns * count
+    low, high, facing = np.empty((room, 3)), np.empty((room, 3)), np.empty((room, 3))
+    views = np.empty((room, 2), np.int64)
+    sums, number = np.empty((count, count, 9)), np.empty((count, count), np.int64)
+    p, laid = np.empty(3), np.empty(3)
+    n = 0
+    for block in range(rows * columns):
+        top, left = block // columns * _BLOCK, block % columns * _BLOCK
+        sums[:], number[:] = 0.0, 0
+        for v in range(top, min(top + _BLOCK, height), 2):
+            for u in range(left, min(left + _BLOCK, width), 2):
+                a = labels[v, u]
+                if a < 0 or a >= count - 1:
+                    continue
+                z = depth[v, u]
+                x, y = (u - lens[a, 2]) / lens[a, 0] * z, (v - lens[a, 3]) / lens[a, 1] * z
+                for r in range(3):
+                    p[r] = from_view[a, r, 0] * x + from_view[a, r, 1] * y + from_view[a, r, 2] * z + from_view[a, r, 3]
+                for b in range(a + 1, count):
+                    for r in range(3):
+                        laid[r] = to_view[b, r, 3]
+                        for c in range(3):
+                            laid[r] += to_view[b, r, c] * p[c]
+                    if laid[2] <= 0.0:
+                        continue
+                    column = int(np.rint(laid[0] / laid[2] * lens[b, 0] + lens[b, 2]))
+                    row = int(np.rint(laid[1] / laid[2] * lens[b, 1] + lens[b, 3]))
+                    if row < 0 or column < 0 or row >= height or column >= width or labels[row, column] != b:
+                        continue
+                    other = depth[row, column]
+                    if abs(other - laid[2]) > _SAME:
+                        continue
+                    alike = 0.0
+                    for c in range(3):
+                        alike += normals[v, u, c] * normals[row, column, c]
+                    if alike < _ALIKE:
+                        continue
+                    x, y = (column - lens[b, 2]) / lens[b, 0] * other, (row - lens[b, 3]) / lens[b, 1] * other
+                    number[a, b] += 1
+                    for r in range(3):
+                        sums[a, b, r] += p[r]
+                        sums[a, b, 3 + r] += (
+                            from_view[b, r, 0] * x + from_view[b, r, 1] * y + from_view[b, r, 2] * other
+                            + from_view[b, r, 3]
+                        )  # fmt: skip
+                        sums[a, b, 6 + r] += normals[v, u, r] + normals[row, column, r]
+        for a in range(count):
+            for b in range(a + 1, count):
+                if number[a, b] < least:
+                    continue
+                for r in range(3):
+                    low[n, r], high[n, r] = sums[a, b, r] / number[a, b], sums[a, b, 3 + r] / number[a, b]
+                    facing[n, r] = sums[a, b, 6 + r]
+                views[n, 0], views[n, 1] = a, b
+                n += 1
+    return low[:n], high[:n], facing[:n], views[:n]
