@@ -70,7 +70,7 @@ class Mirror:
         Corners of a glass that is no rectangle, along a and b about ``point`` [m], inside ``rectangle``.
     moved_by : tuple of str
         What moved the plane from where its frame is: "reflections" of what is seen directly too, the "floor" that is
-        seen both ways, "views" that must agree.
+        seen both ways, "views" that must agree, "seams" that showed a step.
     moved : float
         By how much that moves the reflection of somebody 1.5 m before it, root mean square [m].
     """

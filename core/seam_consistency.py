@@ -78,6 +78,7 @@ _STEP, _BEND = 0.003, 0.25  # noise of a piece's step: of itself [m], and as a s
 _SHARED = 2.0  # neighbouring pieces share so much of their errors that this many count as one
 _BIAS, _UNEVEN = 0.002, 0.2  # what all steps between two views may have in common [m], and as a share of gap and bend
 _SETTLED = 5e-4  # of slopes [rad] and shifts [m]
+_FITS = 1.5  # times their noise: by more the steps must not be off in the end, else it is not the mirrors
 _BEGUN = 0.6  # of what makes a step sure, the first round must show
 
 
@@ -148,7 +149,8 @@ def align_seams(
         pieces = seam_pieces(mesh, maps, settings.piece).and_also(skin_read_twice(maps))
         if len(pieces.gap) < settings.min_pieces:
             return list(mirrors), ()
-        costs.append(np.log1p((pieces.step / _noise(pieces)) ** 2).mean())
+        left = np.abs(pieces.step) / _noise(pieces)
+        costs.append(np.log1p(left**2).mean())
         rows = _moves(pieces, at, behind, column, len(prior))
         change, covariance = _solve(pieces, rows, prior, step)
         step = step + change
@@ -164,7 +166,7 @@ def align_seams(
         motions = [reflection_matrix(new) @ reflection_matrix(m) for new, m in zip(at, old, strict=True)]
         patches, maps = move_views(patches, maps, behind, motions)
         mesh = join(patches, maps)
-    if costs[-1] >= costs[0] or (not doubted and surely(at) < settings.sure):
+    if costs[-1] >= costs[0] or np.median(left) > _FITS or (not doubted and surely(at) < settings.sure):
         return list(mirrors), ()
     notes = []
     for k in free:

@@ -9,6 +9,7 @@ import pytest
 from mirror_scan.core.agreement import expected_error
 from mirror_scan.core.linear import transform
 from mirror_scan.core.mirror import moved, plane_mirror, reflect, reflection_matrix
+from mirror_scan.core.mirror_refinement import JointSettings
 from mirror_scan.core.overlap import part_overlaps, view_maps
 from mirror_scan.core.pipeline import Clock, Settings, reconstruct, scan_steps
 from mirror_scan.core.seam_consistency import (
@@ -21,6 +22,7 @@ from mirror_scan.core.seam_consistency import (
     mirrored_views,
     move_views,
     seam_pieces,
+    skin_read_twice,
 )
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
@@ -60,11 +62,12 @@ def misplaced(mirrors, simulation) -> np.ndarray:
     )
 
 
-def test_a_proud_frame_shows_in_the_seams(person):
-    simulation = simulate(person, default_rig("kinect_v1", frames=8, frame_depth=0.012, seed=1))
-    picks = simulation.capture.mirrors
-    before = reconstruct(simulation.capture, picks, Settings(seams=SeamSettings(use=False)))
-    after = reconstruct(simulation.capture, picks)
+@pytest.mark.parametrize("sensor", ["kinect_v1", "azure_kinect"])
+def test_a_proud_frame_shows_in_the_seams(person, sensor):
+    simulation = simulate(person, default_rig(sensor, frames=8, frame_depth=0.012, seed=1))
+    picks, frames = simulation.capture.mirrors, Settings(alignment=JointSettings(use=False))
+    before = reconstruct(simulation.capture, picks, replace(frames, seams=SeamSettings(use=False)))
+    after = reconstruct(simulation.capture, picks, frames)
     wrong, right = misplaced(before.mirrors, simulation), misplaced(after.mirrors, simulation)
     assert (wrong > 0.02).all() and (right < 0.5 * wrong).all(), (wrong, right)
     assert all(m.moved_by == ("seams",) and abs(m.moved - 0.024) < 0.012 for m in after.mirrors)
@@ -171,6 +174,23 @@ def test_pieces_show_a_shift_as_a_step(simulated):
     assert grown == pytest.approx(0.006, abs=0.002)
 
 
+def test_skin_read_twice_shows_a_moved_mirror(simulated):
+    """Blocks of it part by as much as the derivatives say; what one view alone reads is not among them."""
+    scan = scanned(simulated("azure_kinect").capture)
+    blocks = skin_read_twice(scan.maps)
+    assert len(blocks.step) > 30 and blocks.twice.all() and np.median(np.abs(blocks.step)) < 0.002
+    assert len(skin_read_twice(scanned(simulated("kinect_v1").capture).maps).step) < 0.3 * len(blocks.step)
+    step = np.array((0.003, 0.0, 0.006))
+    new = [moved(scan.mirrors[0], step), scan.mirrors[1]]
+    motions = [reflection_matrix(n) @ reflection_matrix(m) for n, m in zip(new, scan.mirrors, strict=True)]
+    maps = move_views(scan.patches, scan.maps, mirrored_views(scan.maps), motions)[1]
+    after = skin_read_twice(maps)
+    mine = [(b.views == (0, 1)).all(axis=1) for b in (blocks, after)]
+    rows = _moves(blocks, scan.mirrors, np.array((1, 2)), np.array((-1, 0, 3)), 6)[mine[0], :3]
+    grown = np.median(after.step[mine[1]]) - np.median(blocks.step[mine[0]])
+    assert grown == pytest.approx(np.median(rows @ step), abs=0.0025) and abs(grown) > 0.002
+
+
 def test_the_step_is_the_least_squares_one():
     """Against scipy on the same cost; without noise the step that made the seams' steps comes back."""
     rng = np.random.default_rng(0)
@@ -181,7 +201,7 @@ def test_the_step_is_the_least_squares_one():
     along /= np.linalg.norm(along, axis=1)[:, None]
     pieces = SeamPieces(
         low, low + 0.03 * rng.normal(size=(count, 3)), np.tile((0, 1), (count, 1)), along, np.zeros(count),
-        np.full(count, 0.03), rng.uniform(0.2, 0.7, count),
+        np.full(count, 0.03), rng.uniform(0.2, 0.7, count), np.zeros(count, np.bool_),
     )  # fmt: skip
     rows = _moves(pieces, [mirror], np.array([1]), np.array([-1, 0]), 3)
     true = np.array((0.004, -0.003, 0.01))
