@@ -31,7 +31,7 @@ from .mirror import (
 )
 from .mirror_refinement import fit_frame, without_frames
 from .rims import BOTTOM, LEFT, RIGHT, TOP, DetectionSettings, Hypothesis, Segment, find_rims, propose
-from .twins import measures, one_make
+from .twins import a_pair, measures, one_make
 
 _DETECTION = DetectionSettings()
 _OPEN_SHOWN = 0.07  # with a side missing, this share of all readings must lie on or close behind what is seen directly
@@ -436,6 +436,12 @@ def _twins(
 ) -> list[Mirror]:
     """Mirrors that show next to nothing, but stand in frames of the make of those ``found`` (:mod:`.twins`); ``bare``
     is the depth without the latter."""
+    if not found and settings.empty_rig:
+        found = _pair(proposed, depth, intrinsics, glass_offset, color)
+        bare = _without(found, bare, intrinsics, glass_offset)
+        return found + (
+            _twins(proposed, found, depth, intrinsics, settings, glass_offset, color, bare) if found else []
+        )
     asked, points = [], _some(depth, intrinsics) if found else None
     for guess in _uncovered(proposed, found) if found else ():
         rim, _ = _unopposed(guess, points, depth, intrinsics, found, color)
@@ -462,6 +468,30 @@ def _twins(
             new.append(at_border(behind, intrinsics, _unseen(guess)))
             bare = _without(new[-1:], bare, intrinsics, glass_offset)
     return new
+
+
+def _pair(
+    proposed: list[Hypothesis],
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    glass_offset: float,
+    color: np.ndarray | None,
+) -> list[Mirror]:
+    """Two mirrors of an empty rig in which nothing is read, proved by each other; or none."""
+    points, asked = _some(depth, intrinsics), []
+    for guess in proposed:
+        if len(guess.sides) == 4 and _unopposed(guess, points, depth, intrinsics, (), color)[0] > 0.0:
+            fitted = _on_its_frame(guess, depth, intrinsics)
+            if fitted is not None:
+                behind = replace(fitted, point=fitted.point - glass_offset * fitted.normal)
+                asked.append(
+                    (guess, at_border(behind, intrinsics, _unseen(guess)), measures(fitted, depth, intrinsics))
+                )
+    for k, (_, one, mine) in enumerate(asked):
+        for guess, other, its in asked[:k]:
+            if a_pair(mine, its) and _uncovered([guess], [one]):
+                return [other, one]
+    return []
 
 
 def _uncovered(guesses: list[Hypothesis], mirrors: list[Mirror]) -> list[Hypothesis]:

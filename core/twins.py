@@ -85,6 +85,13 @@ def one_make(new: Measures, known: Measures, shows: bool = False) -> bool:
     return bool(seen.all() or ((seen.any() or shows) and _level(new, known, pixel)))
 
 
+def a_pair(one: Measures, other: Measures) -> bool:
+    """Frames of one make in every measure that stand level and face different ways, as mirrors of a rig do and windows
+    of a wall do not."""
+    seen = np.isfinite(one.size) & np.isfinite(other.size)
+    return bool(seen.all()) and one_make(one, other) and _level(one, other, max(one.pixel, other.pixel))
+
+
 def _level(one: Measures, other: Measures, pixel: float) -> bool:
     """Whether tops or bottoms are at one height: across what is level in both planes, however they lean."""
     up = np.cross(one.across, other.across)

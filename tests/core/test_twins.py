@@ -7,13 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
-from mirror_scan.core.mirror import plane_mirror, reflect
+from mirror_scan.core.mesh import Mesh
+from mirror_scan.core.mirror import person_before, plane_mirror, reflect
 from mirror_scan.core.mirror_detection import find_mirrors
+from mirror_scan.core.rims import DetectionSettings
 from mirror_scan.core.simulation.props import box, placed, together
 from mirror_scan.core.simulation.rays import PROP
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
-from mirror_scan.core.twins import Measures, one_make
+from mirror_scan.core.twins import Measures, a_pair, one_make
 
 NAN = float("nan")
 
@@ -66,6 +68,25 @@ def test_dark_boards_are_none(person, size, bar):
     depth = clean(capture)
     depth[(sight.object == PROP) & (sight.color.max(axis=-1) < 4)] = 0.0
     assert [m.name for m in find_mirrors(depth, capture.intrinsics)] == ["left"]
+
+
+def test_an_empty_rig_in_which_nothing_is_read(person):
+    """The frames prove each other when the user says that nobody is there, and two windows of a wall do not."""
+    rig = default_rig("kinect_v1", 2.75, path_length=5.0, frames=6)
+    simulation = simulate(Mesh(person.vertices[:3] + 9.0, np.array([(0, 1, 2)], np.int32)), rig)
+    capture, truth = simulation.capture, simulation.truth
+    depth = clean(capture)
+    depth[(truth.sight.view > 0) & (truth.sight.bounces > 0)] = 0.0
+    assert find_mirrors(depth, capture.intrinsics) == []
+    found = find_mirrors(depth, capture.intrinsics, settings=DetectionSettings(empty_rig=True))
+    assert [m.name for m in found] == ["left", "right"]
+    for mirror in found:
+        true = next(m for m in truth.mirrors if m.name == mirror.name)
+        assert misplaced(mirror, true, person_before(mirror)) < 0.009
+    one = frame((0.8, 1.75), (0.04,) * 4)
+    assert a_pair(one, frame((0.8, 1.75), (0.04,) * 4, turned=0.6))
+    assert not a_pair(one, frame((0.8, 1.75), (0.04,) * 4)), "in one wall"
+    assert not a_pair(one, frame((0.8, NAN), (0.04,) * 4, turned=0.6))
 
 
 def frame(size, bars, level=0.0, turned=0.0, cut=()) -> Measures:
