@@ -100,7 +100,8 @@ def align_seams(
     prior, the steps of the seams' pieces as observations. What all steps between two views have in common, of itself
     or in proportion to how sharply the gap bends, counts as the views' own: silhouettes are read unevenly. The mirrors
     are moved, the patches zippered anew, and so on. Two halves of the pieces are set against each other: what one asks
-    for must lessen the other's steps.
+    for must lessen the other's steps; and in the end they must fit. Where silhouettes are read so badly that no seam
+    fits, skin that is read twice is asked alone.
 
     Parameters
     ----------
@@ -127,11 +128,13 @@ def align_seams(
     if not settings.use or not free or len(maps.to_view) - len(behind) != 1:
         return list(mirrors), ()
     doubted = max(expected_error(mirrors[k]) for k in free) > settings.unsure
-    glass = np.diag((0.0, 0.0, 0.0 if doubted else settings.offset**2))
     column, prior = np.full(len(maps.to_view), -1), np.zeros((3 * len(free),) * 2)
     for n, k in enumerate(free):
         column[behind[k]] = 3 * n
-        prior[3 * n : 3 * n + 3, 3 * n : 3 * n + 3] = np.linalg.inv(mirrors[k].covariance + glass)
+        # where the glass lies behind a frame is known once a mirror was moved by what is seen in it
+        glass = 0.0 if doubted or {"reflections", "views"} & set(mirrors[k].moved_by) else settings.offset
+        covariance = mirrors[k].covariance + np.diag((0.0, 0.0, glass**2))
+        prior[3 * n : 3 * n + 3, 3 * n : 3 * n + 3] = np.linalg.inv(covariance)
 
     def placed(step: np.ndarray, covariance: np.ndarray) -> list[Mirror]:
         out = list(mirrors)
@@ -144,29 +147,39 @@ def align_seams(
         """How far people are moved, in units of what is left unsure, by the mirror of which most is known."""
         return max(reflection_shift(person_before(mirrors[k]), at[k], mirrors[k]) / expected_error(at[k]) for k in free)
 
-    step, at, costs = np.zeros(len(prior)), list(mirrors), []
-    for turn in range(settings.rounds):
-        pieces = seam_pieces(mesh, maps, settings.piece).and_also(skin_read_twice(maps))
-        if len(pieces.gap) < settings.min_pieces:
-            return list(mirrors), ()
-        left = np.abs(pieces.step) / _noise(pieces)
-        costs.append(np.log1p(left**2).mean())
-        rows = _moves(pieces, at, behind, column, len(prior))
-        change, covariance = _solve(pieces, rows, prior, step)
-        step = step + change
-        old, at = at, placed(step, covariance)
-        if turn == 0 and not doubted and surely(at) < _BEGUN * settings.sure:
-            return list(mirrors), ()
-        if turn == 0 and not _agreed(pieces, rows, prior):
-            return list(mirrors), ()
-        if (np.abs(step.reshape(-1, 3)) > (settings.max_slope, settings.max_slope, settings.max_shift)).any():
-            return list(mirrors), ()
-        if turn == settings.rounds - 1 or np.abs(change).max() < _SETTLED:
-            break
-        motions = [reflection_matrix(new) @ reflection_matrix(m) for new, m in zip(at, old, strict=True)]
-        patches, maps = move_views(patches, maps, behind, motions)
-        mesh = join(patches, maps)
-    if costs[-1] >= costs[0] or np.median(left) > _FITS or (not doubted and surely(at) < settings.sure):
+    def settled(seams: bool) -> list[Mirror] | None:
+        """The mirrors where all evidence, or only skin that is read twice, wants them; None when that is not sure."""
+        step, at, costs, moving, seen, sewn = np.zeros(len(prior)), list(mirrors), [], patches, maps, mesh
+        for turn in range(settings.rounds):
+            pieces = skin_read_twice(seen)
+            if seams:
+                pieces = pieces.and_also(seam_pieces(sewn, seen, settings.piece))
+            if len(pieces.gap) < settings.min_pieces:
+                return None
+            left = np.abs(pieces.step) / _noise(pieces)
+            costs.append(np.log1p(left**2).mean())
+            rows = _moves(pieces, at, behind, column, len(prior))
+            change, covariance = _solve(pieces, rows, prior, step)
+            step = step + change
+            old, at = at, placed(step, covariance)
+            if turn == 0 and not doubted and surely(at) < _BEGUN * settings.sure:
+                return None
+            if turn == 0 and not _agreed(pieces, rows, prior):
+                return None
+            if (np.abs(step.reshape(-1, 3)) > (settings.max_slope, settings.max_slope, settings.max_shift)).any():
+                return None
+            if turn == settings.rounds - 1 or np.abs(change).max() < _SETTLED:
+                break
+            motions = [reflection_matrix(new) @ reflection_matrix(m) for new, m in zip(at, old, strict=True)]
+            moving, seen = move_views(moving, seen, behind, motions)
+            sewn = join(moving, seen) if seams else sewn
+        if costs[-1] >= costs[0] or np.median(left) > _FITS or (not doubted and surely(at) < settings.sure):
+            return None
+        return at
+
+    # some cameras read silhouettes so badly that no seam fits: what they read twice may still do
+    at = settled(seams=True) or settled(seams=False)
+    if at is None:
         return list(mirrors), ()
     notes = []
     for k in free:
