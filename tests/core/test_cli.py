@@ -263,8 +263,8 @@ def test_a_mirror_that_shows_nobody_is_a_warning(scans, tmp_path, capsys):
     write_png(scan / "depth" / "000000.png", frame)
     outputs = ["-o", str(tmp_path / "a.ply"), "--report", str(tmp_path / "r.json")]
     assert cli.main(["reconstruct", str(scan), *outputs]) == 0
-    told = re.search(r"^warning: (9\d% of the reflection in the mirror “right” has no reading.*)$", capsys.readouterr().err,
-                     re.MULTILINE)  # fmt: skip
+    unread = r"^warning: (9\d% of the reflection in the mirror “right” has no reading.*)$"
+    told = re.search(unread, capsys.readouterr().err, re.MULTILINE)
     report = json.loads((tmp_path / "r.json").read_text())
     assert told and told[1] in report["warnings"] and report["views"][1]["pixels"] == 0
     assert len(read_mesh(tmp_path / "a.ply").triangles) > 10_000
