@@ -32,7 +32,9 @@ _THICK = 0.12  # m: what is seen so little behind something else is its other si
 _LOOSE = 0.15  # of what a mirror shows of the subject: a larger piece that the direct view does not show is none
 _DENIED, _HARDLY = 0.1, 0.15  # of a piece: furniture, that the direct view shows the front of
 _TIGHT = 0.5  # of the depth jump that parts a figure from the room
-_STEP, _MAT = (0.012, 0.2), 0.2  # how high [m], and how large [m²] at least, is a mat or step that a person stands on
+_FEET, _ABOUT, _FARTHER = 0.2, 0.45, 1.5  # m: feet, the floor right about them; what is farther off, of that
+_LIFT, _LOW = 0.003, 0.04  # m: a carpet; a mirror shows less of it than tells it from the floor about it
+_STEP, _MAT = (0.008, 0.2), 0.2  # how high [m], and how large [m²] at least, is a mat or step that a person stands on
 _BELOW = 0.15  # of the figure: so much of it may be seen below what stands before it
 _CLICK_RADIUS = 6  # px: a click without a reading takes the nearest one
 _AXIS_SPREAD, _THING_SPREAD = 0.5, 0.3  # how far off the rig's crossing a person or thing counts less [m]
@@ -143,7 +145,7 @@ def find_subject(
             sizes = np.concatenate((sizes, more))
         return component, sizes, rough
 
-    floor, support, outer = ground.floor, None, 0.9 * settings.reach
+    floor, support, outer, low = ground.floor, None, 0.9 * settings.reach, False
     if settings.object:
         component, sizes, rough = standing_anywhere(floor, meeting, True)
         chosen = _thing(depth, component, len(sizes), seen, points, up, meeting, clicked, pixel_angle, settings)
@@ -171,15 +173,19 @@ def find_subject(
         )  # fmt: skip
         if chosen is not None and floor is not None:
             figure = _member_table(chosen, len(sizes))[component] & (component >= 0)
-            if _is_stepped(dot(points[figure], up) - floor):
+            middle = np.median(points[figure & (seen == 0)], axis=0)
+            support = _raised_floor(points, seen, up, floor, middle, pixel_angle, settings.reach)
+            if support is None and _is_stepped(dot(points[figure], up) - floor):
                 support = find_support(
                     points, seen, figure, up, floor, pixel_angle, settings.min_pixels, _STEP, _MAT
                 )  # fmt: skip
             if support is not None:
-                warnings.append(
-                    f"what the subject stands on, {100.0 * (support - floor):.0f} cm above the floor, is cut off"
-                )
-                floor, outer, middle = support, _FOOTPRINT, np.median(points[figure & (seen == 0)], axis=0)
+                if support - floor > _STEP[0]:
+                    warnings.append(
+                        f"what the subject stands on, {100.0 * (support - floor):.0f} cm above the floor, is cut off"
+                    )
+                low = support - floor < _LOW
+                floor, outer = support, _ABOUT
                 component, sizes, rough = standing(range(1), floor, middle, _ROUGH, False)
                 chosen = _direct_subject(
                     depth, component, len(sizes), points, up, middle, clicked, pixel_angle, settings
@@ -202,7 +208,7 @@ def find_subject(
         others = (component >= 0) & (sizes[component] >= settings.min_pixels) & (seen == 0) & (labels < 0)
         direct, direct_member = component, member
         if not settings.object:
-            component, sizes, _ = standing(range(1, count), floor, axis, rough, support is None)
+            component, sizes, _ = standing(range(1, count), floor, axis, rough, support is None or low)
             member = np.zeros(len(sizes), np.bool_)
 
         def take() -> tuple[np.ndarray, np.ndarray]:
@@ -239,6 +245,41 @@ def find_subject(
         labels, seen, points, up, floor, ground.noise, axis, tuple(warnings),
         _limits(depth, labels, count), ground.disagreement_deg,
     )  # fmt: skip
+
+
+def _raised_floor(
+    points: np.ndarray,
+    seen: np.ndarray,
+    up: np.ndarray,
+    floor: float,
+    middle: np.ndarray,
+    pixel_angle: float,
+    reach: float,
+) -> float | None:
+    """Height along ``up`` of the floor right about the feet where it is higher than farther off: a carpet, or what a
+    camera that looks down misjudges. None where it is not."""
+
+    def level(inner: float, outer: float) -> tuple[float, float, np.ndarray]:
+        """Height of what is level in a ring, its standard deviation, and all heights there."""
+        samples, _ = _near_floor_kernel(
+            points, seen, up, floor, 0.5 * NEAR_FLOOR, middle, inner**2, outer**2, 0.0, _across(up), 0, 1, pixel_angle
+        )  # fmt: skip
+        height = np.sort(dot(samples[0][0], up) - floor)
+        if len(height) < 200:
+            return np.nan, np.inf, height
+        half = len(height) // 2
+        first = int(np.argmin(height[half:] - height[: len(height) - half]))
+        noise = (height[first + half] - height[first]) / 1.349
+        return float(np.median(height[first : first + half])), float(noise), height
+
+    near, noise, heights = level(_FEET, _ABOUT)
+    far, scatter, others = level(_FARTHER * _ABOUT, reach)
+    if not np.isfinite(near + far) or max(noise, scatter) > _ROUGH:
+        return None
+    sure = 3.0 * np.hypot(noise * np.sqrt(_SHARED / len(heights)), scatter * np.sqrt(_SHARED / len(others)))
+    if near - far < max(_LIFT, sure) or np.mean(np.abs(heights - near) < 3.0 * max(noise, 0.001)) < 0.5:
+        return None
+    return floor + near
 
 
 def _is_stepped(height: np.ndarray) -> bool:
@@ -317,6 +358,8 @@ def _floor_of_views(
     center = np.zeros(3) if middle is None else middle
     # farther off it is noisier, and at the subject there are feet
     ring = (0.0, np.inf) if middle is None else (_FOOTPRINT, 0.9 * settings.reach) if apart else (0.0, outer)
+    if not apart and not settings.object:
+        ring = (_FEET, outer)
     under = np.inf if middle is None else _FOOTPRINT
     samples, heights = _near_floor_kernel(
         points, seen, up, floor, NEAR_FLOOR, center, ring[0] ** 2, ring[1] ** 2, under**2, _across(up), views[0],

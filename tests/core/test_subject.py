@@ -200,6 +200,19 @@ def test_a_mat_or_a_step_is_cut_off(person, height):
     assert f"{100 * height:.0f} cm above the floor, is cut off" in views.warnings[0]
 
 
+@pytest.mark.parametrize(("sensor", "thick"), [("ideal", 0.015), ("azure_kinect", 0.008), ("kinect_v1", 0.015)])
+def test_a_carpet_is_floor(person, sensor, thick):
+    """Thinner than what may be told from the floor by its edges; feet do not pay for it."""
+    carpet = props.box((-0.75, -0.65, 0.0), (0.75, 0.65, thick))
+    standing = replace(person, vertices=person.vertices + (0, 0, thick))
+    simulation = simulate(standing, default_rig(sensor, frames=10), [carpet])
+    views, right, left, body = sorted_out(simulation)
+    feet = body & (simulation.truth.sight.point[..., 2] < thick + 0.12)
+    assert right > 0.99 and left < 0.007 and (views.labels[feet] >= 0).mean() > 0.98
+    direct = (views.labels == 0) & (simulation.truth.labels < 0) & (simulation.truth.sight.object != BODY)
+    assert direct.sum() < 0.005 * (views.labels == 0).sum()
+
+
 def test_what_stands_before_the_legs(person):
     """A chair between camera and legs: its back, that only mirrors show, goes, and what is seen of the feet below it
     stays."""
