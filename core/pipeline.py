@@ -286,7 +286,9 @@ def seams_aligned(scan: Scan, mesh: Mesh, settings: Settings) -> Scan | None:
         parted = part_overlaps(patches, maps, settings.overlap)
         return zip_patches(parted, maps, scan.up, scan.axis, scan.floor, settings.zipper)[0]
 
-    mirrors, notes = align_seams(scan.mirrors, scan.patches, scan.maps, mesh, join, settings.seams)
+    mirrors, notes = align_seams(
+        scan.mirrors, scan.patches, scan.maps, mesh, join, settings.seams, settings.mirror.glass_offset
+    )
     if not notes:
         return None
     motions = [

@@ -46,7 +46,7 @@ class SeamSettings:
     max_shift, max_slope : float
         Bounds of the whole step [m], [rad].
     sure : float
-        Mirrors that are not unsure are moved only when that moves a person by so many times as much as it leaves
+        A mirror that is not unsure is moved only when that moves a person by so many times as much as it leaves
         unsure.
     min_pieces : int
         Of seams, each about ``piece`` [m] long.
@@ -79,7 +79,11 @@ _SHARED = 2.0  # neighbouring pieces share so much of their errors that this man
 _BIAS, _UNEVEN = 0.002, 0.2  # what all steps between two views may have in common [m], and as a share of gap and bend
 _SETTLED = 5e-4  # of slopes [rad] and shifts [m]
 _FITS = 1.5  # times their noise: by more the steps must not be off in the end, else it is not the mirrors
-_BEGUN = 0.6  # of what makes a step sure, the first round must show
+_BEGUN = 0.6  # of what makes a step sure, each round must show
+_BEFORE = 0.004  # so far a glass may lie before the front of its frame: stuck onto a board [m]
+_MOVED = 1e-6  # at the person, else it is where it was [m]
+_FEWEST = 4  # pieces that can be halved
+_SUREST, _LEAST_SURE = 1e-6, 1.0  # of slopes [rad] and shifts [m], one standard deviation
 
 
 Joiner = Callable[[list[Mesh], ViewMaps], Mesh]
@@ -93,15 +97,18 @@ def align_seams(
     mesh: Mesh,
     join: Joiner,
     settings: SeamSettings | None = None,
+    glass_offset: float = 0.0,
 ) -> tuple[list[Mirror], tuple[str, ...]]:
     """Mirrors moved until the seams between their patches show no steps; as they were when that is not sure to help.
 
     All mirrors are solved for together: two slopes and a shift each, the frames' covariances (and ``offset``) as
     prior, the steps of the seams' pieces as observations. What all steps between two views have in common, of itself
-    or in proportion to how sharply the gap bends, counts as the views' own: silhouettes are read unevenly. The mirrors
-    are moved, the patches zippered anew, and so on. Two halves of the pieces are set against each other: what one asks
-    for must lessen the other's steps; and in the end they must fit. Where silhouettes are read so badly that no seam
-    fits, skin that is read twice is asked alone.
+    or in proportion to how sharply the gap bends, counts as the views' own: silhouettes are read unevenly. A mirror
+    that its frame places well is judged by itself: if it is not shown to be off, or its glass would lie clear before
+    its frame, both count as level, and the others are solved for anew. The mirrors are moved, the patches zippered
+    anew, and so on. Two halves of the pieces are set against each other: what one asks for must lessen the other's
+    steps; and in the end they must fit. Where silhouettes are read so badly that no seam fits, skin that is read twice
+    is asked alone.
 
     Parameters
     ----------
@@ -114,6 +121,8 @@ def align_seams(
         What ``join`` makes of them.
     join : callable(patches, maps)
         Called once a round, and only when the first round shows that the mirrors are off.
+    glass_offset : float
+        How far behind the front of its frame each glass was taken to be [m].
 
     Returns
     -------
@@ -124,77 +133,122 @@ def align_seams(
     """
     settings = settings or SeamSettings()
     behind = mirrored_views(maps)
-    free = [k for k, m in enumerate(mirrors) if m.covariance is not None and m.source in ("picked", "found")]
+    free = [k for k, m in enumerate(mirrors) if _movable(m)]
     if not settings.use or not free or len(maps.to_view) - len(behind) != 1:
         return list(mirrors), ()
-    doubted = max(expected_error(mirrors[k]) for k in free) > settings.unsure
-    column, prior = np.full(len(maps.to_view), -1), np.zeros((3 * len(free),) * 2)
-    for n, k in enumerate(free):
-        column[behind[k]] = 3 * n
-        # where the glass lies behind a frame is known once a mirror was moved by what is seen in it
-        glass = 0.0 if doubted or {"reflections", "views"} & set(mirrors[k].moved_by) else settings.offset
-        covariance = mirrors[k].covariance + np.diag((0.0, 0.0, glass**2))
-        prior[3 * n : 3 * n + 3, 3 * n : 3 * n + 3] = np.linalg.inv(covariance)
+    frames = [replace(mirrors[k], covariance=_proper(mirrors[k].covariance)) for k in free]
+    doubted = np.array([expected_error(m) > settings.unsure for m in frames])
+    framed = np.array([_by_its_frame(m) for m in frames])
+    column = np.full(len(maps.to_view), -1)
+    column[behind[free]] = 3 * np.arange(len(free))
+    parts = [slice(3 * n, 3 * n + 3) for n in range(len(free))]
 
-    def placed(step: np.ndarray, covariance: np.ndarray) -> list[Mirror]:
-        out = list(mirrors)
-        for n, k in enumerate(free):
-            part = slice(3 * n, 3 * n + 3)
-            out[k] = replace(moved(mirrors[k], step[part]), covariance=covariance[part, part])
+    def prior(proud: np.ndarray) -> np.ndarray:
+        out = np.zeros((3 * len(free),) * 2)
+        for part, m, off in zip(parts, frames, proud, strict=True):
+            out[part, part] = np.linalg.inv(m.covariance + np.diag((0.0, 0.0, off * settings.offset**2)))
         return out
 
-    def surely(at: list[Mirror]) -> float:
-        """How far people are moved, in units of what is left unsure, by the mirror of which most is known."""
-        return max(reflection_shift(person_before(mirrors[k]), at[k], mirrors[k]) / expected_error(at[k]) for k in free)
+    def placed(step: np.ndarray, covariance: np.ndarray, free_to_move: np.ndarray) -> list[Mirror]:
+        out = list(mirrors)
+        for k, part, moves in zip(free, parts, free_to_move, strict=True):
+            if moves:
+                out[k] = replace(moved(mirrors[k], step[part]), covariance=covariance[part, part])
+        return out
+
+    def sureness(at: list[Mirror]) -> np.ndarray:
+        """How far each mirror moves people, in units of what is left unsure."""
+        apart = [reflection_shift(person_before(mirrors[k]), at[k], mirrors[k]) for k in free]
+        return np.array([a / expected_error(at[k]) if a > 0.0 else 0.0 for a, k in zip(apart, free, strict=True)])
 
     def settled(seams: bool) -> list[Mirror] | None:
         """The mirrors where all evidence, or only skin that is read twice, wants them; None when that is not sure."""
-        step, at, costs, moving, seen, sewn = np.zeros(len(prior)), list(mirrors), [], patches, maps, mesh
+        step, at, costs, moving, seen, sewn = np.zeros(3 * len(free)), list(mirrors), [], patches, maps, mesh
+        proud = framed
         for turn in range(settings.rounds):
             pieces = skin_read_twice(seen)
             if seams:
-                pieces = pieces.and_also(seam_pieces(sewn, seen, settings.piece))
-            if len(pieces.gap) < settings.min_pieces:
+                pieces = seam_pieces(sewn, seen, settings.piece).and_also(pieces)
+            if len(pieces.gap) < max(settings.min_pieces, _FEWEST):
                 return None
             left = np.abs(pieces.step) / _noise(pieces)
             costs.append(np.log1p(left**2).mean())
-            rows = _moves(pieces, at, behind, column, len(prior))
-            change, covariance = _solve(pieces, rows, prior, step)
-            step = step + change
-            old, at = at, placed(step, covariance)
-            if turn == 0 and not doubted and surely(at) < _BEGUN * settings.sure:
-                return None
-            if turn == 0 and not _agreed(pieces, rows, prior):
+            rows = _moves(pieces, at, behind, column, len(step))
+            done, old = step, at
+            while True:
+                change, covariance = _solve(pieces, rows, prior(proud), done)
+                step = (done + change) * np.repeat(doubted | proud, 3)
+                at = placed(step, covariance, doubted | proud)
+                ahead = [-_depth(mirrors[k], at[k]) - glass_offset > _BEFORE for k in free]
+                flush = proud & ~doubted & (np.array(ahead) | (sureness(at) < _BEGUN * settings.sure))
+                if not flush.any():
+                    break
+                proud = proud & ~flush
+            if not (doubted | proud).any() or (turn == 0 and not _agreed(pieces, rows, prior(proud))):
                 return None
             if (np.abs(step.reshape(-1, 3)) > (settings.max_slope, settings.max_slope, settings.max_shift)).any():
                 return None
-            if turn == settings.rounds - 1 or np.abs(change).max() < _SETTLED:
+            if turn == settings.rounds - 1 or np.abs(step - done).max() < _SETTLED:
                 break
             motions = [reflection_matrix(new) @ reflection_matrix(m) for new, m in zip(at, old, strict=True)]
             moving, seen = move_views(moving, seen, behind, motions)
             sewn = join(moving, seen) if seams else sewn
-        if costs[-1] >= costs[0] or np.median(left) > _FITS or (not doubted and surely(at) < settings.sure):
+        if costs[-1] >= costs[0] or np.median(left) > _FITS:
             return None
-        return at
+        last = step - done
+        at = placed(step, covariance + np.outer(last, last), doubted | proud)  # what still changed is not settled
+        for k, sure in zip(free, doubted | (sureness(at) >= settings.sure), strict=True):
+            # no seam of its view told anything, or not enough
+            if not sure or reflection_shift(person_before(mirrors[k]), at[k], mirrors[k]) < _MOVED:
+                at[k] = mirrors[k]
+        return at if any(new is not old for new, old in zip(at, mirrors, strict=True)) else None
 
     # some cameras read silhouettes so badly that no seam fits: what they read twice may still do
     at = settled(seams=True) or settled(seams=False)
     if at is None:
         return list(mirrors), ()
     notes = []
-    for k in free:
-        apart = 1000.0 * reflection_shift(person_before(mirrors[k]), at[k], mirrors[k])
-        if apart < 1e-3:  # no seam of its view told anything
-            at[k] = mirrors[k]
-            continue
-        at[k] = with_reason(at[k], mirrors[k], "seams")
-        depth = 1000.0 * float((mirrors[k].point - at[k].point) @ at[k].normal)
-        notes.append(
-            f"{mirrors[k].name}: the seams between its reflection and the other views show a step; its plane was moved "
-            f"by {apart:.0f} mm at the person, as if its glass lay {abs(depth):.0f} mm "
-            f"{'behind' if depth > 0 else 'before'} the front of its frame"
-        )
+    for k, unsure in zip(free, doubted, strict=True):
+        if at[k] is not mirrors[k]:
+            apart = reflection_shift(person_before(mirrors[k]), at[k], mirrors[k])
+            notes.append(_note(mirrors[k], at[k], apart, unsure, glass_offset))
+            at[k] = with_reason(at[k], mirrors[k], "seams")
     return at, tuple(notes)
+
+
+def _depth(old: Mirror, new: Mirror) -> float:
+    """How far behind the middle of one mirror the plane of another lies [m]."""
+    middle = person_before(old).mean(axis=0) - 1.5 * old.normal
+    return float((middle - new.point) @ new.normal)
+
+
+def _note(old: Mirror, new: Mirror, apart: float, unsure: bool, glass_offset: float) -> str:
+    said = f"{old.name}: the seams between its reflection and the other views show a step; its plane"
+    by = f"was moved by {1000.0 * apart:.0f} mm at the person"
+    if unsure:
+        return f"{said}, which is not known well from what is seen of its frame, {by}"
+    depth = _depth(old, new)
+    if old.moved_by or 2.0 * abs(depth) < 0.7 * apart:  # it is not where its frame is; or it is turned above all
+        return f"{said} {by}"
+    depth += glass_offset
+    where = f"{1000.0 * abs(depth):.0f} mm {'behind' if depth > 0.0 else 'before'} the front of its frame"
+    return f"{said} {by}, as if its glass lay {where if abs(depth) > 5e-4 else 'level with its frame'}"
+
+
+def _movable(mirror: Mirror) -> bool:
+    known = mirror.covariance is not None and bool(np.isfinite(mirror.covariance).all())
+    return known and mirror.source in ("picked", "found")
+
+
+def _by_its_frame(mirror: Mirror) -> bool:
+    """It was placed by its frame, of which the glass may lie behind, and not by the figure in it alone."""
+    return mirror.refined or mirror.source == "picked"
+
+
+def _proper(covariance: np.ndarray) -> np.ndarray:
+    """The covariance made symmetric, with no direction surer than a fit can be, nor less sure than any mirror."""
+    values, axes = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    return (axes * np.clip(values, _SUREST**2, _LEAST_SURE**2)) @ axes.T
 
 
 def mirrored_views(maps: ViewMaps) -> np.ndarray:

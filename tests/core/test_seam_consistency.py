@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 from mirror_scan.core.agreement import expected_error
 from mirror_scan.core.linear import transform
-from mirror_scan.core.mirror import moved, plane_mirror, reflect, reflection_matrix
+from mirror_scan.core.mirror import (
+    moved,
+    person_before,
+    plane_mirror,
+    reflect,
+    reflection_matrix,
+    reflection_shift,
+)
 from mirror_scan.core.mirror_refinement import JointSettings
 from mirror_scan.core.overlap import part_overlaps, view_maps
 from mirror_scan.core.pipeline import Clock, Settings, reconstruct, scan_steps
@@ -17,6 +24,7 @@ from mirror_scan.core.seam_consistency import (
     SeamSettings,
     _moves,
     _noise,
+    _note,
     _solve,
     align_seams,
     mirrored_views,
@@ -77,6 +85,103 @@ def test_a_proud_frame_shows_in_the_seams(person, sensor):
     assert after.report["mesh"]["watertight"] and after.report["mirrors"][0]["moved_by"] == ["seams"]
     gaps = [sum(s["mean_gap_mm"] * s["length_m"] for s in made.report["seams"]) for made in (before, after)]
     assert gaps[1] != gaps[0], "zippered anew"
+
+
+@pytest.mark.parametrize("sensor", ["kinect_v1", "ideal"])
+def test_a_flush_frame_beside_a_proud_one_stays(person, sensor):
+    """It is not dragged along, and then the other comes nearer than if both had to be solved for."""
+    rig = default_rig(sensor, frames=8, seed=3)
+    rig = replace(rig, mirrors=(replace(rig.mirrors[0], frame_depth=0.016), rig.mirrors[1]))
+    simulation = simulate(person, rig)
+    scan = scanned(simulation.capture, simulation.capture.mirrors)
+    after, notes = aligned(scan, scan.mirrors)
+    wrong, right = misplaced(scan.mirrors, simulation), misplaced(after, simulation)
+    assert wrong[0] > 0.03 and wrong[1] < 0.003
+    assert after[1] is scan.mirrors[1] and len(notes) == 1 and notes[0].startswith(scan.mirrors[0].name)
+    assert right[0] < 0.25 * wrong[0] and right[0] < 2.0 * expected_error(after[0]), (wrong, right)
+
+
+def test_notes_tell_the_depth_of_the_glass_from_the_front_of_the_frame():
+    """With what was taken for it already, on either side, wherever on its plane the mirror has its point."""
+    old = plane_mirror("left", np.array((-0.8, 0.0, 3.4)), np.array((0.5, 0.0, -0.85)))
+    old = replace(old, source="picked", rectangle=np.array(((-0.1, 0.7), (-0.9, 0.9))))
+
+    def note(step, taken=0.0, unsure=False, old=old):
+        new = moved(old, np.array(step))
+        return _note(old, new, reflection_shift(person_before(old), new, old), unsure, taken)
+
+    assert "moved by 30 mm at the person, as if its glass lay 15 mm behind the front" in note((0.0, 0.0, -0.015))
+    assert "lay 15 mm before the front of its frame" in note((0.0, 0.0, 0.015))
+    assert "lay 25 mm behind the front of its frame" in note((0.0, 0.0, -0.015), 0.01)
+    assert "lay 5 mm behind the front of its frame" in note((0.0, 0.0, 0.015), 0.02)
+    assert "lay level with its frame" in note((0.0, 0.0, 0.0152), 0.015)
+    turned = note((0.004, 0.0, -0.015))  # its middle is 0.3 m aside
+    assert f"lay {1000 * (0.015 - 0.3 * 0.004):.0f} mm behind" in turned
+    assert note((0.01, 0.0, -0.001)).endswith("at the person"), "turned above all"
+    assert "not known well" in (text := note((0.0, 0.0, -0.015), unsure=True)) and "as if" not in text
+    assert "as if" not in note((0.0, 0.0, -0.015), old=replace(old, moved_by=("reflections",)))
+
+
+def test_no_glass_lies_clear_before_its_frame(simulated):
+    """Unless it was taken to lie too far behind."""
+    simulation = simulated("ideal")
+    placed = scanned(simulation.capture).mirrors
+    off = [replace(moved(m, np.array((0.0, 0.0, -0.01))), source="rig file") for m in placed]
+    scan = scanned(simulation.capture, off)
+    off = [replace(m, source="picked", moved_by=()) for m in off]
+
+    def after(taken):
+        return align_seams(
+            off, scan.patches, scan.maps, joined(scan), lambda p, m: joined(scan, p, m), None, taken
+        )  # fmt: skip
+
+    assert after(0.0) == (off, ())
+    mirrors, notes = after(0.012)
+    assert notes and (misplaced(mirrors, simulation) < 0.6 * misplaced(off, simulation)).all(), notes
+
+
+@pytest.mark.parametrize("make", [
+    lambda c: np.zeros((3, 3)),
+    lambda c: -c,
+    lambda c: c - np.diag((0.0, 0.0, 2.0 * c[2, 2])),
+    lambda c: 1e-30 * c,
+    lambda c: 1e30 * np.eye(3),
+    lambda c: np.diag((0.0, 1e12, 0.0)),
+    lambda c: np.ones((3, 3)),
+    lambda c: np.full((3, 3), np.nan),
+    lambda c: np.diag((np.inf, 1e-6, 1e-6)),
+    lambda c: None,
+], ids=["zero", "negative", "indefinite", "tiny", "huge", "flat", "singular", "nan", "inf", "none"])  # fmt: skip
+def test_any_covariance_will_do(simulated, make):
+    scan = scanned(simulated("kinect_v1").capture)
+    odd = [replace(scan.mirrors[0], covariance=make(scan.mirrors[0].covariance)), scan.mirrors[1]]
+    with np.errstate(all="raise", under="ignore"):
+        after, _ = aligned(scan, odd)
+    assert after[1] is scan.mirrors[1]
+    shift = np.linalg.norm(after[0].point - odd[0].point)
+    assert shift < 0.03 and (after[0] is odd[0] or np.linalg.eigvalsh(after[0].covariance).min() > 0.0)
+
+
+def test_views_that_see_nothing_and_hardly_any_pieces(simulated):
+    scan = scanned(simulated("kinect_v1").capture)
+    off = [replace(moved(m, np.array((0, 0, 0.012))), source="picked") for m in scan.mirrors]
+    labels = np.where(scan.maps.labels == 2, -1, scan.maps.labels)
+    empty = replace(
+        scan.patches[2], **{f: getattr(scan.patches[2], f)[:0] for f in ("vertices", "triangles", "colors", "view",
+                                                                       "kind")})  # fmt: skip
+    blind = replace(scan, patches=[*scan.patches[:2], empty], maps=replace(scan.maps, labels=labels))
+    after, notes = aligned(blind, off)
+    assert after[1] is off[1] and not any(note.startswith(off[1].name) for note in notes)
+    nobody = replace(scan.maps, labels=np.full_like(labels, -1))
+    assert align_seams(off, scan.patches, nobody, joined(scan), None) == (off, ())
+    assert len(skin_read_twice(nobody).step) == 0
+    # the least that can be halved, and fewer
+    mesh = joined(scan)
+    for keep in (0, 6, 40, 90):
+        few = replace(mesh, kind=np.where(np.cumsum(mesh.kind == 1) <= keep, mesh.kind, 0).astype(np.int8))
+        any_number = SeamSettings(min_pieces=0)
+        after, _ = align_seams(off, scan.patches, scan.maps, few, lambda p, m, few=few: few, any_number)
+        assert len(after) == 2
 
 
 @pytest.mark.parametrize("sensor", ["kinect_v1", "azure_kinect", "realsense_d455", "ideal"])
