@@ -387,13 +387,11 @@ def skin_read_twice(maps: ViewMaps, least: int = 12) -> SeamPieces:
     -----
     O(pixels of the subject).
     """
-    low, high, normal, views = _twice_kernel(
+    low, high, normal, step, views = _twice_kernel(
         maps.depth, maps.labels, maps.normals, maps.to_view, np.linalg.inv(maps.to_view), maps.lens, least
     )
-    normal = _unit(normal)
-    step = ((high - low) * normal).sum(axis=1)
     none = np.zeros(len(step))
-    return SeamPieces(low, high, views, normal, step, none, none, np.ones(len(step), np.bool_))
+    return SeamPieces(low, high, views, _unit(normal), step, none, none, np.ones(len(step), np.bool_))
 
 
 def _sight(points: np.ndarray, views: np.ndarray, maps: ViewMaps) -> np.ndarray:
@@ -522,14 +520,15 @@ def _ends_kernel(points, view, depth, labels, normals, to_view, lens, window):
 @njit(cache=True, nogil=True)
 def _twice_kernel(depth, labels, normals, to_view, from_view, lens, least):
     """Means over blocks of pixels of a view and over what a later view reads of the same skin: both places (K, 3), the
-    sums of both normals (K, 3), and the views (K, 2)."""
+    sums of both normals (K, 3), how far the latter lies before the former along these (K,), and the views (K, 2)."""
     height, width = depth.shape
     count = len(to_view)
     rows, columns = (height + _BLOCK - 1) // _BLOCK, (width + _BLOCK - 1) // _BLOCK
     room = rows * columns * count
-    low, high, facing = np.empty((room, 3)), np.empty((room, 3)), np.empty((room, 3))
+    low, high, normal = np.empty((room, 3)), np.empty((room, 3)), np.empty((room, 3))
+    steps = np.empty(room)
     views = np.empty((room, 2), np.int64)
-    sums, number = np.empty((count, count, 9)), np.empty((count, count), np.int64)
+    sums, number = np.empty((count, count, 10)), np.empty((count, count), np.int64)
     p, laid = np.empty(3), np.empty(3)
     n = 0
     for block in range(rows * columns):
@@ -565,20 +564,27 @@ def _twice_kernel(depth, labels, normals, to_view, from_view, lens, least):
                         continue
                     x, y = (column - lens[b, 2]) / lens[b, 0] * other, (row - lens[b, 3]) / lens[b, 1] * other
                     number[a, b] += 1
+                    ahead, size = 0.0, 0.0
                     for r in range(3):
-                        sums[a, b, r] += p[r]
-                        sums[a, b, 3 + r] += (
+                        q = (
                             from_view[b, r, 0] * x + from_view[b, r, 1] * y + from_view[b, r, 2] * other
                             + from_view[b, r, 3]
                         )  # fmt: skip
-                        sums[a, b, 6 + r] += normals[v, u, r] + normals[row, column, r]
+                        facing = normals[v, u, r] + normals[row, column, r]
+                        ahead += (q - p[r]) * facing
+                        size += facing * facing
+                        sums[a, b, r] += p[r]
+                        sums[a, b, 3 + r] += q
+                        sums[a, b, 6 + r] += facing
+                    sums[a, b, 9] += ahead / np.sqrt(size)
         for a in range(count):
             for b in range(a + 1, count):
                 if number[a, b] < least:
                     continue
                 for r in range(3):
                     low[n, r], high[n, r] = sums[a, b, r] / number[a, b], sums[a, b, 3 + r] / number[a, b]
-                    facing[n, r] = sums[a, b, 6 + r]
+                    normal[n, r] = sums[a, b, 6 + r]
+                steps[n] = sums[a, b, 9] / number[a, b]
                 views[n, 0], views[n, 1] = a, b
                 n += 1
-    return low[:n], high[:n], facing[:n], views[:n]
+    return low[:n], high[:n], normal[:n], steps[:n], views[:n]
