@@ -223,16 +223,24 @@ def _depth(old: Mirror, new: Mirror) -> float:
 
 
 def _note(old: Mirror, new: Mirror, apart: float, unsure: bool, glass_offset: float) -> str:
-    said = f"{old.name}: the seams between its reflection and the other views show a step; its plane"
-    by = f"was moved by {1000.0 * apart:.0f} mm at the person"
-    if unsure:
-        return f"{said}, which is not known well from what is seen of its frame, {by}"
+    """What the user is told of a move by ``apart`` [m] at a person; from where the glass was taken to be."""
     depth = _depth(old, new)
+    if unsure:
+        return (
+            f"{old.name}: the seams between its reflection and the other views show a step; its plane, which is not "
+            f"known well from what is seen of its frame, was moved by {1000.0 * apart:.0f} mm at the person"
+        )
     if old.moved_by or 2.0 * abs(depth) < 0.7 * apart:  # it is not where its frame is; or it is turned above all
-        return f"{said} {by}"
+        return (
+            f"{old.name}: the seams between its reflection and the other views show a step; its plane was moved by "
+            f"{1000.0 * apart:.0f} mm at the person"
+        )
     depth += glass_offset
-    where = f"{1000.0 * abs(depth):.0f} mm {'behind' if depth > 0.0 else 'before'} the front of its frame"
-    return f"{said} {by}, as if its glass lay {where if abs(depth) > 5e-4 else 'level with its frame'}"
+    return (
+        f"{old.name}: the seams between its reflection and the other views show a step; its plane was moved by "
+        f"{1000.0 * apart:.0f} mm at the person, as if its glass lay {1000.0 * abs(depth):.0f} mm "
+        f"{'behind' if depth > 0.0 else 'before'} the front of its frame"
+    )
 
 
 def _movable(mirror: Mirror) -> bool:
