@@ -22,7 +22,7 @@ from .scenes import Scene, scenes
 RUNS = 7
 PEER_EVERY = 3
 """The peer is slower; it takes its turn in every third round only."""
-STAGES = ("depth", "mirrors", "views", "smoothing", "triangulation", "overlap", "zippering", "closing")
+STAGES = ("depth", "mirrors", "views", "smoothing", "triangulation", "overlap", "zippering", "seams", "closing")
 MAX_MS, MAX_SURFACE_MS, MIN_RATIO, MAX_MB = 300.0, 80.0, 5.0, 500.0
 SMALL = (480, 640)
 ROOT = Path(__file__).resolve().parents[1]
