@@ -78,6 +78,7 @@ _STEP, _BEND = 0.003, 0.25  # noise of a piece's step: of itself [m], and as a s
 _SHARED = 2.0  # neighbouring pieces share so much of their errors that this many count as one
 _BIAS, _UNEVEN = 0.002, 0.2  # what all steps between two views may have in common [m], and as a share of gap and bend
 _SETTLED = 5e-4  # of slopes [rad] and shifts [m]
+_CHANCE = 0.1  # so few steps may be larger than their noise: then there is nothing to gain
 _FITS = 1.5  # times their noise: by more the steps must not be off in the end, else it is not the mirrors
 _BEGUN = 0.6  # of what makes a step sure, each round must show
 _BEFORE = 0.004  # so far a glass may lie before the front of its frame: stuck onto a board [m]
@@ -172,6 +173,8 @@ def align_seams(
             if len(pieces.gap) < max(settings.min_pieces, _FEWEST):
                 return None
             left = np.abs(pieces.step) / _noise(pieces)
+            if turn == 0 and not doubted.any() and np.mean(left > 1.0) < _CHANCE:
+                return None
             costs.append(np.log1p(left**2).mean())
             rows = _moves(pieces, at, behind, column, len(step))
             done, old = step, at
