@@ -114,9 +114,7 @@ def _memory() -> tuple[Table, Finding]:
     return table, Finding(limit, text, peaks[worst] < MAX_MB)
 
 
-def _findings(
-    totals: dict[str, float | None], surfaces: dict[str, float], ratios: dict[str, float]
-) -> list[Finding]:
+def _findings(totals: dict[str, float | None], surfaces: dict[str, float], ratios: dict[str, float]) -> list[Finding]:
     small = [s.name for s in scenes() if s.capture.depth.shape[1:] == SMALL]
     slow = [name for name in small if totals[name] is None or totals[name] >= MAX_MS]
     text = ", ".join(f"{name} {number(totals[name], 0)}" for name in small) + " ms"

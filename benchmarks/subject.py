@@ -105,9 +105,7 @@ def run() -> Result:
             depth, mirrors = prepared(simulation)
             lens = simulation.capture.intrinsics
             try:
-                spent, views = medians(
-                    {"": lambda d=depth, m=mirrors, k=lens, s=settings: find_subject(d, k, m, s)}, 3
-                )
+                spent, views = medians({"": lambda d=depth, m=mirrors, k=lens, s=settings: find_subject(d, k, m, s)}, 3)
             except MirrorScanError as error:
                 failed.append(f"{sensor}, {name}: {error}")
                 table.rows.append((sensor, name, "failed", *["–"] * 5))

@@ -360,8 +360,15 @@ def _raycast_some(bvh, origins, directions, t_max, first, last, t, triangle, bar
     stack = np.empty(STACK, dtype=np.int32)
     for i in range(first, last):
         t[i], triangle[i], barycentric[i, 0], barycentric[i, 1] = raycast_one(
-            bvh, origins[i, 0], origins[i, 1], origins[i, 2],
-            directions[i, 0], directions[i, 1], directions[i, 2], t_max, stack,
+            bvh,
+            origins[i, 0],
+            origins[i, 1],
+            origins[i, 2],
+            directions[i, 0],
+            directions[i, 1],
+            directions[i, 2],
+            t_max,
+            stack,
         )
 
 

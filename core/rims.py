@@ -246,9 +246,7 @@ def _on_line(lines: np.ndarray, v: np.ndarray, u: np.ndarray) -> bool:
     return bool(near.sum() > _ALONG * len(v))
 
 
-def _pieces(
-    rows, columns, disparity, chain, settings, focal, lines
-) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def _pieces(rows, columns, disparity, chain, settings, focal, lines) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     order = np.argsort(chain, kind="stable")  # pixels are in the order of their rows
     rows, columns, disparity, chain = rows[order], columns[order], disparity[order], chain[order]
     bounds = np.flatnonzero(np.diff(chain, prepend=-1, append=chain[-1] + 1))

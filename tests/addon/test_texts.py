@@ -15,6 +15,7 @@ ELSEWHERE = {"tasks.py", "worker.py", "compiling.py", "bridging.py", "command.py
 
 ERRORS = {"MirrorScanError", "CaptureError", "MirrorError", "OutputError"}
 
+
 def sources():
     return [path for path in sorted(ROOT.rglob("*.py")) if path.name not in ELSEWHERE]
 

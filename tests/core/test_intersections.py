@@ -10,6 +10,8 @@ from mirror_scan.core.intersections import self_intersections
 
 trimesh = pytest.importorskip("trimesh")
 BODIES = Path(__file__).resolve().parents[3] / "shared" / "data" / "bodies"
+
+
 def arrays(mesh):
     return np.ascontiguousarray(mesh.vertices, np.float64), np.ascontiguousarray(mesh.faces, np.int32)
 

@@ -278,7 +278,6 @@ def test_frameless_mirrors(person, sensor):
         assert (np.abs(np.ptp(mirror.rectangle, axis=1) - (0.8, 1.75)) < 0.08).all(), "the wall is no frame"
 
 
-
 @pytest.mark.parametrize("sensor", ["azure_kinect", "realsense_d455", "kinect_v1"])
 def test_frameless_mirrors_clear_of_any_wall(person, sensor):
     """Nothing is at their plane; the figure seen twice tells it, as far as the sensor sees skin both ways. Of the first
