@@ -8,7 +8,6 @@ import numpy as np
 from numba import njit
 
 from .errors import MirrorScanError
-from .linear import transform
 
 SURFACE, SEAM, FILL = 0, 1, 2
 KIND_NAMES = ("surface", "seam", "fill")
@@ -40,6 +39,8 @@ class Mesh:
 
     def transformed(self, matrix: np.ndarray) -> Mesh:
         """The mesh moved by a rigid or similarity ``matrix`` (4, 4)."""
+        from .linear import transform  # here: to name a mesh must not cost the import of numba
+
         return replace(self, vertices=transform(self.vertices, matrix))
 
 
