@@ -51,7 +51,8 @@ SHEET = 8
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one method made of a scene: :func:`evaluate`'s ``score`` and :func:`mesh_report`'s ``sound``.
+    """What one method made of a scene: :func:`.metrics.evaluate`'s ``score`` and :func:`.metrics.mesh_report`'s
+    ``sound``.
 
     ``crossing``: faces that run through others, by MeshLab, which ``../shared/tools/score.py`` asks; by core's own
     count where it is not installed.

@@ -83,7 +83,7 @@ def recipes(numbers: tuple[int, ...] | None = None) -> Iterator[Recipe]:
 
 
 def make(recipe: Recipe) -> Simulation:
-    """The virtual snapshot; its picks miss the frames by up to 0.7 px, as :func:`simulate` writes them."""
+    """The virtual snapshot; its picks miss the frames by up to 0.7 px, as :func:`.simulate.simulate` writes them."""
     return simulate(_body(recipe), recipe.rig)
 
 

@@ -29,7 +29,8 @@ PAPER = "The paper (5.1): mean 2.08 mm, max 12.9 mm between a mirrored and a dir
 
 @dataclass(frozen=True)
 class Surface:
-    """One program's result for one scene: ``score`` as of :func:`evaluate`, ``sound`` as of :func:`mesh_report`.
+    """One program's result for one scene: ``score`` as of :func:`.metrics.evaluate`, ``sound`` as of
+    :func:`.metrics.mesh_report`.
 
     ``turned``: see :func:`turned_inward`; of peers only.
     """

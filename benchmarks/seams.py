@@ -12,9 +12,9 @@ from mirror_scan.core.boundary import boundary_of
 from mirror_scan.core.bvh import build_bvh, closest_point
 from mirror_scan.core.closing import close_mesh
 from mirror_scan.core.errors import MirrorScanError
-from mirror_scan.core.linear import transform
 from mirror_scan.core.mesh import SEAM, Mesh, merge, open_edges
 from mirror_scan.core.metrics import rigid_alignment, sample_surface
+from mirror_scan.core.numeric.point_products import transform
 from mirror_scan.core.overlap import part_overlaps
 from mirror_scan.core.pipeline import Clock, Settings, finish, scan_steps
 from mirror_scan.core.zippering import zip_patches

@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit
 
 from .camera import Intrinsics, project, unproject
-from .linear import dot
 from .mirror import Mirror, moved, person_before, reflect, reflection_matrix, reflection_moves, with_reason
+from .numeric.point_products import dot
 from .views import Views, sort_rays
 
 

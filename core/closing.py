@@ -10,7 +10,6 @@ from .bulging import bulge, rim_marks
 from .fairing import fair
 from .filling import fill_loops
 from .freespace import reach_before_empty
-from .linear import dot
 from .mesh import (
     FILL,
     Mesh,
@@ -26,9 +25,10 @@ from .mesh import (
     remove_bowties,
     twins,
 )
+from .numeric.point_products import dot
+from .numeric.threads import each
 from .overlap import ViewMaps, reading_noise
 from .refinement import edge_length_at_vertices, refine
-from .threads import each
 from .untangling import untangle
 
 _TIMES_HELD = 4  # what is held back pushes its surroundings

@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from .dtw import Warping, dtw
-from .linear import dot
+from .numeric.point_products import dot
 
 _ENOUGH = 120  # vertices of a chain that tell which other it belongs to
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .cholesky import elimination_order, solve_squares
+from .numeric.sparse_least_squares import elimination_order, solve_squares
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -66,7 +66,7 @@ def fair(
     Returns
     -------
     np.ndarray [shape=(V, 3)]
-        Time and memory as :func:`.cholesky.solve_squares` says.
+        Time and memory as :func:`.sparse_least_squares.solve_squares` says.
     """
     free = np.isfinite(stiffness)
     if not free.any():
@@ -121,8 +121,8 @@ def _surroundings(triangles, free):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _system_kernel(p, start, heads, free, stiffness, rows, stretch, target):
-    """What :func:`.cholesky.solve_squares` takes to move the ``free`` vertices: their numbers, which of them are
-    neighbours (CSR), and rows of L, stiffness² and right side. Rows of L are those where ``rows`` holds."""
+    """What :func:`.sparse_least_squares.solve_squares` takes to move the ``free`` vertices: their numbers, which of
+    them are neighbours (CSR), and rows of L, stiffness² and right side. Rows of L are those where ``rows`` holds."""
     count = len(p)
     unknown = np.flatnonzero(free)
     number = np.full(count, -1, np.int32)

@@ -10,8 +10,8 @@ from numba import njit
 from .agreement import expected_error
 from .camera import Intrinsics
 from .ground import find_ground, vertical
-from .linear import dot, lay_grid
 from .mirror import Mirror, moved, person_before, reflect, reflection_matrix, reflection_moves, with_reason
+from .numeric.point_products import dot, lay_grid
 from .views import sort_rays
 
 

@@ -18,7 +18,6 @@ from numba import njit
 from .agreement import Surfaces, expected_error, meetings, noise_of, surfaces
 from .camera import Intrinsics, project
 from .ground import find_floor
-from .linear import dot, lay_grid
 from .mirror import (
     Mirror,
     at_border,
@@ -31,6 +30,7 @@ from .mirror import (
     reflection_moves,
     reflection_shift,
 )
+from .numeric.point_products import dot, lay_grid
 
 _UP = np.array((0.0, -1.0, 0.0))
 _CLEAR = 0.3  # above the floor things begin [m]: a mirror that leans lifts the floor it shows

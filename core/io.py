@@ -25,7 +25,7 @@ MAX_HEADER_BYTES = 1 << 16
 def write_mesh(path: str | os.PathLike, mesh: Mesh) -> None:
     """Write ``mesh`` as .ply (binary), .obj (with vertex colours) or .stl (binary, geometry only), by suffix.
 
-    PLY holds all a :class:`Mesh` has: ``red green blue`` (uchar) and ``view`` (char) per vertex, ``kind`` (uchar)
+    PLY holds all a :class:`.mesh.Mesh` has: ``red green blue`` (uchar) and ``view`` (char) per vertex, ``kind`` (uchar)
     per face. Coordinates are float32 in PLY and STL (0.1 µm at 2 m), micrometres in OBJ.
 
     Raises

@@ -9,7 +9,7 @@ from numba import njit, prange
 from .boundary import Boundary
 from .dtw import warp
 from .freespace import bridge_is_free
-from .linear import dot
+from .numeric.point_products import dot
 from .overlap import ViewMaps
 from .weaving import Candidates
 

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from .errors import MirrorScanError
+from .numeric.union_find import root_of
 
 SURFACE, SEAM, FILL = 0, 1, 2
 KIND_NAMES = ("surface", "seam", "fill")
@@ -39,7 +40,7 @@ class Mesh:
 
     def transformed(self, matrix: np.ndarray) -> Mesh:
         """The mesh moved by a rigid or similarity ``matrix`` (4, 4)."""
-        from .linear import transform  # here: to name a mesh must not cost the import of numba
+        from .numeric.point_products import transform  # here: to name a mesh must not cost the import of numba
 
         return replace(self, vertices=transform(self.vertices, matrix))
 
@@ -288,15 +289,6 @@ def _loops_kernel(edges, vertex_count):
 def triangle_components(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, int]:
     """Component (T,) int32 of each triangle, connected over shared edges, and how many there are."""
     return components_of(twins(triangles, vertex_count), len(triangles))
-
-
-@njit(cache=True, nogil=True)
-def root_of(parent: np.ndarray, i: int) -> int:
-    """Root of ``i`` in a union-find forest, halving the path to it."""
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
 
 
 @njit(cache=True, nogil=True)

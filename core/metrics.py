@@ -14,7 +14,8 @@ from numba import njit
 from .bvh import Bvh, build_bvh, closest_point
 from .errors import MirrorScanError
 from .intersections import self_intersections
-from .mesh import Mesh, edge_keys, root_of, triangle_normals
+from .mesh import Mesh, edge_keys, triangle_normals
+from .numeric.union_find import root_of
 
 ALIGNMENT_REACH = (0.08, 0.03, 0.015)
 """Radii [m] within which :func:`rigid_alignment` pairs points, coarse to fine."""

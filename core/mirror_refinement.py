@@ -22,7 +22,7 @@ from .mirror import (
     reflection_moves,
     with_reason,
 )
-from .threads import each
+from .numeric.threads import each
 
 
 def fit_frame(

@@ -14,10 +14,10 @@ from numba import njit
 from .camera import Intrinsics
 from .clipping import clip, distance_to_zero, smooth_on_mesh, trim_outline
 from .freespace import clear_depth, in_view_frame
-from .linear import transform
 from .mesh import Mesh, triangles_touching, vertex_normals
 from .mirror import Mirror, reflection_matrix
-from .threads import each
+from .numeric.point_products import transform
+from .numeric.threads import each
 from .triangulation import clean_patch
 
 

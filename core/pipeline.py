@@ -17,20 +17,21 @@ from .depth import DepthSettings, fuse_burst, remove_flying_pixels
 from .errors import MirrorError, PicksDisagreeError, ReconstructionError
 from .floor_refinement import FloorSettings, level_floor
 from .frameless import frameless_notes
-from .linear import transform
 from .mesh import FILL, SEAM, Mesh
 from .metrics import mesh_report
 from .mirror import Mirror, MirrorSettings, place_mirror, reflection_matrix
-from .mirror_detection import DetectionSettings, contradicted, find_better_at, find_mirror_at, find_mirrors
+from .mirror_detection import contradicted, find_better_at, find_mirror_at, find_mirrors
 from .mirror_refinement import JointSettings, align_reflections
+from .numeric.point_products import transform
+from .numeric.threads import each
 from .overlap import OverlapSettings, ViewMaps, part_overlaps, view_maps
 from .rig_file import moved_warnings
+from .rims import DetectionSettings
 from .scene_check import check_agreement, check_scene, quoted
 from .seam_consistency import SeamSettings, align_seams, mirrored_views, move_views
 from .sensors import NoiseModel
 from .stillness import BurstNoise, burst_noise
 from .subject import find_subject
-from .threads import each
 from .triangulation import TriangulationSettings, triangulate_view
 from .views import Views, ViewSettings
 from .weaving import Seam

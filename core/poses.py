@@ -12,20 +12,10 @@ import numpy as np
 
 from .capture import Capture, FrameChoice, MirrorPicks, ReadOptions, open_capture
 from .errors import CaptureError, ReconstructionError
-from .linear import transform
 from .mirror import Mirror
+from .numeric.point_products import transform
 from .overlap import stack_maps
-from .pipeline import (
-    Clock,
-    Progress,
-    Reconstruction,
-    Scan,
-    Settings,
-    check_frame,
-    finish,
-    joining_steps,
-    scan_steps,
-)
+from .pipeline import Clock, Progress, Reconstruction, Scan, Settings, check_frame, finish, joining_steps, scan_steps
 
 POSES_FILE = "poses.json"
 

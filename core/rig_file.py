@@ -32,8 +32,9 @@ from .mirror import (
     plane_mirror,
     reflection_shift,
 )
-from .mirror_detection import DetectionSettings, circumference, find_mirrors
+from .mirror_detection import circumference, find_mirrors
 from .mirror_refinement import JointSettings, align_reflections, fit_frame
+from .rims import DetectionSettings
 
 FORMAT, VERSION = "mirror-scan rig", 1
 MAX_BYTES = 1_000_000

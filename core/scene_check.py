@@ -15,8 +15,8 @@ import numpy as np
 from .agreement import disagreements
 from .camera import Intrinsics, project
 from .ground import leans
-from .linear import dot, transform
 from .mirror import Mirror, on_wall, reflection_matrix
+from .numeric.point_products import dot, transform
 from .sensors import NoiseModel
 from .subject import rig_axis, visible_middle
 from .views import Views, glass_corners

@@ -15,7 +15,6 @@ import numpy as np
 from numba import njit
 
 from .agreement import expected_error
-from .linear import transform
 from .mesh import SEAM, Mesh
 from .mirror import (
     Mirror,
@@ -27,6 +26,7 @@ from .mirror import (
     reflection_shift,
     with_reason,
 )
+from .numeric.point_products import transform
 from .overlap import ViewMaps
 
 

@@ -10,9 +10,9 @@ from .errors import ReconstructionError
 from .floor_parting import NEAR_FLOOR, ROW, share_of_feet, standing_pixels
 from .ground import find_ground
 from .hidden_pieces import pieces_behind
-from .linear import dot
-from .mesh import root_of
 from .mirror import Mirror, reflect
+from .numeric.point_products import dot
+from .numeric.union_find import root_of
 from .things import find_support, gather_pieces
 from .views import Views, ViewSettings, sort_rays
 
@@ -345,10 +345,10 @@ def _floor_of_views(
     """The floor as these views see it about the subject, how noisy it is, and how much of it there is beside feet.
 
     A mirror's plane is off by a little, and by twice that the floor in it; a longer path is noisier. So each view has
-    its own plane (views, 4), n·p = d [m], noise (views,) [m] and :func:`.share_of_feet` (views,) [1/m]. ``middle``:
-    where the subject stands. ``apart``: there is more of the floor than what is under the subject; else it is looked
-    for up to ``outer`` from there. Last, how rough a view of it may be: as given, or, where the direct view is one of
-    them, as that tells.
+    its own plane (views, 4), n·p = d [m], noise (views,) [m] and :func:`.floor_parting.share_of_feet` (views,) [1/m].
+    ``middle``: where the subject stands. ``apart``: there is more of the floor than what is under the subject; else it
+    is looked for up to ``outer`` from there. Last, how rough a view of it may be: as given, or, where the direct view
+    is one of them, as that tells.
     """
     planes = np.zeros((len(views), 4))
     planes[:, :3], planes[:, 3] = up, -np.inf if floor is None else floor

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .linear import dot
+from .numeric.point_products import dot
 
 _CELL = 0.025  # of the plan [m]
 _LEVEL = 0.03  # a level surface's readings are within this of it [m]

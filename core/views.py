@@ -95,7 +95,7 @@ def glass_corners(mirror: Mirror) -> np.ndarray | None:
 
 
 def glass_of_outline(mirror: Mirror, pixels: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
-    """What an outline drawn in the image (K, 2) [px] is on the mirror: :attr:`.Mirror.polygon` [m]."""
+    """What an outline drawn in the image (K, 2) [px] is on the mirror: :attr:`.mirror.Mirror.polygon` [m]."""
     k, pixels = intrinsics, np.asarray(pixels, dtype=np.float64)
     rays = np.column_stack(((pixels[:, 0] - k.cx) / k.fx, (pixels[:, 1] - k.cy) / k.fy, np.ones(len(pixels))))
     on = rays * ((mirror.normal @ mirror.point) / (rays * mirror.normal).sum(axis=1))[:, None]

@@ -8,7 +8,8 @@ import numpy as np
 from numba import njit
 
 from .boundary import Boundary
-from .mesh import SEAM, Mesh, root_of
+from .mesh import SEAM, Mesh
+from .numeric.union_find import root_of
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from .coronal import match_chains, outer_chains, solidity
 from .errors import MirrorScanError
 from .filling import fill_loops
 from .freespace import bridge_is_free
-from .linear import dot
 from .matching import find_partners, warp_runs
 from .mesh import (
     Mesh,
@@ -26,6 +25,7 @@ from .mesh import (
     triangles_touching,
     twins,
 )
+from .numeric.point_products import dot
 from .overlap import ViewMaps
 from .weaving import Candidates, Seam, begin_weave, weave_seams
 

@@ -120,8 +120,8 @@ class JobOperator:
 
     ``execute`` (scripts, background) runs the job to its end. ``invoke`` (a click) runs it beside the window, with
     progress in the status bar and the panel, until it is done or Esc is pressed. Only :meth:`finish` changes the file,
-    so what is cancelled or fails leaves it as it was. A :class:`MirrorScanError` becomes a report; any other error
-    propagates.
+    so what is cancelled or fails leaves it as it was. A :class:`.errors.MirrorScanError` becomes a report; any other
+    error propagates.
     """
 
     _worker: remote.Errand | Thread | None = None
@@ -131,11 +131,11 @@ class JobOperator:
     _shown = 0.0  # when progress was drawn last
 
     def start(self, context: bpy.types.Context) -> Task:
-        """Check the input and say what to do; raises :class:`MirrorScanError`."""
+        """Check the input and say what to do; raises :class:`.errors.MirrorScanError`."""
         raise NotImplementedError
 
     def finish(self, context: bpy.types.Context, scene: bpy.types.Scene, result: object) -> None:
-        """Put the result into ``scene``; raises :class:`MirrorScanError`."""
+        """Put the result into ``scene``; raises :class:`.errors.MirrorScanError`."""
         raise NotImplementedError
 
     def execute(self, context: bpy.types.Context) -> set[str]:

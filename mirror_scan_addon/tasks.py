@@ -1,6 +1,6 @@
 """The jobs that take long, as generator functions that need no bpy: any process may run them (:mod:`.remote`).
 
-They take and give plain values, arrays and :class:`core.camera.Intrinsics`, so that handing them over imports nothing
+They take and give plain values, arrays and :class:`.camera.Intrinsics`, so that handing them over imports nothing
 heavy: numba stays out of Blender's window. Mirrors go as *records*, the plain form :mod:`.state` keeps in a scene:
 ``{"name", "picks", "source", "plane", "residual_mm", "message"}``.
 """
@@ -24,6 +24,7 @@ from ..core.palette import depth_colors
 if TYPE_CHECKING:
     from ..core.capture import Capture
     from ..core.mirror import Mirror
+
 
 Result = TypeVar("Result")
 Steps = Generator[tuple[float, str], None, Result]
@@ -103,7 +104,7 @@ class Subject:
 
 @dataclass(frozen=True)
 class Surface:
-    """The arrays of a :class:`core.mesh.Mesh`, without what it imports."""
+    """The arrays of a :class:`.mesh.Mesh`, without what it imports."""
 
     vertices: np.ndarray
     triangles: np.ndarray
@@ -124,7 +125,7 @@ class Built:
 
 @dataclass(frozen=True)
 class Checked:
-    """What a mesh is (:func:`core.metrics.mesh_report`) and its problems, as plain dicts."""
+    """What a mesh is (:func:`.metrics.mesh_report`) and its problems, as plain dicts."""
 
     report: dict
     problems: list[dict]

@@ -88,7 +88,7 @@ def read_limited(path: Path, limit: int) -> bytes:
 
 
 def image_in(data: bytes | memoryview, path: Path, what: str, suffix: str = ".jpg") -> np.ndarray:
-    """Pixels of an image file held inside ``path``, as :func:`..images.read_image` gives them."""
+    """Pixels of an image file held inside ``path``, as :func:`.images.read_image` gives them."""
     with tempfile.TemporaryDirectory(prefix="mirror_scan_") as folder:
         inner = Path(folder) / f"image{suffix}"
         inner.write_bytes(data)

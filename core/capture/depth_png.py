@@ -1,7 +1,7 @@
 """16-bit gray PNG, what depth frames are: decoded straight into metres, in half the time of a general library.
 
 W3C, Portable Network Graphics (Second Edition) 2003, sections 7, 9 and 10. Anything but plain 16-bit gray is left to
-:func:`..images.read_image`, and so is saying what is wrong with a file.
+:func:`.images.read_image`, and so is saying what is wrong with a file.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def decode_metres(data: bytes, scale: float, out: np.ndarray) -> bool:
     Parameters
     ----------
     data : bytes
-        The file; its chunks are whole (:func:`..images.checked_png`).
+        The file; its chunks are whole (:func:`.images.checked_png`).
     scale : float
         Units a metre.
     out : np.ndarray [shape=(H, W), dtype=float32]

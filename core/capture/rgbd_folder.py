@@ -18,7 +18,7 @@ import numpy as np
 from ..camera import Intrinsics
 from ..errors import CaptureError, MirrorError, MirrorScanError
 from ..images import checked_png, read_image
-from ..threads import each
+from ..numeric.threads import each
 from . import Capture, FrameChoice, MirrorPicks, ReadOptions, chosen_frames, empty_burst
 from .nominal import nominal_camera
 
@@ -55,7 +55,7 @@ def read(path: Path, frames: FrameChoice = None, options: ReadOptions | None = N
     path : Path
         The folder.
     frames : int, str or None
-        Which depth frames, as :func:`..capture.open_capture` has it.
+        Which depth frames, as :func:`.capture.open_capture` has it.
     options : ReadOptions or None
         ``intrinsics`` and ``depth_unit_m`` stand in for those of the folder.
 
@@ -123,7 +123,8 @@ def mirrors_to(mirrors: tuple[MirrorPicks, ...]) -> list[dict]:
 
 
 def sensor_named(name: object) -> str:
-    """The name of :class:`Capture.sensor` for what a file or device calls itself; ``unknown`` for anything else."""
+    """The name of :class:`.capture.Capture.sensor` for what a file or device calls itself; ``unknown`` for anything
+    else."""
     text = re.sub(r"[^a-z0-9]", "", name.lower()) if isinstance(name, str) else ""
     for sensor, words in SENSOR_WORDS.items():
         if any(word in text for word in words):
@@ -136,7 +137,7 @@ def read_intrinsics(path: str | os.PathLike) -> tuple[Intrinsics, float]:
 
     ``intrinsic_matrix`` is nine numbers column by column, as Open3D writes it, or three rows of three. A
     ``depth_scale`` below 1 is metres per unit, as RealSense's software means it. ``distortion`` may hold 4, 5 or 8
-    coefficients as :class:`Intrinsics` has them.
+    coefficients as :class:`.camera.Intrinsics` has them.
 
     Raises
     ------

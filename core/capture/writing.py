@@ -27,7 +27,7 @@ class FolderWriter:
     intrinsics : Intrinsics
         Pinhole of the depth map.
     sensor : str
-        As in :class:`Capture`; left out when unknown.
+        As in :class:`.capture.Capture`; left out when unknown.
 
     Raises
     ------

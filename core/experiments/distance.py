@@ -87,7 +87,7 @@ def run(
     body : Mesh
         Avatar frame; its front is taken.
     sensor, frames, seed
-        See :class:`.simulation.scene.Rig`; each capture has noise of its own.
+        See :class:`.scene.Rig`; each capture has noise of its own.
     distances : sequence of float
         Camera to figure [m], the nearest first.
     samples : int

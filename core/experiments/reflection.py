@@ -85,7 +85,7 @@ def run(
     body : Mesh
         Avatar frame.
     sensor, frames, seed
-        See :class:`.simulation.scene.Rig`; the two captures have noise of their own.
+        See :class:`.scene.Rig`; the two captures have noise of their own.
     path : float
         Camera to mirror to the figure's axis [m].
     reflectance : float

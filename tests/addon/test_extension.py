@@ -157,7 +157,7 @@ class TestReviewRules:
             assert top not in never, f"{name} imports {imported}"
             if top in {"threading", "_thread", "concurrent", "multiprocessing"}:
                 # where they end before the call returns, or no second process can be had
-                assert name in {"core/threads.py", "mirror_scan_addon/jobs.py"}, f"{name} imports {imported}"
+                assert name in {"core/numeric/threads.py", "mirror_scan_addon/jobs.py"}, f"{name} imports {imported}"
 
     def test_nothing_reaches_into_python_or_the_extension_folder(self, sources):
         for name, tree in sources.items():

@@ -10,12 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
-
+from mirror_scan.benchmarks import corpus, generated, isolated, seams  # noqa: E402
 from mirror_scan.core.camera import project  # noqa: E402
 
-from benchmarks import corpus, generated, isolated, seams  # noqa: E402
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 
 def test_the_corpus_is_wide_and_the_same_each_time():

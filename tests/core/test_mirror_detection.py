@@ -11,16 +11,9 @@ from mirror_scan.core.capture import MirrorPicks
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.mirror import MirrorSettings, person_before, place_mirror, plane_mirror, reflect
-from mirror_scan.core.mirror_detection import (
-    BOTTOM,
-    RIGHT,
-    TOP,
-    Hypothesis,
-    _open_sides,
-    find_mirror_at,
-    find_mirrors,
-)
+from mirror_scan.core.mirror_detection import _open_sides, find_mirror_at, find_mirrors
 from mirror_scan.core.pipeline import Settings, place_mirrors, reconstruct
+from mirror_scan.core.rims import BOTTOM, RIGHT, TOP, Hypothesis
 from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.props import open_door, placed, wall_behind
 from mirror_scan.core.simulation.rays import FRAME

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mirror_scan.core.cli import build_parser
 from mirror_scan.core.cli.commands import settings_of
+from mirror_scan.core.cli.parser import build_parser
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
 from mirror_scan.core.errors import ReconstructionError
 from mirror_scan.core.floor_parting import NEAR_FLOOR, share_of_feet, standing_pixels

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mirror_scan.core.cholesky import elimination_order, solve_squares
+from mirror_scan.core.numeric.sparse_least_squares import elimination_order, solve_squares
 
 
 def rows_of(matrix):

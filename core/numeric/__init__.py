@@ -1,0 +1,1 @@
+"""Small numeric tools that know nothing of scans: products, sparse least squares, union-find, threads."""
