@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from .camera.noise_models import SENSORS, NoiseModel
 from .capture import Capture
 from .depth import DepthSettings, close_dropouts, noise_of_windows, window_variance
 from .errors import MirrorScanError
 from .quantisation import dequantise, find_step
-from .sensors import SENSORS, NoiseModel
 from .smoothing import keep_relief, smooth_view, smoothing_sigma
 from .stillness import burst_motion
 
@@ -25,7 +25,7 @@ def recognise(capture: Capture, settings: DepthSettings) -> tuple[str, NoiseMode
     Returns
     -------
     name : str
-        "unknown" when it is none of those in :data:`.sensors.SENSORS`.
+        "unknown" when it is none of those in :data:`.noise_models.SENSORS`.
     model : NoiseModel or None
 
     Raises

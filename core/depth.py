@@ -30,8 +30,8 @@ class DepthSettings:
     still_share : float
         Share of the subject that may have moved during a burst before that is told [0..1]; 1 does not look.
     sensor : str
-        Name in :data:`.sensors.SENSORS` of the camera whose noise model helps; "auto" takes what the capture says, or
-        what steps in the readings betray; "unknown" goes by the readings alone.
+        Name in :data:`.noise_models.SENSORS` of the camera whose noise model helps; "auto" takes what the capture says,
+        or what steps in the readings betray; "unknown" goes by the readings alone.
     dequantise : bool
         Treat coarse disparity steps that noise does not average out as intervals.
     support : int

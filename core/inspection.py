@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .camera import unproject
+from .camera.noise_models import SENSORS, NoiseModel
 from .capture import Capture
 from .capture.describe import picture, words
 from .cleaning import clean, recognise, still_warning
@@ -18,7 +19,6 @@ from .mirror import Mirror, place_mirror
 from .mirror_detection import find_mirrors
 from .pipeline import Settings
 from .quantisation import find_step
-from .sensors import SENSORS, NoiseModel
 from .subject import find_subject
 
 _USUAL = (0.25, 12.0)  # m: median distance of what a depth camera looks at

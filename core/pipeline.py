@@ -10,6 +10,7 @@ import numpy as np
 
 from .agreement import AgreementSettings, agree
 from .camera import Intrinsics, unproject
+from .camera.noise_models import NoiseModel
 from .capture import Capture, MirrorPicks
 from .cleaning import clean, recognise, still_warning
 from .closing import ClosingSettings, close_mesh
@@ -29,7 +30,6 @@ from .rig_file import moved_warnings
 from .rims import DetectionSettings
 from .scene_check import check_agreement, check_scene, quoted
 from .seam_consistency import SeamSettings, align_seams, mirrored_views, move_views
-from .sensors import NoiseModel
 from .stillness import BurstNoise, burst_noise
 from .subject import find_subject
 from .triangulation import TriangulationSettings, triangulate_view

@@ -14,10 +14,10 @@ import numpy as np
 
 from .agreement import disagreements
 from .camera import Intrinsics, project
+from .camera.noise_models import NoiseModel
 from .ground import leans
 from .mirror import Mirror, on_wall, reflection_matrix
 from .numeric.point_products import dot, transform
-from .sensors import NoiseModel
 from .subject import rig_axis, visible_middle
 from .views import Views, glass_corners
 

@@ -1,6 +1,6 @@
 """The jobs that take long, as generator functions that need no bpy: any process may run them (:mod:`.remote`).
 
-They take and give plain values, arrays and :class:`.camera.Intrinsics`, so that handing them over imports nothing
+They take and give plain values, arrays and :class:`.pinhole.Intrinsics`, so that handing them over imports nothing
 heavy: numba stays out of Blender's window. Mirrors go as *records*, the plain form :mod:`.state` keeps in a scene:
 ``{"name", "picks", "source", "plane", "residual_mm", "message"}``.
 """

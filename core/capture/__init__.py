@@ -271,7 +271,7 @@ def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:
     color = capture.color if options.color else None
     capture = replace(capture, depth=depth, color=color, intrinsics=camera)
     if not camera.is_pinhole or (color is not None and capture.color_intrinsics is not None):
-        from ..registration import align  # brings numba, which a plain RGB-D folder does not need
+        from ..camera.image_registration import align  # brings numba, which a plain RGB-D folder does not need
 
         capture = align(capture)
         if not capture.depth.any():
@@ -287,7 +287,7 @@ def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:
         hint = "Kinect v2's SDK exchanges left and right, and no file says so: if this picture is mirrored, say so"
         capture = replace(capture, notes=(*capture.notes, f"{hint} (option “mirrored”)"))
     if mirrored or degrees:
-        from ..registration import turned, unmirrored
+        from ..camera.image_registration import turned, unmirrored
 
         capture = turned(unmirrored(capture) if mirrored else capture, degrees)
     return replace(capture, color_intrinsics=None, depth_to_color=None, turn_degrees=0, mirrored=False)

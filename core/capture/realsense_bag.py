@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera import Intrinsics, distort
+from ..camera import Intrinsics
+from ..camera.pinhole import distort
 from ..errors import CaptureError
 from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
 from .binary import blaming, image_in, mapped, rgb, starts_with, yuyv_to_rgb

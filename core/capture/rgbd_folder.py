@@ -137,7 +137,7 @@ def read_intrinsics(path: str | os.PathLike) -> tuple[Intrinsics, float]:
 
     ``intrinsic_matrix`` is nine numbers column by column, as Open3D writes it, or three rows of three. A
     ``depth_scale`` below 1 is metres per unit, as RealSense's software means it. ``distortion`` may hold 4, 5 or 8
-    coefficients as :class:`.camera.Intrinsics` has them.
+    coefficients as :class:`.pinhole.Intrinsics` has them.
 
     Raises
     ------

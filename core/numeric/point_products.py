@@ -43,7 +43,7 @@ def _transform_kernel(points, matrix):
 
 @njit(cache=True, nogil=True)
 def lay_grid(depth, fx, fy, cx, cy):
-    """Points (H, W, 3) float64 of a depth map (H, W) seen by a pinhole: :func:`.camera.unproject` checks and calls."""
+    """Points (H, W, 3) float64 of a depth map (H, W) seen by a pinhole: :func:`.pinhole.unproject` checks and calls."""
     height, width = depth.shape
     points = np.empty((height, width, 3))
     for v in range(height):

@@ -82,7 +82,7 @@ class Rig:
     room : tuple of float or None
         Walls at x0, x1, y0, y1 and a ceiling at z1 [m]; None = open space.
     sensor : str
-        A name of :data:`~.sensors.SENSORS`.
+        A name of :data:`~.noise_models.SENSORS`.
     frames : int
         Depth frames of the burst.
     seed : int
@@ -159,7 +159,7 @@ def default_rig(
     Parameters
     ----------
     sensor : str
-        A name of :data:`~.sensors.SENSORS`.
+        A name of :data:`~.noise_models.SENSORS`.
     subject_distance : float
         Camera to subject [m].
     view_angle_deg : float

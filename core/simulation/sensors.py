@@ -1,4 +1,5 @@
-"""How virtual depth cameras err, as data and one function; noise and quantisation are those of :mod:`..sensors`."""
+"""How virtual depth cameras err, as data and one function; noise and quantisation are those of
+:mod:`..noise_models`."""
 
 from __future__ import annotations
 
@@ -7,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..camera import Intrinsics
+from ..camera.noise_models import SENSORS as NOISE_MODELS
 from ..errors import MirrorScanError
-from ..sensors import SENSORS as NOISE_MODELS
 
 
 @dataclass(frozen=True)

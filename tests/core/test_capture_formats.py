@@ -7,7 +7,8 @@ import struct
 import numpy as np
 import pytest
 import writers
-from mirror_scan.core.camera import Intrinsics, distort, undistort
+from mirror_scan.core.camera import Intrinsics
+from mirror_scan.core.camera.pinhole import distort, undistort
 from mirror_scan.core.capture import ReadOptions, open_capture, realsense_bag, realsense_db3
 from mirror_scan.core.capture.kinect_v1 import ZeroPlane, depth_of_disparity
 from mirror_scan.core.capture.lz4 import lz4_decompress

@@ -8,18 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mirror_scan.core.camera import Intrinsics
+from mirror_scan.core.camera.noise_models import SENSORS
 from mirror_scan.core.capture import Capture
 from mirror_scan.core.cleaning import clean, recognise, still_warning
-from mirror_scan.core.depth import (
-    DepthSettings,
-    close_dropouts,
-    fuse_burst,
-    measure_noise,
-    remove_flying_pixels,
-)
+from mirror_scan.core.depth import DepthSettings, close_dropouts, fuse_burst, measure_noise, remove_flying_pixels
 from mirror_scan.core.errors import CaptureError, MirrorScanError
 from mirror_scan.core.quantisation import dequantise, find_step
-from mirror_scan.core.sensors import SENSORS
 from mirror_scan.core.smoothing import smooth_view, smoothing_sigma
 from mirror_scan.core.stillness import burst_motion
 

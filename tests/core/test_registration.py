@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mirror_scan.core.camera import Intrinsics, distort, project, rays_of_pixels, undistort, unproject
-from mirror_scan.core.capture import Capture, MirrorPicks, ReadOptions, open_capture
-from mirror_scan.core.errors import CaptureError
-from mirror_scan.core.registration import (
+from mirror_scan.core.camera import Intrinsics, project, unproject
+from mirror_scan.core.camera.image_registration import (
     align,
     color_on_depth,
     depth_on_color,
@@ -17,6 +15,9 @@ from mirror_scan.core.registration import (
     undistort_depth,
     unmirrored,
 )
+from mirror_scan.core.camera.pinhole import distort, rays_of_pixels, undistort
+from mirror_scan.core.capture import Capture, MirrorPicks, ReadOptions, open_capture
+from mirror_scan.core.errors import CaptureError
 
 AZURE = Intrinsics(
     320, 288, 252.0, 252.0, 166.0, 163.0,

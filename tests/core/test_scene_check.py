@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mirror_scan.core.camera.noise_models import SENSORS
 from mirror_scan.core.capture import open_capture
 from mirror_scan.core.cleaning import recognise
 from mirror_scan.core.depth import DepthSettings, fuse_burst, remove_flying_pixels
 from mirror_scan.core.mirror import place_mirror, plane_mirror
 from mirror_scan.core.scene_check import check_scene, directions
-from mirror_scan.core.sensors import SENSORS
 from mirror_scan.core.simulation.mannequin import Figure, mannequin
 from mirror_scan.core.simulation.props import box, placed
 from mirror_scan.core.simulation.scene import default_rig

@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from .camera import Intrinsics, padded, project, undistort
-from .capture import Capture, MirrorPicks
-from .errors import CaptureError
+from ..capture import Capture, MirrorPicks
+from ..errors import CaptureError
+from .pinhole import Intrinsics, padded, project, undistort
 
 MAX_GROWTH = 2.25  # of the pixel count, when a wide-angle image is straightened
 _SAME_SURFACE = 0.03  # neighbouring readings differ by less than this share of their depth

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .errors import CaptureError
+from ..errors import CaptureError
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,7 @@ def unproject(depth: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
             "use the intrinsics of this resolution"
         )
     if intrinsics.is_pinhole:
-        from .numeric.point_products import lay_grid  # here: to name a lens must not cost the import of numba
+        from ..numeric.point_products import lay_grid  # here: to name a lens must not cost the import of numba
 
         return lay_grid(depth, intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy)
     z = depth.astype(np.float64)

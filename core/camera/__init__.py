@@ -1,0 +1,7 @@
+"""Cameras: the pinhole and its lens, noise models of sensors, image registration."""
+
+from __future__ import annotations
+
+from .pinhole import Intrinsics, project, unproject
+
+__all__ = ["Intrinsics", "project", "unproject"]
