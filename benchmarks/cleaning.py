@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from mirror_scan.core.bvh import build_bvh, raycast
 from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.capture import Capture, ReadOptions, open_capture
 from mirror_scan.core.cleaning import clean, recognise
 from mirror_scan.core.depth import DepthSettings, close_dropouts, fuse_burst, remove_flying_pixels
 from mirror_scan.core.io import read_mesh
 from mirror_scan.core.mesh import Mesh
+from mirror_scan.core.mesh.bvh import build_bvh, raycast
 from mirror_scan.core.mirror import place_mirror
 from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.rays import BODY, NOTHING

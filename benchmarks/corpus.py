@@ -15,8 +15,10 @@ from statistics import median
 import numpy as np
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.images import write_png
-from mirror_scan.core.mesh import FILL, SEAM, SURFACE, Mesh, merge
-from mirror_scan.core.metrics import evaluate, mesh_report
+from mirror_scan.core.mesh import FILL, SEAM, SURFACE, Mesh
+from mirror_scan.core.mesh.soundness import mesh_report
+from mirror_scan.core.mesh.surface_distance import evaluate
+from mirror_scan.core.mesh.triangle_mesh import merge
 from mirror_scan.core.pipeline import Reconstruction, reconstruct
 from mirror_scan.core.preview import KIND_COLORS, render_views
 
@@ -51,8 +53,8 @@ SHEET = 8
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one method made of a scene: :func:`.metrics.evaluate`'s ``score`` and :func:`.metrics.mesh_report`'s
-    ``sound``.
+    """What one method made of a scene: :func:`.surface_distance.evaluate`'s ``score`` and
+    :func:`.soundness.mesh_report`'s ``sound``.
 
     ``crossing``: faces that run through others, by MeshLab, which ``../shared/tools/score.py`` asks; by core's own
     count where it is not installed.
@@ -253,7 +255,7 @@ def _distances(done: Done) -> Table:
     table.notes = [
         "All methods get the same parted, placed patches: Poisson and ball pivoting their points and normals, Blender "
         "the patches, of which the runs nearest to each other are bridged and the rest is filled.",
-        f"By core.metrics.evaluate with {SAMPLES} samples, after a small rigid alignment of each.",
+        f"By core.mesh.surface_distance.evaluate with {SAMPLES} samples, after a small rigid alignment of each.",
         "Ours nearer: share of scenes in which the mean distance is smaller; where a method failed it lost.",
         "ms: the surface step alone, one cold run each; ours is zippering + closing.",
         f"All {SCENES} scenes take about 15 minutes on two free cores, most of it the peers' and the scoring.",

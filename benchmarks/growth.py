@@ -17,7 +17,7 @@ import numpy as np
 from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.dtw import dtw
 from mirror_scan.core.errors import MirrorScanError
-from mirror_scan.core.mesh import open_edges
+from mirror_scan.core.mesh.half_edges import open_edges
 from mirror_scan.core.pipeline import reconstruct
 from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.scene import default_rig

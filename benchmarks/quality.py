@@ -9,10 +9,13 @@ from functools import partial
 from statistics import median
 
 import numpy as np
-from mirror_scan.core.bvh import build_bvh, closest_point
 from mirror_scan.core.errors import MirrorScanError
-from mirror_scan.core.mesh import Mesh, merge, triangle_normals, vertex_normals
-from mirror_scan.core.metrics import evaluate, mesh_report
+from mirror_scan.core.mesh import Mesh
+from mirror_scan.core.mesh.bvh import build_bvh, closest_point
+from mirror_scan.core.mesh.normals import triangle_normals, vertex_normals
+from mirror_scan.core.mesh.soundness import mesh_report
+from mirror_scan.core.mesh.surface_distance import evaluate
+from mirror_scan.core.mesh.triangle_mesh import merge
 from mirror_scan.core.pipeline import Reconstruction, reconstruct
 
 from .machine import installed, say
@@ -21,7 +24,7 @@ from .results import Finding, Result, Table, number, yes
 from .scenes import SHARED, SIMULATED, Scene, origins, scenes
 
 OURS = "Mirror Scan"
-CORE = "core.metrics.evaluate"
+CORE = "core.mesh.surface_distance.evaluate"
 RUNS = 3
 MAX_CROSSING_PCT = 1.0
 PAPER = "The paper (5.1): mean 2.08 mm, max 12.9 mm between a mirrored and a direct capture of a mannequin."
@@ -29,8 +32,8 @@ PAPER = "The paper (5.1): mean 2.08 mm, max 12.9 mm between a mirrored and a dir
 
 @dataclass(frozen=True)
 class Surface:
-    """One program's result for one scene: ``score`` as of :func:`.metrics.evaluate`, ``sound`` as of
-    :func:`.metrics.mesh_report`.
+    """One program's result for one scene: ``score`` as of :func:`.surface_distance.evaluate`, ``sound`` as of
+    :func:`.soundness.mesh_report`.
 
     ``turned``: see :func:`turned_inward`; of peers only.
     """
@@ -145,7 +148,7 @@ def run() -> Result:
     ] + [f"{name} failed: {message}" for name, message in failed.items()]
     sound.notes = [
         "Watertight: every edge has two triangles of opposite sense. Manifold: no edge of three, each vertex one fan.",
-        f"Self-intersecting faces as {tool} counts them, and as core.metrics does. MeshLab, which score.py asks, also "
+        f"Self-intersecting faces as {tool} counts them, and as core.mesh does. MeshLab, which score.py asks, also "
         "takes triangles that lie side by side in exactly one plane, as on our soles, for crossing.",
         "Euler characteristic 2 = a sphere; each handle takes 2 away.",
     ]

@@ -9,11 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from mirror_scan.core.boundary import boundary_of
-from mirror_scan.core.bvh import build_bvh, closest_point
 from mirror_scan.core.closing import close_mesh
 from mirror_scan.core.errors import MirrorScanError
-from mirror_scan.core.mesh import SEAM, Mesh, merge, open_edges
-from mirror_scan.core.metrics import rigid_alignment, sample_surface
+from mirror_scan.core.mesh import SEAM, Mesh
+from mirror_scan.core.mesh.bvh import build_bvh, closest_point
+from mirror_scan.core.mesh.half_edges import open_edges
+from mirror_scan.core.mesh.surface_distance import rigid_alignment, sample_surface
+from mirror_scan.core.mesh.triangle_mesh import merge
 from mirror_scan.core.numeric.point_products import transform
 from mirror_scan.core.overlap import part_overlaps
 from mirror_scan.core.pipeline import Clock, Settings, finish, scan_steps

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from .mesh import Mesh, loops_of, vertex_normals
+from .mesh import Mesh
+from .mesh.boundary_loops import loops_of
+from .mesh.normals import vertex_normals
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,8 @@ class Boundary:
 
 
 def boundary_of(mesh: Mesh, edges: np.ndarray) -> Boundary:
-    """Boundary loops with the directions that matching needs, from the mesh's :func:`~.mesh.open_edges`. O(V + T)."""
+    """Boundary loops with the directions that matching needs, from the mesh's :func:`~.half_edges.open_edges`. O(V +
+    T)."""
     loops = loops_of(edges, len(mesh.vertices))
     start = np.concatenate(([0], np.cumsum([len(loop) for loop in loops]))).astype(np.int64)
     vertex = np.concatenate(loops) if loops else np.empty(0, np.int32)

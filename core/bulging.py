@@ -6,7 +6,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .mesh import SURFACE, Mesh, made_vertices, triangles_touching, vertex_normals
+from .mesh import SURFACE, Mesh
+from .mesh.normals import vertex_normals
+from .mesh.submesh import made_vertices, triangles_touching
 from .overlap import ViewMaps, look_at, reading_noise
 
 _WINDOW = 4  # so far beside the last reading of an outline the next one may be [px]

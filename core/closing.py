@@ -10,21 +10,11 @@ from .bulging import bulge, rim_marks
 from .fairing import fair
 from .filling import fill_loops
 from .freespace import reach_before_empty
-from .mesh import (
-    FILL,
-    Mesh,
-    check_mesh,
-    clashing,
-    components_of,
-    extend_open_edges,
-    extend_twins,
-    keep_triangles,
-    loops_of,
-    made_vertices,
-    open_edges,
-    remove_bowties,
-    twins,
-)
+from .mesh import FILL, Mesh
+from .mesh.boundary_loops import loops_of
+from .mesh.half_edges import clashing, extend_open_edges, extend_twins, open_edges, twins
+from .mesh.submesh import keep_components, keep_triangles, made_vertices, remove_bowties
+from .mesh.triangle_mesh import check_mesh
 from .numeric.point_products import dot
 from .numeric.threads import each
 from .overlap import ViewMaps, reading_noise
@@ -89,7 +79,7 @@ def close_mesh(
     floor : float or None
         Height of the floor along ``up`` [m]; soles are closed flat on it.
     twin : np.ndarray [shape=(3 T,), dtype=int32], optional
-        The mesh's :func:`~.mesh.twins`, where they are known already.
+        The mesh's :func:`~.half_edges.twins`, where they are known already.
 
     Returns
     -------
@@ -100,7 +90,7 @@ def close_mesh(
     Raises
     ------
     MirrorScanError
-        When the mesh is damaged: :func:`~.mesh.check_mesh`.
+        When the mesh is damaged: :func:`~.triangle_mesh.check_mesh`.
     """
     notes = []
     check_mesh(mesh, "closing")
@@ -194,27 +184,6 @@ def _stiffness(mesh: Mesh, maps: ViewMaps, settings: ClosingSettings) -> np.ndar
     """How stiffly each vertex (V,) holds its place: the surer its reading, the stiffer; infinite without noise."""
     with np.errstate(divide="ignore"):
         return settings.fairness * (0.001 / reading_noise(mesh, maps))
-
-
-def keep_components(mesh: Mesh, twin: np.ndarray, min_island: int | None = None) -> tuple[Mesh, int, int]:
-    """The connected piece with the most triangles and, where asked for, others of at least ``min_island`` triangles.
-
-    ``twin`` (3 T,) are the mesh's :func:`~.mesh.twins`.
-
-    Returns
-    -------
-    mesh : Mesh
-    kept, dropped : int
-        Pieces beside the largest one.
-    """
-    label, count = components_of(twin, len(mesh.triangles))
-    if count < 2:
-        return mesh, 0, 0
-    size = np.bincount(label)
-    chosen = np.zeros(count, np.bool_) if min_island is None else size >= min_island
-    chosen[size.argmax()] = True
-    kept = int(chosen.sum()) - 1
-    return keep_triangles(mesh, chosen[label]), kept, count - 1 - kept
 
 
 def drop_soles(mesh: Mesh, edges: np.ndarray, up: np.ndarray, floor: float, reach: float) -> tuple[Mesh, np.ndarray]:

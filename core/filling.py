@@ -6,9 +6,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .edge_set import empty_edges, join, joined
 from .freespace import bridge_is_free
-from .mesh import FILL, Mesh, check_mesh, check_sheet, loops_of, open_edges, twins
+from .mesh import FILL, Mesh
+from .mesh.boundary_loops import loops_of
+from .mesh.edge_lists import empty_edges, join, joined
+from .mesh.half_edges import check_sheet, open_edges, twins
+from .mesh.triangle_mesh import check_mesh
 from .overlap import ViewMaps
 
 
@@ -31,7 +34,7 @@ def fill_loops(
     diameter : float
         Only loops whose bounding box is smaller than this along its diagonal are closed [m].
     edges : np.ndarray [shape=(B, 3)], optional
-        The mesh's :func:`~.mesh.open_edges`, where they are known already; the mesh is then taken for sound.
+        The mesh's :func:`~.half_edges.open_edges`, where they are known already; the mesh is then taken for sound.
 
     Returns
     -------
@@ -41,7 +44,7 @@ def fill_loops(
     Raises
     ------
     MirrorScanError
-        When the mesh is damaged or no sheet: :func:`~.mesh.check_mesh`, :func:`~.mesh.check_sheet`.
+        When the mesh is damaged or no sheet: :func:`~.triangle_mesh.check_mesh`, :func:`~.half_edges.check_sheet`.
 
     Notes
     -----
@@ -127,7 +130,7 @@ def _cross(points, i, j, k):
 
 @njit(cache=True, nogil=True)
 def _edges_between(triangles, on_loop, room):
-    """The :mod:`.edge_set` of the edges between vertices ``on_loop`` (V,) bool, with ``room`` for more."""
+    """The :mod:`.edge_lists` of the edges between vertices ``on_loop`` (V,) bool, with ``room`` for more."""
     for t in range(len(triangles)):
         for k in range(3):
             room += on_loop[triangles[t, k]] and on_loop[triangles[t, (k + 1) % 3]]

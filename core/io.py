@@ -18,6 +18,7 @@ import numpy as np
 from .errors import CaptureError, MirrorScanError, OutputError
 from .files import replacing
 from .mesh import KIND_NAMES, Mesh
+from .mesh.triangle_mesh import PolygonLists, triangulate_polygons
 
 MAX_HEADER_BYTES = 1 << 16
 
@@ -25,8 +26,8 @@ MAX_HEADER_BYTES = 1 << 16
 def write_mesh(path: str | os.PathLike, mesh: Mesh) -> None:
     """Write ``mesh`` as .ply (binary), .obj (with vertex colours) or .stl (binary, geometry only), by suffix.
 
-    PLY holds all a :class:`.mesh.Mesh` has: ``red green blue`` (uchar) and ``view`` (char) per vertex, ``kind`` (uchar)
-    per face. Coordinates are float32 in PLY and STL (0.1 µm at 2 m), micrometres in OBJ.
+    PLY holds all a :class:`.triangle_mesh.Mesh` has: ``red green blue`` (uchar) and ``view`` (char) per vertex,
+    ``kind`` (uchar) per face. Coordinates are float32 in PLY and STL (0.1 µm at 2 m), micrometres in OBJ.
 
     Raises
     ------
@@ -102,10 +103,6 @@ class _Element:
     properties: list[_Property]
 
 
-# A list property as read: row lengths (N,) and, for each length, (rows, values (len(rows), length)).
-_Lists = tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]
-
-
 def _write_ply(mesh: Mesh) -> Iterator[bytes | memoryview]:
     vertex_fields: list[tuple] = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
     if mesh.colors is not None:
@@ -172,7 +169,7 @@ def _read_ply(data: bytes) -> Mesh:
         polygons = faces.get("vertex_indices", faces.get("vertex_index"))
         if not isinstance(polygons, tuple):
             raise CaptureError("faces have no list property “vertex_indices”")
-        triangles, rows = _triangulate(polygons, len(points))
+        triangles, rows = triangulate_polygons(polygons, len(points))
         if isinstance(faces.get("kind"), np.ndarray):
             kind = faces["kind"][rows].astype(np.int8)
     view = vertices.get("view")
@@ -237,7 +234,7 @@ class _BinaryBody:
                 fields.append((f"p{i}", self.order + prop.type, (next(rest),)))
         return np.dtype(fields)
 
-    def read(self, element: _Element) -> dict[str, np.ndarray | _Lists]:
+    def read(self, element: _Element) -> dict[str, np.ndarray | PolygonLists]:
         lists = [i for i, p in enumerate(element.properties) if p.count_type is not None]
         if not element.count:
             return {}
@@ -330,7 +327,7 @@ class _AsciiBody:
             raise CaptureError("ascii PLY holds something that is not a number") from error
         self.position = 0
 
-    def read(self, element: _Element) -> dict[str, np.ndarray | _Lists]:
+    def read(self, element: _Element) -> dict[str, np.ndarray | PolygonLists]:
         rows, width = element.count, len(element.properties)
         if not rows:
             return {}
@@ -383,29 +380,6 @@ def _ply_colors(vertices: dict) -> np.ndarray | None:
     return None
 
 
-def _triangulate(polygons: _Lists, n_vertices: int) -> tuple[np.ndarray, np.ndarray]:
-    """Fans of polygons, in the order of the file: triangles (T, 3) int32 and the row each came from (T,)."""
-    fans, origins = [], []
-    for rows, indices in polygons[1]:
-        sides = indices.shape[1]
-        if sides and (~(indices >= 0) | ~(indices < n_vertices)).any():
-            raise CaptureError(f"a face names a vertex outside 0…{n_vertices - 1}; the file is damaged")
-        if sides < 3:
-            continue
-        corners = np.arange(1, sides - 1)
-        fan = np.empty((len(rows), sides - 2, 3), np.int32)
-        fan[..., 0] = indices[:, :1]
-        fan[..., 1] = indices[:, corners]
-        fan[..., 2] = indices[:, corners + 1]
-        fans.append(fan.reshape(-1, 3))
-        origins.append(np.repeat(rows, sides - 2))
-    if not fans:
-        return np.empty((0, 3), np.int32), np.empty(0, np.int64)
-    origin = np.concatenate(origins)
-    order = np.argsort(origin, kind="stable")
-    return np.concatenate(fans)[order], origin[order]
-
-
 # --- OBJ -------------------------------------------------------------------------------------------------------------
 
 
@@ -450,7 +424,7 @@ def _read_obj(data: bytes) -> Mesh:
     seen = np.searchsorted(np.array(vertex_lines, dtype=np.int64), np.array(face_lines, dtype=np.int64))
     flat = np.where(flat < 0, flat + np.repeat(seen, lengths), np.where(flat == 0, -1, flat - 1))
     groups = [(r := np.flatnonzero(lengths == n), flat[starts[r, None] + np.arange(n)]) for n in np.unique(lengths)]
-    return Mesh(points, _triangulate((lengths, groups), len(points))[0], colors=colors)
+    return Mesh(points, triangulate_polygons((lengths, groups), len(points))[0], colors=colors)
 
 
 # --- STL -------------------------------------------------------------------------------------------------------------

@@ -14,7 +14,9 @@ from numba import njit
 from .camera import Intrinsics
 from .clipping import clip, distance_to_zero, smooth_on_mesh, trim_outline
 from .freespace import clear_depth, in_view_frame
-from .mesh import Mesh, triangles_touching, vertex_normals
+from .mesh import Mesh
+from .mesh.normals import vertex_normals
+from .mesh.submesh import triangles_touching
 from .mirror import Mirror, reflection_matrix
 from .numeric.point_products import transform
 from .numeric.threads import each

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 KIND_PALETTE = ((206, 206, 209), (222, 30, 36), (52, 112, 220))
-"""sRGB of surface, seam and fill, by :data:`.mesh.SURFACE`, ``SEAM`` and ``FILL``."""
+"""sRGB of surface, seam and fill, by :data:`.triangle_mesh.SURFACE`, ``SEAM`` and ``FILL``."""
 
 VIEW_PALETTE = ((226, 178, 74), (66, 150, 214), (122, 190, 88), (190, 110, 200), (230, 120, 90), (90, 200, 190))
 """sRGB of what is seen directly, then through each mirror; begins again after the last."""

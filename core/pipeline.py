@@ -19,7 +19,7 @@ from .errors import MirrorError, PicksDisagreeError, ReconstructionError
 from .floor_refinement import FloorSettings, level_floor
 from .frameless import frameless_notes
 from .mesh import FILL, SEAM, Mesh
-from .metrics import mesh_report
+from .mesh.soundness import mesh_report
 from .mirror import Mirror, MirrorSettings, place_mirror, reflection_matrix
 from .mirror_detection import contradicted, find_better_at, find_mirror_at, find_mirrors
 from .mirror_refinement import JointSettings, align_reflections

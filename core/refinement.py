@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .edge_set import empty_edges, join, joined, part
-from .mesh import SURFACE, Mesh, made_vertices, twins
+from .mesh import SURFACE, Mesh
+from .mesh.edge_lists import empty_edges, join, joined, part
+from .mesh.half_edges import twins
+from .mesh.submesh import made_vertices
 
 
 def edge_length_at_vertices(mesh: Mesh) -> np.ndarray:

@@ -9,7 +9,9 @@ import numpy as np
 from numba import njit
 
 from .clipping import trim_outline
-from .mesh import SURFACE, Mesh, components_of, keep_triangles, keep_twins, remove_bowties, twins
+from .mesh import SURFACE, Mesh
+from .mesh.half_edges import keep_twins, twins
+from .mesh.submesh import components_of, keep_triangles, remove_bowties
 
 
 @dataclass(frozen=True)

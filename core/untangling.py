@@ -10,21 +10,10 @@ from numba import njit
 
 from .fairing import fair, neighbours
 from .filling import fill_loops
-from .intersections import self_intersections
-from .mesh import (
-    FILL,
-    SURFACE,
-    Mesh,
-    components_of,
-    keep_triangles,
-    keep_twins,
-    made_vertices,
-    open_edges,
-    remove_bowties,
-    renumbered,
-    triangles_touching,
-    twins,
-)
+from .mesh import FILL, SURFACE, Mesh
+from .mesh.half_edges import keep_twins, open_edges, twins
+from .mesh.self_intersections import self_intersections
+from .mesh.submesh import components_of, keep_triangles, made_vertices, remove_bowties, renumbered, triangles_touching
 from .overlap import ViewMaps
 from .refinement import edge_length_at_vertices, refine
 

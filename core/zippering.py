@@ -13,18 +13,10 @@ from .errors import MirrorScanError
 from .filling import fill_loops
 from .freespace import bridge_is_free
 from .matching import find_partners, warp_runs
-from .mesh import (
-    Mesh,
-    check_mesh,
-    check_sheet,
-    components_of,
-    extend_open_edges,
-    extend_twins,
-    merge,
-    open_edges,
-    triangles_touching,
-    twins,
-)
+from .mesh import Mesh
+from .mesh.half_edges import check_sheet, extend_open_edges, extend_twins, open_edges, twins
+from .mesh.submesh import components_of, triangles_touching
+from .mesh.triangle_mesh import check_mesh, merge
 from .numeric.point_products import dot
 from .overlap import ViewMaps
 from .weaving import Candidates, Seam, begin_weave, weave_seams
@@ -89,12 +81,13 @@ def zip_patches(
         With the seams' triangles (kind ``SEAM``); no directed edge occurs twice. Small holes are filled (``FILL``).
     seams : list of Seam
     twin : np.ndarray [shape=(3 T,), dtype=int32]
-        :func:`~.mesh.twins` of the mesh, for :func:`~.closing.close_mesh`.
+        :func:`~.half_edges.twins` of the mesh, for :func:`~.closing.close_mesh`.
 
     Raises
     ------
     MirrorScanError
-        When there is no patch, or one is damaged or no sheet: :func:`~.mesh.check_mesh`, :func:`~.mesh.check_sheet`.
+        When there is no patch, or one is damaged or no sheet: :func:`~.triangle_mesh.check_mesh`,
+        :func:`~.half_edges.check_sheet`.
 
     Notes
     -----

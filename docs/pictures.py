@@ -19,7 +19,8 @@ from mirror_scan.core.capture.describe import picture
 from mirror_scan.core.closing import close_mesh
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
 from mirror_scan.core.images import openimageio, read_image, write_png
-from mirror_scan.core.mesh import Mesh, merge
+from mirror_scan.core.mesh import Mesh
+from mirror_scan.core.mesh.triangle_mesh import merge
 from mirror_scan.core.mirror import Mirror, place_mirror, reflection_matrix
 from mirror_scan.core.overlap import part_overlaps, view_maps
 from mirror_scan.core.pipeline import Settings, avatar_frame, clean_views, make_patches

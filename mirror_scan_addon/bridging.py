@@ -13,7 +13,8 @@ import bpy
 import numpy as np
 from mathutils.kdtree import KDTree
 
-from ..core.mesh import Mesh, boundary_loops
+from ..core.mesh import Mesh
+from ..core.mesh.boundary_loops import boundary_loops
 
 REACH = 0.2
 """Widest gap that is bridged [m]: as wide as the zipper goes."""

@@ -104,7 +104,7 @@ class Subject:
 
 @dataclass(frozen=True)
 class Surface:
-    """The arrays of a :class:`.mesh.Mesh`, without what it imports."""
+    """The arrays of a :class:`.triangle_mesh.Mesh`, without what it imports."""
 
     vertices: np.ndarray
     triangles: np.ndarray
@@ -125,7 +125,7 @@ class Built:
 
 @dataclass(frozen=True)
 class Checked:
-    """What a mesh is (:func:`.metrics.mesh_report`) and its problems, as plain dicts."""
+    """What a mesh is (:func:`.soundness.mesh_report`) and its problems, as plain dicts."""
 
     report: dict
     problems: list[dict]
@@ -456,8 +456,7 @@ def check_steps(mesh: Surface) -> Steps[Checked]:
     """Look a mesh over: closed, in one piece, without crossings; and where it is not."""
     yield 0.0, "Checking the surface"
     from ..core.mesh import Mesh
-    from ..core.metrics import mesh_report
-    from ..core.problems import find_problems
+    from ..core.mesh.soundness import find_problems, mesh_report
 
     checked = Mesh(mesh.vertices, mesh.triangles, mesh.colors, mesh.view, mesh.kind)
     report = mesh_report(checked)

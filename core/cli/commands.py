@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ..capture import Capture, FrameChoice, ReadOptions
     from ..pipeline import Reconstruction, Settings
 
+
 CLEANING = {"outliers": {"burst_tolerance": math.inf}, "flying": {"support": 0}, "gaps": {"close_gaps": 0},
             "steps": {"dequantise": False}, "smoothing": {"smoothing": 0.0}}  # fmt: skip
 """Steps of cleaning that can be left out, and the :class:`.depth.DepthSettings` that do so."""
@@ -121,7 +122,7 @@ def run_demo(options: argparse.Namespace, writers: Writers) -> None:
 
     from ..capture import open_capture
     from ..io import read_mesh
-    from ..metrics import evaluate
+    from ..mesh.surface_distance import evaluate
     from ..pipeline import reconstruct
     from ..preview import render_preview
 
@@ -256,7 +257,7 @@ def settings_of(options: argparse.Namespace) -> Settings:
 
 def run_evaluate(options: argparse.Namespace, writers: Writers) -> None:
     from ..io import read_mesh
-    from ..metrics import evaluate
+    from ..mesh.surface_distance import evaluate
 
     mesh, truth = read_mesh(options.mesh), read_mesh(options.truth)
     for path, surface in ((options.mesh, mesh), (options.truth, truth)):

@@ -21,7 +21,7 @@ def summary_line(result: Reconstruction) -> str:
 
 
 def distance_lines(distances: dict) -> Iterator[str]:
-    """The figures of :func:`.metrics.evaluate` as a table."""
+    """The figures of :func:`.surface_distance.evaluate` as a table."""
     yield "distances in mm        mean     95 %      max"
     for title, key in (("mesh to truth", "accuracy"), ("truth to mesh", "complete")):
         mean, p95, largest = (distances[f"{key}_{column}"] for column in ("mean", "p95", "max"))

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import MirrorScanError
 from ..mesh import Mesh
-from ..metrics import SurfaceDistance, surface_distance
+from ..mesh.surface_distance import SurfaceDistance, surface_distance
 from ..simulation.scene import default_rig
 from ..simulation.simulate import simulate
 from .results import keep

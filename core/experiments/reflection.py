@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import MirrorScanError
 from ..mesh import Mesh
-from ..metrics import SurfaceDistance, surface_distance
+from ..mesh.surface_distance import SurfaceDistance, surface_distance
 from ..simulation.scene import FramedMirror, Rig
 from ..simulation.sensors import find_sensor
 from ..simulation.simulate import Simulation, simulate

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..bvh import build_bvh, closest_point
 from ..camera import unproject
 from ..cleaning import clean, recognise
 from ..depth import DepthSettings, fuse_burst, measure_noise, remove_flying_pixels
 from ..errors import MirrorScanError
 from ..mesh import Mesh
+from ..mesh.bvh import build_bvh, closest_point
 from ..mirror import place_mirror, reflection_matrix
 from ..preview import draw_text, render_views
 from ..simulation.simulate import Simulation

@@ -10,13 +10,17 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
-from ..bvh import build_bvh, closest_point, raycast
 from ..camera import Intrinsics
 from ..closing import close_mesh
 from ..coronal import solidity
 from ..errors import MirrorScanError
-from ..mesh import SEAM, SURFACE, Mesh, compact, drop_small_components, keep_triangles, merge, remove_bowties, twins
-from ..metrics import SurfaceDistance, mesh_report, surface_distance
+from ..mesh import SEAM, SURFACE, Mesh
+from ..mesh.bvh import build_bvh, closest_point, raycast
+from ..mesh.half_edges import twins
+from ..mesh.soundness import mesh_report
+from ..mesh.submesh import compact, drop_small_components, keep_triangles, remove_bowties
+from ..mesh.surface_distance import SurfaceDistance, surface_distance
+from ..mesh.triangle_mesh import merge
 from ..overlap import ViewMaps, view_maps
 from ..preview import KIND_COLORS, SIDES, draw_text, render_views
 from ..weaving import Seam
@@ -37,7 +41,7 @@ _HEIGHTS = (0.2, 3.0)  # m: what the widths of gaps in ZipperSettings are made f
 
 @dataclass(frozen=True)
 class Closed:
-    """A closed split: the ``mesh``, its ``report`` of :func:`.metrics.mesh_report`, and the distances ``there``, from
+    """A closed split: the ``mesh``, its ``report`` of :func:`.soundness.mesh_report`, and the distances ``there``, from
     it to the original, and ``back``, the other way [m]."""
 
     mesh: Mesh

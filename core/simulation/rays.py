@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
-from ..bvh import STACK, Bvh, build_bvh, raycast_one
 from ..mesh import Mesh
+from ..mesh.bvh import STACK, Bvh, build_bvh, raycast_one
 from .props import together
 from .scene import BACKING, Rig
 

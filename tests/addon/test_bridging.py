@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
+from mirror_scan.core.mesh import Mesh  # noqa: E402
+from mirror_scan.core.mesh.triangle_mesh import merge  # noqa: E402
+from mirror_scan.mirror_scan_addon.bridging import bridge_and_fill, facing_runs  # noqa: E402
 
 pytest.importorskip("bpy")
-
-from mirror_scan.core.mesh import Mesh, merge  # noqa: E402
-from mirror_scan.mirror_scan_addon.bridging import bridge_and_fill, facing_runs  # noqa: E402
 
 
 def half_tube(begin: float, view: int, columns: int) -> Mesh:

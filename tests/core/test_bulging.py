@@ -11,7 +11,9 @@ from mirror_scan.core.bulging import bulge, rim_marks
 from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.closing import close_mesh
 from mirror_scan.core.filling import fill_loops
-from mirror_scan.core.mesh import Mesh, boundary_vertices, compact, remove_bowties
+from mirror_scan.core.mesh import Mesh
+from mirror_scan.core.mesh.half_edges import boundary_vertices
+from mirror_scan.core.mesh.submesh import compact, remove_bowties
 from mirror_scan.core.overlap import view_maps
 from mirror_scan.core.refinement import edge_length_at_vertices, refine
 

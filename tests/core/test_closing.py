@@ -10,11 +10,14 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mirror_scan.core.camera import Intrinsics
-from mirror_scan.core.closing import ClosingSettings, close_mesh, keep_components
+from mirror_scan.core.closing import ClosingSettings, close_mesh
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.filling import fill_loops
-from mirror_scan.core.mesh import FILL, SURFACE, Mesh, compact, merge, twins, vertex_fans
-from mirror_scan.core.metrics import mesh_report
+from mirror_scan.core.mesh import FILL, SURFACE, Mesh
+from mirror_scan.core.mesh.half_edges import twins
+from mirror_scan.core.mesh.soundness import mesh_report
+from mirror_scan.core.mesh.submesh import compact, keep_components, vertex_fans
+from mirror_scan.core.mesh.triangle_mesh import merge
 from mirror_scan.core.overlap import view_maps
 from mirror_scan.core.zippering import zip_patches
 

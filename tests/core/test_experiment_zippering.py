@@ -12,7 +12,10 @@ from mirror_scan.core import cli
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.experiments.zippering import decimate, run, split, write_results
 from mirror_scan.core.io import write_mesh
-from mirror_scan.core.mesh import Mesh, boundary_loops, triangle_components, twins, vertex_fans
+from mirror_scan.core.mesh import Mesh
+from mirror_scan.core.mesh.boundary_loops import boundary_loops
+from mirror_scan.core.mesh.half_edges import twins
+from mirror_scan.core.mesh.submesh import triangle_components, vertex_fans
 
 
 def mesh_of(body: trimesh.Trimesh) -> Mesh:

@@ -8,7 +8,8 @@ import pytest
 import trimesh
 from mirror_scan.core.fairing import fair, neighbours
 from mirror_scan.core.filling import fill_loops
-from mirror_scan.core.mesh import Mesh, compact, remove_bowties
+from mirror_scan.core.mesh import Mesh
+from mirror_scan.core.mesh.submesh import compact, remove_bowties
 from mirror_scan.core.refinement import edge_length_at_vertices, refine
 
 

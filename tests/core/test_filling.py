@@ -9,16 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.filling import fill_loops
-from mirror_scan.core.mesh import (
-    FILL,
-    SURFACE,
-    Mesh,
-    boundary_loops,
-    open_edges,
-    remove_bowties,
-    triangle_normals,
-    twins,
-)
+from mirror_scan.core.mesh import FILL, SURFACE, Mesh
+from mirror_scan.core.mesh.boundary_loops import boundary_loops
+from mirror_scan.core.mesh.half_edges import open_edges, twins
+from mirror_scan.core.mesh.normals import triangle_normals
+from mirror_scan.core.mesh.submesh import remove_bowties
 from mirror_scan.core.overlap import view_maps
 from scipy.spatial import Delaunay
 

@@ -8,9 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import trimesh
-from mirror_scan.core.bvh import build_bvh, raycast
 from mirror_scan.core.camera import Intrinsics, unproject
-from mirror_scan.core.mesh import Mesh, boundary_loops, merge, twins, vertex_fans, vertex_normals
+from mirror_scan.core.mesh import Mesh
+from mirror_scan.core.mesh.boundary_loops import boundary_loops
+from mirror_scan.core.mesh.bvh import build_bvh, raycast
+from mirror_scan.core.mesh.half_edges import twins
+from mirror_scan.core.mesh.normals import vertex_normals
+from mirror_scan.core.mesh.submesh import vertex_fans
+from mirror_scan.core.mesh.triangle_mesh import merge
 from mirror_scan.core.mirror import plane_mirror, reflect, reflection_matrix
 from mirror_scan.core.overlap import OverlapSettings, compare_views, own_confidence, part_overlaps, view_maps
 from mirror_scan.core.triangulation import triangulate_view

@@ -15,7 +15,7 @@ from mirror_scan.core.capture import Capture, open_capture
 from mirror_scan.core.errors import Cancelled, CaptureError, MirrorError, ReconstructionError
 from mirror_scan.core.io import read_mesh
 from mirror_scan.core.mesh import Mesh
-from mirror_scan.core.metrics import evaluate, surface_distance
+from mirror_scan.core.mesh.surface_distance import evaluate, surface_distance
 from mirror_scan.core.mirror import reflect, reflection_matrix
 from mirror_scan.core.pipeline import Settings, avatar_frame, reconstruct, reconstruction_steps
 from mirror_scan.core.simulation.scene import default_rig

@@ -10,7 +10,7 @@ import pytest
 from mirror_scan.core import cli
 from mirror_scan.core.errors import CaptureError, ReconstructionError
 from mirror_scan.core.io import read_mesh
-from mirror_scan.core.metrics import evaluate, surface_distance
+from mirror_scan.core.mesh.surface_distance import evaluate, surface_distance
 from mirror_scan.core.pipeline import reconstruct
 from mirror_scan.core.poses import (
     check_pose,

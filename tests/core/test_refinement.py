@@ -8,17 +8,10 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mirror_scan.core.filling import fill_loops
-from mirror_scan.core.mesh import (
-    FILL,
-    SEAM,
-    SURFACE,
-    Mesh,
-    compact,
-    remove_bowties,
-    triangle_normals,
-    twins,
-    vertex_fans,
-)
+from mirror_scan.core.mesh import FILL, SEAM, SURFACE, Mesh
+from mirror_scan.core.mesh.half_edges import twins
+from mirror_scan.core.mesh.normals import triangle_normals
+from mirror_scan.core.mesh.submesh import compact, remove_bowties, vertex_fans
 from mirror_scan.core.refinement import edge_length_at_vertices, refine
 
 

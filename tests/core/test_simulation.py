@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from mirror_scan.core.bvh import build_bvh, closest_point
 from mirror_scan.core.camera import Intrinsics, unproject
 from mirror_scan.core.capture import open_capture
 from mirror_scan.core.errors import MirrorScanError, OutputError
 from mirror_scan.core.io import read_mesh
 from mirror_scan.core.mesh import Mesh
+from mirror_scan.core.mesh.bvh import build_bvh, closest_point
 from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.rays import BODY, FLOOR, FRAME, WALL, look
 from mirror_scan.core.simulation.scene import FramedMirror, Rig, default_rig

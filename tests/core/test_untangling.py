@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import trimesh
-from mirror_scan.core.intersections import self_intersections
-from mirror_scan.core.mesh import FILL, SURFACE, Mesh, triangle_components, twins, vertex_fans
+from mirror_scan.core.mesh import FILL, SURFACE, Mesh
+from mirror_scan.core.mesh.half_edges import twins
+from mirror_scan.core.mesh.self_intersections import self_intersections
+from mirror_scan.core.mesh.submesh import triangle_components, vertex_fans
 from mirror_scan.core.untangling import untangle
 
 

@@ -13,7 +13,10 @@ from mirror_scan.core.coronal import Chain, match_chains, pairings, solidity, sp
 from mirror_scan.core.dtw import dtw
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.filling import fill_loops
-from mirror_scan.core.mesh import SURFACE, Mesh, boundary_edges, boundary_loops, triangle_normals, twins
+from mirror_scan.core.mesh import SURFACE, Mesh
+from mirror_scan.core.mesh.boundary_loops import boundary_loops
+from mirror_scan.core.mesh.half_edges import boundary_edges, twins
+from mirror_scan.core.mesh.normals import triangle_normals
 from mirror_scan.core.overlap import view_maps
 from mirror_scan.core.weaving import add_triangles, zip_chains
 from mirror_scan.core.zippering import ZipperSettings, zip_patches

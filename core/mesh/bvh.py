@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from .errors import MirrorScanError
+from ..errors import MirrorScanError
 
 STACK = 64
 """Entries a traversal stack needs; :func:`build_bvh` never makes a tree deeper than that."""

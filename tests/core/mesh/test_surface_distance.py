@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.mesh import Mesh
-from mirror_scan.core.metrics import (
+from mirror_scan.core.mesh.soundness import mesh_report
+from mirror_scan.core.mesh.surface_distance import (
     evaluate,
     hausdorff,
-    mesh_report,
     rigid_alignment,
     sample_surface,
     surface_distance,
 )
 
 trimesh = pytest.importorskip("trimesh")
-SHARED = Path(__file__).resolve().parents[3] / "shared"
+SHARED = Path(__file__).resolve().parents[4] / "shared"
 
 
 def ours(mesh) -> Mesh:

@@ -11,25 +11,19 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mirror_scan.core.mesh import (
-    FILL,
-    SEAM,
-    SURFACE,
-    Mesh,
-    boundary_edges,
-    boundary_loops,
+from mirror_scan.core.mesh import FILL, SEAM, SURFACE, Mesh
+from mirror_scan.core.mesh.boundary_loops import boundary_loops
+from mirror_scan.core.mesh.half_edges import boundary_edges, edge_keys, twins
+from mirror_scan.core.mesh.normals import triangle_normals, vertex_normals
+from mirror_scan.core.mesh.submesh import (
     compact,
     drop_small_components,
-    edge_keys,
     keep_triangles,
-    merge,
     remove_bowties,
     triangle_components,
-    triangle_normals,
-    twins,
     vertex_fans,
-    vertex_normals,
 )
+from mirror_scan.core.mesh.triangle_mesh import merge
 
 seeds = st.integers(0, 2**32 - 1)
 

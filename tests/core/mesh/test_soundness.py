@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mirror_scan.core import palette
 from mirror_scan.core.mesh import FILL, SURFACE, Mesh
-from mirror_scan.core.problems import CROSSING, EDGE, GUESS, HOLE, PIECE, find_problems
+from mirror_scan.core.mesh.soundness import CROSSING, EDGE, GUESS, HOLE, PIECE, find_problems
 
 
 def grid_box(n=10, size=1.0, at=(0, 0, 0)):

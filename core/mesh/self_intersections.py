@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit, prange
 
 from .bvh import STACK, build_bvh
-from .mesh import boundary_vertices
+from .half_edges import boundary_vertices
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mirror_scan.core.bvh import build_bvh, closest_point, raycast
 from mirror_scan.core.errors import MirrorScanError
+from mirror_scan.core.mesh.bvh import build_bvh, closest_point, raycast
 
 trimesh = pytest.importorskip("trimesh")
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from ..errors import MirrorScanError
 from .bvh import Bvh, build_bvh, closest_point
-from .errors import MirrorScanError
-from .intersections import self_intersections
-from .mesh import Mesh, edge_keys, triangle_normals
-from .numeric.union_find import root_of
+from .normals import triangle_normals
+from .self_intersections import self_intersections
+from .soundness import connectivity, volume
+from .triangle_mesh import Mesh
 
 ALIGNMENT_REACH = (0.08, 0.03, 0.015)
 """Radii [m] within which :func:`rigid_alignment` pairs points, coarse to fine."""
@@ -208,113 +208,6 @@ def _rotation(vector: np.ndarray) -> np.ndarray:
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
 
 
-@njit(cache=True, nogil=True)
-def _fans_and_components(triangles, pairs, vertex_count):
-    """Vertices whose triangles are more than one fan, and triangles connected over edges: how many of each.
-
-    ``pairs`` (P, 2): the corners (3 * triangle + k) from which the two triangles of each inner edge see it.
-    """
-    total = triangles.shape[0]
-    corner = np.arange(3 * total)
-    piece = np.arange(total)
-    for p in range(pairs.shape[0]):
-        e, f = pairs[p, 0], pairs[p, 1]
-        t, s = e // 3, f // 3
-        a, b = root_of(piece, t), root_of(piece, s)
-        piece[max(a, b)] = min(a, b)
-        for i in (e, 3 * t + (e + 1) % 3):
-            for j in (f, 3 * s + (f + 1) % 3):
-                if triangles[t, i % 3] == triangles[s, j % 3]:
-                    a, b = root_of(corner, i), root_of(corner, j)
-                    corner[max(a, b)] = min(a, b)
-    components = 0
-    for t in range(total):
-        if piece[t] == t:
-            components += 1
-    fans = np.zeros(vertex_count, np.int32)
-    for i in range(3 * total):
-        if corner[i] == i:
-            fans[triangles[i // 3, i % 3]] += 1
-    return np.count_nonzero(fans > 1), components
-
-
-def _connectivity(mesh: Mesh) -> dict:
-    """Counts that need the edges only; see :func:`mesh_report`."""
-    triangles, count = np.ascontiguousarray(mesh.triangles, np.int32), len(mesh.vertices)
-    keys = edge_keys(triangles, count).ravel()
-    order = np.argsort(keys, kind="stable")
-    begin = np.flatnonzero(np.concatenate(([True], np.diff(keys[order]) != 0))) if len(keys) else np.empty(0, np.int64)
-    uses = np.diff(np.concatenate((begin, [len(keys)])))
-    first = begin[uses == 2]
-    pairs = np.column_stack((order[first], order[first + 1]))
-    split, components = _fans_and_components(triangles, pairs, count)
-    tails = triangles.ravel()[pairs]
-    # (a, a) is no edge: a triangle that names a vertex twice makes the mesh non-manifold
-    repeated = np.any(triangles == np.roll(triangles, 1, axis=1), axis=1)
-    boundary, crowded = int(np.sum(uses == 1)), int(np.sum(uses > 2))
-    consistent = bool(np.all(tails[:, 0] != tails[:, 1]))
-    return {
-        "vertices": count,
-        "triangles": len(triangles),
-        "watertight": bool(len(triangles)) and boundary == 0 and crowded == 0 and consistent,
-        "manifold": crowded == 0 and int(split) == 0 and not repeated.any(),
-        "winding_consistent": consistent,
-        "components": int(components),
-        "boundary_edges": boundary,
-        "nonmanifold_edges": crowded,
-        "nonmanifold_vertices": int(split),
-        "euler_characteristic": len(np.unique(triangles)) - len(begin) + len(triangles),
-    }
-
-
-def volume(mesh: Mesh) -> float:
-    """Signed volume of a closed mesh [m³], positive when its triangles face outwards; of no meaning for an open one."""
-    a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
-
-
-def mesh_report(mesh: Mesh) -> dict:
-    """What a mesh is, as a plain dict ready for JSON.
-
-    Time O(T log T), memory about 400 bytes a triangle.
-
-    Returns
-    -------
-    dict
-        ``vertices``, ``triangles``;
-        ``watertight``: every edge has exactly two triangles, wound in opposite senses along it;
-        ``manifold``: no edge has more than two triangles, and each vertex's triangles are a single fan;
-        ``winding_consistent``: of edges with two triangles;
-        ``components`` (connected over edges of two triangles), ``boundary_edges``, ``nonmanifold_edges``,
-        ``nonmanifold_vertices`` (more than one fan), ``euler_characteristic`` (of used vertices);
-        ``volume_m3`` (None unless watertight), ``area_m2``;
-        ``self_intersections``: triangles that run through another one;
-        ``min_angle_deg``: quantiles ``p0``, ``p1``, ``p5``, ``p50`` of each triangle's smallest angle, None for no
-        triangles.
-
-    Raises
-    ------
-    MirrorScanError
-        When a used vertex is not finite, or a triangle names a vertex that does not exist.
-    """
-    crossing = np.unique(self_intersections(mesh.vertices, mesh.triangles))  # also checks the indices
-    report = _connectivity(mesh)
-    report["volume_m3"] = volume(mesh) if report["watertight"] else None
-    twice_area = np.linalg.norm(triangle_normals(mesh.vertices, mesh.triangles), axis=1)
-    report["area_m2"] = float(twice_area.sum() / 2)
-    report["self_intersections"] = len(crossing)
-    report["min_angle_deg"] = None
-    if len(twice_area):
-        p = mesh.vertices[mesh.triangles]
-        sides = np.sort(np.linalg.norm(p - np.roll(p, -1, axis=1), axis=2), axis=1)
-        # the smallest angle lies between the two longest sides
-        sine = twice_area / np.maximum(sides[:, 1] * sides[:, 2], np.finfo(float).tiny)
-        angle = np.degrees(np.arcsin(np.clip(sine, 0.0, 1.0)))
-        quantiles = np.percentile(angle, (0, 1, 5, 50))
-        report["min_angle_deg"] = dict(zip(("p0", "p1", "p5", "p50"), quantiles.tolist(), strict=True))
-    return report
-
-
 def evaluate(mesh: Mesh, truth: Mesh, align: bool = True, samples: int = 100_000, seed: int = 0) -> dict:
     """Compare a reconstruction with the true surface; distances in mm.
 
@@ -337,7 +230,7 @@ def evaluate(mesh: Mesh, truth: Mesh, align: bool = True, samples: int = 100_000
         ``vertices``, ``faces``; ``accuracy_mean``, ``_p95``, ``_max`` from the reconstruction to the truth and
         ``complete_mean``, ``_p95``, ``_max`` from the truth to the reconstruction [mm]; ``hausdorff`` [mm], the larger
         of the maxima; ``boundary_edges``, ``nonmanifold_edges``, ``watertight``, ``self_intersecting_faces``,
-        ``components`` as in :func:`mesh_report`; ``volume_error_pct``, None unless watertight;
+        ``components`` as in :func:`.soundness.mesh_report`; ``volume_error_pct``, None unless watertight;
         ``icp_shift_mm``, length of the alignment's translation, 0 without one.
 
     Raises
@@ -350,7 +243,7 @@ def evaluate(mesh: Mesh, truth: Mesh, align: bool = True, samples: int = 100_000
     placed = mesh.transformed(moved)
     there = _distance_to(placed, tree, samples, seed + 1)
     back = _distance_to(truth, _tree(placed), samples, seed + 2)
-    report = _connectivity(mesh)
+    report = connectivity(mesh)
     true_volume = volume(truth)
     return {
         "vertices": report["vertices"],

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mirror_scan.core.intersections import self_intersections
+from mirror_scan.core.mesh.self_intersections import self_intersections
 
 trimesh = pytest.importorskip("trimesh")
-BODIES = Path(__file__).resolve().parents[3] / "shared" / "data" / "bodies"
+BODIES = Path(__file__).resolve().parents[4] / "shared" / "data" / "bodies"
 
 
 def arrays(mesh):
