@@ -14,7 +14,7 @@ from statistics import median
 
 import numpy as np
 from mirror_scan.core.errors import MirrorScanError
-from mirror_scan.core.images import write_png
+from mirror_scan.core.io.images import write_png
 from mirror_scan.core.mesh import FILL, SEAM, SURFACE, Mesh
 from mirror_scan.core.mesh.soundness import mesh_report
 from mirror_scan.core.mesh.surface_distance import evaluate

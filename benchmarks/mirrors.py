@@ -12,7 +12,7 @@ from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.capture import Capture, MirrorPicks, open_capture
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
-from mirror_scan.core.images import read_image, write_png
+from mirror_scan.core.io.images import read_image, write_png
 from mirror_scan.core.mirror import Mirror, MirrorSettings, place_mirror, plane_mirror, reflect
 from mirror_scan.core.mirror_detection import find_mirrors
 from mirror_scan.core.pipeline import Settings, reconstruct

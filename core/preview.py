@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .errors import MirrorScanError
-from .images import write_png
+from .io.images import write_png
 from .mesh import FILL, KIND_NAMES, SEAM, SURFACE, Mesh
 from .mesh.bvh import Bvh, build_bvh, raycast
 from .mesh.normals import triangle_normals, vertex_normals

@@ -20,7 +20,7 @@ from .camera import Intrinsics
 from .capture.rgbd_folder import sensor_named
 from .capture.writing import FolderWriter
 from .errors import CaptureError, MirrorScanError
-from .files import fresh_folder
+from .io.atomic_files import fresh_folder
 
 SETTLE = 15  # frames until exposure and laser have settled
 TIMEOUT_MS = 5000

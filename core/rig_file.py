@@ -19,8 +19,8 @@ from .camera import Intrinsics
 from .capture import Capture, MirrorPicks
 from .depth import DepthSettings, fuse_burst, remove_flying_pixels
 from .errors import CaptureError, MirrorError
-from .files import replacing
 from .frame_fit import THICK
+from .io.atomic_files import replacing
 from .mirror import (
     Mirror,
     MirrorSettings,

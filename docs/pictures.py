@@ -18,7 +18,7 @@ from mirror_scan.core.capture import Capture
 from mirror_scan.core.capture.describe import picture
 from mirror_scan.core.closing import close_mesh
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
-from mirror_scan.core.images import openimageio, read_image, write_png
+from mirror_scan.core.io.images import openimageio, read_image, write_png
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.triangle_mesh import merge
 from mirror_scan.core.mirror import Mirror, place_mirror, reflection_matrix

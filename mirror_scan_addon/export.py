@@ -19,13 +19,14 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ..core.errors import OutputError
-from ..core.files import replacing
+from ..core.io.atomic_files import replacing
 from . import scene as avatar_scene
 from .texts import say
 from .units import metres_per_unit
 
 if TYPE_CHECKING:
     from ..core.pipeline import Reconstruction
+
 
 VIEW_ANGLE = math.radians(25)  # the camera stands that far to the side of the person's front
 CAMERA_LENS, VIEWPORT_LENS = 50.0, 50.0  # [mm]

@@ -32,7 +32,7 @@ def main() -> None:
 
         try:
             _make_package(place["package"], place["root"])
-            importlib.import_module(place["package"] + ".core.images").openimageio()
+            importlib.import_module(place["package"] + ".core.io.images").openimageio()
             _tell_compilations(say)
         except Exception:
             say(unable=traceback.format_exc())

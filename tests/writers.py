@@ -13,7 +13,7 @@ import struct
 import zipfile
 
 import numpy as np
-from mirror_scan.core.images import write_png
+from mirror_scan.core.io.images import write_png
 
 
 def scene(width=64, height=48, seed=0):

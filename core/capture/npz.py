@@ -18,7 +18,7 @@ import numpy as np
 
 from ..camera import Intrinsics
 from ..errors import CaptureError, OutputError
-from ..files import replacing
+from ..io.atomic_files import replacing
 from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
 from .binary import blaming, npy_header, starts_with
 from .rgbd_folder import mirrors_from, mirrors_to

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..camera import Intrinsics
 from ..errors import CaptureError
-from ..images import MAX_PIXELS
+from ..io.images import MAX_PIXELS
 from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
 from .binary import blaming, read_limited, starts_with, yuv_to_rgb
 from .nominal import nominal_camera

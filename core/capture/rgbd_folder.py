@@ -17,7 +17,7 @@ import numpy as np
 
 from ..camera import Intrinsics
 from ..errors import CaptureError, MirrorError, MirrorScanError
-from ..images import checked_png, read_image
+from ..io.images import checked_png, read_image
 from ..numeric.threads import each
 from . import Capture, FrameChoice, MirrorPicks, ReadOptions, chosen_frames, empty_burst
 from .nominal import nominal_camera

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import CaptureError
-from ..images import MAX_PIXELS, read_image
+from ..io.images import MAX_PIXELS, read_image
 from . import MAX_BURST_PIXELS, Capture, FrameChoice, ReadOptions, chosen_frames
 from .binary import blaming, npy_header, read_limited, rgb, starts_with
 from .kinect_v1 import calibration, depth_of_disparity

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..camera import Intrinsics
 from ..errors import CaptureError
-from ..images import read_image
+from ..io.images import read_image
 from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
 from .binary import read_limited, rgb
 from .rgbd_folder import sensor_named

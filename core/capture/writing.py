@@ -10,7 +10,7 @@ import numpy as np
 
 from ..camera import Intrinsics
 from ..errors import OutputError
-from ..images import write_png
+from ..io.images import write_png
 from . import Capture
 from .rgbd_folder import mirrors_to
 

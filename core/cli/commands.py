@@ -174,7 +174,7 @@ def run_inspect(options: argparse.Namespace, writers: Writers) -> None:
             raise OutputError(f"{options.preview}: the preview is a PNG; give a name that ends in .png")
         check_targets([options.preview])
 
-    from ..images import write_png
+    from ..io.images import write_png
 
     capture = _open(options.capture, options)
     from ..inspection import inspect_capture, inspection_picture  # brings numba, as above
@@ -192,7 +192,7 @@ def run_inspect(options: argparse.Namespace, writers: Writers) -> None:
 
 def run_convert(options: argparse.Namespace, writers: Writers) -> None:
     from ..capture.writing import write_folder
-    from ..files import fresh_folder
+    from ..io.atomic_files import fresh_folder
 
     with fresh_folder(options.folder) as fresh:
         capture = _open(options.capture, options)

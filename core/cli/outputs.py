@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ..mesh import Mesh
     from ..pipeline import Reconstruction
 
+
 Writers = Mapping[str, Callable[["Path", "Reconstruction"], object]]
 
 BLENDER_SUFFIXES = (".blend", ".glb", ".fbx")
@@ -69,7 +70,7 @@ def write_outputs(
     result: Reconstruction, outputs: list[tuple[Path, Callable]], report: Path | None, read_ms: float
 ) -> None:
     """Write all files under temporary names, then put them in place together."""
-    from ..files import replacing
+    from ..io.atomic_files import replacing
 
     started = time.perf_counter()
     with contextlib.ExitStack() as stack:
@@ -104,8 +105,8 @@ def make_folder(folder: Path) -> None:
 
 def write_simulation(folder: Path, *, sensor: str, frames: int, seed: int, mirrors: int, body: Path | None) -> None:
     """Simulate into a folder beside ``folder``, then swap; only a simulation may be replaced, never a recording."""
-    from ..files import fresh_folder
     from ..io import read_mesh
+    from ..io.atomic_files import fresh_folder
     from ..simulation.mannequin import mannequin
     from ..simulation.scene import default_rig
     from ..simulation.simulate import simulate, write_simulation

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..files import replacing
-from ..images import write_png
+from ..io.atomic_files import replacing
+from ..io.images import write_png
 
 
 def keep(

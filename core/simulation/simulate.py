@@ -13,8 +13,8 @@ import numpy as np
 from ..camera import Intrinsics, project
 from ..capture import Capture, MirrorPicks
 from ..errors import OutputError
-from ..images import write_png
 from ..io import write_mesh
+from ..io.images import write_png
 from ..mesh import Mesh
 from .rays import BODY, FRAME, Sight, lit, look
 from .scene import FramedMirror, Rig

@@ -1,7 +1,8 @@
 """Mirrors: found, set by scripts, removed, written and read."""
 
-# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
+from __future__ import annotations
 
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import FloatVectorProperty, IntProperty, StringProperty
 
@@ -241,7 +242,7 @@ class MIRRORSCAN_OT_save_mirrors(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         import json
 
-        from ...core.files import replacing
+        from ...core.io.atomic_files import replacing
 
         entries = []
         for item in context.scene.mirror_scan.mirrors:

@@ -197,7 +197,7 @@ class TestReviewRules:
                 alias.name for n in ast.walk(tree) if isinstance(n, ast.Import | ast.ImportFrom) for alias in n.names
             }
             if imported & {"replacing", "tempfile"} or name.startswith("core/experiments/") or name in {
-                "core/files.py", "core/capture/writing.py", "core/simulation/simulate.py",
+                "core/io/atomic_files.py", "core/capture/writing.py", "core/simulation/simulate.py",
                 "mirror_scan_addon/worker.py", "mirror_scan_addon/compiling.py",
             }:  # fmt: skip
                 continue

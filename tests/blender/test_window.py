@@ -60,7 +60,7 @@ def test_the_whole_way(found):
 
 
 def test_screenshots_show_something(found):
-    from mirror_scan.core.images import read_image
+    from mirror_scan.core.io.images import read_image
 
     result, out, _ = found
     assert set(SHOTS) <= set(result["screenshots"])

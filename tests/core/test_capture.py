@@ -16,7 +16,7 @@ from mirror_scan.core.capture import open_capture
 from mirror_scan.core.capture.depth_png import decode_metres
 from mirror_scan.core.capture.rgbd_folder import read_mirrors
 from mirror_scan.core.errors import CaptureError, MirrorError, MirrorScanError
-from mirror_scan.core.images import read_image, write_png
+from mirror_scan.core.io.images import read_image, write_png
 
 WIDTH, HEIGHT = 64, 48
 MATRIX = [60.0, 0, 0, 0, 61.0, 0, 31.5, 23.5, 1]

@@ -18,7 +18,7 @@ from mirror_scan.core.capture.npz import write_npz
 from mirror_scan.core.capture.openni_codec import decode_16z
 from mirror_scan.core.capture.realsense_bag import brown_of_inverse
 from mirror_scan.core.errors import CaptureError
-from mirror_scan.core.images import openimageio, write_png
+from mirror_scan.core.io.images import openimageio, write_png
 
 DEPTH, COLOR = writers.scene()
 METRES = np.divide(DEPTH, 1000, dtype=np.float32)

@@ -21,7 +21,7 @@ from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.capture import Capture, ReadOptions, open_capture
 from mirror_scan.core.capture.npz import write_npz
 from mirror_scan.core.errors import MirrorScanError
-from mirror_scan.core.images import openimageio, write_png
+from mirror_scan.core.io.images import openimageio, write_png
 
 CASES = int(os.environ.get("MIRROR_SCAN_FUZZ_CASES", "300"))
 SLOWEST_S = 5.0  # of the processor: a case that takes this long hangs; honest ones take milliseconds

@@ -18,8 +18,8 @@ from mirror_scan.core.capture import open_capture
 from mirror_scan.core.capture.npz import write_npz
 from mirror_scan.core.capture.writing import write_folder
 from mirror_scan.core.errors import OutputError, ReconstructionError
-from mirror_scan.core.images import read_image, write_png
 from mirror_scan.core.io import read_mesh, write_mesh
+from mirror_scan.core.io.images import read_image, write_png
 from mirror_scan.core.mesh import Mesh
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -388,7 +388,7 @@ def test_help_answers_without_heavy_imports():
         "assert cli.main(['--help']) == 0 and cli.main(['reconstruct', '--help']) == 0\n"
         "heavy = {'numpy', 'numba', 'OpenImageIO', 'tqdm', 'bpy'} & set(sys.modules)\n"
         "assert not heavy, heavy\n"
-        "from mirror_scan.core import capture, images\n"
+        "from mirror_scan.core import capture\nfrom mirror_scan.core.io import images\n"
         "assert 'numba' not in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, timeout=60)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mirror_scan.core.errors import MirrorScanError, OutputError
-from mirror_scan.core.images import read_image
+from mirror_scan.core.io.images import read_image
 from mirror_scan.core.mesh import FILL, SEAM, Mesh
 from mirror_scan.core.preview import BACKGROUND, SIDES, draw_text, render_preview, render_views
 

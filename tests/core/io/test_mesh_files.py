@@ -10,9 +10,9 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from mirror_scan.core.errors import CaptureError, OutputError
-from mirror_scan.core.files import replacing
-from mirror_scan.core.images import read_image, write_png
 from mirror_scan.core.io import read_mesh, write_mesh
+from mirror_scan.core.io.atomic_files import replacing
+from mirror_scan.core.io.images import read_image, write_png
 from mirror_scan.core.mesh import Mesh
 
 

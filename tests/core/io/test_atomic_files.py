@@ -1,10 +1,12 @@
 """Nothing of the user's is lost, and nothing half-made is left behind."""
 
+from __future__ import annotations
+
 import os
 
 import pytest
 from mirror_scan.core.errors import OutputError
-from mirror_scan.core.files import fresh_folder, replacing
+from mirror_scan.core.io.atomic_files import fresh_folder, replacing
 
 
 def contents(folder):

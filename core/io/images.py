@@ -11,8 +11,8 @@ from types import ModuleType
 
 import numpy as np
 
-from .errors import CaptureError, MirrorScanError, OutputError
-from .files import replacing
+from ..errors import CaptureError, MirrorScanError, OutputError
+from .atomic_files import replacing
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 MAX_PIXELS = 64_000_000  # of one image; no depth camera comes near, and a forged header cannot fill the memory

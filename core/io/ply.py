@@ -1,82 +1,19 @@
-"""Meshes to and from PLY, OBJ and STL files, without Blender.
-
-A file appears under its name only when it is complete (:func:`.files.replacing`). Whatever is read is taken for
-hostile: a header may promise anything, so counts are held against the bytes that are there before arrays are made.
-"""
+"""PLY files: binary and ASCII, with colours."""
 
 from __future__ import annotations
 
-import os
 import re
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from .errors import CaptureError, MirrorScanError, OutputError
-from .files import replacing
-from .mesh import KIND_NAMES, Mesh
-from .mesh.triangle_mesh import PolygonLists, triangulate_polygons
+from ..errors import CaptureError
+from ..mesh import KIND_NAMES, Mesh
+from ..mesh.triangle_mesh import PolygonLists, triangulate_polygons
 
 MAX_HEADER_BYTES = 1 << 16
-
-
-def write_mesh(path: str | os.PathLike, mesh: Mesh) -> None:
-    """Write ``mesh`` as .ply (binary), .obj (with vertex colours) or .stl (binary, geometry only), by suffix.
-
-    PLY holds all a :class:`.triangle_mesh.Mesh` has: ``red green blue`` (uchar) and ``view`` (char) per vertex,
-    ``kind`` (uchar) per face. Coordinates are float32 in PLY and STL (0.1 µm at 2 m), micrometres in OBJ.
-
-    Raises
-    ------
-    OutputError
-        Unknown suffix, coordinates that are not finite, or a file that cannot be written.
-    """
-    path = Path(path)
-    writer = _WRITERS.get(path.suffix.lower())
-    if writer is None:
-        raise OutputError(f"{path}: unknown mesh format “{path.suffix}”; use one of {', '.join(_WRITERS)}")
-    if not np.isfinite(mesh.vertices).all():
-        bad = int((~np.isfinite(mesh.vertices).all(axis=1)).sum())
-        raise OutputError(f"{path}: {bad} of {len(mesh.vertices)} vertices are not finite; nothing was written")
-    with replacing(path) as temporary, open(temporary, "wb") as file:
-        file.writelines(writer(mesh))
-
-
-def read_mesh(path: str | os.PathLike) -> Mesh:
-    """Read a .ply (ascii or binary), .obj or .stl (ascii or binary) file; polygons become triangle fans.
-
-    Returns
-    -------
-    Mesh
-        ``colors``, ``view`` and ``kind`` where the file has them. STL vertices that coincide exactly are merged.
-        No triangles when the file holds a point cloud.
-
-    Raises
-    ------
-    CaptureError
-        Missing or malformed file, counts the file cannot hold, indices out of range, coordinates that are not finite.
-    """
-    path = Path(path)
-    reader = _READERS.get(path.suffix.lower())
-    if reader is None:
-        raise CaptureError(f"{path}: unknown mesh format “{path.suffix}”; use one of {', '.join(_READERS)}")
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise CaptureError(f"{path}: cannot be read: {error.strerror or error}") from error
-    try:
-        mesh = reader(data)
-    except MirrorScanError as error:
-        raise CaptureError(f"{path}: {error}") from error
-    if not len(mesh.vertices):
-        raise CaptureError(f"{path}: holds no vertices")
-    if not np.isfinite(mesh.vertices).all():
-        bad = int((~np.isfinite(mesh.vertices).all(axis=1)).sum())
-        raise CaptureError(f"{path}: {bad} of {len(mesh.vertices)} vertices are not finite numbers; repair the mesh")
-    return mesh
 
 
 # --- PLY -------------------------------------------------------------------------------------------------------------
@@ -103,7 +40,7 @@ class _Element:
     properties: list[_Property]
 
 
-def _write_ply(mesh: Mesh) -> Iterator[bytes | memoryview]:
+def write_ply(mesh: Mesh) -> Iterator[bytes | memoryview]:
     vertex_fields: list[tuple] = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
     if mesh.colors is not None:
         vertex_fields += [("red", "u1"), ("green", "u1"), ("blue", "u1")]
@@ -142,7 +79,7 @@ def _write_ply(mesh: Mesh) -> Iterator[bytes | memoryview]:
     yield faces.tobytes()
 
 
-def _read_ply(data: bytes) -> Mesh:
+def read_ply(data: bytes) -> Mesh:
     layout, elements, start = _parse_ply_header(data)
     vertices = faces = None
     if layout == "ascii":
@@ -378,100 +315,3 @@ def _ply_colors(vertices: dict) -> np.ndarray | None:
                 channels = channels / 257.0
             return np.rint(np.clip(np.nan_to_num(channels), 0, 255)).astype(np.uint8)
     return None
-
-
-# --- OBJ -------------------------------------------------------------------------------------------------------------
-
-
-def _write_obj(mesh: Mesh) -> Iterator[bytes]:
-    yield b"# Mirror Scan, metres; vertex colours behind the coordinates, 0..1\no Avatar\n"
-    table, line = mesh.vertices, "v %.6f %.6f %.6f\n"
-    if mesh.colors is not None:
-        table, line = np.hstack((mesh.vertices, mesh.colors / 255.0)), "v %.6f %.6f %.6f %.4f %.4f %.4f\n"
-    yield from _format_rows(line, table)
-    yield from _format_rows("f %d %d %d\n", mesh.triangles.astype(np.int64) + 1)
-
-
-def _format_rows(line: str, table: np.ndarray, block: int = 20_000) -> Iterator[bytes]:
-    """Rows of ``table`` through one format string, a block at a time."""
-    for start in range(0, len(table), block):
-        rows = table[start : start + block]
-        yield ((line * len(rows)) % tuple(rows.ravel().tolist())).encode("ascii")
-
-
-def _read_obj(data: bytes) -> Mesh:
-    lines = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines()
-    vertex_lines = [i for i, line in enumerate(lines) if line.startswith((b"v ", b"v\t"))]
-    face_lines = [i for i, line in enumerate(lines) if line.startswith((b"f ", b"f\t"))]
-    words = [lines[i].split() for i in vertex_lines]
-    widths = np.array([len(row) - 1 for row in words], dtype=np.int64)
-    if len(widths) and widths.min() < 3:
-        raise CaptureError(f"line {vertex_lines[int(widths.argmin())] + 1}: a vertex needs three coordinates")
-    try:
-        points = np.array([float(w) for row in words for w in row[1:4]]).reshape(-1, 3)
-        colors = None
-        if len(widths) and widths.min() >= 6:
-            shades = np.array([float(w) for row in words for w in row[4:7]]).reshape(-1, 3)
-            colors = np.rint(np.clip(np.nan_to_num(shades), 0, 1) * 255).astype(np.uint8)
-        corners = [lines[i].split()[1:] for i in face_lines]
-        flat = np.array([int(w.partition(b"/")[0]) for row in corners for w in row], dtype=np.int64)
-    except (ValueError, OverflowError) as error:
-        raise CaptureError("a vertex or face line of the OBJ file holds something that is not a number") from error
-
-    lengths = np.array([len(row) for row in corners], dtype=np.int64)
-    starts = np.concatenate(([0], np.cumsum(lengths)))[:-1].astype(np.int64)
-    # Positive indices count from 1; negative ones back from the last vertex above the face.
-    seen = np.searchsorted(np.array(vertex_lines, dtype=np.int64), np.array(face_lines, dtype=np.int64))
-    flat = np.where(flat < 0, flat + np.repeat(seen, lengths), np.where(flat == 0, -1, flat - 1))
-    groups = [(r := np.flatnonzero(lengths == n), flat[starts[r, None] + np.arange(n)]) for n in np.unique(lengths)]
-    return Mesh(points, triangulate_polygons((lengths, groups), len(points))[0], colors=colors)
-
-
-# --- STL -------------------------------------------------------------------------------------------------------------
-
-_STL_ROW = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-
-
-def _write_stl(mesh: Mesh) -> Iterator[bytes]:
-    corners = mesh.vertices[mesh.triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    rows = np.zeros(len(corners), _STL_ROW)
-    rows["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
-    rows["corners"] = corners
-    yield b"Mirror Scan, metres".ljust(80) + struct.pack("<I", len(corners))
-    yield rows.tobytes()
-
-
-def _read_stl(data: bytes) -> Mesh:
-    count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else -1
-    if count >= 0 and len(data) >= 84 + count * _STL_ROW.itemsize and not _is_ascii_stl(data):
-        corners = np.frombuffer(data, _STL_ROW, count, 84)["corners"].reshape(-1, 3)
-    elif _is_ascii_stl(data):
-        words = data.split()
-        at = [i for i, word in enumerate(words) if word == b"vertex"]
-        try:
-            corners = np.array([float(w) for i in at for w in words[i + 1 : i + 4]], np.float32)
-        except ValueError as error:
-            raise CaptureError("a vertex of the ascii STL file holds something that is not a number") from error
-        if corners.size != 3 * len(at) or len(at) % 3:
-            raise CaptureError("ascii STL ends within a facet; it is truncated or damaged")
-        corners = corners.reshape(-1, 3)
-    else:
-        raise CaptureError("is no STL file, or it is truncated: its length does not fit the number of triangles in it")
-    if not np.isfinite(corners).all():
-        raise CaptureError("some coordinates are not finite numbers; repair the mesh")
-    keys = np.ascontiguousarray(corners + np.float32(0)).view("V12").ravel()  # + 0 makes -0 and 0 one vertex
-    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
-    triangles = inverse.reshape(-1, 3).astype(np.int32)
-    a, b, c = triangles.T
-    return Mesh(corners[first].astype(np.float64), triangles[(a != b) & (b != c) & (c != a)])
-
-
-def _is_ascii_stl(data: bytes) -> bool:
-    return data[:5] == b"solid" and re.search(rb"\bfacet\s+normal\b|\bendsolid\b", data[:4096]) is not None
-
-
-_WRITERS = {".ply": _write_ply, ".obj": _write_obj, ".stl": _write_stl}
-_READERS = {".ply": _read_ply, ".obj": _read_obj, ".stl": _read_stl}
-MESH_SUFFIXES = tuple(_WRITERS)

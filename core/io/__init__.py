@@ -1,0 +1,7 @@
+"""Files: meshes, images, and writing so that nothing is lost."""
+
+from __future__ import annotations
+
+from .mesh_files import read_mesh, write_mesh
+
+__all__ = ["read_mesh", "write_mesh"]

@@ -1,0 +1,80 @@
+"""Meshes to and from PLY, OBJ and STL files, without Blender.
+
+A file appears under its name only when it is complete (:func:`.atomic_files.replacing`). Whatever is read is taken for
+hostile: a header may promise anything, so counts are held against the bytes that are there before arrays are made.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import CaptureError, MirrorScanError, OutputError
+from ..mesh import Mesh
+from .atomic_files import replacing
+from .obj import read_obj, write_obj
+from .ply import read_ply, write_ply
+from .stl import read_stl, write_stl
+
+
+def write_mesh(path: str | os.PathLike, mesh: Mesh) -> None:
+    """Write ``mesh`` as .ply (binary), .obj (with vertex colours) or .stl (binary, geometry only), by suffix.
+
+    PLY holds all a :class:`.triangle_mesh.Mesh` has: ``red green blue`` (uchar) and ``view`` (char) per vertex,
+    ``kind`` (uchar) per face. Coordinates are float32 in PLY and STL (0.1 µm at 2 m), micrometres in OBJ.
+
+    Raises
+    ------
+    OutputError
+        Unknown suffix, coordinates that are not finite, or a file that cannot be written.
+    """
+    path = Path(path)
+    writer = _WRITERS.get(path.suffix.lower())
+    if writer is None:
+        raise OutputError(f"{path}: unknown mesh format “{path.suffix}”; use one of {', '.join(_WRITERS)}")
+    if not np.isfinite(mesh.vertices).all():
+        bad = int((~np.isfinite(mesh.vertices).all(axis=1)).sum())
+        raise OutputError(f"{path}: {bad} of {len(mesh.vertices)} vertices are not finite; nothing was written")
+    with replacing(path) as temporary, open(temporary, "wb") as file:
+        file.writelines(writer(mesh))
+
+
+def read_mesh(path: str | os.PathLike) -> Mesh:
+    """Read a .ply (ascii or binary), .obj or .stl (ascii or binary) file; polygons become triangle fans.
+
+    Returns
+    -------
+    Mesh
+        ``colors``, ``view`` and ``kind`` where the file has them. STL vertices that coincide exactly are merged.
+        No triangles when the file holds a point cloud.
+
+    Raises
+    ------
+    CaptureError
+        Missing or malformed file, counts the file cannot hold, indices out of range, coordinates that are not finite.
+    """
+    path = Path(path)
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise CaptureError(f"{path}: unknown mesh format “{path.suffix}”; use one of {', '.join(_READERS)}")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise CaptureError(f"{path}: cannot be read: {error.strerror or error}") from error
+    try:
+        mesh = reader(data)
+    except MirrorScanError as error:
+        raise CaptureError(f"{path}: {error}") from error
+    if not len(mesh.vertices):
+        raise CaptureError(f"{path}: holds no vertices")
+    if not np.isfinite(mesh.vertices).all():
+        bad = int((~np.isfinite(mesh.vertices).all(axis=1)).sum())
+        raise CaptureError(f"{path}: {bad} of {len(mesh.vertices)} vertices are not finite numbers; repair the mesh")
+    return mesh
+
+
+_WRITERS = {".ply": write_ply, ".obj": write_obj, ".stl": write_stl}
+_READERS = {".ply": read_ply, ".obj": read_obj, ".stl": read_stl}
+MESH_SUFFIXES = tuple(_WRITERS)

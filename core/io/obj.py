@@ -1,0 +1,57 @@
+"""OBJ files, with colours behind the coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..errors import CaptureError
+from ..mesh import Mesh
+from ..mesh.triangle_mesh import triangulate_polygons
+
+# --- OBJ -------------------------------------------------------------------------------------------------------------
+
+
+def write_obj(mesh: Mesh) -> Iterator[bytes]:
+    yield b"# Mirror Scan, metres; vertex colours behind the coordinates, 0..1\no Avatar\n"
+    table, line = mesh.vertices, "v %.6f %.6f %.6f\n"
+    if mesh.colors is not None:
+        table, line = np.hstack((mesh.vertices, mesh.colors / 255.0)), "v %.6f %.6f %.6f %.4f %.4f %.4f\n"
+    yield from _format_rows(line, table)
+    yield from _format_rows("f %d %d %d\n", mesh.triangles.astype(np.int64) + 1)
+
+
+def _format_rows(line: str, table: np.ndarray, block: int = 20_000) -> Iterator[bytes]:
+    """Rows of ``table`` through one format string, a block at a time."""
+    for start in range(0, len(table), block):
+        rows = table[start : start + block]
+        yield ((line * len(rows)) % tuple(rows.ravel().tolist())).encode("ascii")
+
+
+def read_obj(data: bytes) -> Mesh:
+    lines = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines()
+    vertex_lines = [i for i, line in enumerate(lines) if line.startswith((b"v ", b"v\t"))]
+    face_lines = [i for i, line in enumerate(lines) if line.startswith((b"f ", b"f\t"))]
+    words = [lines[i].split() for i in vertex_lines]
+    widths = np.array([len(row) - 1 for row in words], dtype=np.int64)
+    if len(widths) and widths.min() < 3:
+        raise CaptureError(f"line {vertex_lines[int(widths.argmin())] + 1}: a vertex needs three coordinates")
+    try:
+        points = np.array([float(w) for row in words for w in row[1:4]]).reshape(-1, 3)
+        colors = None
+        if len(widths) and widths.min() >= 6:
+            shades = np.array([float(w) for row in words for w in row[4:7]]).reshape(-1, 3)
+            colors = np.rint(np.clip(np.nan_to_num(shades), 0, 1) * 255).astype(np.uint8)
+        corners = [lines[i].split()[1:] for i in face_lines]
+        flat = np.array([int(w.partition(b"/")[0]) for row in corners for w in row], dtype=np.int64)
+    except (ValueError, OverflowError) as error:
+        raise CaptureError("a vertex or face line of the OBJ file holds something that is not a number") from error
+
+    lengths = np.array([len(row) for row in corners], dtype=np.int64)
+    starts = np.concatenate(([0], np.cumsum(lengths)))[:-1].astype(np.int64)
+    # Positive indices count from 1; negative ones back from the last vertex above the face.
+    seen = np.searchsorted(np.array(vertex_lines, dtype=np.int64), np.array(face_lines, dtype=np.int64))
+    flat = np.where(flat < 0, flat + np.repeat(seen, lengths), np.where(flat == 0, -1, flat - 1))
+    groups = [(r := np.flatnonzero(lengths == n), flat[starts[r, None] + np.arange(n)]) for n in np.unique(lengths)]
+    return Mesh(points, triangulate_polygons((lengths, groups), len(points))[0], colors=colors)

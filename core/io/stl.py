@@ -1,0 +1,56 @@
+"""STL files: binary and ASCII."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..errors import CaptureError
+from ..mesh import Mesh
+
+# --- STL -------------------------------------------------------------------------------------------------------------
+
+_STL_ROW = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+def write_stl(mesh: Mesh) -> Iterator[bytes]:
+    corners = mesh.vertices[mesh.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    rows = np.zeros(len(corners), _STL_ROW)
+    rows["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+    rows["corners"] = corners
+    yield b"Mirror Scan, metres".ljust(80) + struct.pack("<I", len(corners))
+    yield rows.tobytes()
+
+
+def read_stl(data: bytes) -> Mesh:
+    count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else -1
+    if count >= 0 and len(data) >= 84 + count * _STL_ROW.itemsize and not _is_ascii_stl(data):
+        corners = np.frombuffer(data, _STL_ROW, count, 84)["corners"].reshape(-1, 3)
+    elif _is_ascii_stl(data):
+        words = data.split()
+        at = [i for i, word in enumerate(words) if word == b"vertex"]
+        try:
+            corners = np.array([float(w) for i in at for w in words[i + 1 : i + 4]], np.float32)
+        except ValueError as error:
+            raise CaptureError("a vertex of the ascii STL file holds something that is not a number") from error
+        if corners.size != 3 * len(at) or len(at) % 3:
+            raise CaptureError("ascii STL ends within a facet; it is truncated or damaged")
+        corners = corners.reshape(-1, 3)
+    else:
+        raise CaptureError("is no STL file, or it is truncated: its length does not fit the number of triangles in it")
+    if not np.isfinite(corners).all():
+        raise CaptureError("some coordinates are not finite numbers; repair the mesh")
+    keys = np.ascontiguousarray(corners + np.float32(0)).view("V12").ravel()  # + 0 makes -0 and 0 one vertex
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    triangles = inverse.reshape(-1, 3).astype(np.int32)
+    a, b, c = triangles.T
+    return Mesh(corners[first].astype(np.float64), triangles[(a != b) & (b != c) & (c != a)])
+
+
+def _is_ascii_stl(data: bytes) -> bool:
+    return data[:5] == b"solid" and re.search(rb"\bfacet\s+normal\b|\bendsolid\b", data[:4096]) is not None
