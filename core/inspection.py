@@ -10,7 +10,7 @@ import numpy as np
 from .camera import unproject
 from .camera.noise_models import SENSORS, NoiseModel
 from .capture import Capture
-from .capture.describe import picture, words
+from .capture.capture_summary import picture, words
 from .cleaning import clean, recognise, still_warning
 from .depth import DepthSettings, close_dropouts, fuse_burst, measure_noise, remove_flying_pixels
 from .errors import MirrorScanError
@@ -59,7 +59,7 @@ def inspect_capture(capture: Capture, settings: Settings = Settings()) -> Inspec
 
 
 def inspection_picture(capture: Capture, cleaned: np.ndarray) -> np.ndarray:
-    """:func:`.describe.picture` with the cleaned depth on its right, in the same colours.
+    """:func:`.capture_summary.picture` with the cleaned depth on its right, in the same colours.
 
     Returns
     -------

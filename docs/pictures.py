@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from mirror_scan.core.camera import unproject
 from mirror_scan.core.capture import Capture
-from mirror_scan.core.capture.describe import picture
+from mirror_scan.core.capture.capture_summary import picture
 from mirror_scan.core.closing import close_mesh
 from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
 from mirror_scan.core.io.images import openimageio, read_image, write_png

@@ -153,7 +153,7 @@ def load_steps(path: str, frames: int, mirrors_path: str = "", reading: dict | N
 def record_steps(camera: str, folder: str, frames: int) -> Steps[Loaded]:
     """Record a burst of a live camera (a name of ``core.record.DRIVERS``) into ``folder``, and load it."""
     yield 0.0, "Starting the camera"
-    from ..core.record import DRIVERS, record
+    from ..core.capture.live_camera import DRIVERS, record
 
     with DRIVERS[camera]() as stream:
         yield 0.1, "Recording: hold still"

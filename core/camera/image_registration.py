@@ -1,120 +1,21 @@
 """Depth and colour brought onto one upright pinhole grid: undistortion, registration, turns and mirrored streams.
 
-A reader yields what the camera wrote; :func:`align` makes of it what the pipeline expects. Colour is looked up for
-each depth pixel rather than depth moved to the colour image, so that no reading is resampled twice.
+A reader yields what the camera wrote; :func:`.upright_grid.align` makes of it what the pipeline expects. Colour is
+looked up for each depth pixel rather than depth moved to the colour image, so that no reading is resampled twice.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from numba import njit
 
-from ..capture import Capture, MirrorPicks
 from ..errors import CaptureError
-from .pinhole import Intrinsics, padded, project, undistort
+from .pinhole import Intrinsics, padded, undistort
 
 MAX_GROWTH = 2.25  # of the pixel count, when a wide-angle image is straightened
 _SAME_SURFACE = 0.03  # neighbouring readings differ by less than this share of their depth
-_TURNS = {0: 0, 90: 1, 180: 2, 270: 3}
-
-
-def align(capture: Capture) -> Capture:
-    """Straighten depth and bring colour onto its grid.
-
-    Parameters
-    ----------
-    capture : Capture
-        As a reader made it: ``intrinsics`` may have distortion; ``color`` is of any size when ``color_intrinsics`` and
-        ``depth_to_color`` are given, else aligned to the depth map as it is stored.
-
-    Returns
-    -------
-    Capture
-        Pinhole ``intrinsics``, ``color`` of the depth map's size, ``color_intrinsics`` and ``depth_to_color`` None;
-        picks on mirrors moved along.
-
-    Raises
-    ------
-    CaptureError
-        When the colour image is of another size and nothing says how it lies to the depth map.
-    """
-    depth, color, camera = capture.depth, capture.color, capture.intrinsics
-    notes = capture.notes
-    if color is not None and capture.color_intrinsics is None and color.shape[:2] != depth.shape[1:]:
-        raise CaptureError(
-            f"{capture.name}: colour is {color.shape[1]}×{color.shape[0]} px, depth {camera.width}×{camera.height}; "
-            "nothing says how they lie to each other; align them when recording, or go without colour"
-        )
-    if not camera.is_pinhole:
-        straight = straightened(camera)
-        depth = undistort_depth(depth, camera, straight, interpolate=capture.sensor != "kinect_v1")
-        confidence = None if capture.confidence is None else undistort_labels(capture.confidence, camera, straight)
-        if color is not None and capture.color_intrinsics is None:
-            color = undistort_color(color, camera, straight)
-        mirrors = tuple(_moved(pick, lambda uv: _straight_pixels(uv, camera, straight)) for pick in capture.mirrors)
-        capture = replace(capture, depth=depth, confidence=confidence, intrinsics=straight, mirrors=mirrors)
-    if color is not None and capture.color_intrinsics is not None:
-        pose = np.eye(4) if capture.depth_to_color is None else capture.depth_to_color
-        color, seen = color_on_depth(first_readings(depth), capture.intrinsics, color, capture.color_intrinsics, pose)
-        if seen < 0.9:
-            notes = (*notes, f"the colour camera sees only {seen:.0%} of the readings; the rest stays black")
-    return replace(capture, color=color, color_intrinsics=None, depth_to_color=None, notes=notes)
-
-
-def turned(capture: Capture, degrees: int) -> Capture:
-    """``capture`` turned clockwise by 0, 90, 180 or 270°, as a picture is; the camera frame turns along.
-
-    A camera mounted on its side by a quarter turn clockwise (seen from behind) is made upright by 90.
-
-    Raises
-    ------
-    CaptureError
-        For any other angle.
-    """
-    if degrees not in _TURNS:
-        raise CaptureError(f"{capture.name}: a capture can be turned by 0, 90, 180 or 270 degrees, not {degrees}")
-    for _ in range(_TURNS[degrees]):
-        height = capture.intrinsics.height
-        old = capture.intrinsics
-        capture = replace(
-            capture,
-            depth=_turn(capture.depth),
-            color=None if capture.color is None else np.ascontiguousarray(np.rot90(capture.color, -1)),
-            confidence=None if capture.confidence is None else _turn(capture.confidence),
-            intrinsics=Intrinsics(old.height, old.width, old.fy, old.fx, old.height - 1 - old.cy, old.cx),
-            mirrors=tuple(
-                _moved(
-                    pick,
-                    lambda uv, h=height: np.column_stack((h - 1 - uv[:, 1], uv[:, 0])),
-                    lambda p: np.array((-p[1], p[0], p[2])),
-                )
-                for pick in capture.mirrors
-            ),
-        )
-    return capture
-
-
-def unmirrored(capture: Capture) -> Capture:
-    """``capture`` with left and right exchanged: for streams that come as in a looking glass (Kinect v2's SDK)."""
-    width, old = capture.intrinsics.width, capture.intrinsics
-    return replace(
-        capture,
-        depth=np.ascontiguousarray(capture.depth[:, :, ::-1]),
-        color=None if capture.color is None else np.ascontiguousarray(capture.color[:, ::-1]),
-        confidence=None if capture.confidence is None else np.ascontiguousarray(capture.confidence[:, :, ::-1]),
-        intrinsics=replace(old, cx=width - 1 - old.cx),
-        mirrors=tuple(
-            _moved(
-                pick,
-                lambda uv: np.column_stack((width - 1 - uv[:, 0], uv[:, 1])),
-                lambda p: np.array((-p[0], p[1], p[2])),
-            )
-            for pick in capture.mirrors
-        ),
-    )
 
 
 def straightened(camera: Intrinsics) -> Intrinsics:
@@ -281,26 +182,6 @@ def first_readings(depth: np.ndarray) -> np.ndarray:
     for frame in depth[1:]:
         np.copyto(first, frame, where=first == 0)
     return first
-
-
-def _turn(maps: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(np.rot90(maps, -1, axes=(1, 2)))
-
-
-def _moved(pick: MirrorPicks, pixels, vector=lambda p: p) -> MirrorPicks:
-    """``pick`` with its pixels and its plane taken through two functions."""
-    if pick.frame_pixels is not None:
-        return replace(pick, frame_pixels=pixels(pick.frame_pixels))
-    return replace(pick, point=vector(pick.point), normal=vector(pick.normal))
-
-
-def _straight_pixels(pixels: np.ndarray, camera: Intrinsics, straight: Intrinsics) -> np.ndarray:
-    """Pixels (K, 2) in the straightened image; those beyond the lens's field are left out."""
-    rays = undistort((pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy), camera.distortion)
-    rays = rays[np.isfinite(rays).all(axis=1)]
-    if len(rays) < 3:
-        raise CaptureError("picks on a mirror's frame lie beyond the field the lens model holds for; pick further in")
-    return project(np.column_stack((rays, np.ones(len(rays)))), straight)
 
 
 def _check_size(image: np.ndarray, camera: Intrinsics, what: str) -> None:

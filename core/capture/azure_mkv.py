@@ -13,10 +13,11 @@ import numpy as np
 
 from ..camera import Intrinsics
 from ..errors import CaptureError
-from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
 from .binary import blaming, image_in, mapped, rgb, starts_with, yuv_to_rgb, yuyv_to_rgb
+from .capture import Capture, ReadOptions
+from .frames import FrameChoice, chosen_frames, empty_burst
 from .matroska import SIGNATURE, Track, parse
-from .nominal import nominal_camera
+from .nominal_intrinsics import nominal_camera
 
 FORMAT = "Azure Kinect .mkv"
 MAX_SIDE = 8192

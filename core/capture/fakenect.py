@@ -14,9 +14,10 @@ import numpy as np
 
 from ..camera import Intrinsics
 from ..errors import CaptureError
-from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
 from .binary import read_limited
-from .kinect_v1 import HEIGHT, NO_READING, WIDTH, ZeroPlane, calibration, depth_of_disparity
+from .capture import Capture, ReadOptions
+from .frames import FrameChoice, chosen_frames, empty_burst
+from .kinect_disparity import HEIGHT, NO_READING, WIDTH, ZeroPlane, calibration, depth_of_disparity
 from .tum import inside
 
 FORMAT = "fakenect recording"

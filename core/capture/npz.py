@@ -19,8 +19,9 @@ import numpy as np
 from ..camera import Intrinsics
 from ..errors import CaptureError, OutputError
 from ..io.atomic_files import replacing
-from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
 from .binary import blaming, npy_header, starts_with
+from .capture import Capture, ReadOptions
+from .frames import FrameChoice, chosen_frames, empty_burst
 from .rgbd_folder import mirrors_from, mirrors_to
 
 FORMAT = "Mirror Scan .npz"

@@ -11,9 +11,10 @@ import numpy as np
 
 from ..camera import Intrinsics
 from ..errors import CaptureError
-from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
 from .binary import blaming, image_in, mapped, rgb, starts_with, yuyv_to_rgb
-from .kinect_v1 import NOMINAL_COLOR, depth_of_disparity
+from .capture import Capture, ReadOptions
+from .frames import FrameChoice, chosen_frames, empty_burst
+from .kinect_disparity import NOMINAL_COLOR, depth_of_disparity
 
 FORMAT = "OpenNI .oni"
 SIGNATURE = b"NI10"

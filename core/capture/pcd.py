@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import CaptureError
-from . import Capture, FrameChoice, ReadOptions, chosen_frames
 from .binary import blaming, read_limited
+from .capture import Capture, ReadOptions
+from .frames import FrameChoice, chosen_frames
 from .organized import depth_of_cloud
 
 FORMAT = "organized .pcd"

@@ -14,10 +14,11 @@ import numpy as np
 from ..camera import Intrinsics
 from ..errors import CaptureError
 from ..io.images import MAX_PIXELS
-from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
 from .binary import blaming, read_limited, starts_with, yuv_to_rgb
-from .nominal import nominal_camera
-from .units import metres
+from .capture import Capture, ReadOptions
+from .depth_units import metres
+from .frames import FrameChoice, chosen_frames, empty_burst
+from .nominal_intrinsics import nominal_camera
 
 FORMAT = "PCL image grabber"
 MAGIC = b"PCLZF"

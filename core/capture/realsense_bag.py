@@ -11,11 +11,12 @@ import numpy as np
 from ..camera import Intrinsics
 from ..camera.pinhole import distort
 from ..errors import CaptureError
-from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
 from .binary import blaming, image_in, mapped, rgb, starts_with, yuyv_to_rgb
+from .capture import Capture, ReadOptions
+from .depth_units import metres
+from .frames import FrameChoice, chosen_frames, empty_burst
 from .rgbd_folder import sensor_named
 from .rosbag import SIGNATURE, RosBag, Topic
-from .units import metres
 
 FORMAT = "RealSense .bag"
 MAX_SIDE = 8192

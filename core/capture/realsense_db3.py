@@ -15,11 +15,12 @@ import numpy as np
 
 from ..camera import Intrinsics
 from ..errors import CaptureError
-from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
 from .binary import blaming, image_in, rgb, starts_with
+from .capture import Capture, ReadOptions
+from .depth_units import metres
+from .frames import FrameChoice, chosen_frames, empty_burst
 from .realsense_bag import MAX_SIDE, brown_of_inverse
 from .rgbd_folder import sensor_named
-from .units import metres
 
 FORMAT = "RealSense .db3"
 SIGNATURE = b"SQLite format 3\0"

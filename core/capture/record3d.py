@@ -20,8 +20,9 @@ import numpy as np
 from ..camera import Intrinsics
 from ..errors import CaptureError
 from ..io.images import read_image
-from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
 from .binary import blaming, image_in, read_limited, rgb, starts_with
+from .capture import Capture, ReadOptions
+from .frames import FrameChoice, chosen_frames, empty_burst
 
 FORMAT = "Record3D"
 MAX_MEMBER = 64_000_000

@@ -19,8 +19,9 @@ from ..camera import Intrinsics
 from ..errors import CaptureError, MirrorError, MirrorScanError
 from ..io.images import checked_png, read_image
 from ..numeric.threads import each
-from . import Capture, FrameChoice, MirrorPicks, ReadOptions, chosen_frames, empty_burst
-from .nominal import nominal_camera
+from .capture import Capture, MirrorPicks, ReadOptions
+from .frames import FrameChoice, chosen_frames, empty_burst
+from .nominal_intrinsics import nominal_camera
 
 FORMAT = "RGB-D folder"
 INTRINSIC_NAMES = ("intrinsic.json", "camera_intrinsic.json")
@@ -55,7 +56,7 @@ def read(path: Path, frames: FrameChoice = None, options: ReadOptions | None = N
     path : Path
         The folder.
     frames : int, str or None
-        Which depth frames, as :func:`.capture.open_capture` has it.
+        Which depth frames, as :func:`.reader_choice.open_capture` has it.
     options : ReadOptions or None
         ``intrinsics`` and ``depth_unit_m`` stand in for those of the folder.
 

@@ -1,6 +1,6 @@
 """One depth image or array: PNG, TIFF, EXR, PGM or .npy, with its colour image beside it where the names agree.
 
-Raw Kinect v1 disparity is recognised by its values, and so are TUM's and SUN RGB-D's units (:mod:`.units`).
+Raw Kinect v1 disparity is recognised by its values, and so are TUM's and SUN RGB-D's units (:mod:`.depth_units`).
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ import numpy as np
 
 from ..errors import CaptureError
 from ..io.images import MAX_PIXELS, read_image
-from . import MAX_BURST_PIXELS, Capture, FrameChoice, ReadOptions, chosen_frames
 from .binary import blaming, npy_header, read_limited, rgb, starts_with
-from .kinect_v1 import calibration, depth_of_disparity
-from .nominal import nominal_camera
+from .capture import Capture, ReadOptions
+from .depth_units import is_raw_disparity, metres
+from .frames import MAX_BURST_PIXELS, FrameChoice, chosen_frames
+from .kinect_disparity import calibration, depth_of_disparity
+from .nominal_intrinsics import nominal_camera
 from .rgbd_folder import INTRINSIC_NAMES, read_intrinsics
-from .units import is_raw_disparity, metres
 
 FORMAT = "depth image"
 SIGNATURES = (b"\x89PNG\r\n\x1a\n", b"II*\x00", b"MM\x00*", b"v/1\x01", b"P5", b"P2", b"\x93NUMPY")

@@ -14,10 +14,11 @@ import numpy as np
 from ..camera import Intrinsics
 from ..errors import CaptureError
 from ..io.images import read_image
-from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
 from .binary import read_limited
+from .capture import Capture, ReadOptions
+from .depth_units import metres
+from .frames import FrameChoice, chosen_frames, empty_burst
 from .single_image import read_values
-from .units import metres
 
 FORMAT = "Stray Scanner"
 VIDEO_SIZE = (1920, 1440)  # what camera_matrix.csv is for

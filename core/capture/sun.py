@@ -12,11 +12,12 @@ import numpy as np
 from ..camera import Intrinsics
 from ..errors import CaptureError
 from ..io.images import read_image
-from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
 from .binary import read_limited, rgb
+from .capture import Capture, ReadOptions
+from .depth_units import metres
+from .frames import FrameChoice, chosen_frames, empty_burst
 from .rgbd_folder import sensor_named
 from .single_image import read_values
-from .units import metres
 
 FORMAT = "SUN RGB-D"
 DEPTH_FOLDERS = ("depth", "depth_bfx")  # as read, then with holes filled by the data set's makers

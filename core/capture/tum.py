@@ -8,10 +8,11 @@ from pathlib import Path
 from ..camera import Intrinsics
 from ..errors import CaptureError
 from ..io.images import read_image
-from . import Capture, FrameChoice, ReadOptions, chosen_frames, empty_burst
 from .binary import read_limited, rgb
+from .capture import Capture, ReadOptions
+from .depth_units import metres
+from .frames import FrameChoice, chosen_frames, empty_burst
 from .single_image import read_values
-from .units import metres
 
 FORMAT = "TUM RGB-D"
 UNIT_M = 1 / 5000

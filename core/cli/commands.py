@@ -25,7 +25,8 @@ from .outputs import (
 from .terminal import advance, complain, distance_lines, progress_bar, say, stage_of, summary_line
 
 if TYPE_CHECKING:
-    from ..capture import Capture, FrameChoice, ReadOptions
+    from ..capture import Capture, ReadOptions
+    from ..capture.frames import FrameChoice
     from ..pipeline import Reconstruction, Settings
 
 
@@ -59,7 +60,8 @@ def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
             raise CaptureError("--mirrors and --rig are for one camera; keep mirrors.json beside the capture it is of")
         if options.subject:
             raise CaptureError("--subject is for one camera; with poses the subject is where the cameras' axes cross")
-        from ..poses import open_posed_captures, reconstruct_views
+        from ..capture.camera_poses import open_posed_captures
+        from ..poses import reconstruct_views
 
         captures, poses = open_posed_captures(options.captures, options.poses, *_reading(options))
         read_ms = (time.perf_counter() - started) * 1e3
@@ -191,7 +193,7 @@ def run_inspect(options: argparse.Namespace, writers: Writers) -> None:
 
 
 def run_convert(options: argparse.Namespace, writers: Writers) -> None:
-    from ..capture.writing import write_folder
+    from ..capture.rgbd_writer import write_folder
     from ..io.atomic_files import fresh_folder
 
     with fresh_folder(options.folder) as fresh:
@@ -205,7 +207,7 @@ def run_convert(options: argparse.Namespace, writers: Writers) -> None:
 
 
 def run_record(options: argparse.Namespace, writers: Writers) -> None:
-    from ..record import DRIVERS, record
+    from ..capture.live_camera import DRIVERS, record
 
     with (
         progress_bar(options.quiet) as progress,

@@ -106,16 +106,15 @@ def test_what_the_files_do_not_say_is_said_in_the_scene(bpy, scan, tmp_path):
 def test_a_live_camera_is_recorded_and_shown(bpy, scan, tmp_path, monkeypatch):
     import contextlib
 
-    from mirror_scan.core import record
-    from mirror_scan.core.capture import open_capture
+    from mirror_scan.core.capture import live_camera, open_capture
 
     capture = open_capture(scan[0])
 
     @contextlib.contextmanager
     def camera(*arguments):
-        yield record.Stream(capture.intrinsics, "realsense_d455", iter([(capture.depth[0], capture.color)] * 40))
+        yield live_camera.Stream(capture.intrinsics, "realsense_d455", iter([(capture.depth[0], capture.color)] * 40))
 
-    monkeypatch.setitem(record.DRIVERS, "realsense", camera)
+    monkeypatch.setitem(live_camera.DRIVERS, "realsense", camera)
     folder = tmp_path / "new"
     assert bpy.ops.mirror_scan.record(filepath=str(folder), frames=2) == {"FINISHED"}
     assert len(list((folder / "depth").iterdir())) == 2

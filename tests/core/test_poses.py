@@ -8,17 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mirror_scan.core import cli
+from mirror_scan.core.capture.camera_poses import check_pose, open_posed_captures, read_poses
 from mirror_scan.core.errors import CaptureError, ReconstructionError
 from mirror_scan.core.io import read_mesh
 from mirror_scan.core.mesh.surface_distance import evaluate, surface_distance
 from mirror_scan.core.pipeline import reconstruct
-from mirror_scan.core.poses import (
-    check_pose,
-    lines_of_sight_crossing,
-    open_posed_captures,
-    read_poses,
-    reconstruct_views,
-)
+from mirror_scan.core.poses import lines_of_sight_crossing, reconstruct_views
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate, write_simulation
 

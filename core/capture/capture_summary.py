@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from . import Capture
+from .capture import Capture
 
 
 def words(capture: Capture) -> Iterator[str]:

@@ -6,17 +6,15 @@ import numpy as np
 import pytest
 from mirror_scan.core.camera import Intrinsics, project, unproject
 from mirror_scan.core.camera.image_registration import (
-    align,
     color_on_depth,
     depth_on_color,
     straightened,
-    turned,
     undistort_color,
     undistort_depth,
-    unmirrored,
 )
 from mirror_scan.core.camera.pinhole import distort, rays_of_pixels, undistort
 from mirror_scan.core.capture import Capture, MirrorPicks, ReadOptions, open_capture
+from mirror_scan.core.capture.upright_grid import align, turned, unmirrored
 from mirror_scan.core.errors import CaptureError
 
 AZURE = Intrinsics(

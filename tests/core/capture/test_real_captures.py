@@ -10,9 +10,9 @@ import pytest
 from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.capture import ReadOptions, open_capture
 from mirror_scan.core.capture.azure_mkv import calibrated
-from mirror_scan.core.capture.kinect_v1 import depth_of_disparity
+from mirror_scan.core.capture.kinect_disparity import depth_of_disparity
 
-REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "real"
+REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "real"
 pytestmark = pytest.mark.skipif(not REAL.is_dir(), reason="the real captures are not on this machine")
 PCD = ("five_people.pcd", "person.pcd", "milk_cartoon_all_small_clorox.pcd")
 GRABBED = sorted(p.stem for p in (REAL / "pcl" / "grabber_sequences" / "pcd").glob("*.pcd"))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mirror_scan.core import cli
-from mirror_scan.core import record as recording
 from mirror_scan.core.camera import Intrinsics
+from mirror_scan.core.capture import live_camera as recording
 from mirror_scan.core.capture import open_capture
+from mirror_scan.core.capture.live_camera import Stream, realsense_stream, record
 from mirror_scan.core.errors import CaptureError, OutputError
-from mirror_scan.core.record import Stream, realsense_stream, record
 
 WIDTH, HEIGHT = 64, 48
 CAMERA = Intrinsics(WIDTH, HEIGHT, 60.0, 60.0, 31.5, 23.5)

@@ -16,11 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-from .camera import Intrinsics
-from .capture.rgbd_folder import sensor_named
-from .capture.writing import FolderWriter
-from .errors import CaptureError, MirrorScanError
-from .io.atomic_files import fresh_folder
+from ..camera import Intrinsics
+from ..errors import CaptureError, MirrorScanError
+from ..io.atomic_files import fresh_folder
+from .rgbd_folder import sensor_named
+from .rgbd_writer import FolderWriter
 
 SETTLE = 15  # frames until exposure and laser have settled
 TIMEOUT_MS = 5000

@@ -11,7 +11,7 @@ import numpy as np
 from ..camera import Intrinsics
 from ..errors import OutputError
 from ..io.images import write_png
-from . import Capture
+from .capture import Capture
 from .rgbd_folder import mirrors_to
 
 MAX_METRES = 65.535  # what 16-bit millimetres hold

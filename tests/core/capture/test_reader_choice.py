@@ -62,7 +62,7 @@ def test_a_folder_is_read_without_numba(tmp_path):
     """Compiling takes seconds; who only looks at a capture, or mistyped its name, must not wait for it."""
     folder = write_folder(tmp_path / "a")
     code = (
-        f"import sys; sys.path.insert(0, {str(Path(__file__).parents[1])!r}); import conftest\n"
+        f"import sys; sys.path.insert(0, {str(Path(__file__).parents[2])!r}); import conftest\n"
         "from mirror_scan.core.capture import open_capture\n"
         f"open_capture({str(folder)!r})\n"
         "sys.exit('numba' in sys.modules)"

@@ -10,7 +10,7 @@ import writers
 from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.camera.pinhole import distort, undistort
 from mirror_scan.core.capture import ReadOptions, open_capture, realsense_bag, realsense_db3
-from mirror_scan.core.capture.kinect_v1 import ZeroPlane, depth_of_disparity
+from mirror_scan.core.capture.kinect_disparity import ZeroPlane, depth_of_disparity
 from mirror_scan.core.capture.lz4 import lz4_decompress
 from mirror_scan.core.capture.lzf import lzf_decompress
 from mirror_scan.core.capture.lzfse import lzfse_decompress

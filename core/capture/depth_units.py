@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import CaptureError
-from .kinect_v1 import NO_READING
+from .kinect_disparity import NO_READING
 
 _ENOUGH = 500  # readings before a pattern counts as one
 

@@ -1,0 +1,132 @@
+"""What a camera wrote, as one data type: :class:`.capture.Capture`. ``open_capture(path)`` picks the reader.
+
+A reader is a module with ``recognises(path) -> bool``, by content, and ``read(path, frames, options) -> Capture``,
+which yields the frames as they are stored; what all formats share (distortion, colour's alignment, turns, mirrored
+streams) is done afterwards, here.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import CaptureError, MirrorScanError
+from .capture import Capture, ReadOptions
+from .frames import FrameChoice, parse_frames
+
+MAX_MESSAGE = 400  # characters of an error beside the path
+
+# In the order they are asked; the narrow ones first. Imported one by one: some bring numba.
+READERS = (
+    "npz",
+    "azure_mkv",
+    "realsense_bag",
+    "realsense_db3",
+    "oni",
+    "pcd",
+    "ply",
+    "record3d",
+    "stray_scanner",
+    "tum",
+    "sun",
+    "pclzf",
+    "fakenect",
+    "rgbd_folder",
+    "single_image",
+)
+
+
+def open_capture(path: str | os.PathLike, frames: FrameChoice = None, options: ReadOptions | None = None) -> Capture:
+    """Read what a depth camera wrote, whatever the format; the content decides, not the name.
+
+    Parameters
+    ----------
+    path : path
+        Any of the formats of ``docs/formats.md``.
+    frames : int, str or None
+        None reads all frames, an int that many from the start, ``"a:b"`` or ``"a:b:step"`` a range counted from 0
+        as Python slices are, ``"a"`` the one frame with that number.
+    options : ReadOptions or None
+        What the file cannot say.
+
+    Returns
+    -------
+    Capture
+        Upright, right-handed, undistorted; colour aligned to depth.
+
+    Raises
+    ------
+    CaptureError, MirrorError
+        When nothing is there, no reader knows it, or its content is at fault.
+    """
+    path = Path(path)
+    options = options or ReadOptions()
+    parse_frames(path, frames)
+    if not path.exists():
+        raise CaptureError(f"{path}: there is no such file or folder")
+    for name in READERS:
+        reader = importlib.import_module(f".{name}", __package__)
+        try:
+            if reader.recognises(path):
+                return _prepared(path, reader.read(path, frames, options), options)
+        except OSError as error:
+            culprit = error.filename if str(path) in str(error.filename) else path
+            raise CaptureError(f"{culprit}: cannot be read: {error.strerror or error}") from error
+        except MirrorScanError as error:
+            # files may put anything into names that are quoted: one printable line, that names the file
+            text = "".join(c if c.isprintable() else "?" for c in str(error))
+            longest = len(str(path)) + MAX_MESSAGE
+            text = text if len(text) <= longest else text[: longest - 1] + "…"
+            if text == str(error) and str(path) in text:
+                raise
+            raise type(error)(text if str(path) in text else f"{path}: {text}") from error
+    raise CaptureError(
+        f"{path}: is not a capture; give a folder that holds intrinsic.json and depth/*.png, or a recording "
+        "(.mkv, .bag, .oni, .pcd, .ply, .r3d; see docs/formats.md)"
+    )
+
+
+def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:
+    """What every format needs after reading: checks, trust, distortion, alignment, turn."""
+    camera = options.intrinsics or capture.intrinsics
+    height, width = capture.depth.shape[1:]
+    if (camera.width, camera.height) != (width, height):
+        raise CaptureError(
+            f"{path}: depth is {width}×{height} pixels, the intrinsics are for {camera.width}×{camera.height}; "
+            "give the intrinsics of this resolution"
+        )
+    depth = capture.depth
+    if capture.confidence is not None and options.min_confidence > 0:
+        depth = np.where(capture.confidence >= options.min_confidence, depth, np.float32(0))
+    if not any(frame.any() for frame in depth):  # as a rule the first one answers
+        frames = f"{len(depth)} frame{'s' if len(depth) > 1 else ''}"
+        raise CaptureError(
+            f"{path}: no pixel of {frames} has a depth reading; check that the depth stream was on and record again"
+        )
+    color = capture.color if options.color else None
+    capture = replace(capture, depth=depth, color=color, intrinsics=camera)
+    if not camera.is_pinhole or (color is not None and capture.color_intrinsics is not None):
+        from .upright_grid import align  # brings numba, which a plain RGB-D folder does not need
+
+        capture = align(capture)
+        if not capture.depth.any():
+            raise CaptureError(f"{path}: no reading is left after straightening; check the distortion coefficients")
+    elif color is not None and color.shape[:2] != (height, width):
+        raise CaptureError(
+            f"{path}: colour is {color.shape[1]}×{color.shape[0]} pixels, but depth has {width}×{height}, and nothing "
+            "says how they lie to each other; align colour to depth when recording, or go without colour"
+        )
+    mirrored = capture.mirrored if options.mirrored is None else options.mirrored
+    degrees = capture.turn_degrees if options.turn_degrees is None else options.turn_degrees
+    if capture.sensor == "kinect_v2" and options.mirrored is None and not capture.mirrored:
+        hint = "Kinect v2's SDK exchanges left and right, and no file says so: if this picture is mirrored, say so"
+        capture = replace(capture, notes=(*capture.notes, f"{hint} (option “mirrored”)"))
+    if mirrored or degrees:
+        from .upright_grid import turned, unmirrored
+
+        capture = turned(unmirrored(capture) if mirrored else capture, degrees)
+    return replace(capture, color_intrinsics=None, depth_to_color=None, turn_degrees=0, mirrored=False)
