@@ -13,10 +13,10 @@ import numpy as np
 
 from ..camera import Intrinsics
 from ..errors import CaptureError
-from .binary import blaming, image_in, mapped, rgb, starts_with, yuv_to_rgb, yuyv_to_rgb
 from .capture import Capture, ReadOptions
+from .decoding.binary import blaming, image_in, mapped, rgb, starts_with, yuv_to_rgb, yuyv_to_rgb
+from .decoding.matroska import SIGNATURE, Track, parse
 from .frames import FrameChoice, chosen_frames, empty_burst
-from .matroska import SIGNATURE, Track, parse
 from .nominal_intrinsics import nominal_camera
 
 FORMAT = "Azure Kinect .mkv"

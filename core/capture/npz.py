@@ -19,8 +19,8 @@ import numpy as np
 from ..camera import Intrinsics
 from ..errors import CaptureError, OutputError
 from ..io.atomic_files import replacing
-from .binary import blaming, npy_header, starts_with
 from .capture import Capture, ReadOptions
+from .decoding.binary import blaming, npy_header, starts_with
 from .frames import FrameChoice, chosen_frames, empty_burst
 from .rgbd_folder import mirrors_from, mirrors_to
 

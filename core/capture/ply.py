@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import CaptureError
-from .binary import blaming, read_limited, starts_with
 from .capture import Capture, ReadOptions
+from .decoding.binary import blaming, read_limited, starts_with
 from .frames import FrameChoice, chosen_frames
 from .organized import depth_of_cloud
 

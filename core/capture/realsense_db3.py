@@ -15,8 +15,8 @@ import numpy as np
 
 from ..camera import Intrinsics
 from ..errors import CaptureError
-from .binary import blaming, image_in, rgb, starts_with
 from .capture import Capture, ReadOptions
+from .decoding.binary import blaming, image_in, rgb, starts_with
 from .depth_units import metres
 from .frames import FrameChoice, chosen_frames, empty_burst
 from .realsense_bag import MAX_SIDE, brown_of_inverse

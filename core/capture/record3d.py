@@ -20,8 +20,8 @@ import numpy as np
 from ..camera import Intrinsics
 from ..errors import CaptureError
 from ..io.images import read_image
-from .binary import blaming, image_in, read_limited, rgb, starts_with
 from .capture import Capture, ReadOptions
+from .decoding.binary import blaming, image_in, read_limited, rgb, starts_with
 from .frames import FrameChoice, chosen_frames, empty_burst
 
 FORMAT = "Record3D"
@@ -193,7 +193,7 @@ def _lzfse(files: _Files, name: str, size: tuple[int, int]) -> np.ndarray:
 
 
 def _unpacked(files: _Files, name: str, size: int) -> np.ndarray:
-    from .lzfse import lzfse_decompress  # brings numba
+    from .decoding.lzfse import lzfse_decompress  # brings numba
 
     return lzfse_decompress(files.read(name), size)
 

@@ -234,7 +234,7 @@ def _read_depth(files: list[Path], intrinsics: Intrinsics, scale: float) -> np.n
     depth = empty_burst(files[0].parent, len(files), intrinsics.height, intrinsics.width)
     decode = None
     if "numba" in sys.modules:  # to read a folder must not cost the import of numba, which takes longer than that
-        from .depth_png import decode_metres as decode
+        from .decoding.depth_png import decode_metres as decode
 
     def read(i: int) -> None:
         if not (decode and (data := checked_png(files[i])) and decode(data, scale, depth[i])):

@@ -14,8 +14,8 @@ import numpy as np
 
 from ..errors import CaptureError
 from ..io.images import MAX_PIXELS, read_image
-from .binary import blaming, npy_header, read_limited, rgb, starts_with
 from .capture import Capture, ReadOptions
+from .decoding.binary import blaming, npy_header, read_limited, rgb, starts_with
 from .depth_units import is_raw_disparity, metres
 from .frames import MAX_BURST_PIXELS, FrameChoice, chosen_frames
 from .kinect_disparity import calibration, depth_of_disparity

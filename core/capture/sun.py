@@ -12,8 +12,8 @@ import numpy as np
 from ..camera import Intrinsics
 from ..errors import CaptureError
 from ..io.images import read_image
-from .binary import read_limited, rgb
 from .capture import Capture, ReadOptions
+from .decoding.binary import read_limited, rgb
 from .depth_units import metres
 from .frames import FrameChoice, chosen_frames, empty_burst
 from .rgbd_folder import sensor_named

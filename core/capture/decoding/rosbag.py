@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import CaptureError
+from ...errors import CaptureError
 
 SIGNATURE = b"#ROSBAG V2.0\n"
 MAX_CHUNK = 256_000_000

@@ -13,8 +13,8 @@ from typing import BinaryIO
 
 import numpy as np
 
-from ..errors import CaptureError
-from ..io.images import read_image
+from ...errors import CaptureError
+from ...io.images import read_image
 
 _NPY_HEADER = re.compile(
     r"\{'descr': '([<>|][uif][1248])', 'fortran_order': (True|False), 'shape': \(((?:\d{1,9},? ?){0,4})\),? \}\s*"

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..errors import CaptureError
+from ...errors import CaptureError
 
 SIGNATURE = b"\x1a\x45\xdf\xa3"
 MAX_FRAMES = 200_000

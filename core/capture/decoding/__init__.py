@@ -1,0 +1,1 @@
+"""Containers and codecs that several readers share."""
