@@ -164,7 +164,7 @@ def record_steps(camera: str, folder: str, frames: int) -> Steps[Loaded]:
 
 def _open(path: str, frames: int, mirrors_path: str, reading: dict | None) -> Capture:
     from ..core.capture import ReadOptions, open_capture
-    from ..core.capture.rgbd_folder import read_intrinsics, read_mirrors
+    from ..core.capture.folders.rgbd_folder import read_intrinsics, read_mirrors
 
     options = dict(reading or {})
     lens = options.pop("intrinsics", "")

@@ -19,7 +19,7 @@ import numpy as np
 from ..camera import Intrinsics
 from ..errors import CaptureError, MirrorScanError
 from ..io.atomic_files import fresh_folder
-from .rgbd_folder import sensor_named
+from .folders.rgbd_folder import sensor_named
 from .rgbd_writer import FolderWriter
 
 SETTLE = 15  # frames until exposure and laser have settled

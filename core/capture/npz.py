@@ -21,8 +21,8 @@ from ..errors import CaptureError, OutputError
 from ..io.atomic_files import replacing
 from .capture import Capture, ReadOptions
 from .decoding.binary import blaming, npy_header, starts_with
+from .folders.rgbd_folder import mirrors_from, mirrors_to
 from .frames import FrameChoice, chosen_frames, empty_burst
-from .rgbd_folder import mirrors_from, mirrors_to
 
 FORMAT = "Mirror Scan .npz"
 MAX_TEXT = 4_000_000

@@ -30,12 +30,12 @@ READERS = (
     "pcd",
     "ply",
     "record3d",
-    "stray_scanner",
-    "tum",
-    "sun",
+    "folders.stray_scanner",
+    "folders.tum",
+    "folders.sun",
     "pclzf",
-    "fakenect",
-    "rgbd_folder",
+    "folders.fakenect",
+    "folders.rgbd_folder",
     "single_image",
 )
 

@@ -18,9 +18,9 @@ from ..errors import CaptureError
 from .capture import Capture, ReadOptions
 from .decoding.binary import blaming, image_in, rgb, starts_with
 from .depth_units import metres
+from .folders.rgbd_folder import sensor_named
 from .frames import FrameChoice, chosen_frames, empty_burst
 from .realsense_bag import MAX_SIDE, brown_of_inverse
-from .rgbd_folder import sensor_named
 
 FORMAT = "RealSense .db3"
 SIGNATURE = b"SQLite format 3\0"

@@ -12,7 +12,7 @@ from ..camera import Intrinsics
 from ..errors import OutputError
 from ..io.images import write_png
 from .capture import Capture
-from .rgbd_folder import mirrors_to
+from .folders.rgbd_folder import mirrors_to
 
 MAX_METRES = 65.535  # what 16-bit millimetres hold
 

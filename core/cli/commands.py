@@ -51,7 +51,7 @@ def run_reconstruct(options: argparse.Namespace, writers: Writers) -> None:
 
 def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
     """What the captures of a command line give, and the milliseconds that reading them took."""
-    from ..capture.rgbd_folder import read_mirrors
+    from ..capture.folders.rgbd_folder import read_mirrors
 
     started = time.perf_counter()
     first = options.captures[0]
@@ -93,7 +93,7 @@ def run_calibrate(options: argparse.Namespace, writers: Writers) -> None:
     check_targets([options.rig])
 
     from ..capture import open_capture
-    from ..capture.rgbd_folder import read_mirrors
+    from ..capture.folders.rgbd_folder import read_mirrors
     from ..rig_file import calibrate, write_rig
 
     capture = open_capture(options.capture)
@@ -228,7 +228,7 @@ def _open(path: Path, options: argparse.Namespace) -> Capture:
 def _reading(options: argparse.Namespace) -> tuple[FrameChoice, ReadOptions]:
     """Which frames to read, and what the options of :func:`.parser._add_reading` say of the file."""
     from ..capture import ReadOptions
-    from ..capture.rgbd_folder import read_intrinsics
+    from ..capture.folders.rgbd_folder import read_intrinsics
 
     lens = read_intrinsics(options.intrinsics)[0] if options.intrinsics else None
     reading = ReadOptions(

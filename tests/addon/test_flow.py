@@ -230,7 +230,7 @@ def test_what_is_no_mirror_is_refused_and_nothing_changes(bpy, loaded, options, 
 
 
 def test_mirrors_are_written_for_the_next_capture(bpy, scan, loaded, tmp_path):
-    from mirror_scan.core.capture.rgbd_folder import read_mirrors
+    from mirror_scan.core.capture.folders.rgbd_folder import read_mirrors
 
     left = truth_of(scan)["left"]
     bpy.ops.mirror_scan.set_mirror(index=1, point=left["point"], normal=left["normal"])

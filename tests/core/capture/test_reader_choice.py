@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from mirror_scan.core.capture import open_capture
 from mirror_scan.core.capture.decoding.depth_png import decode_metres
-from mirror_scan.core.capture.rgbd_folder import read_mirrors
+from mirror_scan.core.capture.folders.rgbd_folder import read_mirrors
 from mirror_scan.core.errors import CaptureError, MirrorError, MirrorScanError
 from mirror_scan.core.io.images import read_image, write_png
 

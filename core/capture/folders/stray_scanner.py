@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera import Intrinsics
-from ..errors import CaptureError
-from ..io.images import read_image
-from .capture import Capture, ReadOptions
-from .decoding.binary import read_limited
-from .depth_units import metres
-from .frames import FrameChoice, chosen_frames, empty_burst
-from .single_image import read_values
+from ...camera import Intrinsics
+from ...errors import CaptureError
+from ...io.images import read_image
+from ..capture import Capture, ReadOptions
+from ..decoding.binary import read_limited
+from ..depth_units import metres
+from ..frames import FrameChoice, chosen_frames, empty_burst
+from ..single_image import read_values
 
 FORMAT = "Stray Scanner"
 VIDEO_SIZE = (1920, 1440)  # what camera_matrix.csv is for

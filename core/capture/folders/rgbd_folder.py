@@ -15,13 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera import Intrinsics
-from ..errors import CaptureError, MirrorError, MirrorScanError
-from ..io.images import checked_png, read_image
-from ..numeric.threads import each
-from .capture import Capture, MirrorPicks, ReadOptions
-from .frames import FrameChoice, chosen_frames, empty_burst
-from .nominal_intrinsics import nominal_camera
+from ...camera import Intrinsics
+from ...errors import CaptureError, MirrorError, MirrorScanError
+from ...io.images import checked_png, read_image
+from ...numeric.threads import each
+from ..capture import Capture, MirrorPicks, ReadOptions
+from ..frames import FrameChoice, chosen_frames, empty_burst
+from ..nominal_intrinsics import nominal_camera
 
 FORMAT = "RGB-D folder"
 INTRINSIC_NAMES = ("intrinsic.json", "camera_intrinsic.json")
@@ -234,7 +234,7 @@ def _read_depth(files: list[Path], intrinsics: Intrinsics, scale: float) -> np.n
     depth = empty_burst(files[0].parent, len(files), intrinsics.height, intrinsics.width)
     decode = None
     if "numba" in sys.modules:  # to read a folder must not cost the import of numba, which takes longer than that
-        from .decoding.depth_png import decode_metres as decode
+        from ..decoding.depth_png import decode_metres as decode
 
     def read(i: int) -> None:
         if not (decode and (data := checked_png(files[i])) and decode(data, scale, depth[i])):

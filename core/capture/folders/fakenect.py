@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera import Intrinsics
-from ..errors import CaptureError
-from .capture import Capture, ReadOptions
-from .decoding.binary import read_limited
-from .frames import FrameChoice, chosen_frames, empty_burst
-from .kinect_disparity import HEIGHT, NO_READING, WIDTH, ZeroPlane, calibration, depth_of_disparity
+from ...camera import Intrinsics
+from ...errors import CaptureError
+from ..capture import Capture, ReadOptions
+from ..decoding.binary import read_limited
+from ..frames import FrameChoice, chosen_frames, empty_burst
+from ..kinect_disparity import HEIGHT, NO_READING, WIDTH, ZeroPlane, calibration, depth_of_disparity
 from .tum import inside
 
 FORMAT = "fakenect recording"

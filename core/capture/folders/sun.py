@@ -9,15 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera import Intrinsics
-from ..errors import CaptureError
-from ..io.images import read_image
-from .capture import Capture, ReadOptions
-from .decoding.binary import read_limited, rgb
-from .depth_units import metres
-from .frames import FrameChoice, chosen_frames, empty_burst
+from ...camera import Intrinsics
+from ...errors import CaptureError
+from ...io.images import read_image
+from ..capture import Capture, ReadOptions
+from ..decoding.binary import read_limited, rgb
+from ..depth_units import metres
+from ..frames import FrameChoice, chosen_frames, empty_burst
+from ..single_image import read_values
 from .rgbd_folder import sensor_named
-from .single_image import read_values
 
 FORMAT = "SUN RGB-D"
 DEPTH_FOLDERS = ("depth", "depth_bfx")  # as read, then with holes filled by the data set's makers

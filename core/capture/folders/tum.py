@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from ..camera import Intrinsics
-from ..errors import CaptureError
-from ..io.images import read_image
-from .capture import Capture, ReadOptions
-from .decoding.binary import read_limited, rgb
-from .depth_units import metres
-from .frames import FrameChoice, chosen_frames, empty_burst
-from .single_image import read_values
+from ...camera import Intrinsics
+from ...errors import CaptureError
+from ...io.images import read_image
+from ..capture import Capture, ReadOptions
+from ..decoding.binary import read_limited, rgb
+from ..depth_units import metres
+from ..frames import FrameChoice, chosen_frames, empty_burst
+from ..single_image import read_values
 
 FORMAT = "TUM RGB-D"
 UNIT_M = 1 / 5000
