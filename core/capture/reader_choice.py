@@ -23,13 +23,13 @@ MAX_MESSAGE = 400  # characters of an error beside the path
 # In the order they are asked; the narrow ones first. Imported one by one: some bring numba.
 READERS = (
     "npz",
-    "azure_mkv",
-    "realsense_bag",
-    "realsense_db3",
-    "oni",
+    "recordings.azure_mkv",
+    "recordings.realsense_bag",
+    "recordings.realsense_db3",
+    "recordings.oni",
     "pcd",
     "ply",
-    "record3d",
+    "recordings.record3d",
     "folders.stray_scanner",
     "folders.tum",
     "folders.sun",

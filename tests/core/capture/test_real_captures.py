@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.capture import ReadOptions, open_capture
-from mirror_scan.core.capture.azure_mkv import calibrated
 from mirror_scan.core.capture.kinect_disparity import depth_of_disparity
+from mirror_scan.core.capture.recordings.azure_mkv import calibrated
 
 REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "real"
 pytestmark = pytest.mark.skipif(not REAL.is_dir(), reason="the real captures are not on this machine")
@@ -113,7 +113,7 @@ def test_azure_recording_against_pyav():
         stream = next(s for s in video.streams.video if s.metadata.get("title") == "DEPTH")
         theirs = [frame.to_ndarray() for frame in video.decode(stream)]
     np.testing.assert_array_equal(theirs[0], png16(REAL / "azure_mkv" / "frame0_depth.png"))
-    from mirror_scan.core.capture import azure_mkv
+    from mirror_scan.core.capture.recordings import azure_mkv
 
     stored = azure_mkv.read(path, None, ReadOptions())
     np.testing.assert_array_equal(stored.depth, np.array(theirs) / np.float32(1000))

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera import Intrinsics
-from ..errors import CaptureError
-from .capture import Capture, ReadOptions
-from .decoding.binary import blaming, image_in, rgb, starts_with
-from .depth_units import metres
-from .folders.rgbd_folder import sensor_named
-from .frames import FrameChoice, chosen_frames, empty_burst
+from ...camera import Intrinsics
+from ...errors import CaptureError
+from ..capture import Capture, ReadOptions
+from ..decoding.binary import blaming, image_in, rgb, starts_with
+from ..depth_units import metres
+from ..folders.rgbd_folder import sensor_named
+from ..frames import FrameChoice, chosen_frames, empty_burst
 from .realsense_bag import MAX_SIDE, brown_of_inverse
 
 FORMAT = "RealSense .db3"

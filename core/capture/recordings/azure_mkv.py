@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera import Intrinsics
-from ..errors import CaptureError
-from .capture import Capture, ReadOptions
-from .decoding.binary import blaming, image_in, mapped, rgb, starts_with, yuv_to_rgb, yuyv_to_rgb
-from .decoding.matroska import SIGNATURE, Track, parse
-from .frames import FrameChoice, chosen_frames, empty_burst
-from .nominal_intrinsics import nominal_camera
+from ...camera import Intrinsics
+from ...errors import CaptureError
+from ..capture import Capture, ReadOptions
+from ..decoding.binary import blaming, image_in, mapped, rgb, starts_with, yuv_to_rgb, yuyv_to_rgb
+from ..decoding.matroska import SIGNATURE, Track, parse
+from ..frames import FrameChoice, chosen_frames, empty_burst
+from ..nominal_intrinsics import nominal_camera
 
 FORMAT = "Azure Kinect .mkv"
 MAX_SIDE = 8192

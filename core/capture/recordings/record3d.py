@@ -17,12 +17,12 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from ..camera import Intrinsics
-from ..errors import CaptureError
-from ..io.images import read_image
-from .capture import Capture, ReadOptions
-from .decoding.binary import blaming, image_in, read_limited, rgb, starts_with
-from .frames import FrameChoice, chosen_frames, empty_burst
+from ...camera import Intrinsics
+from ...errors import CaptureError
+from ...io.images import read_image
+from ..capture import Capture, ReadOptions
+from ..decoding.binary import blaming, image_in, read_limited, rgb, starts_with
+from ..frames import FrameChoice, chosen_frames, empty_burst
 
 FORMAT = "Record3D"
 MAX_MEMBER = 64_000_000
@@ -193,7 +193,7 @@ def _lzfse(files: _Files, name: str, size: tuple[int, int]) -> np.ndarray:
 
 
 def _unpacked(files: _Files, name: str, size: int) -> np.ndarray:
-    from .decoding.lzfse import lzfse_decompress  # brings numba
+    from ..decoding.lzfse import lzfse_decompress  # brings numba
 
     return lzfse_decompress(files.read(name), size)
 

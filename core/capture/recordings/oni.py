@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera import Intrinsics
-from ..errors import CaptureError
-from .capture import Capture, ReadOptions
-from .decoding.binary import blaming, image_in, mapped, rgb, starts_with, yuyv_to_rgb
-from .frames import FrameChoice, chosen_frames, empty_burst
-from .kinect_disparity import NOMINAL_COLOR, depth_of_disparity
+from ...camera import Intrinsics
+from ...errors import CaptureError
+from ..capture import Capture, ReadOptions
+from ..decoding.binary import blaming, image_in, mapped, rgb, starts_with, yuyv_to_rgb
+from ..frames import FrameChoice, chosen_frames, empty_burst
+from ..kinect_disparity import NOMINAL_COLOR, depth_of_disparity
 
 FORMAT = "OpenNI .oni"
 SIGNATURE = b"NI10"
@@ -203,7 +203,7 @@ def _unit(node: _Node, options: ReadOptions) -> tuple[float, np.ndarray | None]:
 
 def _depth_values(data: bytes, codec: bytes, count: int) -> np.ndarray:
     if codec in (b"16zP", b"16zT"):
-        from .decoding.openni_codec import decode_16z  # brings numba
+        from ..decoding.openni_codec import decode_16z  # brings numba
 
         return decode_16z(data, count, table=codec == b"16zT")
     if codec in (b"NONE", b"\0\0\0\0"):

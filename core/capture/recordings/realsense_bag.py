@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera import Intrinsics
-from ..camera.pinhole import distort
-from ..errors import CaptureError
-from .capture import Capture, ReadOptions
-from .decoding.binary import blaming, image_in, mapped, rgb, starts_with, yuyv_to_rgb
-from .decoding.rosbag import SIGNATURE, RosBag, Topic
-from .depth_units import metres
-from .folders.rgbd_folder import sensor_named
-from .frames import FrameChoice, chosen_frames, empty_burst
+from ...camera import Intrinsics
+from ...camera.pinhole import distort
+from ...errors import CaptureError
+from ..capture import Capture, ReadOptions
+from ..decoding.binary import blaming, image_in, mapped, rgb, starts_with, yuyv_to_rgb
+from ..decoding.rosbag import SIGNATURE, RosBag, Topic
+from ..depth_units import metres
+from ..folders.rgbd_folder import sensor_named
+from ..frames import FrameChoice, chosen_frames, empty_burst
 
 FORMAT = "RealSense .bag"
 MAX_SIDE = 8192
