@@ -22,21 +22,21 @@ MAX_MESSAGE = 400  # characters of an error beside the path
 
 # In the order they are asked; the narrow ones first. Imported one by one: some bring numba.
 READERS = (
-    "npz",
+    "single_files.npz",
     "recordings.azure_mkv",
     "recordings.realsense_bag",
     "recordings.realsense_db3",
     "recordings.oni",
-    "pcd",
-    "ply",
+    "single_files.pcd",
+    "single_files.ply",
     "recordings.record3d",
     "folders.stray_scanner",
     "folders.tum",
     "folders.sun",
-    "pclzf",
+    "single_files.pclzf",
     "folders.fakenect",
     "folders.rgbd_folder",
-    "single_image",
+    "single_files.single_image",
 )
 
 

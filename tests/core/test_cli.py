@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from mirror_scan.core import cli
 from mirror_scan.core.capture import open_capture
-from mirror_scan.core.capture.npz import write_npz
 from mirror_scan.core.capture.rgbd_writer import write_folder
+from mirror_scan.core.capture.single_files.npz import write_npz
 from mirror_scan.core.errors import OutputError, ReconstructionError
 from mirror_scan.core.io import read_mesh, write_mesh
 from mirror_scan.core.io.images import read_image, write_png

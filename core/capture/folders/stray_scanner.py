@@ -18,7 +18,7 @@ from ..capture import Capture, ReadOptions
 from ..decoding.binary import read_limited
 from ..depth_units import metres
 from ..frames import FrameChoice, chosen_frames, empty_burst
-from ..single_image import read_values
+from ..single_files.single_image import read_values
 
 FORMAT = "Stray Scanner"
 VIDEO_SIZE = (1920, 1440)  # what camera_matrix.csv is for

@@ -16,7 +16,7 @@ from ..capture import Capture, ReadOptions
 from ..decoding.binary import read_limited, rgb
 from ..depth_units import metres
 from ..frames import FrameChoice, chosen_frames, empty_burst
-from ..single_image import read_values
+from ..single_files.single_image import read_values
 from .rgbd_folder import sensor_named
 
 FORMAT = "SUN RGB-D"

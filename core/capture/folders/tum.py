@@ -12,7 +12,7 @@ from ..capture import Capture, ReadOptions
 from ..decoding.binary import read_limited, rgb
 from ..depth_units import metres
 from ..frames import FrameChoice, chosen_frames, empty_burst
-from ..single_image import read_values
+from ..single_files.single_image import read_values
 
 FORMAT = "TUM RGB-D"
 UNIT_M = 1 / 5000

@@ -19,7 +19,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.capture import Capture, ReadOptions, open_capture
-from mirror_scan.core.capture.npz import write_npz
+from mirror_scan.core.capture.single_files.npz import write_npz
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.io.images import openimageio, write_png
 

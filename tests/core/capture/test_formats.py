@@ -15,9 +15,9 @@ from mirror_scan.core.capture.decoding.lzf import lzf_decompress
 from mirror_scan.core.capture.decoding.lzfse import lzfse_decompress
 from mirror_scan.core.capture.decoding.openni_codec import decode_16z
 from mirror_scan.core.capture.kinect_disparity import ZeroPlane, depth_of_disparity
-from mirror_scan.core.capture.npz import write_npz
 from mirror_scan.core.capture.recordings import realsense_bag, realsense_db3
 from mirror_scan.core.capture.recordings.realsense_bag import brown_of_inverse
+from mirror_scan.core.capture.single_files.npz import write_npz
 from mirror_scan.core.errors import CaptureError
 from mirror_scan.core.io.images import openimageio, write_png
 

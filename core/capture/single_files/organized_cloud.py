@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera import Intrinsics
-from ..errors import CaptureError
+from ...camera import Intrinsics
+from ...errors import CaptureError
 
 _SAMPLE = 40_000
 _MIN_POINTS = 200

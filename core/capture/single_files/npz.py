@@ -16,13 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera import Intrinsics
-from ..errors import CaptureError, OutputError
-from ..io.atomic_files import replacing
-from .capture import Capture, ReadOptions
-from .decoding.binary import blaming, npy_header, starts_with
-from .folders.rgbd_folder import mirrors_from, mirrors_to
-from .frames import FrameChoice, chosen_frames, empty_burst
+from ...camera import Intrinsics
+from ...errors import CaptureError, OutputError
+from ...io.atomic_files import replacing
+from ..capture import Capture, ReadOptions
+from ..decoding.binary import blaming, npy_header, starts_with
+from ..folders.rgbd_folder import mirrors_from, mirrors_to
+from ..frames import FrameChoice, chosen_frames, empty_burst
 
 FORMAT = "Mirror Scan .npz"
 MAX_TEXT = 4_000_000

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import CaptureError
-from .capture import Capture, ReadOptions
-from .decoding.binary import blaming, read_limited
-from .frames import FrameChoice, chosen_frames
-from .organized import depth_of_cloud
+from ...errors import CaptureError
+from ..capture import Capture, ReadOptions
+from ..decoding.binary import blaming, read_limited
+from ..frames import FrameChoice, chosen_frames
+from .organized_cloud import depth_of_cloud
 
 FORMAT = "organized .pcd"
 KEYS = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA")
@@ -129,7 +129,7 @@ def _compressed(data: bytes, start: int, fields: list, points: int) -> dict[str,
         raise ValueError("the size of the points is not what the header says")
     if packed > len(data) - start - 8:
         raise ValueError("the list of points is cut short")
-    from .decoding.lzf import lzf_decompress  # brings numba
+    from ..decoding.lzf import lzf_decompress  # brings numba
 
     raw = lzf_decompress(data[start + 8 : start + 8 + packed], unpacked)
     columns, position = {}, 0

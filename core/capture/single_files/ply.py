@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import CaptureError
-from .capture import Capture, ReadOptions
-from .decoding.binary import blaming, read_limited, starts_with
-from .frames import FrameChoice, chosen_frames
-from .organized import depth_of_cloud
+from ...errors import CaptureError
+from ..capture import Capture, ReadOptions
+from ..decoding.binary import blaming, read_limited, starts_with
+from ..frames import FrameChoice, chosen_frames
+from .organized_cloud import depth_of_cloud
 
 FORMAT = "organized .ply"
 MAX_BYTES = 1_000_000_000

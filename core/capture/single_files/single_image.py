@@ -12,15 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import CaptureError
-from ..io.images import MAX_PIXELS, read_image
-from .capture import Capture, ReadOptions
-from .decoding.binary import blaming, npy_header, read_limited, rgb, starts_with
-from .depth_units import is_raw_disparity, metres
-from .folders.rgbd_folder import INTRINSIC_NAMES, read_intrinsics
-from .frames import MAX_BURST_PIXELS, FrameChoice, chosen_frames
-from .kinect_disparity import calibration, depth_of_disparity
-from .nominal_intrinsics import nominal_camera
+from ...errors import CaptureError
+from ...io.images import MAX_PIXELS, read_image
+from ..capture import Capture, ReadOptions
+from ..decoding.binary import blaming, npy_header, read_limited, rgb, starts_with
+from ..depth_units import is_raw_disparity, metres
+from ..folders.rgbd_folder import INTRINSIC_NAMES, read_intrinsics
+from ..frames import MAX_BURST_PIXELS, FrameChoice, chosen_frames
+from ..kinect_disparity import calibration, depth_of_disparity
+from ..nominal_intrinsics import nominal_camera
 
 FORMAT = "depth image"
 SIGNATURES = (b"\x89PNG\r\n\x1a\n", b"II*\x00", b"MM\x00*", b"v/1\x01", b"P5", b"P2", b"\x93NUMPY")

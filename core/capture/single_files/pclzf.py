@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera import Intrinsics
-from ..errors import CaptureError
-from ..io.images import MAX_PIXELS
-from .capture import Capture, ReadOptions
-from .decoding.binary import blaming, read_limited, starts_with, yuv_to_rgb
-from .depth_units import metres
-from .frames import FrameChoice, chosen_frames, empty_burst
-from .nominal_intrinsics import nominal_camera
+from ...camera import Intrinsics
+from ...errors import CaptureError
+from ...io.images import MAX_PIXELS
+from ..capture import Capture, ReadOptions
+from ..decoding.binary import blaming, read_limited, starts_with, yuv_to_rgb
+from ..depth_units import metres
+from ..frames import FrameChoice, chosen_frames, empty_burst
+from ..nominal_intrinsics import nominal_camera
 
 FORMAT = "PCL image grabber"
 MAGIC = b"PCLZF"
@@ -84,7 +84,7 @@ def read_pclzf(path: Path) -> tuple[str, np.ndarray]:
         if kind == "yuv422" and width % 2:
             raise ValueError("yuv422 of odd width")
 
-        from .decoding.lzf import lzf_decompress  # brings numba
+        from ..decoding.lzf import lzf_decompress  # brings numba
 
         raw = lzf_decompress(data[HEADER.size : HEADER.size + packed], unpacked)
     if kind == "depth16":
