@@ -10,8 +10,11 @@ from pathlib import Path
 import numpy as np
 from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.capture import Capture, ReadOptions, open_capture
-from mirror_scan.core.cleaning import clean, recognise
-from mirror_scan.core.depth import DepthSettings, close_dropouts, fuse_burst, remove_flying_pixels
+from mirror_scan.core.depth.burst_fusion import fuse_burst
+from mirror_scan.core.depth.clean_views import clean
+from mirror_scan.core.depth.outliers_and_dropouts import close_dropouts, remove_flying_pixels
+from mirror_scan.core.depth.sensor_recognition import recognise
+from mirror_scan.core.depth.settings import DepthSettings
 from mirror_scan.core.io import read_mesh
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.bvh import build_bvh, raycast

@@ -10,7 +10,8 @@ import numpy as np
 from mirror_scan.core.agreement import agree, disagreements
 from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.capture import Capture, MirrorPicks, open_capture
-from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
+from mirror_scan.core.depth.burst_fusion import fuse_burst
+from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.io.images import read_image, write_png
 from mirror_scan.core.mirror import Mirror, MirrorSettings, place_mirror, plane_mirror, reflect

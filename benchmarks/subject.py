@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from statistics import median
 
 import numpy as np
-from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
+from mirror_scan.core.depth.burst_fusion import fuse_burst
+from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mirror import place_mirror

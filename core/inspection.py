@@ -11,14 +11,19 @@ from .camera import unproject
 from .camera.noise_models import SENSORS, NoiseModel
 from .capture import Capture
 from .capture.capture_summary import picture, words
-from .cleaning import clean, recognise, still_warning
-from .depth import DepthSettings, close_dropouts, fuse_burst, measure_noise, remove_flying_pixels
+from .depth.burst_fusion import fuse_burst
+from .depth.burst_motion import still_warning
+from .depth.clean_views import clean
+from .depth.dequantisation import find_step
+from .depth.noise_estimate import measure_noise
+from .depth.outliers_and_dropouts import close_dropouts, remove_flying_pixels
+from .depth.sensor_recognition import recognise
+from .depth.settings import DepthSettings
 from .errors import MirrorScanError
 from .ground import find_floor
 from .mirror import Mirror, place_mirror
 from .mirror_detection import find_mirrors
 from .pipeline import Settings
-from .quantisation import find_step
 from .subject import find_subject
 
 _USUAL = (0.25, 12.0)  # m: median distance of what a depth camera looks at

@@ -12,9 +12,14 @@ from .agreement import AgreementSettings, agree
 from .camera import Intrinsics, unproject
 from .camera.noise_models import NoiseModel
 from .capture import Capture, MirrorPicks
-from .cleaning import clean, recognise, still_warning
 from .closing import ClosingSettings, close_mesh
-from .depth import DepthSettings, fuse_burst, remove_flying_pixels
+from .depth.burst_fusion import fuse_burst
+from .depth.burst_motion import still_warning
+from .depth.clean_views import clean
+from .depth.noise_estimate import BurstNoise, burst_noise
+from .depth.outliers_and_dropouts import remove_flying_pixels
+from .depth.sensor_recognition import recognise
+from .depth.settings import DepthSettings
 from .errors import MirrorError, PicksDisagreeError, ReconstructionError
 from .floor_refinement import FloorSettings, level_floor
 from .frameless import frameless_notes
@@ -30,7 +35,6 @@ from .rig_file import moved_warnings
 from .rims import DetectionSettings
 from .scene_check import check_agreement, check_scene, quoted
 from .seam_consistency import SeamSettings, align_seams, mirrored_views, move_views
-from .stillness import BurstNoise, burst_noise
 from .subject import find_subject
 from .triangulation import TriangulationSettings, triangulate_view
 from .views import Views, ViewSettings
@@ -358,7 +362,7 @@ def clean_views(
     model: NoiseModel | None = None,
     spread: np.ndarray | None = None,
 ) -> tuple[np.ndarray, Views, np.ndarray]:
-    """:func:`.cleaning.clean` over all views; returns the noise (N+1,) that was left, relative to z."""
+    """:func:`.clean_views.clean` over all views; returns the noise (N+1,) that was left, relative to z."""
     depth, labels, noise = clean(depth, views.labels, mirrors + 1, camera.fx, settings, model, spread)
     return depth, replace(views, labels=labels), noise
 

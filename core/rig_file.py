@@ -17,7 +17,9 @@ import numpy as np
 
 from .camera import Intrinsics
 from .capture import Capture, MirrorPicks
-from .depth import DepthSettings, fuse_burst, remove_flying_pixels
+from .depth.burst_fusion import fuse_burst
+from .depth.outliers_and_dropouts import remove_flying_pixels
+from .depth.settings import DepthSettings
 from .errors import CaptureError, MirrorError
 from .frame_fit import THICK
 from .io.atomic_files import replacing

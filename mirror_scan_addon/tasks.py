@@ -177,7 +177,8 @@ def _open(path: str, frames: int, mirrors_path: str, reading: dict | None) -> Ca
 
 def _loaded(capture: Capture, path: str) -> Steps[Loaded]:
     yield 0.4, AVERAGING
-    from ..core.depth import fuse_burst, remove_flying_pixels
+    from ..core.depth.burst_fusion import fuse_burst
+    from ..core.depth.outliers_and_dropouts import remove_flying_pixels
 
     depth, _ = fuse_burst(capture.depth)
     depth = remove_flying_pixels(depth, 1.0 / capture.intrinsics.fx)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 CLEANING = {"outliers": {"burst_tolerance": math.inf}, "flying": {"support": 0}, "gaps": {"close_gaps": 0},
             "steps": {"dequantise": False}, "smoothing": {"smoothing": 0.0}}  # fmt: skip
-"""Steps of cleaning that can be left out, and the :class:`.depth.DepthSettings` that do so."""
+"""Steps of cleaning that can be left out, and the :class:`.settings.DepthSettings` that do so."""
 
 
 def run_reconstruct(options: argparse.Namespace, writers: Writers) -> None:
@@ -242,7 +242,7 @@ def _reading(options: argparse.Namespace) -> tuple[FrameChoice, ReadOptions]:
 def settings_of(options: argparse.Namespace) -> Settings:
     """Settings with what :func:`.parser._add_cleaning` leaves out, and what a command says of the subject."""
     from ..closing import ClosingSettings
-    from ..depth import DepthSettings
+    from ..depth.settings import DepthSettings
     from ..pipeline import Settings
     from ..views import ViewSettings
 

@@ -8,8 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from ..camera import unproject
-from ..cleaning import clean, recognise
-from ..depth import DepthSettings, fuse_burst, measure_noise, remove_flying_pixels
+from ..depth.burst_fusion import fuse_burst
+from ..depth.clean_views import clean
+from ..depth.noise_estimate import measure_noise
+from ..depth.outliers_and_dropouts import remove_flying_pixels
+from ..depth.sensor_recognition import recognise
+from ..depth.settings import DepthSettings
 from ..errors import MirrorScanError
 from ..mesh import Mesh
 from ..mesh.bvh import build_bvh, closest_point

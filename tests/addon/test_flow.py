@@ -31,7 +31,8 @@ def reports(bpy, capfd) -> str:
 
 def test_loading_keeps_the_depth_map_exactly(bpy, scan, loaded):
     from mirror_scan.core.capture import open_capture
-    from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
+    from mirror_scan.core.depth.burst_fusion import fuse_burst
+    from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
     from mirror_scan.mirror_scan_addon.cloud import cloud_info, read_cloud
 
     capture = open_capture(scan[0])

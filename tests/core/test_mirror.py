@@ -11,17 +11,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from mirror_scan.core.camera import Intrinsics, project, unproject
 from mirror_scan.core.capture import MirrorPicks
-from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
+from mirror_scan.core.depth.burst_fusion import fuse_burst
+from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.frame_fit import erosion
-from mirror_scan.core.mirror import (
-    MirrorSettings,
-    fit_plane,
-    place_mirror,
-    plane_mirror,
-    reflect,
-    reflection_matrix,
-)
+from mirror_scan.core.mirror import MirrorSettings, fit_plane, place_mirror, plane_mirror, reflect, reflection_matrix
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from mirror_scan.core.camera import Intrinsics, project
 from mirror_scan.core.capture import MirrorPicks
-from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
+from mirror_scan.core.depth.burst_fusion import fuse_burst
+from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.mirror import MirrorSettings, person_before, place_mirror, plane_mirror, reflect
 from mirror_scan.core.mirror_detection import _open_sides, find_mirror_at, find_mirrors

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
+from mirror_scan.core.depth.burst_fusion import fuse_burst
+from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.frameless import frameless_notes
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mirror import on_wall, place_mirror, plane_mirror, reflect, reflection_moves

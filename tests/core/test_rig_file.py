@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
+from mirror_scan.core.depth.burst_fusion import fuse_burst
+from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mirror import plane_mirror, reflect

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from mirror_scan.core.camera.noise_models import SENSORS
 from mirror_scan.core.capture import open_capture
-from mirror_scan.core.cleaning import recognise
-from mirror_scan.core.depth import DepthSettings, fuse_burst, remove_flying_pixels
+from mirror_scan.core.depth.burst_fusion import fuse_burst
+from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
+from mirror_scan.core.depth.sensor_recognition import recognise
+from mirror_scan.core.depth.settings import DepthSettings
 from mirror_scan.core.mirror import place_mirror, plane_mirror
 from mirror_scan.core.scene_check import check_scene, directions
 from mirror_scan.core.simulation.mannequin import Figure, mannequin

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from mirror_scan.core.cli.commands import settings_of
 from mirror_scan.core.cli.parser import build_parser
-from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
+from mirror_scan.core.depth.burst_fusion import fuse_burst
+from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import ReconstructionError
 from mirror_scan.core.floor_parting import NEAR_FLOOR, share_of_feet, standing_pixels
 from mirror_scan.core.ground import find_ground, leans, mirrors_vertical

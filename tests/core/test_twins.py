@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mirror_scan.core.depth import fuse_burst, remove_flying_pixels
+from mirror_scan.core.depth.burst_fusion import fuse_burst
+from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mirror import person_before, plane_mirror, reflect
 from mirror_scan.core.mirror_detection import find_mirrors

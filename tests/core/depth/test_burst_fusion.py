@@ -10,12 +10,16 @@ from hypothesis import strategies as st
 from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.camera.noise_models import SENSORS
 from mirror_scan.core.capture import Capture
-from mirror_scan.core.cleaning import clean, recognise, still_warning
-from mirror_scan.core.depth import DepthSettings, close_dropouts, fuse_burst, measure_noise, remove_flying_pixels
+from mirror_scan.core.depth.burst_fusion import fuse_burst
+from mirror_scan.core.depth.burst_motion import burst_motion, still_warning
+from mirror_scan.core.depth.clean_views import clean
+from mirror_scan.core.depth.dequantisation import dequantise, find_step
+from mirror_scan.core.depth.disparity_smoothing import smooth_view, smoothing_sigma
+from mirror_scan.core.depth.noise_estimate import measure_noise
+from mirror_scan.core.depth.outliers_and_dropouts import close_dropouts, remove_flying_pixels
+from mirror_scan.core.depth.sensor_recognition import recognise
+from mirror_scan.core.depth.settings import DepthSettings
 from mirror_scan.core.errors import CaptureError, MirrorScanError
-from mirror_scan.core.quantisation import dequantise, find_step
-from mirror_scan.core.smoothing import smooth_view, smoothing_sigma
-from mirror_scan.core.stillness import burst_motion
 
 FOCAL = 400.0
 V, U = np.mgrid[:90, :120]

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from .depth import DepthSettings
-from .smoothing import smooth_view
+from .disparity_smoothing import smooth_view
+from .settings import DepthSettings
 
 _WINDOWS = (8.0, 5.0, 3.0)  # sigma [px]
 _REACH = 20  # px
@@ -66,8 +66,9 @@ def _count_kernel(depth, width, bins):
 def dequantise(depth: np.ndarray, labels: np.ndarray, view: int, step: float, settings: DepthSettings) -> np.ndarray:
     """Smooth surface through readings that are known to within half a step of 1/z.
 
-    Projections in turn, onto the locally quadratic surfaces by ever smaller windows (:func:`.smoothing.smooth_view`)
-    and onto the intervals, as for any point that convex sets share (Bregman 1965).
+    Projections in turn, onto the locally quadratic surfaces by ever smaller windows
+    (:func:`.disparity_smoothing.smooth_view`) and onto the intervals, as for any point that convex sets share (Bregman
+    1965).
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from .depth import DepthSettings
+from .settings import DepthSettings
 
 _STRIP = 24  # rows a thread works on at a time: its sums stay in the cache
 _REST = 0.06  # Gaussian weight at the rim of the robust fit's window

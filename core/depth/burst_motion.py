@@ -8,7 +8,22 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
-from .depth import noise_of_windows, window_variance
+from .settings import DepthSettings
+
+
+def still_warning(depth: np.ndarray, labels: np.ndarray, focal: float, settings: DepthSettings) -> str | None:
+    """What to tell a person whose subject moved while the burst was recorded; None when it stood still."""
+    if settings.still_share >= 1 or len(depth) < 2:
+        return None
+    motion = burst_motion(depth, labels, 1.0 / focal, settings.still_share)
+    if motion.share <= settings.still_share:
+        return None
+    return (
+        f"the subject moved during the burst: between its first and last frames {motion.share:.0%} of what is seen of "
+        f"it went {1e3 * motion.median:.0f} mm (up to {1e3 * motion.largest:.0f} mm); hold still while recording, "
+        "record fewer frames, or use a single frame"
+    )
+
 
 _CELL = 4  # px: the smallest square whose noise is looked at
 _BLOCKS = (2, 4)  # cells: the side of a block that moves as one; the larger where noise asks for it
@@ -28,51 +43,6 @@ class Motion:
     share: float
     median: float
     largest: float
-
-
-@dataclass(frozen=True)
-class BurstNoise:
-    """Random error of the subject's readings in one view [m], before anything is smoothed.
-
-    ``frame``: of one frame, by how the frames of the burst differ; None when there is one only. ``expected``: of
-    ``frames`` frames, if nothing but chance made them differ: frame / √frames. ``fused``: by how much the fused
-    readings scatter about the surface: what all frames have in common, a camera's steps and ripples, is in it, and no
-    number of frames lowers that.
-    """
-
-    frames: int
-    frame: float | None
-    expected: float | None
-    fused: float
-
-
-def burst_noise(
-    frames: int, spread: np.ndarray, fused: np.ndarray, labels: np.ndarray, views: int
-) -> tuple[BurstNoise, ...]:
-    """How noisy each view is, with one frame and with all.
-
-    Parameters
-    ----------
-    frames : int
-        How many there are.
-    spread, fused : np.ndarray [shape=(H, W), dtype=float32]
-        Of :func:`.depth.fuse_burst`.
-    labels : np.ndarray [shape=(H, W), dtype=int8]
-        View of each pixel, -1 = not the subject.
-    views : int
-    """
-    variance = window_variance(fused, labels)
-    found = []
-    for view in range(views):
-        mine = labels == view
-        z = float(np.median(fused[mine])) if mine.any() else 0.0
-        told = spread[mine & (spread > 0)]
-        # the median of standard deviations of few is low (Wilson and Hilferty)
-        low = (1.0 - 2.0 / (9.0 * (frames - 1))) ** 1.5 if frames > 1 else 1.0
-        frame = float(np.median(told)) * z / low if frames > 1 and len(told) else None
-        expected = None if frame is None else frame / math.sqrt(frames)
-        found.append(BurstNoise(frames, frame, expected, noise_of_windows(variance[mine]) * z))
-    return tuple(found)
 
 
 def burst_motion(depth: np.ndarray, labels: np.ndarray, pixel_angle: float, least: float = 0.0) -> Motion:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mirror_scan.core.depth import fuse_burst
-from mirror_scan.core.stillness import burst_noise
+from mirror_scan.core.depth.burst_fusion import fuse_burst
+from mirror_scan.core.depth.noise_estimate import burst_noise
 
 
 def noise_of(count: int, common: float, seed: int = 0):

@@ -4,48 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from .camera.noise_models import SENSORS, NoiseModel
-from .capture import Capture
-from .depth import DepthSettings, close_dropouts, noise_of_windows, window_variance
-from .errors import MirrorScanError
-from .quantisation import dequantise, find_step
-from .smoothing import keep_relief, smooth_view, smoothing_sigma
-from .stillness import burst_motion
+from ..camera.noise_models import NoiseModel
+from .dequantisation import dequantise
+from .disparity_smoothing import keep_relief, smooth_view, smoothing_sigma
+from .noise_estimate import noise_of_windows, window_variance
+from .outliers_and_dropouts import close_dropouts
+from .settings import DepthSettings
 
 _DITHER = 0.3  # noise below this share of a quantum does not average its steps out
 _ROUNDING = 0.001 / 12**0.5  # m: standard deviation that rounding to millimetres leaves
 _RELIEF = (1.05, 1.15)  # from where to where noise in the median window over that in the calmest ones tells of relief
-
-
-def recognise(capture: Capture, settings: DepthSettings) -> tuple[str, NoiseModel | None]:
-    """Name and noise model of the camera: as the settings say, else as the capture says, else as its readings betray.
-
-    A Kinect v1, or another camera of its make, is known by steps of an eighth of a pixel at a baseline of 7.5 cm.
-
-    Returns
-    -------
-    name : str
-        "unknown" when it is none of those in :data:`.noise_models.SENSORS`.
-    model : NoiseModel or None
-
-    Raises
-    ------
-    MirrorScanError
-        When the settings name a sensor that is not in the table.
-    """
-    if settings.sensor not in ("auto", "unknown") and settings.sensor not in SENSORS:
-        raise MirrorScanError(f"there is no sensor “{settings.sensor}”; choose auto, unknown, {', '.join(SENSORS)}")
-    if settings.sensor != "auto":
-        return settings.sensor, SENSORS.get(settings.sensor)
-    if capture.sensor in SENSORS:
-        return capture.sensor, SENSORS[capture.sensor]
-    step = find_step(capture.depth[0])
-    kinect = SENSORS["kinect_v1"].step(capture.intrinsics.fx)
-    if (
-        step and 0.8 < step / kinect < 1.25
-    ):  # registered to colour its readings keep their steps but not the focal length
-        return "kinect_v1", SENSORS["kinect_v1"]
-    return "unknown", None
 
 
 def clean(
@@ -113,8 +81,8 @@ def clean(
 
 
 def _relief(windows: np.ndarray, noise: float, z: float) -> tuple[float, float]:
-    """Noise that is left for certain in a view's ``windows`` (:func:`.depth.window_variance`), and how far what is
-    beyond it must be taken for relief [0..1].
+    """Noise that is left for certain in a view's ``windows`` (:func:`.noise_estimate.window_variance`), and how far
+    what is beyond it must be taken for relief [0..1].
 
     Only readings as good as their millimetres can tell the two apart: a camera's own noise differs from place to place
     by more than relief does.
@@ -129,17 +97,3 @@ def _relief(windows: np.ndarray, noise: float, z: float) -> tuple[float, float]:
     if calm * z < 1.3 * _ROUNDING:  # there is no other noise to be had
         uneven = 1.0
     return min(calm, _ROUNDING / z), uneven * min(max(2.0 - calm * z / (2 * _ROUNDING), 0.0), 1.0)
-
-
-def still_warning(depth: np.ndarray, labels: np.ndarray, focal: float, settings: DepthSettings) -> str | None:
-    """What to tell a person whose subject moved while the burst was recorded; None when it stood still."""
-    if settings.still_share >= 1 or len(depth) < 2:
-        return None
-    motion = burst_motion(depth, labels, 1.0 / focal, settings.still_share)
-    if motion.share <= settings.still_share:
-        return None
-    return (
-        f"the subject moved during the burst: between its first and last frames {motion.share:.0%} of what is seen of "
-        f"it went {1e3 * motion.median:.0f} mm (up to {1e3 * motion.largest:.0f} mm); hold still while recording, "
-        "record fewer frames, or use a single frame"
-    )

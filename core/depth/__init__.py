@@ -1,0 +1,1 @@
+"""Depth: a burst becomes one map, its noise is measured, each view is cleaned."""

@@ -1,0 +1,111 @@
+"""Flying pixels are taken out, small gaps of missing readings are filled."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+from .noise_estimate import residual_kernel
+from .settings import DepthSettings
+
+
+def remove_flying_pixels(
+    depth: np.ndarray, pixel_angle: float, settings: DepthSettings = DepthSettings()
+) -> np.ndarray:
+    """Drop readings that float between a surface and what is behind it.
+
+    A reading stays when at least ``settings.support`` of its 8 neighbours continue its surface: lie within what a
+    surface seen at up to 80° from head-on would span over that distance, and the noise measured on the map itself.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    pixel_angle : float
+        1/f [1/px]: a pixel's width on a plane at 1 m.
+
+    Returns
+    -------
+    np.ndarray [shape=(H, W), dtype=float32]
+    """
+    if settings.support <= 0:
+        return depth
+    variance = residual_kernel(depth, np.where(depth > 0, 0, -1).astype(np.int8), 8)[::8]  # a sample of rows
+    known = variance >= 0
+    # noise relative to z grows in proportion to z for triangulating cameras; for others this is on the safe side
+    growth = float(np.median(np.sqrt(variance[known]) / depth[::8][known])) if known.any() else 0.0
+    return _flying_kernel(depth, pixel_angle * np.tan(np.radians(80.0)), 3.0 * growth, settings.support)
+
+
+@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
+def _flying_kernel(depth, slope, noise, support):
+    height, width = depth.shape
+    out = np.empty_like(depth)
+    framed = np.zeros((height + 2, width + 2), np.float32)  # no pixel needs to ask whether it lies at the border
+    framed[1:-1, 1:-1] = depth
+    beside, across = np.float32(slope + 0.003), np.float32(slope * np.sqrt(2.0) + 0.003)
+    growth, most = np.float32(noise), np.float32(0.99)  # so that no reading is never near
+    for v in prange(height):
+        above, here, below = framed[v], framed[v + 1], framed[v + 2]
+        for u in range(width):
+            z = here[u + 1]
+            far = min(beside + growth * z, most) * z
+            farther = min(across + growth * z, most) * z
+            near = np.int32(abs(here[u] - z) <= far) + np.int32(abs(here[u + 2] - z) <= far)
+            near += np.int32(abs(above[u + 1] - z) <= far) + np.int32(abs(below[u + 1] - z) <= far)
+            near += np.int32(abs(above[u] - z) <= farther) + np.int32(abs(above[u + 2] - z) <= farther)
+            near += np.int32(abs(below[u] - z) <= farther) + np.int32(abs(below[u + 2] - z) <= farther)
+            out[v, u] = z if near >= support else np.float32(0.0)
+    return out
+
+
+def close_dropouts(depth: np.ndarray, labels: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Give pixels without a reading the mean disparity of their surroundings, where one view surrounds them.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    labels : np.ndarray [shape=(H, W), dtype=int8]
+        View of each pixel, -1 = none.
+    width : int
+        Drop-outs up to this many pixels across are closed, a ring of pixels a round.
+
+    Returns
+    -------
+    depth, labels : np.ndarray
+        Copies with the closed pixels filled in.
+    """
+    for _ in range((width + 1) // 2):
+        depth, labels = _close_kernel(depth, labels)
+    return depth, labels
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _close_kernel(depth, labels):
+    height, width = depth.shape
+    new_depth, new_labels = depth.copy(), labels.copy()
+    for v in prange(1, height - 1):
+        for u in range(1, width - 1):
+            if labels[v, u] >= 0:
+                continue
+            if labels[v, u - 1] < 0 and labels[v, u + 1] < 0 and labels[v - 1, u] < 0:
+                continue  # three of 8 are none already: as nearly everywhere
+            view = -1
+            count = 0
+            total = 0.0
+            low, high = np.inf, 0.0
+            for dv in range(-1, 2):
+                for du in range(-1, 2):
+                    k = labels[v + dv, u + du]
+                    if k >= 0 and (view < 0 or k == view):
+                        view = k
+                        count += 1
+                        z = depth[v + dv, u + du]
+                        total += 1.0 / z
+                        low, high = min(low, z), max(high, z)
+            # 6 of 8: the pixel is inside the surface, not at its silhouette
+            if count >= 6 and high - low < 0.02 * low:
+                new_depth[v, u] = count / total
+                new_labels[v, u] = view
+    return new_depth, new_labels
