@@ -18,7 +18,7 @@ from mirror_scan.core.depth.settings import DepthSettings
 from mirror_scan.core.io import read_mesh
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.bvh import build_bvh, raycast
-from mirror_scan.core.mirror import place_mirror
+from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.rays import BODY, NOTHING
 from mirror_scan.core.simulation.scene import default_rig

@@ -11,7 +11,7 @@ from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.mesh import Mesh
-from mirror_scan.core.mirror import place_mirror
+from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.simulation import props
 from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.rays import BODY

@@ -12,7 +12,8 @@ import numpy as np
 from numba import njit
 
 from .camera import Intrinsics, project, unproject
-from .mirror import Mirror, moved, person_before, reflect, reflection_matrix, reflection_moves, with_reason
+from .mirrors import Mirror
+from .mirrors.mirror import expected_error, moved, reflect, reflection_matrix, reflection_moves, with_reason
 from .numeric.point_products import dot
 from .views import Views, sort_rays
 
@@ -373,13 +374,6 @@ def _looked_through(m: Meeting) -> float:
     """Share of the pieces, where there are enough to go by; of a few most must say so."""
     share = m.through / max(m.judged, 1)
     return share if m.judged >= 100 or (m.judged >= 40 and share > 0.7) else 0.0
-
-
-def expected_error(mirror: Mirror) -> float:
-    """How far the reflection of a person 1.5 m before the mirror is expected to be off [m]; inf when nothing says."""
-    if mirror.covariance is None:
-        return 0.0 if mirror.source == "given" else np.inf
-    return mirror.displacement(person_before(mirror))
 
 
 def noise_of(depth: np.ndarray, seen: np.ndarray) -> float:

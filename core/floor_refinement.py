@@ -7,10 +7,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from .agreement import expected_error
 from .camera import Intrinsics
 from .ground import find_ground, vertical
-from .mirror import Mirror, moved, person_before, reflect, reflection_matrix, reflection_moves, with_reason
+from .mirrors import Mirror
+from .mirrors.mirror import (
+    expected_error,
+    moved,
+    person_before,
+    reflect,
+    reflection_matrix,
+    reflection_moves,
+    with_reason,
+)
 from .numeric.point_products import dot, lay_grid
 from .views import sort_rays
 

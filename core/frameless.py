@@ -15,21 +15,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from .agreement import Surfaces, expected_error, meetings, noise_of, surfaces
+from .agreement import Surfaces, meetings, noise_of, surfaces
 from .camera import Intrinsics, project
 from .ground import find_floor
-from .mirror import (
-    Mirror,
-    at_border,
+from .mirrors import Mirror
+from .mirrors.glass_extent import at_border
+from .mirrors.mirror import (
     behind_glass,
+    expected_error,
     moved,
-    on_wall,
     oriented,
     person_before,
     reflection_matrix,
     reflection_moves,
     reflection_shift,
 )
+from .mirrors.wall_behind_frame import on_wall
 from .numeric.point_products import dot, lay_grid
 
 _UP = np.array((0.0, -1.0, 0.0))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from .mirror import Mirror
+from .mirrors import Mirror
 from .numeric.point_products import dot
 
 _CAMERA_UP = np.array((0.0, -1.0, 0.0))

@@ -6,7 +6,8 @@ import numpy as np
 from numba import njit
 
 from .camera import Intrinsics
-from .mirror import Mirror, reflection_matrix
+from .mirrors import Mirror
+from .mirrors.mirror import reflection_matrix
 
 _ENOUGH = 4  # pixels that tell
 _DIRECTIONS = 13  # from the right over the top to the left in which the rest of the figure may be

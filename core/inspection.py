@@ -21,8 +21,9 @@ from .depth.sensor_recognition import recognise
 from .depth.settings import DepthSettings
 from .errors import MirrorScanError
 from .ground import find_floor
-from .mirror import Mirror, place_mirror
 from .mirror_detection import find_mirrors
+from .mirrors import Mirror
+from .mirrors.picked_mirror import place_mirror
 from .pipeline import Settings
 from .subject import find_subject
 

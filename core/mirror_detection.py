@@ -20,16 +20,10 @@ from .camera import Intrinsics, project
 from .capture import MirrorPicks
 from .errors import MirrorError
 from .frameless import find_frameless
-from .mirror import (
-    Mirror,
-    at_border,
-    behind_glass,
-    person_before,
-    reflection_matrix,
-    reflection_shift,
-    with_outline,
-)
-from .mirror_refinement import fit_frame, without_frames
+from .mirrors import Mirror
+from .mirrors.frame_fit import fit_frame, without_frames
+from .mirrors.glass_extent import at_border, with_outline
+from .mirrors.mirror import behind_glass, person_before, reflection_matrix, reflection_shift
 from .rims import BOTTOM, LEFT, RIGHT, TOP, DetectionSettings, Hypothesis, Segment, find_rims, propose
 from .twins import a_pair, measures, one_make
 

@@ -17,7 +17,8 @@ from .freespace import clear_depth, in_view_frame
 from .mesh import Mesh
 from .mesh.normals import vertex_normals
 from .mesh.submesh import triangles_touching
-from .mirror import Mirror, reflection_matrix
+from .mirrors import Mirror
+from .mirrors.mirror import reflection_matrix
 from .numeric.point_products import transform
 from .numeric.threads import each
 from .triangulation import clean_patch

@@ -25,9 +25,11 @@ from .floor_refinement import FloorSettings, level_floor
 from .frameless import frameless_notes
 from .mesh import FILL, SEAM, Mesh
 from .mesh.soundness import mesh_report
-from .mirror import Mirror, MirrorSettings, place_mirror, reflection_matrix
 from .mirror_detection import contradicted, find_better_at, find_mirror_at, find_mirrors
 from .mirror_refinement import JointSettings, align_reflections
+from .mirrors import Mirror
+from .mirrors.mirror import reflection_matrix
+from .mirrors.picked_mirror import MirrorSettings, place_mirror
 from .numeric.point_products import transform
 from .numeric.threads import each
 from .overlap import OverlapSettings, ViewMaps, part_overlaps, view_maps

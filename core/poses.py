@@ -10,7 +10,7 @@ import numpy as np
 from .capture import Capture, MirrorPicks
 from .capture.camera_poses import check_pose
 from .errors import CaptureError, ReconstructionError
-from .mirror import Mirror
+from .mirrors import Mirror
 from .numeric.point_products import transform
 from .overlap import stack_maps
 from .pipeline import Clock, Progress, Reconstruction, Scan, Settings, check_frame, finish, joining_steps, scan_steps

@@ -7,11 +7,8 @@
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,40 +17,21 @@ from .capture import Capture, MirrorPicks
 from .depth.burst_fusion import fuse_burst
 from .depth.outliers_and_dropouts import remove_flying_pixels
 from .depth.settings import DepthSettings
-from .errors import CaptureError, MirrorError
-from .frame_fit import THICK
-from .io.atomic_files import replacing
-from .mirror import (
-    Mirror,
-    MirrorSettings,
-    at_border,
-    on_wall,
-    oriented,
-    person_before,
-    place_mirror,
-    plane_mirror,
-    reflection_shift,
-)
+from .errors import MirrorError
 from .mirror_detection import circumference, find_mirrors
-from .mirror_refinement import JointSettings, align_reflections, fit_frame
+from .mirror_refinement import JointSettings, align_reflections
+from .mirrors import Mirror
+from .mirrors.frame_fit import fit_frame
+from .mirrors.mirror import person_before, reflection_shift
+from .mirrors.picked_mirror import MirrorSettings, place_mirror
+from .mirrors.rig_file import RigFile
+from .mirrors.wall_behind_frame import THICK, on_wall
 from .rims import DetectionSettings
 
-FORMAT, VERSION = "mirror-scan rig", 1
-MAX_BYTES = 1_000_000
-_LARGEST, _FARTHEST = 1e6, 1e3  # of all numbers, and of places [m]
 _BOARD = JointSettings(two_sided=True)
 _MIRROR, _DEPTH, _EMPTY = MirrorSettings(), DepthSettings(), DetectionSettings(empty_rig=True)
 _TOLD = 0.003  # what moves the reflection of a person by less is not told [m]
 _SURE, _LIKELY = 5.0, 3.0  # standard deviations by which a mirror has moved; and by which it has, when another one did
-_LENS = ("width", "height", "fx", "fy", "cx", "cy")
-
-
-@dataclass(frozen=True)
-class RigFile:
-    """A camera's intrinsics and the mirrors before it."""
-
-    intrinsics: Intrinsics
-    mirrors: tuple[Mirror, ...]
 
 
 def calibrate(
@@ -95,134 +73,6 @@ def calibrate(
         if m.rectangle is None:
             raise MirrorError(f"{m.name}: a plane alone is no calibration; pick points on this mirror's frame instead")
     return RigFile(lens, tuple(placed))
-
-
-def write_rig(path: str | os.PathLike, rig: RigFile) -> None:
-    """Write a rig file; what was there is replaced only by a complete one. Raises OutputError."""
-    content = {
-        "format": FORMAT,
-        "version": VERSION,
-        "intrinsics": {key: getattr(rig.intrinsics, key) for key in _LENS},
-        "mirrors": [
-            {
-                "name": m.name,
-                "point": m.point.tolist(),
-                "normal": m.normal.tolist(),
-                "down": m.basis[:, 1].tolist(),
-                "rectangle": m.rectangle.tolist(),
-                "outline": m.outline.tolist(),
-                "covariance": None if m.covariance is None else m.covariance.tolist(),
-                "residual_mm": 1000.0 * m.residual,
-                "points_used": m.points_used,
-            }
-            for m in rig.mirrors
-        ],
-    }
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-
-
-def read_rig(path: str | os.PathLike) -> RigFile:
-    """Read what :func:`write_rig` wrote.
-
-    Raises
-    ------
-    MirrorError
-        The file is missing, no rig file, of a later version, or holds values that cannot be.
-    """
-    path = Path(path)
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise MirrorError(f"{path}: is too large for a rig file; make one with “mirror-scan calibrate”")
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not JSON"
-        raise MirrorError(f"{path}: cannot be read as a rig file: {reason}") from error
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise MirrorError(f"{path}: is no rig file; make one with “mirror-scan calibrate”")
-    if content.get("version") != VERSION:
-        raise MirrorError(
-            f"{path}: is of version {content.get('version')}, this program reads {VERSION}; calibrate again"
-        )
-    lens, entries = content.get("intrinsics"), content.get("mirrors")
-    if not isinstance(lens, dict) or not isinstance(entries, list) or not entries:
-        raise MirrorError(f"{path}: holds no camera or no mirrors; calibrate again")
-    values = [_number(path, "intrinsics", lens.get(key)) for key in _LENS]
-    try:
-        intrinsics = Intrinsics(int(values[0]), int(values[1]), *values[2:])
-    except CaptureError as error:
-        raise MirrorError(f"{path}: {error}") from error
-    return RigFile(intrinsics, tuple(_mirror(path, k, entry, intrinsics) for k, entry in enumerate(entries, start=1)))
-
-
-def _number(path: Path, where: str, value: object) -> float:
-    # an integer of a file may be too large for a float
-    if isinstance(value, bool) or not isinstance(value, int | float) or not -_LARGEST < value < _LARGEST:
-        raise MirrorError(f"{path}: {where}: a number is missing, not finite or far too large; calibrate again")
-    return float(value)
-
-
-def _array(path: Path, name: str, entry: dict, key: str, shape: tuple[int, ...]) -> np.ndarray:
-    try:
-        array = np.array(entry.get(key), dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise MirrorError(f"{path}: {name}: “{key}” holds no numbers; calibrate again") from error
-    if array.shape != shape or not (np.abs(array) < _FARTHEST).all():
-        raise MirrorError(
-            f"{path}: {name}: “{key}” must hold {' × '.join(map(str, shape))} numbers below {_FARTHEST:g}; "
-            "calibrate again"
-        )
-    return array
-
-
-def _mirror(path: Path, place: int, entry: object, intrinsics: Intrinsics) -> Mirror:
-    if not isinstance(entry, dict):
-        raise MirrorError(f"{path}: mirror {place} is no object; calibrate again")
-    name = entry.get("name") if isinstance(entry.get("name"), str) else f"mirror {place}"
-    point, normal, down = (_array(path, name, entry, key, (3,)) for key in ("point", "normal", "down"))
-    rectangle = _array(path, name, entry, "rectangle", (2, 2))
-    if (rectangle[:, 0] >= rectangle[:, 1]).any() or np.linalg.norm(np.cross(normal, down)) < 0.1:
-        raise MirrorError(f"{path}: {name}: has no extent, or its normal points down its own side; calibrate again")
-    placed = plane_mirror(name, point, normal)
-    normal, basis = oriented(placed.normal, point, down)
-    covariance = entry.get("covariance")
-    if covariance is not None:
-        covariance = _array(path, name, entry, "covariance", (3, 3))
-        spread = np.linalg.eigvalsh(0.5 * (covariance + covariance.T))
-        if spread[0] < -1e-6 * max(spread[-1], 0.0) or np.abs(covariance - covariance.T).max() > 1e-6 * spread[-1]:
-            raise MirrorError(f"{path}: {name}: “covariance” is none; calibrate again")
-    return at_border(
-        replace(
-            placed,
-            normal=normal,
-            basis=basis,
-            rectangle=rectangle,
-            residual=_number(path, name, entry.get("residual_mm")) / 1000.0,
-            points_used=int(_number(path, name, entry.get("points_used"))),
-            refined=True,
-            source="rig file",
-            covariance=covariance,
-        ),
-        intrinsics,
-        np.zeros((2, 2), np.bool_),
-    )
-
-
-def mirrors_for(rig: RigFile, intrinsics: Intrinsics) -> tuple[Mirror, ...]:
-    """The rig's mirrors, when it was calibrated with this camera; else MirrorError."""
-    old = rig.intrinsics
-    if (old.width, old.height) != (intrinsics.width, intrinsics.height):
-        raise MirrorError(
-            f"the rig was calibrated at {old.width}×{old.height} pixels, the capture has "
-            f"{intrinsics.width}×{intrinsics.height}; calibrate it with the same camera and mode"
-        )
-    apart = max(abs(old.fx / intrinsics.fx - 1), abs(old.fy / intrinsics.fy - 1))
-    if apart > 0.005 or max(abs(old.cx - intrinsics.cx), abs(old.cy - intrinsics.cy)) > 2.0:
-        raise MirrorError(
-            "the rig was calibrated with another lens: its focal lengths or centre differ from the capture's; "
-            "calibrate it with the same camera and mode"
-        )
-    return rig.mirrors
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,9 @@ from .agreement import disagreements
 from .camera import Intrinsics, project
 from .camera.noise_models import NoiseModel
 from .ground import leans
-from .mirror import Mirror, on_wall, reflection_matrix
+from .mirrors import Mirror
+from .mirrors.mirror import reflection_matrix
+from .mirrors.wall_behind_frame import on_wall
 from .numeric.point_products import dot, transform
 from .subject import rig_axis, visible_middle
 from .views import Views, glass_corners

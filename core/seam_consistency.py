@@ -14,10 +14,10 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numba import njit
 
-from .agreement import expected_error
 from .mesh import SEAM, Mesh
-from .mirror import (
-    Mirror,
+from .mirrors import Mirror
+from .mirrors.mirror import (
+    expected_error,
     moved,
     person_before,
     reflect,

@@ -10,7 +10,8 @@ from .errors import ReconstructionError
 from .floor_parting import NEAR_FLOOR, ROW, share_of_feet, standing_pixels
 from .ground import find_ground
 from .hidden_pieces import pieces_behind
-from .mirror import Mirror, reflect
+from .mirrors import Mirror
+from .mirrors.mirror import reflect
 from .numeric.point_products import dot
 from .numeric.union_find import root_of
 from .things import find_support, gather_pieces

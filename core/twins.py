@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from .camera import Intrinsics, project
-from .frame_fit import frame_sides
-from .mirror import Mirror, disparity_of_plane
+from .mirrors import Mirror
+from .mirrors.disparity_plane import disparity_of_plane
+from .mirrors.frame_sides import frame_sides
 
 _PIXELS = 1.5  # to which bars are known
 _SIZE = 0.002  # by how much frames of one make may differ, besides a pixel

@@ -8,7 +8,8 @@ import numpy as np
 from numba import njit, prange
 
 from .camera import Intrinsics
-from .mirror import Mirror, reflection_matrix
+from .mirrors import Mirror
+from .mirrors.mirror import reflection_matrix
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,9 @@ from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.io.images import openimageio, read_image, write_png
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.triangle_mesh import merge
-from mirror_scan.core.mirror import Mirror, place_mirror, reflection_matrix
+from mirror_scan.core.mirrors import Mirror
+from mirror_scan.core.mirrors.mirror import reflection_matrix
+from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.overlap import part_overlaps, view_maps
 from mirror_scan.core.pipeline import Settings, avatar_frame, clean_views, make_patches
 from mirror_scan.core.preview import BACKGROUND, INK, KIND_COLORS, SIDES, draw_text, render_preview, render_views

@@ -23,7 +23,7 @@ from ..core.palette import depth_colors
 
 if TYPE_CHECKING:
     from ..core.capture import Capture
-    from ..core.mirror import Mirror
+    from ..core.mirrors import Mirror
 
 
 Result = TypeVar("Result")
@@ -236,8 +236,9 @@ def find_mirrors_steps(
 def calibrate_steps(cloud: Cloud, mirrors: list[dict], glass_offset: float, path: str) -> Steps[Fitted]:
     """Place the mirrors of a rig, found when there are none yet, and write them to the rig file ``path``."""
     yield 0.0, FITTING if mirrors else FINDING
-    from ..core.mirror import MirrorSettings
-    from ..core.rig_file import calibrate, read_rig, write_rig
+    from ..core.mirrors.picked_mirror import MirrorSettings
+    from ..core.mirrors.rig_file import read_rig, write_rig
+    from ..core.rig_file import calibrate
 
     known = tuple(_known(record) for record in mirrors)
     write_rig(path, calibrate(_capture_of(cloud), known, MirrorSettings(glass_offset=glass_offset)))
@@ -248,7 +249,8 @@ def calibrate_steps(cloud: Cloud, mirrors: list[dict], glass_offset: float, path
 def rig_steps(cloud: Cloud, path: str) -> Steps[Fitted]:
     """The mirrors of a rig file, and a warning of each that has moved since it was written."""
     yield 0.0, "Reading the rig file"
-    from ..core.rig_file import mirrors_for, moved_warnings, read_rig
+    from ..core.mirrors.rig_file import mirrors_for, read_rig
+    from ..core.rig_file import moved_warnings
 
     placed, depth = list(mirrors_for(read_rig(path), cloud.intrinsics)), cloud.depth
     yield 0.5, FITTING
@@ -263,7 +265,7 @@ def _fit(
     glass_offset: float,
     places: list[int] | None = None,
 ) -> Fitted:
-    from ..core.mirror import MirrorSettings, place_mirror
+    from ..core.mirrors.picked_mirror import MirrorSettings, place_mirror
 
     settings = MirrorSettings(glass_offset=glass_offset)
     answers, placed, numbers = [], [], [-1, 0]
@@ -321,7 +323,7 @@ def mirror_of(record: dict) -> Mirror:
     MirrorError
         When the record has none, or one that somebody edited into nonsense.
     """
-    from ..core.mirror import Mirror
+    from ..core.mirrors import Mirror
 
     try:
         content = json.loads(record["plane"])
@@ -351,7 +353,7 @@ def _picks_of(record: dict):
 def _record_of_picks(known) -> dict:
     """What a capture says of a mirror, as a record that is not fitted yet, or of the plane it gives."""
     if known.frame_pixels is None:
-        from ..core.mirror import plane_mirror
+        from ..core.mirrors.mirror import plane_mirror
 
         return record_of(plane_mirror(known.name, known.point, known.normal))
     picks = np.asarray(known.frame_pixels, dtype=float).tolist()

@@ -76,7 +76,7 @@ def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
     capture = _open(first, options)
     mirrors = read_mirrors(options.mirrors, capture.intrinsics) if options.mirrors else None
     if options.rig:
-        from ..rig_file import mirrors_for, read_rig
+        from ..mirrors.rig_file import mirrors_for, read_rig
 
         mirrors = mirrors_for(read_rig(options.rig), capture.intrinsics)
     read_ms = (time.perf_counter() - started) * 1e3
@@ -94,7 +94,8 @@ def run_calibrate(options: argparse.Namespace, writers: Writers) -> None:
 
     from ..capture import open_capture
     from ..capture.folders.rgbd_folder import read_mirrors
-    from ..rig_file import calibrate, write_rig
+    from ..mirrors.rig_file import write_rig
+    from ..rig_file import calibrate
 
     capture = open_capture(options.capture)
     rig = calibrate(capture, read_mirrors(options.mirrors, capture.intrinsics) if options.mirrors else None)

@@ -17,7 +17,8 @@ from ..depth.settings import DepthSettings
 from ..errors import MirrorScanError
 from ..mesh import Mesh
 from ..mesh.bvh import build_bvh, closest_point
-from ..mirror import place_mirror, reflection_matrix
+from ..mirrors.mirror import reflection_matrix
+from ..mirrors.picked_mirror import place_mirror
 from ..preview import draw_text, render_views
 from ..simulation.simulate import Simulation
 from ..triangulation import triangulate_view

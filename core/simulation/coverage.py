@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..camera import project
-from ..mirror import plane_mirror, reflection_matrix
+from ..mirrors.mirror import plane_mirror, reflection_matrix
 from ..triangulation import TriangulationSettings
 from .simulate import Simulation
 

@@ -150,7 +150,7 @@ def _given_plane(name: str, point, normal) -> str:
     from .. import kernels
 
     kernels.prepare_kernels()
-    from ...core.mirror import plane_mirror
+    from ...core.mirrors.mirror import plane_mirror
     from ..tasks import record_of
 
     return record_of(plane_mirror(name, list(point), list(normal)))["plane"]

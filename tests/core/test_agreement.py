@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mirror_scan.core.agreement import AgreementSettings, agree, disagreements, expected_error
+from mirror_scan.core.agreement import AgreementSettings, agree, disagreements
 from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
-from mirror_scan.core.mirror import moved, person_before, place_mirror, plane_mirror, reflect
+from mirror_scan.core.mirrors.mirror import expected_error, moved, person_before, plane_mirror, reflect
+from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.pipeline import reconstruct
 from mirror_scan.core.scene_check import check_agreement
 from mirror_scan.core.simulation.scene import default_rig

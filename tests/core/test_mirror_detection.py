@@ -11,8 +11,9 @@ from mirror_scan.core.capture import MirrorPicks
 from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
-from mirror_scan.core.mirror import MirrorSettings, person_before, place_mirror, plane_mirror, reflect
 from mirror_scan.core.mirror_detection import _open_sides, find_mirror_at, find_mirrors
+from mirror_scan.core.mirrors.mirror import person_before, plane_mirror, reflect
+from mirror_scan.core.mirrors.picked_mirror import MirrorSettings, place_mirror
 from mirror_scan.core.pipeline import Settings, place_mirrors, reconstruct
 from mirror_scan.core.rims import BOTTOM, RIGHT, TOP, Hypothesis
 from mirror_scan.core.simulation.mannequin import mannequin

@@ -16,7 +16,7 @@ from mirror_scan.core.errors import Cancelled, CaptureError, MirrorError, Recons
 from mirror_scan.core.io import read_mesh
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.surface_distance import evaluate, surface_distance
-from mirror_scan.core.mirror import reflect, reflection_matrix
+from mirror_scan.core.mirrors.mirror import reflect, reflection_matrix
 from mirror_scan.core.pipeline import Settings, avatar_frame, reconstruct, reconstruction_steps
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate

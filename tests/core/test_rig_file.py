@@ -11,10 +11,11 @@ from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.mesh import Mesh
-from mirror_scan.core.mirror import plane_mirror, reflect
 from mirror_scan.core.mirror_detection import find_mirrors
+from mirror_scan.core.mirrors.mirror import plane_mirror, reflect
+from mirror_scan.core.mirrors.rig_file import mirrors_for, read_rig, write_rig
 from mirror_scan.core.pipeline import reconstruct
-from mirror_scan.core.rig_file import calibrate, mirrors_for, moved_warning, moved_warnings, read_rig, write_rig
+from mirror_scan.core.rig_file import calibrate, moved_warning, moved_warnings
 from mirror_scan.core.simulation.props import wall_behind
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate

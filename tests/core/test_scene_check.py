@@ -13,7 +13,8 @@ from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.depth.sensor_recognition import recognise
 from mirror_scan.core.depth.settings import DepthSettings
-from mirror_scan.core.mirror import place_mirror, plane_mirror
+from mirror_scan.core.mirrors.mirror import plane_mirror
+from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.scene_check import check_scene, directions
 from mirror_scan.core.simulation.mannequin import Figure, mannequin
 from mirror_scan.core.simulation.props import box, placed

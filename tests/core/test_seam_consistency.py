@@ -6,9 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mirror_scan.core.agreement import expected_error
-from mirror_scan.core.mirror import moved, person_before, plane_mirror, reflect, reflection_matrix, reflection_shift
 from mirror_scan.core.mirror_refinement import JointSettings
+from mirror_scan.core.mirrors.mirror import (
+    expected_error,
+    moved,
+    person_before,
+    plane_mirror,
+    reflect,
+    reflection_matrix,
+    reflection_shift,
+)
 from mirror_scan.core.numeric.point_products import transform
 from mirror_scan.core.overlap import part_overlaps, view_maps
 from mirror_scan.core.pipeline import Clock, Settings, reconstruct, scan_steps

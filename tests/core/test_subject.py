@@ -14,7 +14,8 @@ from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import ReconstructionError
 from mirror_scan.core.floor_parting import NEAR_FLOOR, share_of_feet, standing_pixels
 from mirror_scan.core.ground import find_ground, leans, mirrors_vertical
-from mirror_scan.core.mirror import place_mirror, plane_mirror
+from mirror_scan.core.mirrors.mirror import plane_mirror
+from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.pipeline import Settings
 from mirror_scan.core.simulation import props
 from mirror_scan.core.simulation.mannequin import mannequin

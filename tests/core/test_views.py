@@ -11,7 +11,8 @@ from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import ReconstructionError
 from mirror_scan.core.ground import find_floor, vertical
-from mirror_scan.core.mirror import place_mirror, plane_mirror, reflect
+from mirror_scan.core.mirrors.mirror import plane_mirror, reflect
+from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.simulation.rays import BODY
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate

@@ -14,8 +14,9 @@ from mirror_scan.core.capture import MirrorPicks
 from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
-from mirror_scan.core.frame_fit import erosion
-from mirror_scan.core.mirror import MirrorSettings, fit_plane, place_mirror, plane_mirror, reflect, reflection_matrix
+from mirror_scan.core.mirrors.disparity_plane import erosion
+from mirror_scan.core.mirrors.mirror import plane_mirror, reflect, reflection_matrix
+from mirror_scan.core.mirrors.picked_mirror import MirrorSettings, fit_plane, place_mirror
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
 

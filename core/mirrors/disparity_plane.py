@@ -1,0 +1,296 @@
+"""Planes in disparity, where noise is even: fit, covariance, conversion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+
+from ..camera import Intrinsics
+
+BLOCK = 10
+"""Side of a block [px]."""
+
+_EDGE = 0.25  # share of the edges' effect, squared, in the covariance
+_BAR = 0.03  # of a pixel's noise, that a bar of the frame errs in common
+
+
+@dataclass(frozen=True)
+class DisparityPlane:
+    """1/z = a·u + b·v + c.
+
+    Parameters
+    ----------
+    coefficients : np.ndarray [shape=(3,)]
+    covariance : np.ndarray [shape=(3, 3)]
+        Of the coefficients.
+    weights : np.ndarray [shape=(K,)]
+        Of the pixels, 0 to 1.
+    scale : float
+        Standard deviation of a pixel's 1/z about the plane [1/m].
+    common : float
+        Variance of the part of it that neighbouring pixels share [1/m²].
+    """
+
+    coefficients: np.ndarray
+    covariance: np.ndarray
+    weights: np.ndarray
+    scale: float
+    common: float
+
+
+def disparity_plane(
+    u: np.ndarray, v: np.ndarray, z: np.ndarray, start: np.ndarray | None = None
+) -> DisparityPlane | None:
+    """Robust plane 1/z = a·u + b·v + c; None when all pixels are (nearly) on a line.
+
+    A depth camera's error is even in 1/z, and a plane is linear there. Pixels are re-weighted (Tukey), then pooled to
+    blocks of :data:`BLOCK` pixels, whose means are re-weighted in turn. A block's variance is that of its pixels'
+    mean plus a share that all its pixels have in common, which is estimated from the blocks (a random effect;
+    DerSimonian and Laird 1986); the covariance is that of clustered data (Liang and Zeger 1986).
+
+    Parameters
+    ----------
+    u, v, z : np.ndarray [shape=(K,)]
+        Pixels and readings [m].
+    start : np.ndarray [shape=(3,)], optional
+        Coefficients to weigh the pixels by at first; by default all weigh the same.
+    """
+    u, v = np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64)
+    found, solution, normal, scores, weights, center, scale, noise, common = _fit_kernel(
+        u, v, 1.0 / z.astype(np.float64), np.zeros(3) if start is None else start, start is not None, BLOCK
+    )
+    if not found:
+        return None
+    bread = np.linalg.inv(normal)
+    covariance = bread @ scores @ bread
+    unscale = np.diag(1.0 / scale)
+    unscale[2, :2] = -center[:2] / scale[:2]
+    return DisparityPlane(unscale @ solution, unscale @ covariance @ unscale.T, weights, noise, common)
+
+
+@njit(cache=True, nogil=True)
+def _fit_kernel(u, v, d, start, started, block):
+    """Found, solution (3,) over ((u, v) - centre) / scale and 1, the matrix (3, 3) of its equations and that of its
+    scores, weights (K,), centre, scale (3,) and a pixel's standard deviation."""
+    count = len(d)
+    center, scale = np.zeros(3), np.ones(3)
+    center[0], center[1] = u.mean(), v.mean()
+    scale[0], scale[1] = max(np.abs(u - center[0]).max(), 1.0), max(np.abs(v - center[1]).max(), 1.0)
+    weights, residual, row = np.ones(count), np.empty(count), np.ones(3)
+    solution, normal, right, nothing = np.zeros(3), np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3))
+    sigma = 0.0
+    for turn in range(12):
+        previous = solution.copy()
+        if turn == 0 and started:
+            solution[0], solution[1] = start[0] * scale[0], start[1] * scale[1]
+            solution[2] = start[0] * center[0] + start[1] * center[1] + start[2]
+        else:
+            normal[:] = 0.0
+            right[:] = 0.0
+            for i in range(count):
+                row[0], row[1] = (u[i] - center[0]) / scale[0], (v[i] - center[1]) / scale[1]
+                for a in range(3):
+                    right[a] += weights[i] * row[a] * d[i]
+                    for b in range(3):
+                        normal[a, b] += weights[i] * row[a] * row[b]
+            found, solution = _solve_3x3(normal, right)
+            if not found:  # all on one line
+                return False, previous, nothing, nothing, weights, center, scale, sigma, 0.0
+        for i in range(count):
+            x, y = (u[i] - center[0]) / scale[0], (v[i] - center[1]) / scale[1]
+            residual[i] = d[i] - (solution[0] * x + solution[1] * y + solution[2])
+        sigma = 1.4826 * np.median(np.abs(residual[:: count // 2000 + 1])) + 1e-9
+        for i in range(count):
+            r = residual[i] / (4.7 * sigma)
+            weights[i] = (1.0 - r * r) ** 2 if abs(r) < 1.0 else 0.0
+        if turn > 0 and np.abs(solution - previous).max() < 1e-5 * np.abs(solution).max():
+            break
+
+    # blocks of neighbouring pixels, each at the mean of what weighs in it
+    left, top = u.min(), v.min()
+    columns = int((u.max() - left) // block) + 1
+    rows = int((v.max() - top) // block) + 1
+    sums, member = np.zeros((rows * columns, 4)), np.empty(count, np.int32)
+    for i in range(count):
+        member[i] = int((v[i] - top) // block) * columns + int((u[i] - left) // block)
+        cell = sums[member[i]]
+        cell[0] += weights[i]
+        cell[1] += weights[i] * (u[i] - center[0]) / scale[0]
+        cell[2] += weights[i] * (v[i] - center[1]) / scale[1]
+        cell[3] += weights[i] * residual[i]
+    used = np.flatnonzero(sums[:, 0] > 3.0)
+    n = len(used)
+    if n < 6:
+        return _few(solution, normal, weights, center, scale, sigma, nothing)
+    pooled = np.empty((n, 4))  # x, y, residual, weight of its pixels
+    for k in range(n):
+        cell = sums[used[k]]
+        pooled[k, 0], pooled[k, 1], pooled[k, 2] = cell[1] / cell[0], cell[2] / cell[0], cell[3] / cell[0]
+        pooled[k, 3] = cell[0]
+    trust, gap, deviation = np.ones(n), np.empty(n), np.empty(n)
+    change, common = np.zeros(3), 0.0
+    for _ in range(8):
+        for k in range(n):
+            gap[k] = pooled[k, 2] - (change[0] * pooled[k, 0] + change[1] * pooled[k, 1] + change[2])
+        # what the pixels of a block err in common: what their scatter does not explain of the blocks'
+        common = 2.198 * np.median(gap * gap - 0.4549 * sigma * sigma / pooled[:, 3])
+        common = max(common, 0.0)
+        deviation[:] = np.sqrt(sigma * sigma / pooled[:, 3] + common) + 1e-9
+        normal[:] = 0.0
+        right[:] = 0.0
+        for k in range(n):
+            r = gap[k] / (4.7 * deviation[k])
+            trust[k] = (1.0 - r * r) ** 2 if abs(r) < 1.0 else 0.0
+            w = trust[k] / (deviation[k] * deviation[k])
+            row[0], row[1] = pooled[k, 0], pooled[k, 1]
+            for a in range(3):
+                right[a] += w * row[a] * pooled[k, 2]
+                for b in range(3):
+                    normal[a, b] += w * row[a] * row[b]
+        found, step = _solve_3x3(normal, right)
+        if not found:
+            return False, solution, nothing, nothing, weights, center, scale, sigma, 0.0
+        moved = np.abs(step - change).max()
+        change = step
+        if moved < 1e-6 * np.abs(solution).max():
+            break
+    scores, kept, bars = np.zeros((3, 3)), 0.0, np.zeros((4, 3))
+    for k in range(n):
+        row[0], row[1] = pooled[k, 0], pooled[k, 1]
+        gap[k] = pooled[k, 2] - (change[0] * row[0] + change[1] * row[1] + change[2])
+        w = trust[k] / (deviation[k] * deviation[k])
+        bar = int((np.arctan2(row[1], row[0]) / (2.0 * np.pi) + 0.625) * 4.0) % 4
+        for a in range(3):
+            bars[bar, a] += w * row[a]
+        w *= gap[k]
+        kept += trust[k]
+        for a in range(3):
+            for b in range(3):
+                scores[a, b] += w * w * row[a] * row[b]
+    scores *= kept / max(kept - 3.0, 1.0)
+    # what a whole bar of the frame errs in common shows in no residual: a share of a pixel's noise
+    for bar in range(4):
+        for a in range(3):
+            for b in range(3):
+                scores[a, b] += (_BAR * sigma) ** 2 * bars[bar, a] * bars[bar, b]
+    place = np.full(rows * columns, -1, np.int32)
+    for k in range(n):
+        place[used[k]] = k
+    for i in range(count):
+        k = place[member[i]]
+        weights[i] *= trust[k] if k >= 0 else 0.0
+    row[2] = 1.0
+    return True, solution + change, normal, scores, weights, center, scale, sigma, common
+
+
+@njit(cache=True, nogil=True)
+def _few(solution, normal, weights, center, scale, sigma, nothing):
+    """The fit when there are too few blocks to pool: its pixels taken as independent, four as one."""
+    if not weights.sum() > 3.0 or sigma == 0.0:
+        return False, solution, nothing, nothing, weights, center, scale, sigma, 0.0
+    return True, solution, normal, 4.0 * sigma * sigma * normal, weights, center, scale, sigma, 0.0
+
+
+@njit(cache=True, nogil=True)
+def _solve_3x3(matrix, right):
+    """Cramer's rule, and whether the determinant is far enough from 0; numba's own solver needs scipy, which Blender
+    has not."""
+    a, b, c = matrix[0], matrix[1], matrix[2]
+    minors = np.empty((3, 3))
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        minors[0, k] = b[i] * c[j] - b[j] * c[i]
+        minors[1, k] = c[i] * a[j] - c[j] * a[i]
+        minors[2, k] = a[i] * b[j] - a[j] * b[i]
+    determinant = a[0] * minors[0, 0] + a[1] * minors[0, 1] + a[2] * minors[0, 2]
+    trace = a[0] + b[1] + c[2]
+    solution = np.zeros(3)
+    if determinant < 1e-10 * trace * trace * trace:
+        return False, solution
+    for k in range(3):
+        for row in range(3):
+            solution[k] += minors[row, k] * right[row] / determinant
+    return True, solution
+
+
+def fit_core(u: np.ndarray, v: np.ndarray, depth: np.ndarray, fitted: DisparityPlane) -> DisparityPlane:
+    """The plane through a frame's pixels without its edges, which cameras smear.
+
+    What leaving one more ring of pixels out, or one fewer, does to the plane tells what edges do to it, and goes into
+    its covariance.
+    """
+    left, top = u.min(), v.min()
+    mask = np.zeros((v.max() - top + 1, u.max() - left + 1), np.bool_)
+    mask[v - top, u - left] = True
+    ring = erosion(mask)
+    count = np.cumsum(np.bincount(ring.ravel(), minlength=4)[::-1])[::-1]  # pixels with at least so many rings
+    edge = 2 if count[3] > max(0.25 * count[1], 200) else 1 if count[2] > max(0.25 * count[1], 200) else 0
+
+    def fit(level: int) -> DisparityPlane | None:
+        rows, columns = np.nonzero(ring > level)
+        rows, columns = rows + top, columns + left
+        return disparity_plane(columns, rows, depth[rows, columns], fitted.coefficients)
+
+    core = fit(edge) if edge else fitted
+    if core is None:
+        return fitted
+    beside = (fitted if edge == 1 else fit(edge - 1)) if edge else fit(1) if count[2] > 100 else None
+    if beside is None:
+        return core
+    apart = beside.coefficients - core.coefficients
+    return replace(core, covariance=core.covariance + _EDGE * np.outer(apart, apart))
+
+
+@njit(cache=True, nogil=True)
+def erosion(mask):
+    """0 off the mask, else 1 + how many rings of 8-neighbours are all on it, up to 3."""
+    height, width = mask.shape
+    out = np.zeros(mask.shape, np.uint8)
+    for v in range(height):
+        for u in range(width):
+            if not mask[v, u]:
+                continue
+            rings = 0
+            while rings < 2:
+                r = rings + 1
+                if v < r or u < r or v >= height - r or u >= width - r:
+                    break
+                whole = True
+                for k in range(-r, r + 1):
+                    if not (mask[v - r, u + k] and mask[v + r, u + k] and mask[v + k, u - r] and mask[v + k, u + r]):
+                        whole = False
+                        break
+                if not whole:
+                    break
+                rings = r
+            out[v, u] = 1 + rings
+    return out
+
+
+def plane_of_disparity(coefficients: np.ndarray, intrinsics: Intrinsics) -> tuple[np.ndarray, float]:
+    """Normal and offset d (n·p = d, metres) of the plane 1/z = a·u + b·v + c."""
+    a, b, c = coefficients
+    n = np.array((a * intrinsics.fx, b * intrinsics.fy, a * intrinsics.cx + b * intrinsics.cy + c))
+    length = np.linalg.norm(n)
+    return n / length, 1.0 / length
+
+
+def disparity_of_plane(normal: np.ndarray, d: float, intrinsics: Intrinsics) -> np.ndarray:
+    """Coefficients (3,) of 1/z = a·u + b·v + c on the plane n·p = d."""
+    n, k = np.asarray(normal) / d, intrinsics
+    return np.array((n[0] / k.fx, n[1] / k.fy, n[2] - n[0] * k.cx / k.fx - n[1] * k.cy / k.fy))
+
+
+def plane_covariance(
+    fitted: DisparityPlane, intrinsics: Intrinsics, point: np.ndarray, basis: np.ndarray
+) -> np.ndarray:
+    """:attr:`.mirror.Mirror.covariance` (3, 3) about ``point`` from that of the disparity plane's coefficients.
+
+    With m = (a·fx, b·fy, a·cx + b·cy + c) the plane is m·p = 1; a change of m lifts it at p by -δm·p / |m|.
+    """
+    to_m = np.array(((intrinsics.fx, 0, 0), (0, intrinsics.fy, 0), (intrinsics.cx, intrinsics.cy, 1)))
+    length = np.linalg.norm(to_m @ fitted.coefficients)
+    transfer = -np.array((basis[:, 0], basis[:, 1], point)) @ to_m / length
+    return transfer @ fitted.covariance @ transfer.T

@@ -1,0 +1,145 @@
+"""Where the sides of a frame lie, read from the depth across them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+WIDEST = 0.15
+"""More than a frame is wide [m]: what goes on in its plane is a wall."""
+
+_LINES = 48  # across each side
+
+
+def frame_sides(
+    depth: np.ndarray,
+    lens: np.ndarray,
+    plane: np.ndarray,
+    tolerance: float,
+    point: np.ndarray,
+    basis: np.ndarray,
+    rectangle: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Where a mirror's frame begins and ends on each side, and how it is turned in its plane.
+
+    Lines run from the middle of the rectangle outwards, across each side. In the glass they meet readings beyond the
+    plane, or none; the first stretch on the plane is the frame, until it is beyond (or before) it again. A line that
+    comes to the frame from something before it, such as a person, tells nothing.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    lens : np.ndarray [shape=(4,)]
+        fx, fy, cx, cy.
+    plane : np.ndarray [shape=(3,)]
+        1/z = a·u + b·v + c.
+    tolerance : float
+        Readings whose 1/z is this near are on it [1/m].
+    point, basis : np.ndarray [shape=(3,)], [shape=(3, 3)]
+        See :class:`.mirror.Mirror`.
+    rectangle : np.ndarray [shape=(2, 2)]
+        First guess of the extent along a and b.
+
+    Returns
+    -------
+    inner, outer : np.ndarray [shape=(2, 2)]
+        The frame's edges as ``rectangle``; NaN where there is no evidence. ``outer`` is ``inner`` where the plane goes
+        on for more than :data:`WIDEST`.
+    cut : np.ndarray [shape=(2, 2), dtype=bool]
+        Most lines leave the picture through the glass there.
+    turn : float
+        By which angle the sides are turned from a towards b [rad].
+
+    Notes
+    -----
+    O(pixels across the frame).
+    """
+    return _sides_kernel(depth, lens, plane, tolerance, point, basis, np.ascontiguousarray(rectangle), WIDEST)
+
+
+_MET, _LEFT_IMAGE = 1, 2
+_BLIND = 6  # px without a reading beside something that stands before a mirror are that thing's shadow, more the glass
+
+
+@njit(cache=True, nogil=True)
+def _sides_kernel(depth, lens, plane, tolerance, point, basis, rectangle, widest):
+    """Inner and outer edges (2, 2), sides that the image cuts off, and the turn."""
+    inner, outer, cut = np.full((2, 2), np.nan), np.full((2, 2), np.nan), np.zeros((2, 2), np.bool_)
+    slope, weight = 0.0, 0.0
+    places, edges = np.empty(_LINES), np.empty((_LINES, 2))
+    for axis in range(2):
+        low, high = rectangle[1 - axis]
+        for end in range(2):
+            told, gone = 0, 0
+            for i in range(_LINES):
+                place = low + (0.06 + 0.88 * i / (_LINES - 1)) * (high - low)
+                state, begins, ends = _walk(
+                    depth, lens, plane, tolerance, point, basis, axis, end, rectangle[axis], place, widest
+                )
+                if state == _MET:
+                    places[told], edges[told, 0], edges[told, 1] = place, begins, ends
+                    told += 1
+                elif state == _LEFT_IMAGE:
+                    gone += 1
+            cut[axis, end] = gone > max(2 * told, _LINES // 6)
+            if told < max(6, gone // 2):
+                continue
+            x, y = places[:told] - places[:told].mean(), edges[:told, 0]
+            half = told // 2
+            tilt = np.median((y[half : 2 * half] - y[:half]) / (x[half : 2 * half] - x[:half]))
+            level = np.median(y - tilt * x)
+            near = np.abs(y - tilt * x - level) < 0.015
+            if near.sum() < max(6.0, 0.4 * told):
+                continue
+            inner[axis, end] = level + tilt * (0.5 * (low + high) - places[:told].mean())
+            width = np.median(np.abs(edges[:told, 1] - y)[near])
+            outer[axis, end] = inner[axis, end] + (2 * end - 1) * width
+            # seen along b a side drifts along a by the tangent of the turn, the other way round against it
+            share = near.sum() * (x[near].max() - x[near].min()) ** 2
+            slope += share * (tilt if axis == 1 else -tilt)
+            weight += share
+    return inner, outer, cut, np.arctan(slope / weight) if weight > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True)
+def _walk(depth, lens, plane, tolerance, point, basis, axis, end, extent, place, widest):
+    """What a line across a side meets, and the frame's inner and outer edge on it along ``axis`` [m]."""
+    height, width = depth.shape
+    sign = 2.0 * end - 1.0
+    stop = extent[end] + sign * 0.4
+    s = 0.5 * (extent[0] + extent[1]) + sign * 0.15 * (extent[1] - extent[0])
+    began, last, gap, before, glass = np.nan, np.nan, 0, False, 0
+    while sign * (stop - s) > 0.0 or not np.isnan(began):
+        x = point[0] + basis[0, axis] * s + basis[0, 1 - axis] * place
+        y = point[1] + basis[1, axis] * s + basis[1, 1 - axis] * place
+        z = point[2] + basis[2, axis] * s + basis[2, 1 - axis] * place
+        if z < 0.1:
+            break
+        u, v = int(np.floor(x / z * lens[0] + lens[2] + 0.5)), int(np.floor(y / z * lens[1] + lens[3] + 0.5))
+        step = 0.8 * z / lens[0]
+        if u < 0 or v < 0 or u >= width or v >= height:
+            if np.isnan(began):
+                return 0 if before or glass < 4 else _LEFT_IMAGE, s, s
+            break
+        reading = depth[v, u]
+        apart = 1.0 / reading - (plane[0] * u + plane[1] * v + plane[2]) if reading > 0.0 else -np.inf
+        if abs(apart) < tolerance:
+            if np.isnan(began):
+                began = s
+            last, gap = s, 0
+            if sign * (last - began) > widest:
+                break
+        else:
+            gap += 1
+            if gap > 1 and not np.isnan(began):
+                if sign * (last - began) > 1.2 * step:
+                    break
+                began = np.nan  # a stray pixel
+            if np.isnan(began) and (reading > 0.0 or gap > _BLIND):
+                before = reading > 0.0 and apart > 0.0
+            glass += apart < 0.0
+        s += sign * step
+    if np.isnan(began) or before or glass < 4 or sign * (last - began) <= 1.0e-3:
+        return 0, s, s
+    return _MET, began, began if sign * (last - began) > widest else last
