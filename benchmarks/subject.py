@@ -18,7 +18,7 @@ from mirror_scan.core.simulation.rays import BODY
 from mirror_scan.core.simulation.scene import Rig, default_rig
 from mirror_scan.core.simulation.simulate import Simulation, simulate
 from mirror_scan.core.subject import find_subject
-from mirror_scan.core.views import Views, ViewSettings
+from mirror_scan.core.views.ray_sorting import Views, ViewSettings
 
 from .machine import medians, say
 from .results import Finding, Result, Table, number

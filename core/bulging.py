@@ -9,7 +9,7 @@ from numba import njit
 from .mesh import SURFACE, Mesh
 from .mesh.normals import vertex_normals
 from .mesh.submesh import made_vertices, triangles_touching
-from .overlap import ViewMaps, look_at, reading_noise
+from .views.view_maps import ViewMaps, look_at, reading_noise
 
 _WINDOW = 4  # so far beside the last reading of an outline the next one may be [px]
 _DROP = 0.05  # farther away than this is something else [m]

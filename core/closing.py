@@ -9,7 +9,6 @@ import numpy as np
 from .bulging import bulge, rim_marks
 from .fairing import fair
 from .filling import fill_loops
-from .freespace import reach_before_empty
 from .mesh import FILL, Mesh
 from .mesh.boundary_loops import loops_of
 from .mesh.half_edges import clashing, extend_open_edges, extend_twins, open_edges, twins
@@ -17,9 +16,10 @@ from .mesh.submesh import keep_components, keep_triangles, made_vertices, remove
 from .mesh.triangle_mesh import check_mesh
 from .numeric.point_products import dot
 from .numeric.threads import each
-from .overlap import ViewMaps, reading_noise
 from .refinement import edge_length_at_vertices, refine
 from .untangling import untangle
+from .views.free_space import reach_before_empty
+from .views.view_maps import ViewMaps, reading_noise
 
 _TIMES_HELD = 4  # what is held back pushes its surroundings
 _HELD = 1.0  # how stiffly, beside the bending of the surface

@@ -8,7 +8,6 @@ import numpy as np
 from numba import njit
 
 from .camera import Intrinsics
-from .ground import find_ground, vertical
 from .mirrors import Mirror
 from .mirrors.mirror import (
     expected_error,
@@ -20,7 +19,8 @@ from .mirrors.mirror import (
     with_reason,
 )
 from .numeric.point_products import dot, lay_grid
-from .views import sort_rays
+from .views.floor_and_vertical import find_ground, vertical
+from .views.ray_sorting import sort_rays
 
 
 @dataclass(frozen=True)

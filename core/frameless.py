@@ -15,9 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from .agreement import Surfaces, meetings, noise_of, surfaces
 from .camera import Intrinsics, project
-from .ground import find_floor
 from .mirrors import Mirror
 from .mirrors.glass_extent import at_border
 from .mirrors.mirror import (
@@ -32,6 +30,8 @@ from .mirrors.mirror import (
 )
 from .mirrors.wall_behind_frame import on_wall
 from .numeric.point_products import dot, lay_grid
+from .views.floor_and_vertical import find_floor
+from .views.view_correspondences import Surfaces, meetings, noise_of, surfaces
 
 _UP = np.array((0.0, -1.0, 0.0))
 _CLEAR = 0.3  # above the floor things begin [m]: a mirror that leans lifts the floor it shows

@@ -20,12 +20,12 @@ from .depth.outliers_and_dropouts import close_dropouts, remove_flying_pixels
 from .depth.sensor_recognition import recognise
 from .depth.settings import DepthSettings
 from .errors import MirrorScanError
-from .ground import find_floor
 from .mirror_detection import find_mirrors
 from .mirrors import Mirror
 from .mirrors.picked_mirror import place_mirror
 from .pipeline import Settings
 from .subject import find_subject
+from .views.floor_and_vertical import find_floor
 
 _USUAL = (0.25, 12.0)  # m: median distance of what a depth camera looks at
 _CAMERA_HEIGHTS = (0.2, 3.2)  # m above the floor

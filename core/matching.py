@@ -8,9 +8,9 @@ from numba import njit, prange
 
 from .boundary import Boundary
 from .dtw import warp
-from .freespace import bridge_is_free
 from .numeric.point_products import dot
-from .overlap import ViewMaps
+from .views.free_space import bridge_is_free
+from .views.view_maps import ViewMaps
 from .weaving import Candidates
 
 _IN_TURN = 8  # candidates looked at on one side before those on the other

@@ -32,14 +32,15 @@ from .mirrors.mirror import reflection_matrix
 from .mirrors.picked_mirror import MirrorSettings, place_mirror
 from .numeric.point_products import transform
 from .numeric.threads import each
-from .overlap import OverlapSettings, ViewMaps, part_overlaps, view_maps
+from .overlap import OverlapSettings, part_overlaps
 from .rig_file import moved_warnings
 from .rims import DetectionSettings
 from .scene_check import check_agreement, check_scene, quoted
 from .seam_consistency import SeamSettings, align_seams, mirrored_views, move_views
 from .subject import find_subject
 from .triangulation import TriangulationSettings, triangulate_view
-from .views import Views, ViewSettings
+from .views.ray_sorting import Views, ViewSettings
+from .views.view_maps import ViewMaps, view_maps
 from .weaving import Seam
 from .zippering import ZipperSettings, zip_patches
 
@@ -170,7 +171,7 @@ class Scan:
     sensor : str
     warnings : tuple of str
     limits : np.ndarray [shape=(N+1, 2)]
-        Nearest and farthest depth of the subject in each view [m], see :class:`.views.Views`.
+        Nearest and farthest depth of the subject in each view [m], see :class:`.ray_sorting.Views`.
     noise : tuple of BurstNoise
         Of each view's readings, before smoothing.
     """

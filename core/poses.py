@@ -12,8 +12,8 @@ from .capture.camera_poses import check_pose
 from .errors import CaptureError, ReconstructionError
 from .mirrors import Mirror
 from .numeric.point_products import transform
-from .overlap import stack_maps
 from .pipeline import Clock, Progress, Reconstruction, Scan, Settings, check_frame, finish, joining_steps, scan_steps
+from .views.view_maps import stack_maps
 
 MAX_VIEWS = 127
 """Views are numbered in one signed byte."""

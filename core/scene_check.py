@@ -15,13 +15,13 @@ import numpy as np
 from .agreement import disagreements
 from .camera import Intrinsics, project
 from .camera.noise_models import NoiseModel
-from .ground import leans
 from .mirrors import Mirror
 from .mirrors.mirror import reflection_matrix
 from .mirrors.wall_behind_frame import on_wall
 from .numeric.point_products import dot, transform
-from .subject import rig_axis, visible_middle
-from .views import Views, glass_corners
+from .views.floor_and_vertical import leans
+from .views.ray_sorting import Views, glass_corners
+from .views.rig_axis import rig_axis, visible_middle
 
 MAX_LEAN_DEG = 4.0
 """Mirrors that lean more than this are told."""

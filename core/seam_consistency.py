@@ -27,7 +27,7 @@ from .mirrors.mirror import (
     with_reason,
 )
 from .numeric.point_products import transform
-from .overlap import ViewMaps
+from .views.view_maps import ViewMaps
 
 
 @dataclass(frozen=True)

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .camera import Intrinsics, project, unproject
+from .camera import Intrinsics, unproject
 from .errors import ReconstructionError
 from .floor_parting import NEAR_FLOOR, ROW, share_of_feet, standing_pixels
-from .ground import find_ground
 from .hidden_pieces import pieces_behind
 from .mirrors import Mirror
-from .mirrors.mirror import reflect
 from .numeric.point_products import dot
 from .numeric.union_find import root_of
 from .things import find_support, gather_pieces
-from .views import Views, ViewSettings, sort_rays
+from .views.floor_and_vertical import find_ground
+from .views.ray_sorting import Views, ViewSettings, sort_rays
+from .views.rig_axis import rig_axis
 
 DEFAULTS = ViewSettings()
 
@@ -39,48 +39,6 @@ _STEP, _MAT = (0.008, 0.2), 0.2  # how high [m], and how large [m²] at least, i
 _BELOW = 0.15  # of the figure: so much of it may be seen below what stands before it
 _CLICK_RADIUS = 6  # px: a click without a reading takes the nearest one
 _AXIS_SPREAD, _THING_SPREAD = 0.5, 0.3  # how far off the rig's crossing a person or thing counts less [m]
-
-
-def rig_axis(mirrors: list[Mirror], up: np.ndarray, intrinsics: Intrinsics) -> np.ndarray | None:
-    """A point of the vertical line where the reflected lines of sight meet: where the subject is meant to stand.
-
-    The line of sight to the middle of what the image shows of each mirror is reflected; the answer is the point
-    nearest to all of them and to the camera's own line of sight, seen from above. None with no mirror of known extent.
-    """
-    A, b = np.zeros((3, 3)), np.zeros(3)
-    lines = [(np.zeros(3), np.array((0.0, 0.0, 1.0)))]
-    for m in mirrors:
-        if m.outline is None:
-            continue
-        middle = visible_middle(m, intrinsics)
-        direction = reflect(middle * 2, m) - middle
-        lines.append((middle, direction / np.linalg.norm(direction)))
-    if len(lines) < 2:
-        return None
-    A += 1e-3 * np.outer(up, up)
-    for origin, direction in lines:
-        level = direction - (direction @ up) * up
-        level /= np.linalg.norm(level)
-        P = np.eye(3) - np.outer(level, level) - np.outer(up, up)
-        A += P
-        b += P @ origin
-    return np.linalg.solve(A, b)
-
-
-def visible_middle(mirror: Mirror, intrinsics: Intrinsics) -> np.ndarray:
-    """Point of the mirror's plane in the middle of its outline, as far as that is in the image."""
-    corners = mirror.outline
-    size = np.array((intrinsics.width - 1, intrinsics.height - 1))
-    if not np.isfinite(corners).all():  # a side is beside or behind the camera
-        a, b = (np.linspace(*limits, 65) for limits in mirror.rectangle)
-        grid = np.stack(np.meshgrid(a, b), axis=-1).reshape(-1, 2)
-        pixels = project(mirror.point + grid @ mirror.basis[:, :2].T, intrinsics)
-        corners = pixels[((pixels >= 0) & (pixels <= size)).all(axis=1)]
-        if not len(corners):
-            return mirror.point
-    u, v = 0.5 * (np.clip(corners.min(axis=0), 0, size) + np.clip(corners.max(axis=0), 0, size))
-    ray = np.array(((u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy, 1.0))
-    return ray * (mirror.normal @ mirror.point) / (mirror.normal @ ray)
 
 
 def find_subject(

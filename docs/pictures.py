@@ -25,13 +25,14 @@ from mirror_scan.core.mesh.triangle_mesh import merge
 from mirror_scan.core.mirrors import Mirror
 from mirror_scan.core.mirrors.mirror import reflection_matrix
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
-from mirror_scan.core.overlap import part_overlaps, view_maps
+from mirror_scan.core.overlap import part_overlaps
 from mirror_scan.core.pipeline import Settings, avatar_frame, clean_views, make_patches
 from mirror_scan.core.preview import BACKGROUND, INK, KIND_COLORS, SIDES, draw_text, render_preview, render_views
 from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.scene import Rig, default_rig
 from mirror_scan.core.simulation.simulate import simulate
 from mirror_scan.core.subject import find_subject
+from mirror_scan.core.views.view_maps import view_maps
 from mirror_scan.core.zippering import zip_patches
 
 IMAGES = Path(__file__).parent / "images"

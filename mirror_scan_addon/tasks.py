@@ -183,7 +183,7 @@ def _loaded(capture: Capture, path: str) -> Steps[Loaded]:
     depth, _ = fuse_burst(capture.depth)
     depth = remove_flying_pixels(depth, 1.0 / capture.intrinsics.fx)
     yield 0.7, FITTING
-    from ..core.placement import upright_frame
+    from ..core.views.capture_placement import upright_frame
 
     records = [_record_of_picks(known) for known in capture.mirrors]
     fitted = _fit(depth, capture.intrinsics, records, 0.0)
@@ -293,7 +293,7 @@ def _fit(
 
 def _seen(depth: np.ndarray, intrinsics: Intrinsics, mirrors: list[Mirror]) -> np.ndarray:
     from ..core.camera import unproject
-    from ..core.views import sort_rays
+    from ..core.views.ray_sorting import sort_rays
 
     return sort_rays(unproject(depth, intrinsics), mirrors, 0.0)[0]
 
@@ -368,7 +368,7 @@ def find_subject_steps(depth: np.ndarray, intrinsics: Intrinsics, mirrors: list[
     yield 0.0, "Finding the person"
     from ..core.pipeline import avatar_frame
     from ..core.subject import find_subject
-    from ..core.views import ViewSettings
+    from ..core.views.ray_sorting import ViewSettings
 
     settings = ViewSettings(**views)
     placed = [mirror_of(record) for record in mirrors]

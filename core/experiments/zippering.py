@@ -21,8 +21,8 @@ from ..mesh.soundness import mesh_report
 from ..mesh.submesh import compact, drop_small_components, keep_triangles, remove_bowties
 from ..mesh.surface_distance import SurfaceDistance, surface_distance
 from ..mesh.triangle_mesh import merge
-from ..overlap import ViewMaps, view_maps
 from ..preview import KIND_COLORS, SIDES, draw_text, render_views
+from ..views.view_maps import ViewMaps, view_maps
 from ..weaving import Seam
 from ..zippering import ZipperSettings, zip_patches
 from .results import keep

@@ -43,7 +43,7 @@ def reconstructed(simulated):
 def blind_maps():
     """View maps of a camera that reads nothing: they forbid no bridge."""
     from mirror_scan.core.camera import Intrinsics
-    from mirror_scan.core.overlap import view_maps
+    from mirror_scan.core.views.view_maps import view_maps
 
     nothing = np.full((48, 64), -1, np.int8)
     depth = np.zeros((48, 64), np.float32)

@@ -14,8 +14,8 @@ from mirror_scan.core.filling import fill_loops
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.half_edges import boundary_vertices
 from mirror_scan.core.mesh.submesh import compact, remove_bowties
-from mirror_scan.core.overlap import view_maps
 from mirror_scan.core.refinement import edge_length_at_vertices, refine
+from mirror_scan.core.views.view_maps import view_maps
 
 CAMERA = Intrinsics(200, 200, 300.0, 300.0, 99.5, 99.5)
 UP = np.array((0.0, -1.0, 0.0))

@@ -14,7 +14,7 @@ from mirror_scan.core.mesh.boundary_loops import boundary_loops
 from mirror_scan.core.mesh.half_edges import open_edges, twins
 from mirror_scan.core.mesh.normals import triangle_normals
 from mirror_scan.core.mesh.submesh import remove_bowties
-from mirror_scan.core.overlap import view_maps
+from mirror_scan.core.views.view_maps import view_maps
 from scipy.spatial import Delaunay
 
 

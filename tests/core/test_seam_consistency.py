@@ -17,7 +17,7 @@ from mirror_scan.core.mirrors.mirror import (
     reflection_shift,
 )
 from mirror_scan.core.numeric.point_products import transform
-from mirror_scan.core.overlap import part_overlaps, view_maps
+from mirror_scan.core.overlap import part_overlaps
 from mirror_scan.core.pipeline import Clock, Settings, reconstruct, scan_steps
 from mirror_scan.core.seam_consistency import (
     SeamPieces,
@@ -34,6 +34,7 @@ from mirror_scan.core.seam_consistency import (
 )
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
+from mirror_scan.core.views.view_maps import view_maps
 from mirror_scan.core.zippering import zip_patches
 from scipy.optimize import minimize
 

@@ -17,7 +17,7 @@ from mirror_scan.core.mesh import SURFACE, Mesh
 from mirror_scan.core.mesh.boundary_loops import boundary_loops
 from mirror_scan.core.mesh.half_edges import boundary_edges, twins
 from mirror_scan.core.mesh.normals import triangle_normals
-from mirror_scan.core.overlap import view_maps
+from mirror_scan.core.views.view_maps import view_maps
 from mirror_scan.core.weaving import add_triangles, zip_chains
 from mirror_scan.core.zippering import ZipperSettings, zip_patches
 

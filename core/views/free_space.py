@@ -112,7 +112,7 @@ def reach_before_empty(start, end, to_view, clear, through, lens, noise):
     start, end : np.ndarray [shape=(K, 3)]
         Both ends of each way [m].
     to_view, clear, through, lens, noise
-        As in :class:`.overlap.ViewMaps`.
+        As in :class:`.view_maps.ViewMaps`.
 
     Returns
     -------

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
-from .camera import Intrinsics
-from .mirrors import Mirror
-from .mirrors.mirror import reflection_matrix
+from ..camera import Intrinsics
+from ..mirrors import Mirror
+from ..mirrors.mirror import reflection_matrix
 
 
 @dataclass(frozen=True)

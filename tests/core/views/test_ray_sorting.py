@@ -10,14 +10,14 @@ from mirror_scan.core.camera import Intrinsics, unproject
 from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import ReconstructionError
-from mirror_scan.core.ground import find_floor, vertical
 from mirror_scan.core.mirrors.mirror import plane_mirror, reflect
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.simulation.rays import BODY
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
 from mirror_scan.core.subject import connected_pixels, find_subject
-from mirror_scan.core.views import glass_of_outline, sort_rays
+from mirror_scan.core.views.floor_and_vertical import find_floor, vertical
+from mirror_scan.core.views.ray_sorting import glass_of_outline, sort_rays
 from scipy.ndimage import binary_dilation
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .camera import Intrinsics, unproject
-from .ground import find_floor
+from ..camera import Intrinsics, unproject
+from .floor_and_vertical import find_floor
 
 DISTANCE = 2.5
 """Where a subject is expected before the camera [m]: at the world's origin."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from .mirrors import Mirror
-from .numeric.point_products import dot
+from ..mirrors import Mirror
+from ..numeric.point_products import dot
 
 _CAMERA_UP = np.array((0.0, -1.0, 0.0))
 _ENOUGH = 8000  # readings of a room tell its floor

@@ -1,0 +1,1 @@
+"""Views: which pixel is seen directly and which through which mirror, and what each view saw."""
