@@ -14,7 +14,7 @@ from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.io.images import read_image, write_png
-from mirror_scan.core.mirror_detection import find_mirrors
+from mirror_scan.core.mirror_detection.detection import find_mirrors
 from mirror_scan.core.mirrors import Mirror
 from mirror_scan.core.mirrors.mirror import plane_mirror, reflect
 from mirror_scan.core.mirrors.picked_mirror import MirrorSettings, place_mirror

@@ -20,7 +20,7 @@ from .depth.outliers_and_dropouts import close_dropouts, remove_flying_pixels
 from .depth.sensor_recognition import recognise
 from .depth.settings import DepthSettings
 from .errors import MirrorScanError
-from .mirror_detection import find_mirrors
+from .mirror_detection.detection import find_mirrors
 from .mirrors import Mirror
 from .mirrors.picked_mirror import place_mirror
 from .pipeline import Settings

@@ -22,10 +22,12 @@ from .depth.sensor_recognition import recognise
 from .depth.settings import DepthSettings
 from .errors import MirrorError, PicksDisagreeError, ReconstructionError
 from .floor_refinement import FloorSettings, level_floor
-from .frameless import frameless_notes
 from .mesh import FILL, SEAM, Mesh
 from .mesh.soundness import mesh_report
-from .mirror_detection import contradicted, find_better_at, find_mirror_at, find_mirrors
+from .mirror_detection.detection import find_mirrors
+from .mirror_detection.edge_segments import DetectionSettings
+from .mirror_detection.frameless_mirrors import frameless_notes
+from .mirror_detection.mirror_at_picks import contradicted, find_better_at, find_mirror_at
 from .mirror_refinement import JointSettings, align_reflections
 from .mirrors import Mirror
 from .mirrors.mirror import reflection_matrix
@@ -34,7 +36,6 @@ from .numeric.point_products import transform
 from .numeric.threads import each
 from .overlap import OverlapSettings, part_overlaps
 from .rig_file import moved_warnings
-from .rims import DetectionSettings
 from .scene_check import check_agreement, check_scene, quoted
 from .seam_consistency import SeamSettings, align_seams, mirrored_views, move_views
 from .subject import find_subject

@@ -226,7 +226,7 @@ def find_mirrors_steps(
 ) -> Steps[Fitted]:
     """Mirrors that show themselves; none found gives an empty list."""
     yield 0.0, FINDING
-    from ..core.mirror_detection import find_mirrors
+    from ..core.mirror_detection.detection import find_mirrors
 
     found = find_mirrors(depth, intrinsics, color, glass_offset=glass_offset)
     yield 0.9, FITTING
@@ -274,7 +274,7 @@ def _fit(
             if len(record["picks"]) >= ENOUGH:
                 mirror = place_mirror(_picks_of(record), depth, intrinsics, settings)
             elif record["picks"]:
-                from ..core.mirror_detection import find_mirror_at
+                from ..core.mirror_detection.mirror_at_picks import find_mirror_at
 
                 mirror = find_mirror_at(_picks_of(record), depth, intrinsics, glass_offset=glass_offset)
             else:

@@ -11,7 +11,7 @@ from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.mesh import Mesh
-from mirror_scan.core.mirror_detection import find_mirrors
+from mirror_scan.core.mirror_detection.detection import find_mirrors
 from mirror_scan.core.mirrors.mirror import plane_mirror, reflect
 from mirror_scan.core.mirrors.rig_file import mirrors_for, read_rig, write_rig
 from mirror_scan.core.pipeline import reconstruct

@@ -3,19 +3,19 @@
 A depth camera does not see glass; it sees the frame (or the wall around) at the mirror's plane and, inside, what the
 glass shows, laid straight on behind it. So (1) pixels with a jump to farther readings (or none) at one side are
 collected for each of the four sides, (2) chained and split into straight segments, and (3) a standing and a lying
-segment that meet in space, or two standing ones, span a plane and a rectangle. :mod:`.mirror_detection` says which of
+segment that meet in space, or two standing ones, span a plane and a rectangle. :mod:`.detection` says which of
 these are mirrors.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
-from .camera import Intrinsics
+from ..camera import Intrinsics
 
 LEFT, RIGHT, TOP, BOTTOM = 0, 1, 2, 3
 """Side of the glass a rim is on; at a LEFT rim it gets farther to the right, and so on."""
@@ -352,185 +352,3 @@ def _segment(side, along, across, d, turned, intrinsics) -> Segment | None:
     way = points[1] - points[0]
     length = float(np.linalg.norm(way))
     return Segment(side, uv, points, way / length, length)
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """A rectangle that may be a mirror, and what speaks for it.
-
-    ``basis`` columns are right, down and the normal towards the camera; ``rectangle`` ((right min, max), (down min,
-    max)) about ``point`` [m]; ``sides`` the rims by side; ``shown`` and ``violated`` shares of the readings in it.
-    """
-
-    point: np.ndarray
-    basis: np.ndarray
-    rectangle: np.ndarray
-    sides: dict[int, Segment]
-    shown: float = 0.0
-    violated: float = 0.0
-    behind: float = 0.0
-    score: float = 0.0
-
-
-_OPPOSITE = {LEFT: RIGHT, RIGHT: LEFT, TOP: BOTTOM, BOTTOM: TOP}
-
-
-def propose(segments: list[Segment], settings: DetectionSettings) -> list[Hypothesis]:
-    """Rectangles that two rims span: a standing and a lying one that meet, or two that run side by side."""
-    if len(segments) < 2:
-        return []
-    rims = _Rims(segments)
-    place = {id(segment): k for k, segment in enumerate(segments)}
-    out, seen = [], set()
-    pairs = _pairs(rims, settings, LEFT, RIGHT) | _pairs(rims, settings, TOP, BOTTOM)
-    together = np.zeros_like(pairs)  # rims that are sides of one rectangle by now
-    for which in (_corners(rims), pairs):
-        for i, j in np.argwhere(which):
-            if which is pairs and together[i, j]:
-                continue
-            guess = _hypothesis({segments[i].side: segments[i], segments[j].side: segments[j]})
-            guess = guess and _completed(guess, segments, rims, settings)
-            if guess is not None and (key := tuple(sorted(place[id(s)] for s in guess.sides.values()))) not in seen:
-                seen.add(key)  # the same rectangle comes from each of its corners
-                together[np.ix_(key, key)] = True
-                out.append(guess)
-    return out
-
-
-class _Rims:
-    """Segments as arrays: side (N,), points (N, 2, 3), direction (N, 3), length (N,)."""
-
-    def __init__(self, segments: list[Segment]) -> None:
-        self.side = np.array([s.side for s in segments])
-        self.points = np.array([s.points for s in segments])
-        self.direction = np.array([s.direction for s in segments])
-        self.length = np.array([s.length for s in segments])
-
-
-def _corners(rims: _Rims) -> np.ndarray:
-    """(N, N): row is a left or right rim, column a top or bottom one, and they meet in space at a right angle."""
-    upright = (rims.side == LEFT) | (rims.side == RIGHT)
-    down, right = rims.direction[:, None], rims.direction[None, :]
-    top = (rims.side == TOP)[None, :]
-    corner = np.where(top[..., None], rims.points[:, None, 0], rims.points[:, None, 1])
-    left = (rims.side == LEFT)[:, None]
-    other = np.where(left[..., None], rims.points[None, :, 0], rims.points[None, :, 1])
-    normal = np.cross(right, down)
-    size = np.linalg.norm(normal, axis=2)
-    offset = other - corner
-    along_down, along_right = (offset * down).sum(axis=2), (offset * right).sum(axis=2)
-    middle = rims.points.mean(axis=1)
-    inside = middle[None, :] - middle[:, None]
-    fits = upright[:, None] & ~upright[None, :] & (size > 0.977)
-    fits &= ((inside * right).sum(axis=2) > 0) == left
-    fits &= ((inside * down).sum(axis=2) < 0) == top
-    # the lines pass each other closely; where each ends may be hidden
-    fits &= np.abs((normal * offset).sum(axis=2)) < 0.03 * corner[..., 2] * size
-    fits &= np.abs(along_down) < 0.10 + 0.25 * rims.length[:, None]
-    return fits & (np.abs(along_right) < 0.10 + 0.25 * rims.length[None, :])
-
-
-def _pairs(rims: _Rims, settings: DetectionSettings, one: int, other: int) -> np.ndarray:
-    """(N, N): row is a rim on side ``one``, column one on the other side, parallel and side by side."""
-    down = rims.direction[:, None] + rims.direction[None, :]
-    down /= np.maximum(np.linalg.norm(down, axis=2, keepdims=True), 1e-9)
-    middle = rims.points.mean(axis=1)
-    across = middle[None, :] - middle[:, None]
-    across = across - (across * down).sum(axis=2, keepdims=True) * down
-    width = np.linalg.norm(across, axis=2)
-    start = np.einsum("nc,nmc->nm", rims.points[:, 0], down), np.einsum("mc,nmc->nm", rims.points[:, 0], down)
-    stop = np.einsum("nc,nmc->nm", rims.points[:, 1], down), np.einsum("mc,nmc->nm", rims.points[:, 1], down)
-    shared = np.minimum(*stop) - np.maximum(*start)
-    fits = (rims.side == one)[:, None] & (rims.side == other)[None, :]
-    fits &= rims.direction @ rims.direction.T > 0.985
-    fits &= (settings.min_size < width) & (width < settings.max_size) & (across[..., 0 if one == LEFT else 1] > 0)
-    return fits & (shared > 0.6 * np.maximum(rims.length[:, None], rims.length[None, :]))
-
-
-def _hypothesis(sides: dict[int, Segment]) -> Hypothesis | None:
-    """Plane through the sides' ends, each weighing by its length; down is where those that stand point, or across those
-    that lie."""
-    points = np.concatenate([np.linspace(*s.points, max(2, int(20 * s.length))) for s in sides.values()])
-    center = points.mean(axis=0)
-    normal = np.linalg.svd((points - center).T @ (points - center))[2][2]
-    if normal @ center > 0:
-        normal = -normal
-    if -normal @ center < 0.08 * np.linalg.norm(center):  # seen edge-on: nothing can be seen in it
-        return None
-    # normal points to the camera: right, as the camera sees it, is normal × down, and down is right × normal
-    upright = sum(s.direction * s.length for k, s in sides.items() if k in (LEFT, RIGHT))
-    lying = sum(s.direction * s.length for k, s in sides.items() if k in (TOP, BOTTOM))
-    down = np.cross(lying, normal) if np.ndim(upright) == 0 else upright - (upright @ normal) * normal
-    down /= np.linalg.norm(down)
-    right = np.cross(normal, down)
-    return Hypothesis(center, np.column_stack((-right, down, normal)), np.zeros((2, 2)), sides)
-
-
-def _completed(
-    guess: Hypothesis, segments: list[Segment], rims: _Rims, settings: DetectionSettings
-) -> Hypothesis | None:
-    """The rectangle with all rims that lie on it, refitted; None when it is no mirror's size."""
-    for _ in range(2):
-        missing = [side for side in range(4) if side not in guess.sides]
-        added = {side: _fourth(side, guess, segments, rims, settings) for side in missing}
-        sides = {**guess.sides, **{side: segment for side, segment in added.items() if segment is not None}}
-        refitted = _hypothesis(sides)
-        if refitted is None:
-            return None
-        guess = refitted
-    rectangle = np.empty((2, 2))
-    for axis, (low_side, high_side) in enumerate(((RIGHT, LEFT), (TOP, BOTTOM))):  # basis[:, 0] points left
-        across = (LEFT, RIGHT) if axis == 1 else (TOP, BOTTOM)
-        reach = [(s.points - guess.point) @ guess.basis[:, axis] for k, s in sides.items() if k in across]
-        for end, side, pick in ((0, low_side, min), (1, high_side, max)):
-            if side in sides:
-                rectangle[axis, end] = ((sides[side].points - guess.point) @ guess.basis[:, axis]).mean()
-            elif reach:
-                rectangle[axis, end] = pick(float(pick(r)) for r in reach)
-            else:
-                return None
-    size = rectangle[:, 1] - rectangle[:, 0]
-    if size.min() < settings.min_size or size.max() > settings.max_size:
-        return None
-    return replace(guess, rectangle=rectangle, sides=sides)
-
-
-def _fourth(
-    side: int, guess: Hypothesis, segments: list[Segment], rims: _Rims, settings: DetectionSettings
-) -> Segment | None:
-    """The segment on the guessed plane that best ends at the corners with the sides that are known."""
-    axis = 0 if side in (LEFT, RIGHT) else 1  # basis column that the side stands across
-    inward = -1.0 if side in (LEFT, BOTTOM) else 1.0  # along that column; it points left, or down
-    tolerance = 0.015 * guess.point[2] + 0.01
-    opposite = guess.sides.get(_OPPOSITE[side])
-    across = [guess.sides[k] for k in ((TOP, BOTTOM) if axis == 0 else (LEFT, RIGHT)) if k in guess.sides]
-    best, cost = None, np.inf
-    flat = np.abs((rims.points - guess.point) @ guess.basis[:, 2]).max(axis=1) < tolerance
-    along = np.abs(rims.direction @ guess.basis[:, 1 - axis]) > 0.985
-    for k in np.flatnonzero((rims.side == side) & flat & along):
-        segment = segments[k]
-        at = (segment.points - guess.point) @ guess.basis[:, :2]
-        place = at[:, axis].mean()
-        if opposite is not None:
-            distance = ((opposite.points - guess.point) @ guess.basis[:, axis]).mean() - place
-            if not settings.min_size < inward * distance < settings.max_size:
-                continue
-            low, high = np.sort((opposite.points - guess.point) @ guess.basis[:, 1 - axis])
-            shared = min(high, at[:, 1 - axis].max()) - max(low, at[:, 1 - axis].min())
-            if shared < 0.3 * min(opposite.length, segment.length):
-                continue
-        misfit = 0.0
-        for other in across:
-            ends = (other.points - guess.point) @ guess.basis[:, :2]
-            end = ends[np.argmin(inward * ends[:, axis])]  # the end at this side
-            nearest = np.clip(end[1 - axis], at[:, 1 - axis].min(), at[:, 1 - axis].max())
-            gap = np.hypot(end[axis] - place, end[1 - axis] - nearest)
-            misfit = max(misfit, gap - 0.10 - 0.25 * max(other.length, segment.length))
-            if inward * (ends[:, axis].mean() - place) <= 0:  # the other must run inward from here
-                misfit = np.inf
-            misfit = misfit if misfit > 0 else 0.0
-            cost_here = gap
-        value = misfit if not across else cost_here
-        if misfit == 0.0 and value < cost:
-            best, cost = segment, value
-    return best

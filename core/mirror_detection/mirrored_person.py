@@ -1,24 +1,15 @@
-"""Mirrors without a frame that stand clear of any wall: planes from the figure that is seen twice.
-
-Nothing of such a mirror is at its plane, so no depth reading tells where it is. What it shows does: somebody seen
-directly and, farther off and the other way round, in the glass. The plane lies half way between the two, and turning
-and shifting it until the mirrored figure's skin meets that seen directly, each within the other's silhouette, fixes it.
-Only then is the glass looked for: on that plane the depth jumps along straight, upright lines on both sides of the
-figure. A door with somebody behind fails, since the two are not one body turned about.
-"""
+"""A person and their mirror image as a pair, and the plane between the two."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
 
-from .camera import Intrinsics, project
-from .mirrors import Mirror
-from .mirrors.glass_extent import at_border
-from .mirrors.mirror import (
+from ..camera import Intrinsics
+from ..mirrors import Mirror
+from ..mirrors.mirror import (
     behind_glass,
     expected_error,
     moved,
@@ -28,19 +19,15 @@ from .mirrors.mirror import (
     reflection_moves,
     reflection_shift,
 )
-from .mirrors.wall_behind_frame import on_wall
-from .numeric.point_products import dot, lay_grid
-from .views.floor_and_vertical import find_floor
-from .views.view_correspondences import Surfaces, meetings, noise_of, surfaces
+from ..numeric.point_products import dot
+from ..views.view_correspondences import Surfaces, meetings, noise_of, surfaces
 
-_UP = np.array((0.0, -1.0, 0.0))
 _CLEAR = 0.3  # above the floor things begin [m]: a mirror that leans lifts the floor it shows
 _TALL = 2.4  # what is higher above the floor is no figure's [m]
 _CELLS = 150  # a figure has at least so many readings of the thinned picture
 _WIDE, _HIGH, _FLAT = 2.2, 0.4, 0.015  # no figure is wider, less high, or flatter (standard deviation) [m]
 _ENOUGH = 1200  # of a figure's readings say where it is
 _FIGURES = 8  # so many are looked at, the largest
-_BEHIND = 0.7  # an image is so much farther off than the figure [m]
 _SKIN = 0.08  # how far before its middle a figure is seen [m]
 _LEAN = np.radians(6.0)  # mirrors do not lean more
 _PIECES = 8000  # of a figure's surface
@@ -51,8 +38,6 @@ _GRAZING = ((0.35, 0.003), (0.25, 0.007), (0.15, 0.012))
 _THROUGH, _TOLD, _MET_SHARE = (0.03, 0.05), 0.25, 0.6  # shares of a figure and of its image, see _one_body
 _OBLIQUE = 0.03  # of a rounded body a tenth is seen obliquely; patterns that meet over a mirror put it out
 _RAGGED = 0.010  # root mean square of the gaps between skin seen both ways [m]
-_OUTSIDE = 0.03  # an image does not reach farther beyond its glass [m]
-_SURE = 0.006  # a mirror expected to misplace a person by more is told of [m]
 _USELESS = 0.03  # a mirror expected to misplace a person by more tells nothing [m]
 _HELD_OUT = 0.05  # how far apart the two halves of the readings may place a person [m]
 _SYSTEMATIC = 0.002  # slopes that no residual tells [rad]
@@ -71,82 +56,7 @@ class Figure:
     cut: bool
 
 
-def find_frameless(
-    depth: np.ndarray, intrinsics: Intrinsics, known: Iterable[Mirror] = (), most: int = 2
-) -> list[tuple[Mirror, bool]]:
-    """Mirrors that nothing but the figure in them tells of, besides those ``known``.
-
-    Parameters
-    ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
-        Fused depth, flying pixels removed; z [m], 0 = no reading.
-    most : int
-        At most so many.
-
-    Returns
-    -------
-    list of (Mirror, bool)
-        ``source`` "found", not ``refined``; the covariance says how sure. True: something stands beside the glass near
-        its plane. Without a frame there nothing would, so it is its frame, or the post of a door.
-
-    Notes
-    -----
-    O(H W).
-    """
-    stride = max(1, round(np.sqrt(depth.size / 80000.0)))
-    thin = np.ascontiguousarray(depth[::stride, ::stride])
-    cloud = lay_grid(thin, *(x / stride for x in intrinsics.lens))
-    points = cloud[thin > 0]
-    ground = find_floor(points, _UP, 20.0) if len(points) else None
-    if ground is None:
-        return []
-    up, floor, _ = ground
-    known = list(known)
-    things, figures = _figures(thin, cloud, up, floor, known)
-    found, beside = [], []
-    pairs = [
-        (one, image) for one in figures for image in figures
-        if image.middle[2] > one.middle[2] + 0.5 * _BEHIND
-        and np.linalg.norm(image.middle) > np.linalg.norm(one.middle) + _BEHIND
-        and (one.cut or image.cut or abs(one.top - image.top) < 0.35)
-    ]  # fmt: skip
-    if pairs:
-        things = _widened_kernel(depth, thin, things, stride)
-    pairs.sort(key=lambda pair: -min(pair[0].count, pair[1].count))
-    for one, image in pairs[:12]:
-        if len(found) == most or behind_glass(image.middle[None], found)[0]:
-            continue
-        shown = _surfaces(one, image, things, depth, intrinsics)
-        start = _searched(one, image, shown, things, depth, intrinsics, up)
-        mirror = start and _fitted(start, shown, intrinsics)
-        if mirror is None or not _one_body(one, image, things, depth, intrinsics, mirror):
-            continue
-        mirror = _with_glass(mirror, image, things, depth, intrinsics, np.append(up, floor))
-        if mirror is not None:
-            found.append(mirror[0])
-            beside.append(mirror[1])
-    return list(zip(found, beside, strict=True))
-
-
-def frameless_notes(mirrors: list[Mirror]) -> tuple[str, ...]:
-    """What the user should know of mirrors that were placed without a frame, and are not sure."""
-    bare = tuple(
-        f"{m.name}: nothing is seen of its frame; where it stands was told from the figure that it shows, which may be "
-        f"misplaced by {1000.0 * error:.0f} mm; strips of paper or tape, 3 cm wide, along its edges would make that "
-        "surer"
-        for m in mirrors
-        if m.source == "found" and not m.refined and (error := expected_error(m)) > _SURE
-    )
-    return bare + tuple(
-        f"{m.name}: hangs on a wall, and no frame stands out before it: its plane was taken to be the wall's, and what "
-        "it shows is misplaced by twice as much as its glass stands before the wall; strips of paper or tape, 3 cm "
-        "wide, on the edges of the glass would tell where that is"
-        for m in mirrors
-        if m.refined and m.source != "rig file" and on_wall(m)
-    )
-
-
-def _figures(
+def find_figures(
     depth: np.ndarray, cloud: np.ndarray, up: np.ndarray, floor: float, known: list[Mirror]
 ) -> tuple[np.ndarray, list[Figure]]:
     """Picture of things (H, W), 0 = none, and those of them that may be somebody, the largest first; not what is seen
@@ -231,25 +141,9 @@ def _things_kernel(depth, stands):
     return label, count
 
 
-@njit(cache=True, nogil=True)
-def _widened_kernel(depth, thin, things, stride):
-    """The picture of things (H, W) int32 for all pixels: a pixel is part of the thing beside it in like depth."""
-    height, width = depth.shape
-    out = np.zeros((height, width), np.int32)
-    for v in range(height):
-        for u in range(width):
-            z = depth[v, u]
-            if z == 0:
-                continue
-            for k in range(4):
-                i, j = min(v // stride + k // 2, things.shape[0] - 1), min(u // stride + k % 2, things.shape[1] - 1)
-                if things[i, j] and abs(thin[i, j] - z) < 0.02 + 0.005 * z * z:
-                    out[v, u] = things[i, j]
-                    break
-    return out
-
-
-def _surfaces(one: Figure, image: Figure, things: np.ndarray, depth: np.ndarray, lens: Intrinsics) -> list[Surfaces]:
+def figure_surfaces(
+    one: Figure, image: Figure, things: np.ndarray, depth: np.ndarray, lens: Intrinsics
+) -> list[Surfaces]:
     """What is seen of a figure and of its image as pieces of surface."""
     views = np.full(depth.shape, -1, np.int8)
     views[things == one.id] = 0
@@ -258,7 +152,7 @@ def _surfaces(one: Figure, image: Figure, things: np.ndarray, depth: np.ndarray,
     return [surfaces(depth, views, view, lens, sigma, _PIECES) for view in (0, 1)]
 
 
-def _searched(
+def search_plane(
     one: Figure,
     image: Figure,
     shown: list[Surfaces],
@@ -392,7 +286,7 @@ def _fit_of(p, flip, lens, things, depth, other, whole, slack):
     return (_ON if z < seen + 2.0 * slack else _HIDDEN_BEHIND), u, v
 
 
-def _one_body(
+def is_one_body(
     one: Figure, image: Figure, things: np.ndarray, depth: np.ndarray, lens: Intrinsics, mirror: Mirror
 ) -> bool:
     """Flipped over the mirror the image lies within the figure and the other way round: hardly a reading is where the
@@ -417,7 +311,7 @@ def _kinds_kernel(points, flip, lens, things, depth, other, whole, slack):
     return out
 
 
-def _fitted(mirror: Mirror, shown: list[Surfaces], lens: Intrinsics) -> Mirror | None:
+def fit_reflection(mirror: Mirror, shown: list[Surfaces], lens: Intrinsics) -> Mirror | None:
     """The plane for which the skin that both views show meets, with its covariance; None when it does not."""
     if min(_oblique(s) for s in shown) < _OBLIQUE:
         return None  # what both views see is oblique to both: of what is left of it some may be on the wrong side
@@ -476,163 +370,3 @@ def _equations(
     if not rows:
         return np.empty((0, 3)), np.empty(0), np.empty(0)
     return np.concatenate(rows), np.concatenate(gaps), np.concatenate(weights)
-
-
-_CELL = 0.012  # of the mirror's plane along a, and along b [m]
-_BESIDE = 1.5  # how far from the image glass may reach [m]
-_POST, _NEAR_PLANE = (0.10, 0.13), 0.4  # beside the glass, and so near its plane, nothing stands [m]
-_COVERED = 0.5  # of a side, where it can be seen, the depth must jump
-_STRIP = 0.55  # of the image's height, from its top, is asked: floor goes on through glass without a jump
-
-
-def _with_glass(
-    mirror: Mirror,
-    image: Figure,
-    things: np.ndarray,
-    depth: np.ndarray,
-    lens: Intrinsics,
-    floor: np.ndarray,
-) -> tuple[Mirror, bool] | None:
-    """The mirror with its glass: the rectangle about the image whose sides depth jumps along; None when no straight
-    line bounds it; and whether something stands beside it. ``floor`` (4,): up and the floor's height."""
-    up, height = floor[:3], floor[3]
-    a, b, n = mirror.basis.T
-    d = float(n @ mirror.point)
-    at = image.points * (d / dot(image.points, n))[:, None] - mirror.point
-    left, right = np.quantile(dot(at, a), (0.01, 0.99))
-    top, feet = np.quantile(dot(at, b), (0.005, 0.995))
-    bottom = (height - up @ mirror.point) / (up @ b)  # where the plane meets the floor
-    if not top < feet < bottom + 0.1:
-        return None
-    corner = np.array((left - _BESIDE, top - _BESIDE))
-    size = np.ceil((np.array((right + _BESIDE, bottom)) - corner) / _CELL).astype(np.int64)
-    upright, lying, seen = _jumps_kernel(
-        depth, _about(things == image.id, 4), lens.lens, mirror.basis, mirror.point, d, corner, size, _CELL
-    )
-    rows = slice(int((top - corner[1]) / _CELL), int((top + _STRIP * (feet - top) - corner[1]) / _CELL) + 1)
-    share, told = _covered(upright[rows], seen[rows])
-    begin = ((np.array((left + _OUTSIDE, right - _OUTSIDE)) - corner[0]) / _CELL).astype(int)
-    sides = [_first(share[: begin[0]][::-1], told[: begin[0]][::-1]), _first(share[begin[1] :], told[begin[1] :])]
-    rectangle = np.array(((left, right), (top, bottom)))
-    met = 0
-    for end, (state, place) in enumerate(sides):
-        if state == _NONE:
-            return None
-        if state == _MET:
-            met += 1
-            rectangle[0, end] = corner[0] + (begin[end] + (-place if end == 0 else place + 1)) * _CELL
-    columns = slice(*(np.clip((rectangle[0] - corner[0]) / _CELL, 0, size[0]).astype(int) + (2, -2)))
-    share, told = _covered(lying[:, columns].T, seen[:, columns].T)
-    state, place = _first(share[: rows.start][::-1], told[: rows.start][::-1])
-    if state == _MET:
-        met += 1
-        rectangle[1, 0] = corner[1] + (rows.start - place) * _CELL
-    elif met == 2:  # as high as the sides go
-        both = upright[:, columns.start - 4 : columns.start + 1].any(axis=1) | upright[
-            :, columns.stop : columns.stop + 5].any(axis=1)  # fmt: skip
-        rectangle[1, 0] = corner[1] + np.flatnonzero(both)[0] * _CELL if both.any() else top
-    if met < 2:
-        return None
-    beside = _stands_beside(mirror, rectangle, [side[0] == _MET for side in sides], depth, lens)
-    open_ends = np.array(((sides[0][0] != _MET, sides[1][0] != _MET), (state != _MET, True)))
-    return at_border(replace(mirror, rectangle=rectangle), lens, open_ends), beside
-
-
-_NONE, _MET, _HIDDEN = 0, 1, 2
-
-
-def _stands_beside(mirror: Mirror, rectangle: np.ndarray, met: list[bool], depth: np.ndarray, lens: Intrinsics) -> bool:
-    """Beside the glass, where only the room behind should be seen, something is near the plane: posts of a door."""
-    down = np.linspace(rectangle[1, 0], 0.5 * rectangle[1].sum(), 40)
-    for end in np.flatnonzero(met):
-        near, told = 0, 0
-        for outward in _POST:
-            across = np.full(len(down), rectangle[0, end] + (2 * end - 1) * outward)
-            points = mirror.point + np.column_stack((across, down)) @ mirror.basis[:, :2].T
-            u, v = np.rint(project(points, lens)).T
-            inside = (u >= 0) & (v >= 0) & (u < lens.width) & (v < lens.height)
-            read = depth[v[inside].astype(int), u[inside].astype(int)]
-            apart = read - points[inside, 2]
-            near += int(((read > 0) & (np.abs(apart) < _NEAR_PLANE)).sum())
-            told += int((apart > -_NEAR_PLANE).sum()) + int((read == 0).sum())
-        if near > 0.3 * max(told, 1):
-            return True
-    return False
-
-
-def _about(mask: np.ndarray, reach: int) -> np.ndarray:
-    """The mask and what is within ``reach`` pixels of it, along rows and columns."""
-    for axis in (0, 1):
-        mask = np.any([np.roll(mask, k, axis) for k in range(-reach, reach + 1)], axis=0)
-    return mask
-
-
-def _covered(jumps: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of the lines along axis 0 the share where depth jumps within a cell beside them, of what is seen of them; and
-    how much is seen."""
-    near = jumps.copy()
-    near[:, 1:] |= jumps[:, :-1]
-    near[:, :-1] |= jumps[:, 1:]
-    told = seen.sum(axis=0)
-    return (near & seen).sum(axis=0) / np.maximum(told, 1), told / max(len(seen), 1)
-
-
-def _first(share: np.ndarray, told: np.ndarray) -> tuple[int, int]:
-    """The first line outwards that is a side, at its peak; or, when what is seen ends before, that it is hidden."""
-    clear = told > 0.4
-    strong = np.flatnonzero((share > _COVERED) & clear)
-    if len(strong):
-        first = int(strong[0])
-        return _MET, first + int(np.argmax(share[first : first + 4] * clear[first : first + 4]))
-    return (_NONE if clear.mean() > 0.9 else _HIDDEN), 0
-
-
-@njit(cache=True, nogil=True)
-def _jumps_kernel(depth, image, lens, basis, point, d, corner, size, cell):
-    """Cells (b, a) of the mirror's plane where depth jumps sideways, or up and down, beyond the plane and off the image
-    itself; and those that nothing before the plane hides."""
-    height, width = depth.shape
-    upright = np.zeros((size[1], size[0]), np.bool_)
-    lying = np.zeros((size[1], size[0]), np.bool_)
-    seen = np.zeros((size[1], size[0]), np.bool_)
-    for v in range(height - 1):
-        y = (v - lens[3]) / lens[1]
-        for u in range(width - 1):
-            x = (u - lens[2]) / lens[0]
-            slope = x * basis[0, 2] + y * basis[1, 2] + basis[2, 2]
-            if slope >= -1e-6:
-                continue
-            z = d / slope
-            place0 = z * (x * basis[0, 0] + y * basis[1, 0] + basis[2, 0])
-            place1 = z * (x * basis[0, 1] + y * basis[1, 1] + basis[2, 1])
-            for c in range(3):
-                place0 -= basis[c, 0] * point[c]
-                place1 -= basis[c, 1] * point[c]
-            i, j = int((place1 - corner[1]) / cell), int((place0 - corner[0]) / cell)
-            if i < 0 or j < 0 or i >= size[1] or j >= size[0]:
-                continue
-            here = depth[v, u]
-            if here > 0 and here < 0.98 * z - 0.02:
-                continue
-            # a pixel may be wider than a cell
-            reach = int(0.5 * z / lens[0] / cell) + 1
-            for k in range(max(i - reach, 0), min(i + reach + 1, size[1])):
-                for m in range(max(j - reach, 0), min(j + reach + 1, size[0])):
-                    seen[k, m] = True
-            if image[v, u]:
-                continue
-            for way in range(2):
-                y1, x1 = v + way, u + 1 - way
-                there = depth[y1, x1]
-                if there > 0 and there < 0.98 * z - 0.02:
-                    continue
-                jump = (here == 0) != (there == 0) or (here > 0 and abs(here - there) > 0.05 * min(here, there))
-                if not jump:
-                    continue
-                if way == 0:
-                    for k in range(max(i - reach, 0), min(i + reach + 1, size[1])):
-                        upright[k, j] = True
-                else:
-                    for m in range(max(j - reach, 0), min(j + reach + 1, size[0])):
-                        lying[i, m] = True
-    return upright, lying, seen

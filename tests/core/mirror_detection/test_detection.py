@@ -11,11 +11,14 @@ from mirror_scan.core.capture import MirrorPicks
 from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
-from mirror_scan.core.mirror_detection import _open_sides, find_mirror_at, find_mirrors
+from mirror_scan.core.mirror_detection.detection import find_mirrors
+from mirror_scan.core.mirror_detection.edge_segments import BOTTOM, RIGHT, TOP
+from mirror_scan.core.mirror_detection.mirror_at_picks import find_mirror_at
+from mirror_scan.core.mirror_detection.mirror_verification import _open_sides
+from mirror_scan.core.mirror_detection.rectangle_hypotheses import Hypothesis
 from mirror_scan.core.mirrors.mirror import person_before, plane_mirror, reflect
 from mirror_scan.core.mirrors.picked_mirror import MirrorSettings, place_mirror
 from mirror_scan.core.pipeline import Settings, place_mirrors, reconstruct
-from mirror_scan.core.rims import BOTTOM, RIGHT, TOP, Hypothesis
 from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.props import open_door, placed, wall_behind
 from mirror_scan.core.simulation.rays import FRAME

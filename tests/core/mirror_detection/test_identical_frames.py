@@ -9,14 +9,14 @@ import pytest
 from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.mesh import Mesh
-from mirror_scan.core.mirror_detection import find_mirrors
+from mirror_scan.core.mirror_detection.detection import find_mirrors
+from mirror_scan.core.mirror_detection.edge_segments import DetectionSettings
+from mirror_scan.core.mirror_detection.identical_frames import Measures, a_pair, one_make
 from mirror_scan.core.mirrors.mirror import person_before, plane_mirror, reflect
-from mirror_scan.core.rims import DetectionSettings
 from mirror_scan.core.simulation.props import box, placed, together
 from mirror_scan.core.simulation.rays import PROP
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
-from mirror_scan.core.twins import Measures, a_pair, one_make
 
 NAN = float("nan")
 

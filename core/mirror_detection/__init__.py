@@ -1,0 +1,1 @@
+"""Mirrors found without a click, or near one."""

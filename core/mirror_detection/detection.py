@@ -1,0 +1,107 @@
+"""Mirrors found without a click: straight rims before farther depth (:mod:`.edge_segments`) that prove to be mirrors by
+what they show.
+
+The readings in a rectangle of rims, flipped over its plane, must make sense: nothing may end up where the camera looks
+through, and a part must lie on, or close behind, what is seen directly. A doorway, a table's legs or a window fail
+there.
+
+Where a mirror has no frame and no wall about it, see :mod:`.frameless_mirrors`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..camera import Intrinsics
+from ..mirrors import Mirror
+from .edge_segments import DetectionSettings, find_rims
+from .framed_mirrors import depth_without_frames, partly_behind, settled_on_frame, without_overlap
+from .frameless_mirrors import find_verified_frameless, overlaps
+from .identical_frames import find_identical_frames
+from .mirror_at_picks import DEFAULTS
+from .mirror_verification import doubtful, verified_hypotheses
+from .rectangle_hypotheses import propose
+
+_USUAL = 2  # mirrors: where depth alone finds fewer, the colour picture's lines are asked as well
+
+
+def find_mirrors(
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    color: np.ndarray | None = None,
+    settings: DetectionSettings = DEFAULTS,
+    glass_offset: float = 0.0,
+) -> list[Mirror]:
+    """All mirrors of a scene, from the left, without a click.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        Fused depth, flying pixels removed; z [m], 0 = no reading.
+    intrinsics : Intrinsics
+    color : np.ndarray [shape=(H, W, 3), dtype=uint8], optional
+        On the depth's grid. Where depth alone finds fewer than two mirrors, its lines stand for parts of frames that
+        give no readings, as black and glossy ones do. Another size is not used.
+    glass_offset : float
+        How far the reflecting glass lies behind the front of the frame [m].
+
+    Returns
+    -------
+    list of Mirror
+        ``source`` "found"; named left, right, or mirror 1, 2 … from the left. Empty when there is none.
+
+    Notes
+    -----
+    O(H W) and the square of the number of straight rims; deterministic.
+    """
+    if color is not None and color.shape[:2] != depth.shape:
+        color = None
+    found = _framed([], depth, intrinsics, settings, glass_offset)
+    if color is not None and len(found) < _USUAL:
+        found = _framed(found, depth, intrinsics, settings, glass_offset, color)
+    doubt = [doubtful(m, depth, intrinsics) for m in found]
+    sure = [m for m, doubted in zip(found, doubt, strict=True) if not doubted]
+    if len(sure) < settings.max_mirrors and not settings.empty_rig:
+        better = find_verified_frameless(depth, intrinsics, settings, sure)
+        found = [m for m, doubted in zip(found, doubt, strict=True) if not (doubted and overlaps(m, better))] + better
+    found.sort(key=lambda m: m.point[0] / m.point[2])
+    return [replace(m, name=name) for m, name in zip(found, _names(found), strict=True)]
+
+
+def _framed(
+    found: list[Mirror],
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    settings: DetectionSettings,
+    glass_offset: float,
+    color: np.ndarray | None = None,
+) -> list[Mirror]:
+    """Mirrors with a frame or a wall about them, besides those ``found``: these and the new ones."""
+    lenient = replace(settings, max_violation=2.0 * settings.max_violation)
+    proposed = propose(find_rims(depth, intrinsics, settings, color), settings)
+    guesses = verified_hypotheses(proposed, depth, intrinsics, lenient, color=color)
+    bare = depth_without_frames(found, depth, intrinsics, glass_offset)
+    while guesses:
+        new = []
+        for guess in without_overlap(guesses, intrinsics, found)[: settings.max_mirrors - len(found)]:
+            mirror = settled_on_frame(guess, depth, intrinsics, settings, glass_offset, found, color, bare)
+            if mirror is not None:
+                new.append(mirror)
+                bare = depth_without_frames([mirror], bare, intrinsics, glass_offset)
+        found = found + new
+        if not new or len(found) == settings.max_mirrors:
+            break
+        # a mirror through another one: its rim is not where the other's glass is before it
+        behind = [guess for guess in proposed if partly_behind(guess, found)]
+        guesses = verified_hypotheses(behind, depth, intrinsics, lenient, found, color)
+    return found + find_identical_frames(proposed, found, depth, intrinsics, settings, glass_offset, color, bare)
+
+
+def _names(mirrors: list[Mirror]) -> list[str]:
+    if len(mirrors) == 2:
+        return ["left", "right"]
+    if len(mirrors) == 1:
+        return ["left" if mirrors[0].point[0] < 0 else "right"]
+    return [f"mirror {k}" for k in range(1, len(mirrors) + 1)]

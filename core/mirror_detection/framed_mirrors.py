@@ -1,0 +1,100 @@
+"""A verified rectangle as a mirror on the plane of its frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from ..camera import Intrinsics, project
+from ..mirrors import Mirror
+from ..mirrors.frame_fit import fit_frame, without_frames
+from ..mirrors.glass_extent import at_border
+from ..mirrors.mirror import behind_glass
+from .edge_segments import BOTTOM, LEFT, RIGHT, TOP, DetectionSettings, Segment
+from .mirror_verification import HIDDEN, lowest_reading, missing_reflection, verify
+from .rectangle_hypotheses import Hypothesis
+
+
+def depth_without_frames(
+    mirrors: list[Mirror], depth: np.ndarray, intrinsics: Intrinsics, glass_offset: float
+) -> np.ndarray:
+    """The depth without the frames of mirrors."""
+    frames = [replace(m, point=m.point + glass_offset * m.normal) for m in mirrors]
+    return without_frames(depth, frames, intrinsics) if frames else depth
+
+
+def partly_behind(guess: Hypothesis, mirrors: list[Mirror]) -> bool:
+    """The glass of known mirrors hides some of the rectangle's corners or the middles of its sides, but not its own
+    middle: there it would be one of them, or an image in one."""
+    (left, right), (top, bottom) = guess.rectangle
+    x, y = np.meshgrid((left, 0.5 * (left + right), right), (top, 0.5 * (top + bottom), bottom))
+    points = guess.point + np.column_stack((x.ravel(), y.ravel())) @ guess.basis[:, :2].T
+    hidden = behind_glass(points, mirrors, *HIDDEN)
+    return bool(hidden.any() and not hidden[4])
+
+
+def settled_on_frame(
+    guess: Hypothesis,
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    settings: DetectionSettings,
+    glass_offset: float,
+    known: Iterable[Mirror] = (),
+    color: np.ndarray | None = None,
+    bare: np.ndarray | None = None,
+) -> Mirror | None:
+    """The hypothesis as a mirror on its frame's plane; None when what it shows makes no sense with that plane. ``bare``
+    is the depth without the frames of other mirrors."""
+    fitted = on_its_frame(guess, depth if bare is None else bare, intrinsics)
+    if fitted is None:
+        return None
+    final = replace(guess, point=fitted.point, basis=fitted.basis)
+    if (
+        verify(final, depth, intrinsics, lowest_reading(depth, intrinsics, fitted.basis), settings, known, color)
+        is None
+    ):
+        return None
+    if missing_reflection(fitted, depth, intrinsics):
+        return None
+    behind = replace(fitted, point=fitted.point - glass_offset * fitted.normal)
+    return at_border(behind, intrinsics, ends_without_edge(guess))
+
+
+def on_its_frame(guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics) -> Mirror | None:
+    mirror = Mirror("", guess.point, guess.basis[:, 2], guess.basis, guess.rectangle, source="found")
+    return fit_frame(mirror, depth, intrinsics, seeds=_along(guess.sides.values()))
+
+
+def _along(sides: Iterable[Segment]) -> np.ndarray:
+    """Pixels (K, 2), every few along the rims."""
+    return np.concatenate([np.linspace(*s.ends, max(int(np.abs(s.ends[1] - s.ends[0]).max()) // 8, 2)) for s in sides])
+
+
+def ends_without_edge(guess: Hypothesis) -> np.ndarray:
+    """Which ends of the rectangle have no rim, (2, 2): only those may be cut off by the image's border."""
+    return np.array(
+        ((RIGHT not in guess.sides, LEFT not in guess.sides), (TOP not in guess.sides, BOTTOM not in guess.sides))
+    )
+
+
+def without_overlap(good: list[Hypothesis], intrinsics: Intrinsics, known: list[Mirror]) -> list[Hypothesis]:
+    """The best of those that share a part of the picture, with each other or a known mirror; images of mirrors in a
+    mirror go."""
+    taken = [(m.outline.min(axis=0), m.outline.max(axis=0)) for m in known if np.isfinite(m.outline).all()]
+    boxes = []
+    for h in good:
+        corners = np.array([(x, y) for x in h.rectangle[0] for y in h.rectangle[1]])
+        pixels = project(h.point + corners @ h.basis[:, :2].T, intrinsics)
+        boxes.append((pixels.min(axis=0), pixels.max(axis=0)))
+    chosen: list[int] = []
+    for i in range(len(good)):
+        for low, high in taken + [boxes[j] for j in chosen]:
+            size = np.minimum(boxes[i][1], high) - np.maximum(boxes[i][0], low)
+            smaller = min(np.prod(boxes[i][1] - boxes[i][0]), np.prod(high - low))
+            if size.min() > 0 and np.prod(size) > 0.25 * smaller:
+                break
+        else:
+            chosen.append(i)
+    return [good[i] for i in chosen]

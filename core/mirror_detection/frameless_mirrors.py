@@ -1,0 +1,164 @@
+"""Mirrors without a frame that stand clear of any wall: planes from the figure that is seen twice.
+
+Nothing of such a mirror is at its plane, so no depth reading tells where it is. What it shows does: somebody seen
+directly and, farther off and the other way round, in the glass. The plane lies half way between the two, and turning
+and shifting it until the mirrored figure's skin meets that seen directly, each within the other's silhouette, fixes it.
+Only then is the glass looked for: on that plane the depth jumps along straight, upright lines on both sides of the
+figure. A door with somebody behind fails, since the two are not one body turned about.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numba import njit
+
+from ..camera import Intrinsics
+from ..mirrors import Mirror
+from ..mirrors.frame_fit import fit_frame
+from ..mirrors.glass_extent import with_outline
+from ..mirrors.mirror import behind_glass, expected_error, person_before, reflection_shift
+from ..mirrors.wall_behind_frame import on_wall
+from ..numeric.point_products import lay_grid
+from ..views.floor_and_vertical import find_floor
+from .edge_segments import DetectionSettings
+from .glass_outline import with_glass
+from .mirror_verification import count_evidence, lowest_reading, missing_reflection, rim_share
+from .mirrored_person import figure_surfaces, find_figures, fit_reflection, is_one_body, search_plane
+from .rectangle_hypotheses import Hypothesis
+
+_UP = np.array((0.0, -1.0, 0.0))
+_BEHIND = 0.7  # an image is so much farther off than the figure [m]
+_SURE = 0.006  # a mirror expected to misplace a person by more is told of [m]
+
+
+def find_frameless(
+    depth: np.ndarray, intrinsics: Intrinsics, known: Iterable[Mirror] = (), most: int = 2
+) -> list[tuple[Mirror, bool]]:
+    """Mirrors that nothing but the figure in them tells of, besides those ``known``.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        Fused depth, flying pixels removed; z [m], 0 = no reading.
+    most : int
+        At most so many.
+
+    Returns
+    -------
+    list of (Mirror, bool)
+        ``source`` "found", not ``refined``; the covariance says how sure. True: something stands beside the glass near
+        its plane. Without a frame there nothing would, so it is its frame, or the post of a door.
+
+    Notes
+    -----
+    O(H W).
+    """
+    stride = max(1, round(np.sqrt(depth.size / 80000.0)))
+    thin = np.ascontiguousarray(depth[::stride, ::stride])
+    cloud = lay_grid(thin, *(x / stride for x in intrinsics.lens))
+    points = cloud[thin > 0]
+    ground = find_floor(points, _UP, 20.0) if len(points) else None
+    if ground is None:
+        return []
+    up, floor, _ = ground
+    known = list(known)
+    things, figures = find_figures(thin, cloud, up, floor, known)
+    found, beside = [], []
+    pairs = [
+        (one, image) for one in figures for image in figures
+        if image.middle[2] > one.middle[2] + 0.5 * _BEHIND
+        and np.linalg.norm(image.middle) > np.linalg.norm(one.middle) + _BEHIND
+        and (one.cut or image.cut or abs(one.top - image.top) < 0.35)
+    ]  # fmt: skip
+    if pairs:
+        things = _widened_kernel(depth, thin, things, stride)
+    pairs.sort(key=lambda pair: -min(pair[0].count, pair[1].count))
+    for one, image in pairs[:12]:
+        if len(found) == most or behind_glass(image.middle[None], found)[0]:
+            continue
+        shown = figure_surfaces(one, image, things, depth, intrinsics)
+        start = search_plane(one, image, shown, things, depth, intrinsics, up)
+        mirror = start and fit_reflection(start, shown, intrinsics)
+        if mirror is None or not is_one_body(one, image, things, depth, intrinsics, mirror):
+            continue
+        mirror = with_glass(mirror, image, things, depth, intrinsics, np.append(up, floor))
+        if mirror is not None:
+            found.append(mirror[0])
+            beside.append(mirror[1])
+    return list(zip(found, beside, strict=True))
+
+
+def frameless_notes(mirrors: list[Mirror]) -> tuple[str, ...]:
+    """What the user should know of mirrors that were placed without a frame, and are not sure."""
+    bare = tuple(
+        f"{m.name}: nothing is seen of its frame; where it stands was told from the figure that it shows, which may be "
+        f"misplaced by {1000.0 * error:.0f} mm; strips of paper or tape, 3 cm wide, along its edges would make that "
+        "surer"
+        for m in mirrors
+        if m.source == "found" and not m.refined and (error := expected_error(m)) > _SURE
+    )
+    return bare + tuple(
+        f"{m.name}: hangs on a wall, and no frame stands out before it: its plane was taken to be the wall's, and what "
+        "it shows is misplaced by twice as much as its glass stands before the wall; strips of paper or tape, 3 cm "
+        "wide, on the edges of the glass would tell where that is"
+        for m in mirrors
+        if m.refined and m.source != "rig file" and on_wall(m)
+    )
+
+
+@njit(cache=True, nogil=True)
+def _widened_kernel(depth, thin, things, stride):
+    """The picture of things (H, W) int32 for all pixels: a pixel is part of the thing beside it in like depth."""
+    height, width = depth.shape
+    out = np.zeros((height, width), np.int32)
+    for v in range(height):
+        for u in range(width):
+            z = depth[v, u]
+            if z == 0:
+                continue
+            for k in range(4):
+                i, j = min(v // stride + k // 2, things.shape[0] - 1), min(u // stride + k % 2, things.shape[1] - 1)
+                if things[i, j] and abs(thin[i, j] - z) < 0.02 + 0.005 * z * z:
+                    out[v, u] = things[i, j]
+                    break
+    return out
+
+
+def overlaps(mirror: Mirror, others: Iterable[Mirror]) -> bool:
+    """Whether it shares more than a quarter of the smaller one's place in the picture with one of the others."""
+    for other in others:
+        low = np.maximum(mirror.outline.min(axis=0), other.outline.min(axis=0))
+        size = np.minimum(mirror.outline.max(axis=0), other.outline.max(axis=0)) - low
+        smaller = min(np.prod(np.ptp(m.outline, axis=0)) for m in (mirror, other))
+        if size.min() > 0 and np.prod(size) > 0.25 * smaller:
+            return True
+    return False
+
+
+def find_verified_frameless(
+    depth: np.ndarray, intrinsics: Intrinsics, settings: DetectionSettings, known: list[Mirror]
+) -> list[Mirror]:
+    """Mirrors that only the figure in them tells of, as far as the rest of what they show may be a reflection too.
+
+    Where something stands beside the glass it must be a frame in its plane, which then tells that better.
+    """
+    good = []
+    for mirror, beside in find_frameless(depth, intrinsics, known, settings.max_mirrors - len(known)):
+        if beside:
+            framed = fit_frame(mirror, depth, intrinsics)
+            off = framed and reflection_shift(person_before(mirror), framed, mirror)
+            if off is None or off > 3.0 * mirror.displacement(person_before(mirror)):
+                continue
+            mirror = with_outline(framed, intrinsics)
+        guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
+        if beside and rim_share(guess, depth, intrinsics, 0.2, known) < settings.min_rim:
+            continue
+        _, _, _, _, violated, shown, hidden, ground = count_evidence(
+            guess, depth, intrinsics, lowest_reading(depth, intrinsics, mirror.basis)
+        )
+        bad = violated > settings.max_violation * (violated + shown + hidden + ground)
+        if shown >= 30 and not bad and not missing_reflection(mirror, depth, intrinsics):
+            good.append(mirror)
+    return good

@@ -1,0 +1,176 @@
+"""The outline of a mirror without a frame, by the depth jumps along its sides."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numba import njit
+
+from ..camera import Intrinsics, project
+from ..mirrors import Mirror
+from ..mirrors.glass_extent import at_border
+from ..numeric.point_products import dot
+from .mirrored_person import Figure
+
+_OUTSIDE = 0.03  # an image does not reach farther beyond its glass [m]
+
+
+_CELL = 0.012  # of the mirror's plane along a, and along b [m]
+_BESIDE = 1.5  # how far from the image glass may reach [m]
+_POST, _NEAR_PLANE = (0.10, 0.13), 0.4  # beside the glass, and so near its plane, nothing stands [m]
+_COVERED = 0.5  # of a side, where it can be seen, the depth must jump
+_STRIP = 0.55  # of the image's height, from its top, is asked: floor goes on through glass without a jump
+
+
+def with_glass(
+    mirror: Mirror,
+    image: Figure,
+    things: np.ndarray,
+    depth: np.ndarray,
+    lens: Intrinsics,
+    floor: np.ndarray,
+) -> tuple[Mirror, bool] | None:
+    """The mirror with its glass: the rectangle about the image whose sides depth jumps along; None when no straight
+    line bounds it; and whether something stands beside it. ``floor`` (4,): up and the floor's height."""
+    up, height = floor[:3], floor[3]
+    a, b, n = mirror.basis.T
+    d = float(n @ mirror.point)
+    at = image.points * (d / dot(image.points, n))[:, None] - mirror.point
+    left, right = np.quantile(dot(at, a), (0.01, 0.99))
+    top, feet = np.quantile(dot(at, b), (0.005, 0.995))
+    bottom = (height - up @ mirror.point) / (up @ b)  # where the plane meets the floor
+    if not top < feet < bottom + 0.1:
+        return None
+    corner = np.array((left - _BESIDE, top - _BESIDE))
+    size = np.ceil((np.array((right + _BESIDE, bottom)) - corner) / _CELL).astype(np.int64)
+    upright, lying, seen = _jumps_kernel(
+        depth, _about(things == image.id, 4), lens.lens, mirror.basis, mirror.point, d, corner, size, _CELL
+    )
+    rows = slice(int((top - corner[1]) / _CELL), int((top + _STRIP * (feet - top) - corner[1]) / _CELL) + 1)
+    share, told = _covered(upright[rows], seen[rows])
+    begin = ((np.array((left + _OUTSIDE, right - _OUTSIDE)) - corner[0]) / _CELL).astype(int)
+    sides = [_first(share[: begin[0]][::-1], told[: begin[0]][::-1]), _first(share[begin[1] :], told[begin[1] :])]
+    rectangle = np.array(((left, right), (top, bottom)))
+    met = 0
+    for end, (state, place) in enumerate(sides):
+        if state == _NONE:
+            return None
+        if state == _MET:
+            met += 1
+            rectangle[0, end] = corner[0] + (begin[end] + (-place if end == 0 else place + 1)) * _CELL
+    columns = slice(*(np.clip((rectangle[0] - corner[0]) / _CELL, 0, size[0]).astype(int) + (2, -2)))
+    share, told = _covered(lying[:, columns].T, seen[:, columns].T)
+    state, place = _first(share[: rows.start][::-1], told[: rows.start][::-1])
+    if state == _MET:
+        met += 1
+        rectangle[1, 0] = corner[1] + (rows.start - place) * _CELL
+    elif met == 2:  # as high as the sides go
+        both = upright[:, columns.start - 4 : columns.start + 1].any(axis=1) | upright[
+            :, columns.stop : columns.stop + 5].any(axis=1)  # fmt: skip
+        rectangle[1, 0] = corner[1] + np.flatnonzero(both)[0] * _CELL if both.any() else top
+    if met < 2:
+        return None
+    beside = _stands_beside(mirror, rectangle, [side[0] == _MET for side in sides], depth, lens)
+    open_ends = np.array(((sides[0][0] != _MET, sides[1][0] != _MET), (state != _MET, True)))
+    return at_border(replace(mirror, rectangle=rectangle), lens, open_ends), beside
+
+
+_NONE, _MET, _HIDDEN = 0, 1, 2
+
+
+def _stands_beside(mirror: Mirror, rectangle: np.ndarray, met: list[bool], depth: np.ndarray, lens: Intrinsics) -> bool:
+    """Beside the glass, where only the room behind should be seen, something is near the plane: posts of a door."""
+    down = np.linspace(rectangle[1, 0], 0.5 * rectangle[1].sum(), 40)
+    for end in np.flatnonzero(met):
+        near, told = 0, 0
+        for outward in _POST:
+            across = np.full(len(down), rectangle[0, end] + (2 * end - 1) * outward)
+            points = mirror.point + np.column_stack((across, down)) @ mirror.basis[:, :2].T
+            u, v = np.rint(project(points, lens)).T
+            inside = (u >= 0) & (v >= 0) & (u < lens.width) & (v < lens.height)
+            read = depth[v[inside].astype(int), u[inside].astype(int)]
+            apart = read - points[inside, 2]
+            near += int(((read > 0) & (np.abs(apart) < _NEAR_PLANE)).sum())
+            told += int((apart > -_NEAR_PLANE).sum()) + int((read == 0).sum())
+        if near > 0.3 * max(told, 1):
+            return True
+    return False
+
+
+def _about(mask: np.ndarray, reach: int) -> np.ndarray:
+    """The mask and what is within ``reach`` pixels of it, along rows and columns."""
+    for axis in (0, 1):
+        mask = np.any([np.roll(mask, k, axis) for k in range(-reach, reach + 1)], axis=0)
+    return mask
+
+
+def _covered(jumps: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of the lines along axis 0 the share where depth jumps within a cell beside them, of what is seen of them; and
+    how much is seen."""
+    near = jumps.copy()
+    near[:, 1:] |= jumps[:, :-1]
+    near[:, :-1] |= jumps[:, 1:]
+    told = seen.sum(axis=0)
+    return (near & seen).sum(axis=0) / np.maximum(told, 1), told / max(len(seen), 1)
+
+
+def _first(share: np.ndarray, told: np.ndarray) -> tuple[int, int]:
+    """The first line outwards that is a side, at its peak; or, when what is seen ends before, that it is hidden."""
+    clear = told > 0.4
+    strong = np.flatnonzero((share > _COVERED) & clear)
+    if len(strong):
+        first = int(strong[0])
+        return _MET, first + int(np.argmax(share[first : first + 4] * clear[first : first + 4]))
+    return (_NONE if clear.mean() > 0.9 else _HIDDEN), 0
+
+
+@njit(cache=True, nogil=True)
+def _jumps_kernel(depth, image, lens, basis, point, d, corner, size, cell):
+    """Cells (b, a) of the mirror's plane where depth jumps sideways, or up and down, beyond the plane and off the image
+    itself; and those that nothing before the plane hides."""
+    height, width = depth.shape
+    upright = np.zeros((size[1], size[0]), np.bool_)
+    lying = np.zeros((size[1], size[0]), np.bool_)
+    seen = np.zeros((size[1], size[0]), np.bool_)
+    for v in range(height - 1):
+        y = (v - lens[3]) / lens[1]
+        for u in range(width - 1):
+            x = (u - lens[2]) / lens[0]
+            slope = x * basis[0, 2] + y * basis[1, 2] + basis[2, 2]
+            if slope >= -1e-6:
+                continue
+            z = d / slope
+            place0 = z * (x * basis[0, 0] + y * basis[1, 0] + basis[2, 0])
+            place1 = z * (x * basis[0, 1] + y * basis[1, 1] + basis[2, 1])
+            for c in range(3):
+                place0 -= basis[c, 0] * point[c]
+                place1 -= basis[c, 1] * point[c]
+            i, j = int((place1 - corner[1]) / cell), int((place0 - corner[0]) / cell)
+            if i < 0 or j < 0 or i >= size[1] or j >= size[0]:
+                continue
+            here = depth[v, u]
+            if here > 0 and here < 0.98 * z - 0.02:
+                continue
+            # a pixel may be wider than a cell
+            reach = int(0.5 * z / lens[0] / cell) + 1
+            for k in range(max(i - reach, 0), min(i + reach + 1, size[1])):
+                for m in range(max(j - reach, 0), min(j + reach + 1, size[0])):
+                    seen[k, m] = True
+            if image[v, u]:
+                continue
+            for way in range(2):
+                y1, x1 = v + way, u + 1 - way
+                there = depth[y1, x1]
+                if there > 0 and there < 0.98 * z - 0.02:
+                    continue
+                jump = (here == 0) != (there == 0) or (here > 0 and abs(here - there) > 0.05 * min(here, there))
+                if not jump:
+                    continue
+                if way == 0:
+                    for k in range(max(i - reach, 0), min(i + reach + 1, size[1])):
+                        upright[k, j] = True
+                else:
+                    for m in range(max(j - reach, 0), min(j + reach + 1, size[0])):
+                        lying[i, m] = True
+    return upright, lying, seen

@@ -1,0 +1,233 @@
+"""Mirrors of one make: a frame that measures what that of another mirror does.
+
+A glass may show next to nothing: what is in it lies beyond the camera's reach, or the person hides his own image. Then
+only the frame can speak for it. Mirrors of a rig are mostly bought together, and a frame that has, to the pixel, the
+size and the bars of one that holds a mirror, and stands as high, is hardly a door's, a window's or a screen's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..camera import Intrinsics, project
+from ..mirrors import Mirror
+from ..mirrors.disparity_plane import disparity_of_plane
+from ..mirrors.frame_sides import frame_sides
+from ..mirrors.glass_extent import at_border
+from ..mirrors.mirror import behind_glass
+from .edge_segments import DetectionSettings
+from .framed_mirrors import depth_without_frames, ends_without_edge, on_its_frame
+from .mirror_verification import (
+    FEW_SHOWN,
+    WHOLE,
+    count_evidence,
+    doubtful,
+    lowest_of_points,
+    missing_reflection,
+    rim_share,
+    sampled_points,
+)
+from .rectangle_hypotheses import Hypothesis
+
+_EMPTY = 0.02  # of a glass so much may be read in its plane, and of that so much make no sense, by noise
+
+
+def find_identical_frames(
+    proposed: list[Hypothesis],
+    found: list[Mirror],
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    settings: DetectionSettings,
+    glass_offset: float,
+    color: np.ndarray | None,
+    bare: np.ndarray,
+) -> list[Mirror]:
+    """Mirrors that show next to nothing, but stand in frames of the make of those ``found`` (:mod:`.identical_frames`);
+    ``bare`` is the depth without the latter."""
+    if not found and settings.empty_rig:
+        found = _pair(proposed, depth, intrinsics, glass_offset, color)
+        bare = depth_without_frames(found, bare, intrinsics, glass_offset)
+        return found + (
+            find_identical_frames(proposed, found, depth, intrinsics, settings, glass_offset, color, bare)
+            if found
+            else []
+        )
+    asked, points = [], sampled_points(depth, intrinsics) if found else None
+    for guess in _uncovered(proposed, found) if found else ():
+        rim, _ = _unopposed(guess, points, depth, intrinsics, found, color)
+        if rim > 0.0:
+            asked.append((len(guess.sides), rim, guess))
+    asked.sort(key=lambda one: one[:2], reverse=True)
+    makes = [
+        measures(replace(m, point=m.point + glass_offset * m.normal), depth, intrinsics)
+        for m in (found if asked else ())
+        if not doubtful(m, depth, intrinsics)
+    ]
+    new: list[Mirror] = []
+    for _, _, guess in asked:
+        if len(found) + len(new) == settings.max_mirrors or not _uncovered([guess], new):
+            continue
+        fitted = on_its_frame(guess, bare, intrinsics)
+        if fitted is None or missing_reflection(fitted, depth, intrinsics):
+            continue
+        final = replace(guess, point=fitted.point, basis=fitted.basis)
+        rim, shown = _unopposed(final, points, depth, intrinsics, found, color)
+        mine = measures(fitted, depth, intrinsics)
+        if rim > 0.0 and any(one_make(mine, make, shown >= min(FEW_SHOWN)) for make in makes):
+            behind = replace(fitted, point=fitted.point - glass_offset * fitted.normal)
+            new.append(at_border(behind, intrinsics, ends_without_edge(guess)))
+            bare = depth_without_frames(new[-1:], bare, intrinsics, glass_offset)
+    return new
+
+
+def _pair(
+    proposed: list[Hypothesis],
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    glass_offset: float,
+    color: np.ndarray | None,
+) -> list[Mirror]:
+    """Two mirrors of an empty rig in which nothing is read, proved by each other; or none."""
+    points, asked = sampled_points(depth, intrinsics), []
+    for guess in proposed:
+        if len(guess.sides) == 4 and _unopposed(guess, points, depth, intrinsics, (), color)[0] > 0.0:
+            fitted = on_its_frame(guess, depth, intrinsics)
+            if fitted is not None:
+                behind = replace(fitted, point=fitted.point - glass_offset * fitted.normal)
+                asked.append(
+                    (
+                        guess,
+                        at_border(behind, intrinsics, ends_without_edge(guess)),
+                        measures(fitted, depth, intrinsics),
+                    )
+                )
+    for k, (_, one, mine) in enumerate(asked):
+        for guess, other, its in asked[:k]:
+            if a_pair(mine, its) and _uncovered([guess], [one]):
+                return [other, one]
+    return []
+
+
+def _uncovered(guesses: list[Hypothesis], mirrors: list[Mirror]) -> list[Hypothesis]:
+    """Those of which no more than half is where rectangles of mirrors are in the picture."""
+    share = np.linspace(0.0, 1.0, 7)
+    x, y = (part.ravel() for part in np.meshgrid(share, share))
+    points = []
+    for guess in guesses:
+        (left, right), (top, bottom) = guess.rectangle
+        at = np.column_stack((left + x * (right - left), top + y * (bottom - top)))
+        points.append(guess.point + at @ guess.basis[:, :2].T)
+    if not points:
+        return []
+    hidden = behind_glass(np.concatenate(points), mirrors, nearest=np.inf).reshape(len(guesses), -1)
+    return [guess for guess, part in zip(guesses, hidden.mean(axis=1), strict=True) if part <= 0.5]
+
+
+def _unopposed(
+    guess: Hypothesis,
+    points: np.ndarray,
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    known: Iterable[Mirror],
+    color: np.ndarray | None,
+) -> tuple[float, float]:
+    """:func:`.mirror_verification.rim_share` where nothing stands in the rectangle's plane but its rim, and nothing it
+    shows would be where the camera looks through, else 0; and how many readings it shows. ``points`` as for
+    :func:`.mirror_verification.lowest_of_points`."""
+    before, on, none, *behind = count_evidence(guess, depth, intrinsics, lowest_of_points(points, guess.basis))
+    glass = none + sum(behind)
+    if glass < 60 or on > _EMPTY * glass or behind[1] > max(_EMPTY * sum(behind), 3.0):
+        return 0.0, 0.0
+    rim = rim_share(guess, depth, intrinsics, 0.2, known, color)
+    return (rim if rim > WHOLE else 0.0), behind[2]
+
+
+_PIXELS = 1.5  # to which bars are known
+_SIZE = 0.002  # by how much frames of one make may differ, besides a pixel
+_LEAST = 0.008  # bars are at least so wide [m]
+_BARS = 2  # of a frame have to be seen
+_APART = 0.2  # sine of the angle between two frames that tells what is upright
+_LEVEL = 0.005  # share of the distance between two frames by which what is upright may err there
+
+
+@dataclass(frozen=True)
+class Measures:
+    """What a frame measures [m]; NaN where that is not seen.
+
+    ``size`` (2,): from inner edge to inner edge along the mirror's a and b. ``bars`` (2, 2): their widths, placed as in
+    :attr:`.mirror.Mirror.rectangle`, 0 where a wall goes on in their plane; ``cut`` (2, 2): where the image's border
+    cuts them off. ``edges`` (2, 3): middles of the inner edges at the top and at the bottom, which run along ``across``
+    (3,). ``pixel``: the size of one at its distance.
+    """
+
+    size: np.ndarray
+    bars: np.ndarray
+    cut: np.ndarray
+    edges: np.ndarray
+    across: np.ndarray
+    pixel: float
+
+
+def measures(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> Measures:
+    """The measures of a frame, whose plane is ``mirror``'s and whose ``rectangle`` is about right.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    """
+    z = float(mirror.point[2])
+    tolerance = min(max(4.0 * mirror.residual, 0.004), 0.02 * z) / z**2
+    plane = disparity_of_plane(mirror.normal, float(mirror.normal @ mirror.point), intrinsics)
+    inner, outer, _, turn = frame_sides(
+        depth, intrinsics.lens, plane, tolerance, mirror.point, mirror.basis, mirror.rectangle
+    )
+    a, b, _ = mirror.basis.T
+    middle = mirror.rectangle.mean(axis=1)
+    edges = mirror.point + middle[0] * a + inner[1][:, None] * b
+    ends = mirror.point + np.stack((outer[0][:, None] * a + middle[1] * b, middle[0] * a + outer[1][:, None] * b))
+    size = np.array((intrinsics.width, intrinsics.height)) - 1
+    cut = ~((project(ends, intrinsics) > 2) & (project(ends, intrinsics) < size - 2)).all(axis=-1)
+    across = np.cos(turn) * a + np.sin(turn) * b
+    pixel = z / (0.5 * (intrinsics.fx + intrinsics.fy))
+    return Measures(inner[:, 1] - inner[:, 0], np.abs(outer - inner), cut, edges, across, pixel)
+
+
+def one_make(new: Measures, known: Measures, shows: bool = False) -> bool:
+    """Bars are as wide as each other, but for one, part of which may be hidden; width and height are the same, as far
+    as they are seen of both. Where they are not, the frames must stand level, and where neither is, it must be known
+    that the new one ``shows`` what a mirror would."""
+    pixel = max(new.pixel, known.pixel)
+    bars, whole = np.isfinite(new.bars), (known.bars > _LEAST) & ~known.cut  # false where NaN
+    if not whole.any():
+        return False
+    wider = new.bars - np.median(known.bars[whole])
+    alike = (np.abs(wider) < _PIXELS * pixel) | (new.cut & (wider < 0.0))
+    if (alike & bars).sum() < max(_BARS, bars.sum() - 1):
+        return False
+    apart = np.abs(new.size - known.size)
+    seen = np.isfinite(apart)
+    if (apart[seen] > _SIZE * known.size[seen] + pixel).any():
+        return False
+    return bool(seen.all() or ((seen.any() or shows) and _level(new, known, pixel)))
+
+
+def a_pair(one: Measures, other: Measures) -> bool:
+    """Frames of one make in every measure that stand level and face different ways, as mirrors of a rig do and windows
+    of a wall do not."""
+    seen = np.isfinite(one.size) & np.isfinite(other.size)
+    return bool(seen.all()) and one_make(one, other) and _level(one, other, max(one.pixel, other.pixel))
+
+
+def _level(one: Measures, other: Measures, pixel: float) -> bool:
+    """Whether tops or bottoms are at one height: across what is level in both planes, however they lean."""
+    up = np.cross(one.across, other.across)
+    sine = np.linalg.norm(up)
+    if sine < _APART:
+        return False
+    way = other.edges - one.edges
+    rise = np.abs(way @ up) / sine - _LEVEL * np.linalg.norm(way, axis=1)
+    return bool((rise < pixel).any())

@@ -1,0 +1,132 @@
+"""The mirror that picked pixels mean, and whether what it shows contradicts its plane."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from ..camera import Intrinsics
+from ..capture import MirrorPicks
+from ..errors import MirrorError
+from ..mirrors import Mirror
+from .edge_segments import DetectionSettings
+from .framed_mirrors import settled_on_frame
+from .frameless_mirrors import find_verified_frameless
+from .mirror_verification import circumference, count_evidence, doubtful, hypotheses, lowest_reading
+from .rectangle_hypotheses import Hypothesis
+
+DEFAULTS = DetectionSettings()
+_CONTRADICTED = 0.15  # share of what a mirror shows that nothing but a wrong plane puts before what is seen
+_HIT = 0.35  # share of the picks that say which mirror is meant, where they fit no plane together
+_STANDS, _MOSTLY = 0.6, 0.9  # of its outline, of all and of what can be judged, something must stand in its plane
+
+
+def find_mirror_at(
+    picks: MirrorPicks,
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    settings: DetectionSettings = DEFAULTS,
+    glass_offset: float = 0.0,
+) -> Mirror:
+    """The mirror whose rim is nearest to one or two picked pixels, too few for a plane of their own.
+
+    That a mirror is there is the user's word: it need not show anybody.
+
+    Parameters
+    ----------
+    picks : MirrorPicks
+        One pixel or more on the mirror's frame; in the glass will do.
+
+    Raises
+    ------
+    MirrorError
+        No rim is near.
+    """
+    trusting = replace(settings, empty_rig=True, max_violation=max(2.0 * settings.max_violation, 0.3))
+    pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)
+    guesses = hypotheses(depth, intrinsics, trusting)
+    settled = [settled_on_frame(guess, depth, intrinsics, trusting, glass_offset) for guess in guesses]
+    best = _nearest([mirror for mirror in settled if mirror is not None], pixels, 0.5)
+    if best is None and (bare := find_frameless_at(picks, depth, intrinsics, settings, 0.5)) is not None:
+        return bare
+    if best is None:
+        u, v = pixels[0]
+        raise MirrorError(
+            f"{picks.name}: no straight frame is seen near ({u:g}, {v:g}), and {len(pixels)} pick(s) are too few for a "
+            "plane; pick at least 3 points on its frame, on two sides"
+        )
+    return replace(best, name=picks.name, source="picked")
+
+
+def find_better_at(
+    picks: MirrorPicks,
+    mirror: Mirror | None,
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    settings: DetectionSettings = DEFAULTS,
+    glass_offset: float = 0.0,
+) -> Mirror | None:
+    """The mirror that picks mean where that of the plane through them, ``mirror``, cannot be, or there is none: they
+    missed its frame, or it has none. Else ``mirror``."""
+    if mirror is None or contradicted(mirror, depth, intrinsics):
+        pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)
+        guesses = hypotheses(depth, intrinsics, settings)
+        settled = [settled_on_frame(guess, depth, intrinsics, settings, glass_offset) for guess in guesses]
+        better = _nearest([found for found in settled if found is not None], pixels, 0.05)
+        if better is not None:
+            return replace(better, name=picks.name, source="picked")
+    elif not doubtful(mirror, depth, intrinsics):
+        return mirror
+    return find_frameless_at(picks, depth, intrinsics, settings) or mirror
+
+
+def contradicted(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, known: Iterable[Mirror] = ()) -> bool:
+    """Much of what is seen in its glass would, flipped over its plane, stand where the camera looks through; or along
+    its outline, as far as other mirrors that are ``known`` do not hide it, hardly anything stands in its plane."""
+    if mirror.rectangle is None or mirror.polygon is not None:
+        return False
+    guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
+    _, _, _, _, violated, *other = count_evidence(
+        guess, depth, intrinsics, lowest_reading(depth, intrinsics, mirror.basis)
+    )
+    if violated > max(_CONTRADICTED * (violated + sum(other)), 50.0):
+        return True
+    rims = [
+        circumference(mirror.point, mirror.basis, mirror.rectangle, depth, intrinsics, outward, known)
+        for outward in (-0.015, 0.015)
+    ]
+    return all(on < _STANDS and on < _MOSTLY * (on + beyond) for on, beyond in rims)
+
+
+def find_frameless_at(
+    picks: MirrorPicks,
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    settings: DetectionSettings = DEFAULTS,
+    reach: float = 0.15,
+) -> Mirror | None:
+    """The mirror without a frame along whose edges picks were made, which no reading there can place; None when there
+    is none within ``reach`` of its size. Its ``source`` stays "found": the picks say only which."""
+    pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)
+    mirror = _nearest(find_verified_frameless(depth, intrinsics, settings, []), pixels, reach)
+    return None if mirror is None else replace(mirror, name=picks.name)
+
+
+def _nearest(mirrors: list[Mirror], pixels: np.ndarray, reach: float) -> Mirror | None:
+    """The mirror whose outline is nearest to the better part of pixels (K, 2), within ``reach`` of its lesser size."""
+    best, nearest = None, np.inf
+    for mirror in mirrors:
+        corners = np.nan_to_num(mirror.outline)
+        distance = np.quantile([_to_outline(pixel, corners) for pixel in pixels], _HIT)
+        if distance < nearest and distance < reach * np.ptp(corners, axis=0).min():
+            best, nearest = mirror, distance
+    return best
+
+
+def _to_outline(pixel: np.ndarray, corners: np.ndarray) -> float:
+    """Distance of a pixel from the outline [px]."""
+    start, along = corners, np.roll(corners, -1, axis=0) - corners
+    share = ((pixel - start) * along).sum(axis=1) / np.maximum((along * along).sum(axis=1), 1e-9)
+    return float(np.linalg.norm(start + np.clip(share, 0.0, 1.0)[:, None] * along - pixel, axis=1).min())

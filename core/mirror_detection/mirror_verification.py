@@ -1,0 +1,372 @@
+"""Whether a rectangle is a mirror: what it shows is flipped over its plane and must fit the room."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numba import njit
+
+from ..camera import Intrinsics, project
+from ..mirrors import Mirror
+from ..mirrors.mirror import behind_glass, reflection_matrix
+from .edge_segments import BOTTOM, LEFT, RIGHT, TOP, DetectionSettings, find_rims
+from .rectangle_hypotheses import Hypothesis, propose
+
+_OPEN_SHOWN = 0.07  # with a side missing, this share of all readings must lie on or close behind what is seen directly
+_PLAIN = 0.15  # a mirror that shows so much needs less of a rim
+WHOLE, FEW_SHOWN = 0.95, (15, 8)  # with so much of a rim on 3 or 4 sides, and nothing against it, so few must show
+_MISSING = 10, 0.005  # readings, and share of them, that noise may make look as if a mirror did not show them
+_BLIND, _IN_REACH = 0.05, 0.8  # a glass of which less is read must be nearer than this share of the farthest reading
+_LINE, _CHANGE = 3, 20  # px to each side between which a line in the colour picture changes a channel by so much
+HIDDEN = 0.03, 1.02  # glass and frame hide what is seen so far around them [m], the plane at most so many times as far
+_AT_BORDER = 0.02  # sides nearer to the image's border, as a share of its size, are cut off by it
+
+
+def rim_share(
+    guess: Hypothesis,
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    least: float = 0.3,
+    known: Iterable[Mirror] = (),
+    color: np.ndarray | None = None,
+) -> float:
+    """Share of the rectangle's circumference, as far as nothing hides it, just outside of which something stands in
+    the plane: a frame or a wall; 0 when that is less than ``least`` of it all. A thin frame is only seen close by.
+
+    Black and glossy frames give few readings: where half as much as ``least`` is read, lines in the ``color`` picture
+    (H, W, 3) stand for the rest."""
+    shares = []
+    place = guess.point, guess.basis, guess.rectangle, depth, intrinsics
+    for outward in (0.015, 0.007):
+        on, beyond = circumference(*place, outward, known)
+        if color is not None and 0.5 * least <= on < least:
+            on, beyond = circumference(*place, outward, known, color)
+        shares.append(on / (on + beyond) if on >= least else 0.0)
+    return max(shares)
+
+
+def circumference(
+    point: np.ndarray,
+    basis: np.ndarray,
+    rectangle: np.ndarray,
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    outward: float = 0.015,
+    known: Iterable[Mirror] = (),
+    color: np.ndarray | None = None,
+) -> tuple[float, float]:
+    """Shares of a mirror's circumference where, ``outward`` of its rectangle [m], something stands in its plane, and
+    where the camera sees beyond; of what the glass of ``known`` mirrors hides neither. With a ``color`` picture
+    (H, W, 3) something stands also where nothing is read and the picture has a line."""
+    (left, right), (top, bottom) = rectangle + np.array((-outward, outward))
+    along = np.linspace(0.0, 1.0, 41)[1:-1]
+    corners = np.array(((left, top), (right, top), (right, bottom), (left, bottom), (left, top)))
+    at = np.concatenate([a + along[:, None] * (b - a) for a, b in zip(corners[:-1], corners[1:], strict=True)])
+    weight = np.repeat(np.linalg.norm(np.diff(corners, axis=0), axis=1), len(along))
+    points = point + at @ basis[:, :2].T
+    u, v = project(points, intrinsics).T
+    inside = (u > 0) & (v > 0) & (u < intrinsics.width - 1) & (v < intrinsics.height - 1)  # false where NaN
+    inside[inside] = ~behind_glass(points[inside], known, *HIDDEN)
+    read = np.zeros(len(points))
+    rows, columns = np.rint(v[inside]).astype(int), np.rint(u[inside]).astype(int)
+    read[inside] = depth[rows, columns]
+    apart = read - points[:, 2]
+    slack = 0.02 * points[:, 2] + 0.02
+    on = inside & (np.abs(apart) < slack)
+    if color is not None:
+        on[inside] |= (read[inside] == 0) & _on_line(color, rows, columns)
+    beyond = inside & (read > 0) & (apart >= slack)
+    return float(weight[on].sum() / weight.sum()), float(weight[beyond].sum() / weight.sum())
+
+
+def _on_line(color: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Whether the colour picture changes across each of the pixels, along rows or columns."""
+    height, width = color.shape[:2]
+
+    def at(down: int, right: int) -> np.ndarray:
+        there = color[np.clip(rows + down, 0, height - 1), np.clip(columns + right, 0, width - 1)]
+        return there.astype(np.int16)
+
+    change = np.maximum(np.abs(at(0, _LINE) - at(0, -_LINE)), np.abs(at(_LINE, 0) - at(-_LINE, 0)))
+    return change.max(axis=-1) > _CHANGE
+
+
+def verify(
+    guess: Hypothesis,
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    floor: float,
+    settings: DetectionSettings,
+    known: Iterable[Mirror] = (),
+    color: np.ndarray | None = None,
+) -> Hypothesis | None:
+    """The hypothesis with its evidence, or None when what it shows cannot be a reflection.
+
+    Every third reading in the rectangle is flipped over the plane. Where it lands nearer than what the camera sees in
+    that direction, the camera would have looked through it: a violation. Where it lands on, or up to 0.7 m behind, what
+    is seen directly, it is shown. What lies outside the picture says nothing. Behind the glass of mirrors that are
+    ``known`` a rim is hidden. ``color`` as for :func:`rim_share`.
+    """
+    before, on, none, outside, violated, shown, hidden, ground = count_evidence(guess, depth, intrinsics, floor)
+    behind = outside + violated + shown + hidden + ground
+    total = behind + on + none
+    if total < 60 or behind + none < 0.5 * total or behind < min(FEW_SHOWN):
+        return None
+    if TOP not in guess.sides and BOTTOM not in guess.sides:
+        # two uprights alone, such as legs or door posts, must leave the picture where the lying side would be
+        if min(s.ends[0, 1] for s in guess.sides.values()) > 0.04 * intrinsics.height:
+            return None
+    if behind < _BLIND * total and guess.point[2] > _IN_REACH * float(depth[::8, ::8].max()):
+        return None  # the end of what the camera reaches looks like a rim, too
+    judged = violated + shown + hidden + ground
+    violation = violated / max(judged, 1.0)
+    plain = shown > _PLAIN * total and violation < 0.02
+    if len(guess.sides) == 2 and min(s.length for s in guess.sides.values()) < (0.3 if plain else 0.5):
+        return None  # a leg and the edge of its shadow, a table and one of its legs
+    least = 0.2 if plain else 0.3
+    rim = rim_share(guess, depth, intrinsics, least, known, color)
+    made = replace(guess, shown=shown, violated=violation, behind=behind / total, score=rim * (1.0 - violation))
+    if rim < settings.min_rim + (0.13 if len(guess.sides) == 2 else 0.0):
+        return None
+    if violation > settings.max_violation:
+        return None
+    if settings.empty_rig:
+        return made if len(guess.sides) >= 3 or shown >= 30.0 else None
+    # a rim of which a side is missing may be a wall's, seen past a mirror that stands before it
+    open_rim = _OPEN_SHOWN * (behind + on) if _open_sides(guess, intrinsics) else 0.0
+    if rim > WHOLE and violated == 0.0 and (len(guess.sides) >= 3 or known):
+        few = FEW_SHOWN[len(guess.sides) == 4]
+        return made if shown >= max(few, settings.min_shown * judged, open_rim) else None
+    if behind + none < 0.8 * total:  # something is in its plane, such as somebody right before the glass, or a wall
+        return None
+    if before > behind:  # something stands there, and little is seen beyond: it may be the image in another mirror
+        return None
+    return made if shown >= max(30.0, settings.min_shown * behind, open_rim) else None
+
+
+def count_evidence(guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics, floor: float) -> list[float]:
+    """What becomes of the readings in the rectangle, see :func:`_verify_kernel`; all 0 when it reaches behind the
+    camera."""
+    mirror = Mirror("", guess.point, guess.basis[:, 2], guess.basis)
+    corners = np.array([(x, y) for x in guess.rectangle[0] for y in guess.rectangle[1]])
+    pixels = project(guess.point + corners @ guess.basis[:, :2].T, intrinsics)
+    counts = np.zeros(8, np.int64)
+    if np.isfinite(pixels).all():
+        low = np.clip(np.floor(pixels.min(axis=0)), 0, None).astype(np.int64)
+        high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, (intrinsics.width, intrinsics.height)).astype(np.int64)
+        _verify_kernel(
+            depth, intrinsics.lens, guess.basis, guess.point, guess.rectangle, reflection_matrix(mirror), low, high,
+            floor, counts,
+        )  # fmt: skip
+    return [float(count) for count in counts]
+
+
+def _open_sides(guess: Hypothesis, intrinsics: Intrinsics) -> int:
+    """How many sides have no rim where the image would show it: its border cuts off the others."""
+    margin = _AT_BORDER * np.array((intrinsics.width, intrinsics.height))
+    count = 0
+    for side in range(4):
+        if side in guess.sides:
+            continue
+        axis, end = {LEFT: (0, 1), RIGHT: (0, 0), TOP: (1, 0), BOTTOM: (1, 1)}[side]  # basis[:, 0] points left
+        at = np.empty(2)
+        at[axis], at[1 - axis] = guess.rectangle[axis, end], guess.rectangle[1 - axis].mean()
+        place = project(guess.point + guess.basis[:, :2] @ at, intrinsics)[axis]
+        size = (intrinsics.width, intrinsics.height)[axis]
+        count += bool(margin[axis] < place < size - 1 - margin[axis])
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _verify_kernel(depth, camera, basis, point, rectangle, flip, low, high, floor, counts):
+    """Counts of sampled pixels: before the plane, on it, no reading, then flipped outside, violating, shown, hidden,
+    ground."""
+    height, width = depth.shape
+    fx, fy, cx, cy = camera
+    d = 0.0
+    for c in range(3):
+        d += basis[c, 2] * point[c]
+    ray, p, q = np.empty(3), np.empty(3), np.empty(3)
+    step = 3 if (high[0] - low[0]) * (high[1] - low[1]) > 9000 else 2
+    for v in range(low[1], high[1], step):
+        for u in range(low[0], high[0], step):
+            ray[0], ray[1], ray[2] = (u - cx) / fx, (v - cy) / fy, 1.0
+            slope = basis[0, 2] * ray[0] + basis[1, 2] * ray[1] + basis[2, 2]
+            if slope >= -1e-6:
+                continue
+            at = d / slope
+            inside = True
+            for k in range(2):
+                s = 0.0
+                for c in range(3):
+                    s += basis[c, k] * (ray[c] * at - point[c])
+                if s < rectangle[k, 0] + 0.015 or s > rectangle[k, 1] - 0.015:
+                    inside = False
+            if not inside:
+                continue
+            z = depth[v, u]
+            if z == 0:
+                counts[2] += 1
+                continue
+            if z < at * 0.97 - 0.02:
+                counts[0] += 1
+                continue
+            if z < at * 1.02 + 0.04:
+                counts[1] += 1
+                continue
+            drop = 0.0
+            for r in range(3):
+                p[r] = ray[r] * z
+                drop += basis[r, 1] * p[r]
+            for r in range(3):
+                q[r] = flip[r, 3]
+                for c in range(3):
+                    q[r] += flip[r, c] * p[c]
+            if q[2] < 0.3:
+                counts[3] += 1
+                continue
+            x, y = int(np.rint(q[0] / q[2] * fx + cx)), int(np.rint(q[1] / q[2] * fy + cy))
+            # a reading's error points sideways once it is flipped: look about the place by what noise at z may be
+            reach = int(fx * (0.01 + 0.003 * z * z) / q[2]) + 2
+            if x < 2 or y < 2 or x >= width - 2 or y >= height - 2:
+                counts[3] += 1
+                continue
+            nearest, farthest = np.inf, 0.0
+            for ky in range(-3, 4):
+                for kx in range(-3, 4):
+                    row = min(max(y + ky * reach // 3, 0), height - 1)
+                    seen = depth[row, min(max(x + kx * reach // 3, 0), width - 1)]
+                    if seen > 0:
+                        nearest, farthest = min(nearest, seen), max(farthest, seen)
+            if farthest == 0.0:
+                counts[3] += 1
+                continue
+            slack = 0.05 + 0.02 * z
+            if q[2] < nearest - slack:
+                counts[4] += 1
+            elif drop > floor:
+                counts[7] += 1
+            elif q[2] < nearest + 0.7:
+                counts[5] += 1
+            else:
+                counts[6] += 1
+
+
+def missing_reflection(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> bool:
+    """What stands before the plane would be seen in the glass, and is not: it is a door, whoever stands behind it."""
+    flip = reflection_matrix(mirror)
+    missing, there = _missing_kernel(
+        depth, intrinsics.lens, mirror.basis, mirror.point, mirror.rectangle, flip, 3
+    )  # fmt: skip
+    return missing > max(_MISSING[0], _MISSING[1] * (missing + there))
+
+
+@njit(cache=True, nogil=True)
+def _missing_kernel(depth, camera, basis, point, rectangle, flip, stride):
+    """Of what stands before the plane and, flipped, would be seen in the glass: how much is not, since what is read
+    there is farther; and how much is, or may be hidden."""
+    height, width = depth.shape
+    fx, fy, cx, cy = camera
+    d = 0.0
+    for c in range(3):
+        d += basis[c, 2] * point[c]
+    p, q = np.empty(3), np.empty(3)
+    missing, there = 0, 0
+    for v in range(0, height, stride):
+        for u in range(0, width, stride):
+            z = depth[v, u]
+            if z == 0:
+                continue
+            p[0], p[1], p[2] = (u - cx) / fx * z, (v - cy) / fy * z, z
+            ahead = -d
+            for c in range(3):
+                ahead += basis[c, 2] * p[c]
+            if ahead < 0.15:
+                continue
+            for r in range(3):
+                q[r] = flip[r, 3]
+                for c in range(3):
+                    q[r] += flip[r, c] * p[c]
+            if q[2] < 0.3:
+                continue
+            x, y = int(np.rint(q[0] / q[2] * fx + cx)), int(np.rint(q[1] / q[2] * fy + cy))
+            if x < 3 or y < 3 or x >= width - 3 or y >= height - 3:
+                continue
+            slope = 0.0
+            for c in range(3):
+                slope += basis[c, 2] * q[c]
+            at, inside = d / slope, True
+            for k in range(2):
+                s = 0.0
+                for c in range(3):
+                    s += basis[c, k] * (q[c] * at - point[c])
+                if s < rectangle[k, 0] + 0.08 or s > rectangle[k, 1] - 0.08:
+                    inside = False
+            if not inside:
+                continue
+            nearest = np.inf
+            for i in range(-3, 4, 3):
+                for j in range(-3, 4, 3):
+                    if depth[y + i, x + j] == 0.0:
+                        nearest = 0.0
+                    nearest = min(nearest, depth[y + i, x + j])
+            if nearest == 0.0:
+                continue
+            if nearest > q[2] + 0.08 + 0.01 * q[2] * q[2]:
+                missing += 1
+            else:
+                there += 1
+    return missing, there
+
+
+def doubtful(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> bool:
+    """More of its glass is hidden than shows anything: its rim may be a wall's, seen past mirrors without a frame."""
+    if mirror.rectangle is None:
+        return False
+    guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
+    before, _, _, *behind = count_evidence(guess, depth, intrinsics, lowest_reading(depth, intrinsics, mirror.basis))
+    return before > sum(behind)
+
+
+def hypotheses(depth: np.ndarray, intrinsics: Intrinsics, settings: DetectionSettings) -> list[Hypothesis]:
+    """Verified rectangles, the best first."""
+    return verified_hypotheses(propose(find_rims(depth, intrinsics, settings), settings), depth, intrinsics, settings)
+
+
+def verified_hypotheses(
+    proposed: list[Hypothesis],
+    depth: np.ndarray,
+    intrinsics: Intrinsics,
+    settings: DetectionSettings,
+    known: Iterable[Mirror] = (),
+    color: np.ndarray | None = None,
+) -> list[Hypothesis]:
+    good, points = [], sampled_points(depth, intrinsics) if proposed else None
+    for guess in proposed:
+        checked = verify(guess, depth, intrinsics, lowest_of_points(points, guess.basis), settings, known, color)
+        if checked is not None:
+            good.append(checked)
+    good.sort(key=lambda h: -h.score)
+    return good
+
+
+def lowest_reading(depth: np.ndarray, intrinsics: Intrinsics, basis: np.ndarray) -> float:
+    """How far down, along the rectangle, readings may belong to a floor [m]."""
+    return lowest_of_points(sampled_points(depth, intrinsics), basis)
+
+
+def sampled_points(depth: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
+    """Every eighth reading along rows and columns as a point, (3, N)."""
+    z = depth[::8, ::8]
+    v, u = np.nonzero(z)
+    z = z[v, u].astype(np.float64)
+    return np.stack(((8.0 * u - intrinsics.cx) / intrinsics.fx * z, (8.0 * v - intrinsics.cy) / intrinsics.fy * z, z))
+
+
+def lowest_of_points(points: np.ndarray, basis: np.ndarray) -> float:
+    """:func:`lowest_reading` of points (3, N)."""
+    drop = basis[:, 1] @ points
+    k = int(0.97 * (len(drop) - 1))
+    return float(np.partition(drop, k)[k]) - 0.15 if len(drop) else 0.0
