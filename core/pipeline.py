@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .agreement import AgreementSettings, agree
 from .camera import Intrinsics, unproject
 from .camera.noise_models import NoiseModel
 from .capture import Capture, MirrorPicks
@@ -21,14 +20,16 @@ from .depth.outliers_and_dropouts import remove_flying_pixels
 from .depth.sensor_recognition import recognise
 from .depth.settings import DepthSettings
 from .errors import MirrorError, PicksDisagreeError, ReconstructionError
-from .floor_refinement import FloorSettings, level_floor
 from .mesh import FILL, SEAM, Mesh
 from .mesh.soundness import mesh_report
+from .mirror_alignment.floor_alignment import FloorSettings, level_floor
+from .mirror_alignment.reflection_alignment import JointSettings, align_reflections
+from .mirror_alignment.seam_alignment import SeamSettings, align_seams, mirrored_views, move_views
+from .mirror_alignment.view_alignment import AgreementSettings, agree
 from .mirror_detection.detection import find_mirrors
 from .mirror_detection.edge_segments import DetectionSettings
 from .mirror_detection.frameless_mirrors import frameless_notes
 from .mirror_detection.mirror_at_picks import contradicted, find_better_at, find_mirror_at
-from .mirror_refinement import JointSettings, align_reflections
 from .mirrors import Mirror
 from .mirrors.mirror import reflection_matrix
 from .mirrors.picked_mirror import MirrorSettings, place_mirror
@@ -37,7 +38,6 @@ from .numeric.threads import each
 from .overlap import OverlapSettings, part_overlaps
 from .rig_file import moved_warnings
 from .scene_check import check_agreement, check_scene, quoted
-from .seam_consistency import SeamSettings, align_seams, mirrored_views, move_views
 from .subject import find_subject
 from .triangulation import TriangulationSettings, triangulate_view
 from .views.ray_sorting import Views, ViewSettings

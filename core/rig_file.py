@@ -18,10 +18,10 @@ from .depth.burst_fusion import fuse_burst
 from .depth.outliers_and_dropouts import remove_flying_pixels
 from .depth.settings import DepthSettings
 from .errors import MirrorError
+from .mirror_alignment.reflection_alignment import JointSettings, align_reflections
 from .mirror_detection.detection import find_mirrors
 from .mirror_detection.edge_segments import DetectionSettings
 from .mirror_detection.mirror_verification import circumference
-from .mirror_refinement import JointSettings, align_reflections
 from .mirrors import Mirror
 from .mirrors.frame_fit import fit_frame
 from .mirrors.mirror import person_before, reflection_shift

@@ -12,9 +12,9 @@ from functools import partial
 
 import numpy as np
 
-from .agreement import disagreements
 from .camera import Intrinsics, project
 from .camera.noise_models import NoiseModel
+from .mirror_alignment.view_alignment import disagreements
 from .mirrors import Mirror
 from .mirrors.mirror import reflection_matrix
 from .mirrors.wall_behind_frame import on_wall

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from .camera import Intrinsics, project
-from .mirrors import Mirror
-from .mirrors.mirror import moved, reflect, reflection_matrix, reflection_moves, with_reason
-from .numeric.threads import each
+from ..camera import Intrinsics, project
+from ..mirrors import Mirror
+from ..mirrors.mirror import moved, reflect, reflection_matrix, reflection_moves, with_reason
+from ..numeric.threads import each
 
 
 @dataclass(frozen=True)

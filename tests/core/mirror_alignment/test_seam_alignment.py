@@ -6,7 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mirror_scan.core.mirror_refinement import JointSettings
+from mirror_scan.core.mirror_alignment.reflection_alignment import JointSettings
+from mirror_scan.core.mirror_alignment.seam_alignment import (
+    SeamSettings,
+    _moves,
+    _noise,
+    _note,
+    _solve,
+    align_seams,
+    mirrored_views,
+    move_views,
+)
+from mirror_scan.core.mirror_alignment.seam_offsets import SeamPieces, seam_pieces, skin_read_twice
 from mirror_scan.core.mirrors.mirror import (
     expected_error,
     moved,
@@ -19,19 +30,6 @@ from mirror_scan.core.mirrors.mirror import (
 from mirror_scan.core.numeric.point_products import transform
 from mirror_scan.core.overlap import part_overlaps
 from mirror_scan.core.pipeline import Clock, Settings, reconstruct, scan_steps
-from mirror_scan.core.seam_consistency import (
-    SeamPieces,
-    SeamSettings,
-    _moves,
-    _noise,
-    _note,
-    _solve,
-    align_seams,
-    mirrored_views,
-    move_views,
-    seam_pieces,
-    skin_read_twice,
-)
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
 from mirror_scan.core.views.view_maps import view_maps

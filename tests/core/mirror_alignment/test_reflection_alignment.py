@@ -9,9 +9,9 @@ import pytest
 from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.mesh import Mesh
+from mirror_scan.core.mirror_alignment.reflection_alignment import JointSettings, align_reflections
 from mirror_scan.core.mirror_detection.detection import find_mirrors
 from mirror_scan.core.mirror_detection.frameless_mirrors import frameless_notes
-from mirror_scan.core.mirror_refinement import JointSettings, align_reflections
 from mirror_scan.core.mirrors.mirror import plane_mirror, reflect, reflection_moves
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.mirrors.wall_behind_frame import on_wall

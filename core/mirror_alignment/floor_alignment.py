@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from .camera import Intrinsics
-from .mirrors import Mirror
-from .mirrors.mirror import (
+from ..camera import Intrinsics
+from ..mirrors import Mirror
+from ..mirrors.mirror import (
     expected_error,
     moved,
     person_before,
@@ -18,9 +18,9 @@ from .mirrors.mirror import (
     reflection_moves,
     with_reason,
 )
-from .numeric.point_products import dot, lay_grid
-from .views.floor_and_vertical import find_ground, vertical
-from .views.ray_sorting import sort_rays
+from ..numeric.point_products import dot, lay_grid
+from ..views.floor_and_vertical import find_ground, vertical
+from ..views.ray_sorting import sort_rays
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
-from mirror_scan.core.floor_refinement import FloorSettings, level_floor
+from mirror_scan.core.mirror_alignment.floor_alignment import FloorSettings, level_floor
 from mirror_scan.core.mirrors.mirror import expected_error, moved
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
 

@@ -1,0 +1,1 @@
+"""Mirror planes corrected until what the views show fits together."""

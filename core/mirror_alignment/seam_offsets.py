@@ -1,0 +1,276 @@
+"""What seams and surface that is seen twice tell of the mirrors: offsets across each seam."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numba import njit
+
+from ..mesh import SEAM, Mesh
+from ..views.view_maps import ViewMaps
+
+_WINDOW = 4  # px to each side over which a normal is averaged
+_SAME = 0.05  # readings that lie farther apart are of other surfaces [m]
+_TWICE = 0.015  # so near to what another view reads, it is the same skin [m]
+_BLOCK, _ALIKE = 16, 0.7  # px across a block of skin that is read twice, and least cosine between both normals
+_ROUND = 1.0  # least length of the sum of two ends' normals: across sharper bends nothing is known
+_EVEN = 0.7  # cosine between that sum and the way against both lines of sight
+_APART = 0.2  # least length of the sum of both lines of sight, beside the seam: of opposite ones nothing is known
+
+
+@dataclass(frozen=True)
+class SeamPieces:
+    """Pieces of seams: where their two ends are, and how they face.
+
+    ``low`` and ``high`` (K, 3) the middle of each end [m], ``views`` (K, 2) which views they are of, the lower first,
+    ``along`` (K, 3) the unit vectors half way against both lines of sight, beside the seam: where the skin faces, free
+    of the normals' noise. ``step`` (K,) the chord's part along the sum of the ends' normals [m], ``gap`` (K,) the
+    chord's length [m], ``bend`` (K,) half the angle between the ends' normals [rad]. Of skin that is read twice, too
+    (``twice`` (K,)): then ``along`` is its normal, and there is no gap to be bridged and no bend.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    views: np.ndarray
+    along: np.ndarray
+    step: np.ndarray
+    gap: np.ndarray
+    bend: np.ndarray
+    twice: np.ndarray
+
+    def and_also(self, other: SeamPieces) -> SeamPieces:
+        """Both together."""
+        return SeamPieces(*(np.concatenate((getattr(self, f.name), getattr(other, f.name))) for f in fields(self)))
+
+
+def seam_pieces(mesh: Mesh, maps: ViewMaps, piece: float = 0.12) -> SeamPieces:
+    """Cut the zippered seams into pieces and measure each.
+
+    Seams between skin that both views read are left out: overlaps were brought to one surface and parted, whatever
+    the mirrors.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        As :func:`.zippering.zip_patches` leaves it: a seam's triangles follow each other.
+    maps : ViewMaps
+    piece : float
+        Length of a piece [m].
+
+    Notes
+    -----
+    O(seam triangles).
+    """
+    seam = mesh.triangles[mesh.kind == SEAM]
+    view = mesh.view[seam]
+    low, high = view.min(axis=1), view.max(axis=1)
+    seam, view = seam[(low >= 0) & (low < high)], view[(low >= 0) & (low < high)]
+    low, high = view.min(axis=1), view.max(axis=1)
+    two = ((view == low[:, None]) | (view == high[:, None])).all(axis=1)
+    seam, view, low, high = seam[two], view[two], low[two], high[two]
+    used, seam = np.unique(seam, return_inverse=True)
+    seam = seam.reshape(-1, 3)
+    points = mesh.vertices[used]
+    normals, twice = _ends_kernel(
+        points, mesh.view[used], maps.depth, maps.labels, maps.normals, maps.to_view, maps.lens, _WINDOW
+    )
+    # of each triangle one vertex is at one end and the edge across from it at the other
+    at_low = (view == low[:, None]).astype(np.float64)
+    weight = [at / at.sum(axis=1, keepdims=True) for at in (at_low, 1.0 - at_low)]
+    ends = [np.einsum("tk,tkc->tc", w, points[seam]) for w in weight]
+    faces = [np.einsum("tk,tkc->tc", w, normals[seam]) for w in weight]
+    known = (np.linalg.norm(normals, axis=1) > 0.5)[seam].all(axis=1) & ~twice[seam].any(axis=1)
+    number = _numbered(seam, low, high, 0.5 * (ends[0] + ends[1]), piece)
+    number[~known] = -1
+    count = np.bincount(number + 1, minlength=2)[1:]
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        sums = [np.bincount(number + 1, column, len(count) + 1)[1:] for column in values.T]
+        return np.column_stack(sums) / np.maximum(count, 1)[:, None]
+
+    p, q, n, m = (mean(values) for values in (*ends, *faces))
+    first = np.full(len(count), -1)
+    first[number[known][::-1]] = np.flatnonzero(known)[::-1]
+    last = np.full(len(count), -1)
+    last[number[known]] = np.flatnonzero(known)
+    middle = 0.5 * (ends[0] + ends[1])
+    enough = count >= 6
+    p, q, n, m, first, last = p[enough], q[enough], n[enough], m[enough], first[enough], last[enough]
+    n, m = _unit(n), _unit(m)
+    chord, facing = q - p, n + m
+    size = np.linalg.norm(facing, axis=1)
+    facing = facing / np.maximum(size, 1e-9)[:, None]
+    views = np.column_stack((low, high))[first].astype(np.int64)
+    # both views lose the skin where it turns away from them: half way between it faces against both lines of sight
+    tangent = _unit(middle[last] - middle[first])
+    against = -sum(_sight(end, side, maps) for end, side in ((p, views[:, 0]), (q, views[:, 1])))
+    against -= (against * tangent).sum(axis=1)[:, None] * tangent
+    against *= np.sign((against * facing).sum(axis=1))[:, None]
+    even = np.linalg.norm(against, axis=1)
+    good = (size > _ROUND) & (even > _APART) & ((against * facing).sum(axis=1) > _EVEN * even)
+    bend = 0.5 * np.arccos(np.clip((n * m).sum(axis=1), -1.0, 1.0))
+    return SeamPieces(
+        p[good],
+        q[good],
+        views[good],
+        _unit(against)[good],
+        (chord * facing).sum(axis=1)[good],
+        np.linalg.norm(chord, axis=1)[good],
+        bend[good],
+        np.zeros(int(good.sum()), np.bool_),
+    )
+
+
+def skin_read_twice(maps: ViewMaps, least: int = 12) -> SeamPieces:
+    """Blocks of skin that two views read, and how far apart they place it: where patches overlap there is no gap.
+
+    Parameters
+    ----------
+    maps : ViewMaps
+    least : int
+        Readings that a block of ``_BLOCK`` × ``_BLOCK`` pixels must have.
+
+    Notes
+    -----
+    O(pixels of the subject).
+    """
+    low, high, normal, step, views = _twice_kernel(
+        maps.depth, maps.labels, maps.normals, maps.to_view, np.linalg.inv(maps.to_view), maps.lens, least
+    )
+    none = np.zeros(len(step))
+    return SeamPieces(low, high, views, _unit(normal), step, none, none, np.ones(len(step), np.bool_))
+
+
+def _sight(points: np.ndarray, views: np.ndarray, maps: ViewMaps) -> np.ndarray:
+    """Unit vectors (N, 3) along which each point is seen by its view, where the subject really is."""
+    turn = maps.to_view[views, :3, :3]
+    laid = np.einsum("nij,nj->ni", turn, points) + maps.to_view[views, :3, 3]
+    return np.einsum("nji,nj->ni", turn, _unit(laid))
+
+
+def _numbered(seam: np.ndarray, low: np.ndarray, high: np.ndarray, middle: np.ndarray, piece: float) -> np.ndarray:
+    """The piece that each seam triangle belongs to: runs of triangles side by side, cut into equal lengths."""
+    if not len(seam):
+        return np.empty(0, np.int64)
+    shared = (seam[1:, :, None] == seam[:-1, None, :]).sum(axis=(1, 2))
+    begins = np.concatenate(([True], (shared < 2) | (low[1:] != low[:-1]) | (high[1:] != high[:-1])))
+    run = np.cumsum(begins) - 1
+    start = np.flatnonzero(begins)
+    far = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(middle, axis=0), axis=1))))
+    far -= far[start][run]
+    end = np.concatenate((start[1:], [len(seam)])) - 1
+    length = far[end]
+    parts = np.maximum(np.rint(length / piece), 1.0)
+    at = np.minimum(far / np.maximum(length, 1e-9)[run] * parts[run], parts[run] - 1).astype(np.int64)
+    first = np.concatenate(([0], np.cumsum(parts[:-1]))).astype(np.int64)
+    return first[run] + at
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-9)[:, None]
+
+
+@njit(cache=True, nogil=True)
+def _ends_kernel(points, view, depth, labels, normals, to_view, lens, window):
+    """Unit normals (N, 3), averaged over the readings around each point in its own view, 0 where there are too few; and
+    (N,) whether another view reads the same skin there."""
+    height, width = depth.shape
+    out, twice = np.zeros((len(points), 3)), np.zeros(len(points), np.bool_)
+    for i in range(len(points)):
+        for k in range(len(to_view)):
+            M = to_view[k]
+            x = M[0, 0] * points[i, 0] + M[0, 1] * points[i, 1] + M[0, 2] * points[i, 2] + M[0, 3]
+            y = M[1, 0] * points[i, 0] + M[1, 1] * points[i, 1] + M[1, 2] * points[i, 2] + M[1, 3]
+            z = M[2, 0] * points[i, 0] + M[2, 1] * points[i, 1] + M[2, 2] * points[i, 2] + M[2, 3]
+            if z <= 0.0:
+                continue
+            u, v = int(np.rint(x / z * lens[k, 0] + lens[k, 2])), int(np.rint(y / z * lens[k, 1] + lens[k, 3]))
+            reach = window if k == view[i] else 0
+            for row in range(max(v - reach, 0), min(v + reach + 1, height)):
+                for column in range(max(u - reach, 0), min(u + reach + 1, width)):
+                    if labels[row, column] != k:
+                        continue
+                    off = abs(depth[row, column] - z)
+                    if k != view[i]:
+                        twice[i] |= off < _TWICE
+                    elif off < _SAME:
+                        for c in range(3):
+                            out[i, c] += normals[row, column, c]
+        length = np.sqrt(out[i, 0] ** 2 + out[i, 1] ** 2 + out[i, 2] ** 2)
+        for c in range(3):
+            out[i, c] = out[i, c] / length if length > 3.0 else 0.0
+    return out, twice
+
+
+@njit(cache=True, nogil=True)
+def _twice_kernel(depth, labels, normals, to_view, from_view, lens, least):
+    """Means over blocks of pixels of a view and over what a later view reads of the same skin: both places (K, 3), the
+    sums of both normals (K, 3), how far the latter lies before the former along these (K,), and the views (K, 2)."""
+    height, width = depth.shape
+    count = len(to_view)
+    rows, columns = (height + _BLOCK - 1) // _BLOCK, (width + _BLOCK - 1) // _BLOCK
+    room = rows * columns * count
+    low, high, normal = np.empty((room, 3)), np.empty((room, 3)), np.empty((room, 3))
+    steps = np.empty(room)
+    views = np.empty((room, 2), np.int64)
+    sums, number = np.empty((count, count, 10)), np.empty((count, count), np.int64)
+    p, laid = np.empty(3), np.empty(3)
+    n = 0
+    for block in range(rows * columns):
+        top, left = block // columns * _BLOCK, block % columns * _BLOCK
+        sums[:], number[:] = 0.0, 0
+        for v in range(top, min(top + _BLOCK, height), 2):
+            for u in range(left, min(left + _BLOCK, width), 2):
+                a = labels[v, u]
+                if a < 0 or a >= count - 1:
+                    continue
+                z = depth[v, u]
+                x, y = (u - lens[a, 2]) / lens[a, 0] * z, (v - lens[a, 3]) / lens[a, 1] * z
+                for r in range(3):
+                    p[r] = from_view[a, r, 0] * x + from_view[a, r, 1] * y + from_view[a, r, 2] * z + from_view[a, r, 3]
+                for b in range(a + 1, count):
+                    for r in range(3):
+                        laid[r] = to_view[b, r, 3]
+                        for c in range(3):
+                            laid[r] += to_view[b, r, c] * p[c]
+                    if laid[2] <= 0.0:
+                        continue
+                    column = int(np.rint(laid[0] / laid[2] * lens[b, 0] + lens[b, 2]))
+                    row = int(np.rint(laid[1] / laid[2] * lens[b, 1] + lens[b, 3]))
+                    if row < 0 or column < 0 or row >= height or column >= width or labels[row, column] != b:
+                        continue
+                    other = depth[row, column]
+                    if abs(other - laid[2]) > _SAME:
+                        continue
+                    alike = 0.0
+                    for c in range(3):
+                        alike += normals[v, u, c] * normals[row, column, c]
+                    if alike < _ALIKE:
+                        continue
+                    x, y = (column - lens[b, 2]) / lens[b, 0] * other, (row - lens[b, 3]) / lens[b, 1] * other
+                    number[a, b] += 1
+                    ahead, size = 0.0, 0.0
+                    for r in range(3):
+                        q = (
+                            from_view[b, r, 0] * x + from_view[b, r, 1] * y + from_view[b, r, 2] * other
+                            + from_view[b, r, 3]
+                        )  # fmt: skip
+                        facing = normals[v, u, r] + normals[row, column, r]
+                        ahead += (q - p[r]) * facing
+                        size += facing * facing
+                        sums[a, b, r] += p[r]
+                        sums[a, b, 3 + r] += q
+                        sums[a, b, 6 + r] += facing
+                    sums[a, b, 9] += ahead / np.sqrt(size)
+        for a in range(count):
+            for b in range(a + 1, count):
+                if number[a, b] < least:
+                    continue
+                for r in range(3):
+                    low[n, r], high[n, r] = sums[a, b, r] / number[a, b], sums[a, b, 3 + r] / number[a, b]
+                    normal[n, r] = sums[a, b, 6 + r]
+                steps[n] = sums[a, b, 9] / number[a, b]
+                views[n, 0], views[n, 1] = a, b
+                n += 1
+    return low[:n], high[:n], normal[:n], steps[:n], views[:n]
