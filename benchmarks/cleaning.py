@@ -23,7 +23,7 @@ from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.rays import BODY, NOTHING
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate, write_simulation
-from mirror_scan.core.subject import find_subject
+from mirror_scan.core.subject.subject_search import find_subject
 from scipy.ndimage import binary_dilation
 
 from .machine import installed, medians, say

@@ -24,7 +24,7 @@ from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.props import open_door, placed, wall_behind
 from mirror_scan.core.simulation.scene import Rig, default_rig
 from mirror_scan.core.simulation.simulate import Simulation, simulate
-from mirror_scan.core.subject import find_subject
+from mirror_scan.core.subject.subject_search import find_subject
 
 from .machine import milliseconds, say
 from .results import Finding, Result, Table, number

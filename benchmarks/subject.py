@@ -17,8 +17,8 @@ from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.rays import BODY
 from mirror_scan.core.simulation.scene import Rig, default_rig
 from mirror_scan.core.simulation.simulate import Simulation, simulate
-from mirror_scan.core.subject import find_subject
-from mirror_scan.core.views.ray_sorting import Views, ViewSettings
+from mirror_scan.core.subject.subject_search import find_subject
+from mirror_scan.core.subject.subject_views import Views, ViewSettings
 
 from .machine import medians, say
 from .results import Finding, Result, Table, number

@@ -24,7 +24,7 @@ from .mirror_detection.detection import find_mirrors
 from .mirrors import Mirror
 from .mirrors.picked_mirror import place_mirror
 from .pipeline import Settings
-from .subject import find_subject
+from .subject.subject_search import find_subject
 from .views.floor_and_vertical import find_floor
 
 _USUAL = (0.25, 12.0)  # m: median distance of what a depth camera looks at

@@ -38,9 +38,9 @@ from .numeric.threads import each
 from .overlap import OverlapSettings, part_overlaps
 from .rig_file import moved_warnings
 from .scene_check import check_agreement, check_scene, quoted
-from .subject import find_subject
+from .subject.subject_search import find_subject
+from .subject.subject_views import Views, ViewSettings
 from .triangulation import TriangulationSettings, triangulate_view
-from .views.ray_sorting import Views, ViewSettings
 from .views.view_maps import ViewMaps, view_maps
 from .weaving import Seam
 from .zippering import ZipperSettings, zip_patches
@@ -172,7 +172,7 @@ class Scan:
     sensor : str
     warnings : tuple of str
     limits : np.ndarray [shape=(N+1, 2)]
-        Nearest and farthest depth of the subject in each view [m], see :class:`.ray_sorting.Views`.
+        Nearest and farthest depth of the subject in each view [m], see :class:`.subject_views.Views`.
     noise : tuple of BurstNoise
         Of each view's readings, before smoothing.
     """

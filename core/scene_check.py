@@ -19,8 +19,9 @@ from .mirrors import Mirror
 from .mirrors.mirror import reflection_matrix
 from .mirrors.wall_behind_frame import on_wall
 from .numeric.point_products import dot, transform
+from .subject.subject_views import Views
 from .views.floor_and_vertical import leans
-from .views.ray_sorting import Views, glass_corners
+from .views.ray_sorting import glass_corners
 from .views.rig_axis import rig_axis, visible_middle
 
 MAX_LEAN_DEG = 4.0
@@ -99,7 +100,7 @@ def check_scene(
     depth : np.ndarray [shape=(H, W), dtype=float32]
         z [m], 0 = no reading.
     views : Views
-        Of :func:`.subject.find_subject`.
+        Of :func:`.subject_search.find_subject`.
     mirrors : list of Mirror
     intrinsics : Intrinsics
     model : NoiseModel or None

@@ -31,7 +31,7 @@ from mirror_scan.core.preview import BACKGROUND, INK, KIND_COLORS, SIDES, draw_t
 from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.scene import Rig, default_rig
 from mirror_scan.core.simulation.simulate import simulate
-from mirror_scan.core.subject import find_subject
+from mirror_scan.core.subject.subject_search import find_subject
 from mirror_scan.core.views.view_maps import view_maps
 from mirror_scan.core.zippering import zip_patches
 

@@ -367,8 +367,8 @@ def find_subject_steps(depth: np.ndarray, intrinsics: Intrinsics, mirrors: list[
     """Sort every pixel into view and part; ``views`` are the fields of ``core.views.ViewSettings``."""
     yield 0.0, "Finding the person"
     from ..core.pipeline import avatar_frame
-    from ..core.subject import find_subject
-    from ..core.views.ray_sorting import ViewSettings
+    from ..core.subject.subject_search import find_subject
+    from ..core.subject.subject_views import ViewSettings
 
     settings = ViewSettings(**views)
     placed = [mirror_of(record) for record in mirrors]

@@ -245,7 +245,7 @@ def settings_of(options: argparse.Namespace) -> Settings:
     from ..closing import ClosingSettings
     from ..depth.settings import DepthSettings
     from ..pipeline import Settings
-    from ..views.ray_sorting import ViewSettings
+    from ..subject.subject_views import ViewSettings
 
     given = vars(options)
     changes: dict = {"sensor": options.sensor}

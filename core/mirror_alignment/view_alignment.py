@@ -15,7 +15,8 @@ from ..camera import Intrinsics, unproject
 from ..mirrors import Mirror
 from ..mirrors.mirror import expected_error, moved, reflection_moves, with_reason
 from ..numeric.point_products import dot
-from ..views.ray_sorting import Views, sort_rays
+from ..subject.subject_views import Views
+from ..views.ray_sorting import sort_rays
 from ..views.view_correspondences import Meeting, Surfaces, meetings, noise_of, surfaces, views_of
 
 

@@ -20,7 +20,7 @@ from mirror_scan.core.simulation.mannequin import Figure, mannequin
 from mirror_scan.core.simulation.props import box, placed
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
-from mirror_scan.core.subject import find_subject
+from mirror_scan.core.subject.subject_search import find_subject
 
 
 def checked(capture, model=None):

@@ -15,7 +15,7 @@ from mirror_scan.core.pipeline import reconstruct
 from mirror_scan.core.scene_check import check_agreement
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
-from mirror_scan.core.subject import find_subject
+from mirror_scan.core.subject.subject_search import find_subject
 
 
 def clean(capture) -> np.ndarray:

@@ -15,7 +15,8 @@ from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.simulation.rays import BODY
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
-from mirror_scan.core.subject import connected_pixels, find_subject
+from mirror_scan.core.subject.connected_pixels import connected_pixels
+from mirror_scan.core.subject.subject_search import find_subject
 from mirror_scan.core.views.floor_and_vertical import find_floor, vertical
 from mirror_scan.core.views.ray_sorting import glass_of_outline, sort_rays
 from scipy.ndimage import binary_dilation

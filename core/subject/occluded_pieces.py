@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .camera import Intrinsics
-from .mirrors import Mirror
-from .mirrors.mirror import reflection_matrix
+from ..camera import Intrinsics
+from ..mirrors import Mirror
+from ..mirrors.mirror import reflection_matrix
 
 _ENOUGH = 4  # pixels that tell
 _DIRECTIONS = 13  # from the right over the top to the left in which the rest of the figure may be

@@ -12,7 +12,6 @@ from mirror_scan.core.cli.parser import build_parser
 from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import ReconstructionError
-from mirror_scan.core.floor_parting import NEAR_FLOOR, share_of_feet, standing_pixels
 from mirror_scan.core.mirrors.mirror import plane_mirror
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.pipeline import Settings
@@ -21,9 +20,11 @@ from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.rays import BODY
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
-from mirror_scan.core.subject import _fit_floor, find_subject
+from mirror_scan.core.subject.floor_plane import _fit_floor
+from mirror_scan.core.subject.foot_segmentation import NEAR_FLOOR, share_of_feet, standing_pixels
+from mirror_scan.core.subject.subject_search import find_subject
+from mirror_scan.core.subject.subject_views import ViewSettings
 from mirror_scan.core.views.floor_and_vertical import find_ground, leans, mirrors_vertical
-from mirror_scan.core.views.ray_sorting import ViewSettings
 from mirror_scan.core.views.rig_axis import rig_axis
 
 

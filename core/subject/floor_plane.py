@@ -1,0 +1,244 @@
+"""The floor as each view sees it about the subject."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ..numeric.point_products import dot
+from .foot_segmentation import NEAR_FLOOR, ROW, share_of_feet
+from .subject_views import ViewSettings
+
+ROUGH = 0.014  # a floor's noise is less [m]
+_UNSEEN = 0.004  # where a floor that a mirror hardly shows is, to within one standard deviation [m]
+_ENOUGH = 1000  # readings tell a floor
+FOOTPRINT = 0.4  # radius about the subject in which feet may be [m]
+_FLOOR_PRIOR = (0.01, 0.006, 0.006)  # by how much a mirror's error may lift [m] and tilt the floor in it
+_SHARED = 60.0  # neighbouring readings share so much of their errors that this many count as one
+_FEET, ABOUT, _FARTHER = 0.2, 0.45, 1.5  # m: feet, the floor right about them; what is farther off, of that
+_LIFT, LOW = 0.003, 0.04  # m: a carpet; a mirror shows less of it than tells it from the floor about it
+STEP, MAT = (0.008, 0.2), 0.2  # how high [m], and how large [m²] at least, is a mat or step that a person stands on
+
+
+def raised_floor(
+    points: np.ndarray,
+    seen: np.ndarray,
+    up: np.ndarray,
+    floor: float,
+    middle: np.ndarray,
+    pixel_angle: float,
+    reach: float,
+) -> float | None:
+    """Height along ``up`` of the floor right about the feet where it is higher than farther off: a carpet, or what a
+    camera that looks down misjudges. None where it is not."""
+
+    def level(inner: float, outer: float) -> tuple[float, float, np.ndarray]:
+        """Height of what is level in a ring, its standard deviation, and all heights there."""
+        samples, _ = _near_floor_kernel(
+            points, seen, up, floor, 0.5 * NEAR_FLOOR, middle, inner**2, outer**2, 0.0,
+            horizontal_projection(up), 0, 1, pixel_angle,
+        )  # fmt: skip
+        height = np.sort(dot(samples[0][0], up) - floor)
+        if len(height) < 200:
+            return np.nan, np.inf, height
+        half = len(height) // 2
+        first = int(np.argmin(height[half:] - height[: len(height) - half]))
+        noise = (height[first + half] - height[first]) / 1.349
+        return float(np.median(height[first : first + half])), float(noise), height
+
+    near, noise, heights = level(_FEET, ABOUT)
+    far, scatter, others = level(_FARTHER * ABOUT, reach)
+    if not np.isfinite(near + far) or max(noise, scatter) > ROUGH:
+        return None
+    sure = 3.0 * np.hypot(noise * np.sqrt(_SHARED / len(heights)), scatter * np.sqrt(_SHARED / len(others)))
+    if near - far < max(_LIFT, sure) or np.mean(np.abs(heights - near) < 3.0 * max(noise, 0.001)) < 0.5:
+        return None
+    return floor + near
+
+
+def is_stepped(height: np.ndarray) -> bool:
+    """Whether much of a figure, by the heights of its pixels (N,), is at one level near the floor: a mat, a step."""
+    bins = np.bincount(np.floor(height[(height >= 0.0) & (height < 1.5)] / 0.01).astype(np.int64), minlength=150)
+    return bins[: int(STEP[1] / 0.01) + 1].max() > 5.0 * np.median(bins)
+
+
+def floor_of_views(
+    points: np.ndarray,
+    seen: np.ndarray,
+    up: np.ndarray,
+    floor: float | None,
+    views: range,
+    middle: np.ndarray | None,
+    settings: ViewSettings,
+    pixel_angle: float,
+    rough: float,
+    apart: bool,
+    outer: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """The floor as these views see it about the subject, how noisy it is, and how much of it there is beside feet.
+
+    A mirror's plane is off by a little, and by twice that the floor in it; a longer path is noisier. So each view has
+    its own plane (views, 4), n·p = d [m], noise (views,) [m] and :func:`.foot_segmentation.share_of_feet` (views,)
+    [1/m]. ``middle``: where the subject stands. ``apart``: there is more of the floor than what is under the subject;
+    else it is looked for up to ``outer`` from there. Last, how rough a view of it may be: as given, or, where the
+    direct view is one of them, as that tells.
+    """
+    planes = np.zeros((len(views), 4))
+    planes[:, :3], planes[:, 3] = up, -np.inf if floor is None else floor
+    noises, shares = np.zeros((2, len(views)))
+    if floor is None:
+        return planes, noises, shares, rough
+    center = np.zeros(3) if middle is None else middle
+    # farther off it is noisier, and at the subject there are feet
+    ring = (0.0, np.inf) if middle is None else (FOOTPRINT, 0.9 * settings.reach) if apart else (0.0, outer)
+    if not apart and not settings.object:
+        ring = (_FEET, outer)
+    under = np.inf if middle is None else FOOTPRINT
+    samples, heights = _near_floor_kernel(
+        points, seen, up, floor, NEAR_FLOOR, center, ring[0] ** 2, ring[1] ** 2, under**2,
+        horizontal_projection(up), views[0],
+        len(views), pixel_angle,
+    )  # fmt: skip
+    for k, (view, (sample, rows)) in enumerate(zip(views, samples, strict=True)):
+        fitted = _fit_floor(sample, up, floor, center, rough)
+        if fitted is None:
+            noises[k], lift = _UNSEEN, 0.0
+        else:
+            normal, d, kept, noise = fitted
+            if view == 0:  # twice as far a sensor is four times as noisy, through a mirror more
+                rough = min(ROUGH, 7.0 * noise + 0.002)
+            planes[k, :3], planes[k, 3] = normal, d
+            # a row's median decides on a pixel
+            noises[k] = _closest_half(rows[kept] + dot(sample[kept], normal))
+            lift = (d - normal @ center) / (normal @ up) + up @ center - floor  # of this view's floor at the centre
+        shares[k] = share_of_feet(heights[k], lift, noises[k])
+    return planes, noises, shares, rough
+
+
+def _fit_floor(
+    sample: np.ndarray, up: np.ndarray, floor: float, center: np.ndarray, rough: float
+) -> tuple[np.ndarray, float, np.ndarray, float] | None:
+    """Plane n·p = d of the level surface among points near the floor, which points (N,) are its, and their standard
+    deviation; None when there is hardly any, or it is ``rough``: feet, in a mirror that shows no floor.
+
+    A mirror shows the floor where its plane's error puts it, near the true one: an offset and two slopes are fitted
+    with that as prior, for a narrow strip does not tell its tilt, and a few readings beside feet tell little.
+    """
+    if len(sample) < 80:
+        return None
+    height = dot(sample, up) - floor
+    # feet are spread over all heights, the floor has one
+    bins = np.bincount(np.floor((height + NEAR_FLOOR) / 0.005).astype(np.int64).clip(0))
+    level = np.convolve(bins, np.ones(4), mode="same")
+    place = 0.005 * (np.arange(len(bins)) + 0.5) - NEAR_FLOOR
+    likely = level * np.exp(-0.5 * (place / (2.0 * _FLOOR_PRIOR[0])) ** 2)
+    first = _level_axis(up)
+    plan = sample - center
+    rows = np.column_stack((np.ones(len(sample)), dot(plan, first), dot(plan, np.cross(up, first))))
+    found = np.array((place[np.argmax(likely)], 0.0, 0.0))
+    band = noise = rough
+    for _ in range(5):
+        miss = height - dot(rows, found)
+        kept = np.abs(miss) < band
+        if kept.sum() < 60:
+            return None
+        # images of images lay a second sheet across the floor: its own spread is that of the closest half
+        noise = max(_closest_half(miss[kept]), 0.0005)
+        matrix, right = _floor_equations(rows, height, miss, band, noise)
+        found = np.linalg.solve(np.diag(1.0 / np.square(_FLOOR_PRIOR)) + matrix, right)
+        band = min(max(4.0 * noise, 0.003), 2.0 * rough)
+    if noise >= rough or (np.abs(found) > 3.0 * np.array(_FLOOR_PRIOR)).any():
+        return None
+    normal = up - found[1] * first - found[2] * np.cross(up, first)
+    length = np.linalg.norm(normal)
+    d = (floor + found[0] - found[1] * (first @ center) - found[2] * (np.cross(up, first) @ center)) / length
+    return normal / length, float(d), kept, noise
+
+
+@njit(cache=True, nogil=True)
+def _floor_equations(rows, height, miss, band, noise):
+    """Weighted normal equations (3, 3) and (3,) of ``rows`` · x = ``height``, of rows that miss by less than a band."""
+    matrix, right = np.zeros((3, 3)), np.zeros(3)
+    for i in range(len(rows)):
+        if abs(miss[i]) < band:
+            weight = 1.0 / (_SHARED * noise * noise * (1.0 + (miss[i] / (2.0 * noise)) ** 2))
+            for a in range(3):
+                right[a] += weight * rows[i, a] * height[i]
+                for b in range(3):
+                    matrix[a, b] += weight * rows[i, a] * rows[i, b]
+    return matrix, right
+
+
+def _closest_half(values: np.ndarray) -> float:
+    """Standard deviation of a normal distribution whose middle half is as wide as the narrowest half of the values."""
+    values = np.sort(values)
+    half = len(values) // 2
+    return float((values[half:] - values[: len(values) - half]).min() / 1.349)
+
+
+@njit(cache=True, nogil=True)
+def _near_floor_kernel(
+    points, seen, up, floor, band, center, inner2, outer2, under2, across, first, views, pixel_angle
+):
+    """Up to ``_ENOUGH`` points of each view from ``first`` on within ``band`` of the floor and in a ring about the
+    subject, evenly taken, and how far the median of each one's row is above it. What stands upright is left out.
+
+    And how many there are at each height (views, 120), from -``band`` to ``band``, nearer to the subject.
+    """
+    heights = np.zeros((views, 120), np.int64)
+    height, width = seen.shape
+    found = [np.empty(seen.size, np.int32) for _ in range(views)]
+    count = np.zeros(views, np.int64)
+    for v in range(height):
+        for u in range(width):
+            k = seen[v, u] - first
+            if k < 0 or k >= views or (seen[v, u] == 0 and (u + v) % 4 > 0):  # directly there is more than enough
+                continue
+            x, y, z = points[v, u, 0], points[v, u, 1], points[v, u, 2]
+            level = up[0] * x + up[1] * y + up[2] * z - floor
+            if abs(level) >= band:
+                continue
+            x, y, z = x - center[0], y - center[1], z - center[2]
+            squared = 0.0
+            for r in range(3):
+                squared += (across[r, 0] * x + across[r, 1] * y + across[r, 2] * z) ** 2
+            if squared < under2:
+                heights[k, int((level + band) / band * 60.0)] += 1
+            if squared < inner2 or squared > outer2:
+                continue
+            if 3 <= v < height - 3 and seen[v - 3, u] == seen[v, u] and seen[v + 3, u] == seen[v, u]:
+                a, b = points[v - 3, u], points[v + 3, u]
+                rise = up[0] * (a[0] - b[0]) + up[1] * (a[1] - b[1]) + up[2] * (a[2] - b[2])
+                if abs(rise) > 3.0 * pixel_angle * points[v, u, 2]:  # half of what an upright surface rises
+                    continue
+            found[k][count[k]] = v * width + u
+            count[k] += 1
+    samples = []
+    row = np.empty(2 * ROW + 1)
+    for k in range(views):
+        some = found[k][: count[k] : count[k] // _ENOUGH + 1]
+        sample, medians = np.empty((len(some), 3)), np.empty(len(some))
+        for i in range(len(some)):
+            v, u = some[i] // width, some[i] % width
+            p = points[v, u]
+            sample[i] = p
+            n = 0
+            for w in range(max(u - ROW, 0), min(u + ROW + 1, width)):
+                q = points[v, w]
+                if seen[v, w] == seen[v, u] and abs(q[2] - p[2]) < 0.1:
+                    row[n] = up[0] * (q[0] - p[0]) + up[1] * (q[1] - p[1]) + up[2] * (q[2] - p[2])
+                    n += 1
+            medians[i] = np.median(row[:n])
+        samples.append((sample, medians))
+    return samples, heights
+
+
+def horizontal_projection(up: np.ndarray) -> np.ndarray:
+    """Projection (3, 3) onto the horizontal."""
+    return np.eye(3) - np.outer(up, up)
+
+
+def _level_axis(up: np.ndarray) -> np.ndarray:
+    """A horizontal unit vector."""
+    level = horizontal_projection(up)[:, int(np.argmin(np.abs(up)))]
+    return level / np.linalg.norm(level)

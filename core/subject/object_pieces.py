@@ -1,0 +1,137 @@
+"""A thing that is no person: which pieces of it belong together, in all views, and what it stands on."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ..numeric.point_products import dot
+
+_TOUCH = 0.03  # cells in space: pieces in the same one or in neighbours are connected [m]
+_FEW = 2  # readings, and cells, tell more than noise
+_BEHIND = 4  # px: a piece that begins so near to what hides it goes on behind it
+_SIDES = 24  # of the polygon about a piece in the plan
+_MARGIN = 0.02  # m
+
+
+def gather_pieces(
+    component: np.ndarray, count: int, points: np.ndarray, depth: np.ndarray, up: np.ndarray, usable: np.ndarray
+) -> np.ndarray:
+    """Which of the pieces that the views show are one thing: a number (C,) each, the same for those of one thing.
+
+    Pieces are one thing when they touch in space, in whichever views they are seen: a leg that a seat hides from the
+    camera is seen to hold it in a mirror. And when one begins right where another hides it, below or above that other:
+    a lamp's foot and its shade.
+
+    Parameters
+    ----------
+    component : np.ndarray [shape=(H, W), dtype=int32]
+        Piece of each pixel, all views', -1 = none.
+    count : int
+        C, how many there are.
+    points : np.ndarray [shape=(H, W, 3)]
+        Placed readings, camera frame [m].
+    depth : np.ndarray [shape=(H, W)]
+        z as read [m].
+    up : np.ndarray [shape=(3,)]
+    usable : np.ndarray [shape=(C,), dtype=bool]
+        Others are one thing each: walls, noise.
+
+    Notes
+    -----
+    O(P log P) of P pixels of usable pieces.
+    """
+    group = np.arange(count)
+    rows, columns = np.nonzero((component >= 0) & usable[component])
+    if not len(rows):
+        return group
+    piece, cloud = component[rows, columns], points[rows, columns]
+    for a, b in _touching(piece, cloud):
+        group[group == group[b]] = group[a]
+    first = np.cross(up, (0.0, 0.0, 1.0))
+    first /= np.linalg.norm(first)
+    turns = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
+    normals = np.outer(np.cos(turns), first) + np.outer(np.sin(turns), np.cross(up, first))
+    front, back, at = _hidden_kernel(component, depth, usable, points)
+    reach = _reach_kernel(piece, cloud, normals, count)
+    met = np.unique(piece)
+    where = np.stack([dot(at, normal) for normal in normals], axis=1)
+    while True:
+        # about all that is known of the thing already, in whichever view
+        extent = np.full((count, _SIDES), -np.inf)
+        np.maximum.at(extent, group[met], reach[met])
+        under = (where < extent[group[front]] + _MARGIN).all(axis=1) & (group[front] != group[back])
+        pairs, times = np.unique(
+            np.column_stack((group[front[under]], group[back[under]])), axis=0, return_counts=True
+        )  # fmt: skip
+        sure = pairs[times >= _FEW]
+        if not len(sure):
+            return group
+        a, b = sure[np.argmax(times[times >= _FEW])]
+        group[group == b] = a
+
+
+def _touching(piece: np.ndarray, cloud: np.ndarray) -> np.ndarray:
+    """Pairs of pieces (K, 2) that touch in space; which one (P,) each point (P, 3) belongs to."""
+    place = np.floor((cloud - cloud.min(axis=0)) / _TOUCH).astype(np.int64) + 1
+    size = place.max(axis=0) + 2
+    cell = (place[:, 0] * size[1] + place[:, 1]) * size[2] + place[:, 2]
+    most = int(piece.max()) + 1
+    both, times = np.unique(cell * most + piece, return_counts=True)
+    both = both[times >= _FEW]
+    cell, piece = both // most, both % most
+    pairs = []
+    for x in (0, 1):
+        for y in (-1, 0, 1):
+            for z in (-1, 0, 1):
+                if (x, y, z) < (0, 0, 0):
+                    continue
+                other = cell + (x * size[1] + y) * size[2] + z
+                start, stop = np.searchsorted(cell, other), np.searchsorted(cell, other, side="right")
+                for k in range(int((stop - start).max(initial=0))):
+                    met = np.flatnonzero(start + k < stop)
+                    pairs.append(np.column_stack((piece[met], piece[start[met] + k])))
+    pairs = np.sort(np.concatenate(pairs), axis=1) if pairs else np.zeros((0, 2), np.int64)
+    pairs, times = np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0, return_counts=True)
+    return pairs[times >= _FEW]
+
+
+@njit(cache=True, nogil=True)
+def _reach_kernel(piece, cloud, normals, count):
+    """How far each piece reaches (C, K) along each normal (K, 3)."""
+    out = np.full((count, len(normals)), -np.inf)
+    for i in range(len(piece)):
+        x, y, z = cloud[i, 0], cloud[i, 1], cloud[i, 2]
+        for k in range(len(normals)):
+            out[piece[i], k] = max(out[piece[i], k], normals[k, 0] * x + normals[k, 1] * y + normals[k, 2] * z)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _hidden_kernel(component, depth, usable, points):
+    """Where a piece begins at the outline of another one that is before it: both, and the point (K, 3) it begins at."""
+    height, width = component.shape
+    front, back, at = [0 for _ in range(0)], [0 for _ in range(0)], [(0.0, 0.0, 0.0) for _ in range(0)]
+    for v in range(height):
+        for u in range(width):
+            k = component[v, u]
+            if k < 0 or not usable[k]:
+                continue
+            for dv, du in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+                for step in range(1, _BEHIND + 1):
+                    y, x = v + step * dv, u + step * du
+                    if y < 0 or x < 0 or y >= height or x >= width:
+                        break
+                    j = component[y, x]
+                    if j == k:
+                        break
+                    if j >= 0:
+                        if usable[j] and depth[y, x] < depth[v, u]:
+                            front.append(j)
+                            back.append(k)
+                            at.append((points[v, u, 0], points[v, u, 1], points[v, u, 2]))
+                        break
+    found = np.empty((len(at), 3))
+    for i in range(len(at)):
+        found[i, 0], found[i, 1], found[i, 2] = at[i]
+    return np.array(front, np.int64), np.array(back, np.int64), found
