@@ -17,7 +17,7 @@ from mirror_scan.core.mesh.half_edges import open_edges
 from mirror_scan.core.mesh.surface_distance import rigid_alignment, sample_surface
 from mirror_scan.core.mesh.triangle_mesh import merge
 from mirror_scan.core.numeric.point_products import transform
-from mirror_scan.core.overlap import part_overlaps
+from mirror_scan.core.patches.overlap import part_overlaps
 from mirror_scan.core.pipeline import Clock, Settings, finish, scan_steps
 from mirror_scan.core.zippering import zip_patches
 

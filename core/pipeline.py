@@ -35,12 +35,13 @@ from .mirrors.mirror import reflection_matrix
 from .mirrors.picked_mirror import MirrorSettings, place_mirror
 from .numeric.point_products import transform
 from .numeric.threads import each
-from .overlap import OverlapSettings, part_overlaps
+from .patches.grid_triangulation import TriangulationSettings, triangulate_view
+from .patches.overlap import part_overlaps
+from .patches.view_comparison import OverlapSettings
 from .rig_file import moved_warnings
 from .scene_check import check_agreement, check_scene, quoted
 from .subject.subject_search import find_subject
 from .subject.subject_views import Views, ViewSettings
-from .triangulation import TriangulationSettings, triangulate_view
 from .views.view_maps import ViewMaps, view_maps
 from .weaving import Seam
 from .zippering import ZipperSettings, zip_patches

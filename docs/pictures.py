@@ -25,7 +25,7 @@ from mirror_scan.core.mesh.triangle_mesh import merge
 from mirror_scan.core.mirrors import Mirror
 from mirror_scan.core.mirrors.mirror import reflection_matrix
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
-from mirror_scan.core.overlap import part_overlaps
+from mirror_scan.core.patches.overlap import part_overlaps
 from mirror_scan.core.pipeline import Settings, avatar_frame, clean_views, make_patches
 from mirror_scan.core.preview import BACKGROUND, INK, KIND_COLORS, SIDES, draw_text, render_preview, render_views
 from mirror_scan.core.simulation.mannequin import mannequin

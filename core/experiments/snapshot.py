@@ -19,9 +19,9 @@ from ..mesh import Mesh
 from ..mesh.bvh import build_bvh, closest_point
 from ..mirrors.mirror import reflection_matrix
 from ..mirrors.picked_mirror import place_mirror
+from ..patches.grid_triangulation import triangulate_view
 from ..preview import draw_text, render_views
 from ..simulation.simulate import Simulation
-from ..triangulation import triangulate_view
 
 WAYS = ("raw", "cleaned")
 """``raw``: the mean of the burst's readings at each pixel, as the paper has it; ``cleaned``: as we reconstruct."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..camera import project
 from ..mirrors.mirror import plane_mirror, reflection_matrix
-from ..triangulation import TriangulationSettings
+from ..patches.grid_triangulation import TriangulationSettings
 from .simulate import Simulation
 
 TOLERANCE = 0.015

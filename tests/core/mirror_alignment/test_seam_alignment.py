@@ -28,7 +28,7 @@ from mirror_scan.core.mirrors.mirror import (
     reflection_shift,
 )
 from mirror_scan.core.numeric.point_products import transform
-from mirror_scan.core.overlap import part_overlaps
+from mirror_scan.core.patches.overlap import part_overlaps
 from mirror_scan.core.pipeline import Clock, Settings, reconstruct, scan_steps
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate

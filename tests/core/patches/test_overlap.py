@@ -17,8 +17,9 @@ from mirror_scan.core.mesh.normals import vertex_normals
 from mirror_scan.core.mesh.submesh import vertex_fans
 from mirror_scan.core.mesh.triangle_mesh import merge
 from mirror_scan.core.mirrors.mirror import plane_mirror, reflect, reflection_matrix
-from mirror_scan.core.overlap import OverlapSettings, compare_views, own_confidence, part_overlaps
-from mirror_scan.core.triangulation import triangulate_view
+from mirror_scan.core.patches.grid_triangulation import triangulate_view
+from mirror_scan.core.patches.overlap import part_overlaps
+from mirror_scan.core.patches.view_comparison import OverlapSettings, compare_views, own_confidence
 from mirror_scan.core.views.view_maps import view_maps
 from mirror_scan.core.zippering import zip_patches
 from scipy.spatial import cKDTree

@@ -8,12 +8,12 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mirror_scan.core.clipping import clip, distance_to_zero, smooth_on_mesh, trim_outline
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.boundary_loops import boundary_loops
 from mirror_scan.core.mesh.half_edges import boundary_edges, twins
 from mirror_scan.core.mesh.normals import triangle_normals
 from mirror_scan.core.mesh.submesh import vertex_fans
+from mirror_scan.core.patches.outline_clipping import clip, distance_to_zero, smooth_on_mesh, trim_outline
 
 
 def coloured(vertices, faces) -> Mesh:

@@ -10,7 +10,7 @@ from mirror_scan.core.mesh import SURFACE
 from mirror_scan.core.mesh.boundary_loops import boundary_loops
 from mirror_scan.core.mesh.normals import triangle_normals
 from mirror_scan.core.mesh.submesh import vertex_fans
-from mirror_scan.core.triangulation import TriangulationSettings, triangulate_view
+from mirror_scan.core.patches.grid_triangulation import TriangulationSettings, triangulate_view
 
 LENS = Intrinsics(120, 90, 110.0, 110.0, 59.5, 44.5)
 V, U = np.mgrid[:90, :120]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .mesh import Mesh
-from .mesh.half_edges import boundary_vertices
-from .mesh.submesh import compact, keep_triangles
+from ..mesh import Mesh
+from ..mesh.half_edges import boundary_vertices
+from ..mesh.submesh import compact, keep_triangles
 
 
 def trim_outline(mesh: Mesh, level: float) -> Mesh:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from .clipping import trim_outline
-from .mesh import SURFACE, Mesh
-from .mesh.half_edges import keep_twins, twins
-from .mesh.submesh import components_of, keep_triangles, remove_bowties
+from ..mesh import SURFACE, Mesh
+from ..mesh.half_edges import keep_twins, twins
+from ..mesh.submesh import components_of, keep_triangles, remove_bowties
+from .outline_clipping import trim_outline
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""Patches: the depth grid of each view triangulated, clipped, compared where views overlap."""
