@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .bulging import bulge, rim_marks
-from .fairing import fair
-from .filling import fill_loops
+from .hole_filling.delaunay_refinement import edge_length_at_vertices, refine
+from .hole_filling.loop_triangulation import fill_loops
+from .hole_filling.silhouette_bulge import bulge, rim_marks
+from .hole_filling.thin_plate_fairing import fair
 from .mesh import FILL, Mesh
 from .mesh.boundary_loops import loops_of
 from .mesh.half_edges import clashing, extend_open_edges, extend_twins, open_edges, twins
@@ -16,7 +17,6 @@ from .mesh.submesh import keep_components, keep_triangles, made_vertices, remove
 from .mesh.triangle_mesh import check_mesh
 from .numeric.point_products import dot
 from .numeric.threads import each
-from .refinement import edge_length_at_vertices, refine
 from .untangling import untangle
 from .views.free_space import reach_before_empty
 from .views.view_maps import ViewMaps, reading_noise

@@ -10,7 +10,7 @@ from numba import njit
 from .boundary import Boundary, boundary_of
 from .coronal import match_chains, outer_chains, solidity
 from .errors import MirrorScanError
-from .filling import fill_loops
+from .hole_filling.loop_triangulation import fill_loops
 from .matching import find_partners, warp_runs
 from .mesh import Mesh
 from .mesh.half_edges import check_sheet, extend_open_edges, extend_twins, open_edges, twins

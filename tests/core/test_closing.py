@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.closing import ClosingSettings, close_mesh
 from mirror_scan.core.errors import MirrorScanError
-from mirror_scan.core.filling import fill_loops
+from mirror_scan.core.hole_filling.loop_triangulation import fill_loops
 from mirror_scan.core.mesh import FILL, SURFACE, Mesh
 from mirror_scan.core.mesh.half_edges import twins
 from mirror_scan.core.mesh.soundness import mesh_report

@@ -12,7 +12,7 @@ from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.coronal import Chain, match_chains, pairings, solidity, split_loop
 from mirror_scan.core.dtw import dtw
 from mirror_scan.core.errors import MirrorScanError
-from mirror_scan.core.filling import fill_loops
+from mirror_scan.core.hole_filling.loop_triangulation import fill_loops
 from mirror_scan.core.mesh import SURFACE, Mesh
 from mirror_scan.core.mesh.boundary_loops import boundary_loops
 from mirror_scan.core.mesh.half_edges import boundary_edges, twins

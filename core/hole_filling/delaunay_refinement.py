@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .mesh import SURFACE, Mesh
-from .mesh.edge_lists import empty_edges, join, joined, part
-from .mesh.half_edges import twins
-from .mesh.submesh import made_vertices
+from ..mesh import SURFACE, Mesh
+from ..mesh.edge_lists import empty_edges, join, joined, part
+from ..mesh.half_edges import twins
+from ..mesh.submesh import made_vertices
 
 
 def edge_length_at_vertices(mesh: Mesh) -> np.ndarray:

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from mirror_scan.core.bulging import bulge, rim_marks
 from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.closing import close_mesh
-from mirror_scan.core.filling import fill_loops
+from mirror_scan.core.hole_filling.delaunay_refinement import edge_length_at_vertices, refine
+from mirror_scan.core.hole_filling.loop_triangulation import fill_loops
+from mirror_scan.core.hole_filling.silhouette_bulge import bulge, rim_marks
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.half_edges import boundary_vertices
 from mirror_scan.core.mesh.submesh import compact, remove_bowties
-from mirror_scan.core.refinement import edge_length_at_vertices, refine
 from mirror_scan.core.views.view_maps import view_maps
 
 CAMERA = Intrinsics(200, 200, 300.0, 300.0, 99.5, 99.5)

@@ -7,12 +7,12 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mirror_scan.core.filling import fill_loops
+from mirror_scan.core.hole_filling.delaunay_refinement import edge_length_at_vertices, refine
+from mirror_scan.core.hole_filling.loop_triangulation import fill_loops
 from mirror_scan.core.mesh import FILL, SEAM, SURFACE, Mesh
 from mirror_scan.core.mesh.half_edges import twins
 from mirror_scan.core.mesh.normals import triangle_normals
 from mirror_scan.core.mesh.submesh import compact, remove_bowties, vertex_fans
-from mirror_scan.core.refinement import edge_length_at_vertices, refine
 
 
 def measured(vertices, faces) -> Mesh:

@@ -6,11 +6,11 @@ import naive
 import numpy as np
 import pytest
 import trimesh
-from mirror_scan.core.fairing import fair, neighbours
-from mirror_scan.core.filling import fill_loops
+from mirror_scan.core.hole_filling.delaunay_refinement import edge_length_at_vertices, refine
+from mirror_scan.core.hole_filling.loop_triangulation import fill_loops
+from mirror_scan.core.hole_filling.thin_plate_fairing import fair, neighbours
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.submesh import compact, remove_bowties
-from mirror_scan.core.refinement import edge_length_at_vertices, refine
 
 
 def lidded(radius):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .numeric.sparse_least_squares import elimination_order, solve_squares
+from ..numeric.sparse_least_squares import elimination_order, solve_squares
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

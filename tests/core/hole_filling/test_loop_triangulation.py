@@ -8,7 +8,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mirror_scan.core.camera import Intrinsics
-from mirror_scan.core.filling import fill_loops
+from mirror_scan.core.hole_filling.loop_triangulation import fill_loops
 from mirror_scan.core.mesh import FILL, SURFACE, Mesh
 from mirror_scan.core.mesh.boundary_loops import boundary_loops
 from mirror_scan.core.mesh.half_edges import open_edges, twins

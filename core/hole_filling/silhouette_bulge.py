@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .mesh import SURFACE, Mesh
-from .mesh.normals import vertex_normals
-from .mesh.submesh import made_vertices, triangles_touching
-from .views.view_maps import ViewMaps, look_at, reading_noise
+from ..mesh import SURFACE, Mesh
+from ..mesh.normals import vertex_normals
+from ..mesh.submesh import made_vertices, triangles_touching
+from ..views.view_maps import ViewMaps, look_at, reading_noise
 
 _WINDOW = 4  # so far beside the last reading of an outline the next one may be [px]
 _DROP = 0.05  # farther away than this is something else [m]
@@ -35,7 +35,7 @@ def rim_marks(mesh: Mesh, maps: ViewMaps) -> np.ndarray:
 
 
 def bulge(marks: np.ndarray, parents: np.ndarray, mesh: Mesh, rings: int = 8) -> np.ndarray:
-    """How many times its flat width the surface between rims is wide (V,), for :func:`.fairing.fair`.
+    """How many times its flat width the surface between rims is wide (V,), for :func:`.thin_plate_fairing.fair`.
 
     Between two rims that are turned by α either way from the middle between them, an arc that continues both rises
     tan(α/2)/2 of its chord, a thin plate over the flat chord sin(α)/4: it has to be stretched by 2 / (1 + cos α).

@@ -1,0 +1,1 @@
+"""Boundary loops filled: triangulated, refined, curved and faired."""
