@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from mirror_scan.core.boundary import boundary_of
-from mirror_scan.core.closing import close_mesh
+from mirror_scan.core.closing.mesh_closing import close_mesh
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.mesh import SEAM, Mesh
 from mirror_scan.core.mesh.bvh import build_bvh, closest_point

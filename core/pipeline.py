@@ -11,7 +11,7 @@ import numpy as np
 from .camera import Intrinsics, unproject
 from .camera.noise_models import NoiseModel
 from .capture import Capture, MirrorPicks
-from .closing import ClosingSettings, close_mesh
+from .closing.mesh_closing import ClosingSettings, close_mesh
 from .depth.burst_fusion import fuse_burst
 from .depth.burst_motion import still_warning
 from .depth.clean_views import clean

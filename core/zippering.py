@@ -81,7 +81,7 @@ def zip_patches(
         With the seams' triangles (kind ``SEAM``); no directed edge occurs twice. Small holes are filled (``FILL``).
     seams : list of Seam
     twin : np.ndarray [shape=(3 T,), dtype=int32]
-        :func:`~.half_edges.twins` of the mesh, for :func:`~.closing.close_mesh`.
+        :func:`~.half_edges.twins` of the mesh, for :func:`~.mesh_closing.close_mesh`.
 
     Raises
     ------

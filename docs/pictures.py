@@ -16,7 +16,7 @@ import numpy as np
 from mirror_scan.core.camera import unproject
 from mirror_scan.core.capture import Capture
 from mirror_scan.core.capture.capture_summary import picture
-from mirror_scan.core.closing import close_mesh
+from mirror_scan.core.closing.mesh_closing import close_mesh
 from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.io.images import openimageio, read_image, write_png

@@ -242,7 +242,7 @@ def _reading(options: argparse.Namespace) -> tuple[FrameChoice, ReadOptions]:
 
 def settings_of(options: argparse.Namespace) -> Settings:
     """Settings with what :func:`.parser._add_cleaning` leaves out, and what a command says of the subject."""
-    from ..closing import ClosingSettings
+    from ..closing.mesh_closing import ClosingSettings
     from ..depth.settings import DepthSettings
     from ..pipeline import Settings
     from ..subject.subject_views import ViewSettings

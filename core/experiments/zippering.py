@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from ..camera import Intrinsics
-from ..closing import close_mesh
+from ..closing.mesh_closing import close_mesh
 from ..coronal import solidity
 from ..errors import MirrorScanError
 from ..mesh import SEAM, SURFACE, Mesh

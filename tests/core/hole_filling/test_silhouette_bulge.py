@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from mirror_scan.core.camera import Intrinsics
-from mirror_scan.core.closing import close_mesh
+from mirror_scan.core.closing.mesh_closing import close_mesh
 from mirror_scan.core.hole_filling.delaunay_refinement import edge_length_at_vertices, refine
 from mirror_scan.core.hole_filling.loop_triangulation import fill_loops
 from mirror_scan.core.hole_filling.silhouette_bulge import bulge, rim_marks

@@ -6,20 +6,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .hole_filling.delaunay_refinement import edge_length_at_vertices, refine
-from .hole_filling.loop_triangulation import fill_loops
-from .hole_filling.silhouette_bulge import bulge, rim_marks
-from .hole_filling.thin_plate_fairing import fair
-from .mesh import FILL, Mesh
-from .mesh.boundary_loops import loops_of
-from .mesh.half_edges import clashing, extend_open_edges, extend_twins, open_edges, twins
-from .mesh.submesh import keep_components, keep_triangles, made_vertices, remove_bowties
-from .mesh.triangle_mesh import check_mesh
-from .numeric.point_products import dot
-from .numeric.threads import each
-from .untangling import untangle
-from .views.free_space import reach_before_empty
-from .views.view_maps import ViewMaps, reading_noise
+from ..hole_filling.delaunay_refinement import edge_length_at_vertices, refine
+from ..hole_filling.loop_triangulation import fill_loops
+from ..hole_filling.silhouette_bulge import bulge, rim_marks
+from ..hole_filling.thin_plate_fairing import fair
+from ..mesh import Mesh
+from ..mesh.half_edges import clashing, extend_twins, open_edges, twins
+from ..mesh.submesh import keep_components, keep_triangles, made_vertices, remove_bowties
+from ..mesh.triangle_mesh import check_mesh
+from ..numeric.point_products import dot
+from ..numeric.threads import each
+from ..views.free_space import reach_before_empty
+from ..views.view_maps import ViewMaps, reading_noise
+from .self_intersection_repair import untangle
+from .soles import arch_of_foot, drop_soles
 
 _TIMES_HELD = 4  # what is held back pushes its surroundings
 _HELD = 1.0  # how stiffly, beside the bending of the surface
@@ -123,7 +123,7 @@ def close_mesh(
     flat = np.zeros(len(mesh.vertices), np.bool_)
     if floor is not None:
         flat = made & (np.abs(dot(mesh.vertices, up) - floor) < 1e-6)
-        mesh = replace(mesh, vertices=_arch(mesh.vertices, flat, up))
+        mesh = replace(mesh, vertices=arch_of_foot(mesh.vertices, flat, up))
     rim = made_vertices(mesh)
     stiffness = np.where(flat, np.inf, np.where(made, 0.0, np.where(rim, _stiffness(mesh, maps, settings), np.inf)))
     stretch = bulge(marks, parents, mesh)
@@ -164,57 +164,7 @@ def _faired(mesh: Mesh, stiffness: np.ndarray, stretch: np.ndarray, maps: ViewMa
     return faired
 
 
-def _arch(vertices: np.ndarray, flat: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """The ``flat`` vertices (V,) bool raised by some hundredths of a millimetre, as a part of one wide arch.
-
-    Triangles in one plane are a matter of rounding to whoever asks whether they cross: MeshLab says yes to many of
-    a flat sole. On an arch each lies clear of the others' planes.
-    """
-    if not flat.any():
-        return vertices
-    level = vertices[flat] - vertices[flat].mean(axis=0)
-    level -= dot(level, up)[:, None] * up
-    aside = np.einsum("ij,ij->i", level, level)
-    out = vertices.copy()
-    out[flat] += (4e-4 * (aside.max() - aside))[:, None] * up
-    return out
-
-
 def _stiffness(mesh: Mesh, maps: ViewMaps, settings: ClosingSettings) -> np.ndarray:
     """How stiffly each vertex (V,) holds its place: the surer its reading, the stiffer; infinite without noise."""
     with np.errstate(divide="ignore"):
         return settings.fairness * (0.001 / reading_noise(mesh, maps))
-
-
-def drop_soles(mesh: Mesh, edges: np.ndarray, up: np.ndarray, floor: float, reach: float) -> tuple[Mesh, np.ndarray]:
-    """Let boundary loops just above the floor down onto it: a vertical skirt, so that the sole is closed flat.
-
-    Takes and returns the mesh with its open edges.
-
-    A loop counts when at least three quarters of it lie lower than ``reach`` and none four times as high.
-    """
-    below = []
-    for loop in loops_of(edges, len(mesh.vertices)):
-        height = dot(mesh.vertices[loop], up) - floor
-        if len(loop) >= 8 and height.max() < 4 * reach and height.min() > -reach and np.quantile(height, 0.75) < reach:
-            below.append(loop)
-    if not below:
-        return mesh, edges
-    vertices, triangles, count = [mesh.vertices], [mesh.triangles], len(mesh.vertices)
-    source = np.concatenate(below)
-    for loop in below:
-        height = dot(mesh.vertices[loop], up) - floor
-        vertices.append(mesh.vertices[loop] - height[:, None] * up)
-        foot = np.arange(count, count + len(loop))
-        count += len(loop)
-        after, foot_after = np.roll(loop, -1), np.roll(foot, -1)
-        triangles += [np.column_stack((after, loop, foot)), np.column_stack((foot, foot_after, after))]
-    skirt = sum(len(t) for t in triangles[1:])
-    lowered = Mesh(
-        np.concatenate(vertices),
-        np.concatenate(triangles).astype(np.int32),
-        None if mesh.colors is None else np.concatenate((mesh.colors, mesh.colors[source])),
-        np.concatenate((mesh.view, np.full(len(source), -1, np.int8))),
-        np.concatenate((mesh.kind, np.full(skirt, FILL, np.int8))),
-    )
-    return lowered, extend_open_edges(edges, lowered.triangles, len(mesh.triangles), len(lowered.vertices))

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from .hole_filling.delaunay_refinement import edge_length_at_vertices, refine
-from .hole_filling.loop_triangulation import fill_loops
-from .hole_filling.thin_plate_fairing import fair, neighbours
-from .mesh import FILL, SURFACE, Mesh
-from .mesh.half_edges import keep_twins, open_edges, twins
-from .mesh.self_intersections import self_intersections
-from .mesh.submesh import components_of, keep_triangles, made_vertices, remove_bowties, renumbered, triangles_touching
-from .views.view_maps import ViewMaps
+from ..hole_filling.delaunay_refinement import edge_length_at_vertices, refine
+from ..hole_filling.loop_triangulation import fill_loops
+from ..hole_filling.thin_plate_fairing import fair, neighbours
+from ..mesh import FILL, SURFACE, Mesh
+from ..mesh.half_edges import keep_twins, open_edges, twins
+from ..mesh.self_intersections import self_intersections
+from ..mesh.submesh import components_of, keep_triangles, made_vertices, remove_bowties, renumbered, triangles_touching
+from ..views.view_maps import ViewMaps
 
 _FEW = 0.0003  # of all triangles: what smoothing leaves of these is left
 _ABOUT = 0.03  # what a new triangle may run into has a vertex nearer than this [m]

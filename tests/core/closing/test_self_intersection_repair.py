@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import trimesh
+from mirror_scan.core.closing.self_intersection_repair import untangle
 from mirror_scan.core.mesh import FILL, SURFACE, Mesh
 from mirror_scan.core.mesh.half_edges import twins
 from mirror_scan.core.mesh.self_intersections import self_intersections
 from mirror_scan.core.mesh.submesh import triangle_components, vertex_fans
-from mirror_scan.core.untangling import untangle
 
 
 def body(vertices, faces, made) -> Mesh:

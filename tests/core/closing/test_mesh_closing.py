@@ -10,7 +10,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mirror_scan.core.camera import Intrinsics
-from mirror_scan.core.closing import ClosingSettings, close_mesh
+from mirror_scan.core.closing.mesh_closing import ClosingSettings, close_mesh
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.hole_filling.loop_triangulation import fill_loops
 from mirror_scan.core.mesh import FILL, SURFACE, Mesh

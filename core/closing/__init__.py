@@ -1,0 +1,1 @@
+"""What the zipper left open is closed: one oriented 2-manifold."""
