@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from mirror_scan.core.dtw import dtw
+from mirror_scan.core.zippering.dtw import dtw
 
 from .machine import installed, medians, say
 from .results import Finding, Result, Table, number, yes

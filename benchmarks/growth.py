@@ -15,13 +15,13 @@ from statistics import median
 
 import numpy as np
 from mirror_scan.core.camera import Intrinsics
-from mirror_scan.core.dtw import dtw
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.mesh.half_edges import open_edges
 from mirror_scan.core.pipeline import reconstruct
 from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
+from mirror_scan.core.zippering.dtw import dtw
 
 from .machine import say
 from .memory import CLEAR, extra_peak

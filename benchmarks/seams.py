@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from mirror_scan.core.boundary import boundary_of
 from mirror_scan.core.closing.mesh_closing import close_mesh
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.mesh import SEAM, Mesh
@@ -19,7 +18,8 @@ from mirror_scan.core.mesh.triangle_mesh import merge
 from mirror_scan.core.numeric.point_products import transform
 from mirror_scan.core.patches.overlap import part_overlaps
 from mirror_scan.core.pipeline import Clock, Settings, finish, scan_steps
-from mirror_scan.core.zippering import zip_patches
+from mirror_scan.core.zippering.boundary_frames import boundary_of
+from mirror_scan.core.zippering.zipper import zip_patches
 
 from .generated import QUICK, make, recipes
 from .machine import say

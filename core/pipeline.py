@@ -43,8 +43,8 @@ from .scene_check import check_agreement, check_scene, quoted
 from .subject.subject_search import find_subject
 from .subject.subject_views import Views, ViewSettings
 from .views.view_maps import ViewMaps, view_maps
-from .weaving import Seam
-from .zippering import ZipperSettings, zip_patches
+from .zippering.seam_strips import Seam
+from .zippering.zipper import ZipperSettings, zip_patches
 
 Progress = Callable[[float, str], None]
 

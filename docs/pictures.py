@@ -33,7 +33,7 @@ from mirror_scan.core.simulation.scene import Rig, default_rig
 from mirror_scan.core.simulation.simulate import simulate
 from mirror_scan.core.subject.subject_search import find_subject
 from mirror_scan.core.views.view_maps import view_maps
-from mirror_scan.core.zippering import zip_patches
+from mirror_scan.core.zippering.zipper import zip_patches
 
 IMAGES = Path(__file__).parent / "images"
 VIEW_COLORS = np.array(((236, 164, 72), (64, 158, 164), (150, 112, 190)), np.uint8)  # direct, right, left mirror

@@ -12,7 +12,6 @@ from numba import njit
 
 from ..camera import Intrinsics
 from ..closing.mesh_closing import close_mesh
-from ..coronal import solidity
 from ..errors import MirrorScanError
 from ..mesh import SEAM, SURFACE, Mesh
 from ..mesh.bvh import build_bvh, closest_point, raycast
@@ -23,8 +22,9 @@ from ..mesh.surface_distance import SurfaceDistance, surface_distance
 from ..mesh.triangle_mesh import merge
 from ..preview import KIND_COLORS, SIDES, draw_text, render_views
 from ..views.view_maps import ViewMaps, view_maps
-from ..weaving import Seam
-from ..zippering import ZipperSettings, zip_patches
+from ..zippering.coronal_matching import solidity
+from ..zippering.seam_strips import Seam
+from ..zippering.zipper import ZipperSettings, zip_patches
 from .results import keep
 
 STEPS = (0, 10, 20, 30, 40, 50)

@@ -81,7 +81,7 @@ _SUREST, _LEAST_SURE = 1e-6, 1.0  # of slopes [rad] and shifts [m], one standard
 
 
 Joiner = Callable[[list[Mesh], ViewMaps], Mesh]
-"""Patches and maps → one mesh with seams, as :func:`.zippering.zip_patches` after :func:`.overlap.part_overlaps`."""
+"""Patches and maps → one mesh with seams, as :func:`.zipper.zip_patches` after :func:`.overlap.part_overlaps`."""
 
 
 def align_seams(

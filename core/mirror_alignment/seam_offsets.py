@@ -53,7 +53,7 @@ def seam_pieces(mesh: Mesh, maps: ViewMaps, piece: float = 0.12) -> SeamPieces:
     Parameters
     ----------
     mesh : Mesh
-        As :func:`.zippering.zip_patches` leaves it: a seam's triangles follow each other.
+        As :func:`.zipper.zip_patches` leaves it: a seam's triangles follow each other.
     maps : ViewMaps
     piece : float
         Length of a piece [m].

@@ -19,7 +19,7 @@ from mirror_scan.core.mesh.soundness import mesh_report
 from mirror_scan.core.mesh.submesh import compact, keep_components, vertex_fans
 from mirror_scan.core.mesh.triangle_mesh import merge
 from mirror_scan.core.views.view_maps import view_maps
-from mirror_scan.core.zippering import zip_patches
+from mirror_scan.core.zippering.zipper import zip_patches
 
 UP = np.array((0.0, 0.0, 1.0))
 

@@ -33,7 +33,7 @@ from mirror_scan.core.pipeline import Clock, Settings, reconstruct, scan_steps
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
 from mirror_scan.core.views.view_maps import view_maps
-from mirror_scan.core.zippering import zip_patches
+from mirror_scan.core.zippering.zipper import zip_patches
 from scipy.optimize import minimize
 
 

@@ -21,7 +21,7 @@ from mirror_scan.core.patches.grid_triangulation import triangulate_view
 from mirror_scan.core.patches.overlap import part_overlaps
 from mirror_scan.core.patches.view_comparison import OverlapSettings, compare_views, own_confidence
 from mirror_scan.core.views.view_maps import view_maps
-from mirror_scan.core.zippering import zip_patches
+from mirror_scan.core.zippering.zipper import zip_patches
 from scipy.spatial import cKDTree
 
 LENS = Intrinsics(260, 160, 200.0, 200.0, 99.5, 79.5)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from .mesh import Mesh
-from .mesh.boundary_loops import loops_of
-from .mesh.normals import vertex_normals
+from ..mesh import Mesh
+from ..mesh.boundary_loops import loops_of
+from ..mesh.normals import vertex_normals
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from itertools import combinations
 
 import numpy as np
 
+from ..numeric.point_products import dot
 from .dtw import Warping, dtw
-from .numeric.point_products import dot
 
 _ENOUGH = 120  # vertices of a chain that tell which other it belongs to
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from .errors import MirrorScanError
+from ..errors import MirrorScanError
 
 
 @dataclass(frozen=True)

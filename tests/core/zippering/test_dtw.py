@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mirror_scan.core.dtw import dtw
 from mirror_scan.core.errors import MirrorScanError
+from mirror_scan.core.zippering.dtw import dtw
 
 
 def sequences(seed, n, m, dims=3, repeated=False):

@@ -9,8 +9,6 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mirror_scan.core.camera import Intrinsics
-from mirror_scan.core.coronal import Chain, match_chains, pairings, solidity, split_loop
-from mirror_scan.core.dtw import dtw
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.hole_filling.loop_triangulation import fill_loops
 from mirror_scan.core.mesh import SURFACE, Mesh
@@ -18,8 +16,10 @@ from mirror_scan.core.mesh.boundary_loops import boundary_loops
 from mirror_scan.core.mesh.half_edges import boundary_edges, twins
 from mirror_scan.core.mesh.normals import triangle_normals
 from mirror_scan.core.views.view_maps import view_maps
-from mirror_scan.core.weaving import add_triangles, zip_chains
-from mirror_scan.core.zippering import ZipperSettings, zip_patches
+from mirror_scan.core.zippering.coronal_matching import Chain, match_chains, pairings, solidity, split_loop
+from mirror_scan.core.zippering.dtw import dtw
+from mirror_scan.core.zippering.seam_strips import add_triangles, zip_chains
+from mirror_scan.core.zippering.zipper import ZipperSettings, zip_patches
 
 UP = np.array((0.0, 0.0, 1.0))
 

@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from .boundary import Boundary, boundary_of
-from .coronal import match_chains, outer_chains, solidity
-from .errors import MirrorScanError
-from .hole_filling.loop_triangulation import fill_loops
-from .matching import find_partners, warp_runs
-from .mesh import Mesh
-from .mesh.half_edges import check_sheet, extend_open_edges, extend_twins, open_edges, twins
-from .mesh.submesh import components_of, triangles_touching
-from .mesh.triangle_mesh import check_mesh, merge
-from .numeric.point_products import dot
-from .views.free_space import bridge_is_free
-from .views.view_maps import ViewMaps
-from .weaving import Candidates, Seam, begin_weave, weave_seams
+from ..errors import MirrorScanError
+from ..hole_filling.loop_triangulation import fill_loops
+from ..mesh import Mesh
+from ..mesh.half_edges import check_sheet, extend_open_edges, extend_twins, open_edges, twins
+from ..mesh.submesh import components_of, triangles_touching
+from ..mesh.triangle_mesh import check_mesh, merge
+from ..numeric.point_products import dot
+from ..views.free_space import bridge_is_free
+from ..views.view_maps import ViewMaps
+from .boundary_frames import Boundary, boundary_of
+from .coronal_matching import match_chains, outer_chains, solidity
+from .facing_matching import find_partners, warp_runs
+from .seam_strips import Candidates, Seam, begin_weave, weave_seams
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from .boundary import Boundary
+from ..numeric.point_products import dot
+from ..views.free_space import bridge_is_free
+from ..views.view_maps import ViewMaps
+from .boundary_frames import Boundary
 from .dtw import warp
-from .numeric.point_products import dot
-from .views.free_space import bridge_is_free
-from .views.view_maps import ViewMaps
-from .weaving import Candidates
+from .seam_strips import Candidates
 
 _IN_TURN = 8  # candidates looked at on one side before those on the other
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from .boundary import Boundary
-from .mesh import SEAM, Mesh
-from .numeric.union_find import root_of
+from ..mesh import SEAM, Mesh
+from ..numeric.union_find import root_of
+from .boundary_frames import Boundary
 
 
 @dataclass(frozen=True)

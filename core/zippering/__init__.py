@@ -1,0 +1,1 @@
+"""Patches joined along their boundaries by dynamic time warping."""
