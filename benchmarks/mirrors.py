@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.capture import Capture, MirrorPicks, open_capture
+from mirror_scan.core.checks.view_disagreement import disagreements
 from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.io.images import read_image, write_png
 from mirror_scan.core.mirror_alignment.seam_alignment import SeamSettings
-from mirror_scan.core.mirror_alignment.view_alignment import agree, disagreements
+from mirror_scan.core.mirror_alignment.view_alignment import agree
 from mirror_scan.core.mirror_detection.detection import find_mirrors
 from mirror_scan.core.mirrors import Mirror
 from mirror_scan.core.mirrors.mirror import plane_mirror, reflect

@@ -11,6 +11,8 @@ import numpy as np
 from .camera import Intrinsics, unproject
 from .camera.noise_models import NoiseModel
 from .capture import Capture, MirrorPicks
+from .checks.scene_advice import check_scene
+from .checks.view_disagreement import check_agreement, quoted
 from .closing.mesh_closing import ClosingSettings, close_mesh
 from .depth.burst_fusion import fuse_burst
 from .depth.burst_motion import still_warning
@@ -39,7 +41,6 @@ from .patches.grid_triangulation import TriangulationSettings, triangulate_view
 from .patches.overlap import part_overlaps
 from .patches.view_comparison import OverlapSettings
 from .rig_file import moved_warnings
-from .scene_check import check_agreement, check_scene, quoted
 from .subject.subject_search import find_subject
 from .subject.subject_views import Views, ViewSettings
 from .views.view_maps import ViewMaps, view_maps
@@ -204,7 +205,7 @@ def scan_steps(
     """One camera's readings → patches: the first half of the job, ``part`` of the whole.
 
     ``meeting``: where the subject is meant to stand, camera frame [m]; by default where the mirrors look. ``find``:
-    without ``picks`` mirrors are searched for. ``alone``: as in :func:`.scene_check.check_scene`.
+    without ``picks`` mirrors are searched for. ``alone``: as in :func:`.scene_advice.check_scene`.
     """
 
     def at(share: float) -> float:

@@ -9,15 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from ..camera import Intrinsics, unproject
 from ..mirrors import Mirror
 from ..mirrors.mirror import expected_error, moved, reflection_moves, with_reason
-from ..numeric.point_products import dot
-from ..subject.subject_views import Views
 from ..views.ray_sorting import sort_rays
-from ..views.view_correspondences import Meeting, Surfaces, meetings, noise_of, surfaces, views_of
+from ..views.view_correspondences import Meeting, Surfaces, meetings, noise_of, views_of
 
 
 @dataclass(frozen=True)
@@ -43,12 +40,6 @@ class AgreementSettings:
     gate: float = 0.10
     gain: float = 0.5
     min_pairs: int = 40
-
-
-_ABOUT = 1.0  # how far from the vertical through the subject it may reach [m]
-_THROUGH = 0.3  # of what one view shows may be looked through by another: silhouettes are ragged
-_HIDDEN = 0.03  # surfaces farther behind others are hidden by them [m]
-_APART = 0.12  # surfaces of the subject that lie farther apart are other parts of it [m]
 
 
 def agree(
@@ -157,117 +148,6 @@ def agree(
         with_reason(replace(m, covariance=covariance[part, part]), old, "views") if f else m
         for m, old, f, part in zip(placed(step), mirrors, free, parts, strict=True)
     ]
-
-
-@dataclass(frozen=True)
-class Disagreement:
-    """Two views place the subject apart.
-
-    Parameters
-    ----------
-    mirror : int
-        Index of the mirror most likely at fault.
-    other : int
-        The view it contradicts, 0 = direct.
-    distance : float
-        Median distance of surfaces both see [m]; 0 when that is no more than noise, or they hardly meet.
-    through : float
-        Share of what one of them shows that the other looks through.
-    sure : bool
-        It is this mirror; else it may as well be the other.
-    """
-
-    mirror: int
-    other: int
-    distance: float
-    through: float
-    sure: bool
-
-    @property
-    def hopeless(self) -> bool:
-        """The surface would be doubled, and by which mirror is known."""
-        return self.sure and (self.distance > 0.03 or self.through > 0.5)
-
-
-def disagreements(depth: np.ndarray, views: Views, mirrors: list[Mirror], intrinsics: Intrinsics) -> list[Disagreement]:
-    """Where views of the subject contradict each other, the worst of each mirror.
-
-    Compared is what each mirror shows about the subject's place, whether it was taken for the subject or not: a mirror
-    that is far off shows something that no longer looks like it. O(pixels of the subject).
-    """
-    subject = dot(views.points.reshape(-1, 3)[np.flatnonzero(views.labels == 0)[::5]], views.up)
-    low, high = (subject.min(), subject.max()) if len(subject) else (-np.inf, np.inf)
-    low = low + 0.1 if views.floor is None else views.floor + 0.1
-    labels = _about_kernel(views.labels, views.seen, views.points, views.up, views.axis, low, high + 0.1)
-    sigma = noise_of(depth, labels)
-    shown = [surfaces(depth, labels, view, intrinsics, sigma) for view in range(len(mirrors) + 1)]
-    apart: dict[tuple[int, int], list[Meeting]] = {}
-    for m in meetings(mirrors, shown, intrinsics, _APART, depth, views.seen):
-        apart.setdefault((min(m.of, m.by), max(m.of, m.by)), []).append(m)
-    told = []  # pair, distance, share looked through
-    doubt = np.zeros(len(mirrors) + 1)  # how far each mirror contradicts the direct view, though that need not be told
-    for pair, both in apart.items():
-        # what lies far behind what the other view sees there may well be hidden from it
-        gaps = [np.abs(m.gaps[m.gaps < _HIDDEN]) for m in both] + [np.full(m.before, _APART) for m in both]
-        gaps = np.concatenate(gaps)
-        variances = np.concatenate([m.variances for m in both])
-        distance = 0.0
-        if len(gaps) >= 40 and len(variances):
-            distance = float(np.median(gaps))
-            if distance < max(0.012, 3.0 * float(np.sqrt(np.median(variances)))):
-                distance = 0.0
-        through = max(_looked_through(m) for m in both)
-        if pair[0] == 0:
-            doubt[pair[1]] = max(m.through / max(m.judged, 100) for m in both)
-        if distance > 0.0 or through > _THROUGH:
-            told.append((pair, distance, through))
-    direct = {pair[1] for pair, _, _ in told if pair[0] == 0}
-    worst: dict[int, Disagreement] = {}
-    for (one, other), distance, through in told:
-        guilty, witness, sure = other, one, True
-        if one > 0:
-            unsure = [expected_error(mirrors[k - 1]) + 1e-6 for k in (one, other)]
-            # by the direct view where it can tell, else by their frames
-            blame = [
-                (k in direct) + 4.0 * doubt[k] + 0.2 * np.log2(e) for k, e in zip((one, other), unsure, strict=True)
-            ]
-            sure = abs(blame[0] - blame[1]) > 0.6
-            guilty, witness = (one, other) if blame[0] > blame[1] else (other, one)
-        known = worst.get(guilty, Disagreement(guilty - 1, witness, 0.0, 0.0, False))
-        worst[guilty] = replace(
-            known,
-            distance=max(distance, known.distance),
-            through=max(through, known.through),
-            sure=sure or known.sure,
-        )
-    return [worst[k] for k in sorted(worst)]
-
-
-def _looked_through(m: Meeting) -> float:
-    """Share of the pieces, where there are enough to go by; of a few most must say so."""
-    share = m.through / max(m.judged, 1)
-    return share if m.judged >= 100 or (m.judged >= 40 and share > 0.7) else 0.0
-
-
-@njit(cache=True, nogil=True)
-def _about_kernel(labels, seen, points, up, axis, low, high):
-    """The directly seen subject's pixels, 0, and what mirrors show about it, their views; else -1."""
-    out = np.full(labels.shape, -1, np.int8)
-    for v in range(labels.shape[0]):
-        for u in range(labels.shape[1]):
-            if labels[v, u] == 0:
-                out[v, u] = 0
-            if seen[v, u] <= 0:
-                continue
-            x, y, z = points[v, u, 0], points[v, u, 1], points[v, u, 2]
-            height = up[0] * x + up[1] * y + up[2] * z
-            if height <= low or height >= high:
-                continue
-            x, y, z = x - axis[0], y - axis[1], z - axis[2]
-            along = up[0] * x + up[1] * y + up[2] * z
-            if x * x + y * y + z * z - along * along < _ABOUT * _ABOUT:
-                out[v, u] = seen[v, u]
-    return out
 
 
 def _shared(shown: list[Surfaces], m: Meeting) -> float:

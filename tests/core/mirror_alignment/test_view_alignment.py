@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mirror_scan.core.checks.view_disagreement import check_agreement, disagreements
 from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
-from mirror_scan.core.mirror_alignment.view_alignment import AgreementSettings, agree, disagreements
+from mirror_scan.core.mirror_alignment.view_alignment import AgreementSettings, agree
 from mirror_scan.core.mirrors.mirror import expected_error, moved, person_before, plane_mirror, reflect
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.pipeline import reconstruct
-from mirror_scan.core.scene_check import check_agreement
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
 from mirror_scan.core.subject.subject_search import find_subject

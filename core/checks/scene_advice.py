@@ -7,22 +7,31 @@ they would be seen: on the glass or past it, in the image or out of it, behind s
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from .camera import Intrinsics, project
-from .camera.noise_models import NoiseModel
-from .mirror_alignment.view_alignment import disagreements
-from .mirrors import Mirror
-from .mirrors.mirror import reflection_matrix
-from .mirrors.wall_behind_frame import on_wall
-from .numeric.point_products import dot, transform
-from .subject.subject_views import Views
-from .views.floor_and_vertical import leans
-from .views.ray_sorting import glass_corners
-from .views.rig_axis import rig_axis, visible_middle
+from ..camera import Intrinsics
+from ..camera.noise_models import NoiseModel
+from ..mirrors import Mirror
+from ..mirrors.mirror import reflection_matrix
+from ..mirrors.wall_behind_frame import on_wall
+from ..numeric.point_products import dot
+from ..subject.subject_views import Views
+from ..views.floor_and_vertical import leans
+from ..views.ray_sorting import glass_corners
+from ..views.rig_axis import rig_axis, visible_middle
+from .reflection_forecast import (
+    Reflection,
+    distance_past_edges,
+    foresee,
+    reach_beyond_edges,
+    reflections_on_mirror,
+    thinned,
+    without_frame,
+)
+from .view_disagreement import quoted
 
 MAX_LEAN_DEG = 4.0
 """Mirrors that lean more than this are told."""
@@ -56,33 +65,9 @@ _NOT_SHOWN = 0.15  # of the subject: a mirror that shows less of it shows someth
 _MUCH_HIDDEN = 0.25  # of a reflection: where the glass ends behind that is hardly known
 _ROOM = 0.02  # beside the subject, when it is told how much is lacking [m]
 _LONG_MOVE, _SHORT_STEP = 0.15, 0.1  # m: a mirror is turned rather than moved so far; nobody is told to step less
-_WIDEST_FRAME, _IN_PLANE = 0.15, 0.02  # of a mirror [m]; how near to its plane that is read, of z
-_TRUNK = 0.24  # from the body's middle: what is farther off is an arm [m]
 _OUTWARDS = np.arange(0.05, 0.85, 0.05)  # by how much a mirror may be asked to be moved [m]
 _SPARE_DEG = 2.5  # between the image's border and the subject: toes point forward, hair stands up
 _BORDER_PIXELS = 6  # of the subject at the image's border that mean it is cut
-
-
-@dataclass(frozen=True)
-class Reflection:
-    """Where the subject's reflection in a mirror ought to be: shares of its points that other views show.
-
-    ``over_glass``, ``over_image``: how far the subject reaches over the left, right, top and bottom edge of the glass
-    [m on the mirror] and of the image [m at the subject], negative = room to spare; ``out``: share past the glass;
-    ``seen``: share inside both; ``hidden``: share of all that is behind the subject's own body, and ``blocked``: behind
-    something else; ``arms``: how much of ``hidden`` is behind what is held off the trunk; ``unread``: share of what is
-    inside both without a reading; ``distance``: median z along the folded path [m].
-    """
-
-    over_glass: dict[str, float]
-    over_image: dict[str, float]
-    out: float
-    seen: float
-    hidden: float
-    blocked: float
-    arms: float
-    unread: float
-    distance: float
 
 
 def check_scene(
@@ -114,11 +99,11 @@ def check_scene(
         Each says what is wrong, where, and what to do. Empty for a good scene.
     """
     told = _cut_by_image(views, intrinsics)
-    subject = _thinned(views, views.labels == 0)
+    subject = thinned(views, views.labels == 0)
     if len(subject):
         # what a mirror shows itself ends where its glass does
-        others = [_thinned(views, (views.labels >= 0) & (views.labels != k)) for k in range(1, len(mirrors) + 1)]
-        mirrors = [_without_frame(m, depth, views, intrinsics) for m in mirrors]
+        others = [thinned(views, (views.labels >= 0) & (views.labels != k)) for k in range(1, len(mirrors) + 1)]
+        mirrors = [without_frame(m, depth, views, intrinsics) for m in mirrors]
         found = [foresee(points, depth, views, m, intrinsics) for points, m in zip(others, mirrors, strict=True)]
         step = _step_aside(subject, views, mirrors, found, intrinsics)
         if step is not None:
@@ -135,47 +120,6 @@ def check_scene(
                 )
     told += _about_rig(views, mirrors, alone)
     return told
-
-
-def check_agreement(
-    depth: np.ndarray, views: Views, mirrors: list[Mirror], intrinsics: Intrinsics
-) -> tuple[Views, list[str]]:
-    """Mirrors that contradict the other views are told, and left out where they would double the body.
-
-    Returns
-    -------
-    views : Views
-        Without the pixels of mirrors that are left out.
-    told : list of str
-    """
-    told, labels = [], views.labels
-    for apart in disagreements(depth, views, mirrors, intrinsics):
-        name = quoted(mirrors[apart.mirror])
-        other = "the camera" if apart.other == 0 else quoted(mirrors[apart.other - 1])
-        how = f"{100.0 * apart.distance:.0f} cm off what {other} shows" if apart.distance else (
-            f"where {other} looks through, {apart.through:.0%} of it")  # fmt: skip
-        who = "its plane is wrong: pick points on all sides of its frame again"
-        if not apart.sure:
-            who = "the plane of one of the two is wrong: pick points on all sides of both frames again"
-        if apart.hopeless:
-            labels = np.where(labels == apart.mirror + 1, -1, labels).astype(labels.dtype)
-            what = f"{name} is left out, or the body would be doubled: it places the subject {how}"
-        else:
-            what = f"{name} places the subject {how}, so that its surface is uneven there"
-        told.append(
-            f"{what}; {who} (on nothing else), see that the mirror is flat and has not moved, or take a longer burst"
-        )
-    return replace(views, labels=labels), told
-
-
-def _thinned(views: Views, which: np.ndarray) -> np.ndarray:
-    """Some thousand points (N, 3) of the pixels that are meant (H, W)."""
-    mine = np.flatnonzero(which)
-    return views.points.reshape(-1, 3)[mine[:: len(mine) // 4000 + 1]]
-
-
-def quoted(mirror: Mirror) -> str:
-    return f"the mirror “{mirror.name}”"
 
 
 def _cut_by_image(views: Views, intrinsics: Intrinsics) -> list[str]:
@@ -227,104 +171,6 @@ def _by_tilt(beyond: float) -> str:
     return f" by {by}°" if by < 45 else ""
 
 
-def foresee(subject: np.ndarray, depth: np.ndarray, views: Views, mirror: Mirror, intrinsics: Intrinsics) -> Reflection:
-    """Where the mirror ought to show the subject, by points (N, 3) of it that are seen otherwise."""
-    k = intrinsics
-    laid, a, b, through = _on_mirror(subject, mirror)
-    ahead = laid[:, 2] > 0.1
-    z = np.where(ahead, laid[:, 2], 1.0)
-    u, v = laid[:, 0] / z * k.fx + k.cx, laid[:, 1] / z * k.fy + k.cy
-    within = (u >= 0) & (v >= 0) & (u <= k.width - 1) & (v <= k.height - 1)
-    row, column = (np.rint(np.where(within, x, 0.0)).astype(int) for x in (v, u))
-    masked = within & ahead & (views.labels[row, column] == 0)
-    over_glass, out = dict.fromkeys(("left", "right", "top", "bottom"), -np.inf), 0.0
-    corners = glass_corners(mirror)
-    if corners is not None:
-        (a0, b0), (a1, b1) = corners.min(axis=0), corners.max(axis=0)
-        # where the edge is behind the subject itself, how far the glass goes on is not known
-        edge = project(
-            mirror.point + np.column_stack((np.clip(a, a0, a1), np.clip(b, b0, b1))) @ mirror.basis[:, :2].T, k
-        )  # fmt: skip
-        edge = np.rint(np.clip(np.nan_to_num(edge), 0, (k.width - 1, k.height - 1))).astype(int)
-        masked &= views.labels[edge[:, 1], edge[:, 0]] == 0
-        shown = masked | ((a > a0) & (a < a1) & (b > b0) & (b < b1))
-        through, out = through & shown, float((ahead & ~shown).mean())
-        over_glass = _beyond({
-            side: np.where(masked, np.minimum(value, 0.0), np.where(ahead, value, np.inf))
-            for side, value in _past(a, b, corners).items()
-        })  # fmt: skip
-    per_pixel = z / k.fx
-    over_image = _beyond({
-        "left": -u * per_pixel, "right": (u - k.width + 1) * per_pixel,
-        "top": -v * per_pixel, "bottom": (v - k.height + 1) * per_pixel,
-    })  # fmt: skip
-    inside = through & within
-    row, column = row[inside], column[inside]
-    label, reading = views.labels[row, column], depth[row, column]
-    hidden = label == 0
-    blocked = ~hidden & (reading > 0) & (views.seen[row, column] == 0)
-    across = np.cross(views.up, views.axis)
-    aside = dot(views.points[row[hidden], column[hidden]] - views.axis, across / np.linalg.norm(across))
-    unread = reading == 0
-    return Reflection(
-        over_glass, over_image, out, float(inside.mean()), float(hidden.sum() / len(subject)),
-        float(blocked.sum() / len(subject)), float((np.abs(aside) > _TRUNK).sum() / max(len(aside), 1)),
-        float(unread.sum() / max(int(inside.sum()), 1)), float(np.median(z)),
-    )  # fmt: skip
-
-
-def _without_frame(mirror: Mirror, depth: np.ndarray, views: Views, intrinsics: Intrinsics) -> Mirror:
-    """The mirror whose rectangle ends where its frame begins: up to there readings lie in its plane."""
-    if mirror.rectangle is None or mirror.polygon is not None:
-        return mirror
-    height, width = depth.shape
-    rectangle = np.array(mirror.rectangle, dtype=np.float64)
-    steps = np.arange(0.0, _WIDEST_FRAME, 0.004)
-    for axis in range(2):
-        along = np.linspace(*np.clip(mirror.rectangle[1 - axis], -2.0, 2.0), 62)[6:-6]
-        for end, way in ((0, 1.0), (1, -1.0)):
-            place = np.empty((len(steps), len(along), 2))
-            place[..., axis], place[..., 1 - axis] = (mirror.rectangle[axis, end] + way * steps)[:, None], along
-            on = mirror.point + place @ mirror.basis[:, :2].T
-            pixel = np.rint(np.nan_to_num(project(on.reshape(-1, 3), intrinsics), nan=-1.0)).reshape(place.shape)
-            u, v = pixel[..., 0], pixel[..., 1]
-            free = (u >= 0) & (v >= 0) & (u < width) & (v < height)
-            row, column = np.where(free, v, 0).astype(int), np.where(free, u, 0).astype(int)
-            free &= views.labels[row, column] != 0
-            frame = free & (np.abs(depth[row, column] - on[..., 2]) < _IN_PLANE * on[..., 2])
-            free, frame = free.sum(axis=1), frame.sum(axis=1)
-            moulding = (free >= 6) & (frame >= 0.5 * free)
-            if moulding.any():
-                first = int(np.argmax(moulding))  # the outermost pixels are often not read
-                last = first + int(np.argmin(moulding[first:]))
-                if not moulding[last]:
-                    rectangle[axis, end] += way * steps[last]
-    return replace(mirror, rectangle=rectangle)
-
-
-def _on_mirror(subject: np.ndarray, mirror: Mirror) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Reflections (N, 3) of points; where their lines of sight meet the mirror's plane, along a and b (N,) [m]; and
-    which of them (N,) meet it on their way."""
-    laid = transform(subject, reflection_matrix(mirror))
-    share = (mirror.normal @ mirror.point) / dot(laid, mirror.normal)
-    on = laid * share[:, None] - mirror.point
-    through = (laid[:, 2] > 0.1) & (share > 0) & (share < 1)
-    return laid, dot(on, mirror.basis[:, 0]), dot(on, mirror.basis[:, 1]), through
-
-
-def _past(a: np.ndarray, b: np.ndarray, corners: np.ndarray) -> dict[str, np.ndarray]:
-    """How far places on a mirror (N,) are past each edge of its glass [m]."""
-    (a0, b0), (a1, b1) = corners.min(axis=0), corners.max(axis=0)
-    # seen by the camera a points left, b down
-    return {"left": a - a1, "right": a0 - a, "top": b0 - b, "bottom": b - b1}
-
-
-def _beyond(distance: dict[str, np.ndarray]) -> dict[str, float]:
-    """How far the subject reaches beyond each edge, but for its outermost hundredth [m]; negative = room to spare."""
-    reach = np.quantile(np.stack(list(distance.values())), 0.99, axis=1)
-    return dict(zip(distance, reach.tolist(), strict=True))
-
-
 def _step_aside(
     subject: np.ndarray, views: Views, mirrors: list[Mirror], found: list[Reflection], intrinsics: Intrinsics
 ) -> str | None:
@@ -341,8 +187,8 @@ def _step_aside(
     for mirror in mirrors:
         corners = glass_corners(mirror)
         if corners is not None:
-            _, a, b, _ = _on_mirror(subject + step, mirror)
-            over = _beyond(_past(a, b, corners))
+            _, a, b, _ = reflections_on_mirror(subject + step, mirror)
+            over = reach_beyond_edges(distance_past_edges(a, b, corners))
             if max(over["left"], over["right"]) > MAX_OVER:
                 return None
     right = np.cross(views.up, (0.0, 0.0, -1.0))

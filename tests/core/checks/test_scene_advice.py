@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from mirror_scan.core.camera.noise_models import SENSORS
 from mirror_scan.core.capture import open_capture
+from mirror_scan.core.checks.scene_advice import check_scene, directions
 from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.depth.sensor_recognition import recognise
 from mirror_scan.core.depth.settings import DepthSettings
 from mirror_scan.core.mirrors.mirror import plane_mirror
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
-from mirror_scan.core.scene_check import check_scene, directions
 from mirror_scan.core.simulation.mannequin import Figure, mannequin
 from mirror_scan.core.simulation.props import box, placed
 from mirror_scan.core.simulation.scene import default_rig
@@ -52,7 +52,7 @@ def test_nothing_is_said_of_the_good_captures(shared_captures):
 def shared_captures():
     from pathlib import Path
 
-    folders = sorted((Path(__file__).resolve().parents[3] / "shared" / "data" / "simulated").glob("*/intrinsic.json"))
+    folders = sorted((Path(__file__).resolve().parents[4] / "shared" / "data" / "simulated").glob("*/intrinsic.json"))
     if not folders:
         pytest.skip("there is no ../shared/data/simulated beside the checkout")
     return [path.parent for path in folders]

@@ -1,0 +1,1 @@
+"""Checks: what is wrong with a scene or a result, in words that say what to do."""
