@@ -17,7 +17,8 @@ from mirror_scan.core.mesh.surface_distance import rigid_alignment, sample_surfa
 from mirror_scan.core.mesh.triangle_mesh import merge
 from mirror_scan.core.numeric.point_products import transform
 from mirror_scan.core.patches.overlap import part_overlaps
-from mirror_scan.core.pipeline import Clock, Settings, finish, scan_steps
+from mirror_scan.core.pipeline import Settings, finish
+from mirror_scan.core.pipeline.scan import Clock, scan_steps
 from mirror_scan.core.zippering.boundary_frames import boundary_of
 from mirror_scan.core.zippering.zipper import zip_patches
 

@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from mirror_scan.core.avatar.frame import avatar_frame
 from mirror_scan.core.camera import unproject
 from mirror_scan.core.capture import Capture
 from mirror_scan.core.capture.capture_summary import picture
@@ -26,7 +27,8 @@ from mirror_scan.core.mirrors import Mirror
 from mirror_scan.core.mirrors.mirror import reflection_matrix
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.patches.overlap import part_overlaps
-from mirror_scan.core.pipeline import Settings, avatar_frame, clean_views, make_patches
+from mirror_scan.core.pipeline import Settings
+from mirror_scan.core.pipeline.scan import clean_views, make_patches
 from mirror_scan.core.preview import BACKGROUND, INK, KIND_COLORS, SIDES, draw_text, render_preview, render_views
 from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.scene import Rig, default_rig

@@ -238,7 +238,7 @@ def calibrate_steps(cloud: Cloud, mirrors: list[dict], glass_offset: float, path
     yield 0.0, FITTING if mirrors else FINDING
     from ..core.mirrors.picked_mirror import MirrorSettings
     from ..core.mirrors.rig_file import read_rig, write_rig
-    from ..core.rig_file import calibrate
+    from ..core.pipeline.rig_calibration import calibrate
 
     known = tuple(_known(record) for record in mirrors)
     write_rig(path, calibrate(_capture_of(cloud), known, MirrorSettings(glass_offset=glass_offset)))
@@ -250,7 +250,7 @@ def rig_steps(cloud: Cloud, path: str) -> Steps[Fitted]:
     """The mirrors of a rig file, and a warning of each that has moved since it was written."""
     yield 0.0, "Reading the rig file"
     from ..core.mirrors.rig_file import mirrors_for, read_rig
-    from ..core.rig_file import moved_warnings
+    from ..core.pipeline.rig_calibration import moved_warnings
 
     placed, depth = list(mirrors_for(read_rig(path), cloud.intrinsics)), cloud.depth
     yield 0.5, FITTING
@@ -366,7 +366,7 @@ def _record_of_picks(known) -> dict:
 def find_subject_steps(depth: np.ndarray, intrinsics: Intrinsics, mirrors: list[dict], views: dict) -> Steps[Subject]:
     """Sort every pixel into view and part; ``views`` are the fields of ``core.views.ViewSettings``."""
     yield 0.0, "Finding the person"
-    from ..core.pipeline import avatar_frame
+    from ..core.avatar.frame import avatar_frame
     from ..core.subject.subject_search import find_subject
     from ..core.subject.subject_views import ViewSettings
 

@@ -61,7 +61,7 @@ def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
         if options.subject:
             raise CaptureError("--subject is for one camera; with poses the subject is where the cameras' axes cross")
         from ..capture.camera_poses import open_posed_captures
-        from ..poses import reconstruct_views
+        from ..pipeline.multi_camera import reconstruct_views
 
         captures, poses = open_posed_captures(options.captures, options.poses, *_reading(options))
         read_ms = (time.perf_counter() - started) * 1e3
@@ -95,7 +95,7 @@ def run_calibrate(options: argparse.Namespace, writers: Writers) -> None:
     from ..capture import open_capture
     from ..capture.folders.rgbd_folder import read_mirrors
     from ..mirrors.rig_file import write_rig
-    from ..rig_file import calibrate
+    from ..pipeline.rig_calibration import calibrate
 
     capture = open_capture(options.capture)
     rig = calibrate(capture, read_mirrors(options.mirrors, capture.intrinsics) if options.mirrors else None)
@@ -180,7 +180,7 @@ def run_inspect(options: argparse.Namespace, writers: Writers) -> None:
     from ..io.images import write_png
 
     capture = _open(options.capture, options)
-    from ..inspection import inspect_capture, inspection_picture  # brings numba, as above
+    from ..pipeline.inspection import inspect_capture, inspection_picture  # brings numba, as above
 
     found = inspect_capture(capture, settings_of(options))
     if options.preview:

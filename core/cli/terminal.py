@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..pipeline import Progress, Reconstruction
+    from ..pipeline import Reconstruction
+    from ..pipeline.reconstruction import Progress
 
 
 def summary_line(result: Reconstruction) -> str:

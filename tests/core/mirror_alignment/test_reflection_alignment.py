@@ -15,7 +15,7 @@ from mirror_scan.core.mirror_detection.frameless_mirrors import frameless_notes
 from mirror_scan.core.mirrors.mirror import plane_mirror, reflect, reflection_moves
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.mirrors.wall_behind_frame import on_wall
-from mirror_scan.core.rig_file import calibrate
+from mirror_scan.core.pipeline.rig_calibration import calibrate
 from mirror_scan.core.simulation.props import wall_behind
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate

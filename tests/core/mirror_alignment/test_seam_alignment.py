@@ -29,7 +29,8 @@ from mirror_scan.core.mirrors.mirror import (
 )
 from mirror_scan.core.numeric.point_products import transform
 from mirror_scan.core.patches.overlap import part_overlaps
-from mirror_scan.core.pipeline import Clock, Settings, reconstruct, scan_steps
+from mirror_scan.core.pipeline import Settings, reconstruct
+from mirror_scan.core.pipeline.scan import Clock, scan_steps
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
 from mirror_scan.core.views.view_maps import view_maps

@@ -18,7 +18,8 @@ from mirror_scan.core.mirror_detection.mirror_verification import _open_sides
 from mirror_scan.core.mirror_detection.rectangle_hypotheses import Hypothesis
 from mirror_scan.core.mirrors.mirror import person_before, plane_mirror, reflect
 from mirror_scan.core.mirrors.picked_mirror import MirrorSettings, place_mirror
-from mirror_scan.core.pipeline import Settings, place_mirrors, reconstruct
+from mirror_scan.core.pipeline import Settings, reconstruct
+from mirror_scan.core.pipeline.mirror_placement import place_mirrors
 from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.props import open_door, placed, wall_behind
 from mirror_scan.core.simulation.rays import FRAME

@@ -15,7 +15,7 @@ from mirror_scan.core.mirror_detection.detection import find_mirrors
 from mirror_scan.core.mirrors.mirror import plane_mirror, reflect
 from mirror_scan.core.mirrors.rig_file import mirrors_for, read_rig, write_rig
 from mirror_scan.core.pipeline import reconstruct
-from mirror_scan.core.rig_file import calibrate, moved_warning, moved_warnings
+from mirror_scan.core.pipeline.rig_calibration import calibrate, moved_warning, moved_warnings
 from mirror_scan.core.simulation.props import wall_behind
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate

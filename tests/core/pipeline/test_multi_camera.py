@@ -13,7 +13,7 @@ from mirror_scan.core.errors import CaptureError, ReconstructionError
 from mirror_scan.core.io import read_mesh
 from mirror_scan.core.mesh.surface_distance import evaluate, surface_distance
 from mirror_scan.core.pipeline import reconstruct
-from mirror_scan.core.poses import lines_of_sight_crossing, reconstruct_views
+from mirror_scan.core.pipeline.multi_camera import lines_of_sight_crossing, reconstruct_views
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate, write_simulation
 

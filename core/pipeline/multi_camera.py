@@ -7,13 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from .capture import Capture, MirrorPicks
-from .capture.camera_poses import check_pose
-from .errors import CaptureError, ReconstructionError
-from .mirrors import Mirror
-from .numeric.point_products import transform
-from .pipeline import Clock, Progress, Reconstruction, Scan, Settings, check_frame, finish, joining_steps, scan_steps
-from .views.view_maps import stack_maps
+from ..capture import Capture, MirrorPicks
+from ..capture.camera_poses import check_pose
+from ..errors import CaptureError, ReconstructionError
+from ..mirrors import Mirror
+from ..numeric.point_products import transform
+from ..views.view_maps import stack_maps
+from .reconstruction import Progress, check_frame, finish
+from .scan import Clock, Scan, scan_steps
+from .settings import Settings
+from .surface import Reconstruction, joining_steps
 
 MAX_VIEWS = 127
 """Views are numbered in one signed byte."""
@@ -47,10 +50,10 @@ def reconstruct_views(
     poses : sequence of np.ndarray [shape=(4, 4)]
         Rigid: each camera frame → a frame they all share, any [m].
     mirrors : sequence of (tuple of MirrorPicks or None), optional
-        What is known of each camera's mirrors; None: what its capture holds. Unlike in :func:`.pipeline.reconstruct`
-        mirrors are not searched for: a camera without any is the common case here.
+        What is known of each camera's mirrors; None: what its capture holds. Unlike in
+        :func:`.reconstruction.reconstruct` mirrors are not searched for: a camera without any is the common case here.
     settings, progress, frame
-        As in :func:`.pipeline.reconstruct`; the "camera" frame is the first camera's.
+        As in :func:`.reconstruction.reconstruct`; the "camera" frame is the first camera's.
 
     Raises
     ------
@@ -67,7 +70,7 @@ def reconstruction_views_steps(
     settings: Settings = DEFAULTS,
     frame: str = "avatar",
 ) -> Generator[tuple[float, str], None, Reconstruction]:
-    """:func:`reconstruct_views` in pieces, as :func:`.pipeline.reconstruction_steps`."""
+    """:func:`reconstruct_views` in pieces, as :func:`.reconstruction.reconstruction_steps`."""
     check_frame(frame)
     if not captures or len(poses) != len(captures):
         raise CaptureError(f"{len(captures)} capture(s) come with {len(poses)} pose(s); give one pose for each capture")

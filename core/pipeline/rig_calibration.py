@@ -12,22 +12,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .camera import Intrinsics
-from .capture import Capture, MirrorPicks
-from .depth.burst_fusion import fuse_burst
-from .depth.outliers_and_dropouts import remove_flying_pixels
-from .depth.settings import DepthSettings
-from .errors import MirrorError
-from .mirror_alignment.reflection_alignment import JointSettings, align_reflections
-from .mirror_detection.detection import find_mirrors
-from .mirror_detection.edge_segments import DetectionSettings
-from .mirror_detection.mirror_verification import circumference
-from .mirrors import Mirror
-from .mirrors.frame_fit import fit_frame
-from .mirrors.mirror import person_before, reflection_shift
-from .mirrors.picked_mirror import MirrorSettings, place_mirror
-from .mirrors.rig_file import RigFile
-from .mirrors.wall_behind_frame import THICK, on_wall
+from ..camera import Intrinsics
+from ..capture import Capture, MirrorPicks
+from ..depth.burst_fusion import fuse_burst
+from ..depth.outliers_and_dropouts import remove_flying_pixels
+from ..depth.settings import DepthSettings
+from ..errors import MirrorError
+from ..mirror_alignment.reflection_alignment import JointSettings, align_reflections
+from ..mirror_detection.detection import find_mirrors
+from ..mirror_detection.edge_segments import DetectionSettings
+from ..mirror_detection.mirror_verification import circumference
+from ..mirrors import Mirror
+from ..mirrors.frame_fit import fit_frame
+from ..mirrors.mirror import person_before, reflection_shift
+from ..mirrors.picked_mirror import MirrorSettings, place_mirror
+from ..mirrors.rig_file import RigFile
+from ..mirrors.wall_behind_frame import THICK, on_wall
 
 _BOARD = JointSettings(two_sided=True)
 _MIRROR, _DEPTH, _EMPTY = MirrorSettings(), DepthSettings(), DetectionSettings(empty_rig=True)

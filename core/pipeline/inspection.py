@@ -7,25 +7,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .camera import unproject
-from .camera.noise_models import SENSORS, NoiseModel
-from .capture import Capture
-from .capture.capture_summary import picture, words
-from .depth.burst_fusion import fuse_burst
-from .depth.burst_motion import still_warning
-from .depth.clean_views import clean
-from .depth.dequantisation import find_step
-from .depth.noise_estimate import measure_noise
-from .depth.outliers_and_dropouts import close_dropouts, remove_flying_pixels
-from .depth.sensor_recognition import recognise
-from .depth.settings import DepthSettings
-from .errors import MirrorScanError
-from .mirror_detection.detection import find_mirrors
-from .mirrors import Mirror
-from .mirrors.picked_mirror import place_mirror
-from .pipeline import Settings
-from .subject.subject_search import find_subject
-from .views.floor_and_vertical import find_floor
+from ..camera import unproject
+from ..camera.noise_models import SENSORS, NoiseModel
+from ..capture import Capture
+from ..capture.capture_summary import picture, words
+from ..depth.burst_fusion import fuse_burst
+from ..depth.burst_motion import still_warning
+from ..depth.clean_views import clean
+from ..depth.dequantisation import find_step
+from ..depth.noise_estimate import measure_noise
+from ..depth.outliers_and_dropouts import close_dropouts, remove_flying_pixels
+from ..depth.sensor_recognition import recognise
+from ..depth.settings import DepthSettings
+from ..errors import MirrorScanError
+from ..mirror_detection.detection import find_mirrors
+from ..mirrors import Mirror
+from ..mirrors.picked_mirror import place_mirror
+from ..subject.subject_search import find_subject
+from ..views.floor_and_vertical import find_floor
+from .settings import Settings
 
 _USUAL = (0.25, 12.0)  # m: median distance of what a depth camera looks at
 _CAMERA_HEIGHTS = (0.2, 3.2)  # m above the floor

@@ -11,13 +11,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import trimesh
+from mirror_scan.core.avatar.frame import avatar_frame
 from mirror_scan.core.capture import Capture, open_capture
 from mirror_scan.core.errors import Cancelled, CaptureError, MirrorError, ReconstructionError
 from mirror_scan.core.io import read_mesh
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.surface_distance import evaluate, surface_distance
 from mirror_scan.core.mirrors.mirror import reflect, reflection_matrix
-from mirror_scan.core.pipeline import Settings, avatar_frame, reconstruct, reconstruction_steps
+from mirror_scan.core.pipeline import Settings, reconstruct, reconstruction_steps
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
 from scipy.spatial import cKDTree
@@ -225,7 +226,7 @@ def test_given_planes_and_no_colours(simulated, person):
     assert made.mesh.colors is None and made.report["mesh"]["watertight"]
 
 
-CAPTURES = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulated"
+CAPTURES = Path(__file__).resolve().parents[4] / "shared" / "data" / "simulated"
 
 
 @pytest.mark.parametrize(

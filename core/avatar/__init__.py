@@ -1,0 +1,1 @@
+"""The avatar: the closed mesh in its own frame."""

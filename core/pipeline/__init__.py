@@ -1,0 +1,9 @@
+"""The whole job, read top to bottom: :func:`reconstruct`."""
+
+from __future__ import annotations
+
+from .reconstruction import finish, reconstruct, reconstruction_steps
+from .settings import Settings
+from .surface import Reconstruction
+
+__all__ = ["Reconstruction", "Settings", "finish", "reconstruct", "reconstruction_steps"]

@@ -1,0 +1,64 @@
+"""The mirrors of a capture: placed from picks, taken from a rig file, or found."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..camera import unproject
+from ..capture import Capture, MirrorPicks
+from ..errors import MirrorError, PicksDisagreeError
+from ..mirror_alignment.floor_alignment import level_floor
+from ..mirror_alignment.reflection_alignment import align_reflections
+from ..mirror_alignment.view_alignment import agree
+from ..mirror_detection.detection import find_mirrors
+from ..mirror_detection.frameless_mirrors import frameless_notes
+from ..mirror_detection.mirror_at_picks import contradicted, find_better_at, find_mirror_at
+from ..mirrors import Mirror
+from ..mirrors.picked_mirror import place_mirror
+from .rig_calibration import moved_warnings
+from .settings import Settings
+
+
+def place_mirrors(
+    known: tuple[MirrorPicks | Mirror, ...], depth: np.ndarray, capture: Capture, settings: Settings
+) -> tuple[list[Mirror], tuple[str, ...]]:
+    """The mirrors that were picked or given, or else those that the depth map shows; and what to warn of."""
+    camera, offset = capture.intrinsics, settings.mirror.glass_offset
+    cloud = unproject(depth, camera)
+
+    def place(one: MirrorPicks | Mirror) -> Mirror:
+        if isinstance(one, Mirror):
+            return one
+        if one.frame_pixels is not None and len(one.frame_pixels) < 3:
+            return find_mirror_at(one, depth, camera, settings.detection, offset)
+        mirror, fault = None, None
+        try:
+            mirror = place_mirror(one, depth, camera, settings.mirror, cloud)
+        except PicksDisagreeError as error:
+            fault = error
+        mirror = find_better_at(one, mirror, depth, camera, settings.detection, offset)
+        if mirror is None:
+            raise fault
+        return mirror
+
+    placed = [place(one) for one in known]
+    warnings = list(moved_warnings([m for m in placed if m.source == "rig file"], depth, camera))
+    warnings += [
+        f"{m.name}: the plane through its picks does not look like a mirror's: hardly a frame stands in it, or what is "
+        "seen in it would stand where the camera looks through; pick again, on its frame only"
+        for k, m in enumerate(placed)
+        if m.source == "picked" and contradicted(m, depth, camera, placed[:k] + placed[k + 1 :])
+    ]
+    if not known:
+        placed = find_mirrors(depth, camera, capture.color, settings.detection, offset)
+    if not placed:
+        raise MirrorError(
+            f"{capture.name}: no mirror was found: none is given, and no straight frame with the person's reflection "
+            "in it is seen; pick points on each mirror's frame and save them in mirrors.json beside the capture, or "
+            "elsewhere (option “mirrors”); a frame at least 3 cm wide and 10 cm off the wall is found by itself, and a "
+            "mirror without one where the camera sees some of the same skin directly and in it"
+        )
+    placed, notes = align_reflections(placed, depth, camera, settings.alignment)
+    placed = level_floor(placed, depth, camera, settings.floor)
+    placed = agree(placed, depth, camera, settings.agreement)
+    return placed, (*warnings, *notes, *frameless_notes(placed))

@@ -1,0 +1,76 @@
+"""The whole job, read top to bottom: :func:`reconstruct`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+
+from ..capture import Capture, MirrorPicks
+from ..errors import ReconstructionError
+from ..mirrors import Mirror
+from .scan import Clock, scan_steps
+from .settings import Settings
+from .surface import Reconstruction, joining_steps
+
+Progress = Callable[[float, str], None]
+
+
+def reconstruct(
+    capture: Capture,
+    mirrors: tuple[MirrorPicks | Mirror, ...] | None = None,
+    settings: Settings = Settings(),
+    progress: Progress | None = None,
+    frame: str = "avatar",
+) -> Reconstruction:
+    """Capture → closed, coloured avatar.
+
+    Parameters
+    ----------
+    capture : Capture
+        One snapshot or a burst.
+    mirrors : tuple of MirrorPicks or Mirror, optional
+        What is known of each mirror; by default what the capture itself holds. Empty: they are found.
+    settings : Settings
+    progress : callable(fraction, message), optional
+        Called at the start of each stage; an exception it raises stops the work.
+    frame : {"avatar", "camera"}
+        Frame of the mesh.
+
+    Raises
+    ------
+    CaptureError, MirrorError, ReconstructionError
+        The input or the scene is at fault; the message says what to do.
+    """
+    return finish(reconstruction_steps(capture, mirrors, settings, frame), progress)
+
+
+def finish(
+    steps: Generator[tuple[float, str], None, Reconstruction], progress: Progress | None = None
+) -> Reconstruction:
+    """Run all the pieces of a job, telling ``progress`` of each."""
+    while True:
+        try:
+            fraction, message = next(steps)
+        except StopIteration as done:
+            return done.value
+        if progress is not None:
+            progress(fraction, message)
+
+
+def reconstruction_steps(
+    capture: Capture,
+    mirrors: tuple[MirrorPicks | Mirror, ...] | None = None,
+    settings: Settings = Settings(),
+    frame: str = "avatar",
+) -> Generator[tuple[float, str], None, Reconstruction]:
+    """:func:`reconstruct` in pieces: yields (fraction done, what comes next), returns the
+    :class:`.surface.Reconstruction`."""
+    check_frame(frame)
+    picks = capture.mirrors if mirrors is None else tuple(mirrors)
+    clock = Clock()
+    scan = yield from scan_steps(capture, picks, settings, clock, (0.0, 0.6))
+    return (yield from joining_steps(scan, settings, frame, clock))
+
+
+def check_frame(frame: str) -> None:
+    if frame not in ("avatar", "camera"):
+        raise ReconstructionError(f'frame must be "avatar" or "camera", got "{frame}"')

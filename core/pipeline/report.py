@@ -1,0 +1,97 @@
+"""The content of ``report.json``."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..mesh import FILL, SEAM, Mesh
+from ..mesh.soundness import mesh_report
+from ..zippering.seam_strips import Seam
+from .scan import Clock, Scan
+
+
+def make_report(
+    mesh: Mesh,
+    to_avatar: np.ndarray,
+    scan: Scan,
+    patches: list[Mesh],
+    seams: list[Seam],
+    warnings: tuple[str, ...],
+    clock: Clock,
+) -> dict:
+    checked = mesh_report(mesh)
+    names = scan.names
+    person = np.concatenate([patch.vertices for patch in patches])[::97]
+    clock.lap("checking")
+    return {
+        "camera_to_avatar": to_avatar.tolist(),
+        "sensor": scan.sensor,
+        "mirrors": [
+            {
+                "name": m.name,
+                "point": m.point.tolist(),
+                "normal": m.normal.tolist(),
+                "residual_mm": 1000.0 * m.residual,
+                "points_used": m.points_used,
+                "source": m.source,
+                "refined": m.refined,
+                "moved_by": list(m.moved_by),
+                "moved_mm": 1000.0 * m.moved,
+                "covariance": None if m.covariance is None else m.covariance.tolist(),
+                "displacement_mm": None if m.covariance is None else 1000.0 * m.displacement(person),
+            }
+            for m in scan.mirrors
+        ],
+        "views": [
+            {
+                "name": name,
+                "pixels": int((scan.maps.labels == k).sum()),
+                "depth_m": None if np.isnan(scan.limits[k]).any() else scan.limits[k].tolist(),
+                "frames": scan.noise[k].frames,
+                "frame_noise_mm": _millimetres(scan.noise[k].frame),
+                "expected_noise_mm": _millimetres(scan.noise[k].expected),
+                "noise_mm": _millimetres(scan.noise[k].fused),
+                "vertices": len(patch.vertices),
+                "triangles": len(patch.triangles),
+            }
+            for k, (name, patch) in enumerate(zip(names, patches, strict=True))
+        ],
+        "seams": _seam_summary(seams, names),
+        "mesh": {
+            "vertices": len(mesh.vertices),
+            "triangles": len(mesh.triangles),
+            "watertight": checked["watertight"],
+            "manifold": checked["manifold"],
+            "components": checked["components"],
+            "euler_characteristic": checked["euler_characteristic"],
+            "self_intersections": checked["self_intersections"],
+            "seam_triangles": int((mesh.kind == SEAM).sum()),
+            "fill_triangles": int((mesh.kind == FILL).sum()),
+            "volume_l": None if checked["volume_m3"] is None else 1000.0 * checked["volume_m3"],
+            "height_m": float(np.ptp(mesh.vertices[:, 2])),
+        },
+        "timings_ms": {name: round(value, 2) for name, value in clock.laps.items()},
+        "warnings": list(warnings),
+    }
+
+
+def _millimetres(value: float | None) -> float | None:
+    return None if value is None else round(1000.0 * value, 3)
+
+
+def _seam_summary(seams: list[Seam], names: list[str]) -> list[dict]:
+    """One row a pair of views, seams weighed by their length."""
+    rows = []
+    for pair in sorted({seam.views for seam in seams}):
+        mine = [seam for seam in seams if seam.views == pair]
+        length = sum(seam.length for seam in mine)
+        rows.append(
+            {
+                "between": [names[pair[0]] if pair[0] >= 0 else "made", names[pair[1]] if pair[1] >= 0 else "made"],
+                "method": sorted({seam.method for seam in mine}),
+                "length_m": length,
+                "mean_gap_mm": 1000.0 * sum(s.mean_gap * s.length for s in mine) / length if length else 0.0,
+                "max_gap_mm": 1000.0 * max(seam.max_gap for seam in mine),
+            }
+        )
+    return rows

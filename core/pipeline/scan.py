@@ -1,0 +1,194 @@
+"""One capture as far as its patches: depth, mirrors, views."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..camera import Intrinsics, unproject
+from ..camera.noise_models import NoiseModel
+from ..capture import Capture, MirrorPicks
+from ..checks.scene_advice import check_scene
+from ..checks.view_disagreement import check_agreement, quoted
+from ..depth.burst_fusion import fuse_burst
+from ..depth.burst_motion import still_warning
+from ..depth.clean_views import clean
+from ..depth.noise_estimate import BurstNoise, burst_noise
+from ..depth.outliers_and_dropouts import remove_flying_pixels
+from ..depth.sensor_recognition import recognise
+from ..depth.settings import DepthSettings
+from ..errors import ReconstructionError
+from ..mesh import Mesh
+from ..mirrors import Mirror
+from ..mirrors.mirror import reflection_matrix
+from ..numeric.threads import each
+from ..patches.grid_triangulation import TriangulationSettings, triangulate_view
+from ..subject.subject_search import find_subject
+from ..subject.subject_views import Views
+from ..views.view_maps import ViewMaps, view_maps
+from .mirror_placement import place_mirrors
+from .settings import Settings
+
+
+@dataclass(frozen=True)
+class Scan:
+    """What one camera saw, or several in one frame: a patch and a map a view.
+
+    Parameters
+    ----------
+    patches : list of Mesh
+        One a view, where the subject really is.
+    maps : ViewMaps
+    up, axis : np.ndarray [shape=(3,)]
+        Vertical, and a point of the vertical through the subject.
+    floor : float or None
+        Height of the floor along ``up`` [m].
+    names : list of str
+        Of the views.
+    mirrors : list of Mirror
+    sensor : str
+    warnings : tuple of str
+    limits : np.ndarray [shape=(N+1, 2)]
+        Nearest and farthest depth of the subject in each view [m], see :class:`.subject_views.Views`.
+    noise : tuple of BurstNoise
+        Of each view's readings, before smoothing.
+    """
+
+    patches: list[Mesh]
+    maps: ViewMaps
+    up: np.ndarray
+    axis: np.ndarray
+    floor: float | None
+    names: list[str]
+    mirrors: list[Mirror]
+    sensor: str
+    warnings: tuple[str, ...]
+    limits: np.ndarray
+    noise: tuple[BurstNoise, ...]
+
+
+def scan_steps(
+    capture: Capture,
+    picks: tuple[MirrorPicks | Mirror, ...],
+    settings: Settings,
+    clock: Clock,
+    part: tuple[float, float],
+    meeting: np.ndarray | None = None,
+    find: bool = True,
+    alone: bool = True,
+) -> Generator[tuple[float, str], None, Scan]:
+    """One camera's readings → patches: the first half of the job, ``part`` of the whole.
+
+    ``meeting``: where the subject is meant to stand, camera frame [m]; by default where the mirrors look. ``find``:
+    without ``picks`` mirrors are searched for. ``alone``: as in :func:`.scene_advice.check_scene`.
+    """
+
+    def at(share: float) -> float:
+        return part[0] + (part[1] - part[0]) * share
+
+    camera = capture.intrinsics
+    yield at(0.0), "Fusing the burst"
+    depth, spread = fuse_burst(capture.depth, settings.depth)
+    depth = remove_flying_pixels(depth, 1.0 / camera.fx, settings.depth)
+    clock.lap("depth")
+
+    yield at(0.17), "Fitting the mirrors"
+    placed, told = place_mirrors(picks, depth, capture, settings) if picks or find else ([], ())
+    clock.lap("mirrors")
+
+    yield at(0.33), "Finding the subject"
+    views = find_subject(depth, camera, placed, settings.views, meeting)
+    clock.lap("views")
+
+    yield at(0.58), "Smoothing the depth"
+    sensor, model = recognise(capture, settings.depth)
+    views, apart = check_agreement(depth, views, placed, camera)
+    faults = [*apart, *check_scene(depth, views, placed, camera, model, alone)]
+    scatter = burst_noise(len(capture.depth), spread, depth, views.labels, len(placed) + 1)
+    moved = still_warning(capture.depth, views.labels, camera.fx, settings.depth)
+    depth, views, noise = clean_views(
+        depth, views, len(placed), camera, settings.depth, model, spread if len(capture.depth) > 1 else None
+    )
+    clock.lap("smoothing")
+
+    yield at(0.83), "Triangulating the views"
+    maps, patches = each(
+        lambda work: work(),
+        (
+            lambda: view_maps(depth, views.labels, views.seen, camera, placed, noise),
+            lambda: make_patches(depth, views, placed, noise, capture, settings.triangulation),
+        ),
+    )
+    clock.lap("triangulation")
+    blind = [  # the reason why a mirror shows nobody is told instead where it is known
+        text for text in views.warnings
+        if not any(text.startswith(f"{m.name}:") and quoted(m) in fault for m in placed for fault in faults)
+    ]  # fmt: skip
+    warnings = (*told, *((moved,) if moved else ()), *blind, *faults)
+    return Scan(
+        patches, maps, views.up, views.axis, views.floor, view_names(placed), placed, sensor, warnings, views.limits,
+        scatter,
+    )  # fmt: skip
+
+
+def clean_views(
+    depth: np.ndarray,
+    views: Views,
+    mirrors: int,
+    camera: Intrinsics,
+    settings: DepthSettings,
+    model: NoiseModel | None = None,
+    spread: np.ndarray | None = None,
+) -> tuple[np.ndarray, Views, np.ndarray]:
+    """:func:`.clean_views.clean` over all views; returns the noise (N+1,) that was left, relative to z."""
+    depth, labels, noise = clean(depth, views.labels, mirrors + 1, camera.fx, settings, model, spread)
+    return depth, replace(views, labels=labels), noise
+
+
+def make_patches(
+    depth: np.ndarray,
+    views: Views,
+    mirrors: list[Mirror],
+    noise: np.ndarray,
+    capture: Capture,
+    settings: TriangulationSettings,
+) -> list[Mesh]:
+    """Each view triangulated where the camera laid it, then flipped over its mirror: that reverses the winding."""
+    camera = capture.intrinsics
+    points = unproject(depth, camera)
+
+    def make(view: int) -> Mesh:
+        patch = triangulate_view(
+            depth, views.labels, view, points, 1.0 / camera.fx, noise[view], capture.color, settings
+        )
+        if view > 0:
+            patch = patch.transformed(reflection_matrix(mirrors[view - 1]))
+            patch = replace(patch, triangles=np.ascontiguousarray(patch.triangles[:, ::-1]))
+        return patch
+
+    patches = each(make, range(len(mirrors) + 1))
+    if not any(len(patch.triangles) for patch in patches):
+        raise ReconstructionError(
+            "the subject's readings are too scattered to connect; use a longer burst or come closer to the camera"
+        )
+    return patches
+
+
+class Clock:
+    """Milliseconds of each stage, by name."""
+
+    def __init__(self) -> None:
+        self.laps: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        now = time.perf_counter()
+        self.laps[name] = self.laps.get(name, 0.0) + 1000.0 * (now - self._last)
+        self._last = now
+
+
+def view_names(mirrors: list[Mirror]) -> list[str]:
+    return ["direct"] + [mirror.name for mirror in mirrors]

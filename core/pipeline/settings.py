@@ -1,0 +1,36 @@
+"""Every stage's settings, gathered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..closing.mesh_closing import ClosingSettings
+from ..depth.settings import DepthSettings
+from ..mirror_alignment.floor_alignment import FloorSettings
+from ..mirror_alignment.reflection_alignment import JointSettings
+from ..mirror_alignment.seam_alignment import SeamSettings
+from ..mirror_alignment.view_alignment import AgreementSettings
+from ..mirror_detection.edge_segments import DetectionSettings
+from ..mirrors.picked_mirror import MirrorSettings
+from ..patches.grid_triangulation import TriangulationSettings
+from ..patches.view_comparison import OverlapSettings
+from ..subject.subject_views import ViewSettings
+from ..zippering.zipper import ZipperSettings
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Every stage's settings; the defaults work."""
+
+    depth: DepthSettings = DepthSettings()
+    mirror: MirrorSettings = MirrorSettings()
+    detection: DetectionSettings = DetectionSettings()
+    alignment: JointSettings = JointSettings()
+    floor: FloorSettings = FloorSettings()
+    agreement: AgreementSettings = AgreementSettings()
+    views: ViewSettings = ViewSettings()
+    triangulation: TriangulationSettings = TriangulationSettings()
+    overlap: OverlapSettings = OverlapSettings()
+    zipper: ZipperSettings = ZipperSettings()
+    seams: SeamSettings = SeamSettings()
+    closing: ClosingSettings = ClosingSettings()

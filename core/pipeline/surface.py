@@ -1,0 +1,105 @@
+"""Patches of all views → one closed surface: zippering, closing, report."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..avatar.frame import avatar_frame
+from ..closing.mesh_closing import close_mesh
+from ..mesh import Mesh
+from ..mirror_alignment.seam_alignment import align_seams, mirrored_views, move_views
+from ..mirrors import Mirror
+from ..mirrors.mirror import reflection_matrix
+from ..patches.overlap import part_overlaps
+from ..views.view_maps import ViewMaps
+from ..zippering.zipper import zip_patches
+from .report import make_report
+from .scan import Clock, Scan
+from .settings import Settings
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """What :func:`.reconstruction.reconstruct` made of a capture.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Closed and coloured, in ``frame``.
+    frame : str
+        "avatar" or "camera".
+    camera_to_avatar : np.ndarray [shape=(4, 4)]
+        Rigid; camera frame → avatar frame.
+    report : dict
+        The content of ``report.json``, plain Python values only.
+    warnings : tuple of str
+        What the user should know, in plain words; also in ``report``.
+    patches : tuple of Mesh
+        The views' patches as they went to the zipper, camera frame.
+    mirrors : tuple of Mirror
+        Camera frame.
+    """
+
+    mesh: Mesh
+    frame: str
+    camera_to_avatar: np.ndarray
+    report: dict
+    warnings: tuple[str, ...] = field(default=())
+    patches: tuple[Mesh, ...] = field(default=())
+    mirrors: tuple[Mirror, ...] = field(default=())
+
+
+def joining_steps(
+    scan: Scan, settings: Settings, frame: str, clock: Clock
+) -> Generator[tuple[float, str], None, Reconstruction]:
+    """Patches → one closed mesh: the second half of the job."""
+    yield 0.6, "Parting overlaps"
+    patches = part_overlaps(scan.patches, scan.maps, settings.overlap)
+    clock.lap("overlap")
+
+    yield 0.7, "Zippering the seams"
+    open_mesh, seams, twin = zip_patches(patches, scan.maps, scan.up, scan.axis, scan.floor, settings.zipper)
+    clock.lap("zippering")
+
+    yield 0.78, "Comparing the seams"
+    better = seams_aligned(scan, open_mesh, settings)
+    if better is not None:
+        scan = better
+        patches = part_overlaps(scan.patches, scan.maps, settings.overlap)
+        open_mesh, seams, twin = zip_patches(patches, scan.maps, scan.up, scan.axis, scan.floor, settings.zipper)
+    clock.lap("seams")
+
+    yield 0.8, "Closing the mesh"
+    closed, notes = close_mesh(open_mesh, scan.maps, scan.up, scan.floor, settings.closing, twin)
+    clock.lap("closing")
+
+    yield 0.95, "Checking the result"
+    to_avatar = avatar_frame(closed, scan)
+    mesh = closed.transformed(to_avatar)
+    warnings = (*scan.warnings, *notes)
+    report = make_report(mesh, to_avatar, scan, patches, seams, warnings, clock)
+    return Reconstruction(
+        mesh if frame == "avatar" else closed, frame, to_avatar, report, warnings, tuple(patches), tuple(scan.mirrors)
+    )
+
+
+def seams_aligned(scan: Scan, mesh: Mesh, settings: Settings) -> Scan | None:
+    """The scan with its mirrors where the seams of its zippered ``mesh`` want them; None when they stay."""
+
+    def join(patches: list[Mesh], maps: ViewMaps) -> Mesh:
+        parted = part_overlaps(patches, maps, settings.overlap)
+        return zip_patches(parted, maps, scan.up, scan.axis, scan.floor, settings.zipper)[0]
+
+    mirrors, notes = align_seams(
+        scan.mirrors, scan.patches, scan.maps, mesh, join, settings.seams, settings.mirror.glass_offset
+    )
+    if not notes:
+        return None
+    motions = [
+        reflection_matrix(new) @ reflection_matrix(old) for new, old in zip(mirrors, scan.mirrors, strict=True)
+    ]  # fmt: skip
+    patches, maps = move_views(scan.patches, scan.maps, mirrored_views(scan.maps), motions)
+    return replace(scan, mirrors=mirrors, patches=patches, maps=maps, warnings=(*scan.warnings, *notes))
