@@ -20,7 +20,7 @@ from mirror_scan.core.mesh.soundness import mesh_report
 from mirror_scan.core.mesh.surface_distance import evaluate
 from mirror_scan.core.mesh.triangle_mesh import merge
 from mirror_scan.core.pipeline import Reconstruction, reconstruct
-from mirror_scan.core.preview import KIND_COLORS, render_views
+from mirror_scan.core.preview.mesh_views import KIND_COLORS, render_views
 
 from .bridge import BLENDER, blender_bridge
 from .generated import QUICK, SCENES, Recipe, make, recipes

@@ -29,7 +29,15 @@ from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.patches.overlap import part_overlaps
 from mirror_scan.core.pipeline import Settings
 from mirror_scan.core.pipeline.scan import clean_views, make_patches
-from mirror_scan.core.preview import BACKGROUND, INK, KIND_COLORS, SIDES, draw_text, render_preview, render_views
+from mirror_scan.core.preview.mesh_views import (
+    BACKGROUND,
+    INK,
+    KIND_COLORS,
+    SIDES,
+    draw_text,
+    render_preview,
+    render_views,
+)
 from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.scene import Rig, default_rig
 from mirror_scan.core.simulation.simulate import simulate

@@ -9,6 +9,7 @@ import bpy
 if TYPE_CHECKING:
     import numpy as np
 
+
 SNAP_PX = 14.0
 """How far from the mouse a point of the cloud is looked for [px at 100 % scale]."""
 
@@ -29,7 +30,7 @@ class Aim:
 
     def nearest(self, context: bpy.types.Context, event: bpy.types.Event, region: bpy.types.Region) -> int | None:
         """Index of the point that the mouse means; None where there is none."""
-        from ..core.picking import Picture
+        from ..core.preview.point_picking import Picture
         from . import cloud
 
         space = region.data

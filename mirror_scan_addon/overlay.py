@@ -41,7 +41,7 @@ def cloud_arrays(cloud: bpy.types.Object, settings: bpy.types.PropertyGroup, onl
     """
     import numpy as np
 
-    from ..core import palette
+    from ..core.preview import palette
     from . import cloud as clouds
     from . import state
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..core.camera import Intrinsics
 from ..core.errors import CaptureError, MirrorError, MirrorScanError
-from ..core.palette import depth_colors
+from ..core.preview.palette import depth_colors
 
 if TYPE_CHECKING:
     from ..core.capture import Capture

@@ -19,7 +19,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 LIST = ROOT / "mirror_scan_addon" / "messages.json"
-ELSEWHERE = ("core/cli/", "core/inspection.py", "core/experiments")
+ELSEWHERE = ("core/cli/", "core/pipeline/inspection.py", "core/experiments")
 """What only the command line says."""
 
 BESIDE = ("tasks.py", "worker.py", "compiling.py")

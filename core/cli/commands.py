@@ -127,7 +127,7 @@ def run_demo(options: argparse.Namespace, writers: Writers) -> None:
     from ..io import read_mesh
     from ..mesh.surface_distance import evaluate
     from ..pipeline import reconstruct
-    from ..preview import render_preview
+    from ..preview.mesh_views import render_preview
 
     with progress_bar(options.quiet) as progress:
         advance(progress, 0.0, "making a mannequin and scanning it")

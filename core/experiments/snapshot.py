@@ -20,7 +20,7 @@ from ..mesh.bvh import build_bvh, closest_point
 from ..mirrors.mirror import reflection_matrix
 from ..mirrors.picked_mirror import place_mirror
 from ..patches.grid_triangulation import triangulate_view
-from ..preview import draw_text, render_views
+from ..preview.mesh_views import draw_text, render_views
 from ..simulation.simulate import Simulation
 
 WAYS = ("raw", "cleaned")

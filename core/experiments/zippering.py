@@ -20,7 +20,7 @@ from ..mesh.soundness import mesh_report
 from ..mesh.submesh import compact, drop_small_components, keep_triangles, remove_bowties
 from ..mesh.surface_distance import SurfaceDistance, surface_distance
 from ..mesh.triangle_mesh import merge
-from ..preview import KIND_COLORS, SIDES, draw_text, render_views
+from ..preview.mesh_views import KIND_COLORS, SIDES, draw_text, render_views
 from ..views.view_maps import ViewMaps, view_maps
 from ..zippering.coronal_matching import solidity
 from ..zippering.seam_strips import Seam

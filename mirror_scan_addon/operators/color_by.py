@@ -1,7 +1,8 @@
 """What the avatar's colours say."""
 
-# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
+from __future__ import annotations
 
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import EnumProperty
 
@@ -62,8 +63,8 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
     def _show(self, context: bpy.types.Context) -> None:
         import numpy as np
 
-        from ...core import palette
         from ...core.errors import OutputError
+        from ...core.preview import palette
         from .. import scene
 
         avatar = context.object

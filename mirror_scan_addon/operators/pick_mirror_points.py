@@ -1,7 +1,8 @@
 """Points on a mirror's frame, clicked in the viewport."""
 
-# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
+from __future__ import annotations
 
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import BoolProperty
 
@@ -207,7 +208,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         """Number of the active mirror's pick under the mouse, None without."""
         import numpy as np
 
-        from ...core.picking import project_to_picture
+        from ...core.preview.point_picking import project_to_picture
         from .. import cloud
 
         settings = context.scene.mirror_scan

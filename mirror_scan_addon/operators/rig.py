@@ -1,7 +1,8 @@
 """A virtual rig: objects of the scene stand for camera and mirrors, and a mesh is scanned with them."""
 
-# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
+from __future__ import annotations
 
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
@@ -137,7 +138,7 @@ class MIRRORSCAN_OT_simulate(jobs.JobOperator, bpy.types.Operator):
         return jobs.Task("simulate_steps", (surface, options, mirrors, self._folder))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
-        from ...core import palette
+        from ...core.preview import palette
         from .. import rig, scene
 
         body = next((item for item in bpy.data.objects if self._uid and item.session_uid == self._uid), None)

@@ -279,7 +279,7 @@ def test_a_rig_is_calibrated_once_and_used_again(bpy, scan, loaded, tmp_path, ca
 
 
 def test_sliders_move_the_colours_at_once(bpy, scan, loaded):
-    from mirror_scan.core.palette import PART_PALETTE
+    from mirror_scan.core.preview.palette import PART_PALETTE
     from mirror_scan.mirror_scan_addon.overlay import cloud_arrays, cloud_key
 
     bpy.ops.mirror_scan.find_subject()
@@ -493,7 +493,7 @@ def test_a_sound_mesh_has_no_problem(bpy, capsule):
 
 
 def test_colours_say_what_they_are_asked(bpy, capsule):
-    from mirror_scan.core.palette import KIND_PALETTE, MADE, VIEW_PALETTE
+    from mirror_scan.core.preview.palette import KIND_PALETTE, MADE, VIEW_PALETTE
     from mirror_scan.mirror_scan_addon.scene import create_avatar, select_only
 
     avatar = create_avatar(capsule, collection=bpy.context.collection)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mirror_scan.core import palette
 from mirror_scan.core.mesh import FILL, SURFACE, Mesh
 from mirror_scan.core.mesh.soundness import CROSSING, EDGE, GUESS, HOLE, PIECE, find_problems
+from mirror_scan.core.preview import palette
 
 
 def grid_box(n=10, size=1.0, at=(0, 0, 0)):

@@ -7,7 +7,7 @@ import pytest
 from mirror_scan.core.errors import MirrorScanError, OutputError
 from mirror_scan.core.io.images import read_image
 from mirror_scan.core.mesh import FILL, SEAM, Mesh
-from mirror_scan.core.preview import BACKGROUND, SIDES, draw_text, render_preview, render_views
+from mirror_scan.core.preview.mesh_views import BACKGROUND, SIDES, draw_text, render_preview, render_views
 
 trimesh = pytest.importorskip("trimesh")
 

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .errors import MirrorScanError
-from .io.images import write_png
-from .mesh import FILL, KIND_NAMES, SEAM, SURFACE, Mesh
-from .mesh.bvh import Bvh, build_bvh, raycast
-from .mesh.normals import triangle_normals, vertex_normals
+from ..errors import MirrorScanError
+from ..io.images import write_png
+from ..mesh import FILL, KIND_NAMES, SEAM, SURFACE, Mesh
+from ..mesh.bvh import Bvh, build_bvh, raycast
+from ..mesh.normals import triangle_normals, vertex_normals
 
 KIND_COLORS = {SURFACE: (206, 206, 209), SEAM: (222, 30, 36), FILL: (52, 112, 220)}
 """sRGB each kind of triangle is shown in."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mirror_scan.core.picking import Picture, project_to_picture
+from mirror_scan.core.preview.point_picking import Picture, project_to_picture
 
 SIZE = (800, 600)
 

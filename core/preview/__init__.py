@@ -1,0 +1,1 @@
+"""Pictures: meshes drawn without a graphics card, colours, and picking in them."""
