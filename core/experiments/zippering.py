@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
 from ..camera import Intrinsics
 from ..closing.mesh_closing import close_mesh
@@ -17,7 +15,7 @@ from ..mesh import SEAM, SURFACE, Mesh
 from ..mesh.bvh import build_bvh, closest_point, raycast
 from ..mesh.half_edges import twins
 from ..mesh.soundness import mesh_report
-from ..mesh.submesh import compact, drop_small_components, keep_triangles, remove_bowties
+from ..mesh.submesh import drop_small_components, keep_triangles, remove_bowties
 from ..mesh.surface_distance import SurfaceDistance, surface_distance
 from ..mesh.triangle_mesh import merge
 from ..preview.mesh_views import KIND_COLORS, SIDES, draw_text, render_views
@@ -25,6 +23,7 @@ from ..views.view_maps import ViewMaps, view_maps
 from ..zippering.coronal_matching import solidity
 from ..zippering.seam_strips import Seam
 from ..zippering.zipper import ZipperSettings, zip_patches
+from .decimation import decimate
 from .results import keep
 
 STEPS = (0, 10, 20, 30, 40, 50)
@@ -240,234 +239,6 @@ def _method(seams: list[Seam]) -> str:
         lengths[seam.method] = lengths.get(seam.method, 0.0) + seam.length
     total = sum(lengths.values())
     return ", ".join(f"{name} {100 * length / total:.0f} %" for name, length in sorted(lengths.items())) or "none"
-
-
-# --- thinning --------------------------------------------------------------------------------------------------------
-
-
-def decimate(mesh: Mesh, count: int) -> Mesh:
-    """Collapse edges, the least visible first, until ``count`` vertices are left (Garland and Heckbert 1997).
-
-    Boundaries are thinned along themselves and keep their course; topology, one fan a vertex and the winding stay.
-    O(V log V) time, about 600 bytes a vertex.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Edges with at most two triangles, every vertex with one fan. Colours are not kept; ``view`` and ``kind`` must
-        be the same all over.
-    count : int
-        Vertices to leave; more are left when no edge can be collapsed without a fold or a change of topology.
-    """
-    if count >= len(mesh.vertices):
-        return mesh
-    twin = twins(mesh.triangles, len(mesh.vertices))
-    points, triangles = _collapse_kernel(mesh.vertices.astype(np.float64), mesh.triangles.astype(np.int64), twin, count)
-    kind = None if mesh.kind is None else np.full(len(triangles), mesh.kind[0], np.int8)
-    return compact(replace(mesh, vertices=points, triangles=triangles.astype(np.int32), colors=None, kind=kind))
-
-
-@njit(cache=True, nogil=True)
-def _add_plane(quadric, v, n, d, weight):
-    """Add weight · (n·x + d)² to the quadric of v: six of A, three of b, c."""
-    q = quadric[v]
-    q[0] += weight * n[0] * n[0]
-    q[1] += weight * n[0] * n[1]
-    q[2] += weight * n[0] * n[2]
-    q[3] += weight * n[1] * n[1]
-    q[4] += weight * n[1] * n[2]
-    q[5] += weight * n[2] * n[2]
-    q[6] += weight * n[0] * d
-    q[7] += weight * n[1] * d
-    q[8] += weight * n[2] * d
-    q[9] += weight * d * d
-
-
-@njit(cache=True, nogil=True)
-def _place(points, quadric, border, u, v, out):
-    """Where the edge's vertex goes, into ``out`` (3,), relative to u; returns what it costs [m⁴].
-
-    On the border vertex when there is one, so that inner edges never move a boundary.
-    """
-    base = points[u]
-    edge = points[v] - base
-    q = quadric[u] + quadric[v]
-    # the quadrics are about the origin of the mesh; a pull towards the middle of the edge keeps flat ones solvable
-    length = (edge**2).sum()
-    pull = 1e-3 * (q[0] + q[3] + q[5])
-    if border[u] and not border[v]:
-        out[:] = 0.0
-    elif border[v] and not border[u]:
-        out[:] = edge
-    else:
-        a, b, c, d, e, f = q[0] + pull, q[1], q[2], q[3] + pull, q[4], q[5] + pull
-        r0 = pull * edge[0] / 2 - (q[6] + q[0] * base[0] + q[1] * base[1] + q[2] * base[2])
-        r1 = pull * edge[1] / 2 - (q[7] + q[1] * base[0] + q[3] * base[1] + q[4] * base[2])
-        r2 = pull * edge[2] / 2 - (q[8] + q[2] * base[0] + q[4] * base[1] + q[5] * base[2])
-        m0, m1, m2 = d * f - e * e, c * e - b * f, b * e - c * d
-        det = a * m0 + b * m1 + c * m2
-        if det <= 0:  # both vertices without area around
-            out[:] = edge / 2
-        else:
-            out[0] = (r0 * m0 + r1 * m1 + r2 * m2) / det
-            out[1] = (r0 * m1 + r1 * (a * f - c * c) + r2 * (b * c - a * e)) / det
-            out[2] = (r0 * m2 + r1 * (b * c - a * e) + r2 * (a * d - b * b)) / det
-    x, y, z = base[0] + out[0], base[1] + out[1], base[2] + out[2]
-    cost = x * (q[0] * x + 2 * (q[1] * y + q[2] * z + q[6]))
-    cost += y * (q[3] * y + 2 * (q[4] * z + q[7])) + z * (q[5] * z + 2 * q[8]) + q[9]
-    # among equals the shorter edge goes first
-    return max(cost, 0.0) + pull * length
-
-
-@njit(cache=True, nogil=True)
-def _folds(points, triangles, alive, head, after, v, other, to):
-    """Whether a triangle of v that does not hold ``other`` turns by more than 75° when v moves to ``to``."""
-    c = head[v]
-    while c >= 0:
-        t, k = c // 3, c % 3
-        c = after[c]
-        if not alive[t]:
-            continue
-        i, j = triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]
-        if i == other or j == other:
-            continue
-        p, q = points[i], points[j]
-        old = np.cross(p - points[v], q - points[v])
-        new = np.cross(p - to, q - to)
-        if (old * new).sum() <= 0.26 * np.sqrt((old**2).sum() * (new**2).sum()):
-            return True
-    return False
-
-
-@njit(cache=True, nogil=True)
-def _collapse_kernel(points, triangles, twin, count):
-    """Vertices (V, 3), of which not all are used any more, and the triangles left."""
-    n, total = len(points), len(triangles)
-    shift = points[0].copy()  # quadrics lose digits far from the origin
-    points -= shift
-    quadric = np.zeros((n, 10))
-    border = np.zeros(n, np.bool_)
-    head, tail, after = np.full(n, -1), np.full(n, -1), np.full(3 * total, -1)
-    alive = np.ones(total, np.bool_)
-    left = 0
-    out = np.empty(3)
-    for t in range(total):
-        a, b, c = points[triangles[t, 0]], points[triangles[t, 1]], points[triangles[t, 2]]
-        normal = np.cross(b - a, c - a)
-        twice = np.sqrt((normal**2).sum())
-        if twice > 0:
-            normal /= twice
-        for k in range(3):
-            v, w = triangles[t, k], triangles[t, (k + 1) % 3]
-            _add_plane(quadric, v, normal, -(normal * a).sum(), twice / 6)
-            if twin[3 * t + k] < 0:
-                border[v] = True
-                border[w] = True
-                side = np.cross(points[w] - points[v], normal)
-                length = np.sqrt((side**2).sum())
-                if length > 0:
-                    side /= length
-                for end in (v, w):
-                    _add_plane(quadric, end, side, -(side * points[v]).sum(), length * length / 2)
-            if head[v] < 0:
-                head[v] = 3 * t + k
-                left += 1
-            else:
-                after[tail[v]] = 3 * t + k
-            tail[v] = 3 * t + k
-    stamp = np.zeros(n, np.int64)
-    heap = [(0.0, np.int64(0), np.int64(0), np.int64(-1), np.int64(-1)) for _ in range(0)]
-    for e in range(3 * total):
-        if twin[e] < e:
-            u, v = triangles[e // 3, e % 3], triangles[e // 3, (e % 3 + 1) % 3]
-            heap.append((_place(points, quadric, border, u, v, out), u, v, stamp[u], stamp[v]))
-    heapq.heapify(heap)
-    mark = np.zeros(n, np.int64)
-    tick = 0
-    apex = np.empty(2, np.int64)
-    while left > count and len(heap):
-        _, u, v, stamp_u, stamp_v = heapq.heappop(heap)
-        if stamp[u] != stamp_u or stamp[v] != stamp_v:
-            continue
-        # link condition: what both ends are joined to is just what lies opposite to the edge
-        tick += 2
-        shared = 0
-        c = head[u]
-        while c >= 0:
-            t, k = c // 3, c % 3
-            c = after[c]
-            if alive[t]:
-                i, j = triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]
-                mark[i] = tick
-                mark[j] = tick
-                if i == v or j == v:
-                    if shared < 2:
-                        apex[shared] = j if i == v else i
-                    shared += 1
-        common = 0
-        c = head[v]
-        while c >= 0:
-            t, k = c // 3, c % 3
-            c = after[c]
-            if alive[t]:
-                for w in (triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]):
-                    if mark[w] == tick:
-                        mark[w] = tick + 1
-                        common += 1
-        if shared < 1 or shared > 2 or common != shared or (shared == 2 and border[u] and border[v]):
-            continue
-        kept = True
-        for s in range(shared):
-            fan = 0
-            c = head[apex[s]]
-            while c >= 0:
-                fan += alive[c // 3]
-                c = after[c]
-            kept &= fan > (1 if border[apex[s]] else 3)
-        if not kept:
-            continue
-        _place(points, quadric, border, u, v, out)
-        to = points[u] + out
-        if _folds(points, triangles, alive, head, after, u, v, to) or _folds(
-            points, triangles, alive, head, after, v, u, to
-        ):
-            continue
-        points[u] = to
-        quadric[u] += quadric[v]
-        border[u] |= border[v]
-        c = head[v]
-        while c >= 0:
-            t = c // 3
-            if alive[t]:
-                if triangles[t, 0] == u or triangles[t, 1] == u or triangles[t, 2] == u:
-                    alive[t] = False
-                else:
-                    triangles[t, c % 3] = u
-            c = after[c]
-        after[tail[u]] = head[v]
-        tail[u] = tail[v]
-        stamp[v] = -1
-        stamp[u] += 1
-        left -= 1
-        # unlink what died, and queue the edges around anew; only the corners of u moved
-        previous = np.int64(-1)
-        c = head[u]
-        tick += 2
-        while c >= 0:
-            t, k = c // 3, c % 3
-            if alive[t]:
-                previous = c
-                for w in (triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]):
-                    if mark[w] != tick:
-                        mark[w] = tick
-                        heapq.heappush(heap, (_place(points, quadric, border, u, w, out), u, w, stamp[u], stamp[w]))
-            elif previous < 0:
-                head[u] = after[c]
-            else:
-                after[previous] = after[c]
-            c = after[c]
-        tail[u] = previous
-    return points + shift, triangles[alive]
 
 
 # --- telling ---------------------------------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ from mirror_scan.core.io import read_mesh, write_mesh
 from mirror_scan.core.io.images import read_image, write_png
 from mirror_scan.core.mesh import Mesh
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 WIDTH, HEIGHT = 64, 48
 PICKS = [[5, 5], [5, 40], [20, 22]]
 TETRAHEDRON = Mesh(

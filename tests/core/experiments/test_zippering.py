@@ -10,7 +10,8 @@ import pytest
 import trimesh
 from mirror_scan.core import cli
 from mirror_scan.core.errors import MirrorScanError
-from mirror_scan.core.experiments.zippering import decimate, run, split, write_results
+from mirror_scan.core.experiments.decimation import decimate
+from mirror_scan.core.experiments.zippering import run, split, write_results
 from mirror_scan.core.io import write_mesh
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.boundary_loops import boundary_loops
