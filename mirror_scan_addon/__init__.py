@@ -12,7 +12,8 @@ from types import ModuleType
 
 def _modules() -> tuple[ModuleType, ...]:
     """Modules with something to register, in the order of their needs."""
-    from . import command, jobs, live, operators, overlay, panels, properties, remote, texts
+    from . import command, jobs, live, operators, overlay, panels, properties, remote
+    from .language import texts
 
     return texts, properties, remote, jobs, live, operators, overlay, panels, command
 

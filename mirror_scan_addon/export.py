@@ -21,7 +21,7 @@ from mathutils import Matrix, Vector
 from ..core.errors import OutputError
 from ..core.io.atomic_files import replacing
 from . import scene as avatar_scene
-from .texts import say
+from .language.texts import say
 from .units import metres_per_unit
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ import bpy
 
 from ..core.errors import MirrorScanError
 from . import kernels, remote
-from .texts import say, tell
+from .language.texts import say, tell
 
 TICK_S = 0.05  # how often the window looks how far the work is
 SHOW_S = 0.25  # how often at most it is drawn: drawing takes its time where there is no graphics card

@@ -10,7 +10,7 @@ import bpy
 
 from .. import __package__ as ROOT_PACKAGE
 from ..core.errors import MirrorScanError
-from .texts import say
+from .language.texts import say
 
 
 def prepare_kernels() -> None:

@@ -290,7 +290,7 @@ def _draw_text() -> None:
     from mathutils import Vector
 
     from . import state
-    from .texts import say, tell
+    from .language.texts import say, tell
 
     context = bpy.context
     region, space, scale = context.region, context.region_data, context.preferences.system.ui_scale
@@ -355,7 +355,7 @@ def _draw_problem(context, region, space, scale: float) -> None:
     from mathutils import Vector
 
     from . import reports
-    from .texts import say
+    from .language.texts import say
 
     number = context.scene.mirror_scan.problem_index
     report = reports.avatar_report(context.object) if number and context.object is not None else None

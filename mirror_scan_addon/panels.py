@@ -11,10 +11,10 @@ from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
 from . import jobs, live, reports, state
+from .language.texts import CONTEXT, say, tell
 from .operators.check import no_mesh
 from .operators.color_by import shown_mode
 from .properties import QUALITY_KEPT
-from .texts import CONTEXT, say, tell
 
 NARROW = 250  # below this width of the sidebar labels go into their fields instead of beside them [px at 100 % scale]
 MARGIN, ICON = 64, 20  # what tabs and panel borders take of the sidebar's width, and an icon [px at 100 % scale]

@@ -4,8 +4,9 @@ Everything the panels show and the operators use is here or in attributes of the
 undo, copying and linking keep it; a session keeps nothing.
 """
 
-# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
+from __future__ import annotations
 
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import (
     BoolProperty,
@@ -18,7 +19,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from .texts import CONTEXT
+from .language.texts import CONTEXT
 from .units import metres_per_unit
 
 QUALITY = {

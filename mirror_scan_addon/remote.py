@@ -20,7 +20,7 @@ import bpy
 from .. import __package__ as ROOT_PACKAGE
 from ..core import errors
 from . import compiling, kernels
-from .texts import say
+from .language.texts import say
 
 _START = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='mirror_scan_worker')['main']()"
 _MESSAGE_TAIL = 2000  # characters of a dead worker's output that are shown

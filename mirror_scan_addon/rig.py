@@ -13,13 +13,14 @@ import numpy as np
 from mathutils import Matrix
 
 from ..core.errors import MirrorScanError
+from .language.texts import say
 from .scene import discard_on_error
 from .tasks import Surface
-from .texts import say
 from .units import metres_per_unit
 
 if TYPE_CHECKING:
     from ..core.simulation.scene import Rig
+
 
 COLLECTION = "Mirror Scan Rig"
 MATERIAL = "Mirror Scan Glass"

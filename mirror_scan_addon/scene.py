@@ -12,12 +12,13 @@ import bpy
 import numpy as np
 
 from ..core.errors import OutputError
+from .language.texts import say
 from .reports import REPORT
 from .tasks import Surface
-from .texts import say
 
 if TYPE_CHECKING:
     from ..core.mesh import Mesh
+
 
 COLOR, VIEW, KIND = "Color", "view", "kind"  # attribute names
 MATERIAL_TAG = "mirror_scan_material"  # custom property: the attribute our material shows

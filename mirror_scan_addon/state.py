@@ -10,7 +10,7 @@ from pathlib import Path
 import bpy
 
 from ..core.errors import CaptureError, MirrorError, OutputError
-from .texts import say
+from .language.texts import say
 
 GOOD_MM, USABLE_MM = 5.0, 12.0
 """Residual of a mirror up to which it is good, and up to which it is usable [mm]."""

@@ -3,9 +3,9 @@
     python tools/messages.py                   core's messages, into mirror_scan_addon/messages.json
     python tools/messages.py --pot FILE.pot    everything, as a template for gettext's tools
 
-Core speaks English and knows of no translation; ``mirror_scan_addon/messages.py`` recognises what it said by this list.
-What is filled in stands in braces, under the name it has in the code. To be run again when a text came, went or
-changed; ``tests/addon/test_texts.py`` says when.
+Core speaks English and knows of no translation; ``mirror_scan_addon/language/messages.py`` recognises what it said by
+this list. What is filled in stands in braces, under the name it has in the code. To be run again when a text came, went
+or changed; ``tests/addon/test_texts.py`` says when.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ BESIDE = ("tasks.py", "worker.py", "compiling.py")
 """Of the add-on, what runs in the second Python."""
 
 CONTEXT = "MirrorScan"
-"""As in ``mirror_scan_addon/texts.py``."""
+"""As in ``mirror_scan_addon/language/texts.py``."""
 
 NOT_SAID = {"compile", "execute", "debug", "print"}
 """Functions whose arguments are patterns, queries or the log's."""

@@ -1,7 +1,8 @@
 """Capture → avatar in the scene."""
 
-# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
+from __future__ import annotations
 
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import os
 
 import bpy
@@ -9,7 +10,7 @@ from bpy.props import IntProperty, StringProperty
 
 from ...core.errors import CaptureError
 from .. import jobs, state
-from ..texts import CONTEXT, say, tell
+from ..language.texts import CONTEXT, say, tell
 from ..units import metres_per_unit
 from .load_capture import look_at
 

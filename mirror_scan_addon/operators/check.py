@@ -1,12 +1,13 @@
 """Is the avatar sound, and where is it not."""
 
-# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
+from __future__ import annotations
 
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import EnumProperty, IntProperty
 
 from .. import jobs, reports, state
-from ..texts import CONTEXT, say
+from ..language.texts import CONTEXT, say
 from ..units import metres_per_unit
 from .load_capture import show_within, viewport
 

@@ -7,7 +7,7 @@ import bpy
 from bpy.props import EnumProperty
 
 from .. import jobs, state
-from ..texts import CONTEXT, say
+from ..language.texts import CONTEXT, say
 from .check import no_mesh, not_ours
 
 DERIVED = {"VIEW": "View Colors", "KIND": "Kind Colors"}

@@ -1,13 +1,14 @@
 """The selected avatar → a file, in the formats Blender has."""
 
-# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
+from __future__ import annotations
 
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import EnumProperty, StringProperty
 
 from ...core.errors import OutputError
 from .. import jobs, state
-from ..texts import CONTEXT, say
+from ..language.texts import CONTEXT, say
 from .check import no_mesh
 
 FORMATS = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from .. import jobs, state
-from ..texts import CONTEXT, say, tell
+from ..language.texts import CONTEXT, say, tell
 from ..units import metres_per_unit
 
 

@@ -1,13 +1,14 @@
 """Capture → points in the viewport."""
 
-# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
+from __future__ import annotations
 
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import EnumProperty, IntProperty, StringProperty
 
 from ...core.errors import CaptureError
 from .. import jobs, live, state
-from ..texts import CONTEXT, say, tell
+from ..language.texts import CONTEXT, say, tell
 from ..units import metres_per_unit
 
 

@@ -8,7 +8,7 @@ from bpy.props import FloatVectorProperty, IntProperty, StringProperty
 
 from ...core.errors import MirrorError, OutputError
 from .. import jobs, state
-from ..texts import CONTEXT, say
+from ..language.texts import CONTEXT, say
 
 
 class _MirrorOperator(jobs.JobOperator):

@@ -8,7 +8,7 @@ from bpy.props import BoolProperty
 
 from .. import jobs, overlay, state
 from ..aiming import NAVIGATION, Aim, region_under
-from ..texts import CONTEXT, say, tell
+from ..language.texts import CONTEXT, say, tell
 
 GRAB_PX = 12.0  # how far from the mouse a pick is taken hold of [px at 100 % scale]
 ENOUGH = 3  # picks that make a plane; with fewer the mirror is looked for around them

@@ -1,13 +1,14 @@
 """The person by a click, where another is taken for it."""
 
-# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
+from __future__ import annotations
 
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import FloatVectorProperty
 
 from .. import jobs, overlay, state
 from ..aiming import NAVIGATION, Aim, region_under
-from ..texts import CONTEXT, say
+from ..language.texts import CONTEXT, say
 
 
 class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):

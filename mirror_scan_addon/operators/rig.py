@@ -8,7 +8,7 @@ from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ...core.errors import MirrorScanError
 from .. import compiling, jobs, remote, state
-from ..texts import CONTEXT, say
+from ..language.texts import CONTEXT, say
 from ..units import metres_per_unit
 from .load_capture import look_at, look_from_camera, show_capture
 

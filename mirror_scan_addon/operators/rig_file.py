@@ -1,7 +1,8 @@
 """A rig calibrated once and used for every later capture, until something of it moves."""
 
-# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
+from __future__ import annotations
 
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import os
 
 import bpy
@@ -9,7 +10,7 @@ from bpy.props import BoolProperty, StringProperty
 
 from ...core.errors import MirrorError, OutputError
 from .. import jobs, state
-from ..texts import CONTEXT, say, tell
+from ..language.texts import CONTEXT, say, tell
 from .mirrors import put_mirrors
 
 

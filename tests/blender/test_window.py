@@ -80,7 +80,7 @@ def test_nothing_was_printed_as_an_error(found):
 
 GERMAN = f"""
 import importlib, bpy
-texts = importlib.import_module({run.ADDON!r} + ".mirror_scan_addon.texts")
+texts = importlib.import_module({run.ADDON!r} + ".mirror_scan_addon.language.texts")
 texts.unregister()
 flat = "{{name}}: is marked as a mirror, but is not flat in its local X and Y; its glass lies there"
 core = "{{path}}: there is no such file or folder"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2] / "mirror_scan_addon"
+ROOT = Path(__file__).resolve().parents[3] / "mirror_scan_addon"
 ELSEWHERE = {"tasks.py", "worker.py", "compiling.py", "bridging.py", "command.py"}
 """What runs without Blender's window or without bpy; its texts are looked up where they arrive."""
 
@@ -97,7 +97,8 @@ GERMAN = {
 @pytest.fixture
 def german(bpy, monkeypatch):
     """The bpy module has no languages, so that this stands in for Blender's look-up; ``tests/blender`` asks Blender."""
-    from mirror_scan.mirror_scan_addon import jobs, texts
+    from mirror_scan.mirror_scan_addon import jobs
+    from mirror_scan.mirror_scan_addon.language import texts
 
     monkeypatch.setattr(texts, "language", lambda: "de_DE")
     monkeypatch.setattr(texts, "say", lambda text: GERMAN.get(text, text))
@@ -134,7 +135,7 @@ def test_what_is_raised_and_warned_of_is_in_the_list():
 def test_every_message_is_recognised_with_what_was_filled_in():
     import string
 
-    from mirror_scan.mirror_scan_addon.messages import recognise
+    from mirror_scan.mirror_scan_addon.language.messages import recognise
 
     other = []
     for template in listed():
@@ -169,7 +170,7 @@ def test_reports_and_panels_tell_core_s_errors_in_the_user_s_language(german, bp
 
 def test_what_a_translator_writes_is_what_blender_is_given(bpy, tmp_path, monkeypatch):
     """From the template that the tool writes to the table that Blender looks up: every text, whatever stands in it."""
-    from mirror_scan.mirror_scan_addon import texts
+    from mirror_scan.mirror_scan_addon.language import texts
 
     tool = runpy.run_path(str(ROOT.parent / "tools" / "messages.py"))
     template = tool["template_file"]()

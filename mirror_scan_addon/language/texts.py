@@ -39,7 +39,7 @@ def translations() -> dict[str, dict[tuple[str, str], str]]:
     import os
     import sys
 
-    folder = os.path.join(sys.modules[__package__].__path__[0], LANGUAGES)
+    folder = os.path.join(os.path.dirname(sys.modules[__package__].__path__[0]), LANGUAGES)
     if not os.path.isdir(folder):
         return {}
     found = {}

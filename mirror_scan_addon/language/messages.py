@@ -15,7 +15,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
-LIST = Path(sys.modules[__package__].__path__[0]) / "messages.json"
+LIST = Path(sys.modules[__package__].__path__[0]).parent / "messages.json"
 
 
 @cache

@@ -1,0 +1,1 @@
+"""What the add-on says, in the user's language."""
