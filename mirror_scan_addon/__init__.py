@@ -1,7 +1,7 @@
 """The Blender side of Mirror Scan: everything that touches bpy.
 
 Importing this package imports nothing: :mod:`.command` must work in a Python that has no bpy, and Blender's start must
-not wait for what only a pressed button needs. numba is first imported inside an operator's job (:mod:`.kernels`).
+not wait for what only a pressed button needs. numba is first imported inside an operator's job (:mod:`.numba_setup`).
 """
 
 from __future__ import annotations
@@ -12,10 +12,11 @@ from types import ModuleType
 
 def _modules() -> tuple[ModuleType, ...]:
     """Modules with something to register, in the order of their needs."""
-    from . import command, jobs, live, operators, overlay, panels, properties, remote
+    from . import command, live, operators, overlay, panels, properties
+    from .background import job_operators, second_process
     from .language import texts
 
-    return texts, properties, remote, jobs, live, operators, overlay, panels, command
+    return texts, properties, second_process, job_operators, live, operators, overlay, panels, command
 
 
 def register() -> None:
@@ -40,9 +41,9 @@ def unregister() -> None:
     """Take out what :func:`register` added, last first; what is under way is cancelled."""
     import bpy
 
-    from . import jobs
+    from .background import job_operators
 
     atexit.unregister(unregister)
-    jobs.cancel_all(bpy.context)
+    job_operators.cancel_all(bpy.context)
     for module in reversed(_modules()):
         module.unregister()

@@ -65,7 +65,7 @@ def blender_main(argv: Sequence[str]) -> int:
     """Entry point of ``blender --command mirror_scan``; returns the exit code."""
     from ..core import cli
     from ..core.errors import MirrorScanError
-    from .kernels import prepare_kernels
+    from .background.numba_setup import prepare_kernels
 
     try:
         prepare_kernels()

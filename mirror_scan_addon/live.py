@@ -12,7 +12,8 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..core.errors import MirrorScanError
-from . import jobs, state
+from . import state
+from .background import job_operators
 
 DELAY_S = 0.1  # from a change to the search, and from one look at it to the next
 WAIT_S = 0.5  # while a job of ours runs in the window, or the user edits
@@ -33,16 +34,16 @@ class Search:
         self.scene_uid = scene.session_uid
         self.stamp = cloud.stamp_of(points)
         self.views = state.view_settings(settings)
-        self._task = jobs.Task(
+        self._task = job_operators.Task(
             "find_subject_steps", (arrays.depth, arrays.intrinsics, state.placed_mirrors(settings), self.views)
         )
-        self.worker = jobs.begin(self._task)
+        self.worker = job_operators.begin(self._task)
 
     def is_alive(self) -> bool:
         if self.worker.is_alive():
             return True
-        if isinstance(self.worker.error, jobs.UNAVAILABLE):
-            self.worker = jobs.begin(self._task, thread=True)
+        if isinstance(self.worker.error, job_operators.UNAVAILABLE):
+            self.worker = job_operators.begin(self._task, thread=True)
             return True
         return False
 
@@ -58,10 +59,10 @@ class Search:
             scene.mirror_scan.cloud_colors = "PART"
         if error is None:
             put_subject(scene, points, self.worker.result, self.views)
-        elif isinstance(error, jobs.REPORTED):
+        elif isinstance(error, job_operators.REPORTED):
             cloud.set_nobody(points.data)
             subject.message, subject.searched_with = "", state.key_of(self.views)
-            subject.problem = str(error) if isinstance(error, MirrorScanError) else jobs.in_words(error)
+            subject.problem = str(error) if isinstance(error, MirrorScanError) else job_operators.in_words(error)
         else:
             raise error
 
@@ -98,21 +99,23 @@ def _turn() -> float | None:
             done.deliver(scene)
             if scene.mirror_scan.subject.stale:
                 _wanted.add(scene.session_uid)
-        jobs.redraw(context)
+        job_operators.redraw(context)
     for uid in list(_wanted):
         scene = _scene(uid)
         if scene is None or not _possible(scene):
             _wanted.discard(uid)
     if not _wanted:
         return None
-    if jobs.running(context):
+    if job_operators.running(context):
         return WAIT_S
     uid = _wanted.pop()
     try:
         _search = Search(_scene(uid))
-    except jobs.REPORTED:  # somebody's edits left no depth map, or the disk is full: pressing Find Subject says so
+    except (
+        job_operators.REPORTED
+    ):  # somebody's edits left no depth map, or the disk is full: pressing Find Subject says so
         return DELAY_S
-    jobs.redraw(context, panels_only=True)
+    job_operators.redraw(context, panels_only=True)
     return DELAY_S
 
 

@@ -10,7 +10,8 @@ import bpy
 from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
-from . import jobs, live, reports, state
+from . import live, reports, state
+from .background import job_operators
 from .language.texts import CONTEXT, say, tell
 from .operators.check import no_mesh
 from .operators.color_by import shown_mode
@@ -159,7 +160,7 @@ def _draw_facts(layout: bpy.types.UILayout, cloud: bpy.types.Object) -> None:
 
     try:
         info = cloud_info(cloud)
-    except jobs.REPORTED as error:
+    except job_operators.REPORTED as error:
         _text(layout, str(error), "ERROR")
         return
     width, height = info.get("size", (0, 0))
@@ -178,7 +179,7 @@ def _draw_facts(layout: bpy.types.UILayout, cloud: bpy.types.Object) -> None:
 def _draw_progress(layout: bpy.types.UILayout, context: bpy.types.Context, *operators: str) -> None:
     """How far the job is, below the button that began it: in the panel of its operator, and in no other."""
     progress = context.window_manager.mirror_scan
-    if progress.operator not in operators or progress.picking or not jobs.running(context):
+    if progress.operator not in operators or progress.picking or not job_operators.running(context):
         return
     column = layout.column(align=True)
     column.progress(factor=progress.fraction, text=f"{progress.fraction:.0%}", translate=False)
@@ -319,7 +320,7 @@ class MIRRORSCAN_PT_subject(_Panel, bpy.types.Panel):
         for name in ("depth_limit", "floor_clearance", "max_height", "reach", "object"):
             _field(column, settings.subject, name)
         subject = settings.subject
-        if live.searching(context.scene) and not jobs.running(context):
+        if live.searching(context.scene) and not job_operators.running(context):
             _text(layout, say("Searching for the person"), "SORTTIME")
         elif subject.stale:
             _text(layout, say("Press Find Subject again: it was searched for with other settings"), "FILE_REFRESH")

@@ -35,7 +35,7 @@ QUALITY_KEPT = (*QUALITY["BALANCED"], "keep_islands")
 
 
 def _redraw(self, context: bpy.types.Context) -> None:
-    from .jobs import redraw
+    from .background.job_operators import redraw
 
     redraw(context)
 

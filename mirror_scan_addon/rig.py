@@ -13,9 +13,9 @@ import numpy as np
 from mathutils import Matrix
 
 from ..core.errors import MirrorScanError
+from .background.tasks import Surface
 from .language.texts import say
 from .scene import discard_on_error
-from .tasks import Surface
 from .units import metres_per_unit
 
 if TYPE_CHECKING:

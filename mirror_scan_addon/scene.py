@@ -12,9 +12,9 @@ import bpy
 import numpy as np
 
 from ..core.errors import OutputError
+from .background.tasks import Surface
 from .language.texts import say
 from .reports import REPORT
-from .tasks import Surface
 
 if TYPE_CHECKING:
     from ..core.mesh import Mesh

@@ -238,11 +238,11 @@ def allows(operator: type[bpy.types.Operator], problem: str) -> bool:
 
 def editable(context: bpy.types.Context) -> str:
     """Why the scene cannot be changed now; "" when it can. Cheap enough for ``poll``."""
-    from . import jobs
+    from .background import job_operators
 
     if not context.scene.is_editable:
         return say("The scene is linked from another file and cannot be changed")
-    if jobs.running(context):
+    if job_operators.running(context):
         return say("Mirror Scan is busy; wait or press Esc")
     if context.mode != "OBJECT":
         return say("Leave the editing mode first: this works in Object Mode")

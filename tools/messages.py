@@ -22,7 +22,7 @@ LIST = ROOT / "mirror_scan_addon" / "messages.json"
 ELSEWHERE = ("core/cli/", "core/pipeline/inspection.py", "core/experiments")
 """What only the command line says."""
 
-BESIDE = ("tasks.py", "worker.py", "compiling.py")
+BESIDE = ("background/tasks.py", "background/worker.py", "background/kernel_compilation.py")
 """Of the add-on, what runs in the second Python."""
 
 CONTEXT = "MirrorScan"

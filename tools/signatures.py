@@ -23,19 +23,19 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def main() -> int:
     runpy.run_path(str(ROOT / "tests" / "conftest.py"))
-    from mirror_scan.mirror_scan_addon import compiling
+    from mirror_scan.mirror_scan_addon.background import kernel_compilation
 
     if sys.argv[1:] == ["measure"]:
-        return measure(compiling)
+        return measure(kernel_compilation)
     if sys.argv[1:] in (["way"], ["rig"]):
-        found = walk(compiling) if sys.argv[1] == "way" else walk_rig(compiling)
+        found = walk(kernel_compilation) if sys.argv[1] == "way" else walk_rig(kernel_compilation)
         print(json.dumps([list(entry) for entry in found]))
         return 0
     if len(sys.argv) == 3:
         return simulate(Path(sys.argv[2]), sys.argv[1])
     listed = called("way")
     # In a process of its own: what it calls of the other stages but the first has to be in its list too.
-    first = {json.dumps(entry[1:4]) for entry in listed if entry[0] == compiling.STAGES[0]}
+    first = {json.dumps(entry[1:4]) for entry in listed if entry[0] == kernel_compilation.STAGES[0]}
     listed += [entry for entry in called("rig") if json.dumps(entry[1:4]) not in first]
     with tempfile.TemporaryDirectory() as cache:
         done = subprocess.run(
@@ -44,10 +44,10 @@ def main() -> int:
         )  # fmt: skip
     listed = json.loads(done.stdout)
     # within a stage the longest first: processes that share the list end together then
-    stages = (*compiling.STAGES, compiling.RIG)
+    stages = (*kernel_compilation.STAGES, kernel_compilation.RIG)
     listed.sort(key=lambda entry: (stages.index(entry[0]), -entry[4]))
     lines = ",\n".join(json.dumps(entry) for entry in listed)
-    compiling.SIGNATURES.write_text(f"[\n{lines}\n]\n", encoding="utf-8")
+    kernel_compilation.SIGNATURES.write_text(f"[\n{lines}\n]\n", encoding="utf-8")
     print(f"{len(listed)} kernels, {sum(entry[4] for entry in listed):.0f} s one after the other")
     return 0
 
@@ -63,7 +63,7 @@ def called(which: str) -> list:
 def walk(compiling) -> list:
     """An entry for each kernel that is called on the way, under the stage that calls it first."""
     from mirror_scan.core.pipeline import finish
-    from mirror_scan.mirror_scan_addon import tasks
+    from mirror_scan.mirror_scan_addon.background import tasks
 
     found: dict[tuple, compiling.Entry] = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -100,7 +100,7 @@ def walk_rig(compiling) -> list:
     from mirror_scan.core.simulation.mannequin import mannequin
     from mirror_scan.core.simulation.scene import default_rig
     from mirror_scan.core.simulation.sensors import SENSORS
-    from mirror_scan.mirror_scan_addon import tasks
+    from mirror_scan.mirror_scan_addon.background import tasks
 
     usual = {"sensor": "azure_kinect", "frames": 2, "seed": 0}
     finish(tasks.simulate_steps(None, usual, None))

@@ -9,13 +9,14 @@ import bpy
 from bpy.props import IntProperty, StringProperty
 
 from ...core.errors import CaptureError
-from .. import jobs, state
+from .. import state
+from ..background import job_operators
 from ..language.texts import CONTEXT, say, tell
 from ..units import metres_per_unit
 from .load_capture import look_at
 
 
-class MIRRORSCAN_OT_build_avatar(jobs.JobOperator, bpy.types.Operator):
+class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
     """Reconstruct the captured person as a closed, coloured mesh"""
 
     bl_idname = "mirror_scan.build_avatar"
@@ -48,7 +49,7 @@ class MIRRORSCAN_OT_build_avatar(jobs.JobOperator, bpy.types.Operator):
         self._frame_view = True
         return self.run(context)
 
-    def start(self, context: bpy.types.Context) -> jobs.Task:
+    def start(self, context: bpy.types.Context) -> job_operators.Task:
         from .. import cloud
 
         settings = context.scene.mirror_scan
@@ -76,7 +77,7 @@ class MIRRORSCAN_OT_build_avatar(jobs.JobOperator, bpy.types.Operator):
                 path, arrays = "", cloud.read_cloud(points)
         path = state.absolute(path)
         options, reading = state.build_settings(settings), state.reading_of(settings)
-        return jobs.Task("build_steps", (path, frames, mirrors, mirrors_path, options, arrays, reading))
+        return job_operators.Task("build_steps", (path, frames, mirrors, mirrors_path, options, arrays, reading))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         from .. import cloud, scene

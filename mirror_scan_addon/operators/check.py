@@ -6,7 +6,8 @@ from __future__ import annotations
 import bpy
 from bpy.props import EnumProperty, IntProperty
 
-from .. import jobs, reports, state
+from .. import reports, state
+from ..background import job_operators
 from ..language.texts import CONTEXT, say
 from ..units import metres_per_unit
 from .load_capture import show_within, viewport
@@ -32,7 +33,7 @@ def not_ours(context: bpy.types.Context) -> str:
     return ""
 
 
-class MIRRORSCAN_OT_check(jobs.JobOperator, bpy.types.Operator):
+class MIRRORSCAN_OT_check(job_operators.JobOperator, bpy.types.Operator):
     """Look the selected mesh over: is it closed, in one piece, free of crossings; and where it is not"""
 
     bl_idname = "mirror_scan.check"
@@ -44,7 +45,7 @@ class MIRRORSCAN_OT_check(jobs.JobOperator, bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         return state.allows(cls, state.editable(context) or no_mesh(context) or not_ours(context))
 
-    def start(self, context: bpy.types.Context) -> jobs.Task:
+    def start(self, context: bpy.types.Context) -> job_operators.Task:
         from .. import scene
 
         avatar = context.object
@@ -53,7 +54,7 @@ class MIRRORSCAN_OT_check(jobs.JobOperator, bpy.types.Operator):
         surface = scene.read_surface(avatar, self._size)
         scene.check_finite(avatar, surface.vertices)
         self._height = float(surface.vertices[:, 2].max() - surface.vertices[:, 2].min())
-        return jobs.Task("check_steps", (surface,))
+        return job_operators.Task("check_steps", (surface,))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         from ...core.errors import OutputError

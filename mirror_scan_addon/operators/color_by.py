@@ -6,7 +6,8 @@ from __future__ import annotations
 import bpy
 from bpy.props import EnumProperty
 
-from .. import jobs, state
+from .. import state
+from ..background import job_operators
 from ..language.texts import CONTEXT, say
 from .check import no_mesh, not_ours
 
@@ -52,8 +53,8 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
             self._show(context)
-        except jobs.REPORTED as error:
-            self.report({"ERROR"}, jobs.in_words(error))
+        except job_operators.REPORTED as error:
+            self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}
         space = context.space_data
         if space is not None and space.type == "VIEW_3D" and space.shading.type == "SOLID":

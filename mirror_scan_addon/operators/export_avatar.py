@@ -7,7 +7,8 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 
 from ...core.errors import OutputError
-from .. import jobs, state
+from .. import state
+from ..background import job_operators
 from ..language.texts import CONTEXT, say
 from .check import no_mesh
 
@@ -54,7 +55,7 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
         problem = no_mesh(context)
         if not problem and context.mode != "OBJECT":
             problem = say("Leave the editing mode first: this works in Object Mode")
-        if not problem and jobs.running(context):
+        if not problem and job_operators.running(context):
             problem = say("Mirror Scan is busy; wait or press Esc")
         return state.allows(cls, problem)
 
@@ -102,8 +103,8 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
             if _endings().get(ending) != kind:
                 path += wanted
             export.write_object(path, context.object, kind)
-        except jobs.REPORTED as error:
-            self.report({"ERROR"}, jobs.in_words(error))
+        except job_operators.REPORTED as error:
+            self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}
         self.report({"INFO"}, say("{name} written to {path}").format(name=context.object.name, path=path))
         return {"FINISHED"}

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import bpy
 
-from .. import jobs, state
+from .. import state
+from ..background import job_operators
 from ..language.texts import CONTEXT, say, tell
 from ..units import metres_per_unit
 
 
-class MIRRORSCAN_OT_find_subject(jobs.JobOperator, bpy.types.Operator):
+class MIRRORSCAN_OT_find_subject(job_operators.JobOperator, bpy.types.Operator):
     """Tell the person from floor and room, directly and in each mirror, and show it as colours on the points"""
 
     bl_idname = "mirror_scan.find_subject"
@@ -21,14 +22,14 @@ class MIRRORSCAN_OT_find_subject(jobs.JobOperator, bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         return state.allows(cls, state.editable(context) or state.no_cloud(context) or state.no_mirror(context))
 
-    def start(self, context: bpy.types.Context) -> jobs.Task:
+    def start(self, context: bpy.types.Context) -> job_operators.Task:
         from .. import cloud
 
         settings = context.scene.mirror_scan
         arrays = cloud.read_cloud(cloud.cloud_of(context.scene), color=False)
         mirrors = state.placed_mirrors(settings)
         self._views = state.view_settings(settings)
-        return jobs.Task("find_subject_steps", (arrays.depth, arrays.intrinsics, mirrors, self._views))
+        return job_operators.Task("find_subject_steps", (arrays.depth, arrays.intrinsics, mirrors, self._views))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         from ...core.errors import CaptureError

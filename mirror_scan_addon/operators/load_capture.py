@@ -7,12 +7,13 @@ import bpy
 from bpy.props import EnumProperty, IntProperty, StringProperty
 
 from ...core.errors import CaptureError
-from .. import jobs, live, state
+from .. import live, state
+from ..background import job_operators
 from ..language.texts import CONTEXT, say, tell
 from ..units import metres_per_unit
 
 
-class MIRRORSCAN_OT_load_capture(jobs.FileJobOperator, bpy.types.Operator):
+class MIRRORSCAN_OT_load_capture(job_operators.FileJobOperator, bpy.types.Operator):
     """Read what a depth camera wrote and show it as coloured points. Takes the folder or any file of a capture"""
 
     bl_idname = "mirror_scan.load_capture"
@@ -57,7 +58,7 @@ class MIRRORSCAN_OT_load_capture(jobs.FileJobOperator, bpy.types.Operator):
         for name in state.READING:
             layout.prop(context.scene.mirror_scan.reading, name)
 
-    def start(self, context: bpy.types.Context) -> jobs.Task:
+    def start(self, context: bpy.types.Context) -> job_operators.Task:
         settings = context.scene.mirror_scan
         path = state.absolute(state.capture_root(self.filepath or settings.capture_path))
         if not path:
@@ -65,7 +66,7 @@ class MIRRORSCAN_OT_load_capture(jobs.FileJobOperator, bpy.types.Operator):
         frames = self.frames if self.properties.is_property_set("frames") else settings.frames
         self._path, self._frames = state.capture_root(self.filepath or settings.capture_path), frames
         mirrors = state.absolute(self.mirrors_filepath)
-        return jobs.Task("load_steps", (path, frames, mirrors, state.reading_of(settings)))
+        return job_operators.Task("load_steps", (path, frames, mirrors, state.reading_of(settings)))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         cloud = show_capture(context, target, result)
@@ -85,7 +86,7 @@ class MIRRORSCAN_OT_load_capture(jobs.FileJobOperator, bpy.types.Operator):
         self.report({"INFO"}, text)
 
 
-class MIRRORSCAN_OT_record(jobs.FileJobOperator, bpy.types.Operator):
+class MIRRORSCAN_OT_record(job_operators.FileJobOperator, bpy.types.Operator):
     """Record a burst of a depth camera that is connected, into a new folder, and load it. Hold still meanwhile"""
 
     bl_idname = "mirror_scan.record"
@@ -109,12 +110,12 @@ class MIRRORSCAN_OT_record(jobs.FileJobOperator, bpy.types.Operator):
 
     poll = MIRRORSCAN_OT_load_capture.poll
 
-    def start(self, context: bpy.types.Context) -> jobs.Task:
+    def start(self, context: bpy.types.Context) -> job_operators.Task:
         folder = state.absolute(self.filepath)
         if not folder:
             raise CaptureError(say("Give the name of a new folder for the recording"))
         state.check_folder(folder)
-        return jobs.Task("record_steps", (self.camera, folder, self.frames))
+        return job_operators.Task("record_steps", (self.camera, folder, self.frames))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         cloud = show_capture(context, target, result)

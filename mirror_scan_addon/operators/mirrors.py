@@ -7,11 +7,12 @@ import bpy
 from bpy.props import FloatVectorProperty, IntProperty, StringProperty
 
 from ...core.errors import MirrorError, OutputError
-from .. import jobs, state
+from .. import state
+from ..background import job_operators
 from ..language.texts import CONTEXT, say
 
 
-class _MirrorOperator(jobs.JobOperator):
+class _MirrorOperator(job_operators.JobOperator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return state.allows(cls, state.editable(context) or state.no_cloud(context))
@@ -44,12 +45,12 @@ class MIRRORSCAN_OT_find_mirrors(_MirrorOperator, bpy.types.Operator):
     bl_translation_context = CONTEXT
     bl_options = {"REGISTER", "UNDO"}
 
-    def start(self, context: bpy.types.Context) -> jobs.Task:
+    def start(self, context: bpy.types.Context) -> job_operators.Task:
         from .. import cloud
 
         arrays = cloud.read_cloud(cloud.cloud_of(context.scene))
         offset = context.scene.mirror_scan.quality.glass_offset_m
-        return jobs.Task("find_mirrors_steps", (arrays.depth, arrays.color, arrays.intrinsics, offset))
+        return job_operators.Task("find_mirrors_steps", (arrays.depth, arrays.color, arrays.intrinsics, offset))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         if not result.mirrors:
@@ -94,7 +95,7 @@ class MIRRORSCAN_OT_set_mirror(_MirrorOperator, bpy.types.Operator):
         size=3, subtype="XYZ", options={"SKIP_SAVE"}, translation_context=CONTEXT,
     )  # fmt: skip
 
-    def start(self, context: bpy.types.Context) -> jobs.Task:
+    def start(self, context: bpy.types.Context) -> job_operators.Task:
         from .. import cloud
 
         settings = context.scene.mirror_scan
@@ -120,7 +121,7 @@ class MIRRORSCAN_OT_set_mirror(_MirrorOperator, bpy.types.Operator):
             raise MirrorError(say("Give points on the mirror's frame, or a point and the normal of its plane"))
         self._index = index
         offset = settings.quality.glass_offset_m
-        return jobs.Task("fit_steps", (arrays.depth, arrays.intrinsics, records, offset))
+        return job_operators.Task("fit_steps", (arrays.depth, arrays.intrinsics, records, offset))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         record = result.mirrors[self._index]
@@ -147,11 +148,11 @@ def _pixels_of(points: list, camera_to_world, intrinsics) -> list:
 
 
 def _given_plane(name: str, point, normal) -> str:
-    from .. import kernels
+    from ..background import numba_setup
 
-    kernels.prepare_kernels()
+    numba_setup.prepare_kernels()
     from ...core.mirrors.mirror import plane_mirror
-    from ..tasks import record_of
+    from ..background.tasks import record_of
 
     return record_of(plane_mirror(name, list(point), list(normal)))["plane"]
 
@@ -260,8 +261,8 @@ class MIRRORSCAN_OT_save_mirrors(bpy.types.Operator):
             path = state.absolute(self.filepath)
             with replacing(path) as temporary:
                 temporary.write_text(json.dumps({"mirrors": entries}, indent=1, ensure_ascii=False), encoding="utf-8")
-        except jobs.REPORTED as error:
-            self.report({"ERROR"}, jobs.in_words(error))
+        except job_operators.REPORTED as error:
+            self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}
         names = ", ".join(entry["name"] for entry in entries)
         self.report({"INFO"}, say("Mirrors written to {path}: {names}").format(path=path, names=names))

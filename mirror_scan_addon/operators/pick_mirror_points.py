@@ -6,8 +6,9 @@ from __future__ import annotations
 import bpy
 from bpy.props import BoolProperty
 
-from .. import jobs, overlay, state
+from .. import overlay, state
 from ..aiming import NAVIGATION, Aim, region_under
+from ..background import job_operators
 from ..language.texts import CONTEXT, say, tell
 
 GRAB_PX = 12.0  # how far from the mouse a pick is taken hold of [px at 100 % scale]
@@ -56,8 +57,8 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         target = cloud.cloud_of(context.scene)
         try:
             arrays = cloud.read_cloud(target)
-        except jobs.REPORTED as error:
-            self.report({"ERROR"}, jobs.in_words(error))
+        except job_operators.REPORTED as error:
+            self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}
         settings = context.scene.mirror_scan
         self._points, self._pixel = arrays.points, arrays.pixel
@@ -74,7 +75,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         if self.add or not settings.mirrors:
             self._add_mirror(settings)
         settings.mirror_index = min(settings.mirror_index, len(settings.mirrors) - 1)
-        self._timer = context.window_manager.event_timer_add(jobs.TICK_S, window=context.window)
+        self._timer = context.window_manager.event_timer_add(job_operators.TICK_S, window=context.window)
         context.window_manager.modal_handler_add(self)
         context.window_manager.mirror_scan.picking = True
         context.window.cursor_modal_set("CROSSHAIR")
@@ -103,9 +104,9 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         if event.type == "TIMER":
             try:
                 return self._work(context)
-            except jobs.REPORTED as error:  # no room for a second process and what it is told
+            except job_operators.REPORTED as error:  # no room for a second process and what it is told
                 self._undo_all(context)
-                self.report({"ERROR"}, jobs.in_words(error))
+                self.report({"ERROR"}, job_operators.in_words(error))
                 return {"CANCELLED"}
         if event.type == "ESC" and event.value == "PRESS":
             self._undo_all(context)
@@ -116,7 +117,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         if region is None:  # panels, headers, other editors, the navigation gizmo
             if overlay.hovered() is not None:
                 overlay.set_hover(None)
-                jobs.redraw(context)
+                job_operators.redraw(context)
             context.window.cursor_modal_set("DEFAULT")
             return {"PASS_THROUGH"}
         context.window.cursor_modal_set("CROSSHAIR")
@@ -176,13 +177,13 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             picks = self._active(context.scene.mirror_scan).picks
             if pixel is not None and self._dragged < len(picks):
                 picks[self._dragged].pixel = pixel
-                jobs.redraw(context)
+                job_operators.redraw(context)
         return {"RUNNING_MODAL"}
 
     def _hover_over(self, context, event, region) -> None:
         index = self._aim.nearest(context, event, region)
         overlay.set_hover(None if index is None else self._points[index])
-        jobs.redraw(context)
+        job_operators.redraw(context)
 
     def _next_mirror(self, context, backwards: bool) -> None:
         """The next one; after the last, when something is picked on it, a new one."""
@@ -245,9 +246,9 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         settings = context.scene.mirror_scan
         if self._errand is not None and not self._errand.is_alive():
             errand, self._errand = self._errand, None
-            if isinstance(errand.error, jobs.UNAVAILABLE):
-                self._errand = jobs.begin(self._task, thread=True)
-            elif isinstance(errand.error, jobs.REPORTED):
+            if isinstance(errand.error, job_operators.UNAVAILABLE):
+                self._errand = job_operators.begin(self._task, thread=True)
+            elif isinstance(errand.error, job_operators.REPORTED):
                 self._active(settings).message = str(errand.error)
             elif errand.error is not None:
                 self._undo_all(context)
@@ -260,8 +261,10 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             if self._asked:
                 chosen = [records[number] for number in self._asked]
                 offset = settings.quality.glass_offset_m
-                self._task = jobs.Task("fit_steps", (self._depth, self._intrinsics, chosen, offset, self._asked))
-                self._errand = jobs.begin(self._task)
+                self._task = job_operators.Task(
+                    "fit_steps", (self._depth, self._intrinsics, chosen, offset, self._asked)
+                )
+                self._errand = job_operators.begin(self._task)
             else:
                 self._set_seen(context, None)
         if self._accepting and self._errand is None and self._asked is not None:
@@ -366,7 +369,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         if context.window is not None:
             context.window.cursor_modal_restore()
         context.workspace.status_text_set(None)
-        jobs.redraw(context)
+        job_operators.redraw(context)
 
     # --- helpers ------------------------------------------------------------------------------------------------------
 
@@ -394,7 +397,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             "[Tab] Next mirror   [Enter] Accept   [Esc] Cancel"
         )
         context.workspace.status_text_set(text.format(name=item.name, count=count, how=how))
-        jobs.redraw(context)
+        job_operators.redraw(context)
 
 
 CLASSES = (MIRRORSCAN_OT_pick_mirror_points,)

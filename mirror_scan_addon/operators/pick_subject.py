@@ -6,8 +6,9 @@ from __future__ import annotations
 import bpy
 from bpy.props import FloatVectorProperty
 
-from .. import jobs, overlay, state
+from .. import overlay, state
 from ..aiming import NAVIGATION, Aim, region_under
+from ..background import job_operators
 from ..language.texts import CONTEXT, say
 
 
@@ -36,8 +37,8 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
 
         try:
             lens = cloud.read_cloud(cloud.cloud_of(context.scene), color=False).intrinsics
-        except jobs.REPORTED as error:
-            self.report({"ERROR"}, jobs.in_words(error))
+        except job_operators.REPORTED as error:
+            self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}
         u, v = self.pixel
         if not (0 <= u < lens.width and 0 <= v < lens.height):
@@ -58,8 +59,8 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
             return {"CANCELLED"}
         try:
             arrays = cloud.read_cloud(cloud.cloud_of(context.scene), color=False)
-        except jobs.REPORTED as error:
-            self.report({"ERROR"}, jobs.in_words(error))
+        except job_operators.REPORTED as error:
+            self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}
         self._aim, self._points = Aim(arrays.points), arrays.points
         self._pixels, self._width = arrays.pixel, arrays.intrinsics.width
@@ -89,7 +90,7 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
             if event.type == "MOUSEMOVE":
                 index = None if region is None else self._aim.nearest(context, event, region)
                 overlay.set_hover(None if index is None else self._points[index])
-                jobs.redraw(context)
+                job_operators.redraw(context)
             return {"PASS_THROUGH"}
         if event.type != "LEFTMOUSE" or event.value != "PRESS" or event.alt:
             return {"PASS_THROUGH"}
@@ -111,7 +112,7 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
         if context.window is not None:
             context.window.cursor_modal_restore()
         context.workspace.status_text_set(None)
-        jobs.redraw(context)
+        job_operators.redraw(context)
 
 
 CLASSES = (MIRRORSCAN_OT_pick_subject,)

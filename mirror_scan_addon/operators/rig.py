@@ -7,7 +7,8 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ...core.errors import MirrorScanError
-from .. import compiling, jobs, remote, state
+from .. import state
+from ..background import job_operators, kernel_compilation, second_process
 from ..language.texts import CONTEXT, say
 from ..units import metres_per_unit
 from .load_capture import look_at, look_from_camera, show_capture
@@ -75,16 +76,16 @@ class MIRRORSCAN_OT_add_rig(bpy.types.Operator):
                 self.sensor, unit * self.distance, math.degrees(self.angle), self.mirrors, path_length=unit * self.path
             )
             made = rig.add_objects(context.scene, arranged)
-        except jobs.REPORTED as error:
-            self.report({"ERROR"}, jobs.in_words(error))
+        except job_operators.REPORTED as error:
+            self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}
         if not bpy.app.background and context.window is not None:
-            remote.compile_ahead(compiling.RIG)  # whoever adds a rig is about to scan with it
+            second_process.compile_ahead(kernel_compilation.RIG)  # whoever adds a rig is about to scan with it
         self.report({"INFO"}, say("Added a camera, and mirrors: {count}").format(count=len(made) - 1))
         return {"FINISHED"}
 
 
-class MIRRORSCAN_OT_simulate(jobs.JobOperator, bpy.types.Operator):
+class MIRRORSCAN_OT_simulate(job_operators.JobOperator, bpy.types.Operator):
     """Scan the selected mesh with a virtual rig: the scene's camera and the objects marked as mirrors, or the usual
     rig where there are none. Shows the capture, and on the mesh which part of it the rig sees"""
 
@@ -120,7 +121,7 @@ class MIRRORSCAN_OT_simulate(jobs.JobOperator, bpy.types.Operator):
                 problem = problem.format(name=active.name)
         return state.allows(cls, problem)
 
-    def start(self, context: bpy.types.Context) -> jobs.Task:
+    def start(self, context: bpy.types.Context) -> job_operators.Task:
         from .. import rig
 
         body = rig.subject_of(context)
@@ -135,7 +136,7 @@ class MIRRORSCAN_OT_simulate(jobs.JobOperator, bpy.types.Operator):
         self._folder = state.absolute(self.filepath)
         if self._folder:
             state.check_folder(self._folder)
-        return jobs.Task("simulate_steps", (surface, options, mirrors, self._folder))
+        return job_operators.Task("simulate_steps", (surface, options, mirrors, self._folder))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         from ...core.preview import palette

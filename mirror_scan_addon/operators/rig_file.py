@@ -9,12 +9,13 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 
 from ...core.errors import MirrorError, OutputError
-from .. import jobs, state
+from .. import state
+from ..background import job_operators
 from ..language.texts import CONTEXT, say, tell
 from .mirrors import put_mirrors
 
 
-class _RigFileOperator(jobs.FileJobOperator):
+class _RigFileOperator(job_operators.FileJobOperator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return state.allows(cls, state.editable(context) or state.no_cloud(context))
@@ -24,7 +25,7 @@ class _RigFileOperator(jobs.FileJobOperator):
         root = state.capture_place(context.scene.mirror_scan)
         return os.path.join(os.path.dirname(os.path.normpath(root)) if root else "", "rig.json")
 
-    def start(self, context: bpy.types.Context) -> jobs.Task:
+    def start(self, context: bpy.types.Context) -> job_operators.Task:
         from .. import cloud
 
         if not self.filepath:
@@ -49,9 +50,9 @@ class MIRRORSCAN_OT_calibrate_rig(_RigFileOperator, bpy.types.Operator):
     filter_glob: StringProperty(default="*.json", options={"HIDDEN", "SKIP_SAVE"})
     check_existing: BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
 
-    def task(self, arrays, path: str, settings: bpy.types.PropertyGroup) -> jobs.Task:
+    def task(self, arrays, path: str, settings: bpy.types.PropertyGroup) -> job_operators.Task:
         records = state.placed_mirrors(settings) if settings.mirrors else []
-        return jobs.Task("calibrate_steps", (arrays, records, settings.quality.glass_offset_m, path))
+        return job_operators.Task("calibrate_steps", (arrays, records, settings.quality.glass_offset_m, path))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         put_mirrors(target, result)
@@ -73,10 +74,10 @@ class MIRRORSCAN_OT_use_rig(_RigFileOperator, bpy.types.Operator):
     )  # fmt: skip
     filter_glob: StringProperty(default="*.json", options={"HIDDEN", "SKIP_SAVE"})
 
-    def task(self, arrays, path: str, settings: bpy.types.PropertyGroup) -> jobs.Task:
+    def task(self, arrays, path: str, settings: bpy.types.PropertyGroup) -> job_operators.Task:
         if os.path.isdir(path):
             raise MirrorError(say("{path}: is a folder; choose a rig file").format(path=path))
-        return jobs.Task("rig_steps", (arrays, path))
+        return job_operators.Task("rig_steps", (arrays, path))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         put_mirrors(target, result)

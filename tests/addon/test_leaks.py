@@ -25,7 +25,7 @@ def resident_mb() -> float:
 
 
 def test_fifty_builds_with_undo(bpy, capsule_10k, monkeypatch, tmp_path):
-    from mirror_scan.mirror_scan_addon import tasks
+    from mirror_scan.mirror_scan_addon.background import tasks
 
     made = capsule_10k
     surface = tasks.Surface(made.vertices, made.triangles, made.colors, made.view, made.kind)

@@ -153,9 +153,9 @@ def test_long_sentences_break_into_lines(bpy, monkeypatch, width):
 
 
 def test_progress_stands_in_the_panel_whose_button_was_pressed(bpy, loaded, monkeypatch):
-    from mirror_scan.mirror_scan_addon import jobs
+    from mirror_scan.mirror_scan_addon.background import job_operators
 
-    monkeypatch.setattr(jobs, "running", lambda context: True)
+    monkeypatch.setattr(job_operators, "running", lambda context: True)
     progress = bpy.context.window_manager.mirror_scan
     progress.fraction, progress.message = 0.25, "Zippering"
     for operator, panel in (("load_capture", "capture"), ("find_mirrors", "mirrors"), ("build_avatar", "build")):

@@ -97,12 +97,12 @@ GERMAN = {
 @pytest.fixture
 def german(bpy, monkeypatch):
     """The bpy module has no languages, so that this stands in for Blender's look-up; ``tests/blender`` asks Blender."""
-    from mirror_scan.mirror_scan_addon import jobs
+    from mirror_scan.mirror_scan_addon.background import job_operators
     from mirror_scan.mirror_scan_addon.language import texts
 
     monkeypatch.setattr(texts, "language", lambda: "de_DE")
     monkeypatch.setattr(texts, "say", lambda text: GERMAN.get(text, text))
-    return lambda text: jobs.tell(text)
+    return lambda text: job_operators.tell(text)
 
 
 def listed():

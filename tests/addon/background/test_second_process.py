@@ -77,19 +77,19 @@ def errands(addon, tmp_path, monkeypatch):
     """The module of tasks, and no process left over before or after."""
     import importlib
 
-    from mirror_scan.mirror_scan_addon import remote
+    from mirror_scan.mirror_scan_addon.background import second_process
 
     (tmp_path / "errands_of_tests.py").write_text(ERRANDS)
     monkeypatch.syspath_prepend(str(tmp_path))
-    remote.stop()
+    second_process.stop()
     yield importlib.import_module("errands_of_tests")
-    remote.stop()
+    second_process.stop()
     sys.modules.pop("errands_of_tests", None)
 
 
 def run(function, *arguments, until=lambda errand: False):
     """An errand that has ended, or of which ``until`` holds; and all it said on its way."""
-    from mirror_scan.mirror_scan_addon.remote import Errand
+    from mirror_scan.mirror_scan_addon.background.second_process import Errand
 
     errand = Errand(function, arguments)
     errand.start()
@@ -111,9 +111,9 @@ def test_results_come_back_and_the_process_is_kept(errands):
     again, _ = run(errands.count, 4)
     assert again.result["process"] == errand.result["process"] and again.result["sum"] == 6
     assert sorted(path.name for path in folder.iterdir()) == ["messages", "output"]  # nothing is left lying about
-    from mirror_scan.mirror_scan_addon import remote
+    from mirror_scan.mirror_scan_addon.background import second_process
 
-    remote.stop()
+    second_process.stop()
     assert not folder.exists()
     with pytest.raises(ProcessLookupError):
         os.kill(errand.result["process"], 0)
@@ -160,7 +160,7 @@ def test_compiling_is_told(errands):
 
 
 def test_without_a_python_it_says_so(errands, monkeypatch):
-    from mirror_scan.mirror_scan_addon.remote import Errand, Unavailable
+    from mirror_scan.mirror_scan_addon.background.second_process import Errand, Unavailable
 
     with monkeypatch.context() as patch:
         patch.setattr(sys, "executable", "/missing/python")

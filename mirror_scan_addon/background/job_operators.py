@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import bpy
 
-from ..core.errors import MirrorScanError
-from . import kernels, remote
-from .language.texts import say, tell
+from ...core.errors import MirrorScanError
+from ..language.texts import say, tell
+from . import numba_setup, second_process
 
 TICK_S = 0.05  # how often the window looks how far the work is
 SHOW_S = 0.25  # how often at most it is drawn: drawing takes its time where there is no graphics card
@@ -41,7 +41,7 @@ class Task(NamedTuple):
 
     def now(self, progress: Callable[[float], None] = lambda fraction: None) -> object:
         """Its result, in this thread and process."""
-        kernels.prepare_kernels()
+        numba_setup.prepare_kernels()
         with _kernels:
             job = self.function(*self.arguments)
             while True:
@@ -53,7 +53,7 @@ class Task(NamedTuple):
 
 
 class Thread(threading.Thread):
-    """Runs a task beside the window where there is no second process; looks like a :class:`.remote.Errand`."""
+    """Runs a task beside the window where there is no second process; looks like a :class:`.second_process.Errand`."""
 
     def __init__(self, task: Task) -> None:
         super().__init__(name="Mirror Scan")
@@ -64,7 +64,7 @@ class Thread(threading.Thread):
         self._stop_asked = threading.Event()
 
     def start(self) -> None:
-        kernels.prepare_kernels()
+        numba_setup.prepare_kernels()
         _threads[:] = [thread for thread in _threads if thread.is_alive()]
         _threads.append(self)
         super().start()
@@ -86,7 +86,7 @@ class Thread(threading.Thread):
         self._stop_asked.set()
 
 
-def begin(task: Task, thread: bool = False) -> remote.Errand | Thread:
+def begin(task: Task, thread: bool = False) -> second_process.Errand | Thread:
     """Have a task done beside the window; ``thread`` says that there is no second process.
 
     Raises
@@ -95,11 +95,11 @@ def begin(task: Task, thread: bool = False) -> remote.Errand | Thread:
         When numba is missing.
     """
     if not thread:
-        errand = remote.Errand(task.function, task.arguments)
+        errand = second_process.Errand(task.function, task.arguments)
         try:
             errand.start()
             return errand
-        except remote.Unavailable:
+        except second_process.Unavailable:
             pass
     worker = Thread(task)
     worker.start()
@@ -124,7 +124,7 @@ class JobOperator:
     error propagates.
     """
 
-    _worker: remote.Errand | Thread | None = None
+    _worker: second_process.Errand | Thread | None = None
     _task: Task | None = None
     _timer: bpy.types.Timer | None = None
     _scene_uid = 0
@@ -181,7 +181,7 @@ class JobOperator:
         if worker.is_alive():
             self._show(context)
             return {"PASS_THROUGH"}
-        if isinstance(worker.error, remote.Unavailable):
+        if isinstance(worker.error, second_process.Unavailable):
             try:
                 self._worker = begin(self._task, thread=True)
                 return {"PASS_THROUGH"}
@@ -269,7 +269,7 @@ class FileJobOperator(JobOperator):
         return super().execute(context)
 
 
-UNAVAILABLE = remote.Unavailable
+UNAVAILABLE = second_process.Unavailable
 """There is no second process; :func:`begin` with ``thread``."""
 
 REPORTED = (MirrorScanError, MemoryError, OSError)

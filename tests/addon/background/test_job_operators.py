@@ -54,9 +54,9 @@ class Worker:
 @pytest.fixture
 def job(bpy, monkeypatch):
     """A running modal job, its window, and the workers that were begun (``True`` for threads)."""
-    from mirror_scan.mirror_scan_addon import jobs
+    from mirror_scan.mirror_scan_addon.background import job_operators
 
-    class Operator(jobs.JobOperator):
+    class Operator(job_operators.JobOperator):
         bl_idname, bl_label = "mirror_scan.build_avatar", "Build"
 
         def __init__(self):
@@ -66,7 +66,7 @@ def job(bpy, monkeypatch):
             self.reports.append((kind.copy().pop(), text))
 
         def start(self, context):
-            return jobs.Task("build_steps", ())
+            return job_operators.Task("build_steps", ())
 
         def finish(self, context, scene, result):
             self.results.append((scene.name, result))
@@ -78,10 +78,10 @@ def job(bpy, monkeypatch):
         begun.append((worker, thread))
         return worker
 
-    monkeypatch.setattr(jobs, "begin", begin)
-    monkeypatch.setattr(jobs, "SHOW_S", 0.0)
+    monkeypatch.setattr(job_operators, "begin", begin)
+    monkeypatch.setattr(job_operators, "SHOW_S", 0.0)
     fake = SimpleNamespace(app=SimpleNamespace(background=False, translations=bpy.app.translations), data=bpy.data)
-    monkeypatch.setattr(jobs, "bpy", fake)
+    monkeypatch.setattr(job_operators, "bpy", fake)
     operator, window = Operator(), Window(bpy)
     assert operator.invoke(window, None) == {"RUNNING_MODAL"} and window.timers == window.handlers == 1
     return SimpleNamespace(operator=operator, window=window, begun=begun, worker=begun[0][0])
@@ -108,9 +108,9 @@ def test_progress_is_shown_then_the_result_is_delivered(job):
 
 
 def test_a_quick_job_is_not_slowed_by_drawing_its_progress(job, monkeypatch):
-    from mirror_scan.mirror_scan_addon import jobs
+    from mirror_scan.mirror_scan_addon.background import job_operators
 
-    monkeypatch.setattr(jobs, "SHOW_S", 60.0)
+    monkeypatch.setattr(job_operators, "SHOW_S", 60.0)
     for turn in range(3):
         job.worker.progress = (turn / 4, f"Stage {turn}")
         job.operator.modal(job.window, TIMER)
@@ -141,9 +141,9 @@ def test_a_fault_of_ours_is_shown_as_one(job):
 
 
 def test_without_a_second_process_a_thread_takes_over(job):
-    from mirror_scan.mirror_scan_addon import remote
+    from mirror_scan.mirror_scan_addon.background import second_process
 
-    job.worker.end(error=remote.Unavailable("no Python"))
+    job.worker.end(error=second_process.Unavailable("no Python"))
     assert job.operator.modal(job.window, TIMER) == {"PASS_THROUGH"}
     assert [thread for _, thread in job.begun] == [False, True] and job.window.timers == 1
     job.begun[1][0].end("done")
@@ -166,7 +166,7 @@ def test_a_renamed_scene_gets_its_result_a_removed_one_is_told(job, bpy):
 
 def test_a_thread_does_one_task_after_the_other_and_stops_when_asked(addon, monkeypatch):
     from mirror_scan.core.errors import CaptureError
-    from mirror_scan.mirror_scan_addon import jobs, tasks
+    from mirror_scan.mirror_scan_addon.background import job_operators, tasks
 
     entered, go = threading.Event(), threading.Event()
 
@@ -188,9 +188,9 @@ def test_a_thread_does_one_task_after_the_other_and_stops_when_asked(addon, monk
     monkeypatch.setattr(tasks, "endless", endless, raising=False)
     monkeypatch.setattr(tasks, "refuse", refuse, raising=False)
     log: list[str] = []
-    first = jobs.begin(jobs.Task("endless", (log,)), thread=True)
+    first = job_operators.begin(job_operators.Task("endless", (log,)), thread=True)
     assert entered.wait(5)
-    second = jobs.begin(jobs.Task("refuse", (log,)), thread=True)
+    second = job_operators.begin(job_operators.Task("refuse", (log,)), thread=True)
     first.ask_to_stop()
     go.set()
     first.join(5)
@@ -198,5 +198,5 @@ def test_a_thread_does_one_task_after_the_other_and_stops_when_asked(addon, monk
     assert log == ["begun", "closed", "second"] and not first.is_alive() and not second.is_alive()
     assert first.result is None and first.error is None and first.progress == (0.5, "Waiting")
     assert isinstance(second.error, CaptureError)
-    jobs.stop_threads()
-    assert jobs._threads == []
+    job_operators.stop_threads()
+    assert job_operators._threads == []

@@ -1,9 +1,9 @@
 """The second Python, in which long work is done: it takes one task after the other and says how far it is.
 
-Started by :mod:`.remote` as a script of Blender's own Python, it is no part of Blender and never imports bpy. Its
-standard input gives one JSON object a line; the first describes the place, each other one is a task. What it has to say
-goes, one JSON object a line, into the file ``messages``; results are pickled into files of their own. It ends with its
-input, so that it never outlives Blender for longer than its task.
+Started by :mod:`.second_process` as a script of Blender's own Python, it is no part of Blender and never imports bpy.
+Its standard input gives one JSON object a line; the first describes the place, each other one is a task. What it has to
+say goes, one JSON object a line, into the file ``messages``; results are pickled into files of their own. It ends with
+its input, so that it never outlives Blender for longer than its task.
 """
 
 from __future__ import annotations

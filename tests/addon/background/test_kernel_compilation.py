@@ -14,16 +14,16 @@ pytest.importorskip("bpy")
 @pytest.fixture
 def shared(monkeypatch):
     """The module, with a list of six kernels that are only counted."""
-    from mirror_scan.mirror_scan_addon import compiling
+    from mirror_scan.mirror_scan_addon.background import kernel_compilation
 
     made = []
     listed = tuple(
-        compiling.Entry(stage, "core.none", f"kernel_{k}", [], 1.0 + k)
+        kernel_compilation.Entry(stage, "core.none", f"kernel_{k}", [], 1.0 + k)
         for k, stage in enumerate(("load", "load", "mirrors", "subject", "build", "build"))
     )
-    monkeypatch.setattr(compiling, "entries", lambda: listed)
-    monkeypatch.setattr(compiling, "_compile", lambda entry: made.append(entry.kernel))
-    return compiling, made
+    monkeypatch.setattr(kernel_compilation, "entries", lambda: listed)
+    monkeypatch.setattr(kernel_compilation, "_compile", lambda entry: made.append(entry.kernel))
+    return kernel_compilation, made
 
 
 def test_processes_share_the_list_and_wait_for_each_other(shared, tmp_path):
@@ -62,7 +62,7 @@ def test_what_an_ended_process_had_claimed_is_done_by_another(shared, tmp_path, 
 
 
 def test_an_errand_compiles_what_it_needs_first(addon, tmp_path, monkeypatch):
-    from mirror_scan.mirror_scan_addon import compiling, kernels, remote
+    from mirror_scan.mirror_scan_addon.background import kernel_compilation, numba_setup, second_process
 
     begun = []
 
@@ -87,15 +87,15 @@ def test_an_errand_compiles_what_it_needs_first(addon, tmp_path, monkeypatch):
         def close(self):
             pass
 
-    remote.stop()
-    monkeypatch.setattr(remote, "Worker", Worker)
-    monkeypatch.setattr(kernels, "cache_folder", lambda: str(tmp_path))
+    second_process.stop()
+    monkeypatch.setattr(second_process, "Worker", Worker)
+    monkeypatch.setattr(numba_setup, "cache_folder", lambda: str(tmp_path))
     try:
 
         def load_steps():
             yield
 
-        errand = remote.Errand(load_steps, ("capture",))
+        errand = second_process.Errand(load_steps, ("capture",))
         errand.start()
         *helpers, own = begun
         assert helpers and all(name == "compile_steps" and last for name, _, last in helpers)
@@ -108,43 +108,46 @@ def test_an_errand_compiles_what_it_needs_first(addon, tmp_path, monkeypatch):
         assert errand.is_alive() and begun[-1] == ("load_steps", ("capture",), False)
         errand._worker.said = [{"done": True}]
         assert not errand.is_alive() and errand.result == "result"
-        (tmp_path / compiling.stamp_name()).touch()  # all is compiled: nothing comes before the task any more
-        again = remote.Errand(load_steps, ("capture",))
+        (tmp_path / kernel_compilation.stamp_name()).touch()  # all is compiled: nothing comes before the task any more
+        again = second_process.Errand(load_steps, ("capture",))
         again.start()
         assert begun[-1][0] == "load_steps" and not claims.exists()
     finally:
-        remote.stop()
+        second_process.stop()
 
 
 def test_what_does_not_fit_a_kernel_any_more_is_passed_over(caplog):
-    from mirror_scan.mirror_scan_addon import compiling
+    from mirror_scan.mirror_scan_addon.background import kernel_compilation
 
-    entry = compiling.entries()[0]
+    entry = kernel_compilation.entries()[0]
     for types in (entry.types[:-1], ["float32"] * len(entry.types)):
-        compiling._compile(entry._replace(types=types))
+        kernel_compilation._compile(entry._replace(types=types))
         assert f"{entry.kernel}: not compiled beforehand" in caplog.text
         caplog.clear()
     for name in ({"kernel": "was_renamed"}, {"module": "core.was_removed"}):
-        compiling._compile(entry._replace(**name))
+        kernel_compilation._compile(entry._replace(**name))
         assert "not compiled beforehand" in caplog.text
         caplog.clear()
 
 
 def test_the_way_of_a_rig_is_its_own():
-    from mirror_scan.mirror_scan_addon import compiling
+    from mirror_scan.mirror_scan_addon.background import kernel_compilation
 
-    assert compiling.needs("subject") == ("load", "mirrors", "subject")
-    assert compiling.needs(compiling.RIG) == ("load", compiling.RIG)
-    assert compiling.last_of("load") == "build" and compiling.last_of(compiling.RIG) == compiling.RIG
-    assert compiling.stamp_name() != compiling.stamp_name(compiling.RIG)
+    assert kernel_compilation.needs("subject") == ("load", "mirrors", "subject")
+    assert kernel_compilation.needs(kernel_compilation.RIG) == ("load", kernel_compilation.RIG)
+    assert (
+        kernel_compilation.last_of("load") == "build"
+        and kernel_compilation.last_of(kernel_compilation.RIG) == kernel_compilation.RIG
+    )
+    assert kernel_compilation.stamp_name() != kernel_compilation.stamp_name(kernel_compilation.RIG)
 
 
 def test_the_list_names_kernels_and_types_that_are_there():
-    from mirror_scan.mirror_scan_addon import compiling
+    from mirror_scan.mirror_scan_addon.background import kernel_compilation
 
-    listed = compiling.entries()
-    stages = (*compiling.STAGES, compiling.RIG)
-    assert set(compiling.STAGES) <= {entry.stage for entry in listed} <= set(stages) and len(listed) > 50
+    listed = kernel_compilation.entries()
+    stages = (*kernel_compilation.STAGES, kernel_compilation.RIG)
+    assert set(kernel_compilation.STAGES) <= {entry.stage for entry in listed} <= set(stages) and len(listed) > 50
     assert [stages.index(entry.stage) for entry in listed] == sorted(stages.index(entry.stage) for entry in listed)
     missing = 0
     for entry in listed:
@@ -154,20 +157,20 @@ def test_the_list_names_kernels_and_types_that_are_there():
             kernel = None
         missing += kernel is None or len(inspect.signature(kernel.py_func).parameters) != len(entry.types)
         for described in entry.types:
-            assert compiling.describe(compiling._type(described)) == described
+            assert kernel_compilation.describe(kernel_compilation._type(described)) == described
     # The list may lag behind a little: what it lacks is compiled when it is called. Run tools/signatures.py.
     assert missing <= len(listed) // 10
 
 
 def test_the_list_is_what_a_build_calls(bpy, loaded):
-    from mirror_scan.mirror_scan_addon import compiling
+    from mirror_scan.mirror_scan_addon.background import kernel_compilation
 
     assert bpy.ops.mirror_scan.find_mirrors() == {"FINISHED"}
     assert bpy.ops.mirror_scan.build_avatar() == {"FINISHED"}
-    listed = {(entry.module, entry.kernel) for entry in compiling.entries()}
+    listed = {(entry.module, entry.kernel) for entry in kernel_compilation.entries()}
     called = {
         (module, kernel)
-        for module, kernel, types in compiling.called("mirror_scan")
+        for module, kernel, types in kernel_compilation.called("mirror_scan")
         if "simulation" not in module and not any("Literal" in str(kind) for kind in types)
     }
     # tests that ran before may have called a few kernels of which no build knows

@@ -21,8 +21,9 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from .tasks import Steps
 
-PACKAGE = __package__.rpartition(".")[0]
-SIGNATURES = Path(sys.modules[__package__].__path__[0]) / "signatures.json"
+
+PACKAGE = __package__.rpartition(".")[0].rpartition(".")[0]
+SIGNATURES = Path(sys.modules[__package__].__path__[0]).parent / "signatures.json"
 STAGES = ("load", "mirrors", "subject", "build")
 """In the order of the work; each needs what is compiled for those before it too."""
 

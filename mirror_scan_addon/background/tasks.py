@@ -1,4 +1,4 @@
-"""The jobs that take long, as generator functions that need no bpy: any process may run them (:mod:`.remote`).
+"""The jobs that take long, as generator functions that need no bpy: any process may run them (:mod:`.second_process`).
 
 They take and give plain values, arrays and :class:`.pinhole.Intrinsics`, so that handing them over imports nothing
 heavy: numba stays out of Blender's window. Mirrors go as *records*, the plain form :mod:`.state` keeps in a scene:
@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from ..core.camera import Intrinsics
-from ..core.errors import CaptureError, MirrorError, MirrorScanError
-from ..core.preview.palette import depth_colors
+from ...core.camera import Intrinsics
+from ...core.errors import CaptureError, MirrorError, MirrorScanError
+from ...core.preview.palette import depth_colors
 
 if TYPE_CHECKING:
-    from ..core.capture import Capture
-    from ..core.mirrors import Mirror
+    from ...core.capture import Capture
+    from ...core.mirrors import Mirror
 
 
 Result = TypeVar("Result")
@@ -153,7 +153,7 @@ def load_steps(path: str, frames: int, mirrors_path: str = "", reading: dict | N
 def record_steps(camera: str, folder: str, frames: int) -> Steps[Loaded]:
     """Record a burst of a live camera (a name of ``core.record.DRIVERS``) into ``folder``, and load it."""
     yield 0.0, "Starting the camera"
-    from ..core.capture.live_camera import DRIVERS, record
+    from ...core.capture.live_camera import DRIVERS, record
 
     with DRIVERS[camera]() as stream:
         yield 0.1, "Recording: hold still"
@@ -163,8 +163,8 @@ def record_steps(camera: str, folder: str, frames: int) -> Steps[Loaded]:
 
 
 def _open(path: str, frames: int, mirrors_path: str, reading: dict | None) -> Capture:
-    from ..core.capture import ReadOptions, open_capture
-    from ..core.capture.folders.rgbd_folder import read_intrinsics, read_mirrors
+    from ...core.capture import ReadOptions, open_capture
+    from ...core.capture.folders.rgbd_folder import read_intrinsics, read_mirrors
 
     options = dict(reading or {})
     lens = options.pop("intrinsics", "")
@@ -177,13 +177,13 @@ def _open(path: str, frames: int, mirrors_path: str, reading: dict | None) -> Ca
 
 def _loaded(capture: Capture, path: str) -> Steps[Loaded]:
     yield 0.4, AVERAGING
-    from ..core.depth.burst_fusion import fuse_burst
-    from ..core.depth.outliers_and_dropouts import remove_flying_pixels
+    from ...core.depth.burst_fusion import fuse_burst
+    from ...core.depth.outliers_and_dropouts import remove_flying_pixels
 
     depth, _ = fuse_burst(capture.depth)
     depth = remove_flying_pixels(depth, 1.0 / capture.intrinsics.fx)
     yield 0.7, FITTING
-    from ..core.views.capture_placement import upright_frame
+    from ...core.views.capture_placement import upright_frame
 
     records = [_record_of_picks(known) for known in capture.mirrors]
     fitted = _fit(depth, capture.intrinsics, records, 0.0)
@@ -226,7 +226,7 @@ def find_mirrors_steps(
 ) -> Steps[Fitted]:
     """Mirrors that show themselves; none found gives an empty list."""
     yield 0.0, FINDING
-    from ..core.mirror_detection.detection import find_mirrors
+    from ...core.mirror_detection.detection import find_mirrors
 
     found = find_mirrors(depth, intrinsics, color, glass_offset=glass_offset)
     yield 0.9, FITTING
@@ -236,9 +236,9 @@ def find_mirrors_steps(
 def calibrate_steps(cloud: Cloud, mirrors: list[dict], glass_offset: float, path: str) -> Steps[Fitted]:
     """Place the mirrors of a rig, found when there are none yet, and write them to the rig file ``path``."""
     yield 0.0, FITTING if mirrors else FINDING
-    from ..core.mirrors.picked_mirror import MirrorSettings
-    from ..core.mirrors.rig_file import read_rig, write_rig
-    from ..core.pipeline.rig_calibration import calibrate
+    from ...core.mirrors.picked_mirror import MirrorSettings
+    from ...core.mirrors.rig_file import read_rig, write_rig
+    from ...core.pipeline.rig_calibration import calibrate
 
     known = tuple(_known(record) for record in mirrors)
     write_rig(path, calibrate(_capture_of(cloud), known, MirrorSettings(glass_offset=glass_offset)))
@@ -249,8 +249,8 @@ def calibrate_steps(cloud: Cloud, mirrors: list[dict], glass_offset: float, path
 def rig_steps(cloud: Cloud, path: str) -> Steps[Fitted]:
     """The mirrors of a rig file, and a warning of each that has moved since it was written."""
     yield 0.0, "Reading the rig file"
-    from ..core.mirrors.rig_file import mirrors_for, read_rig
-    from ..core.pipeline.rig_calibration import moved_warnings
+    from ...core.mirrors.rig_file import mirrors_for, read_rig
+    from ...core.pipeline.rig_calibration import moved_warnings
 
     placed, depth = list(mirrors_for(read_rig(path), cloud.intrinsics)), cloud.depth
     yield 0.5, FITTING
@@ -265,7 +265,7 @@ def _fit(
     glass_offset: float,
     places: list[int] | None = None,
 ) -> Fitted:
-    from ..core.mirrors.picked_mirror import MirrorSettings, place_mirror
+    from ...core.mirrors.picked_mirror import MirrorSettings, place_mirror
 
     settings = MirrorSettings(glass_offset=glass_offset)
     answers, placed, numbers = [], [], [-1, 0]
@@ -274,7 +274,7 @@ def _fit(
             if len(record["picks"]) >= ENOUGH:
                 mirror = place_mirror(_picks_of(record), depth, intrinsics, settings)
             elif record["picks"]:
-                from ..core.mirror_detection.mirror_at_picks import find_mirror_at
+                from ...core.mirror_detection.mirror_at_picks import find_mirror_at
 
                 mirror = find_mirror_at(_picks_of(record), depth, intrinsics, glass_offset=glass_offset)
             else:
@@ -292,8 +292,8 @@ def _fit(
 
 
 def _seen(depth: np.ndarray, intrinsics: Intrinsics, mirrors: list[Mirror]) -> np.ndarray:
-    from ..core.camera import unproject
-    from ..core.views.ray_sorting import sort_rays
+    from ...core.camera import unproject
+    from ...core.views.ray_sorting import sort_rays
 
     return sort_rays(unproject(depth, intrinsics), mirrors, 0.0)[0]
 
@@ -323,7 +323,7 @@ def mirror_of(record: dict) -> Mirror:
     MirrorError
         When the record has none, or one that somebody edited into nonsense.
     """
-    from ..core.mirrors import Mirror
+    from ...core.mirrors import Mirror
 
     try:
         content = json.loads(record["plane"])
@@ -345,7 +345,7 @@ def mirror_of(record: dict) -> Mirror:
 
 
 def _picks_of(record: dict):
-    from ..core.capture import MirrorPicks
+    from ...core.capture import MirrorPicks
 
     return MirrorPicks(record["name"], np.array(record["picks"], dtype=np.float64).reshape(-1, 2))
 
@@ -353,7 +353,7 @@ def _picks_of(record: dict):
 def _record_of_picks(known) -> dict:
     """What a capture says of a mirror, as a record that is not fitted yet, or of the plane it gives."""
     if known.frame_pixels is None:
-        from ..core.mirrors.mirror import plane_mirror
+        from ...core.mirrors.mirror import plane_mirror
 
         return record_of(plane_mirror(known.name, known.point, known.normal))
     picks = np.asarray(known.frame_pixels, dtype=float).tolist()
@@ -366,9 +366,9 @@ def _record_of_picks(known) -> dict:
 def find_subject_steps(depth: np.ndarray, intrinsics: Intrinsics, mirrors: list[dict], views: dict) -> Steps[Subject]:
     """Sort every pixel into view and part; ``views`` are the fields of ``core.views.ViewSettings``."""
     yield 0.0, "Finding the person"
-    from ..core.avatar.frame import avatar_frame
-    from ..core.subject.subject_search import find_subject
-    from ..core.subject.subject_views import ViewSettings
+    from ...core.avatar.frame import avatar_frame
+    from ...core.subject.subject_search import find_subject
+    from ...core.subject.subject_views import ViewSettings
 
     settings = ViewSettings(**views)
     placed = [mirror_of(record) for record in mirrors]
@@ -420,7 +420,7 @@ def build_steps(
     else:
         raise CaptureError("no capture is chosen; load one first")
     yield 0.05, "Loading the program"
-    from ..core.pipeline import Settings, reconstruction_steps
+    from ...core.pipeline import Settings, reconstruction_steps
 
     base = Settings()
     chosen = {name: dataclasses.replace(getattr(base, name), **fields) for name, fields in (settings or {}).items()}
@@ -435,7 +435,7 @@ def build_steps(
 
 
 def _capture_of(cloud: Cloud) -> Capture:
-    from ..core.capture import Capture
+    from ...core.capture import Capture
 
     known = {key: str(cloud.info[key]) for key in ("name", "format", "sensor") if key in cloud.info}
     return Capture(cloud.depth[None], cloud.color, cloud.intrinsics, **known)
@@ -458,8 +458,8 @@ def _built(result) -> Built:
 def check_steps(mesh: Surface) -> Steps[Checked]:
     """Look a mesh over: closed, in one piece, without crossings; and where it is not."""
     yield 0.0, "Checking the surface"
-    from ..core.mesh import Mesh
-    from ..core.mesh.soundness import find_problems, mesh_report
+    from ...core.mesh import Mesh
+    from ...core.mesh.soundness import find_problems, mesh_report
 
     checked = Mesh(mesh.vertices, mesh.triangles, mesh.colors, mesh.view, mesh.kind)
     report = mesh_report(checked)
@@ -485,12 +485,12 @@ def simulate_steps(body: Surface | None, rig: dict, mirrors: list[dict] | None, 
         Where to write the capture; "" = nowhere.
     """
     yield 0.0, "Preparing the body"
-    from ..core.mesh import Mesh
-    from ..core.simulation.coverage import coverage, shares
-    from ..core.simulation.mannequin import mannequin
-    from ..core.simulation.scene import FramedMirror, Rig, default_rig
-    from ..core.simulation.sensors import find_sensor
-    from ..core.simulation.simulate import simulate, write_simulation
+    from ...core.mesh import Mesh
+    from ...core.simulation.coverage import coverage, shares
+    from ...core.simulation.mannequin import mannequin
+    from ...core.simulation.scene import FramedMirror, Rig, default_rig
+    from ...core.simulation.sensors import find_sensor
+    from ...core.simulation.simulate import simulate, write_simulation
 
     subject = mannequin() if body is None else Mesh(body.vertices, body.triangles, body.colors, body.view, body.kind)
     if "camera" in rig:

@@ -8,9 +8,9 @@ import os
 
 import bpy
 
-from .. import __package__ as ROOT_PACKAGE
-from ..core.errors import MirrorScanError
-from .language.texts import say
+from ... import __package__ as ROOT_PACKAGE
+from ...core.errors import MirrorScanError
+from ..language.texts import say
 
 
 def prepare_kernels() -> None:

@@ -2,8 +2,8 @@
 nor for kernels to be compiled (which no thread could do either: Python's lock is held), nor for the work itself.
 
 The process (:mod:`.worker`) is kept for the next task and ends with Blender, with the add-on, or when a task is
-cancelled. Until everything is compiled, a few more of them do that in the background (:mod:`.compiling`), and a task
-first helps with what it needs of it.
+cancelled. Until everything is compiled, a few more of them do that in the background (:mod:`.kernel_compilation`), and
+a task first helps with what it needs of it.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from pathlib import Path
 
 import bpy
 
-from .. import __package__ as ROOT_PACKAGE
-from ..core import errors
-from . import compiling, kernels
-from .language.texts import say
+from ... import __package__ as ROOT_PACKAGE
+from ...core import errors
+from ..language.texts import say
+from . import kernel_compilation, numba_setup
 
 _START = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='mirror_scan_worker')['main']()"
 _MESSAGE_TAIL = 2000  # characters of a dead worker's output that are shown
@@ -51,12 +51,12 @@ class Worker:
         self.folder = Path(tempfile.mkdtemp(prefix="mirror_scan_worker_"))
         root = Path(sys.modules[ROOT_PACKAGE].__path__[0])
         environment = dict(os.environ)
-        if cache := kernels.cache_folder():
+        if cache := numba_setup.cache_folder():
             environment["NUMBA_CACHE_DIR"] = cache
         flags = 0
         if sys.platform == "win32":
             flags = subprocess.CREATE_NO_WINDOW
-        script = root / __package__.rpartition(".")[2] / "worker.py"
+        script = Path(sys.modules[__package__].__path__[0]) / "worker.py"
         try:
             with open(self.folder / "output", "wb") as output:
                 self.process = subprocess.Popen(
@@ -157,13 +157,13 @@ class Errand:
             There is no second Python here.
         """
         self._worker = _take()
-        stage = compiling.STAGE_OF.get(self._function.__name__)
+        stage = kernel_compilation.STAGE_OF.get(self._function.__name__)
         share = _share_compiling(stage) if stage else None
         if share is None:
             self._worker.begin(self._function, self._arguments)
         else:
             self._compiles = True
-            self._worker.begin(compiling.compile_steps, (share[0], stage, share[1]))
+            self._worker.begin(kernel_compilation.compile_steps, (share[0], stage, share[1]))
 
     def is_alive(self) -> bool:
         """Whether it goes on; never waits. ``progress``, ``result`` and ``error`` are brought up to date."""
@@ -182,18 +182,18 @@ class Errand:
             self._ended = True
             self._worker.close()
             if self._compiles and _claims:
-                compiling.give_up(_claims[0], self._worker.process.pid)
+                kernel_compilation.give_up(_claims[0], self._worker.process.pid)
 
     def _hear(self, message: dict) -> None:
         if "ready" in message:
             self._worker.ready = True
         elif "fraction" in message:
-            text = kernels.compiling_text() if self._compiles else message["message"]
+            text = numba_setup.compiling_text() if self._compiles else message["message"]
             self.progress = message["fraction"], text
         elif "compiling" in message:
             if not self._compiles:  # what the list of kernels lacks
                 text = say("{compiling} ({kernel})")
-                text = text.format(compiling=kernels.compiling_text(), kernel=message["compiling"])
+                text = text.format(compiling=numba_setup.compiling_text(), kernel=message["compiling"])
                 self.progress = self.progress[0], text
         elif "done" in message and self._compiles:
             self._compiles = False
@@ -248,15 +248,16 @@ def compile_ahead(stage: str) -> None:
 
 
 def _share_compiling(stage: str) -> tuple[str, str] | None:
-    """Folder of claims and stamp for :func:`.compiling.compile_steps`; None when everything is compiled already.
+    """Folder of claims and stamp for :func:`.kernel_compilation.compile_steps`; None when everything is compiled
+    already.
 
     The first call for a way starts the processes that compile it in the background.
     """
-    folder = kernels.cache_folder()
+    folder = numba_setup.cache_folder()
     if not folder:  # somebody else's cache: what is in it cannot be known
         return None
-    last = compiling.last_of(stage)
-    stamp = os.path.join(folder, compiling.stamp_name(last))
+    last = kernel_compilation.last_of(stage)
+    stamp = os.path.join(folder, kernel_compilation.stamp_name(last))
     if os.path.exists(stamp):
         _end_helpers(last)
         return None
@@ -269,7 +270,7 @@ def _share_compiling(stage: str) -> tuple[str, str] | None:
         # one core is the task's that is begun now
         for _ in range(max(1, min(HELPERS, (os.cpu_count() or 2) - 1))):
             helper = Worker()
-            helper.begin(compiling.compile_steps, (_claims[0], last, stamp, True), last=True)
+            helper.begin(kernel_compilation.compile_steps, (_claims[0], last, stamp, True), last=True)
             _helpers[last].append(helper)
     return _claims[0], stamp
 

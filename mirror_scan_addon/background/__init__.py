@@ -1,0 +1,1 @@
+"""Long work beside the window: jobs, the second Python, kernels compiled beforehand."""
