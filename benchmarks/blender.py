@@ -169,7 +169,7 @@ def mesh_in_module() -> float:
     import bpy
     import numpy as np
     from mirror_scan.core.mesh import Mesh
-    from mirror_scan.mirror_scan_addon import scene
+    from mirror_scan.mirror_scan_addon.scene import avatar_objects
 
     n = 245
     x, y = np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n))
@@ -182,7 +182,7 @@ def mesh_in_module() -> float:
     mesh = Mesh(vertices, triangles, colors, np.zeros(n * n, np.int8), np.zeros(len(triangles), np.int8))
 
     def create() -> None:
-        bpy.data.meshes.remove(scene.create_avatar(mesh).data)
+        bpy.data.meshes.remove(avatar_objects.create_avatar(mesh).data)
 
     spent, _ = medians({"mesh": create}, MESH_RUNS)
     return spent["mesh"]

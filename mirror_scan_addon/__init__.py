@@ -12,11 +12,12 @@ from types import ModuleType
 
 def _modules() -> tuple[ModuleType, ...]:
     """Modules with something to register, in the order of their needs."""
-    from . import command, live, operators, overlay, panels, properties
+    from . import command, operators, overlay, panels
     from .background import job_operators, second_process
     from .language import texts
+    from .scene import live_subject, properties
 
-    return texts, properties, second_process, job_operators, live, operators, overlay, panels, command
+    return texts, properties, second_process, job_operators, live_subject, operators, overlay, panels, command
 
 
 def register() -> None:

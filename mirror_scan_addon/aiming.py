@@ -31,10 +31,10 @@ class Aim:
     def nearest(self, context: bpy.types.Context, event: bpy.types.Event, region: bpy.types.Region) -> int | None:
         """Index of the point that the mouse means; None where there is none."""
         from ..core.preview.point_picking import Picture
-        from . import cloud
+        from .scene import point_cloud
 
         space = region.data
-        view = space.view_matrix @ cloud.cloud_of(context.scene).matrix_world
+        view = space.view_matrix @ point_cloud.cloud_of(context.scene).matrix_world
         seen_as = (view.freeze(), space.window_matrix.copy().freeze(), region.width, region.height)
         if self._picture is None or self._picture[0] != seen_as:  # as long as the view stands still, it is kept
             size = region.width, region.height

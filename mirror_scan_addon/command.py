@@ -27,7 +27,7 @@ class BlenderWriters(Mapping):
     def __getitem__(self, suffix: str) -> Callable:
         name = BLENDER_FORMATS[suffix]
         _require_bpy(suffix)
-        from . import export
+        from .scene import export
 
         if suffix == ".blend":
             return lambda path, reconstruction: export.write_blend(path, reconstruction, own_process=True)

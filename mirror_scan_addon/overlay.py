@@ -9,7 +9,7 @@ from __future__ import annotations
 import bpy
 
 COLORS = {"GOOD": (0.25, 0.8, 0.35), "USABLE": (0.95, 0.7, 0.15), "BAD": (0.92, 0.22, 0.2), "NONE": (0.6, 0.6, 0.62)}
-"""sRGB of a mirror by :func:`.state.quality_of`: green, amber, red, grey."""
+"""sRGB of a mirror by :func:`.scan_records.quality_of`: green, amber, red, grey."""
 
 UNLIMITED = ((-0.5, 0.5), (-1.0, 1.0))  # the rectangle drawn for a plane of unknown extent [m]
 LIFT = 0.01  # how far its glass is drawn before the plane, where an object of a virtual rig may lie [m]
@@ -22,7 +22,7 @@ _hover: list[tuple[float, float, float]] = []  # the point under the mouse while
 
 def cloud_key(cloud: bpy.types.Object, settings: bpy.types.PropertyGroup, only_reflected: bool = False) -> tuple:
     """What :func:`cloud_arrays` depends on, quick to compare."""
-    from .cloud import STAMP
+    from .scene.point_cloud import STAMP
 
     mesh, mode = cloud.data, settings.cloud_colors
     key = (mesh.session_uid, mesh.get(STAMP), len(mesh.vertices), mode, only_reflected)
@@ -42,8 +42,8 @@ def cloud_arrays(cloud: bpy.types.Object, settings: bpy.types.PropertyGroup, onl
     import numpy as np
 
     from ..core.preview import palette
-    from . import cloud as clouds
-    from . import state
+    from .scene import point_cloud as clouds
+    from .scene import scan_records
 
     mesh, mode = cloud.data, settings.cloud_colors
     points = np.empty((len(mesh.vertices), 3), np.float32)
@@ -70,7 +70,7 @@ def cloud_arrays(cloud: bpy.types.Object, settings: bpy.types.PropertyGroup, onl
     rgba[:, :3] = colors
     if (settings.fold or only_reflected) and seen is not None:
         for number, item in enumerate(settings.mirrors, start=1):
-            plane = state.plane_of(item)
+            plane = scan_records.plane_of(item)
             if plane is not None:
                 mine = seen == number
                 normal = np.array(plane["normal"], np.float32)
@@ -97,7 +97,7 @@ def pick_positions(cloud: bpy.types.Object, settings: bpy.types.PropertyGroup) -
     """Where the picks of each mirror lie, camera frame [m]; a pick without a reading near it is left out."""
     import numpy as np
 
-    from .cloud import read_cloud
+    from .scene.point_cloud import read_cloud
 
     arrays = read_cloud(cloud)
     width, height = arrays.intrinsics.width, arrays.intrinsics.height
@@ -132,7 +132,7 @@ def hovered() -> tuple | None:
 
 
 def _visible_cloud(context: bpy.types.Context) -> bpy.types.Object | None:
-    from .cloud import cloud_of
+    from .scene.point_cloud import cloud_of
 
     settings = getattr(context.scene, "mirror_scan", None)
     if settings is None or settings.cloud is None:
@@ -215,17 +215,17 @@ def _draw_mirrors(cloud, settings, region) -> None:
     import gpu
     from gpu_extras.batch import batch_for_shader
 
-    from . import state
-    from .cloud import STAMP
+    from .scene import scan_records
+    from .scene.point_cloud import STAMP
 
     scale = bpy.context.preferences.system.ui_scale
     plain, line = gpu.shader.from_builtin("UNIFORM_COLOR"), gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
     gpu.state.blend_set("ALPHA")
     for number, item in enumerate(settings.mirrors):
-        plane = state.plane_of(item)
+        plane = scan_records.plane_of(item)
         if plane is None:
             continue
-        color, active = COLORS[state.quality_of(item)], number == settings.mirror_index
+        color, active = COLORS[scan_records.quality_of(item)], number == settings.mirror_index
         a, b, c, d = corners = mirror_corners(plane)
         gpu.state.depth_test_set("LESS_EQUAL")
         plain.bind()
@@ -251,7 +251,7 @@ def _draw_mirrors(cloud, settings, region) -> None:
         if not places or number >= len(settings.mirrors):
             continue
         active = number == settings.mirror_index
-        for size, color in ((11, (0, 0, 0, 1)), (7, (*COLORS[state.quality_of(settings.mirrors[number])], 1))):
+        for size, color in ((11, (0, 0, 0, 1)), (7, (*COLORS[scan_records.quality_of(settings.mirrors[number])], 1))):
             shader = _point_shader("UNIFORM", (size if active else size - 3) * scale)
             shader.uniform_float("color", color)
             batch_for_shader(shader, "POINTS", {"pos": places}).draw(shader)
@@ -289,8 +289,8 @@ def _draw_text() -> None:
     from bpy_extras.view3d_utils import location_3d_to_region_2d
     from mathutils import Vector
 
-    from . import state
     from .language.texts import say, tell
+    from .scene import scan_records
 
     context = bpy.context
     region, space, scale = context.region, context.region_data, context.preferences.system.ui_scale
@@ -301,7 +301,7 @@ def _draw_text() -> None:
     if cloud is not None and shown and context.scene.mirror_scan.show_mirrors:
         settings = context.scene.mirror_scan
         for item in settings.mirrors:
-            plane = state.plane_of(item)
+            plane = scan_records.plane_of(item)
             if plane is None:
                 continue
             corners = mirror_corners(plane)
@@ -314,7 +314,7 @@ def _draw_text() -> None:
                 text = tell(item.message)
             elif item.source != "given":
                 text = say("{name}  {residual:.1f} mm").format(name=item.name, residual=item.residual_mm)
-            _label(blf, text, at, COLORS[state.quality_of(item)], scale)
+            _label(blf, text, at, COLORS[scan_records.quality_of(item)], scale)
     _draw_problem(context, region, space, scale)
 
 
@@ -354,12 +354,12 @@ def _draw_problem(context, region, space, scale: float) -> None:
     from gpu_extras.presets import draw_circle_2d
     from mathutils import Vector
 
-    from . import reports
     from .language.texts import say
+    from .scene import report_text
 
     number = context.scene.mirror_scan.problem_index
-    report = reports.avatar_report(context.object) if number and context.object is not None else None
-    problems = reports.problems_of(report) if report else []
+    report = report_text.avatar_report(context.object) if number and context.object is not None else None
+    problems = report_text.problems_of(report) if report else []
     if not 0 < number <= len(problems) or not context.object.visible_get():
         return
     place = problems[number - 1]
@@ -369,7 +369,7 @@ def _draw_problem(context, region, space, scale: float) -> None:
     gpu.state.line_width_set(2.5 * scale)
     draw_circle_2d(at, (*COLORS["BAD"], 1), 26 * scale, segments=48)
     gpu.state.line_width_set(1)
-    problem = reports.problem_text(place, context.scene)
+    problem = report_text.problem_text(place, context.scene)
     text = say("{number} of {count}: {problem}").format(number=number, count=len(problems), problem=problem)
     _label(blf, text, at + Vector((0, 30 * scale)), COLORS["BAD"], scale)
 

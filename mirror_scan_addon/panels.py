@@ -10,12 +10,12 @@ import bpy
 from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
-from . import live, reports, state
 from .background import job_operators
 from .language.texts import CONTEXT, say, tell
-from .operators.check import no_mesh
-from .operators.color_by import shown_mode
-from .properties import QUALITY_KEPT
+from .scene import live_subject, report_text, scan_records
+from .scene.avatar_objects import shown_mode
+from .scene.properties import QUALITY_KEPT
+from .scene.scan_records import no_mesh
 
 NARROW = 250  # below this width of the sidebar labels go into their fields instead of beside them [px at 100 % scale]
 MARGIN, ICON = 64, 20  # what tabs and panel borders take of the sidebar's width, and an icon [px at 100 % scale]
@@ -156,7 +156,7 @@ def _draw_pictures(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup
 
 
 def _draw_facts(layout: bpy.types.UILayout, cloud: bpy.types.Object) -> None:
-    from .cloud import cloud_info
+    from .scene.point_cloud import cloud_info
 
     try:
         info = cloud_info(cloud)
@@ -195,7 +195,7 @@ class MIRRORSCAN_PT_reading(_Panel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         reading = context.scene.mirror_scan.reading
         column = _fields(self.layout)
-        for name in state.READING:
+        for name in scan_records.READING:
             _field(column, reading, name)
         _text(self.layout, say("For what the files do not say, or say wrongly; then load the capture again"), "INFO")
 
@@ -204,7 +204,7 @@ class MIRRORSCAN_UL_mirrors(bpy.types.UIList):
     bl_idname = "MIRRORSCAN_UL_mirrors"
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flag=0) -> None:
-        quality = state.quality_of(item)
+        quality = scan_records.quality_of(item)
         if quality == "NONE":
             figure = say("{count} picked").format(count=len(item.picks))
         elif item.message:
@@ -227,7 +227,9 @@ class MIRRORSCAN_PT_mirrors(_Panel, bpy.types.Panel):
 
     def draw_header(self, context: bpy.types.Context) -> None:
         mirrors = context.scene.mirror_scan.mirrors
-        _step_done(self.layout, bool(mirrors) and all(state.quality_of(item) in ("GOOD", "USABLE") for item in mirrors))
+        _step_done(
+            self.layout, bool(mirrors) and all(scan_records.quality_of(item) in ("GOOD", "USABLE") for item in mirrors)
+        )
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -281,8 +283,8 @@ def _draw_keys(layout: bpy.types.UILayout) -> None:
 
 
 def _draw_mirror(layout: bpy.types.UILayout, item: bpy.types.PropertyGroup) -> None:
-    quality = state.quality_of(item)
-    plane = state.plane_of(item)
+    quality = scan_records.quality_of(item)
+    plane = scan_records.plane_of(item)
     if item.message:
         _text(layout, tell(item.message), "CANCEL")
     elif plane is None:
@@ -320,7 +322,7 @@ class MIRRORSCAN_PT_subject(_Panel, bpy.types.Panel):
         for name in ("depth_limit", "floor_clearance", "max_height", "reach", "object"):
             _field(column, settings.subject, name)
         subject = settings.subject
-        if live.searching(context.scene) and not job_operators.running(context):
+        if live_subject.searching(context.scene) and not job_operators.running(context):
             _text(layout, say("Searching for the person"), "SORTTIME")
         elif subject.stale:
             _text(layout, say("Press Find Subject again: it was searched for with other settings"), "FILE_REFRESH")
@@ -337,7 +339,7 @@ class MIRRORSCAN_PT_build(_Panel, bpy.types.Panel):
     bl_label = "Build"
 
     def draw_header(self, context: bpy.types.Context) -> None:
-        _step_done(self.layout, reports.avatar_report(context.object) is not None)
+        _step_done(self.layout, report_text.avatar_report(context.object) is not None)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -354,7 +356,7 @@ class MIRRORSCAN_PT_build(_Panel, bpy.types.Panel):
         elif not settings.mirrors:
             _text(layout, say("No mirror is chosen: the capture's own are used, or they are found"), "INFO")
         else:
-            bad = [item.name for item in settings.mirrors if state.quality_of(item) in ("BAD", "NONE")]
+            bad = [item.name for item in settings.mirrors if scan_records.quality_of(item) in ("BAD", "NONE")]
             if bad:
                 _text(layout, say("Look at these mirrors first: {names}").format(names=", ".join(bad)), "ERROR")
 
@@ -399,8 +401,8 @@ class MIRRORSCAN_PT_check(_Panel, bpy.types.Panel):
     bl_label = "Check"
 
     def draw_header(self, context: bpy.types.Context) -> None:
-        report = reports.avatar_report(context.object) or {}
-        if reports.problems_of(report):
+        report = report_text.avatar_report(context.object) or {}
+        if report_text.problems_of(report):
             self.layout.label(text="", icon="ERROR")
         else:
             _step_done(self.layout, "problems" in report)
@@ -408,15 +410,15 @@ class MIRRORSCAN_PT_check(_Panel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         avatar = context.object
-        report = reports.avatar_report(avatar)
+        report = report_text.avatar_report(avatar)
         layout.operator_context = "INVOKE_DEFAULT"
         layout.operator("mirror_scan.check", icon="VIEWZOOM", text_ctxt=CONTEXT)
         _draw_progress(layout, context, "mirror_scan.check")
         if report is None:
             _text(layout, say("Select an avatar to see how it came out"), "INFO")
             return
-        _table(layout, reports.summary(report, context.scene))
-        lines = reports.distances(report)
+        _table(layout, report_text.summary(report, context.scene))
+        lines = report_text.distances(report)
         if lines:
             layout.separator(factor=0.5)
             _table(layout, lines)
@@ -433,7 +435,7 @@ class MIRRORSCAN_PT_check(_Panel, bpy.types.Panel):
 
 
 def _draw_problems(layout: bpy.types.UILayout, context: bpy.types.Context, report: dict) -> None:
-    problems = reports.problems_of(report)
+    problems = report_text.problems_of(report)
     if not problems:
         layout.label(text=say("No problem found"), icon="CHECKMARK", translate=False)
         return
@@ -446,7 +448,7 @@ def _draw_problems(layout: bpy.types.UILayout, context: bpy.types.Context, repor
     middle.label(text=f"{number} / {len(problems)}" if 0 < number <= len(problems) else count, translate=False)
     row.operator("mirror_scan.jump_to_problem", text="", icon="TRIA_RIGHT").direction = "NEXT"
     if 0 < number <= len(problems):
-        _text(layout, reports.problem_text(problems[number - 1], context.scene), "ERROR")
+        _text(layout, report_text.problem_text(problems[number - 1], context.scene), "ERROR")
 
 
 class MIRRORSCAN_PT_export(_Panel, bpy.types.Panel):

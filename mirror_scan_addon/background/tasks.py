@@ -1,8 +1,8 @@
 """The jobs that take long, as generator functions that need no bpy: any process may run them (:mod:`.second_process`).
 
 They take and give plain values, arrays and :class:`.pinhole.Intrinsics`, so that handing them over imports nothing
-heavy: numba stays out of Blender's window. Mirrors go as *records*, the plain form :mod:`.state` keeps in a scene:
-``{"name", "picks", "source", "plane", "residual_mm", "message"}``.
+heavy: numba stays out of Blender's window. Mirrors go as *records*, the plain form :mod:`.scan_records` keeps in a
+scene: ``{"name", "picks", "source", "plane", "residual_mm", "message"}``.
 """
 
 from __future__ import annotations
@@ -144,7 +144,8 @@ class Simulated:
 
 
 def load_steps(path: str, frames: int, mirrors_path: str = "", reading: dict | None = None) -> Steps[Loaded]:
-    """Read a capture, average its burst, and fit the mirrors it knows; ``reading`` is of :func:`.state.reading_of`."""
+    """Read a capture, average its burst, and fit the mirrors it knows; ``reading`` is of
+    :func:`.scan_records.reading_of`."""
     yield 0.0, READING
     capture = _open(path, frames, mirrors_path, reading)
     return (yield from _loaded(capture, path))
@@ -410,7 +411,7 @@ def build_steps(
     settings : dict, optional
         By the names of ``core.pipeline.Settings``, each a dict of the fields that differ from the defaults.
     reading : dict, optional
-        Of :func:`.state.reading_of`.
+        Of :func:`.scan_records.reading_of`.
     """
     yield 0.0, READING
     if path:

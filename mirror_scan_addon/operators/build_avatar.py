@@ -9,10 +9,10 @@ import bpy
 from bpy.props import IntProperty, StringProperty
 
 from ...core.errors import CaptureError
-from .. import state
 from ..background import job_operators
 from ..language.texts import CONTEXT, say, tell
-from ..units import metres_per_unit
+from ..scene import scan_records
+from ..scene.units import metres_per_unit
 from .load_capture import look_at
 
 
@@ -43,60 +43,60 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return state.allows(cls, state.editable(context))
+        return scan_records.allows(cls, scan_records.editable(context))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         self._frame_view = True
         return self.run(context)
 
     def start(self, context: bpy.types.Context) -> job_operators.Task:
-        from .. import cloud
+        from ..scene import point_cloud
 
         settings = context.scene.mirror_scan
         frames = self.frames if self.properties.is_property_set("frames") else settings.frames
-        mirrors_path = state.absolute(self.mirrors_filepath)
+        mirrors_path = scan_records.absolute(self.mirrors_filepath)
         if self.filepath:
-            path, points, mirrors = state.absolute(state.capture_root(self.filepath)), None, None
+            path, points, mirrors = scan_records.absolute(scan_records.capture_root(self.filepath)), None, None
         else:
-            points = cloud.cloud_of(context.scene)
-            path = state.capture_root(settings.capture_path)
+            points = point_cloud.cloud_of(context.scene)
+            path = scan_records.capture_root(settings.capture_path)
             if not path and points is None:
                 raise CaptureError(say("No capture is loaded; choose one in the Mirror Scan tab of the sidebar"))
-            mirrors = state.placed_mirrors(settings) if settings.mirrors and not mirrors_path else None
+            mirrors = scan_records.placed_mirrors(settings) if settings.mirrors and not mirrors_path else None
         self._aligns = not self.filepath and points is not None
         arrays = None
         if points is not None:
             try:
-                gone = not path or not os.path.exists(state.absolute(path))
+                gone = not path or not os.path.exists(scan_records.absolute(path))
             except CaptureError:  # relative to a .blend that is not saved
                 gone = True
             if gone:
                 if path:
                     text = say("{path}: is not there any more; built from the points kept in this file instead")
                     self.report({"WARNING"}, text.format(path=path))
-                path, arrays = "", cloud.read_cloud(points)
-        path = state.absolute(path)
-        options, reading = state.build_settings(settings), state.reading_of(settings)
+                path, arrays = "", point_cloud.read_cloud(points)
+        path = scan_records.absolute(path)
+        options, reading = scan_records.build_settings(settings), scan_records.reading_of(settings)
         return job_operators.Task("build_steps", (path, frames, mirrors, mirrors_path, options, arrays, reading))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
-        from .. import cloud, scene
+        from ..scene import avatar_objects, point_cloud
 
         # The user may be in another scene by now; the avatar belongs where the button was pressed.
         here = target == context.scene
-        collection = scene.target_collection(context, target)
+        collection = avatar_objects.target_collection(context, target)
         unit = metres_per_unit(target)
-        avatar = scene.create_avatar(result.mesh, collection=collection, report=result.report, unit=unit)
+        avatar = avatar_objects.create_avatar(result.mesh, collection=collection, report=result.report, unit=unit)
         settings = target.mirror_scan
         settings.problem_index = 0
-        points = cloud.cloud_of(target)
+        points = point_cloud.cloud_of(target)
         if self._aligns and points is not None and points.library is None:
-            cloud.place(points, result.report["camera_to_avatar"], unit)
+            point_cloud.place(points, result.report["camera_to_avatar"], unit)
             settings.show_cloud = False  # it would cover the avatar that it now coincides with
             if not settings.mirrors:
-                state.set_records(settings, result.mirrors)
+                scan_records.set_records(settings, result.mirrors)
         if here:
-            scene.select_only(context, avatar)
+            avatar_objects.select_only(context, avatar)
             if self._frame_view:
                 _show_colors(context)
                 look_at(context, avatar)

@@ -6,31 +6,12 @@ from __future__ import annotations
 import bpy
 from bpy.props import EnumProperty, IntProperty
 
-from .. import reports, state
 from ..background import job_operators
 from ..language.texts import CONTEXT, say
-from ..units import metres_per_unit
+from ..scene import report_text, scan_records
+from ..scene.scan_records import no_mesh, not_ours
+from ..scene.units import metres_per_unit
 from .load_capture import show_within, viewport
-
-CLOUD = "mirror_scan_capture"  # :data:`.cloud.INFO`, which numpy would have to be imported for
-
-
-def no_mesh(context: bpy.types.Context) -> str:
-    """Why the active object cannot be looked over; "" when it can."""
-    active = context.object
-    if active is None or active.type != "MESH" or CLOUD in active:
-        return say("Select an avatar first")
-    if not active.data.polygons:
-        return say("{name} has no faces").format(name=active.name)
-    return ""
-
-
-def not_ours(context: bpy.types.Context) -> str:
-    """Why the active object cannot be changed; "" when it can."""
-    active = context.object
-    if active is not None and (not active.is_editable or active.data is not None and not active.data.is_editable):
-        return say("{name} is linked from another file and cannot be changed").format(name=active.name)
-    return ""
 
 
 class MIRRORSCAN_OT_check(job_operators.JobOperator, bpy.types.Operator):
@@ -43,16 +24,16 @@ class MIRRORSCAN_OT_check(job_operators.JobOperator, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return state.allows(cls, state.editable(context) or no_mesh(context) or not_ours(context))
+        return scan_records.allows(cls, scan_records.editable(context) or no_mesh(context) or not_ours(context))
 
     def start(self, context: bpy.types.Context) -> job_operators.Task:
-        from .. import scene
+        from ..scene import avatar_objects
 
         avatar = context.object
         self._uid = avatar.session_uid
-        self._size = scene.size_of(avatar, metres_per_unit(context.scene))
-        surface = scene.read_surface(avatar, self._size)
-        scene.check_finite(avatar, surface.vertices)
+        self._size = avatar_objects.size_of(avatar, metres_per_unit(context.scene))
+        surface = avatar_objects.read_surface(avatar, self._size)
+        avatar_objects.check_finite(avatar, surface.vertices)
         self._height = float(surface.vertices[:, 2].max() - surface.vertices[:, 2].min())
         return job_operators.Task("check_steps", (surface,))
 
@@ -62,7 +43,7 @@ class MIRRORSCAN_OT_check(job_operators.JobOperator, bpy.types.Operator):
         avatar = next((item for item in bpy.data.objects if item.session_uid == self._uid), None)
         if avatar is None:
             raise OutputError(say("The object that was checked is gone"))
-        report = reports.avatar_report(avatar) or {}
+        report = report_text.avatar_report(avatar) or {}
         mesh = report.setdefault("mesh", {})
         mesh.update({name: value for name, value in result.report.items() if name != "min_angle_deg"})
         mesh["height_m"] = self._height
@@ -75,10 +56,10 @@ class MIRRORSCAN_OT_check(job_operators.JobOperator, bpy.types.Operator):
             place | {name: (self._size**-1 * place[name]).tolist() for name in ("point", "normal")}
             for place in result.problems
         ]
-        reports.set_report(avatar, report)
+        report_text.set_report(avatar, report)
         target.mirror_scan.problem_index = 0
         if result.problems:
-            worst = reports.problem_text(result.problems[0], target)
+            worst = report_text.problem_text(result.problems[0], target)
             text = say("{name}: places to look at: {count}; first: {worst}")
             self.report({"INFO"}, text.format(name=avatar.name, count=len(result.problems), worst=worst))
         else:
@@ -119,16 +100,16 @@ class MIRRORSCAN_OT_jump_to_problem(bpy.types.Operator):
         if not problem and not context.scene.is_editable:
             problem = say("The scene is linked from another file and cannot be changed")
         if not problem:
-            report = reports.avatar_report(context.object)
+            report = report_text.avatar_report(context.object)
             if report is None or "problems" not in report:
                 problem = say("Check the avatar first")
             elif not report["problems"]:
                 problem = say("The avatar has no problem")
-        return state.allows(cls, problem)
+        return scan_records.allows(cls, problem)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         settings, avatar = context.scene.mirror_scan, context.object
-        problems = reports.problems_of(reports.avatar_report(avatar))
+        problems = report_text.problems_of(report_text.avatar_report(avatar))
         if not problems:
             self.report({"ERROR"}, say("The list of problems is damaged; check the avatar again"))
             return {"CANCELLED"}
@@ -146,7 +127,7 @@ class MIRRORSCAN_OT_jump_to_problem(bpy.types.Operator):
         place = problems[number - 1]
         _look_at(context, avatar, place)
         text = say("{number} of {count}: {problem}")
-        problem = reports.problem_text(place, context.scene)
+        problem = report_text.problem_text(place, context.scene)
         self.report({"INFO"}, text.format(number=number, count=len(problems), problem=problem))
         return {"FINISHED"}
 

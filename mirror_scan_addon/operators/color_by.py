@@ -6,21 +6,11 @@ from __future__ import annotations
 import bpy
 from bpy.props import EnumProperty
 
-from .. import state
 from ..background import job_operators
 from ..language.texts import CONTEXT, say
-from .check import no_mesh, not_ours
-
-DERIVED = {"VIEW": "View Colors", "KIND": "Kind Colors"}
-"""Colour attributes that are made for showing and removed again, by mode."""
-
-
-def shown_mode(avatar: bpy.types.Object) -> str:
-    """What the colours of a mesh object say now, as a mode; "" when they are none of ours."""
-    from .. import scene
-
-    name = avatar.data.color_attributes.active_color_name
-    return next((mode for mode, known in ({"CAPTURE": scene.COLOR} | DERIVED).items() if known == name), "")
+from ..scene import scan_records
+from ..scene.avatar_objects import DERIVED
+from ..scene.scan_records import no_mesh, not_ours
 
 
 class MIRRORSCAN_OT_color_by(bpy.types.Operator):
@@ -48,7 +38,7 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return state.allows(cls, state.editable(context) or no_mesh(context) or not_ours(context))
+        return scan_records.allows(cls, scan_records.editable(context) or no_mesh(context) or not_ours(context))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
@@ -66,21 +56,21 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
 
         from ...core.errors import OutputError
         from ...core.preview import palette
-        from .. import scene
+        from ..scene import avatar_objects
 
         avatar = context.object
         data = avatar.data
         label, domain, colors_of = {
-            "CAPTURE": (scene.COLOR, None, None),
-            "VIEW": (scene.VIEW, "POINT", palette.view_colors),
-            "KIND": (scene.KIND, "FACE", palette.kind_colors),
+            "CAPTURE": (avatar_objects.COLOR, None, None),
+            "VIEW": (avatar_objects.VIEW, "POINT", palette.view_colors),
+            "KIND": (avatar_objects.KIND, "FACE", palette.kind_colors),
         }[self.mode]
-        name = DERIVED.get(self.mode, scene.COLOR)
+        name = DERIVED.get(self.mode, avatar_objects.COLOR)
         if colors_of is None:
-            if data.color_attributes.get(scene.COLOR) is None:
+            if data.color_attributes.get(avatar_objects.COLOR) is None:
                 raise OutputError(say("{name} has no colours of a capture").format(name=avatar.name))
         else:
-            values = scene.integers(data, label, domain)
+            values = avatar_objects.integers(data, label, domain)
             if values is None:
                 text = say("{name} does not know this; only avatars that Mirror Scan built do")
                 raise OutputError(text.format(name=avatar.name))
@@ -91,12 +81,12 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
                 totals = np.empty(len(data.polygons), np.int32)
                 data.polygons.foreach_get("loop_total", totals)
                 colors = np.repeat(colors, totals, axis=0)
-            scene.set_colors(data, name, colors, "POINT" if domain == "POINT" else "CORNER")
-        scene.show_colors(avatar, name)
+            avatar_objects.set_colors(data, name, colors, "POINT" if domain == "POINT" else "CORNER")
+        avatar_objects.show_colors(avatar, name)
         for other in DERIVED.values():
             if other != name and (attribute := data.attributes.get(other)) is not None:
                 data.attributes.remove(attribute)
-        scene.show_colors(avatar, name)  # indices have moved
+        avatar_objects.show_colors(avatar, name)  # indices have moved
 
 
 CLASSES = (MIRRORSCAN_OT_color_by,)

@@ -7,10 +7,10 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 
 from ...core.errors import OutputError
-from .. import state
 from ..background import job_operators
 from ..language.texts import CONTEXT, say
-from .check import no_mesh
+from ..scene import scan_records
+from ..scene.scan_records import no_mesh
 
 FORMATS = (
     ("GLB", "glTF Binary (.glb)", "For the web and most 3D programs; with colours, in metres"),
@@ -57,7 +57,7 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
             problem = say("Leave the editing mode first: this works in Object Mode")
         if not problem and job_operators.running(context):
             problem = say("Mirror Scan is busy; wait or press Esc")
-        return state.allows(cls, problem)
+        return scan_records.allows(cls, problem)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         import os
@@ -84,12 +84,12 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         import os
 
-        from .. import export
+        from ..scene import export
 
         try:
             if not self.filepath:
                 raise OutputError(say("Give the name of a file to write"))
-            path = state.absolute(self.filepath)
+            path = scan_records.absolute(self.filepath)
             if os.path.isdir(path):
                 path = os.path.join(path, bpy.path.clean_name(context.object.name))
             ending = os.path.splitext(path)[1].lower()

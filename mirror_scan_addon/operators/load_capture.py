@@ -7,10 +7,10 @@ import bpy
 from bpy.props import EnumProperty, IntProperty, StringProperty
 
 from ...core.errors import CaptureError
-from .. import live, state
 from ..background import job_operators
 from ..language.texts import CONTEXT, say, tell
-from ..units import metres_per_unit
+from ..scene import scan_records
+from ..scene.capture_objects import show_capture
 
 
 class MIRRORSCAN_OT_load_capture(job_operators.FileJobOperator, bpy.types.Operator):
@@ -44,7 +44,7 @@ class MIRRORSCAN_OT_load_capture(job_operators.FileJobOperator, bpy.types.Operat
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return state.allows(cls, state.editable(context))
+        return scan_records.allows(cls, scan_records.editable(context))
 
     def proposal(self, context: bpy.types.Context) -> str:
         return context.scene.mirror_scan.capture_path
@@ -55,18 +55,18 @@ class MIRRORSCAN_OT_load_capture(job_operators.FileJobOperator, bpy.types.Operat
         layout.prop(self, "frames")
         layout.prop(self, "mirrors_filepath")
         layout.separator()
-        for name in state.READING:
+        for name in scan_records.READING:
             layout.prop(context.scene.mirror_scan.reading, name)
 
     def start(self, context: bpy.types.Context) -> job_operators.Task:
         settings = context.scene.mirror_scan
-        path = state.absolute(state.capture_root(self.filepath or settings.capture_path))
+        path = scan_records.absolute(scan_records.capture_root(self.filepath or settings.capture_path))
         if not path:
             raise CaptureError(say("No capture is chosen; give its folder or file"))
         frames = self.frames if self.properties.is_property_set("frames") else settings.frames
-        self._path, self._frames = state.capture_root(self.filepath or settings.capture_path), frames
-        mirrors = state.absolute(self.mirrors_filepath)
-        return job_operators.Task("load_steps", (path, frames, mirrors, state.reading_of(settings)))
+        self._path, self._frames = scan_records.capture_root(self.filepath or settings.capture_path), frames
+        mirrors = scan_records.absolute(self.mirrors_filepath)
+        return job_operators.Task("load_steps", (path, frames, mirrors, scan_records.reading_of(settings)))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         cloud = show_capture(context, target, result)
@@ -111,10 +111,10 @@ class MIRRORSCAN_OT_record(job_operators.FileJobOperator, bpy.types.Operator):
     poll = MIRRORSCAN_OT_load_capture.poll
 
     def start(self, context: bpy.types.Context) -> job_operators.Task:
-        folder = state.absolute(self.filepath)
+        folder = scan_records.absolute(self.filepath)
         if not folder:
             raise CaptureError(say("Give the name of a new folder for the recording"))
-        state.check_folder(folder)
+        scan_records.check_folder(folder)
         return job_operators.Task("record_steps", (self.camera, folder, self.frames))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
@@ -123,61 +123,6 @@ class MIRRORSCAN_OT_record(job_operators.FileJobOperator, bpy.types.Operator):
         if self._asked:
             look_from_camera(context, cloud)
         self.report({"INFO"}, say("Recorded to {path}").format(path=self.filepath))
-
-
-def show_capture(context: bpy.types.Context, target: bpy.types.Scene, loaded) -> bpy.types.Object:
-    """Put a loaded capture into a scene, in place of the one before."""
-    from .. import cloud, scene
-
-    settings = target.mirror_scan
-    name = loaded.info["name"]
-    collection = scene.target_collection(context, target)
-    with scene.discard_on_error() as made:
-        made.append(cloud.create_picture(f"{name} depth", loaded.depth_picture))
-        if loaded.color is not None:
-            made.append(cloud.create_picture(f"{name} colour", loaded.color))
-        points = cloud.create_cloud(
-            name, loaded.depth, loaded.color, loaded.intrinsics, loaded.info, loaded.placement, collection,
-            metres_per_unit(target),
-        )  # fmt: skip
-    forget_capture(target)
-    # the names that those before may have held
-    points.name = points.data.name = name
-    for image, kind in zip(made, ("depth", "colour"), strict=False):
-        image.name = f"{name} {kind}"
-    settings.cloud, settings.depth_image = points, made[0]
-    settings.color_image = made[1] if loaded.color is not None else None
-    for image in made:
-        image.preview_ensure()
-    state.set_records(settings, loaded.mirrors)
-    settings.mirror_index = 0
-    if loaded.seen is not None:
-        cloud.set_values(points.data, seen=loaded.seen)
-    settings.cloud_colors, settings.show_cloud, settings.fold = "CAPTURE", True, False
-    settings.subject.property_unset("clicked")  # which, unlike setting it, asks for no search
-    live.forget(target)
-    state.forget_subject(settings)
-    if target == context.scene:
-        scene.select_only(context, points)
-        points.select_set(False, view_layer=context.view_layer)  # its box would draw the eye
-    return points
-
-
-def forget_capture(target: bpy.types.Scene) -> None:
-    """Remove the scene's cloud and pictures, unless another scene or object uses them."""
-    from ..cloud import is_cloud
-
-    settings = target.mirror_scan
-    cloud, images = settings.cloud, (settings.color_image, settings.depth_image)
-    settings.cloud = settings.color_image = settings.depth_image = None
-    if is_cloud(cloud) and cloud.library is None and set(cloud.users_scene) <= {target}:
-        mesh = cloud.data
-        bpy.data.objects.remove(cloud)
-        if mesh is not None and not mesh.users:
-            bpy.data.meshes.remove(mesh)
-    for image in images:
-        if image is not None and image.library is None and not image.users:
-            bpy.data.images.remove(image)
 
 
 def viewport(context: bpy.types.Context) -> bpy.types.Area | None:

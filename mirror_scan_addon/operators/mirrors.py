@@ -7,15 +7,15 @@ import bpy
 from bpy.props import FloatVectorProperty, IntProperty, StringProperty
 
 from ...core.errors import MirrorError, OutputError
-from .. import state
 from ..background import job_operators
 from ..language.texts import CONTEXT, say
+from ..scene import scan_records
 
 
 class _MirrorOperator(job_operators.JobOperator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return state.allows(cls, state.editable(context) or state.no_cloud(context))
+        return scan_records.allows(cls, scan_records.editable(context) or scan_records.no_cloud(context))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         put_mirrors(target, result)
@@ -23,18 +23,18 @@ class _MirrorOperator(job_operators.JobOperator):
 
 def put_mirrors(target: bpy.types.Scene, fitted) -> None:
     """Have a scene's mirrors be those of a fit; what was found out with the old ones is not true any more."""
-    from .. import cloud
+    from ..scene import point_cloud
 
-    state.set_records(target.mirror_scan, fitted.mirrors)
-    points = cloud.cloud_of(target)
+    scan_records.set_records(target.mirror_scan, fitted.mirrors)
+    points = point_cloud.cloud_of(target)
     if points is None:
         raise MirrorError(say("The points of the capture are gone; load it again"))
-    cloud.forget_values(points.data, cloud.VIEW, cloud.HEIGHT)
+    point_cloud.forget_values(points.data, point_cloud.VIEW, point_cloud.HEIGHT)
     if fitted.seen is None:
-        cloud.forget_values(points.data, cloud.SEEN)
+        point_cloud.forget_values(points.data, point_cloud.SEEN)
     else:
-        cloud.set_values(points.data, seen=fitted.seen)
-    state.forget_subject(target.mirror_scan)
+        point_cloud.set_values(points.data, seen=fitted.seen)
+    scan_records.forget_subject(target.mirror_scan)
 
 
 class MIRRORSCAN_OT_find_mirrors(_MirrorOperator, bpy.types.Operator):
@@ -46,9 +46,9 @@ class MIRRORSCAN_OT_find_mirrors(_MirrorOperator, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     def start(self, context: bpy.types.Context) -> job_operators.Task:
-        from .. import cloud
+        from ..scene import point_cloud
 
-        arrays = cloud.read_cloud(cloud.cloud_of(context.scene))
+        arrays = point_cloud.read_cloud(point_cloud.cloud_of(context.scene))
         offset = context.scene.mirror_scan.quality.glass_offset_m
         return job_operators.Task("find_mirrors_steps", (arrays.depth, arrays.color, arrays.intrinsics, offset))
 
@@ -96,24 +96,24 @@ class MIRRORSCAN_OT_set_mirror(_MirrorOperator, bpy.types.Operator):
     )  # fmt: skip
 
     def start(self, context: bpy.types.Context) -> job_operators.Task:
-        from .. import cloud
+        from ..scene import point_cloud
 
         settings = context.scene.mirror_scan
-        records = state.records_of(settings)
+        records = scan_records.records_of(settings)
         index = len(records) if self.index < 0 else self.index
         if index > len(records):
             text = say("index: {index} is too large; {count} adds a mirror")
             raise MirrorError(text.format(count=len(records), index=index))
         if index == len(records):
-            records.append(state.new_record(settings, self.name.strip()))
+            records.append(scan_records.new_record(settings, self.name.strip()))
         elif self.name.strip():
             records[index]["name"] = self.name.strip()
-        points = cloud.cloud_of(context.scene)
-        arrays = cloud.read_cloud(points)
+        points = point_cloud.cloud_of(context.scene)
+        arrays = point_cloud.read_cloud(points)
         if self.points:
-            picks = state.parse_points(self.points)
+            picks = scan_records.parse_points(self.points)
             if len(picks[0]) == 3:
-                picks = _pixels_of(picks, cloud.camera_to_world(points), arrays.intrinsics)
+                picks = _pixels_of(picks, point_cloud.camera_to_world(points), arrays.intrinsics)
             records[index] |= {"picks": picks, "plane": "", "source": "picked"}
         elif any(self.normal):
             records[index] |= {"picks": [], "plane": _given_plane(records[index]["name"], self.point, self.normal)}
@@ -172,7 +172,7 @@ class MIRRORSCAN_OT_remove_mirror(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return state.allows(cls, state.editable(context) or state.no_mirror(context))
+        return scan_records.allows(cls, scan_records.editable(context) or scan_records.no_mirror(context))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         settings = context.scene.mirror_scan
@@ -207,12 +207,12 @@ class MIRRORSCAN_OT_clear_mirrors(bpy.types.Operator):
 
 def _forget_views(target: bpy.types.Scene) -> None:
     """The numbers of the views have changed; what was sorted by them is not true any more."""
-    from .. import cloud
+    from ..scene import point_cloud
 
-    points = cloud.cloud_of(target)
+    points = point_cloud.cloud_of(target)
     if points is not None and points.data.library is None:
-        cloud.forget_values(points.data, cloud.SEEN, cloud.VIEW, cloud.HEIGHT)
-    state.forget_subject(target.mirror_scan)
+        point_cloud.forget_values(points.data, point_cloud.SEEN, point_cloud.VIEW, point_cloud.HEIGHT)
+    scan_records.forget_subject(target.mirror_scan)
 
 
 class MIRRORSCAN_OT_save_mirrors(bpy.types.Operator):
@@ -230,12 +230,12 @@ class MIRRORSCAN_OT_save_mirrors(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return state.allows(cls, state.no_mirror(context))
+        return scan_records.allows(cls, scan_records.no_mirror(context))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         import os
 
-        place = state.capture_place(context.scene.mirror_scan)
+        place = scan_records.capture_place(context.scene.mirror_scan)
         self.filepath = self.filepath or os.path.join(place, "mirrors.json")
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
@@ -247,7 +247,7 @@ class MIRRORSCAN_OT_save_mirrors(bpy.types.Operator):
 
         entries = []
         for item in context.scene.mirror_scan.mirrors:
-            plane = state.plane_of(item)
+            plane = scan_records.plane_of(item)
             if len(item.picks) >= 3:
                 pixels = [[round(value, 2) for value in pick.pixel] for pick in item.picks]
                 entries.append({"name": item.name, "frame_pixels": pixels})
@@ -258,7 +258,7 @@ class MIRRORSCAN_OT_save_mirrors(bpy.types.Operator):
                 raise OutputError(say("Give the name of a file to write"))
             if not entries:
                 raise OutputError(say("No mirror is placed yet, so there is nothing to write"))
-            path = state.absolute(self.filepath)
+            path = scan_records.absolute(self.filepath)
             with replacing(path) as temporary:
                 temporary.write_text(json.dumps({"mirrors": entries}, indent=1, ensure_ascii=False), encoding="utf-8")
         except job_operators.REPORTED as error:

@@ -6,10 +6,11 @@ from __future__ import annotations
 import bpy
 from bpy.props import BoolProperty
 
-from .. import overlay, state
+from .. import overlay
 from ..aiming import NAVIGATION, Aim, region_under
 from ..background import job_operators
 from ..language.texts import CONTEXT, say, tell
+from ..scene import scan_records
 
 GRAB_PX = 12.0  # how far from the mouse a pick is taken hold of [px at 100 % scale]
 ENOUGH = 3  # picks that make a plane; with fewer the mirror is looked for around them
@@ -40,23 +41,23 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        problem = state.editable(context) or state.no_cloud(context)
+        problem = scan_records.editable(context) or scan_records.no_cloud(context)
         if not problem and (context.area is None or context.area.type != "VIEW_3D"):
             problem = say("Points are picked in a 3D viewport; scripts use mirror_scan.set_mirror")
-        return state.allows(cls, problem)
+        return scan_records.allows(cls, problem)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         self.report({"ERROR"}, say("Points are picked with the mouse; scripts use mirror_scan.set_mirror"))
         return {"CANCELLED"}
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        from .. import cloud
+        from ..scene import point_cloud
 
         if bpy.app.background:
             return self.execute(context)
-        target = cloud.cloud_of(context.scene)
+        target = point_cloud.cloud_of(context.scene)
         try:
-            arrays = cloud.read_cloud(target)
+            arrays = point_cloud.read_cloud(target)
         except job_operators.REPORTED as error:
             self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}
@@ -65,8 +66,8 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         self._aim = Aim(arrays.points)
         self._count = len(target.data.vertices)
         self._depth, self._intrinsics = arrays.depth, arrays.intrinsics
-        self._before = state.records_of(settings)
-        self._seen_before = cloud.values(target.data, cloud.SEEN, "int8")
+        self._before = scan_records.records_of(settings)
+        self._seen_before = point_cloud.values(target.data, point_cloud.SEEN, "int8")
         self._views_before = (settings.mirror_index, settings.show_cloud)
         self._scene_uid, self._area = context.scene.session_uid, context.area.as_pointer()
         self._errand = self._task = self._asked = self._dragged = None
@@ -86,9 +87,9 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
     # --- events -------------------------------------------------------------------------------------------------------
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        from .. import cloud
+        from ..scene import point_cloud
 
-        target = cloud.cloud_of(context.scene)
+        target = point_cloud.cloud_of(context.scene)
         # a panel's button, undo or a script may have changed anything meanwhile
         if (
             context.scene.session_uid != self._scene_uid
@@ -210,10 +211,10 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         import numpy as np
 
         from ...core.preview.point_picking import project_to_picture
-        from .. import cloud
+        from ..scene import point_cloud
 
         settings = context.scene.mirror_scan
-        target = cloud.cloud_of(context.scene)
+        target = point_cloud.cloud_of(context.scene)
         numbers, points = [], []
         for number, pick in enumerate(self._active(settings).picks):
             pixel = round(pick.pixel[1]) * self._intrinsics.width + round(pick.pixel[0])
@@ -256,7 +257,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             elif self._asked is not None:
                 self._apply(context, errand.result)
         if self._errand is None and self._dragged is None and self._asked is None:
-            records = state.records_of(settings)
+            records = scan_records.records_of(settings)
             self._asked = [number for number, record in enumerate(records) if record["picks"] or record["plane"]]
             if self._asked:
                 chosen = [records[number] for number in self._asked]
@@ -285,13 +286,13 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         self._tell(context)
 
     def _set_seen(self, context, seen) -> None:
-        from .. import cloud
+        from ..scene import point_cloud
 
-        mesh = cloud.cloud_of(context.scene).data
+        mesh = point_cloud.cloud_of(context.scene).data
         if seen is None:
-            cloud.forget_values(mesh, cloud.SEEN)
+            point_cloud.forget_values(mesh, point_cloud.SEEN)
         else:
-            cloud.set_values(mesh, seen=seen)
+            point_cloud.set_values(mesh, seen=seen)
 
     # --- end ----------------------------------------------------------------------------------------------------------
 
@@ -300,10 +301,10 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def _finish(self, context) -> set[str]:
-        from .. import cloud
+        from ..scene import point_cloud
 
         settings = context.scene.mirror_scan
-        records = state.records_of(settings)
+        records = scan_records.records_of(settings)
         kept = [record for record in records if record["picks"] or record["plane"]]
         short = [record for record in kept if 0 < len(record["picks"]) < ENOUGH and not record["plane"]]
         if short:
@@ -313,12 +314,12 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             return {"PASS_THROUGH"}
         if len(kept) < len(records):  # a mirror that nothing was picked on, which Tab added
             numbers = [number for number, record in enumerate(records) if record in kept]
-            state.set_records(settings, kept)
-            mesh = cloud.cloud_of(context.scene).data
+            scan_records.set_records(settings, kept)
+            mesh = point_cloud.cloud_of(context.scene).data
             if numbers != list(range(len(kept))):
-                cloud.forget_values(mesh, cloud.SEEN)
-        cloud.forget_values(cloud.cloud_of(context.scene).data, cloud.VIEW, cloud.HEIGHT)
-        state.forget_subject(settings)
+                point_cloud.forget_values(mesh, point_cloud.SEEN)
+        point_cloud.forget_values(point_cloud.cloud_of(context.scene).data, point_cloud.VIEW, point_cloud.HEIGHT)
+        scan_records.forget_subject(settings)
         self._end(context)
         for record in kept:
             if record["message"]:
@@ -328,18 +329,18 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         return {"FINISHED"}
 
     def _undo_all(self, context) -> None:
-        from .. import cloud
+        from ..scene import point_cloud
 
         settings = context.scene.mirror_scan
-        state.set_records(settings, self._before)
+        scan_records.set_records(settings, self._before)
         settings.mirror_index, settings.show_cloud = self._views_before
-        mesh = cloud.cloud_of(context.scene).data
+        mesh = point_cloud.cloud_of(context.scene).data
         if self._seen_before is None:
-            cloud.forget_values(mesh, cloud.SEEN)
+            point_cloud.forget_values(mesh, point_cloud.SEEN)
         else:
-            attribute = mesh.attributes.get(cloud.SEEN) or mesh.attributes.new(cloud.SEEN, "INT8", "POINT")
+            attribute = mesh.attributes.get(point_cloud.SEEN) or mesh.attributes.new(point_cloud.SEEN, "INT8", "POINT")
             attribute.data.foreach_set("value", self._seen_before)
-            cloud.touch(mesh)
+            point_cloud.touch(mesh)
         self._end(context)
         self.report({"INFO"}, say("Picking was cancelled; the mirrors are as before"))
 
@@ -349,9 +350,9 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
 
     def leave(self, context: bpy.types.Context) -> None:
         """The add-on goes while points are picked: as after Esc."""
-        from .. import cloud
+        from ..scene import point_cloud
 
-        if context.scene.session_uid == self._scene_uid and cloud.cloud_of(context.scene) is not None:
+        if context.scene.session_uid == self._scene_uid and point_cloud.cloud_of(context.scene) is not None:
             self._undo_all(context)
         else:
             self._end(context)
@@ -377,8 +378,8 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         return settings.mirrors[min(settings.mirror_index, len(settings.mirrors) - 1)]
 
     def _add_mirror(self, settings) -> None:
-        record = state.new_record(settings)
-        state.set_record(settings.mirrors.add(), record)
+        record = scan_records.new_record(settings)
+        scan_records.set_record(settings.mirrors.add(), record)
         settings.mirror_index = len(settings.mirrors) - 1
 
     def _tell(self, context) -> None:

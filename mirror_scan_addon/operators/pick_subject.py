@@ -6,10 +6,11 @@ from __future__ import annotations
 import bpy
 from bpy.props import FloatVectorProperty
 
-from .. import overlay, state
+from .. import overlay
 from ..aiming import NAVIGATION, Aim, region_under
 from ..background import job_operators
 from ..language.texts import CONTEXT, say
+from ..scene import scan_records
 
 
 class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
@@ -30,13 +31,15 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return state.allows(cls, state.editable(context) or state.no_cloud(context) or state.no_mirror(context))
+        return scan_records.allows(
+            cls, scan_records.editable(context) or scan_records.no_cloud(context) or scan_records.no_mirror(context)
+        )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from .. import cloud
+        from ..scene import point_cloud
 
         try:
-            lens = cloud.read_cloud(cloud.cloud_of(context.scene), color=False).intrinsics
+            lens = point_cloud.read_cloud(point_cloud.cloud_of(context.scene), color=False).intrinsics
         except job_operators.REPORTED as error:
             self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}
@@ -50,7 +53,7 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
         return {"FINISHED"}
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        from .. import cloud
+        from ..scene import point_cloud
 
         if bpy.app.background or self.properties.is_property_set("pixel"):
             return self.execute(context)
@@ -58,7 +61,7 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
             self.report({"ERROR"}, say("The person is clicked in a 3D viewport; scripts give pixel"))
             return {"CANCELLED"}
         try:
-            arrays = cloud.read_cloud(cloud.cloud_of(context.scene), color=False)
+            arrays = point_cloud.read_cloud(point_cloud.cloud_of(context.scene), color=False)
         except job_operators.REPORTED as error:
             self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}
@@ -73,9 +76,9 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        from .. import cloud
+        from ..scene import point_cloud
 
-        target = cloud.cloud_of(context.scene)
+        target = point_cloud.cloud_of(context.scene)
         gone = target is None or len(target.data.vertices) != len(self._points) or context.mode != "OBJECT"
         if context.scene.session_uid != self._scene_uid or gone:
             self.cancel(context)

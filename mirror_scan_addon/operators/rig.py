@@ -7,11 +7,12 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ...core.errors import MirrorScanError
-from .. import state
 from ..background import job_operators, kernel_compilation, second_process
 from ..language.texts import CONTEXT, say
-from ..units import metres_per_unit
-from .load_capture import look_at, look_from_camera, show_capture
+from ..scene import scan_records
+from ..scene.capture_objects import show_capture
+from ..scene.units import metres_per_unit
+from .load_capture import look_at, look_from_camera
 
 SENSORS = (
     ("azure_kinect", "Azure Kinect", "Time of flight, 640 × 576"),
@@ -59,13 +60,13 @@ class MIRRORSCAN_OT_add_rig(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return state.allows(cls, state.editable(context))
+        return scan_records.allows(cls, scan_records.editable(context))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         import math
 
         from ...core.simulation.scene import default_rig
-        from .. import rig
+        from ..scene import virtual_rig
 
         unit = metres_per_unit(context.scene)
         for name, metres in (("distance", DISTANCE), ("path", PATH)):
@@ -75,7 +76,7 @@ class MIRRORSCAN_OT_add_rig(bpy.types.Operator):
             arranged = default_rig(
                 self.sensor, unit * self.distance, math.degrees(self.angle), self.mirrors, path_length=unit * self.path
             )
-            made = rig.add_objects(context.scene, arranged)
+            made = virtual_rig.add_objects(context.scene, arranged)
         except job_operators.REPORTED as error:
             self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}
@@ -113,44 +114,44 @@ class MIRRORSCAN_OT_simulate(job_operators.JobOperator, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        problem = state.editable(context)
+        problem = scan_records.editable(context)
         active = context.object
         if not problem and active is not None and active.type == "MESH" and active.data.polygons:
             if not active.mirror_scan.is_mirror and not active.data.is_editable:
                 problem = say("{name} is linked from another file; make it local to show on it what the rig sees")
                 problem = problem.format(name=active.name)
-        return state.allows(cls, problem)
+        return scan_records.allows(cls, problem)
 
     def start(self, context: bpy.types.Context) -> job_operators.Task:
-        from .. import rig
+        from ..scene import virtual_rig
 
-        body = rig.subject_of(context)
+        body = virtual_rig.subject_of(context)
         self._uid = 0 if body is None else body.session_uid
-        surface = None if body is None else rig.world_surface(context, body)
+        surface = None if body is None else virtual_rig.world_surface(context, body)
         options = {"sensor": self.sensor, "frames": self.frames, "seed": self.seed}
-        mirrors = rig.mirrors_of(context.scene) or None
+        mirrors = virtual_rig.mirrors_of(context.scene) or None
         if mirrors and context.scene.camera is None:
             raise MirrorScanError(say("There are mirrors but no camera; add one and make it the scene's camera"))
         if mirrors:
-            options |= rig.camera_of(context.scene.camera, metres_per_unit(context.scene)) | {"room": None}
-        self._folder = state.absolute(self.filepath)
+            options |= virtual_rig.camera_of(context.scene.camera, metres_per_unit(context.scene)) | {"room": None}
+        self._folder = scan_records.absolute(self.filepath)
         if self._folder:
-            state.check_folder(self._folder)
+            scan_records.check_folder(self._folder)
         return job_operators.Task("simulate_steps", (surface, options, mirrors, self._folder))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         from ...core.preview import palette
-        from .. import rig, scene
+        from ..scene import avatar_objects, virtual_rig
 
         body = next((item for item in bpy.data.objects if self._uid and item.session_uid == self._uid), None)
         if body is not None and len(body.data.vertices) == len(result.coverage) and body.data.is_editable:
-            scene.set_colors(body.data, rig.COVERAGE, palette.view_colors(result.coverage), "POINT")
-            scene.show_colors(body, rig.COVERAGE)
+            avatar_objects.set_colors(body.data, virtual_rig.COVERAGE, palette.view_colors(result.coverage), "POINT")
+            avatar_objects.show_colors(body, virtual_rig.COVERAGE)
         points = show_capture(context, target, result.loaded)
         target.mirror_scan.capture_path = self.filepath if self._folder else ""
         if target == context.scene:
             if body is not None:
-                scene.select_only(context, body)
+                avatar_objects.select_only(context, body)
             if not bpy.app.background and self._worker is None and context.area is not None:
                 if body is not None:
                     look_at(context, body)

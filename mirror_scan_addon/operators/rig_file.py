@@ -9,29 +9,29 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 
 from ...core.errors import MirrorError, OutputError
-from .. import state
 from ..background import job_operators
 from ..language.texts import CONTEXT, say, tell
+from ..scene import scan_records
 from .mirrors import put_mirrors
 
 
 class _RigFileOperator(job_operators.FileJobOperator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return state.allows(cls, state.editable(context) or state.no_cloud(context))
+        return scan_records.allows(cls, scan_records.editable(context) or scan_records.no_cloud(context))
 
     def proposal(self, context: bpy.types.Context) -> str:
         """A rig file beside the capture's folder: captures come and go, the rig stays."""
-        root = state.capture_place(context.scene.mirror_scan)
+        root = scan_records.capture_place(context.scene.mirror_scan)
         return os.path.join(os.path.dirname(os.path.normpath(root)) if root else "", "rig.json")
 
     def start(self, context: bpy.types.Context) -> job_operators.Task:
-        from .. import cloud
+        from ..scene import point_cloud
 
         if not self.filepath:
             raise OutputError(say("Give the name of a rig file"))
-        arrays = cloud.read_cloud(cloud.cloud_of(context.scene))
-        return self.task(arrays, state.absolute(self.filepath), context.scene.mirror_scan)
+        arrays = point_cloud.read_cloud(point_cloud.cloud_of(context.scene))
+        return self.task(arrays, scan_records.absolute(self.filepath), context.scene.mirror_scan)
 
 
 class MIRRORSCAN_OT_calibrate_rig(_RigFileOperator, bpy.types.Operator):
@@ -51,7 +51,7 @@ class MIRRORSCAN_OT_calibrate_rig(_RigFileOperator, bpy.types.Operator):
     check_existing: BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
 
     def task(self, arrays, path: str, settings: bpy.types.PropertyGroup) -> job_operators.Task:
-        records = state.placed_mirrors(settings) if settings.mirrors else []
+        records = scan_records.placed_mirrors(settings) if settings.mirrors else []
         return job_operators.Task("calibrate_steps", (arrays, records, settings.quality.glass_offset_m, path))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:

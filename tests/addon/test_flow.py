@@ -33,7 +33,7 @@ def test_loading_keeps_the_depth_map_exactly(bpy, scan, loaded):
     from mirror_scan.core.capture import open_capture
     from mirror_scan.core.depth.burst_fusion import fuse_burst
     from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
-    from mirror_scan.mirror_scan_addon.cloud import cloud_info, read_cloud
+    from mirror_scan.mirror_scan_addon.scene.point_cloud import cloud_info, read_cloud
 
     capture = open_capture(scan[0])
     depth = remove_flying_pixels(fuse_burst(capture.depth)[0], 1.0 / capture.intrinsics.fx)
@@ -54,7 +54,7 @@ def test_loading_keeps_the_depth_map_exactly(bpy, scan, loaded):
 
 
 def test_the_points_stand_upright_before_anything_is_known(bpy, loaded):
-    from mirror_scan.mirror_scan_addon.cloud import read_cloud
+    from mirror_scan.mirror_scan_addon.scene.point_cloud import read_cloud
 
     points = read_cloud(loaded).points
     matrix = np.array(loaded.matrix_world)
@@ -79,7 +79,7 @@ def test_loading_again_replaces(bpy, scan, loaded):
 
 
 def test_what_the_files_do_not_say_is_said_in_the_scene(bpy, scan, tmp_path):
-    from mirror_scan.mirror_scan_addon import cloud
+    from mirror_scan.mirror_scan_addon.scene import point_cloud
 
     folder = tmp_path / "capture"
     shutil.copytree(scan[0], folder, ignore=shutil.ignore_patterns("truth", "intrinsic.json", "image"))
@@ -88,13 +88,13 @@ def test_what_the_files_do_not_say_is_said_in_the_scene(bpy, scan, tmp_path):
     reading = settings_of(bpy).reading
     reading.intrinsics = str(scan[0] / "intrinsic.json")
     bpy.ops.mirror_scan.load_capture(filepath=str(folder))
-    plain = cloud.read_cloud(settings_of(bpy).cloud)
+    plain = point_cloud.read_cloud(settings_of(bpy).cloud)
     assert bpy.ops.mirror_scan.build_avatar() == {"FINISHED"}
     assert 1.5 < bpy.context.object.dimensions.z < 2.0
     reading.turn, reading.mirrored, reading.color, reading.depth_unit_mm = "90", "YES", False, 2.0
     (folder / "mirrors.json").unlink()
     bpy.ops.mirror_scan.load_capture()
-    turned = cloud.read_cloud(settings_of(bpy).cloud)
+    turned = point_cloud.read_cloud(settings_of(bpy).cloud)
     as_said = 2 * np.rot90(plain.depth[:, ::-1], -1)
     assert turned.depth.shape == as_said.shape
     assert np.isclose(turned.depth, as_said, atol=1e-6).mean() > 0.9999  # cleaning goes by the distance
@@ -152,7 +152,7 @@ def truth_of(scan) -> dict:
 
 
 def planes_of(bpy) -> dict:
-    from mirror_scan.mirror_scan_addon.state import plane_of
+    from mirror_scan.mirror_scan_addon.scene.scan_records import plane_of
 
     return {item.name: plane_of(item) for item in settings_of(bpy).mirrors}
 
@@ -167,9 +167,9 @@ def assert_true(bpy, scan, names=("left", "right")):
 
 def test_the_capture_s_picks_are_fitted(bpy, scan, loaded):
     assert_true(bpy, scan)
-    from mirror_scan.mirror_scan_addon import cloud
+    from mirror_scan.mirror_scan_addon.scene import point_cloud
 
-    seen = cloud.values(loaded.data, cloud.SEEN, np.int8)
+    seen = point_cloud.values(loaded.data, point_cloud.SEEN, np.int8)
     assert set(np.unique(seen)) >= {0, 1, 2}
 
 
@@ -183,7 +183,7 @@ def test_mirrors_are_found_without_picks(bpy, scan, loaded):
 
 
 def test_a_mirror_is_set_by_pixels_by_places_and_by_its_plane(bpy, scan, loaded):
-    from mirror_scan.mirror_scan_addon import cloud
+    from mirror_scan.mirror_scan_addon.scene import point_cloud
 
     settings = settings_of(bpy)
     picks = [list(pick.pixel) for pick in settings.mirrors[0].picks]
@@ -191,7 +191,7 @@ def test_a_mirror_is_set_by_pixels_by_places_and_by_its_plane(bpy, scan, loaded)
     assert bpy.ops.mirror_scan.set_mirror(index=0, points=str(picks), name="right") == {"FINISHED"}
     assert_true(bpy, scan, ["right"])
     # the same points as places in the world
-    arrays = cloud.read_cloud(loaded)
+    arrays = point_cloud.read_cloud(loaded)
     order = {int(pixel): k for k, pixel in enumerate(arrays.pixel)}
     matrix = np.array(loaded.matrix_world)
     rows = [order.get(round(v) * 640 + round(u)) for u, v in picks]
@@ -221,7 +221,7 @@ def test_a_mirror_is_set_by_pixels_by_places_and_by_its_plane(bpy, scan, loaded)
     ],
 )
 def test_what_is_no_mirror_is_refused_and_nothing_changes(bpy, loaded, options, words):
-    from mirror_scan.mirror_scan_addon.state import records_of
+    from mirror_scan.mirror_scan_addon.scene.scan_records import records_of
 
     before = records_of(settings_of(bpy))
     with pytest.raises(RuntimeError, match=words) as caught:
@@ -302,18 +302,18 @@ def test_sliders_move_the_colours_at_once(bpy, scan, loaded):
 
 
 def test_the_person_is_who_was_clicked(bpy, scan, loaded):
-    from mirror_scan.mirror_scan_addon import cloud
+    from mirror_scan.mirror_scan_addon.scene import point_cloud
 
     subject = settings_of(bpy).subject
     bpy.ops.mirror_scan.find_subject()
-    width = cloud.read_cloud(loaded).intrinsics.width
-    pixels = cloud.read_cloud(loaded).pixel
-    found = cloud.values(loaded.data, cloud.VIEW, np.int8)
+    width = point_cloud.read_cloud(loaded).intrinsics.width
+    pixels = point_cloud.read_cloud(loaded).pixel
+    found = point_cloud.values(loaded.data, point_cloud.VIEW, np.int8)
     v, u = np.median(np.divmod(pixels[found == 0], width), axis=1)
     assert bpy.ops.mirror_scan.pick_subject(pixel=(u, v)) == {"FINISHED"}
     assert subject.clicked and subject.stale
     bpy.ops.mirror_scan.find_subject()
-    assert (cloud.values(loaded.data, cloud.VIEW, np.int8) == found).mean() > 0.999 and not subject.stale
+    assert (point_cloud.values(loaded.data, point_cloud.VIEW, np.int8) == found).mean() > 0.999 and not subject.stale
     assert bpy.ops.mirror_scan.build_avatar() == {"FINISHED"}
     # on the wall behind nobody stands
     u, v = next(divmod(int(p), width)[::-1] for p in pixels[found == -1] if p // width < 60)
@@ -345,65 +345,65 @@ def turn_until_done(live, scene, limit=120.0):
 
 
 def test_what_the_search_goes_by_is_searched_for_again_by_itself(bpy, loaded):
-    from mirror_scan.mirror_scan_addon import cloud, live
+    from mirror_scan.mirror_scan_addon.scene import live_subject, point_cloud
 
     bpy.ops.mirror_scan.find_subject()
     scene, subject = bpy.context.scene, settings_of(bpy).subject
     assert not subject.stale
-    found, place = cloud.values(loaded.data, cloud.VIEW, np.int8), loaded.matrix_world.copy()
+    found, place = point_cloud.values(loaded.data, point_cloud.VIEW, np.int8), loaded.matrix_world.copy()
     subject.reach, subject.depth_limit = 0.9, 3.0  # the mirrors show the person from beyond that
     assert subject.stale
-    turn_until_done(live, scene)
-    assert not subject.stale and not subject.problem and not live.searching(scene)
-    near = cloud.values(loaded.data, cloud.VIEW, np.int8)
+    turn_until_done(live_subject, scene)
+    assert not subject.stale and not subject.problem and not live_subject.searching(scene)
+    near = point_cloud.values(loaded.data, point_cloud.VIEW, np.int8)
     assert (near == 0).any() and not (near > 0).any() and (near[near == 0] == found[near == 0]).all()
     assert loaded.matrix_world == place
     subject.reach, subject.depth_limit = 1.15, 0.0
-    assert turn_until_done(live, scene) < 150
-    assert (cloud.values(loaded.data, cloud.VIEW, np.int8) == found).all()
+    assert turn_until_done(live_subject, scene) < 150
+    assert (point_cloud.values(loaded.data, point_cloud.VIEW, np.int8) == found).all()
     subject.depth_limit = 0.6  # nobody is there
-    turn_until_done(live, scene)
+    turn_until_done(live_subject, scene)
     assert subject.problem and not subject.message and not subject.stale
-    assert (cloud.values(loaded.data, cloud.VIEW, np.int8) < 0).all()
+    assert (point_cloud.values(loaded.data, point_cloud.VIEW, np.int8) < 0).all()
     subject.depth_limit = 0.0
-    turn_until_done(live, scene)
-    assert not subject.problem and (cloud.values(loaded.data, cloud.VIEW, np.int8) == found).all()
+    turn_until_done(live_subject, scene)
+    assert not subject.problem and (point_cloud.values(loaded.data, point_cloud.VIEW, np.int8) == found).all()
 
 
 def test_a_setting_that_moves_before_the_first_search_makes_one(bpy, loaded):
-    from mirror_scan.mirror_scan_addon import live
+    from mirror_scan.mirror_scan_addon.scene import live_subject
 
     settings = settings_of(bpy)
     settings.subject.object = True
-    turn_until_done(live, bpy.context.scene)
+    turn_until_done(live_subject, bpy.context.scene)
     assert settings.cloud_colors == "PART" and "direct" in settings.subject.message and not settings.subject.stale
 
 
 def test_a_live_search_drops_what_is_not_true_any_more(bpy, loaded):
-    from mirror_scan.mirror_scan_addon import live
+    from mirror_scan.mirror_scan_addon.scene import live_subject
 
     scene, settings = bpy.context.scene, settings_of(bpy)
     for change in ("clear", "delete"):
         if change == "delete":
             bpy.ops.mirror_scan.find_mirrors()
-        live._wanted.add(scene.session_uid)
-        live._turn()
-        assert live.searching(scene)
+        live_subject._wanted.add(scene.session_uid)
+        live_subject._turn()
+        assert live_subject.searching(scene)
         if change == "clear":
             bpy.ops.mirror_scan.clear_mirrors()
         elif change == "delete":
             bpy.data.objects.remove(settings.cloud)
-        turn_until_done(live, scene)
-        assert not settings.subject.message and not live.searching(scene)
+        turn_until_done(live_subject, scene)
+        assert not settings.subject.message and not live_subject.searching(scene)
 
 
 def test_folding_lays_the_mirrored_body_onto_the_person(bpy, loaded):
-    from mirror_scan.mirror_scan_addon import cloud
     from mirror_scan.mirror_scan_addon.overlay import cloud_arrays
+    from mirror_scan.mirror_scan_addon.scene import point_cloud
 
     bpy.ops.mirror_scan.find_subject()
     settings = settings_of(bpy)
-    view = cloud.values(loaded.data, cloud.VIEW, np.int8)
+    view = point_cloud.values(loaded.data, point_cloud.VIEW, np.int8)
     direct = cloud_arrays(loaded, settings)[0][view == 0].mean(axis=0)
     apart = cloud_arrays(loaded, settings)[0][view == 1].mean(axis=0)
     settings.fold = True
@@ -418,11 +418,11 @@ def test_the_avatar_coincides_with_its_points(bpy, loaded):
     assert bpy.ops.mirror_scan.build_avatar() == {"FINISHED"}
     avatar, settings = bpy.context.object, settings_of(bpy)
     assert not settings.show_cloud
-    from mirror_scan.mirror_scan_addon import cloud
     from mirror_scan.mirror_scan_addon.overlay import cloud_arrays
+    from mirror_scan.mirror_scan_addon.scene import point_cloud
 
     settings.fold = True
-    view = cloud.values(loaded.data, cloud.VIEW, np.int8)
+    view = point_cloud.values(loaded.data, point_cloud.VIEW, np.int8)
     matrix = np.array(loaded.matrix_world)
     points = cloud_arrays(loaded, settings)[0][view >= 0] @ matrix[:3, :3].T + matrix[:3, 3]
     surface = np.array([vertex.co for vertex in avatar.data.vertices])
@@ -450,8 +450,8 @@ def test_when_the_file_has_moved_the_points_are_enough(bpy, scan, tmp_path, capf
 
 
 def test_check_finds_a_hole_and_jumps_to_it(bpy, capsule):
-    from mirror_scan.mirror_scan_addon.reports import avatar_report
-    from mirror_scan.mirror_scan_addon.scene import create_avatar, select_only
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
+    from mirror_scan.mirror_scan_addon.scene.report_text import avatar_report
 
     triangles = capsule.triangles.copy()
     centers = capsule.vertices[triangles].mean(axis=1)
@@ -478,8 +478,8 @@ def test_check_finds_a_hole_and_jumps_to_it(bpy, capsule):
 def test_a_sound_mesh_has_no_problem(bpy, capsule):
     from dataclasses import replace
 
-    from mirror_scan.mirror_scan_addon.reports import avatar_report
-    from mirror_scan.mirror_scan_addon.scene import create_avatar, select_only
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
+    from mirror_scan.mirror_scan_addon.scene.report_text import avatar_report
 
     sound = replace(capsule, kind=np.zeros(len(capsule.triangles), np.int8))
     avatar = create_avatar(sound, collection=bpy.context.collection)
@@ -494,7 +494,7 @@ def test_a_sound_mesh_has_no_problem(bpy, capsule):
 
 def test_colours_say_what_they_are_asked(bpy, capsule):
     from mirror_scan.core.preview.palette import KIND_PALETTE, MADE, VIEW_PALETTE
-    from mirror_scan.mirror_scan_addon.scene import create_avatar, select_only
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
 
     avatar = create_avatar(capsule, collection=bpy.context.collection)
     select_only(bpy.context, avatar)
@@ -531,7 +531,7 @@ def test_colours_say_what_they_are_asked(bpy, capsule):
 
 @pytest.mark.parametrize("ending", ["glb", "fbx", "obj", "ply", "stl", "usdc", "abc", "blend"])
 def test_every_format_is_written_and_nothing_else_changes(bpy, capsule, tmp_path, ending):
-    from mirror_scan.mirror_scan_addon.scene import create_avatar, select_only
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
 
     avatar = create_avatar(capsule, collection=bpy.context.collection)
     other = create_avatar(capsule, name="Other", collection=bpy.context.collection)
@@ -555,7 +555,7 @@ def test_a_click_writes_into_the_folder_that_was_chosen(bpy, capsule, tmp_path):
     from types import SimpleNamespace
 
     from mirror_scan.mirror_scan_addon.operators.export_avatar import MIRRORSCAN_OT_export_avatar as Export
-    from mirror_scan.mirror_scan_addon.scene import create_avatar, select_only
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
 
     select_only(bpy.context, create_avatar(capsule, collection=bpy.context.collection))
     said = []
@@ -572,7 +572,7 @@ def test_a_click_writes_into_the_folder_that_was_chosen(bpy, capsule, tmp_path):
 
 
 def test_a_format_unknown_or_a_folder_missing_is_told(bpy, capsule, tmp_path):
-    from mirror_scan.mirror_scan_addon.scene import create_avatar, select_only
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
 
     select_only(bpy.context, create_avatar(capsule, collection=bpy.context.collection))
     for path, words in (("x.doc", "none of the formats"), ("no/x.ply", "does not exist"), ("", "Give the name")):
@@ -589,14 +589,14 @@ def test_a_format_unknown_or_a_folder_missing_is_told(bpy, capsule, tmp_path):
 
 def test_a_rig_of_objects_is_the_rig_they_came_from(bpy):
     from mirror_scan.core.simulation.scene import Rig, default_rig
-    from mirror_scan.mirror_scan_addon import rig
+    from mirror_scan.mirror_scan_addon.scene import virtual_rig
 
     wanted = default_rig(roll_deg=3.0, tilt_deg=5.0, lean_deg=2.0)
-    rig.add_objects(bpy.context.scene, wanted)
+    virtual_rig.add_objects(bpy.context.scene, wanted)
     bpy.context.view_layer.update()
-    got = Rig(wanted.intrinsics, mirrors=(), **rig.camera_of(bpy.context.scene.camera))
+    got = Rig(wanted.intrinsics, mirrors=(), **virtual_rig.camera_of(bpy.context.scene.camera))
     np.testing.assert_allclose(got.camera_to_avatar, wanted.camera_to_avatar, atol=1e-5)
-    mirrors = rig.mirrors_of(bpy.context.scene)
+    mirrors = virtual_rig.mirrors_of(bpy.context.scene)
     for mine, true in zip(sorted(mirrors, key=lambda m: m["name"]), sorted(wanted.mirrors, key=lambda m: m.name),
                           strict=True):  # fmt: skip
         assert mine["name"] == true.name
@@ -610,7 +610,7 @@ def test_a_rig_of_objects_is_the_rig_they_came_from(bpy):
 
 def test_a_virtual_scan_shows_coverage_and_can_be_built(bpy, tmp_path):
     from mirror_scan.core.simulation.mannequin import mannequin
-    from mirror_scan.mirror_scan_addon.scene import create_avatar, select_only
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
 
     person = mannequin()
     body = create_avatar(person, name="Body", collection=bpy.context.collection)
@@ -651,8 +651,8 @@ def test_without_a_body_the_mannequin_is_scanned_and_bad_rigs_are_told(bpy):
 
 
 def whole_state(bpy) -> dict:
-    from mirror_scan.mirror_scan_addon.cloud import read_cloud
-    from mirror_scan.mirror_scan_addon.state import build_settings, records_of
+    from mirror_scan.mirror_scan_addon.scene.point_cloud import read_cloud
+    from mirror_scan.mirror_scan_addon.scene.scan_records import build_settings, records_of
 
     settings = settings_of(bpy)
     cloud = settings.cloud
@@ -738,7 +738,7 @@ def test_a_linked_scan_is_shown_but_not_changed(bpy, worked, tmp_path):
 
 
 def test_presets_set_what_they_say_and_notice_when_left(bpy):
-    from mirror_scan.mirror_scan_addon.properties import QUALITY
+    from mirror_scan.mirror_scan_addon.scene.properties import QUALITY
 
     quality = settings_of(bpy).quality
     assert quality.preset == "BALANCED"

@@ -102,8 +102,8 @@ def test_a_capture_shows_what_it_is(bpy, loaded):
 
 
 def test_an_avatar_shows_how_it_came_out(bpy, capsule):
-    from mirror_scan.mirror_scan_addon import reports
-    from mirror_scan.mirror_scan_addon.scene import create_avatar, select_only
+    from mirror_scan.mirror_scan_addon.scene import report_text
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
 
     report = {
         "mirrors": [{"name": "left", "residual_mm": 0.8}],
@@ -120,9 +120,9 @@ def test_an_avatar_shows_how_it_came_out(bpy, capsule):
         assert part in shown, part
     bpy.context.scene.mirror_scan.problem_index = 1
     assert "Hole, 5.0 cm across" in words(draw(bpy, "check"))
-    avatar[reports.REPORT] = "edited {"
+    avatar[report_text.REPORT] = "edited {"
     assert "Select an avatar" in words(draw(bpy, "check"))
-    avatar[reports.REPORT] = '{"problems": [1, {"kind": "hole"}], "mesh": {}}'
+    avatar[report_text.REPORT] = '{"problems": [1, {"kind": "hole"}], "mesh": {}}'
     assert "No problem found" in words(draw(bpy, "check"))
 
 

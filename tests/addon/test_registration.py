@@ -102,7 +102,7 @@ def test_a_failing_registration_takes_back_what_it_added(bpy, addon, monkeypatch
 
 def test_texts_follow_the_house_style(addon, bpy):
     """Every operator and property has a name and a description without a full stop at its end."""
-    from mirror_scan.mirror_scan_addon import properties
+    from mirror_scan.mirror_scan_addon.scene import properties
 
     described = [getattr(bpy.types, name).bl_rna for name in dir(bpy.types) if name.startswith("MIRRORSCAN_")]
     described += [getattr(bpy.ops.mirror_scan, name).get_rna_type() for name in dir(bpy.ops.mirror_scan)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from mirror_scan.core.capture import ReadOptions
 from mirror_scan.core.pipeline import Settings
-from mirror_scan.mirror_scan_addon.state import build_settings, reading_of
+from mirror_scan.mirror_scan_addon.scene.scan_records import build_settings, reading_of
 
 
 def test_the_panels_begin_with_the_settings_of_core(bpy):

@@ -56,7 +56,7 @@ def foreign_mesh(bpy, capsule, tmp_path):
 
 
 def linked_object(bpy, capsule, tmp_path):
-    from mirror_scan.mirror_scan_addon.scene import create_avatar
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar
 
     create_avatar(capsule, name="Far", collection=bpy.context.collection, report={"problems": []})
     library = str(tmp_path / "library.blend")
@@ -145,18 +145,20 @@ def nowhere(bpy, capsule, tmp_path):
 
 def spoiled_report(bpy, capsule, tmp_path):
     """An avatar whose report somebody edited."""
-    from mirror_scan.mirror_scan_addon.scene import create_avatar
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar
 
     place = {"kind": "hole", "point": 1, "normal": "x", "size": [], "area": 0, "count": 0}
     report = {"mesh": 1, "mirrors": [2, {"residual_mm": "x"}], "seams": 3, "timings_ms": {"total": "x"}, "warnings": 4,
               "problems": [5, place]}  # fmt: skip
     avatar = create_avatar(capsule, name="Spoiled", collection=bpy.context.collection, report=report)
     bpy.context.view_layer.objects.active = avatar
-    from mirror_scan.mirror_scan_addon import reports
+    from mirror_scan.mirror_scan_addon.scene import report_text
 
-    kept = reports.avatar_report(avatar)
+    kept = report_text.avatar_report(avatar)
     scene = bpy.context.scene
-    assert not reports.summary(kept, scene) and not reports.distances(kept) and not reports.problems_of(kept)
+    assert (
+        not report_text.summary(kept, scene) and not report_text.distances(kept) and not report_text.problems_of(kept)
+    )
 
 
 def camera_of_no_size(bpy, capsule, tmp_path):

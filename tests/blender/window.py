@@ -300,8 +300,8 @@ def pick() -> Story:
 
 def click_person() -> Story:
     """A click on the middle of the person: the search goes by it, and finds the same."""
-    points, module = cloud(), sys.modules[f"{ADDON}.mirror_scan_addon.live"]
-    reader = sys.modules[f"{ADDON}.mirror_scan_addon.cloud"]
+    points, module = cloud(), sys.modules[f"{ADDON}.mirror_scan_addon.scene.live_subject"]
+    reader = sys.modules[f"{ADDON}.mirror_scan_addon.scene.point_cloud"]
     arrays, view = reader.read_cloud(points), reader.values(points.data, reader.VIEW, np.int8)
     rows, columns = np.divmod(arrays.pixel[view == 0], arrays.intrinsics.width)
     pixel = np.median(columns), np.median(rows)
@@ -338,7 +338,7 @@ def drop() -> Story:
 
 def live() -> Story:
     """Drag *Reach*, and tick *Any Thing*: the person is searched for again by itself; undo takes that along."""
-    module = sys.modules[f"{ADDON}.mirror_scan_addon.live"]
+    module = sys.modules[f"{ADDON}.mirror_scan_addon.scene.live_subject"]
     inner, spent = module._turn, []
 
     def turn():
@@ -417,7 +417,7 @@ def tear(item) -> None:
 def measure() -> None:
     """Figures that need no clicks."""
     with step("mesh of 60 000 vertices"):
-        scene = sys.modules[f"{ADDON}.mirror_scan_addon.scene"]
+        scene = sys.modules[f"{ADDON}.mirror_scan_addon.scene.avatar_objects"]
         mesh = sys.modules[f"{ADDON}.mirror_scan_addon.background.tasks"].Surface(*grid(245))
         spent = []
         for _ in range(5):
@@ -491,7 +491,7 @@ def screen_place(pixel) -> tuple[int, int] | None:
     from bpy_extras.view3d_utils import location_3d_to_region_2d
 
     item = cloud()
-    reader = sys.modules[f"{ADDON}.mirror_scan_addon.cloud"]
+    reader = sys.modules[f"{ADDON}.mirror_scan_addon.scene.point_cloud"]
     arrays = reader.read_cloud(item)
     width = arrays.intrinsics.width
     here = np.stack((arrays.pixel % width, arrays.pixel // width), -1) - np.array(pixel)

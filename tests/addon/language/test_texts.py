@@ -191,7 +191,7 @@ def test_what_a_translator_writes_is_what_blender_is_given(bpy, tmp_path, monkey
 
 def test_everything_blender_shows_of_ours_can_be_translated(bpy):
     """What is registered, against what the tool read in the code."""
-    from mirror_scan.mirror_scan_addon import properties
+    from mirror_scan.mirror_scan_addon.scene import properties
 
     known = {(context, text) for context, text, _ in
              runpy.run_path(str(ROOT.parent / "tools" / "messages.py"))["own_texts"]()}  # fmt: skip

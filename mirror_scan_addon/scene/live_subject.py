@@ -11,9 +11,10 @@ from __future__ import annotations
 import bpy
 from bpy.app.handlers import persistent
 
-from ..core.errors import MirrorScanError
-from . import state
-from .background import job_operators
+from ...core.errors import MirrorScanError
+from ..background import job_operators
+from ..language.texts import say
+from . import scan_records
 
 DELAY_S = 0.1  # from a change to the search, and from one look at it to the next
 WAIT_S = 0.5  # while a job of ours runs in the window, or the user edits
@@ -26,16 +27,16 @@ class Search:
     """One that is under way, and what it was begun with."""
 
     def __init__(self, scene: bpy.types.Scene) -> None:
-        from . import cloud
+        from . import point_cloud
 
         settings = scene.mirror_scan
-        points = cloud.cloud_of(scene)
-        arrays = cloud.read_cloud(points, color=False)
+        points = point_cloud.cloud_of(scene)
+        arrays = point_cloud.read_cloud(points, color=False)
         self.scene_uid = scene.session_uid
-        self.stamp = cloud.stamp_of(points)
-        self.views = state.view_settings(settings)
+        self.stamp = point_cloud.stamp_of(points)
+        self.views = scan_records.view_settings(settings)
         self._task = job_operators.Task(
-            "find_subject_steps", (arrays.depth, arrays.intrinsics, state.placed_mirrors(settings), self.views)
+            "find_subject_steps", (arrays.depth, arrays.intrinsics, scan_records.placed_mirrors(settings), self.views)
         )
         self.worker = job_operators.begin(self._task)
 
@@ -48,11 +49,12 @@ class Search:
         return False
 
     def deliver(self, scene: bpy.types.Scene) -> None:
-        from . import cloud
-        from .operators.find_subject import put_subject
+        from . import point_cloud
 
-        points = cloud.cloud_of(scene)
-        if points is None or cloud.stamp_of(points) != self.stamp or _obstacle(scene):
+        pass
+
+        points = point_cloud.cloud_of(scene)
+        if points is None or point_cloud.stamp_of(points) != self.stamp or _obstacle(scene):
             return  # undone, loaded anew or sorted by other mirrors meanwhile
         subject, error = scene.mirror_scan.subject, self.worker.error
         if not subject.searched_with:  # the first search: show what it found
@@ -60,8 +62,8 @@ class Search:
         if error is None:
             put_subject(scene, points, self.worker.result, self.views)
         elif isinstance(error, job_operators.REPORTED):
-            cloud.set_nobody(points.data)
-            subject.message, subject.searched_with = "", state.key_of(self.views)
+            point_cloud.set_nobody(points.data)
+            subject.message, subject.searched_with = "", scan_records.key_of(self.views)
             subject.problem = str(error) if isinstance(error, MirrorScanError) else job_operators.in_words(error)
         else:
             raise error
@@ -135,9 +137,9 @@ def _changed(scene: bpy.types.Scene) -> bool:
 
 def _obstacle(scene: bpy.types.Scene) -> bool:
     """Whether the points cannot be written to."""
-    from . import cloud
+    from . import point_cloud
 
-    points = cloud.cloud_of(scene)
+    points = point_cloud.cloud_of(scene)
     return points is None or points.library is not None or points.data.library is not None or points.mode != "OBJECT"
 
 
@@ -165,3 +167,15 @@ def unregister() -> None:
         _search.worker.ask_to_stop()
     _search = None
     _wanted.clear()
+
+
+def put_subject(target: bpy.types.Scene, points: bpy.types.Object, result, views: dict) -> None:
+    """Have a scene's points tell what a search with the settings ``views`` found."""
+    from . import point_cloud
+
+    settings, subject = target.mirror_scan, target.mirror_scan.subject
+    point_cloud.set_values(points.data, seen=result.seen, view=result.view, height=result.height)
+    names = [say("direct"), *(item.name for item in settings.mirrors)]
+    counts = ", ".join(f"{name} {pixels:,}" for name, pixels in zip(names, result.pixels, strict=False))
+    subject.message = say("Points of the person: {counts}").format(counts=counts)
+    subject.problem, subject.searched_with = "", scan_records.key_of(views)

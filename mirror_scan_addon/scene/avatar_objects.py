@@ -8,16 +8,29 @@ import logging
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 import numpy as np
 
-from ..core.errors import OutputError
-from .background.tasks import Surface
-from .language.texts import say
-from .reports import REPORT
+from ...core.errors import OutputError
+from ..background.tasks import Surface
+from ..language.texts import say
+from .report_text import REPORT
 
 if TYPE_CHECKING:
-    from ..core.mesh import Mesh
+    from ...core.mesh import Mesh
+
+
+DERIVED = {"VIEW": "View Colors", "KIND": "Kind Colors"}
+"""Colour attributes that are made for showing and removed again, by mode."""
+
+
+def shown_mode(avatar: bpy.types.Object) -> str:
+    """What the colours of a mesh object say now, as a mode; "" when they are none of ours."""
+    from . import avatar_objects
+
+    name = avatar.data.color_attributes.active_color_name
+    return next((mode for mode, known in ({"CAPTURE": avatar_objects.COLOR} | DERIVED).items() if known == name), "")
 
 
 COLOR, VIEW, KIND = "Color", "view", "kind"  # attribute names
@@ -48,7 +61,7 @@ def create_avatar(
     collection : bpy.types.Collection, optional
         Where to link the object; by default it is linked nowhere.
     report : dict, optional
-        Kept with the object as JSON text, see :func:`.reports.avatar_report`.
+        Kept with the object as JSON text, see :func:`.report_text.avatar_report`.
     unit : float
         Metres in a Blender unit, see :func:`.units.metres_per_unit`.
 

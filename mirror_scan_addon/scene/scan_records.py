@@ -7,10 +7,32 @@ import math
 import os
 from pathlib import Path
 
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 
-from ..core.errors import CaptureError, MirrorError, OutputError
-from .language.texts import say
+from ...core.errors import CaptureError, MirrorError, OutputError
+from ..language.texts import say
+
+CLOUD = "mirror_scan_capture"  # :data:`.point_cloud.INFO`, which numpy would have to be imported for
+
+
+def no_mesh(context: bpy.types.Context) -> str:
+    """Why the active object cannot be looked over; "" when it can."""
+    active = context.object
+    if active is None or active.type != "MESH" or CLOUD in active:
+        return say("Select an avatar first")
+    if not active.data.polygons:
+        return say("{name} has no faces").format(name=active.name)
+    return ""
+
+
+def not_ours(context: bpy.types.Context) -> str:
+    """Why the active object cannot be changed; "" when it can."""
+    active = context.object
+    if active is not None and (not active.is_editable or active.data is not None and not active.data.is_editable):
+        return say("{name} is linked from another file and cannot be changed").format(name=active.name)
+    return ""
+
 
 GOOD_MM, USABLE_MM = 5.0, 12.0
 """Residual of a mirror up to which it is good, and up to which it is usable [mm]."""
@@ -238,7 +260,7 @@ def allows(operator: type[bpy.types.Operator], problem: str) -> bool:
 
 def editable(context: bpy.types.Context) -> str:
     """Why the scene cannot be changed now; "" when it can. Cheap enough for ``poll``."""
-    from .background import job_operators
+    from ..background import job_operators
 
     if not context.scene.is_editable:
         return say("The scene is linked from another file and cannot be changed")
@@ -251,9 +273,9 @@ def editable(context: bpy.types.Context) -> str:
 
 def no_cloud(context: bpy.types.Context) -> str:
     """Why there is no cloud to work on; "" when there is one."""
-    from . import cloud
+    from . import point_cloud
 
-    found = cloud.cloud_of(context.scene)
+    found = point_cloud.cloud_of(context.scene)
     if found is None:
         return say("Load a capture first")
     if found.library is not None or found.data.library is not None:

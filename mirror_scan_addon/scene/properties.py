@@ -19,7 +19,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from .language.texts import CONTEXT
+from ..language.texts import CONTEXT
 from .units import metres_per_unit
 
 QUALITY = {
@@ -35,7 +35,7 @@ QUALITY_KEPT = (*QUALITY["BALANCED"], "keep_islands")
 
 
 def _redraw(self, context: bpy.types.Context) -> None:
-    from .background.job_operators import redraw
+    from ..background.job_operators import redraw
 
     redraw(context)
 
@@ -60,16 +60,16 @@ def _quality_changed(self, context: bpy.types.Context) -> None:
 
 def _search_changed(self, context: bpy.types.Context) -> None:
     """What the search for the person goes by: it is searched for again, and until then sorted by the new limits."""
-    from . import live
+    from . import live_subject
 
-    live.schedule(self.id_data)
+    live_subject.schedule(self.id_data)
     _redraw(self, context)
 
 
 def _is_stale(self) -> bool:
-    from . import state
+    from . import scan_records
 
-    now = state.key_of(state.view_settings(self.id_data.mirror_scan))
+    now = scan_records.key_of(scan_records.view_settings(self.id_data.mirror_scan))
     return bool(self.searched_with) and self.searched_with != now
 
 
@@ -333,7 +333,7 @@ class MIRRORSCAN_PG_quality(bpy.types.PropertyGroup):
 
 
 def _is_cloud(self, target: bpy.types.Object) -> bool:
-    from .cloud import is_cloud
+    from .point_cloud import is_cloud
 
     return is_cloud(target)
 

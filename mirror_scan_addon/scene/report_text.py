@@ -6,8 +6,8 @@ import json
 
 import bpy
 
+from ..language.texts import say
 from . import units
-from .language.texts import say
 
 REPORT = "mirror_scan_report"  # custom property of an avatar: report.json as text
 MANY_CROSSINGS = 1e-3  # share of the faces above which crossings are warned of

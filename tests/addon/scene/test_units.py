@@ -39,11 +39,11 @@ def test_the_points_and_the_avatar_have_their_true_size(bpy, scan, scale):
     np.testing.assert_allclose(in_metres(settings.cloud, scale), true, atol=1e-4)
     assert [(mirror.name, mirror.residual_mm) for mirror in settings.mirrors] == placed
     # places in the world are in Blender units for scripts too
-    from mirror_scan.mirror_scan_addon import cloud
     from mirror_scan.mirror_scan_addon.operators.mirrors import _pixels_of
+    from mirror_scan.mirror_scan_addon.scene import point_cloud
 
-    arrays = cloud.read_cloud(settings.cloud)
-    pixels = _pixels_of(marks / scale, cloud.camera_to_world(settings.cloud), arrays.intrinsics)
+    arrays = point_cloud.read_cloud(settings.cloud)
+    pixels = _pixels_of(marks / scale, point_cloud.camera_to_world(settings.cloud), arrays.intrinsics)
     found = np.rint(pixels).astype(int) @ (1, arrays.intrinsics.width)
     assert (found == arrays.pixel[:: len(true) // 5]).all()
     if scale == SCALES[0]:
@@ -58,7 +58,7 @@ def test_the_points_and_the_avatar_have_their_true_size(bpy, scan, scale):
 
 
 def test_settings_are_kept_in_metres_and_shown_in_the_units_of_the_scene(bpy):
-    from mirror_scan.mirror_scan_addon.state import build_settings
+    from mirror_scan.mirror_scan_addon.scene.scan_records import build_settings
 
     settings = bpy.context.scene.mirror_scan
     before = build_settings(settings)
@@ -75,16 +75,17 @@ def test_settings_are_kept_in_metres_and_shown_in_the_units_of_the_scene(bpy):
 
 @pytest.mark.parametrize("scale", SCALES)
 def test_a_rig_stands_and_sees_as_one_in_metres_does(bpy, scale):
-    from mirror_scan.mirror_scan_addon import rig
+    from mirror_scan.mirror_scan_addon.scene import virtual_rig
 
     def arranged(unit):
         bpy.context.view_layer.update()
         scene = bpy.context.scene
         lens = scene.camera.data
         mirrors = [
-            {name: value for name, value in mirror.items() if name != "name"} for mirror in rig.mirrors_of(scene)
+            {name: value for name, value in mirror.items() if name != "name"}
+            for mirror in virtual_rig.mirrors_of(scene)
         ]
-        return [rig.camera_of(scene.camera, unit), *mirrors, {"angle": lens.angle}]
+        return [virtual_rig.camera_of(scene.camera, unit), *mirrors, {"angle": lens.angle}]
 
     bpy.ops.mirror_scan.add_rig()
     wanted = arranged(1.0)
@@ -105,7 +106,7 @@ def test_a_rig_stands_and_sees_as_one_in_metres_does(bpy, scale):
 
 
 def test_a_body_is_scanned_in_its_true_size(bpy, capsule_10k):
-    from mirror_scan.mirror_scan_addon.scene import create_avatar, select_only
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
 
     said = []
     for scale in (1.0, 0.01):
@@ -130,8 +131,8 @@ def test_a_problem_has_its_true_size_and_place(bpy, capsule_10k, size):
     from dataclasses import replace
 
     import mathutils
-    from mirror_scan.mirror_scan_addon import reports
-    from mirror_scan.mirror_scan_addon.scene import create_avatar, select_only
+    from mirror_scan.mirror_scan_addon.scene import report_text
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
 
     centre = capsule_10k.vertices[capsule_10k.triangles].mean(axis=1)
     hole = np.linalg.norm(centre - (0, 0, 1.7), axis=1) < 0.06
@@ -144,22 +145,22 @@ def test_a_problem_has_its_true_size_and_place(bpy, capsule_10k, size):
     avatar.location = (50, 0, 0)
     select_only(bpy.context, avatar)
     bpy.ops.mirror_scan.check()
-    report = reports.avatar_report(avatar)
+    report = report_text.avatar_report(avatar)
     assert report["mesh"]["height_m"] == pytest.approx(1.7 * size, abs=1e-3)
-    place = reports.problems_of(report)[0]
+    place = report_text.problems_of(report)[0]
     assert place["kind"] == "hole" and 0.12 < place["size"] / size < 0.2
     world = 0.01 * np.array(avatar.matrix_world @ mathutils.Vector(place["point"]))
     np.testing.assert_allclose(world, np.array((0, 0, 1.7)) * size + (0.5, 0, 0), atol=0.03 * size)
     bpy.ops.mirror_scan.jump_to_problem()
     scene = bpy.context.scene
-    centimetres = reports.problem_text(place, scene)
+    centimetres = report_text.problem_text(place, scene)
     assert "cm across" in centimetres
     scene.unit_settings.system = "IMPERIAL"
-    assert '" across' in reports.problem_text(place, scene)
-    lines = dict(line[:2] for line in reports.summary(report, scene))
+    assert '" across' in report_text.problem_text(place, scene)
+    lines = dict(line[:2] for line in report_text.summary(report, scene))
     assert lines["Height"] == ("5' 7\"" if size == 1 else "11' 2\"")
     scene.unit_settings.length_unit = "INCHES"
-    assert dict(line[:2] for line in reports.summary(report, scene))["Height"] == f"{1.7 * size / 0.0254:.1f} in"
+    assert dict(line[:2] for line in report_text.summary(report, scene))["Height"] == f"{1.7 * size / 0.0254:.1f} in"
 
 
 IMPORTERS = {
@@ -171,7 +172,7 @@ IMPORTERS = {
 @pytest.mark.parametrize("kind", IMPORTERS)
 def test_files_are_in_metres(bpy, capsule, tmp_path, kind):
     import addon_utils
-    from mirror_scan.mirror_scan_addon.scene import create_avatar, select_only
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
 
     set_units(bpy, 0.01)
     avatar = create_avatar(capsule, collection=bpy.context.collection, unit=0.01)
@@ -199,7 +200,7 @@ def test_files_are_in_metres(bpy, capsule, tmp_path, kind):
 
 
 def test_what_constraints_hold_is_told(bpy, capsule, tmp_path):
-    from mirror_scan.mirror_scan_addon.scene import create_avatar, select_only
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
 
     set_units(bpy, 0.01)
     avatar = create_avatar(capsule, collection=bpy.context.collection, unit=0.01)
@@ -213,7 +214,7 @@ def test_what_constraints_hold_is_told(bpy, capsule, tmp_path):
 
 
 def test_a_linked_avatar_is_written_in_metres_too(bpy, capsule, tmp_path):
-    from mirror_scan.mirror_scan_addon.scene import create_avatar, select_only
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
 
     create_avatar(capsule, name="Far", collection=bpy.context.collection, unit=0.01)
     library = str(tmp_path / "library.blend")

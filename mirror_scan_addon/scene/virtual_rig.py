@@ -12,14 +12,14 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..core.errors import MirrorScanError
-from .background.tasks import Surface
-from .language.texts import say
-from .scene import discard_on_error
+from ...core.errors import MirrorScanError
+from ..background.tasks import Surface
+from ..language.texts import say
+from .avatar_objects import discard_on_error
 from .units import metres_per_unit
 
 if TYPE_CHECKING:
-    from ..core.simulation.scene import Rig
+    from ...core.simulation.scene import Rig
 
 
 COLLECTION = "Mirror Scan Rig"
@@ -163,7 +163,7 @@ def world_surface(context: bpy.types.Context, body: bpy.types.Object) -> Surface
     MirrorScanError
         When modifiers leave no faces.
     """
-    from .scene import active_colors, check_finite
+    from .avatar_objects import active_colors, check_finite
 
     evaluated = body.evaluated_get(context.evaluated_depsgraph_get())
     data = evaluated.to_mesh()

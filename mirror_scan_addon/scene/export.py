@@ -18,14 +18,14 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ..core.errors import OutputError
-from ..core.io.atomic_files import replacing
-from . import scene as avatar_scene
-from .language.texts import say
+from ...core.errors import OutputError
+from ...core.io.atomic_files import replacing
+from ..language.texts import say
+from . import avatar_objects as avatar_scene
 from .units import metres_per_unit
 
 if TYPE_CHECKING:
-    from ..core.pipeline import Reconstruction
+    from ...core.pipeline import Reconstruction
 
 
 VIEW_ANGLE = math.radians(25)  # the camera stands that far to the side of the person's front

@@ -16,7 +16,7 @@ WRITERS = {"blend": "write_blend", "glb": "write_glb", "fbx": "write_fbx"}
 
 
 def write(suffix, folder, reconstruction, **options):
-    from mirror_scan.mirror_scan_addon import export
+    from mirror_scan.mirror_scan_addon.scene import export
 
     path = folder / f"avatar.{suffix}"
     getattr(export, WRITERS[suffix])(path, reconstruction, **options)

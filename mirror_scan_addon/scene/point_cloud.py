@@ -15,11 +15,11 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..core.camera import Intrinsics, unproject
-from ..core.errors import CaptureError
-from .background.tasks import Cloud
-from .language.texts import say
-from .scene import COLOR, discard_on_error
+from ...core.camera import Intrinsics, unproject
+from ...core.errors import CaptureError
+from ..background.tasks import Cloud
+from ..language.texts import say
+from .avatar_objects import COLOR, discard_on_error
 
 INFO = "mirror_scan_capture"  # custom property of the object: what is known of the capture, as JSON text
 STAMP = "mirror_scan_stamp"  # custom property of its mesh: new with each change, so that what is drawn can be kept

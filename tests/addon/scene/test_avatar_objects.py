@@ -25,7 +25,7 @@ def read(data, label, prop, dtype, width=1):
 
 
 def create(mesh, **options):
-    from mirror_scan.mirror_scan_addon.scene import create_avatar
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar
 
     return create_avatar(mesh, **options)
 

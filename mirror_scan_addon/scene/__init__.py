@@ -1,0 +1,1 @@
+"""What stands in Blender's scene: properties, captures, mirrors, avatars."""

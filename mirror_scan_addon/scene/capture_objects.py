@@ -1,0 +1,64 @@
+"""Objects of a loaded capture: its point cloud and camera, shown and taken away."""
+
+from __future__ import annotations
+
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
+import bpy
+
+from . import live_subject, scan_records
+from .units import metres_per_unit
+
+
+def show_capture(context: bpy.types.Context, target: bpy.types.Scene, loaded) -> bpy.types.Object:
+    """Put a loaded capture into a scene, in place of the one before."""
+    from . import avatar_objects, point_cloud
+
+    settings = target.mirror_scan
+    name = loaded.info["name"]
+    collection = avatar_objects.target_collection(context, target)
+    with avatar_objects.discard_on_error() as made:
+        made.append(point_cloud.create_picture(f"{name} depth", loaded.depth_picture))
+        if loaded.color is not None:
+            made.append(point_cloud.create_picture(f"{name} colour", loaded.color))
+        points = point_cloud.create_cloud(
+            name, loaded.depth, loaded.color, loaded.intrinsics, loaded.info, loaded.placement, collection,
+            metres_per_unit(target),
+        )  # fmt: skip
+    forget_capture(target)
+    # the names that those before may have held
+    points.name = points.data.name = name
+    for image, kind in zip(made, ("depth", "colour"), strict=False):
+        image.name = f"{name} {kind}"
+    settings.cloud, settings.depth_image = points, made[0]
+    settings.color_image = made[1] if loaded.color is not None else None
+    for image in made:
+        image.preview_ensure()
+    scan_records.set_records(settings, loaded.mirrors)
+    settings.mirror_index = 0
+    if loaded.seen is not None:
+        point_cloud.set_values(points.data, seen=loaded.seen)
+    settings.cloud_colors, settings.show_cloud, settings.fold = "CAPTURE", True, False
+    settings.subject.property_unset("clicked")  # which, unlike setting it, asks for no search
+    live_subject.forget(target)
+    scan_records.forget_subject(settings)
+    if target == context.scene:
+        avatar_objects.select_only(context, points)
+        points.select_set(False, view_layer=context.view_layer)  # its box would draw the eye
+    return points
+
+
+def forget_capture(target: bpy.types.Scene) -> None:
+    """Remove the scene's cloud and pictures, unless another scene or object uses them."""
+    from .point_cloud import is_cloud
+
+    settings = target.mirror_scan
+    cloud, images = settings.cloud, (settings.color_image, settings.depth_image)
+    settings.cloud = settings.color_image = settings.depth_image = None
+    if is_cloud(cloud) and cloud.library is None and set(cloud.users_scene) <= {target}:
+        mesh = cloud.data
+        bpy.data.objects.remove(cloud)
+        if mesh is not None and not mesh.users:
+            bpy.data.meshes.remove(mesh)
+    for image in images:
+        if image is not None and image.library is None and not image.users:
+            bpy.data.images.remove(image)
