@@ -12,8 +12,9 @@ from types import ModuleType
 
 def _modules() -> tuple[ModuleType, ...]:
     """Modules with something to register, in the order of their needs."""
-    from . import command, operators, overlay, panels
+    from . import command, operators
     from .background import job_operators, second_process
+    from .interface import overlay, panels
     from .language import texts
     from .scene import live_subject, properties
 

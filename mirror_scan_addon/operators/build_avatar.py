@@ -10,10 +10,10 @@ from bpy.props import IntProperty, StringProperty
 
 from ...core.errors import CaptureError
 from ..background import job_operators
+from ..interface.viewport import look_at
 from ..language.texts import CONTEXT, say, tell
 from ..scene import scan_records
 from ..scene.units import metres_per_unit
-from .load_capture import look_at
 
 
 class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):

@@ -7,11 +7,11 @@ import bpy
 from bpy.props import EnumProperty, IntProperty
 
 from ..background import job_operators
+from ..interface.viewport import show_within, viewport
 from ..language.texts import CONTEXT, say
 from ..scene import report_text, scan_records
 from ..scene.scan_records import no_mesh, not_ours
 from ..scene.units import metres_per_unit
-from .load_capture import show_within, viewport
 
 
 class MIRRORSCAN_OT_check(job_operators.JobOperator, bpy.types.Operator):

@@ -6,9 +6,9 @@ from __future__ import annotations
 import bpy
 from bpy.props import FloatVectorProperty
 
-from .. import overlay
-from ..aiming import NAVIGATION, Aim, region_under
 from ..background import job_operators
+from ..interface import overlay
+from ..interface.aiming import NAVIGATION, Aim, region_under
 from ..language.texts import CONTEXT, say
 from ..scene import scan_records
 

@@ -8,11 +8,11 @@ from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ...core.errors import MirrorScanError
 from ..background import job_operators, kernel_compilation, second_process
+from ..interface.viewport import look_at, look_from_camera
 from ..language.texts import CONTEXT, say
 from ..scene import scan_records
 from ..scene.capture_objects import show_capture
 from ..scene.units import metres_per_unit
-from .load_capture import look_at, look_from_camera
 
 SENSORS = (
     ("azure_kinect", "Azure Kinect", "Time of flight, 640 × 576"),

@@ -280,7 +280,7 @@ def test_a_rig_is_calibrated_once_and_used_again(bpy, scan, loaded, tmp_path, ca
 
 def test_sliders_move_the_colours_at_once(bpy, scan, loaded):
     from mirror_scan.core.preview.palette import PART_PALETTE
-    from mirror_scan.mirror_scan_addon.overlay import cloud_arrays, cloud_key
+    from mirror_scan.mirror_scan_addon.interface.overlay import cloud_arrays, cloud_key
 
     bpy.ops.mirror_scan.find_subject()
     settings = settings_of(bpy)
@@ -398,7 +398,7 @@ def test_a_live_search_drops_what_is_not_true_any_more(bpy, loaded):
 
 
 def test_folding_lays_the_mirrored_body_onto_the_person(bpy, loaded):
-    from mirror_scan.mirror_scan_addon.overlay import cloud_arrays
+    from mirror_scan.mirror_scan_addon.interface.overlay import cloud_arrays
     from mirror_scan.mirror_scan_addon.scene import point_cloud
 
     bpy.ops.mirror_scan.find_subject()
@@ -418,7 +418,7 @@ def test_the_avatar_coincides_with_its_points(bpy, loaded):
     assert bpy.ops.mirror_scan.build_avatar() == {"FINISHED"}
     avatar, settings = bpy.context.object, settings_of(bpy)
     assert not settings.show_cloud
-    from mirror_scan.mirror_scan_addon.overlay import cloud_arrays
+    from mirror_scan.mirror_scan_addon.interface.overlay import cloud_arrays
     from mirror_scan.mirror_scan_addon.scene import point_cloud
 
     settings.fold = True

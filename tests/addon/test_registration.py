@@ -86,7 +86,7 @@ def test_cycles_leave_nothing(bpy, addon):
 
 
 def test_a_failing_registration_takes_back_what_it_added(bpy, addon, monkeypatch):
-    from mirror_scan.mirror_scan_addon import panels
+    from mirror_scan.mirror_scan_addon.interface import panels
 
     def fail():
         raise RuntimeError("no room")

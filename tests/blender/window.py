@@ -757,7 +757,7 @@ class Watch:
                 for name in ("modal", "draw", "draw_header"):
                     if cls.__module__.startswith(prefix) and hasattr(cls, name):
                         self._wrap(cls, name, f"{cls.__name__}.{name}")
-        overlay = sys.modules[f"{prefix}overlay"]
+        overlay = sys.modules[f"{prefix}interface.overlay"]
         overlay.unregister()
         for name in ("_draw_view", "_draw_text"):
             self._wrap(overlay, name, f"overlay.{name}")

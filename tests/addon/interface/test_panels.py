@@ -60,7 +60,7 @@ def draw(bpy, name: str) -> list[tuple]:
     panel = getattr(bpy.types, f"MIRRORSCAN_PT_{name}")
     assert panel.bl_category == "Mirror Scan"
     said = []
-    from mirror_scan.mirror_scan_addon import panels
+    from mirror_scan.mirror_scan_addon.interface import panels
 
     kind = getattr(panels, f"MIRRORSCAN_PT_{name}")
     this = SimpleNamespace(layout=Layout(bpy, said))
@@ -127,7 +127,7 @@ def test_an_avatar_shows_how_it_came_out(bpy, capsule):
 
 
 def test_every_list_row_can_be_drawn(bpy, loaded):
-    from mirror_scan.mirror_scan_addon.panels import MIRRORSCAN_UL_mirrors
+    from mirror_scan.mirror_scan_addon.interface.panels import MIRRORSCAN_UL_mirrors
 
     settings = bpy.context.scene.mirror_scan
     said = []
@@ -142,7 +142,7 @@ def test_every_list_row_can_be_drawn(bpy, loaded):
 @pytest.mark.parametrize("width", (280.0, 180.0))
 def test_long_sentences_break_into_lines(bpy, monkeypatch, width):
     import blf
-    from mirror_scan.mirror_scan_addon import panels
+    from mirror_scan.mirror_scan_addon.interface import panels
 
     monkeypatch.setattr(panels, "_width", lambda: width)
     said, text = [], "No mirror is chosen: the capture's own are used, or they are found"

@@ -22,7 +22,7 @@ _hover: list[tuple[float, float, float]] = []  # the point under the mouse while
 
 def cloud_key(cloud: bpy.types.Object, settings: bpy.types.PropertyGroup, only_reflected: bool = False) -> tuple:
     """What :func:`cloud_arrays` depends on, quick to compare."""
-    from .scene.point_cloud import STAMP
+    from ..scene.point_cloud import STAMP
 
     mesh, mode = cloud.data, settings.cloud_colors
     key = (mesh.session_uid, mesh.get(STAMP), len(mesh.vertices), mode, only_reflected)
@@ -41,9 +41,9 @@ def cloud_arrays(cloud: bpy.types.Object, settings: bpy.types.PropertyGroup, onl
     """
     import numpy as np
 
-    from ..core.preview import palette
-    from .scene import point_cloud as clouds
-    from .scene import scan_records
+    from ...core.preview import palette
+    from ..scene import point_cloud as clouds
+    from ..scene import scan_records
 
     mesh, mode = cloud.data, settings.cloud_colors
     points = np.empty((len(mesh.vertices), 3), np.float32)
@@ -97,7 +97,7 @@ def pick_positions(cloud: bpy.types.Object, settings: bpy.types.PropertyGroup) -
     """Where the picks of each mirror lie, camera frame [m]; a pick without a reading near it is left out."""
     import numpy as np
 
-    from .scene.point_cloud import read_cloud
+    from ..scene.point_cloud import read_cloud
 
     arrays = read_cloud(cloud)
     width, height = arrays.intrinsics.width, arrays.intrinsics.height
@@ -132,7 +132,7 @@ def hovered() -> tuple | None:
 
 
 def _visible_cloud(context: bpy.types.Context) -> bpy.types.Object | None:
-    from .scene.point_cloud import cloud_of
+    from ..scene.point_cloud import cloud_of
 
     settings = getattr(context.scene, "mirror_scan", None)
     if settings is None or settings.cloud is None:
@@ -215,8 +215,8 @@ def _draw_mirrors(cloud, settings, region) -> None:
     import gpu
     from gpu_extras.batch import batch_for_shader
 
-    from .scene import scan_records
-    from .scene.point_cloud import STAMP
+    from ..scene import scan_records
+    from ..scene.point_cloud import STAMP
 
     scale = bpy.context.preferences.system.ui_scale
     plain, line = gpu.shader.from_builtin("UNIFORM_COLOR"), gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
@@ -262,7 +262,7 @@ def _draw_mirrors(cloud, settings, region) -> None:
 
 
 def _safe_pick_positions(cloud, settings) -> list:
-    from ..core.errors import CaptureError
+    from ...core.errors import CaptureError
 
     try:
         return pick_positions(cloud, settings)
@@ -289,8 +289,8 @@ def _draw_text() -> None:
     from bpy_extras.view3d_utils import location_3d_to_region_2d
     from mathutils import Vector
 
-    from .language.texts import say, tell
-    from .scene import scan_records
+    from ..language.texts import say, tell
+    from ..scene import scan_records
 
     context = bpy.context
     region, space, scale = context.region, context.region_data, context.preferences.system.ui_scale
@@ -354,8 +354,8 @@ def _draw_problem(context, region, space, scale: float) -> None:
     from gpu_extras.presets import draw_circle_2d
     from mathutils import Vector
 
-    from .language.texts import say
-    from .scene import report_text
+    from ..language.texts import say
+    from ..scene import report_text
 
     number = context.scene.mirror_scan.problem_index
     report = report_text.avatar_report(context.object) if number and context.object is not None else None

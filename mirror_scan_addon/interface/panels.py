@@ -10,12 +10,12 @@ import bpy
 from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
-from .background import job_operators
-from .language.texts import CONTEXT, say, tell
-from .scene import live_subject, report_text, scan_records
-from .scene.avatar_objects import shown_mode
-from .scene.properties import QUALITY_KEPT
-from .scene.scan_records import no_mesh
+from ..background import job_operators
+from ..language.texts import CONTEXT, say, tell
+from ..scene import live_subject, report_text, scan_records
+from ..scene.avatar_objects import shown_mode
+from ..scene.properties import QUALITY_KEPT
+from ..scene.scan_records import no_mesh
 
 NARROW = 250  # below this width of the sidebar labels go into their fields instead of beside them [px at 100 % scale]
 MARGIN, ICON = 64, 20  # what tabs and panel borders take of the sidebar's width, and an icon [px at 100 % scale]
@@ -156,7 +156,7 @@ def _draw_pictures(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup
 
 
 def _draw_facts(layout: bpy.types.UILayout, cloud: bpy.types.Object) -> None:
-    from .scene.point_cloud import cloud_info
+    from ..scene.point_cloud import cloud_info
 
     try:
         info = cloud_info(cloud)

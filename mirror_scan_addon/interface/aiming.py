@@ -30,8 +30,8 @@ class Aim:
 
     def nearest(self, context: bpy.types.Context, event: bpy.types.Event, region: bpy.types.Region) -> int | None:
         """Index of the point that the mouse means; None where there is none."""
-        from ..core.preview.point_picking import Picture
-        from .scene import point_cloud
+        from ...core.preview.point_picking import Picture
+        from ..scene import point_cloud
 
         space = region.data
         view = space.view_matrix @ point_cloud.cloud_of(context.scene).matrix_world
