@@ -26,7 +26,7 @@ def blender_bridge(patches: Mesh) -> tuple[Mesh, float] | None:
 def _bridge(vertices: np.ndarray, triangles: np.ndarray, view: np.ndarray) -> tuple[Mesh, float] | None:
     try:
         import bpy  # noqa: F401  registers bmesh and mathutils in the bpy module
-        from mirror_scan.mirror_scan_addon.bridging import bridge_and_fill, facing_runs
+        from mirror_scan.mirror_scan_addon.bridge_edge_loops import bridge_and_fill, facing_runs
     except ImportError:
         return None
     patches = Mesh(vertices, triangles, view=view)

@@ -44,12 +44,12 @@ class BlenderWriters(Mapping):
 
 
 def find_bridge() -> Callable | None:
-    """:func:`.bridging.bridge_and_fill`; None in a Python that has no bpy."""
+    """:func:`.bridge_edge_loops.bridge_and_fill`; None in a Python that has no bpy."""
     try:
         import bpy  # noqa: F401
     except ImportError:
         return None
-    from .bridging import bridge_and_fill
+    from .bridge_edge_loops import bridge_and_fill
 
     return bridge_and_fill
 

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from mirror_scan.core.mesh import Mesh  # noqa: E402
 from mirror_scan.core.mesh.triangle_mesh import merge  # noqa: E402
-from mirror_scan.mirror_scan_addon.bridging import bridge_and_fill, facing_runs  # noqa: E402
+from mirror_scan.mirror_scan_addon.bridge_edge_loops import bridge_and_fill, facing_runs  # noqa: E402
 
 pytest.importorskip("bpy")
 
