@@ -128,7 +128,7 @@ def own_texts() -> Iterator[tuple[str, str, str]]:
     Blender looks up tooltips in no context, for which it writes "*"; an operator's name on its button in ours.
     """
     for path in sorted((ROOT / "mirror_scan_addon").rglob("*.py")):
-        if path.name in BESIDE:
+        if path.relative_to(ROOT / "mirror_scan_addon").as_posix() in BESIDE:
             continue
         where = path.relative_to(ROOT).as_posix()
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

@@ -273,9 +273,9 @@ import numba
 said["cache"] = numba.config.CACHE_DIR
 said["writable"] = os.access(numba.config.CACHE_DIR, os.W_OK)
 from bl_ext.user_default.mirror_scan.core.mesh import Mesh
-from bl_ext.user_default.mirror_scan.mirror_scan_addon import scene
+from bl_ext.user_default.mirror_scan.mirror_scan_addon.scene import avatar_objects
 mesh = Mesh(np.eye(3), np.array([[0, 1, 2]], np.int32))
-said["object"] = scene.create_avatar(mesh, collection=bpy.context.collection).name
+said["object"] = avatar_objects.create_avatar(mesh, collection=bpy.context.collection).name
 said["top level"] = sorted({"core", "mirror_scan", "mirror_scan_addon"} & sys.modules.keys())
 said["warnings"] = [str(item) for item in addon_utils._extensions_warnings_get().get(name, [])]
 addon_utils.disable(name, default_set=True)
