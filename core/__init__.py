@@ -1,6 +1,32 @@
-"""Mirror Scan's algorithms: numpy and numba only, nothing of Blender.
+"""Mirror Scan's algorithms, in numpy and numba; nothing here knows Blender.
 
-Data flows one way through the modules:
-capture -> depth -> mirror -> views -> triangulation -> zippering -> closing -> pipeline.
-Nothing here imports numba at package import; each module with kernels does so on first use.
+``__all__`` lists the packages in the order in which data flows: each imports only from those before it. What a package
+hands on, and which of its modules others may import, stands in its own ``__all__``. CONTRIBUTING.md has the map;
+``tests/test_architecture.py`` holds the rules. Importing a package brings no numba but where kernels are called.
 """
+
+__all__ = [
+    "errors",
+    "numeric",
+    "camera",
+    "mesh",
+    "io",
+    "capture",
+    "depth",
+    "mirrors",
+    "views",
+    "mirror_detection",
+    "mirror_alignment",
+    "subject",
+    "patches",
+    "hole_filling",
+    "zippering",
+    "closing",
+    "checks",
+    "avatar",
+    "preview",
+    "pipeline",
+    "simulation",
+    "experiments",
+    "cli",
+]

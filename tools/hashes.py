@@ -3,8 +3,8 @@
     python tools/hashes.py [--checkout DIR] [--only scenes corpus experiments] > hashes.txt
     python tools/hashes.py --compare OLD.txt NEW.txt
 
-One line a result: the eight benchmark scenes, sixteen of the corpus, and the three experiments' tables. A mesh is hashed
-as its arrays, a report as its numbers: texts and times are left out. Each checkout runs in a process of its own.
+One line a result: the eight benchmark scenes, sixteen of the corpus, and the three experiments' tables. A mesh is
+hashed as its arrays, a report as its numbers: texts and times are left out. Run it once for each checkout.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def main() -> int:
 
 def compare(old: Path, new: Path) -> int:
     """Print what differs between two lists; 1 when anything does."""
-    before, after = (dict(reversed(line.split("  ", 1)) for line in path.read_text().splitlines()) for path in (old, new))
+    before, after = (dict(line.split("  ", 1)[::-1] for line in path.read_text().splitlines()) for path in (old, new))
     wrong = sorted(name for name in before.keys() | after.keys() if before.get(name) != after.get(name))
     for name in wrong:
         print(f"differs: {name}")
@@ -54,16 +54,18 @@ def compare(old: Path, new: Path) -> int:
 
 
 def scenes() -> Iterator[tuple[str, str]]:
-    from benchmarks.scenes import scenes as all_scenes
     from mirror_scan.core.pipeline import reconstruct
+
+    from benchmarks.scenes import scenes as all_scenes
 
     for scene in all_scenes():
         yield from _reconstruction(f"scene {scene.name}", reconstruct(scene.capture, frame="camera"))
 
 
 def corpus() -> Iterator[tuple[str, str]]:
-    from benchmarks.generated import make, recipes
     from mirror_scan.core.pipeline import reconstruct
+
+    from benchmarks.generated import make, recipes
 
     for number, recipe in enumerate(list(recipes())[::EVERY]):
         yield from _reconstruction(f"corpus {EVERY * number:02d}", reconstruct(make(recipe).capture, frame="camera"))

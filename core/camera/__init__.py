@@ -4,4 +4,4 @@ from __future__ import annotations
 
 from .pinhole import Intrinsics, project, unproject
 
-__all__ = ["Intrinsics", "project", "unproject"]
+__all__ = ["Intrinsics", "project", "unproject", "image_registration", "noise_models", "pinhole"]

@@ -6,4 +6,17 @@ from .capture import Capture, MirrorPicks, ReadOptions
 from .frames import chosen_frames, empty_burst
 from .reader_choice import open_capture
 
-__all__ = ["Capture", "MirrorPicks", "ReadOptions", "chosen_frames", "empty_burst", "open_capture"]
+__all__ = [
+    "Capture",
+    "MirrorPicks",
+    "ReadOptions",
+    "chosen_frames",
+    "empty_burst",
+    "open_capture",
+    "camera_poses",
+    "capture_summary",
+    "folders",
+    "frames",
+    "live_camera",
+    "rgbd_writer",
+]

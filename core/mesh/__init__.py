@@ -4,4 +4,20 @@ from __future__ import annotations
 
 from .triangle_mesh import FILL, KIND_NAMES, SEAM, SURFACE, Mesh
 
-__all__ = ["FILL", "KIND_NAMES", "Mesh", "SEAM", "SURFACE"]
+__all__ = [
+    "FILL",
+    "KIND_NAMES",
+    "Mesh",
+    "SEAM",
+    "SURFACE",
+    "boundary_loops",
+    "bvh",
+    "edge_lists",
+    "half_edges",
+    "normals",
+    "self_intersections",
+    "soundness",
+    "submesh",
+    "surface_distance",
+    "triangle_mesh",
+]

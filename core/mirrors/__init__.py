@@ -4,4 +4,14 @@ from __future__ import annotations
 
 from .mirror import Mirror
 
-__all__ = ["Mirror"]
+__all__ = [
+    "Mirror",
+    "disparity_plane",
+    "frame_fit",
+    "frame_sides",
+    "glass_extent",
+    "mirror",
+    "picked_mirror",
+    "rig_file",
+    "wall_behind_frame",
+]

@@ -1,1 +1,3 @@
 """Patches: the depth grid of each view triangulated, clipped, compared where views overlap."""
+
+__all__ = ["grid_triangulation", "overlap", "view_comparison"]

@@ -6,4 +6,15 @@ from .reconstruction import finish, reconstruct, reconstruction_steps
 from .settings import Settings
 from .surface import Reconstruction
 
-__all__ = ["Reconstruction", "Settings", "finish", "reconstruct", "reconstruction_steps"]
+__all__ = [
+    "Reconstruction",
+    "Settings",
+    "finish",
+    "reconstruct",
+    "reconstruction_steps",
+    "inspection",
+    "multi_camera",
+    "reconstruction",
+    "rig_calibration",
+    "scan",
+]

@@ -3,3 +3,5 @@
 ``mannequin`` makes the body, ``scene`` describes the rig, ``sensors`` how a depth camera errs, ``rays`` traces the
 light, ``simulate`` puts them together and writes the RGB-D folder.
 """
+
+__all__ = ["coverage", "mannequin", "props", "rays", "scene", "sensors", "simulate"]

@@ -1,1 +1,3 @@
 """What the add-on says, in the user's language."""
+
+__all__ = ["texts"]

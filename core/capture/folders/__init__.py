@@ -1,1 +1,3 @@
 """Readers of captures that are folders."""
+
+__all__ = ["rgbd_folder"]
