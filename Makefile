@@ -36,7 +36,7 @@ test: $(VENV)/ready-bpy,test
 FUZZ_CASES ?= 20000
 
 fuzz: $(VENV)/ready-bpy,test
-	MIRROR_SCAN_FUZZ_CASES=$(FUZZ_CASES) $(PY) -m pytest -q tests/core/test_capture_fuzz.py
+	MIRROR_SCAN_FUZZ_CASES=$(FUZZ_CASES) $(PY) -m pytest -q tests/core/capture/test_damaged_files.py
 
 # Each bpy fits one Python. Those that are not here are left out, by name. PREPARE_ONLY=1 installs and tests nothing.
 BPYS ?= 4.5.15 5.0.1 5.2.3
