@@ -6,6 +6,7 @@ import argparse
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from . import commands
 
@@ -14,6 +15,9 @@ CAMERAS = ("realsense",)
 DEMO_FOLDER = "mirror_scan_demo"
 EXPERIMENT_FOLDER = "{}_experiment"
 
+if TYPE_CHECKING:
+    _Commands = argparse._SubParsersAction[argparse.ArgumentParser]
+
 
 def build_parser(prog: str) -> argparse.ArgumentParser:
     """The parser of all commands; each sets ``run`` to its function."""
@@ -21,7 +25,25 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
         prog=prog, description="One depth camera, two mirrors, one snapshot: a closed, coloured avatar."
     )
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    _add_reconstruct(subparsers)
+    _add_calibrate(subparsers)
+    _add_demo(subparsers)
+    _add_simulate(subparsers)
+    _add_inspect(subparsers)
+    _add_convert(subparsers)
+    _add_record(subparsers)
+    _add_evaluate(subparsers)
+    experiments = subparsers.add_parser("experiment", help="repeat an experiment of the paper").add_subparsers(
+        title="experiments", metavar="EXPERIMENT", required=True
+    )
+    _add_zippering_experiment(experiments)
+    words = "what a mirror costs: the same back by way of a mirror and directly, over the same path"
+    _add_capture_experiment(experiments, "reflection", words)
+    _add_capture_experiment(experiments, "distance", "what distance costs: the same figure from 3 to 5 m")
+    return parser
 
+
+def _add_reconstruct(subparsers: _Commands) -> None:
     command = subparsers.add_parser("reconstruct", help="make an avatar of a capture")
     command.add_argument(
         "captures", metavar="CAPTURE", type=Path, nargs="+",
@@ -44,26 +66,32 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     command.add_argument("--single-frame", action="store_true", help="use only the first depth frame of a burst")
     _add_reading(command)
     _add_cleaning(command)
-    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    _add_quiet(command)
     command.set_defaults(run=commands.run_reconstruct)
 
+
+def _add_calibrate(subparsers: _Commands) -> None:
     command = subparsers.add_parser("calibrate", help="place the mirrors of a rig once, for all its later captures")
     command.add_argument("capture", metavar="CAPTURE", type=Path, help="capture of the rig, best with nobody in it")
     command.add_argument(
         "-o", dest="rig", metavar="RIG", type=Path, required=True, help="rig file to write, for “reconstruct --rig”"
     )
     command.add_argument("--mirrors", metavar="FILE", type=Path, help="mirrors.json to use instead of the capture's")
-    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    _add_quiet(command)
     command.set_defaults(run=commands.run_calibrate)
 
+
+def _add_demo(subparsers: _Commands) -> None:
     command = subparsers.add_parser("demo", help="scan a virtual person and reconstruct it")
     command.add_argument(
         "folder", metavar="DIR", type=Path, nargs="?", default=Path(DEMO_FOLDER),
         help=f"where to put everything (default {DEMO_FOLDER})",
     )  # fmt: skip
-    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    _add_quiet(command)
     command.set_defaults(run=commands.run_demo)
 
+
+def _add_simulate(subparsers: _Commands) -> None:
     command = subparsers.add_parser("simulate", help="write an RGB-D folder of a virtual scan, with its truth")
     command.add_argument("folder", metavar="DIR", type=Path, help="folder to write; an earlier simulation is replaced")
     command.add_argument("--sensor", choices=SENSORS, default="azure_kinect", help="depth camera, default azure_kinect")
@@ -71,9 +99,11 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     command.add_argument("--seed", metavar="N", type=_whole(0, 2**32 - 1), default=0, help="of the noise, default 0")
     command.add_argument("--mirrors", metavar="N", type=_whole(1, 8), default=2, help="number of mirrors, default 2")
     command.add_argument("--body", metavar="FILE", type=Path, help="mesh to scan, Z up, in metres; default a mannequin")
-    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    _add_quiet(command)
     command.set_defaults(run=commands.run_simulate)
 
+
+def _add_inspect(subparsers: _Commands) -> None:
     command = subparsers.add_parser("inspect", help="say what a capture holds, and whether it can be right")
     command.add_argument("capture", metavar="CAPTURE", type=Path, help="folder or file of a depth camera")
     _add_reading(command)
@@ -83,13 +113,17 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     )
     command.set_defaults(run=commands.run_inspect)
 
+
+def _add_convert(subparsers: _Commands) -> None:
     command = subparsers.add_parser("convert", help="write a capture of any format as an RGB-D folder")
     command.add_argument("capture", metavar="CAPTURE", type=Path, help="folder or file of a depth camera")
     _add_reading(command)
     command.add_argument("folder", metavar="DIR", type=Path, help="folder to make")
-    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    _add_quiet(command)
     command.set_defaults(run=commands.run_convert)
 
+
+def _add_record(subparsers: _Commands) -> None:
     command = subparsers.add_parser("record", help="record a burst of a camera that is connected")
     command.add_argument("folder", metavar="DIR", type=Path, help="folder to make")
     command.add_argument("--camera", choices=CAMERAS, default=CAMERAS[0], help=f"driver, default {CAMERAS[0]}")
@@ -99,27 +133,25 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
         "--size", metavar="WxH", type=_size, default=(848, 480), help="of the depth picture, default 848x480"
     )
     command.add_argument("--rate", metavar="HZ", type=_whole(1, 120), default=30, help="frames a second, default 30")
-    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    _add_quiet(command)
     command.set_defaults(run=commands.run_record)
 
+
+def _add_evaluate(subparsers: _Commands) -> None:
     command = subparsers.add_parser("evaluate", help="measure a mesh against the true one")
     command.add_argument("mesh", metavar="MESH", type=Path, help=".ply, .obj or .stl")
     command.add_argument("truth", metavar="TRUTH", type=Path, help="the true surface, in the same frame and unit")
     command.add_argument("--json", action="store_true", help="print JSON instead of a table")
     command.set_defaults(run=commands.run_evaluate)
 
-    experiments = subparsers.add_parser("experiment", help="repeat an experiment of the paper").add_subparsers(
-        title="experiments", metavar="EXPERIMENT", required=True
-    )
+
+def _add_zippering_experiment(experiments: _Commands) -> None:
     command = experiments.add_parser("zippering", help="what zippering costs: cut a body in three, thin its back, sew")
     command.add_argument(
         "mesh", metavar="MESH", type=Path, nargs="?",
         help="closed body, Z up, facing -Y, in metres; default a mannequin",
     )  # fmt: skip
-    command.add_argument(
-        "-o", dest="folder", metavar="DIR", type=Path, default=Path(EXPERIMENT_FOLDER.format("zippering")),
-        help=f"where to put table.csv, result.png and plot.png (default {EXPERIMENT_FOLDER.format('zippering')})",
-    )  # fmt: skip
+    _add_result_folder(command, "zippering")
     command.add_argument(
         "--steps", metavar="PERCENT", type=_percentages, default=(0, 10, 20, 30, 40, 50),
         help="vertices to take from the back, separated by commas (default 0,10,20,30,40,50)",
@@ -128,31 +160,37 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
         "--matching", choices=("auto", "planes", "facing"), default="auto",
         help="begin with the paper's planes, never use them, or let the figure decide (default)",
     )  # fmt: skip
-    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    _add_quiet(command)
     command.set_defaults(run=commands.run_experiment_zippering)
 
-    for name, words in (
-        ("reflection", "what a mirror costs: the same back by way of a mirror and directly, over the same path"),
-        ("distance", "what distance costs: the same figure from 3 to 5 m"),
-    ):
-        command = experiments.add_parser(name, help=words)
-        command.add_argument(
-            "mesh", metavar="MESH", type=Path, nargs="?", help="body, Z up, in metres; default a mannequin"
-        )
-        command.add_argument(
-            "-o", dest="folder", metavar="DIR", type=Path, default=Path(EXPERIMENT_FOLDER.format(name)),
-            help=f"where to put table.csv, result.png and plot.png (default {EXPERIMENT_FOLDER.format(name)})",
-        )  # fmt: skip
-        command.add_argument(
-            "--sensor", choices=SENSORS, default="kinect_v1", help="depth camera, default the paper's kinect_v1"
-        )
-        command.add_argument(
-            "--frames", metavar="N", type=_whole(1, 100), default=10, help="of each burst, default the paper's 10"
-        )
-        command.add_argument("--seed", metavar="N", type=_whole(0, 2**32 - 1), default=0, help="of the noise")
-        command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
-        command.set_defaults(run=commands.run_experiment_capture, experiment=name)
-    return parser
+
+def _add_capture_experiment(experiments: _Commands, name: str, words: str) -> None:
+    command = experiments.add_parser(name, help=words)
+    command.add_argument(
+        "mesh", metavar="MESH", type=Path, nargs="?", help="body, Z up, in metres; default a mannequin"
+    )
+    _add_result_folder(command, name)
+    command.add_argument(
+        "--sensor", choices=SENSORS, default="kinect_v1", help="depth camera, default the paper's kinect_v1"
+    )
+    command.add_argument(
+        "--frames", metavar="N", type=_whole(1, 100), default=10, help="of each burst, default the paper's 10"
+    )
+    command.add_argument("--seed", metavar="N", type=_whole(0, 2**32 - 1), default=0, help="of the noise")
+    _add_quiet(command)
+    command.set_defaults(run=commands.run_experiment_capture, experiment=name)
+
+
+def _add_result_folder(command: argparse.ArgumentParser, name: str) -> None:
+    folder = EXPERIMENT_FOLDER.format(name)
+    command.add_argument(
+        "-o", dest="folder", metavar="DIR", type=Path, default=Path(folder),
+        help=f"where to put table.csv, result.png and plot.png (default {folder})",
+    )  # fmt: skip
+
+
+def _add_quiet(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
 
 
 def _add_reading(command: argparse.ArgumentParser) -> None:
