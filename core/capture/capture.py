@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -118,3 +121,41 @@ class ReadOptions:
             raise CaptureError(f"a capture can be turned by 0, 90, 180 or 270 degrees, not {self.turn_degrees}")
         if self.min_confidence not in (0, 1, 2):
             raise CaptureError(f"the least confidence is 0, 1 or 2, not {self.min_confidence}")
+
+
+def stored_capture(
+    path: Path,
+    format: str,
+    depth: np.ndarray,
+    color: np.ndarray | None,
+    intrinsics: Intrinsics,
+    color_intrinsics: Intrinsics | None = None,
+    depth_to_color: np.ndarray | None = None,
+    *,
+    notes: Iterable[str] = (),
+    **fields: Any,
+) -> Capture:
+    """What a reader hands over: a capture as it is stored, with the name of its file or folder.
+
+    Parameters
+    ----------
+    path : Path
+        What was read; a folder gives its whole name, a file its name without the suffix.
+    format, depth, color, intrinsics, notes
+        See :class:`Capture`.
+    color_intrinsics, depth_to_color
+        See :class:`Capture`; dropped where there is no colour.
+    **fields
+        Further fields of :class:`Capture` that the file tells.
+    """
+    return Capture(
+        depth,
+        color,
+        intrinsics,
+        name=path.resolve().name if path.is_dir() else path.stem,
+        format=format,
+        color_intrinsics=color_intrinsics if color is not None else None,
+        depth_to_color=depth_to_color if color is not None else None,
+        notes=tuple(notes),
+        **fields,
+    )

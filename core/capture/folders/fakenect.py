@@ -14,7 +14,7 @@ import numpy as np
 
 from ...camera import Intrinsics
 from ...errors import CaptureError
-from ..capture import Capture, ReadOptions
+from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import read_limited
 from ..frames import FrameChoice, chosen_frames, empty_burst
 from ..kinect_disparity import HEIGHT, NO_READING, WIDTH, ZeroPlane, calibration, depth_of_disparity
@@ -53,17 +53,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         time = depth_files[chosen[0]][0]
         nearest = min(color_files, key=lambda entry: abs(entry[0] - time))
         color = np.frombuffer(_pixels(inside(path, nearest[1]), b"P6", 3), np.uint8).reshape(HEIGHT, WIDTH, 3)
-    return Capture(
-        depth,
-        color,
-        camera,
-        name=path.resolve().name,
-        format=FORMAT,
-        color_intrinsics=color_camera if color is not None else None,
-        depth_to_color=pose if color is not None else None,
-        sensor="kinect_v1",
-        notes=tuple(notes),
-    )
+    return stored_capture(path, FORMAT, depth, color, camera, color_camera, pose, sensor="kinect_v1", notes=notes)
 
 
 def _index(path: Path) -> tuple[list[tuple[float, str]], list[tuple[float, str]]]:

@@ -19,7 +19,7 @@ from ...camera import Intrinsics
 from ...errors import CaptureError, MirrorError, MirrorScanError
 from ...io.images import checked_png, read_image
 from ...numeric.threads import each
-from ..capture import Capture, MirrorPicks, ReadOptions
+from ..capture import Capture, MirrorPicks, ReadOptions, stored_capture
 from ..frames import FrameChoice, chosen_frames, empty_burst
 from ..nominal_intrinsics import nominal_camera
 
@@ -106,9 +106,7 @@ def read(path: Path, frames: FrameChoice = None, options: ReadOptions | None = N
         color = _read_color(color_files[matching], intrinsics) if color_files else None
     mirror_file = path / "mirrors.json"
     mirrors = read_mirrors(mirror_file, intrinsics) if mirror_file.exists() else ()
-    return Capture(
-        depth, color, intrinsics, mirrors, name=path.resolve().name, format=FORMAT, sensor=sensor, notes=notes
-    )
+    return stored_capture(path, FORMAT, depth, color, intrinsics, mirrors=mirrors, sensor=sensor, notes=notes)
 
 
 def mirrors_to(mirrors: tuple[MirrorPicks, ...]) -> list[dict]:

@@ -14,7 +14,7 @@ import numpy as np
 from ...camera import Intrinsics
 from ...errors import CaptureError
 from ...io.images import read_image
-from ..capture import Capture, ReadOptions
+from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import read_limited
 from ..depth_units import metres
 from ..frames import FrameChoice, chosen_frames, empty_burst
@@ -55,19 +55,12 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     if options.color and (path / "rgb.mp4").is_file():
         color, note = video_frame(path / "rgb.mp4", chosen[0][0])
         notes += [note] if note else []
-    return Capture(
-        depth,
-        color,
-        camera,
-        name=path.resolve().name,
-        format=FORMAT,
-        color_intrinsics=camera.pinhole().scaled(color.shape[1], color.shape[0]) if color is not None else None,
-        depth_to_color=np.eye(4) if color is not None else None,
-        sensor="phone",
-        confidence=confidence,
-        turn_degrees=_turn(path / "odometry.csv", chosen[0][0]),
-        notes=tuple(notes),
-    )
+    color_camera = camera.pinhole().scaled(color.shape[1], color.shape[0]) if color is not None else None
+    turn = _turn(path / "odometry.csv", chosen[0][0])
+    return stored_capture(
+        path, FORMAT, depth, color, camera, color_camera, np.eye(4), sensor="phone", confidence=confidence,
+        turn_degrees=turn, notes=notes,
+    )  # fmt: skip
 
 
 def video_frame(path: Path, number: int) -> tuple[np.ndarray | None, str]:

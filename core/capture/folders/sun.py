@@ -12,7 +12,7 @@ import numpy as np
 from ...camera import Intrinsics
 from ...errors import CaptureError
 from ...io.images import read_image
-from ..capture import Capture, ReadOptions
+from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import read_limited, rgb
 from ..depth_units import metres
 from ..frames import FrameChoice, chosen_frames, empty_burst
@@ -50,7 +50,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         if images:
             color = rgb(read_image(images[0]))
     sensor = next((s for part in path.resolve().parts[::-1] if (s := sensor_named(part)) != "unknown"), "unknown")
-    return Capture(depth, color, camera, name=path.resolve().name, format=FORMAT, sensor=sensor)
+    return stored_capture(path, FORMAT, depth, color, camera, sensor=sensor)
 
 
 def _intrinsics(path: Path, width: int, height: int) -> Intrinsics:

@@ -8,7 +8,7 @@ from pathlib import Path
 from ...camera import Intrinsics
 from ...errors import CaptureError
 from ...io.images import read_image
-from ..capture import Capture, ReadOptions
+from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import read_limited, rgb
 from ..depth_units import metres
 from ..frames import FrameChoice, chosen_frames, empty_burst
@@ -59,9 +59,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             color = rgb(read_image(inside(path, nearest[1])))
         else:
             notes.append(f"no colour image within {MAX_APART_S:g} s of the first frame")
-    return Capture(
-        depth, color, camera, name=path.resolve().name, format=FORMAT, sensor="kinect_v1", notes=tuple(notes)
-    )
+    return stored_capture(path, FORMAT, depth, color, camera, sensor="kinect_v1", notes=notes)
 
 
 def read_list(path: Path) -> list[tuple[float, str]]:

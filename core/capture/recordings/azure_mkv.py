@@ -13,7 +13,7 @@ import numpy as np
 
 from ...camera import Intrinsics
 from ...errors import CaptureError
-from ..capture import Capture, ReadOptions
+from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, image_in, mapped, rgb, starts_with, yuv_to_rgb, yuyv_to_rgb
 from ..decoding.matroska import SIGNATURE, Track, parse
 from ..frames import FrameChoice, chosen_frames, empty_burst
@@ -89,17 +89,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         with blaming(path, "an Azure Kinect recording"):
             own, color_camera, pose = calibrated(calibration, (width, height), color_size)
         camera = camera or own
-    return Capture(
-        depth,
-        color,
-        camera,
-        name=path.stem,
-        format=FORMAT,
-        color_intrinsics=color_camera if color is not None else None,
-        depth_to_color=pose if color is not None else None,
-        sensor="azure_kinect",
-        notes=tuple(notes),
-    )
+    return stored_capture(path, FORMAT, depth, color, camera, color_camera, pose, sensor="azure_kinect", notes=notes)
 
 
 def calibrated(

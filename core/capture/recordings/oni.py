@@ -11,7 +11,7 @@ import numpy as np
 
 from ...camera import Intrinsics
 from ...errors import CaptureError
-from ..capture import Capture, ReadOptions
+from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, image_in, mapped, rgb, starts_with, yuyv_to_rgb
 from ..frames import FrameChoice, chosen_frames, empty_burst
 from ..kinect_disparity import NOMINAL_COLOR, depth_of_disparity
@@ -83,17 +83,8 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
                 if registered is None:
                     notes.append("the recording does not say whether depth is registered to colour; taken so")
         mirrored = bool(node.number("xnMirror"))
-    return Capture(
-        depth,
-        color,
-        camera,
-        name=path.stem,
-        format=FORMAT,
-        color_intrinsics=color_camera,
-        depth_to_color=pose,
-        sensor="kinect_v1",
-        mirrored=mirrored,
-        notes=tuple(notes),
+    return stored_capture(
+        path, FORMAT, depth, color, camera, color_camera, pose, sensor="kinect_v1", mirrored=mirrored, notes=notes
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from ...camera import Intrinsics
 from ...camera.pinhole import distort
 from ...errors import CaptureError
-from ..capture import Capture, ReadOptions
+from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, image_in, mapped, rgb, starts_with, yuyv_to_rgb
 from ..decoding.rosbag import SIGNATURE, RosBag, Topic
 from ..depth_units import metres
@@ -71,17 +71,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
                         color = color_camera = None
         sensor = _sensor(bag)
         bag = depth_topic = None  # lets go of the mapped file
-    return Capture(
-        depth,
-        color,
-        camera,
-        name=path.stem,
-        format=FORMAT,
-        color_intrinsics=color_camera,
-        depth_to_color=pose,
-        sensor=sensor,
-        notes=tuple(notes),
-    )
+    return stored_capture(path, FORMAT, depth, color, camera, color_camera, pose, sensor=sensor, notes=notes)
 
 
 def brown_of_inverse(inverse: tuple[float, ...], camera: Intrinsics) -> tuple[float, ...]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...camera import Intrinsics
 from ...errors import CaptureError
-from ..capture import Capture, ReadOptions
+from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, image_in, rgb, starts_with
 from ..depth_units import metres
 from ..folders.rgbd_folder import sensor_named
@@ -78,17 +78,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
                 else:
                     pose = places[1] @ np.linalg.inv(places[0])
         sensor = sensor_named(_text(file, topics, "/device_0/info", ""))
-    return Capture(
-        depth,
-        color,
-        camera,
-        name=path.stem,
-        format=FORMAT,
-        color_intrinsics=color_camera,
-        depth_to_color=pose,
-        sensor=sensor,
-        notes=tuple(notes),
-    )
+    return stored_capture(path, FORMAT, depth, color, camera, color_camera, pose, sensor=sensor, notes=notes)
 
 
 @contextmanager

@@ -20,7 +20,7 @@ import numpy as np
 from ...camera import Intrinsics
 from ...errors import CaptureError
 from ...io.images import read_image
-from ..capture import Capture, ReadOptions
+from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, image_in, read_limited, rgb, starts_with
 from ..frames import FrameChoice, chosen_frames, empty_burst
 
@@ -128,17 +128,8 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         if abs(color.shape[1] * rows - color.shape[0] * columns) > 0.02 * color.shape[1] * rows:
             notes.append("colour is left out: it is of another shape than depth")
             color = color_camera = None
-    return Capture(
-        depth,
-        color,
-        camera,
-        name=path.stem,
-        format=FORMAT,
-        color_intrinsics=color_camera,
-        depth_to_color=np.eye(4) if color is not None else None,
-        sensor="phone",
-        confidence=confidence,
-        notes=tuple(notes),
+    return stored_capture(
+        path, FORMAT, depth, color, camera, color_camera, np.eye(4), sensor="phone", confidence=confidence, notes=notes
     )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import CaptureError
-from ..capture import Capture, ReadOptions
+from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, read_limited
 from ..frames import FrameChoice, chosen_frames
 from .organized_cloud import depth_of_cloud
@@ -54,7 +54,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         cloud = np.stack([columns[axis].astype(np.float64) for axis in "xyz"], axis=-1).reshape(height, width, 3)
         color = _color(columns, height, width) if options.color else None
     depth, camera, notes = depth_of_cloud(path, cloud, options.depth_unit_m)
-    return Capture(depth, color, options.intrinsics or camera, name=path.stem, format=f"{FORMAT} ({kind})", notes=notes)
+    return stored_capture(path, f"{FORMAT} ({kind})", depth, color, options.intrinsics or camera, notes=notes)
 
 
 def _header(data: bytes) -> tuple[dict[str, list[str]], int]:

@@ -14,7 +14,7 @@ import numpy as np
 from ...camera import Intrinsics
 from ...errors import CaptureError
 from ...io.images import MAX_PIXELS
-from ..capture import Capture, ReadOptions
+from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, read_limited, starts_with, yuv_to_rgb
 from ..depth_units import metres
 from ..frames import FrameChoice, chosen_frames, empty_burst
@@ -68,7 +68,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         color = image if image.ndim == 3 else None
         if color is None:
             notes.append(f"{rgb_file.name} is left out: {kind} is no colour image")
-    return Capture(depth, color, camera, name=path.stem, format=FORMAT, sensor="kinect_v1", notes=tuple(notes))
+    return stored_capture(path, FORMAT, depth, color, camera, sensor="kinect_v1", notes=notes)
 
 
 def read_pclzf(path: Path) -> tuple[str, np.ndarray]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import CaptureError
-from ..capture import Capture, ReadOptions
+from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, read_limited, starts_with
 from ..frames import FrameChoice, chosen_frames
 from .organized_cloud import depth_of_cloud
@@ -87,7 +87,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             continue
         if color is not None:
             color = color.reshape(height, width, 3)
-        return Capture(depth, color, options.intrinsics or camera, name=path.stem, format=FORMAT, notes=notes)
+        return stored_capture(path, FORMAT, depth, color, options.intrinsics or camera, notes=notes)
     raise problem
 
 

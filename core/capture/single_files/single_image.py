@@ -14,7 +14,7 @@ import numpy as np
 
 from ...errors import CaptureError
 from ...io.images import MAX_PIXELS, read_image
-from ..capture import Capture, ReadOptions
+from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, npy_header, read_limited, rgb, starts_with
 from ..depth_units import is_raw_disparity, metres
 from ..folders.rgbd_folder import INTRINSIC_NAMES, read_intrinsics
@@ -75,16 +75,8 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
                 color = None
             elif color_camera is not None and color.shape[:2] != (color_camera.height, color_camera.width):
                 color_camera = color_camera.scaled(color.shape[1], color.shape[0])
-    return Capture(
-        depth,
-        color,
-        options.intrinsics or camera,
-        name=path.stem,
-        format=FORMAT,
-        color_intrinsics=color_camera if color is not None else None,
-        depth_to_color=pose if color is not None else None,
-        sensor=sensor,
-        notes=tuple(notes),
+    return stored_capture(
+        path, FORMAT, depth, color, options.intrinsics or camera, color_camera, pose, sensor=sensor, notes=notes
     )
 
 
