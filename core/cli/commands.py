@@ -294,15 +294,13 @@ def run_experiment_zippering(options: argparse.Namespace, writers: Writers) -> N
             complain("warning", f"{step.decimation:g} %: {warning}")
     if options.quiet:
         return
-    for line in table(steps, body):
-        say(line)
-    say("distances between the surfaces, of both directions the larger; % of the body's height")
+    lines = [
+        *table(steps, body),
+        "distances between the surfaces, of both directions the larger; % of the body's height",
+    ]
     if bridge is None:
-        say("without Blender's Bridge Edge Loops beside it: bpy cannot be imported here; “pip install bpy”")
-    for path in paths:
-        say(f"  {path}")
-    if note:
-        say(f"  {note}")
+        lines.append("without Blender's Bridge Edge Loops beside it: bpy cannot be imported here; “pip install bpy”")
+    _say_results(lines, paths, note)
 
 
 def run_experiment_capture(options: argparse.Namespace, writers: Writers) -> None:
@@ -325,9 +323,12 @@ def run_experiment_capture(options: argparse.Namespace, writers: Writers) -> Non
         paths, note = experiment.write_results(outcome, options.folder)
     if options.quiet:
         return
-    for line in experiment.table(outcome):
+    _say_results(experiment.table(outcome), paths, note)
+
+
+def _say_results(lines: list[str], paths: list[Path], note: str) -> None:
+    """An experiment's table, and the files it was written to; the note says why one is missing."""
+    for line in (*lines, *(f"  {path}" for path in paths)):
         say(line)
-    for path in paths:
-        say(f"  {path}")
     if note:
         say(f"  {note}")

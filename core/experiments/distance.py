@@ -17,7 +17,7 @@ from ..mesh import Mesh
 from ..mesh.surface_distance import SurfaceDistance, surface_distance
 from ..simulation.scene import default_rig
 from ..simulation.simulate import simulate
-from .results import keep
+from .results import distance_cells, distance_headings, keep
 from .snapshot import WAYS, distance_picture, patch
 
 DISTANCES = (3.0, 3.5, 4.0, 4.5, 5.0)
@@ -164,23 +164,7 @@ def write_results(rows: Sequence[Capture], folder: Path) -> tuple[list[Path], st
 
     Returns and raises as :func:`.results.keep`.
     """
-    figures = ("mean", "rms", "p95", "max")
-    lines = [
-        ["way", "distance_m", "vertices", "triangles", "paper_mean_mm"]
-        + [f"to_{which}_{f}_mm" for which in ("nearest", "body") for f in figures]
-    ]
-    for r in rows:
-        paper = PAPER.get(round(r.distance, 3))
-        values = [f"{1e3 * getattr(d, f):.5f}" for d in (r.apart, r.truth) for f in figures]
-        shown = "" if paper is None else f"{1e3 * paper:.3f}"
-        lines.append([r.way, f"{r.distance:g}", len(r.mesh.vertices), len(r.mesh.triangles), shown, *values])
-    ways = _ways(rows)
-    references = [ways[r.way][0].mesh for r in rows]
-    heading = "from near to far   blue on the nearest   red as far off as the farthest of the paper"
-    titles = [r.way for r in rows]
-    columns = len(next(iter(ways.values())))
-    picture = distance_picture([r.mesh for r in rows], references, titles, (0, -1, 0), 0.035, heading, columns)
-    fits = _fits(rows)
+    ways, fits = _ways(rows), _fits(rows)
 
     def draw(distances, counts) -> None:
         known = sorted(set(PAPER) & {round(r.distance, 3) for r in rows})
@@ -207,4 +191,26 @@ def write_results(rows: Sequence[Capture], folder: Path) -> tuple[list[Path], st
             axes.grid(alpha=0.3)
             axes.legend()
 
-    return keep(folder, lines, picture, draw, 2, (10.4, 4.0))
+    return keep(folder, _rows(rows), _picture(rows), draw, 2, (10.4, 4.0))
+
+
+def _rows(rows: Sequence[Capture]) -> list[list]:
+    """The table's cells, headings first."""
+    cells: list[list] = [
+        ["way", "distance_m", "vertices", "triangles", "paper_mean_mm", *distance_headings("to_nearest", "to_body")]
+    ]
+    for r in rows:
+        paper = PAPER.get(round(r.distance, 3))
+        shown = "" if paper is None else f"{1e3 * paper:.3f}"
+        sizes = [len(r.mesh.vertices), len(r.mesh.triangles)]
+        cells.append([r.way, f"{r.distance:g}", *sizes, shown, *distance_cells(r.apart, r.truth)])
+    return cells
+
+
+def _picture(rows: Sequence[Capture]) -> np.ndarray:
+    ways = _ways(rows)
+    references = [ways[r.way][0].mesh for r in rows]
+    heading = "from near to far   blue on the nearest   red as far off as the farthest of the paper"
+    titles = [r.way for r in rows]
+    columns = len(next(iter(ways.values())))
+    return distance_picture([r.mesh for r in rows], references, titles, (0, -1, 0), 0.035, heading, columns)

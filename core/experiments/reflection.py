@@ -18,7 +18,7 @@ from ..mesh.surface_distance import SurfaceDistance, surface_distance
 from ..simulation.scene import FramedMirror, Rig
 from ..simulation.sensors import find_sensor
 from ..simulation.simulate import Simulation, simulate
-from .results import keep
+from .results import distance_cells, distance_headings, keep
 from .snapshot import WAYS, distance_picture, patch
 
 PATH = 3.0
@@ -157,23 +157,6 @@ def write_results(rows: Sequence[Comparison], folder: Path) -> tuple[list[Path],
 
     Returns and raises as :func:`.results.keep`.
     """
-    figures = ("mean", "rms", "p95", "max")
-    lines = [
-        ["way", "vertices_mirrored", "vertices_direct", "triangles_mirrored", "triangles_direct", "vertex_loss_pct"]
-        + ["triangle_loss_pct", *(f"mirrored_to_direct_{f}_mm" for f in figures)]
-        + [f"{which}_to_body_{f}_mm" for which in ("mirrored", "direct") for f in figures]
-    ]
-    for r in rows:
-        sizes = [len(getattr(m, what)) for what in ("vertices", "triangles") for m in (r.mirrored, r.direct)]
-        losses = [f"{100 * r.loss(what):.3f}" for what in ("vertices", "triangles")]
-        ways = (r.apart, r.mirrored_truth, r.direct_truth)
-        lines.append([r.way, *sizes, *losses, *(f"{1e3 * getattr(d, f):.5f}" for d in ways for f in figures)])
-    pictures = []
-    for r in rows:
-        pictures += [(r.mirrored, r.direct, f"{r.way}   in the mirror"), (r.direct, r.mirrored, f"{r.way}   directly")]
-    meshes, references, titles = zip(*pictures, strict=True)
-    heading = "distance to the other   blue none   red as much as the largest of the paper"
-    picture = distance_picture(meshes, references, titles, (0, 1, 0), PAPER["max"], heading, 4)
 
     def draw(distances, losses) -> None:
         names = ["paper", *(r.way for r in rows)]
@@ -191,4 +174,26 @@ def write_results(rows: Sequence[Comparison], folder: Path) -> tuple[list[Path],
         for axes in (distances, losses):
             axes.grid(alpha=0.3, axis="y")
 
-    return keep(folder, lines, picture, draw, 2, (10.4, 4.0))
+    return keep(folder, _rows(rows), _picture(rows), draw, 2, (10.4, 4.0))
+
+
+def _rows(rows: Sequence[Comparison]) -> list[list]:
+    """The table's cells, headings first."""
+    cells: list[list] = [
+        ["way", "vertices_mirrored", "vertices_direct", "triangles_mirrored", "triangles_direct", "vertex_loss_pct"]
+        + ["triangle_loss_pct", *distance_headings("mirrored_to_direct", "mirrored_to_body", "direct_to_body")]
+    ]
+    for r in rows:
+        sizes = [len(getattr(m, what)) for what in ("vertices", "triangles") for m in (r.mirrored, r.direct)]
+        losses = [f"{100 * r.loss(what):.3f}" for what in ("vertices", "triangles")]
+        cells.append([r.way, *sizes, *losses, *distance_cells(r.apart, r.mirrored_truth, r.direct_truth)])
+    return cells
+
+
+def _picture(rows: Sequence[Comparison]) -> np.ndarray:
+    pictures = []
+    for r in rows:
+        pictures += [(r.mirrored, r.direct, f"{r.way}   in the mirror"), (r.direct, r.mirrored, f"{r.way}   directly")]
+    meshes, references, titles = zip(*pictures, strict=True)
+    heading = "distance to the other   blue none   red as much as the largest of the paper"
+    return distance_picture(meshes, references, titles, (0, 1, 0), PAPER["max"], heading, 4)

@@ -11,6 +11,39 @@ import numpy as np
 
 from ..io.atomic_files import replacing
 from ..io.images import write_png
+from ..mesh import Mesh
+from ..mesh.bvh import build_bvh, closest_point
+from ..mesh.surface_distance import SurfaceDistance
+
+FIGURES = ("mean", "rms", "p95", "max")
+"""Of a distance between surfaces: what the tables hold."""
+
+NEAR_TO_FAR = ((40, 80, 210), (60, 175, 90), (240, 205, 60), (215, 40, 35))
+"""Colours of a distance from none to the largest shown, 0..255."""
+
+
+def distance_headings(*ways: str) -> list[str]:
+    """Headings of :func:`distance_cells`."""
+    return [f"{way}_{figure}_mm" for way in ways for figure in FIGURES]
+
+
+def distance_cells(*distances: SurfaceDistance) -> list[str]:
+    """The figures of distances between surfaces, in millimetres, as cells of a table."""
+    return [f"{1e3 * getattr(distance, figure):.5f}" for distance in distances for figure in FIGURES]
+
+
+def distance_colors(
+    mesh: Mesh, reference: Mesh, full: float, stops: Sequence[tuple[int, int, int]] = NEAR_TO_FAR
+) -> np.ndarray:
+    """Colours (V, 3) uint8 of the vertices by their distance to ``reference``, the last for ``full`` [m] or more."""
+    tree = build_bvh(
+        np.ascontiguousarray(reference.vertices, np.float64), np.ascontiguousarray(reference.triangles, np.int32)
+    )
+    share = np.clip(closest_point(tree, mesh.vertices)[0] / full, 0.0, 1.0)
+    at = np.linspace(0, 1, len(stops))
+    return np.column_stack([np.interp(share, at, channel) for channel in np.array(stops, np.float64).T]).astype(
+        np.uint8
+    )
 
 
 def keep(

@@ -16,12 +16,12 @@ from ..depth.sensor_recognition import recognise
 from ..depth.settings import DepthSettings
 from ..errors import MirrorScanError
 from ..mesh import Mesh
-from ..mesh.bvh import build_bvh, closest_point
 from ..mirrors.mirror import reflection_matrix
 from ..mirrors.picked_mirror import place_mirror
 from ..patches.grid_triangulation import triangulate_view
 from ..preview.mesh_views import draw_text, render_views
 from ..simulation.simulate import Simulation
+from .results import distance_colors
 
 WAYS = ("raw", "cleaned")
 """``raw``: the mean of the burst's readings at each pixel, as the paper has it; ``cleaned``: as we reconstruct."""
@@ -86,14 +86,9 @@ def distance_picture(
     columns: int,
 ) -> np.ndarray:
     """Meshes side by side, coloured by their distance to a reference: blue on it, red ``full`` metres off or more."""
-    stops = np.array(((40, 80, 210), (60, 175, 90), (240, 205, 60), (215, 40, 35)), np.float64)
     panels = []
     for mesh, reference, title in zip(meshes, references, titles, strict=True):
-        tree = build_bvh(
-            np.ascontiguousarray(reference.vertices, np.float64), np.ascontiguousarray(reference.triangles, np.int32)
-        )
-        share = np.clip(closest_point(tree, mesh.vertices)[0] / full, 0.0, 1.0)
-        colors = np.column_stack([np.interp(share, np.linspace(0, 1, 4), c) for c in stops.T]).astype(np.uint8)
+        colors = distance_colors(mesh, reference, full)
         panel = render_views(mesh, colors, [side], 300, 480).copy()
         draw_text(panel, title, 12, 24, size=16, color=(60, 62, 68))
         panels.append(panel)

@@ -12,7 +12,7 @@ from ..camera import Intrinsics
 from ..closing.mesh_closing import close_mesh
 from ..errors import MirrorScanError
 from ..mesh import SEAM, SURFACE, Mesh
-from ..mesh.bvh import build_bvh, closest_point, raycast
+from ..mesh.bvh import build_bvh, raycast
 from ..mesh.half_edges import twins
 from ..mesh.soundness import mesh_report
 from ..mesh.submesh import drop_small_components, keep_triangles, remove_bowties
@@ -24,7 +24,7 @@ from ..zippering.coronal_matching import solidity
 from ..zippering.seam_strips import Seam
 from ..zippering.zipper import ZipperSettings, zip_patches
 from .decimation import decimate
-from .results import keep
+from .results import NEAR_TO_FAR, distance_cells, distance_colors, distance_headings, keep
 
 STEPS = (0, 10, 20, 30, 40, 50)
 """Vertices taken from the two back parts [%] (paper 5.3)."""
@@ -301,8 +301,7 @@ def write_results(steps: Sequence[Step], body: Mesh, folder: Path) -> tuple[list
 
 def _rows(steps: Sequence[Step], tall: float) -> list[list]:
     """The table's cells, headings first."""
-    figures, ways = ("mean", "rms", "p95", "max"), ("result_to_original", "original_to_result")
-    distances = [f"{way}_{figure}_mm" for way in ways for figure in figures]
+    distances = distance_headings("result_to_original", "original_to_result")
     flags = ("watertight", "manifold", "components", "euler_characteristic", "triangles", "self_intersections")
     rows = [
         ["decimation_pct", "vertices_front", "vertices_back_left", "vertices_back_right", "seam_triangles", "method"]
@@ -311,8 +310,7 @@ def _rows(steps: Sequence[Step], tall: float) -> list[list]:
     ]
 
     def told(made: Closed) -> list:
-        values = [getattr(way, key) for way in (made.there, made.back) for key in figures]
-        return [made.report[flag] for flag in flags] + [f"{1000 * value:.5f}" for value in values]
+        return [made.report[flag] for flag in flags] + distance_cells(made.there, made.back)
 
     for s in steps:
         rows.append(
@@ -324,12 +322,8 @@ def _rows(steps: Sequence[Step], tall: float) -> list[list]:
 
 
 def _picture(step: Step, body: Mesh) -> np.ndarray:
-    tree = build_bvh(np.ascontiguousarray(body.vertices, np.float64), np.ascontiguousarray(body.triangles, np.int32))
-    distance = closest_point(tree, step.mesh.vertices)[0]
     full = 0.001 * _height(body)  # blue from a thousandth of the height on
-    share = np.clip(distance / full, 0.0, 1.0)
-    stops = np.array(((215, 40, 35), (240, 205, 60), (60, 175, 90), (40, 80, 210)), np.float64)
-    by_distance = np.column_stack([np.interp(share, np.linspace(0, 1, 4), c) for c in stops.T]).astype(np.uint8)
+    by_distance = distance_colors(step.mesh, body, full, NEAR_TO_FAR[::-1])
     by_kind = np.array([KIND_COLORS[k] for k in sorted(KIND_COLORS)], np.uint8)[step.mesh.kind]
     rows = [render_views(step.mesh, colors, list(SIDES.values()), 400, 640) for colors in (by_distance, by_kind)]
     band = np.full((50, rows[0].shape[1], 3), 255, np.uint8)
