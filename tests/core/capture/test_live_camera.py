@@ -134,7 +134,7 @@ class Software:
 
 
 def test_realsense_by_its_software_device(tmp_path):
-    rs = pytest.importorskip("pyrealsense2")
+    rs = pytest.importorskip("pyrealsense2", exc_type=ImportError)
     camera = Software(rs)
     z = np.full((HEIGHT, WIDTH), 15000, np.uint16)  # a wall at 1.5 m, nearer on the right, with a hole
     z[:, 40:] = 12000
@@ -163,7 +163,7 @@ def test_realsense_by_its_software_device(tmp_path):
 
 
 def test_realsense_without_a_camera_or_the_library(monkeypatch, tmp_path, capsys):
-    pytest.importorskip("pyrealsense2")
+    pytest.importorskip("pyrealsense2", exc_type=ImportError)
     assert cli.main(["record", str(tmp_path / "scan")]) == 1
     assert "no RealSense camera" in capsys.readouterr().err
     monkeypatch.setitem(__import__("sys").modules, "pyrealsense2", None)
