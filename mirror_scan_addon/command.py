@@ -1,7 +1,7 @@
-"""The command line: pip's ``mirror-scan`` and ``blender --command mirror_scan`` share one parser, core's.
+"""The command line: pip's ``mirror-scan`` and ``blender --command mirror_scan`` share the parser of core.
 
-What this adds to core is the formats that need Blender. bpy is imported when the first of them is asked for; a Python
-that has no bpy writes all the others.
+This module adds the formats that need Blender. bpy is imported when the first of them is used; a Python without bpy
+writes all the others.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 BLENDER_FORMATS = {".blend": "write_blend", ".glb": "write_glb", ".fbx": "write_fbx"}
 BPY_PYTHONS = {(3, 11): "bpy 4.5 and 5.0", (3, 13): "bpy 5.1 and later"}
 
-_handles: list[object] = []  # Blender takes a command back only by the handle it gave
+_handles: list[object] = []  # Blender removes a command only by the handle it returned
 
 
 class BlenderWriters(Mapping):
-    """Suffix → ``function(path, reconstruction)``; looking a writer up imports bpy.
+    """Suffix → ``function(path, reconstruction)``; looking up a writer imports bpy.
 
     Raises
     ------
     OutputError
-        From the look-up, when bpy cannot be imported: it names the Pythons that have it.
+        From the look-up, if bpy cannot be imported: it names the Pythons that have it.
     """
 
     def __getitem__(self, suffix: str) -> Callable:
@@ -100,7 +100,7 @@ def _require_bpy(suffix: str) -> None:
         if sys.version_info[:2] in BPY_PYTHONS:
             remedy = "install it with “pip install bpy”"
         else:
-            remedy = f"there is none for this {here}, only for {have}; use one of those"
+            remedy = f"there is no bpy for this {here}, only for {have}; use one of those"
         raise OutputError(
             f"writing {suffix} needs Blender's Python module bpy, which cannot be imported ({error}): {remedy}, "
             "or write .ply, .obj or .stl"

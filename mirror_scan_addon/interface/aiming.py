@@ -1,4 +1,4 @@
-"""Which point of the capture the mouse means, in the viewport."""
+"""Find the point of the capture under the mouse, in the viewport."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ if TYPE_CHECKING:
 
 
 SNAP_PX = 14.0
-"""How far from the mouse a point of the cloud is looked for [px at 100 % scale]."""
+"""How far from the mouse a point of the cloud is searched for [px at 100 % scale]."""
 
 DEPTH_TOLERANCE = 0.12
-"""How much deeper than the front-most point under the mouse a point may lie to be meant [m]."""
+"""How far behind the frontmost point under the mouse a point may lie and still be found [m]."""
 
 NAVIGATION = ("MIDDLEMOUSE", "WHEEL", "NUMPAD_", "TRACKPAD", "NDOF", "MOUSEROTATE", "MOUSESMARTZOOM", "HOME", "TIMER",
               "WINDOW", "MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "EVT_", "ACCENT_GRAVE")  # fmt: skip
-"""Beginnings of event types that are Blender's while picking."""
+"""Prefixes of the event types that are passed on to Blender while picking."""
 
 
 class Aim:
@@ -26,17 +26,17 @@ class Aim:
 
     def __init__(self, points: np.ndarray) -> None:
         self._points = points
-        self._picture = None  # the view that was looked from last, and the points as it shows them
+        self._picture = None  # the last view, and the points projected into it
 
     def nearest(self, context: bpy.types.Context, event: bpy.types.Event, region: bpy.types.Region) -> int | None:
-        """Index of the point that the mouse means; None where there is none."""
+        """Index of the point under the mouse; None if there is none."""
         from ...core.preview.point_picking import Picture
         from ..scene import point_cloud
 
         space = region.data
         view = space.view_matrix @ point_cloud.cloud_of(context.scene).matrix_world
         seen_as = (view.freeze(), space.window_matrix.copy().freeze(), region.width, region.height)
-        if self._picture is None or self._picture[0] != seen_as:  # as long as the view stands still, it is kept
+        if self._picture is None or self._picture[0] != seen_as:  # kept as long as the view does not move
             size = region.width, region.height
             self._picture = seen_as, Picture(self._points, view, space.window_matrix, size)
         scale = context.preferences.system.ui_scale
@@ -45,8 +45,8 @@ class Aim:
 
 
 def region_under(context, event, area_pointer: int):
-    """The window region of the viewport that picking was begun in, if the mouse is over it and over nothing that lies
-    on top of it: sidebars, headers, the navigation gizmo. Else None."""
+    """The window region of the viewport in which picking began, if the mouse is over it and not over anything in front
+    of it: sidebars, headers, the navigation gizmo. Else None."""
     area = next((area for area in context.window.screen.areas if area.as_pointer() == area_pointer), None)
     if area is None or area.type != "VIEW_3D":
         return None
@@ -72,7 +72,7 @@ def _inside(region, x: int, y: int) -> bool:
 
 
 def _on_gizmo(context, area, window, x: int, y: int, covered: int) -> bool:
-    """Whether the mouse is on the axes and buttons at the viewport's upper right."""
+    """Whether the mouse is on the axes and buttons at the upper right of the viewport."""
     space = area.spaces.active
     if not (space.show_gizmo and space.show_gizmo_navigate):
         return False
@@ -80,11 +80,11 @@ def _on_gizmo(context, area, window, x: int, y: int, covered: int) -> bool:
     ball = (context.preferences.view.gizmo_size_navigate_v3d + 20) * scale
     right = window.x + window.width - covered
     top = window.y + window.height
-    for region in area.regions:  # headers lie over the viewport where regions overlap
+    for region in area.regions:  # headers cover the viewport where regions overlap
         if region.type in ("HEADER", "TOOL_HEADER") and region.alignment == "TOP" and region.y < top:
             if region.height > 1 and _inside(window, region.x + region.width // 2, region.y):
                 top = min(top, region.y)
     if not right - ball <= x <= right:
         return False
-    # below the ball stand some small buttons in a column at its right
+    # below the ball there is a column of small buttons, at its right
     return y >= top - ball or (x >= right - 48 * scale and y >= top - ball - 150 * scale)

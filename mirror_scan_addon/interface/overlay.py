@@ -1,7 +1,7 @@
-"""What is drawn over the 3D viewport: the capture's points, the mirrors, and the problem that was jumped to.
+"""What is drawn over the 3D viewport: the capture's points, the mirrors, and the problem shown last.
 
 Everything is drawn from data in the file. Batches on the graphics card are kept while the data has the same stamp, and
-made again from it after undo, reload or a change; in a Blender without a window nothing of this runs.
+made again after undo, reload or a change. In a Blender without a window nothing is drawn.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ import bpy
 COLORS = {"GOOD": (0.25, 0.8, 0.35), "USABLE": (0.95, 0.7, 0.15), "BAD": (0.92, 0.22, 0.2), "NONE": (0.6, 0.6, 0.62)}
 """sRGB of a mirror by :func:`.scan_records.quality_of`: green, amber, red, grey."""
 
-UNLIMITED = ((-0.5, 0.5), (-1.0, 1.0))  # the rectangle drawn for a plane of unknown extent [m]
-LIFT = 0.01  # how far its glass is drawn before the plane, where an object of a virtual rig may lie [m]
-ARROW = 0.3  # length of a mirror's normal as it is drawn [m]
+UNLIMITED = ((-0.5, 0.5), (-1.0, 1.0))  # rectangle drawn for a plane of unknown extent [m]
+LIFT = 0.01  # the glass is drawn so far in front of its plane, where an object of a virtual rig may lie [m]
+ARROW = 0.3  # drawn length of a mirror's normal [m]
 
-_handlers: list[object] = []  # Blender takes a draw handler back only by what it gave
+_handlers: list[object] = []  # Blender removes a draw handler only by the handle it returned
 _batches: dict[object, tuple[object, object]] = {}  # what is on the graphics card: name → (key, batch)
 _hover: list[tuple[float, float, float]] = []  # the point under the mouse while picking
 
 
 def cloud_key(cloud: bpy.types.Object, settings: bpy.types.PropertyGroup, only_reflected: bool = False) -> tuple:
-    """What :func:`cloud_arrays` depends on, quick to compare."""
+    """Everything that :func:`cloud_arrays` depends on, quick to compare."""
     from ..scene.point_cloud import STAMP
 
     mesh, mode = cloud.data, settings.cloud_colors
@@ -35,9 +35,9 @@ def cloud_key(cloud: bpy.types.Object, settings: bpy.types.PropertyGroup, only_r
 
 
 def cloud_arrays(cloud: bpy.types.Object, settings: bpy.types.PropertyGroup, only_reflected: bool = False):
-    """Points (N, 3) float32 in the cloud's own frame and their colours (N, 4) uint8, as the panel's choices want them.
+    """Points (N, 3) float32 in the cloud's own frame and their colours (N, 4) uint8, as chosen in the panel.
 
-    Points that somebody edited are shown where they are now; colours that are not known yet fall back to the capture's.
+    Edited points are shown where they are now; colours that are not known yet fall back to distance.
     """
     import numpy as np
 
@@ -84,7 +84,7 @@ def cloud_arrays(cloud: bpy.types.Object, settings: bpy.types.PropertyGroup, onl
 
 
 def mirror_corners(plane: dict) -> list[tuple[float, float, float]]:
-    """The corners of a mirror's glass, camera frame [m], and of unlimited glass those of a piece of it."""
+    """The corners of a mirror's glass in the camera frame [m]; of a plane of unknown extent, those of a part of it."""
     (left, right), (top, bottom) = plane.get("rectangle") or UNLIMITED
     point, basis = plane["point"], plane["basis"]
     return [
@@ -94,13 +94,14 @@ def mirror_corners(plane: dict) -> list[tuple[float, float, float]]:
 
 
 def pick_positions(cloud: bpy.types.Object, settings: bpy.types.PropertyGroup) -> list[list[tuple]]:
-    """Where the picks of each mirror lie, camera frame [m]; a pick without a reading near it is left out."""
+    """Positions of the picks of each mirror in the camera frame [m]; a pick without a reading near it is left out."""
     import numpy as np
 
     from ..scene.point_cloud import read_cloud
 
     arrays = read_cloud(cloud)
-    width, height = arrays.intrinsics.width, arrays.intrinsics.height
+    intrinsics = arrays.intrinsics
+    width, height = intrinsics.width, intrinsics.height
     depth = arrays.depth
     places = []
     for item in settings.mirrors:
@@ -113,18 +114,18 @@ def pick_positions(cloud: bpy.types.Object, settings: bpy.types.PropertyGroup) -
             if len(rows):
                 nearest = np.argmin((rows + low_v - v) ** 2 + (columns + low_u - u) ** 2)
                 z = float(window[rows[nearest], columns[nearest]])
-                lens = arrays.intrinsics
-                mine.append(((u - lens.cx) / lens.fx * z, (v - lens.cy) / lens.fy * z, z))
+                mine.append(((u - intrinsics.cx) / intrinsics.fx * z, (v - intrinsics.cy) / intrinsics.fy * z, z))
         places.append(mine)
     return places
 
 
 def set_hover(point) -> None:
-    """Mark the point under the mouse, in the cloud's frame; None marks nothing."""
+    """Mark a point under the mouse, in the cloud's frame; None removes the mark."""
     _hover[:] = [] if point is None else [tuple(map(float, point))]
 
 
 def hovered() -> tuple | None:
+    """The point that is marked under the mouse."""
     return _hover[0] if _hover else None
 
 
@@ -144,7 +145,7 @@ def _visible_cloud(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def _draw_view() -> None:
-    """After the scene: points and mirrors, in space."""
+    """Draw points and mirrors in 3D, after the scene."""
     import gpu
 
     context = bpy.context
@@ -196,7 +197,7 @@ def _draw_points(name: str, cloud, settings, only_reflected: bool) -> None:
 
 
 def _point_shader(kind: str, size: float):
-    """The built-in shader for points of that size; Blender 4.5 sets the size apart from it."""
+    """The built-in shader for points of that size; in Blender 4.5 the size is set separately."""
     import gpu
 
     gpu.state.point_size_set(size)
@@ -266,7 +267,7 @@ def _safe_pick_positions(cloud, settings) -> list:
 
     try:
         return pick_positions(cloud, settings)
-    except CaptureError:  # somebody's edits left no depth map; the operators say so when they are called
+    except CaptureError:  # edits left no depth map; the operators report that when they are called
         return []
 
 
@@ -284,7 +285,7 @@ def _arrow_head(plane: dict, tip: tuple) -> list:
 
 
 def _draw_text() -> None:
-    """On top, in pixels: the mirrors' names and residuals, and the problem."""
+    """Draw the mirrors' names and residuals, and the problem, in 2D on top of everything."""
     import blf
     from bpy_extras.view3d_utils import location_3d_to_region_2d
     from mathutils import Vector
@@ -318,8 +319,8 @@ def _draw_text() -> None:
     _draw_problem(context, region, space, scale)
 
 
-def _uncovered(context: bpy.types.Context) -> tuple[float, float]:
-    """From where to where the viewport is not covered by toolbar and sidebar [px]."""
+def _visible_range(context: bpy.types.Context) -> tuple[float, float]:
+    """Left and right end of the part of the viewport that toolbar and sidebar do not cover [px]."""
     region, left, right = context.region, 0.0, float(context.region.width)
     for other in context.area.regions:
         if other.type in ("TOOLS", "UI") and other.width > 1 and other.x < region.x + region.width:
@@ -331,10 +332,10 @@ def _uncovered(context: bpy.types.Context) -> tuple[float, float]:
 
 
 def _label(blf, text: str, at, color, scale: float) -> None:
-    """Text above a place, moved aside where a sidebar would cover part of it; none where it covers the place."""
+    """Draw text above a place, moved aside if a sidebar would cover part of it; nothing if it covers the place."""
     blf.size(0, 13 * scale)
     width, height = blf.dimensions(0, text)
-    left, right = _uncovered(bpy.context)
+    left, right = _visible_range(bpy.context)
     if not left <= at[0] <= right:
         return
     blf.enable(0, blf.SHADOW)

@@ -1,7 +1,7 @@
-"""The “Mirror Scan” tab of the 3D viewport's sidebar, top to bottom the way the work goes.
+"""The “Mirror Scan” tab of the 3D viewport's sidebar: the steps of the work from top to bottom.
 
-Each step says its state in its header and what is missing below it; a button that cannot be pressed says why when the
-mouse rests on it (``poll`` messages).
+The header of each step shows whether it is done, the panel what is missing; the tooltip of a disabled button says why
+it is disabled (``poll`` messages).
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from ..scene.avatar_objects import shown_mode
 from ..scene.properties import QUALITY_KEPT
 from ..scene.scan_records import no_mesh
 
-NARROW = 250  # below this width of the sidebar labels go into their fields instead of beside them [px at 100 % scale]
-MARGIN, ICON = 64, 20  # what tabs and panel borders take of the sidebar's width, and an icon [px at 100 % scale]
+NARROW = 250  # width of the sidebar below which labels are above their fields, not beside them [px at 100 % scale]
+MARGIN, ICON = 64, 20  # width of tabs and panel borders, and of an icon [px at 100 % scale]
 ICONS = {"GOOD": "CHECKMARK", "USABLE": "ERROR", "BAD": "CANCEL", "NONE": "DOT", "OK": "CHECKMARK", "WARN": "ERROR",
          "": "BLANK1"}  # fmt: skip
 
@@ -31,7 +31,7 @@ class _Panel:
 
 
 def _width() -> float:
-    """Of the sidebar that is drawn [px at 100 % scale]; elsewhere what a sidebar has at first."""
+    """Width of the sidebar that is drawn [px at 100 % scale]; elsewhere the default width of a sidebar."""
     region = bpy.context.region
     if region is None or region.type != "UI":
         return 280.0
@@ -39,12 +39,12 @@ def _width() -> float:
 
 
 def _icon(name: str) -> str:
-    """An icon for a button that others stand beside, where there is room for it."""
+    """An icon for a button in a row of several, if there is room for it."""
     return name if _width() >= NARROW else "NONE"
 
 
 def _text(layout: bpy.types.UILayout, text: str, icon: str = "NONE") -> None:
-    """A sentence over as many lines as the sidebar's width asks for; Blender's labels do not wrap."""
+    """A sentence on as many lines as it needs in the sidebar's width; Blender's labels do not wrap."""
     import blf
 
     style = bpy.context.preferences.ui_styles[0].widget
@@ -74,7 +74,7 @@ def _fields(layout: bpy.types.UILayout) -> bpy.types.UILayout:
 
 
 def _field(column: bpy.types.UILayout, owner: bpy.types.bpy_struct, name: str, text: str = "") -> None:
-    """A setting with its name beside it, or above it where the sidebar is too narrow for both."""
+    """A setting with its name beside it, or above it if the sidebar is too narrow for both."""
     known = owner.bl_rna.properties[name]
     text = text or known.name
     if _width() >= NARROW or known.type == "BOOLEAN":
@@ -86,7 +86,7 @@ def _field(column: bpy.types.UILayout, owner: bpy.types.bpy_struct, name: str, t
 
 
 def _table(layout: bpy.types.UILayout, lines: list[tuple[str, str, str]]) -> None:
-    """Label, value and a mark for each line; one below the other where the sidebar is too narrow for both."""
+    """Label, value and a mark for each line; the value below the label if the sidebar is too narrow for both."""
     import blf
 
     blf.size(0, bpy.context.preferences.ui_styles[0].widget.points)
@@ -103,7 +103,7 @@ def _table(layout: bpy.types.UILayout, lines: list[tuple[str, str, str]]) -> Non
         row.label(text=value, icon=ICONS[mark] if mark else "NONE", translate=False)
 
 
-def _step_done(layout: bpy.types.UILayout, done: bool) -> None:
+def _draw_step_mark(layout: bpy.types.UILayout, done: bool) -> None:
     layout.label(text="", icon="CHECKMARK" if done else "DOT")
 
 
@@ -116,7 +116,7 @@ class MIRRORSCAN_PT_capture(_Panel, bpy.types.Panel):
     bl_label = "Capture"
 
     def draw_header(self, context: bpy.types.Context) -> None:
-        _step_done(self.layout, _cloud(context) is not None)
+        _draw_step_mark(self.layout, _cloud(context) is not None)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -150,7 +150,7 @@ def _draw_pictures(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup
     row = layout.row(align=True)
     for image in (settings.color_image, settings.depth_image):
         if image is not None and image.preview is not None:
-            # as large as fits twice beside each other; Blender leaves the height of a larger one empty
+            # so large that two fit side by side; Blender leaves the height of a larger one empty
             scale = min(6.0, (_width() - MARGIN) / 2 / ICON)
             row.template_icon(icon_value=image.preview.icon_id, scale=scale)
 
@@ -168,7 +168,7 @@ def _draw_facts(layout: bpy.types.UILayout, cloud: bpy.types.Object) -> None:
     sensor = str(info.get("sensor", "unknown"))
     lines = [
         (say("Format"), str(info.get("format", "")), ""),
-        (say("Camera"), say("not told") if sensor == "unknown" else sensor, ""),
+        (say("Camera"), say("unknown") if sensor == "unknown" else sensor, ""),
         (say("Size"), f"{width} × {height} px", ""),
         (say("Frames"), str(frames), ""),
         (say("Points"), f"{len(cloud.data.vertices):,}", ""),
@@ -177,7 +177,7 @@ def _draw_facts(layout: bpy.types.UILayout, cloud: bpy.types.Object) -> None:
 
 
 def _draw_progress(layout: bpy.types.UILayout, context: bpy.types.Context, *operators: str) -> None:
-    """How far the job is, below the button that began it: in the panel of its operator, and in no other."""
+    """Progress of the running job, below the button that started it; nothing for the jobs of other operators."""
     progress = context.window_manager.mirror_scan
     if progress.operator not in operators or progress.picking or not job_operators.running(context):
         return
@@ -188,7 +188,7 @@ def _draw_progress(layout: bpy.types.UILayout, context: bpy.types.Context, *oper
 
 
 class MIRRORSCAN_PT_reading(_Panel, bpy.types.Panel):
-    bl_label = "Reading"
+    bl_label = "Load Options"
     bl_parent_id = "MIRRORSCAN_PT_capture"
     bl_options = {"DEFAULT_CLOSED"}
 
@@ -197,7 +197,8 @@ class MIRRORSCAN_PT_reading(_Panel, bpy.types.Panel):
         column = _fields(self.layout)
         for name in scan_records.READING:
             _field(column, reading, name)
-        _text(self.layout, say("For what the files do not say, or say wrongly; then load the capture again"), "INFO")
+        text = say("For what the capture's files lack, or have wrong. Load the capture again after a change")
+        _text(self.layout, text, "INFO")
 
 
 class MIRRORSCAN_UL_mirrors(bpy.types.UIList):
@@ -213,7 +214,7 @@ class MIRRORSCAN_UL_mirrors(bpy.types.UIList):
             figure = say("given")
         else:
             figure = f"{item.residual_mm:.1f} mm"
-        # Side by side where there is room for both, else the name alone: the figure stands below the list too.
+        # Side by side if there is room for both, else only the name: the figure is also shown below the list.
         row = layout.split(factor=0.62) if _width() >= NARROW else layout
         row.prop(item, "name", text="", emboss=False, icon=ICONS[quality])
         if row is not layout:
@@ -227,7 +228,7 @@ class MIRRORSCAN_PT_mirrors(_Panel, bpy.types.Panel):
 
     def draw_header(self, context: bpy.types.Context) -> None:
         mirrors = context.scene.mirror_scan.mirrors
-        _step_done(
+        _draw_step_mark(
             self.layout, bool(mirrors) and all(scan_records.quality_of(item) in ("GOOD", "USABLE") for item in mirrors)
         )
 
@@ -248,7 +249,7 @@ class MIRRORSCAN_PT_mirrors(_Panel, bpy.types.Panel):
         if context.window_manager.mirror_scan.picking:
             _draw_keys(layout)
         if not settings.mirrors:
-            _text(layout, say("No mirror yet. Find them, or click points on their frames"), "INFO")
+            _text(layout, say("No mirrors yet. Find them, or click points on their frames"), "INFO")
             return
         row = layout.row()
         row.template_list("MIRRORSCAN_UL_mirrors", "", settings, "mirrors", settings, "mirror_index", rows=3)
@@ -272,7 +273,7 @@ def _draw_keys(layout: bpy.types.UILayout) -> None:
     for keys, meaning in (
         (say("Click"), say("pick a point, or drag one")),
         (say("Right click"), say("remove a point")),
-        (say("Backspace"), say("drop the last point")),
+        (say("Backspace"), say("remove the last point")),
         (say("Tab"), say("next mirror")),
         (say("Enter"), say("accept")),
         (say("Esc"), say("cancel")),
@@ -288,16 +289,16 @@ def _draw_mirror(layout: bpy.types.UILayout, item: bpy.types.PropertyGroup) -> N
     if item.message:
         _text(layout, tell(item.message), "CANCEL")
     elif plane is None:
-        _text(layout, say("Pick points on its frame, not on its glass; 8 on all four sides are best"), "INFO")
+        _text(layout, say("Pick points on its frame, not on the glass; 8 on all four sides are best"), "INFO")
     elif item.source != "given":
         words = {
-            "GOOD": say("Good: the frame lies within {residual:.1f} mm of a plane"),
-            "USABLE": say("Usable: the frame lies within {residual:.1f} mm of a plane; more frames help"),
-            "BAD": say("Poor: {residual:.1f} mm off a plane. Are all points on the frame, none on the glass?"),
+            "GOOD": say("Good: the frame is flat to {residual:.1f} mm"),
+            "USABLE": say("Usable: the frame is flat to {residual:.1f} mm; a longer burst helps"),
+            "BAD": say("Poor: the frame is {residual:.1f} mm off a plane. Are all points on the frame, not the glass?"),
         }[quality]
         _text(layout, words.format(residual=item.residual_mm), ICONS[quality])
         if not plane.get("refined", True):
-            _text(layout, say("The frame was not found around the points; pick more of them"), "ERROR")
+            _text(layout, say("The frame was not found around the points; pick more points"), "ERROR")
 
 
 class MIRRORSCAN_PT_subject(_Panel, bpy.types.Panel):
@@ -306,7 +307,7 @@ class MIRRORSCAN_PT_subject(_Panel, bpy.types.Panel):
 
     def draw_header(self, context: bpy.types.Context) -> None:
         subject = context.scene.mirror_scan.subject
-        _step_done(self.layout, bool(subject.message) and not subject.stale)
+        _draw_step_mark(self.layout, bool(subject.message) and not subject.stale)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -325,21 +326,21 @@ class MIRRORSCAN_PT_subject(_Panel, bpy.types.Panel):
         if live_subject.searching(context.scene) and not job_operators.running(context):
             _text(layout, say("Searching for the person"), "SORTTIME")
         elif subject.stale:
-            _text(layout, say("Press Find Subject again: it was searched for with other settings"), "FILE_REFRESH")
+            _text(layout, say("The settings have changed; press Find Subject again"), "FILE_REFRESH")
         elif subject.problem:
             _text(layout, tell(subject.problem), "ERROR")
         elif subject.message:
             _text(layout, subject.message, "CHECKMARK")
             _text(layout, say("Person orange, floor green, too far red, room grey"))
         else:
-            _text(layout, say("Optional: the build does this by itself. Look here when it takes a chair for a leg"))
+            _text(layout, say("Optional: Build Avatar does this too. Use it if furniture becomes part of the avatar"))
 
 
 class MIRRORSCAN_PT_build(_Panel, bpy.types.Panel):
     bl_label = "Build"
 
     def draw_header(self, context: bpy.types.Context) -> None:
-        _step_done(self.layout, report_text.avatar_report(context.object) is not None)
+        _draw_step_mark(self.layout, report_text.avatar_report(context.object) is not None)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -354,15 +355,15 @@ class MIRRORSCAN_PT_build(_Panel, bpy.types.Panel):
         if not ready:
             _text(layout, say("Load a capture first"), "INFO")
         elif not settings.mirrors:
-            _text(layout, say("No mirror is chosen: the capture's own are used, or they are found"), "INFO")
+            _text(layout, say("No mirrors yet: those of the capture are used, or they are found automatically"), "INFO")
         else:
             bad = [item.name for item in settings.mirrors if scan_records.quality_of(item) in ("BAD", "NONE")]
             if bad:
-                _text(layout, say("Look at these mirrors first: {names}").format(names=", ".join(bad)), "ERROR")
+                _text(layout, say("Check these mirrors first: {names}").format(names=", ".join(bad)), "ERROR")
 
 
 class MIRRORSCAN_OT_add_quality_preset(AddPresetBase, bpy.types.Operator):
-    """Keep the quality settings as a preset, or remove one"""
+    """Save the quality settings as a preset, or remove a preset"""
 
     bl_idname = "mirror_scan.add_quality_preset"
     bl_label = "Add Quality Preset"
@@ -405,7 +406,7 @@ class MIRRORSCAN_PT_check(_Panel, bpy.types.Panel):
         if report_text.problems_of(report):
             self.layout.label(text="", icon="ERROR")
         else:
-            _step_done(self.layout, "problems" in report)
+            _draw_step_mark(self.layout, "problems" in report)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -415,7 +416,7 @@ class MIRRORSCAN_PT_check(_Panel, bpy.types.Panel):
         layout.operator("mirror_scan.check", icon="VIEWZOOM", text_ctxt=CONTEXT)
         _draw_progress(layout, context, "mirror_scan.check")
         if report is None:
-            _text(layout, say("Select an avatar to see how it came out"), "INFO")
+            _text(layout, say("Select an avatar to see its report"), "INFO")
             return
         _table(layout, report_text.summary(report, context.scene))
         lines = report_text.distances(report)
@@ -437,14 +438,14 @@ class MIRRORSCAN_PT_check(_Panel, bpy.types.Panel):
 def _draw_problems(layout: bpy.types.UILayout, context: bpy.types.Context, report: dict) -> None:
     problems = report_text.problems_of(report)
     if not problems:
-        layout.label(text=say("No problem found"), icon="CHECKMARK", translate=False)
+        layout.label(text=say("No problems found"), icon="CHECKMARK", translate=False)
         return
     number = context.scene.mirror_scan.problem_index
     row = layout.row(align=True)
     row.operator("mirror_scan.jump_to_problem", text="", icon="TRIA_LEFT").direction = "PREVIOUS"
     middle = row.row(align=True)
     middle.alignment = "CENTER"
-    count = say("Places to look at: {count}").format(count=len(problems))
+    count = say("Problems: {count}").format(count=len(problems))
     middle.label(text=f"{number} / {len(problems)}" if 0 < number <= len(problems) else count, translate=False)
     row.operator("mirror_scan.jump_to_problem", text="", icon="TRIA_RIGHT").direction = "NEXT"
     if 0 < number <= len(problems):
@@ -484,8 +485,8 @@ class MIRRORSCAN_PT_rig(_Panel, bpy.types.Panel):
             if active.mirror_scan.is_mirror:
                 _field(column, active.mirror_scan, "frame_width")
                 _field(column, active.mirror_scan, "frame_depth")
-        message = context.scene.mirror_scan.rig_message
-        _text(layout, message or say("Try a rig before buying glass: select a body, add a rig, scan it"), "INFO")
+        advice = say("Try a rig before you buy mirrors: select a body, add a rig, run a virtual scan")
+        _text(layout, context.scene.mirror_scan.rig_message or advice, "INFO")
 
 
 register, unregister = bpy.utils.register_classes_factory(

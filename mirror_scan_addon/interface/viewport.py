@@ -1,4 +1,4 @@
-"""3D viewports: find one, look from the camera, look at an avatar."""
+"""3D viewports: find one, have it look from the camera or at an object."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import bpy
 
 
 def viewport(context: bpy.types.Context) -> bpy.types.Area | None:
-    """The 3D viewport that was clicked in, else any in this window."""
+    """The 3D viewport that was clicked in, else any 3D viewport of this window."""
     if context.area is not None and context.area.type == "VIEW_3D":
         return context.area
     areas = () if context.screen is None else context.screen.areas
@@ -30,14 +30,14 @@ def look_from_camera(context: bpy.types.Context, cloud: bpy.types.Object) -> Non
 
 
 def show_within(area: bpy.types.Area, near: float, far: float) -> None:
-    """Have a 3D viewport leave out nothing that is between ``near`` and ``far`` from the eye [Blender units]: in a
-    scene of millimetres a room is larger than what a viewport shows at first."""
+    """Have a 3D viewport show everything between ``near`` and ``far`` from the eye [Blender units]: in a scene in
+    millimetres, a room is larger than the default range of a viewport."""
     space = area.spaces.active
     space.clip_start, space.clip_end = min(space.clip_start, near), max(space.clip_end, far)
 
 
 def look_at(context: bpy.types.Context, target: bpy.types.Object) -> None:
-    """Have the 3D viewport frame an object that is selected; nothing happens without one."""
+    """Have the 3D viewport frame the selected object; nothing happens without a viewport."""
     area = viewport(context)
     region = None if area is None else next((region for region in area.regions if region.type == "WINDOW"), None)
     if region is None or bpy.app.background:

@@ -1,4 +1,4 @@
-"""Operators, an idea a file. Nothing heavy is imported here: numpy and core's stages are when a button is pressed."""
+"""Operators, one topic per file. numpy and the stages of core are imported only when a button is pressed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Capture → avatar in the scene."""
+"""Build an avatar in the scene from a capture."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO", "PRESET"}
 
     filepath: StringProperty(
-        name="Capture", description="Folder or file of the capture. Leave empty for the one loaded in the scene",
+        name="Capture", description="Folder or file of the capture. Leave empty to use the one loaded in the scene",
         subtype="FILE_PATH", options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     mirrors_filepath: StringProperty(
         name="Mirrors",
-        description="File with points picked on the mirrors' frames. Leave empty for the scene's mirrors",
+        description="File with points picked on the mirrors' frames. Leave empty to use the mirrors of the scene",
         subtype="FILE_PATH", options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     frames: IntProperty(
         name="Frames",
-        description="How many depth frames of the burst to average, 0 for all. Taken from the scene unless given",
+        description="How many depth frames of the burst are averaged. 0 = all. Taken from the scene unless given",
         default=0, min=0, soft_max=60, options={"SKIP_SAVE"}, translation_context=CONTEXT,
     )  # fmt: skip
 
@@ -67,12 +67,12 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
         arrays = None
         if points is not None:
             try:
-                gone = not path or not os.path.exists(scan_records.absolute(path))
+                missing = not path or not os.path.exists(scan_records.absolute(path))
             except CaptureError:  # relative to a .blend that is not saved
-                gone = True
-            if gone:
+                missing = True
+            if missing:
                 if path:
-                    text = say("{path}: is not there any more; built from the points kept in this file instead")
+                    text = say("{path}: no longer exists; the avatar is built from the points kept in this file")
                     self.report({"WARNING"}, text.format(path=path))
                 path, arrays = "", point_cloud.read_cloud(points)
         path = scan_records.absolute(path)
@@ -82,7 +82,7 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         from ..scene import avatar_objects, point_cloud
 
-        # The user may be in another scene by now; the avatar belongs where the button was pressed.
+        # The user may be in another scene by now; the avatar goes to the scene in which the button was pressed.
         here = target == context.scene
         collection = avatar_objects.target_collection(context, target)
         unit = metres_per_unit(target)
@@ -92,7 +92,7 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
         points = point_cloud.cloud_of(target)
         if self._aligns and points is not None and points.library is None:
             point_cloud.place(points, result.report["camera_to_avatar"], unit)
-            settings.show_cloud = False  # it would cover the avatar that it now coincides with
+            settings.show_cloud = False  # the points lie on the avatar now and would hide it
             if not settings.mirrors:
                 scan_records.set_records(settings, result.mirrors)
         if here:
@@ -102,7 +102,7 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
                 look_at(context, avatar)
         dropped = len(result.mesh.triangles) - len(avatar.data.polygons)
         if dropped:
-            text = say("{name}: Blender removed {count} degenerate or doubled faces")
+            text = say("{name}: Blender removed {count} degenerate or duplicate faces")
             self.report({"WARNING"}, text.format(name=avatar.name, count=dropped))
         for warning in result.warnings:
             self.report({"WARNING"}, tell(warning))
@@ -111,7 +111,7 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
 
 
 def _show_colors(context: bpy.types.Context) -> None:
-    """A viewport in Solid mode that shows materials' colours shows those of the mesh instead."""
+    """Have a viewport in Solid mode show the colours of the mesh instead of those of its materials."""
     space = context.space_data
     if space is not None and space.type == "VIEW_3D" and space.shading.type == "SOLID":
         if space.shading.color_type == "MATERIAL":

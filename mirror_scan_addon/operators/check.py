@@ -1,4 +1,4 @@
-"""Is the avatar sound, and where is it not."""
+"""Check an avatar, and show its problems."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..scene.units import metres_per_unit
 
 
 class MIRRORSCAN_OT_check(job_operators.JobOperator, bpy.types.Operator):
-    """Look the selected mesh over: is it closed, in one piece, free of crossings; and where it is not"""
+    """Check whether the selected mesh is closed, in one piece and does not intersect itself, and list its problems"""
 
     bl_idname = "mirror_scan.check"
     bl_label = "Check Avatar"
@@ -42,7 +42,7 @@ class MIRRORSCAN_OT_check(job_operators.JobOperator, bpy.types.Operator):
 
         avatar = next((item for item in bpy.data.objects if item.session_uid == self._uid), None)
         if avatar is None:
-            raise OutputError(say("The object that was checked is gone"))
+            raise OutputError(say("The object that was checked no longer exists"))
         report = report_text.avatar_report(avatar) or {}
         mesh = report.setdefault("mesh", {})
         mesh.update({name: value for name, value in result.report.items() if name != "min_angle_deg"})
@@ -52,7 +52,7 @@ class MIRRORSCAN_OT_check(job_operators.JobOperator, bpy.types.Operator):
         else:
             mesh.pop("volume_l", None)
         report["problems"] = [
-            # in the object's own frame, where they stay when it is moved; sizes are metres
+            # in the object's own frame, so that they move along with it; sizes are in metres
             place | {name: (self._size**-1 * place[name]).tolist() for name in ("point", "normal")}
             for place in result.problems
         ]
@@ -60,14 +60,14 @@ class MIRRORSCAN_OT_check(job_operators.JobOperator, bpy.types.Operator):
         target.mirror_scan.problem_index = 0
         if result.problems:
             worst = report_text.problem_text(result.problems[0], target)
-            text = say("{name}: places to look at: {count}; first: {worst}")
+            text = say("{name}: problems found: {count}; the worst: {worst}")
             self.report({"INFO"}, text.format(name=avatar.name, count=len(result.problems), worst=worst))
         else:
-            self.report({"INFO"}, say("{name}: closed, in one piece, no problem found").format(name=avatar.name))
+            self.report({"INFO"}, say("{name}: closed, in one piece, no problems found").format(name=avatar.name))
 
 
 class MIRRORSCAN_OT_jump_to_problem(bpy.types.Operator):
-    """Turn the view to a problem of the selected avatar and mark it"""
+    """Show a problem of the selected avatar and mark it"""
 
     bl_idname = "mirror_scan.jump_to_problem"
     bl_label = "Jump to Problem"
@@ -75,24 +75,24 @@ class MIRRORSCAN_OT_jump_to_problem(bpy.types.Operator):
     bl_options = {"REGISTER"}
 
     direction: EnumProperty(
-        name="Direction", description="Which problem to go to",
-        items=(("NEXT", "Next", "The next in the list"), ("PREVIOUS", "Previous", "The one before"),
-               ("NUMBER", "Number", "The one with that number")),
+        name="Direction", description="Which problem to show",
+        items=(("NEXT", "Next", "The next problem"), ("PREVIOUS", "Previous", "The previous problem"),
+               ("NUMBER", "Number", "The problem with the given number")),
         options={"SKIP_SAVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     number: IntProperty(
-        name="Number", description="Which problem, counted from 1", default=1, min=1, options={"SKIP_SAVE"},
-        translation_context=CONTEXT,
+        name="Number", description="Number of the problem, counted from 1", default=1, min=1,
+        options={"SKIP_SAVE"}, translation_context=CONTEXT,
     )  # fmt: skip
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
-        """Of the button that the mouse rests on."""
+        """Tooltip of the button under the mouse."""
         if properties.direction == "NUMBER":
-            return say("Turn the view to a problem of the selected avatar and mark it")
+            return say("Show a problem of the selected avatar and mark it")
         if properties.direction == "NEXT":
-            return say("Turn the view to the next problem of the selected avatar and mark it")
-        return say("Turn the view to the problem before this one and mark it")
+            return say("Show the next problem of the selected avatar and mark it")
+        return say("Show the previous problem of the selected avatar and mark it")
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -104,7 +104,7 @@ class MIRRORSCAN_OT_jump_to_problem(bpy.types.Operator):
             if report is None or "problems" not in report:
                 problem = say("Check the avatar first")
             elif not report["problems"]:
-                problem = say("The avatar has no problem")
+                problem = say("The avatar has no problems")
         return scan_records.allows(cls, problem)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -115,7 +115,7 @@ class MIRRORSCAN_OT_jump_to_problem(bpy.types.Operator):
             return {"CANCELLED"}
         if self.direction == "NUMBER":
             if self.number > len(problems):
-                text = say("No problem has the number {number}; the last one has {count}")
+                text = say("There is no problem number {number}; the last one is number {count}")
                 self.report({"ERROR"}, text.format(number=self.number, count=len(problems)))
                 return {"CANCELLED"}
             number = self.number
@@ -125,15 +125,15 @@ class MIRRORSCAN_OT_jump_to_problem(bpy.types.Operator):
                 number = 1 if self.direction == "NEXT" else len(problems)
         settings.problem_index = number
         place = problems[number - 1]
-        _look_at(context, avatar, place)
+        _look_at_problem(context, avatar, place)
         text = say("{number} of {count}: {problem}")
         problem = report_text.problem_text(place, context.scene)
         self.report({"INFO"}, text.format(number=number, count=len(problems), problem=problem))
         return {"FINISHED"}
 
 
-def _look_at(context: bpy.types.Context, avatar: bpy.types.Object, place: dict) -> None:
-    """Turn the 3D viewport to look at a place from where its surface faces."""
+def _look_at_problem(context: bpy.types.Context, avatar: bpy.types.Object, place: dict) -> None:
+    """Have the 3D viewport look straight at the surface of a problem, from outside."""
     from mathutils import Vector
 
     area = viewport(context)

@@ -1,4 +1,4 @@
-"""What the avatar's colours say."""
+"""Choose what the colours of an avatar show."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..scene.scan_records import no_mesh, not_ours
 
 
 class MIRRORSCAN_OT_color_by(bpy.types.Operator):
-    """Show another property of the selected avatar's surface as its colours"""
+    """Choose what the colours of the selected avatar show"""
 
     bl_idname = "mirror_scan.color_by"
     bl_label = "Colour By"
@@ -22,18 +22,18 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     mode: EnumProperty(
-        name="Colour By", description="What the colours say",
+        name="Colour By", description="What the colours show",
         items=(
             ("CAPTURE", "Capture", "The colours of the capture"),
-            ("VIEW", "View", "Which view the surface is from: direct yellow, each mirror its own colour, made up grey"),
-            ("KIND", "Kind", "How the surface came about: measured grey, seam between two views red, fill blue"),
+            ("VIEW", "View", "Which view saw the surface: direct yellow, each mirror a colour of its own, none grey"),
+            ("KIND", "Kind", "How the surface was made: measured grey, seam between two views red, filled blue"),
         ),
         translation_context=CONTEXT,
     )  # fmt: skip
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
-        """Of the button that the mouse rests on."""
+        """Tooltip of the button under the mouse."""
         return say(properties.bl_rna.properties["mode"].enum_items[properties.mode].description)
 
     @classmethod
@@ -68,16 +68,16 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
         name = DERIVED.get(self.mode, avatar_objects.COLOR)
         if colors_of is None:
             if data.color_attributes.get(avatar_objects.COLOR) is None:
-                raise OutputError(say("{name} has no colours of a capture").format(name=avatar.name))
+                raise OutputError(say("{name} has no colours from a capture").format(name=avatar.name))
         else:
             values = avatar_objects.integers(data, label, domain)
             if values is None:
-                text = say("{name} does not know this; only avatars that Mirror Scan built do")
+                text = say("{name} has no such data; only avatars built by Mirror Scan have it")
                 raise OutputError(text.format(name=avatar.name))
             if self.mode == "KIND" and (values.min() < 0 or values.max() > 2):
-                raise OutputError(say("{name}: “kind” holds numbers that mean nothing").format(name=avatar.name))
+                raise OutputError(say("{name}: “kind” has values other than 0, 1 and 2").format(name=avatar.name))
             colors = colors_of(values)
-            if domain == "FACE":  # colours of a face are those of its corners
+            if domain == "FACE":  # Blender keeps the colours of a face at its corners
                 totals = np.empty(len(data.polygons), np.int32)
                 data.polygons.foreach_get("loop_total", totals)
                 colors = np.repeat(colors, totals, axis=0)
@@ -86,7 +86,7 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
         for other in DERIVED.values():
             if other != name and (attribute := data.attributes.get(other)) is not None:
                 data.attributes.remove(attribute)
-        avatar_objects.show_colors(avatar, name)  # indices have moved
+        avatar_objects.show_colors(avatar, name)  # their indices have changed
 
 
 CLASSES = (MIRRORSCAN_OT_color_by,)

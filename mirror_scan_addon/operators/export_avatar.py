@@ -1,4 +1,4 @@
-"""The selected avatar → a file, in the formats Blender has."""
+"""Write the selected avatar to a file, in one of Blender's formats."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from ..scene.scan_records import no_mesh
 FORMATS = (
     ("GLB", "glTF Binary (.glb)", "For the web and most 3D programs; with colours, in metres"),
     ("FBX", "FBX (.fbx)", "For game engines; with colours, in metres"),
-    ("OBJ", "Wavefront (.obj)", "Read by nearly everything; with colours after each vertex"),
-    ("PLY", "Stanford (.ply)", "For scans and point processing; with colours, no rounding"),
+    ("OBJ", "Wavefront (.obj)", "Read by nearly every program; with a colour for each vertex"),
+    ("PLY", "Stanford (.ply)", "For scans and point clouds; with colours, in full precision"),
     ("STL", "STL (.stl)", "For 3D printing; no colours"),
-    ("USDC", "Universal Scene Description (.usdc)", "For film and Apple's devices; with colours"),
+    ("USDC", "Universal Scene Description (.usdc)", "For film and Apple devices; with colours"),
     ("ABC", "Alembic (.abc)", "For film; with colours"),
-    ("BLEND", "Blender (.blend)", "The avatar alone, to append or link elsewhere"),
+    ("BLEND", "Blender (.blend)", "Only the avatar, to append or link in other files"),
 )
 
 
@@ -37,13 +37,13 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
         options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     format: EnumProperty(
-        name="Format", description="Kind of file; taken from the file's ending unless given", items=FORMATS,
+        name="Format", description="Format of the file. Taken from the file extension unless given", items=FORMATS,
         translation_context=CONTEXT,
     )  # fmt: skip
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
-        """Of the button that the mouse rests on."""
+        """Tooltip of the button under the mouse."""
         if not properties.is_property_set("format"):
             return ""
         item = properties.bl_rna.properties["format"].enum_items[properties.format]
@@ -54,7 +54,7 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         problem = no_mesh(context)
         if not problem and context.mode != "OBJECT":
-            problem = say("Leave the editing mode first: this works in Object Mode")
+            problem = say("Switch to Object Mode first")
         if not problem and job_operators.running(context):
             problem = say("Mirror Scan is busy; wait or press Esc")
         return scan_records.allows(cls, problem)
@@ -72,7 +72,7 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def check(self, context: bpy.types.Context) -> bool:
-        """In the file browser: the name's ending follows the format."""
+        """In the file browser: the extension of the name follows the format."""
         import os
 
         stem, ending = os.path.splitext(self.filepath)
@@ -88,7 +88,7 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
 
         try:
             if not self.filepath:
-                raise OutputError(say("Give the name of a file to write"))
+                raise OutputError(say("Enter the name of the file to write"))
             path = scan_records.absolute(self.filepath)
             if os.path.isdir(path):
                 path = os.path.join(path, bpy.path.clean_name(context.object.name))
@@ -97,7 +97,7 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
             if not self.properties.is_property_set("format") and ending:
                 kind = _endings().get(ending)
                 if kind is None:
-                    text = say("{path}: {ending} is none of the formats; use {formats}")
+                    text = say("{path}: {ending} is not one of the formats; use {formats}")
                     raise OutputError(text.format(path=path, ending=ending, formats=" ".join(sorted(_endings()))))
             wanted = next(end for end, name in _endings().items() if name == kind)
             if _endings().get(ending) != kind:
@@ -114,7 +114,7 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
 
 
 def _endings() -> dict[str, str]:
-    """Ending → format, the usual ending of each first."""
+    """File extension → format, the usual extension of each format first."""
     endings = {f".{kind.lower()}": kind for kind, _, _ in FORMATS}
     return endings | {".usd": "USDC", ".usda": "USDC"}
 

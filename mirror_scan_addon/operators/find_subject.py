@@ -1,4 +1,4 @@
-"""Who is the person, what is floor and room."""
+"""Find the person and the floor in a capture."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..scene.units import metres_per_unit
 
 
 class MIRRORSCAN_OT_find_subject(job_operators.JobOperator, bpy.types.Operator):
-    """Tell the person from floor and room, directly and in each mirror, and show it as colours on the points"""
+    """Separate the person from the floor and the room, directly and in each mirror, and colour the points by it"""
 
     bl_idname = "mirror_scan.find_subject"
     bl_label = "Find Subject"
@@ -46,7 +46,7 @@ class MIRRORSCAN_OT_find_subject(job_operators.JobOperator, bpy.types.Operator):
         point_cloud.place(points, result.placement, metres_per_unit(target))
         settings.cloud_colors, settings.show_cloud = "PART", True
         if not result.floor:
-            self.report({"WARNING"}, say("No floor is seen; heights are counted from the person's lowest point"))
+            self.report({"WARNING"}, say("No floor is visible; heights are measured from the person's lowest point"))
         for warning in result.warnings:
             self.report({"WARNING"}, tell(warning))
         self.report({"INFO"}, settings.subject.message)

@@ -1,4 +1,4 @@
-"""Capture → points in the viewport."""
+"""Load or record a capture, and show its points in the viewport."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..scene.capture_objects import show_capture
 
 
 class MIRRORSCAN_OT_load_capture(job_operators.FileJobOperator, bpy.types.Operator):
-    """Read what a depth camera wrote and show it as coloured points. Takes the folder or any file of a capture"""
+    """Load a capture of a depth camera and show it as coloured points. Choose the folder or any file of the capture"""
 
     bl_idname = "mirror_scan.load_capture"
     bl_label = "Load Capture"
@@ -27,18 +27,18 @@ class MIRRORSCAN_OT_load_capture(job_operators.FileJobOperator, bpy.types.Operat
         options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     mirrors_filepath: StringProperty(
-        name="Mirrors", description="File with points picked on the mirrors' frames. Leave empty for the capture's own",
+        name="Mirrors", description="File with points picked on the mirrors' frames. Leave empty to use the capture's",
         subtype="FILE_PATH", options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     frames: IntProperty(
         name="Frames",
-        description="How many depth frames of the burst to average, 0 for all. Taken from the scene unless given",
+        description="How many depth frames of the burst are averaged. 0 = all. Taken from the scene unless given",
         default=0, min=0, soft_max=60, options={"SKIP_SAVE"}, translation_context=CONTEXT,
     )  # fmt: skip
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
-        """Of the button that the mouse rests on."""
+        """Tooltip of the button under the mouse."""
         if properties.filepath:
             return say("Load {path} again").format(path=properties.filepath)
         return ""
@@ -63,7 +63,7 @@ class MIRRORSCAN_OT_load_capture(job_operators.FileJobOperator, bpy.types.Operat
         settings = context.scene.mirror_scan
         path = scan_records.absolute(scan_records.capture_root(self.filepath or settings.capture_path))
         if not path:
-            raise CaptureError(say("No capture is chosen; give its folder or file"))
+            raise CaptureError(say("No capture is chosen; choose its folder or file"))
         frames = self.frames if self.properties.is_property_set("frames") else settings.frames
         self._path, self._frames = scan_records.capture_root(self.filepath or settings.capture_path), frames
         mirrors = scan_records.absolute(self.mirrors_filepath)
@@ -88,7 +88,7 @@ class MIRRORSCAN_OT_load_capture(job_operators.FileJobOperator, bpy.types.Operat
 
 
 class MIRRORSCAN_OT_record(job_operators.FileJobOperator, bpy.types.Operator):
-    """Record a burst of a depth camera that is connected, into a new folder, and load it. Hold still meanwhile"""
+    """Record a burst from a connected depth camera to a new folder and load it. The person must hold still meanwhile"""
 
     bl_idname = "mirror_scan.record"
     bl_label = "Record"
@@ -105,8 +105,8 @@ class MIRRORSCAN_OT_record(job_operators.FileJobOperator, bpy.types.Operator):
         translation_context=CONTEXT,
     )  # fmt: skip
     frames: IntProperty(
-        name="Frames", description="Depth frames to record; 30 are about a second", default=30, min=1, soft_max=90,
-        max=500, translation_context=CONTEXT,
+        name="Frames", description="Number of depth frames to record; 30 take about a second", default=30, min=1,
+        soft_max=90, max=500, translation_context=CONTEXT,
     )  # fmt: skip
 
     poll = MIRRORSCAN_OT_load_capture.poll
@@ -114,7 +114,7 @@ class MIRRORSCAN_OT_record(job_operators.FileJobOperator, bpy.types.Operator):
     def start(self, context: bpy.types.Context) -> job_operators.Task:
         folder = scan_records.absolute(self.filepath)
         if not folder:
-            raise CaptureError(say("Give the name of a new folder for the recording"))
+            raise CaptureError(say("Enter the name of a new folder for the recording"))
         scan_records.check_folder(folder)
         return job_operators.Task("record_steps", (self.camera, folder, self.frames))
 
@@ -127,7 +127,7 @@ class MIRRORSCAN_OT_record(job_operators.FileJobOperator, bpy.types.Operator):
 
 
 class MIRRORSCAN_FH_capture(bpy.types.FileHandler):
-    """Captures dropped into a 3D viewport; a folder is dropped by any JSON in it."""
+    """Captures dropped into a 3D viewport; to load a folder, drop any JSON file in it."""
 
     bl_idname = "MIRRORSCAN_FH_capture"
     bl_label = "Mirror Scan Capture"
@@ -140,7 +140,7 @@ class MIRRORSCAN_FH_capture(bpy.types.FileHandler):
 
 
 class MIRRORSCAN_FH_picture(bpy.types.FileHandler):
-    """Pictures of a capture dropped on the sidebar; in the viewport itself they stay Blender's reference images."""
+    """Images of a capture dropped on the sidebar; in the viewport itself Blender makes them reference images."""
 
     bl_idname = "MIRRORSCAN_FH_picture"
     bl_label = "Mirror Scan Capture"

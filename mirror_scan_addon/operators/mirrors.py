@@ -1,4 +1,4 @@
-"""Mirrors: found, set by scripts, removed, written and read."""
+"""Find mirrors, set them by scripts, remove them, write them to a file."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class _MirrorOperator(job_operators.JobOperator):
         return scan_records.allows(cls, scan_records.editable(context) or scan_records.no_cloud(context))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
-        put_mirrors(target, result)
+        replace_mirrors(target, result)
 
 
-def put_mirrors(target: bpy.types.Scene, fitted) -> None:
-    """Have a scene's mirrors be those of a fit; what was found out with the old ones is not true any more."""
+def replace_mirrors(target: bpy.types.Scene, fitted) -> None:
+    """Replace a scene's mirrors by fitted ones, and discard the results of the old ones."""
     from ..scene import point_cloud
 
     scan_records.set_records(target.mirror_scan, fitted.mirrors)
@@ -38,7 +38,7 @@ def put_mirrors(target: bpy.types.Scene, fitted) -> None:
 
 
 class MIRRORSCAN_OT_find_mirrors(_MirrorOperator, bpy.types.Operator):
-    """Find the mirrors by their frames and by what they show. Replaces the mirrors there are"""
+    """Find the mirrors by their frames and by what they reflect. Replaces the current mirrors"""
 
     bl_idname = "mirror_scan.find_mirrors"
     bl_label = "Find Mirrors"
@@ -56,8 +56,8 @@ class MIRRORSCAN_OT_find_mirrors(_MirrorOperator, bpy.types.Operator):
         if not result.mirrors:
             raise MirrorError(
                 say(
-                    "No mirror was found; pick points on their frames instead. A frame at least 3 cm wide and 10 cm "
-                    "off the wall, with the person's reflection in the glass, is found by itself"
+                    "No mirror was found; pick points on their frames instead. A mirror is found automatically if its "
+                    "frame is at least 3 cm wide and 10 cm in front of the wall, and the glass shows the person"
                 )
             )
         super().finish(context, target, result)
@@ -66,7 +66,7 @@ class MIRRORSCAN_OT_find_mirrors(_MirrorOperator, bpy.types.Operator):
 
 
 class MIRRORSCAN_OT_set_mirror(_MirrorOperator, bpy.types.Operator):
-    """Place one mirror by points on its frame or by a known plane; for scripts"""
+    """Place one mirror from points on its frame or from a known plane; for scripts"""
 
     bl_idname = "mirror_scan.set_mirror"
     bl_label = "Set Mirror"
@@ -74,24 +74,24 @@ class MIRRORSCAN_OT_set_mirror(_MirrorOperator, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     index: IntProperty(
-        name="Index", description="Which mirror, counted from 0; one past the last, or -1, adds a mirror", default=-1,
-        min=-1, options={"SKIP_SAVE"}, translation_context=CONTEXT,
+        name="Index", description="Index of the mirror, counted from 0. -1, or one past the last, adds a mirror",
+        default=-1, min=-1, options={"SKIP_SAVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     points: StringProperty(
         name="Points",
-        description="Text of a list of at least 3 points on the frame: pairs are pixels of the depth image, triples "
-        "are places in the world",
+        description="List of at least 3 points on the frame, as text: pairs are pixels of the depth image, triples are "
+        "points in the world",
         options={"SKIP_SAVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     name: StringProperty(
-        name="Name", description="What to call the mirror", options={"SKIP_SAVE"}, translation_context=CONTEXT
+        name="Name", description="Name of the mirror", options={"SKIP_SAVE"}, translation_context=CONTEXT
     )
     point: FloatVectorProperty(
-        name="Point", description="A point of the mirror's plane in the camera's frame, in metres; with a normal",
+        name="Point", description="A point on the mirror's plane in the camera's frame, in metres; needs a normal",
         size=3, subtype="XYZ", options={"SKIP_SAVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     normal: FloatVectorProperty(
-        name="Normal", description="Where the mirror looks in the camera's frame: x right, y down, z forward",
+        name="Normal", description="Direction that the mirror faces in the camera's frame: x right, y down, z forward",
         size=3, subtype="XYZ", options={"SKIP_SAVE"}, translation_context=CONTEXT,
     )  # fmt: skip
 
@@ -130,12 +130,12 @@ class MIRRORSCAN_OT_set_mirror(_MirrorOperator, bpy.types.Operator):
         super().finish(context, target, result)
         target.mirror_scan.mirror_index = self._index
         name = target.mirror_scan.mirrors[self._index].name
-        text = say("{name}: fits to {residual:.1f} mm") if record["picks"] else say("{name}: placed as given")
+        text = say("{name}: flat to {residual:.1f} mm") if record["picks"] else say("{name}: placed as given")
         self.report({"INFO"}, text.format(name=name, residual=record["residual_mm"]))
 
 
 def _pixels_of(points: list, camera_to_world, intrinsics) -> list:
-    """Pixels of points in the world."""
+    """Pixels at which the camera sees points in the world."""
     import numpy as np
 
     from ...core.camera import project
@@ -143,11 +143,12 @@ def _pixels_of(points: list, camera_to_world, intrinsics) -> list:
     world_to_camera = np.linalg.inv(camera_to_world)
     pixels = project(np.array(points) @ world_to_camera[:3, :3].T + world_to_camera[:3, 3], intrinsics)
     if not np.isfinite(pixels).all():
-        raise MirrorError(say("points: one lies behind the camera"))
+        raise MirrorError(say("points: at least one lies behind the camera"))
     return pixels.tolist()
 
 
 def _given_plane(name: str, point, normal) -> str:
+    """A plane given by a script, as it is kept with a mirror."""
     from ..background import numba_setup
 
     numba_setup.prepare_kernels()
@@ -166,7 +167,7 @@ class MIRRORSCAN_OT_remove_mirror(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     index: IntProperty(
-        name="Index", description="Which mirror, counted from 0; -1 for the active one", default=-1, min=-1,
+        name="Index", description="Index of the mirror, counted from 0. -1 = the active one", default=-1, min=-1,
         options={"SKIP_SAVE"}, translation_context=CONTEXT,
     )  # fmt: skip
 
@@ -178,7 +179,7 @@ class MIRRORSCAN_OT_remove_mirror(bpy.types.Operator):
         settings = context.scene.mirror_scan
         index = settings.mirror_index if self.index < 0 else self.index
         if index >= len(settings.mirrors):
-            text = say("No mirror has the number {index}; the last one has {last}")
+            text = say("There is no mirror with index {index}; the last one has index {last}")
             self.report({"ERROR"}, text.format(last=len(settings.mirrors) - 1, index=index))
             return {"CANCELLED"}
         settings.mirrors.remove(index)
@@ -206,7 +207,7 @@ class MIRRORSCAN_OT_clear_mirrors(bpy.types.Operator):
 
 
 def _forget_views(target: bpy.types.Scene) -> None:
-    """The numbers of the views have changed; what was sorted by them is not true any more."""
+    """Discard what depends on the numbers of the views, which have changed."""
     from ..scene import point_cloud
 
     points = point_cloud.cloud_of(target)
@@ -216,7 +217,7 @@ def _forget_views(target: bpy.types.Scene) -> None:
 
 
 class MIRRORSCAN_OT_save_mirrors(bpy.types.Operator):
-    """Write the mirrors to a file, as mirrors.json beside the capture or for the next capture of the same rig"""
+    """Write the mirrors to a file: mirrors.json in the capture's folder, or one for later captures of the same rig"""
 
     bl_idname = "mirror_scan.save_mirrors"
     bl_label = "Save Mirrors"
@@ -255,9 +256,9 @@ class MIRRORSCAN_OT_save_mirrors(bpy.types.Operator):
                 entries.append({"name": item.name, "plane": {"point": plane["point"], "normal": plane["normal"]}})
         try:
             if not self.filepath:
-                raise OutputError(say("Give the name of a file to write"))
+                raise OutputError(say("Enter the name of the file to write"))
             if not entries:
-                raise OutputError(say("No mirror is placed yet, so there is nothing to write"))
+                raise OutputError(say("No mirror is placed yet; there is nothing to write"))
             path = scan_records.absolute(self.filepath)
             with replacing(path) as temporary:
                 temporary.write_text(json.dumps({"mirrors": entries}, indent=1, ensure_ascii=False), encoding="utf-8")

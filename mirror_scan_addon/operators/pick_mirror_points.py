@@ -1,4 +1,4 @@
-"""Points on a mirror's frame, clicked in the viewport."""
+"""Pick points on a mirror's frame in the viewport."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from ..interface.aiming import NAVIGATION, Aim, region_under
 from ..language.texts import CONTEXT, say, tell
 from ..scene import scan_records
 
-GRAB_PX = 12.0  # how far from the mouse a pick is taken hold of [px at 100 % scale]
-ENOUGH = 3  # picks that make a plane; with fewer the mirror is looked for around them
+GRAB_PX = 12.0  # how far from the mouse a pick can be grabbed [px at 100 % scale]
+ENOUGH = 3  # picks that define a plane; with fewer the mirror is searched for around them
 
 
 class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
-    """Click points on the mirror's frame, not on its glass. One is enough where the frame is plain to see; 8 on all
-    sides are best, 3 on two sides the least"""
+    """Click points on the mirror's frame, not on the glass. 8 points on all four sides are best, 3 on two sides the
+    minimum. If the frame is clearly visible, one point is enough"""
 
     bl_idname = "mirror_scan.pick_mirror_points"
     bl_label = "Pick Mirror Points"
@@ -26,7 +26,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     add: BoolProperty(
-        name="New Mirror", description="Pick a mirror that is not in the list yet", options={"SKIP_SAVE"},
+        name="New Mirror", description="Add a mirror to the list, and pick points on it", options={"SKIP_SAVE"},
         translation_context=CONTEXT,
     )  # fmt: skip
 
@@ -34,7 +34,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
-        """Of the button that the mouse rests on."""
+        """Tooltip of the button under the mouse."""
         if properties.add:
             return say("Add a mirror to the list, and click points on its frame")
         return ""
@@ -81,7 +81,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         context.window_manager.mirror_scan.picking = True
         context.window.cursor_modal_set("CROSSHAIR")
         self._running = True
-        self._tell(context)
+        self._show_status(context)
         return {"RUNNING_MODAL"}
 
     # --- events -------------------------------------------------------------------------------------------------------
@@ -98,14 +98,14 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             or context.mode != "OBJECT"
         ):
             self._end(context)
-            self.report({"WARNING"}, say("The points of the capture are not here any more; picking has ended"))
+            self.report({"WARNING"}, say("The points of the capture are gone; picking has ended"))
             return {"CANCELLED"}
         if not context.scene.mirror_scan.mirrors:
             self._add_mirror(context.scene.mirror_scan)
         if event.type == "TIMER":
             try:
-                return self._work(context)
-            except job_operators.REPORTED as error:  # no room for a second process and what it is told
+                return self._on_tick(context)
+            except job_operators.REPORTED as error:  # no room for a second process and its input
                 self._undo_all(context)
                 self.report({"ERROR"}, job_operators.in_words(error))
                 return {"CANCELLED"}
@@ -134,7 +134,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         if event.type == "LEFTMOUSE" and pressed and plain:
             self._press(context, event, region)
         elif event.type == "LEFTMOUSE" and not plain:
-            return {"PASS_THROUGH"}  # with Alt it turns the view for people without a middle button
+            return {"PASS_THROUGH"}  # with Alt it rotates the view, for mice without a middle button
         elif event.type == "RIGHTMOUSE" and pressed:
             number = self._pick_under(context, event, region)
             if number is not None:
@@ -154,13 +154,13 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def _press(self, context, event, region) -> None:
-        """Take hold of the pick under the mouse, or make one there."""
+        """Grab the pick under the mouse, or add one there."""
         picks = self._active(context.scene.mirror_scan).picks
         number = self._pick_under(context, event, region)
         if number is None:
             pixel = self._snap(context, event, region)
             if pixel is None:
-                self.report({"WARNING"}, say("There is no point of the capture here; click on the mirror's frame"))
+                self.report({"WARNING"}, say("The capture has no point here; click on the mirror's frame"))
                 return
             picks.add().pixel = pixel
             number = len(picks) - 1
@@ -187,7 +187,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         job_operators.redraw(context)
 
     def _next_mirror(self, context, backwards: bool) -> None:
-        """The next one; after the last, when something is picked on it, a new one."""
+        """Make the next mirror active; after the last, if something is picked on it, add a new one."""
         settings = context.scene.mirror_scan
         last = len(settings.mirrors) - 1
         active = self._active(settings)
@@ -195,7 +195,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             self._add_mirror(settings)
         else:
             settings.mirror_index = (settings.mirror_index + (-1 if backwards else 1)) % (last + 1)
-        self._tell(context)
+        self._show_status(context)
 
     # --- where the mouse is -------------------------------------------------------------------------------------------
 
@@ -207,7 +207,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         return float(column), float(row)
 
     def _pick_under(self, context, event, region) -> int | None:
-        """Number of the active mirror's pick under the mouse, None without."""
+        """Number of the active mirror's pick under the mouse; None if there is none."""
         import numpy as np
 
         from ...core.preview.point_picking import project_to_picture
@@ -226,24 +226,24 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             return None
         matrix = np.array(region.data.perspective_matrix @ target.matrix_world)
         xy = project_to_picture(np.array(points), matrix, (region.width, region.height))
-        away = np.linalg.norm(xy - (event.mouse_x - region.x, event.mouse_y - region.y), axis=1)
-        away = np.where(np.isfinite(away), away, np.inf)
-        nearest = int(np.argmin(away))
-        return numbers[nearest] if away[nearest] <= GRAB_PX * context.preferences.system.ui_scale else None
+        distance = np.linalg.norm(xy - (event.mouse_x - region.x, event.mouse_y - region.y), axis=1)
+        distance = np.where(np.isfinite(distance), distance, np.inf)
+        nearest = int(np.argmin(distance))
+        return numbers[nearest] if distance[nearest] <= GRAB_PX * context.preferences.system.ui_scale else None
 
-    # --- fitting, beside the window -----------------------------------------------------------------------------------
+    # --- fitting, in the background -----------------------------------------------------------------------------------
 
     def _changed(self, context) -> None:
-        """The active mirror has other picks: its plane is not true any more, and fitted again at the next tick."""
+        """The active mirror has other picks: its plane is fitted again at the next tick."""
         item = self._active(context.scene.mirror_scan)
         item.source, item.message = "picked", ""
         if not len(item.picks):
             item.plane, item.residual_mm = "", 0.0
         self._asked = None
-        self._tell(context)
+        self._show_status(context)
 
-    def _work(self, context) -> set[str]:
-        """One tick: fetch a fit that is done, ask for one that is due, end when nothing is left to wait for."""
+    def _on_tick(self, context) -> set[str]:
+        """One tick of the timer: fetch a finished fit, start one that is due, end when there is nothing left to do."""
         settings = context.scene.mirror_scan
         if self._errand is not None and not self._errand.is_alive():
             errand, self._errand = self._errand, None
@@ -275,15 +275,15 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
     def _apply(self, context, fitted) -> None:
         settings = context.scene.mirror_scan
         for number, record in zip(self._asked, fitted.mirrors, strict=True):
-            if number >= len(settings.mirrors):  # undo took it away
+            if number >= len(settings.mirrors):  # undo removed it
                 break
             item = settings.mirrors[number]
             for name in ("plane", "residual_mm", "message", "source"):
                 setattr(item, name, record[name])
             if 0 < len(record["picks"]) < ENOUGH:
-                item.message = ""  # that is no fault yet: more picks are to come
+                item.message = ""  # not an error yet: more picks will follow
         self._set_seen(context, fitted.seen)
-        self._tell(context)
+        self._show_status(context)
 
     def _set_seen(self, context, seen) -> None:
         from ..scene import point_cloud
@@ -309,10 +309,10 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         short = [record for record in kept if 0 < len(record["picks"]) < ENOUGH and not record["plane"]]
         if short:
             self._accepting = False
-            text = say("{name}: points picked: {count}, needed: 3; pick more, or Backspace to drop them")
+            text = say("{name}: points picked: {count}, needed: 3; pick more, or remove them with Backspace")
             self.report({"WARNING"}, text.format(name=short[0]["name"], count=len(short[0]["picks"])))
             return {"PASS_THROUGH"}
-        if len(kept) < len(records):  # a mirror that nothing was picked on, which Tab added
+        if len(kept) < len(records):  # a mirror that Tab added and that has no picks
             numbers = [number for number, record in enumerate(records) if record in kept]
             scan_records.set_records(settings, kept)
             mesh = point_cloud.cloud_of(context.scene).data
@@ -349,7 +349,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         self._end(context)
 
     def leave(self, context: bpy.types.Context) -> None:
-        """The add-on goes while points are picked: as after Esc."""
+        """The add-on is disabled while points are picked: the same as Esc."""
         from ..scene import point_cloud
 
         if context.scene.session_uid == self._scene_uid and point_cloud.cloud_of(context.scene) is not None:
@@ -382,19 +382,19 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         scan_records.set_record(settings.mirrors.add(), record)
         settings.mirror_index = len(settings.mirrors) - 1
 
-    def _tell(self, context) -> None:
+    def _show_status(self, context) -> None:
         item = self._active(context.scene.mirror_scan)
         count = len(item.picks)
         if item.message:
             how = tell(item.message)
         elif item.plane and count:
-            how = say("fits to {residual:.1f} mm").format(residual=item.residual_mm)
+            how = say("flat to {residual:.1f} mm").format(residual=item.residual_mm)
         elif count < ENOUGH:
             how = say("{more} more needed").format(more=ENOUGH - count)
         else:
             how = say("fitting")
         text = say(
-            "{name}: {count} picked, {how}    [Click] Pick or drag   [Right Click] Remove   [Backspace] Drop last   "
+            "{name}: {count} picked, {how}    [Click] Pick or drag   [Right Click] Remove   [Backspace] Remove last   "
             "[Tab] Next mirror   [Enter] Accept   [Esc] Cancel"
         )
         context.workspace.status_text_set(text.format(name=item.name, count=count, how=how))

@@ -1,4 +1,4 @@
-"""The person by a click, where another is taken for it."""
+"""Choose the person by a click, where the search chooses another."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from ..scene import scan_records
 
 
 class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
-    """Click the person, or the thing, that is to become the avatar, where the camera sees it directly; for rooms in
-    which somebody else is taken for it"""
+    """Click the person or object to make the avatar of, where the camera sees it directly. Only needed if Find Subject
+    chooses another person or object"""
 
     bl_idname = "mirror_scan.pick_subject"
     bl_label = "Click the Person"
@@ -23,7 +23,7 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     pixel: FloatVectorProperty(
-        name="Pixel", description="Where in the depth image the person is: from the left and from the top, in pixels",
+        name="Pixel", description="Position of the person in the depth image, in pixels from the left and from the top",
         size=2, default=(-1.0, -1.0), precision=1, options={"SKIP_SAVE"}, translation_context=CONTEXT,
     )  # fmt: skip
 
@@ -39,14 +39,14 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
         from ..scene import point_cloud
 
         try:
-            lens = point_cloud.read_cloud(point_cloud.cloud_of(context.scene), color=False).intrinsics
+            intrinsics = point_cloud.read_cloud(point_cloud.cloud_of(context.scene), color=False).intrinsics
         except job_operators.REPORTED as error:
             self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}
         u, v = self.pixel
-        if not (0 <= u < lens.width and 0 <= v < lens.height):
+        if not (0 <= u < intrinsics.width and 0 <= v < intrinsics.height):
             text = say("pixel: give a column from 0 to {width} and a row from 0 to {height}")
-            self.report({"ERROR"}, text.format(width=lens.width - 1, height=lens.height - 1))
+            self.report({"ERROR"}, text.format(width=intrinsics.width - 1, height=intrinsics.height - 1))
             return {"CANCELLED"}
         subject = context.scene.mirror_scan.subject
         subject.click, subject.clicked = (u, v), True
@@ -58,7 +58,7 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
         if bpy.app.background or self.properties.is_property_set("pixel"):
             return self.execute(context)
         if context.area is None or context.area.type != "VIEW_3D":
-            self.report({"ERROR"}, say("The person is clicked in a 3D viewport; scripts give pixel"))
+            self.report({"ERROR"}, say("The person is clicked in a 3D viewport; scripts set pixel"))
             return {"CANCELLED"}
         try:
             arrays = point_cloud.read_cloud(point_cloud.cloud_of(context.scene), color=False)
@@ -69,7 +69,7 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
         self._pixels, self._width = arrays.pixel, arrays.intrinsics.width
         self._scene_uid, self._area = context.scene.session_uid, context.area.as_pointer()
         settings = context.scene.mirror_scan
-        settings.show_cloud, settings.fold = True, False  # what is drawn is what is clicked
+        settings.show_cloud, settings.fold = True, False  # points are clicked where they are drawn
         context.window_manager.modal_handler_add(self)
         context.workspace.status_text_set(say("[Click] The person    [Esc] Cancel"))
         self._picking = True
@@ -79,10 +79,10 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
         from ..scene import point_cloud
 
         target = point_cloud.cloud_of(context.scene)
-        gone = target is None or len(target.data.vertices) != len(self._points) or context.mode != "OBJECT"
-        if context.scene.session_uid != self._scene_uid or gone:
+        lost = target is None or len(target.data.vertices) != len(self._points) or context.mode != "OBJECT"
+        if context.scene.session_uid != self._scene_uid or lost:
             self.cancel(context)
-            self.report({"WARNING"}, say("The points of the capture are not here any more; picking has ended"))
+            self.report({"WARNING"}, say("The points of the capture are gone; picking has ended"))
             return {"CANCELLED"}
         if event.type in ("ESC", "RIGHTMOUSE") and event.value == "PRESS":
             self.cancel(context)
@@ -99,7 +99,7 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
             return {"PASS_THROUGH"}
         index = self._aim.nearest(context, event, region)
         if index is None:
-            self.report({"WARNING"}, say("There is no point of the capture here; click on the person"))
+            self.report({"WARNING"}, say("The capture has no point here; click on the person"))
             return {"RUNNING_MODAL"}
         row, column = divmod(int(self._pixels[index]), self._width)
         self.pixel = column, row
@@ -107,7 +107,7 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
         return self.execute(context)
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """Clear the traces of picking from the window; Blender calls this too, when it loads another file."""
+        """Restore the cursor and the status bar; Blender calls this too, when it loads another file."""
         if not self._picking:
             return
         self._picking = False

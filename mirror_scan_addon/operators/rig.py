@@ -1,4 +1,4 @@
-"""A virtual rig: objects of the scene stand for camera and mirrors, and a mesh is scanned with them."""
+"""A virtual rig: objects of the scene represent camera and mirrors, and a mesh is scanned with them."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from ..scene.units import metres_per_unit
 SENSORS = (
     ("azure_kinect", "Azure Kinect", "Time of flight, 640 × 576"),
     ("femto_bolt", "Femto Bolt", "Time of flight, 640 × 576"),
-    ("kinect_v1", "Kinect v1", "Structured light, 640 × 480; loses what two patterns light"),
+    ("kinect_v1", "Kinect v1", "Structured light, 640 × 480; no readings where two patterns overlap"),
     ("realsense_d455", "RealSense D455", "Active stereo, 848 × 480"),
     ("ideal", "Ideal", "No noise, 640 × 480"),
 )
 
 
 DISTANCE, PATH = 2.5, 4.6
-"""From the camera to the person, and over a mirror, unless the user says otherwise [m]."""
+"""Default lengths from the camera to the person, directly and via a mirror [m]."""
 
-NEAREST = 0.5  # that a depth camera sees anything at [m]
+NEAREST = 0.5  # least distance at which a depth camera measures [m]
 
 
 class MIRRORSCAN_OT_add_rig(bpy.types.Operator):
-    """Add a camera and mirrors to plan a rig with: where they stand is where the virtual ones will"""
+    """Add a camera and mirrors to plan a rig. Place them where the real ones will be"""
 
     bl_idname = "mirror_scan.add_rig"
     bl_label = "Add Rig"
@@ -38,24 +38,24 @@ class MIRRORSCAN_OT_add_rig(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     sensor: EnumProperty(
-        name="Sensor", description="Depth camera whose field of view the camera gets", items=SENSORS,
+        name="Sensor", description="Depth camera whose field of view is used", items=SENSORS,
         translation_context=CONTEXT,
     )  # fmt: skip
     mirrors: IntProperty(
-        name="Mirrors", description="How many mirrors", default=2, min=0, max=6, translation_context=CONTEXT
+        name="Mirrors", description="Number of mirrors", default=2, min=0, max=6, translation_context=CONTEXT
     )
     distance: FloatProperty(
-        name="Distance", description="From the camera to the person", default=DISTANCE, min=0.0, step=5, precision=2,
-        subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
+        name="Distance", description="Distance from the camera to the person", default=DISTANCE, min=0.0, step=5,
+        precision=2, subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
     )  # fmt: skip
     angle: FloatProperty(
         name="View Angle",
-        description="How far around the person the mirrors look at them from, 180° would be from behind",
+        description="Angle around the person from which the mirrors show them. 180° = from behind",
         default=2.0943951, min=1.0471976, max=3.0543262, subtype="ANGLE", unit="ROTATION", translation_context=CONTEXT,
     )  # fmt: skip
     path: FloatProperty(
-        name="Path", description="From the camera over a mirror to the person", default=PATH, min=0.0, step=5,
-        precision=2, subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
+        name="Path via Mirror", description="Length of the path from the camera via a mirror to the person",
+        default=PATH, min=0.0, step=5, precision=2, subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
     )  # fmt: skip
 
     @classmethod
@@ -81,34 +81,34 @@ class MIRRORSCAN_OT_add_rig(bpy.types.Operator):
             self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}
         if not bpy.app.background and context.window is not None:
-            second_process.compile_ahead(kernel_compilation.RIG)  # whoever adds a rig is about to scan with it
-        self.report({"INFO"}, say("Added a camera, and mirrors: {count}").format(count=len(made) - 1))
+            second_process.compile_ahead(kernel_compilation.RIG)  # a rig that is added is soon scanned with
+        self.report({"INFO"}, say("Added a camera; mirrors added: {count}").format(count=len(made) - 1))
         return {"FINISHED"}
 
 
 class MIRRORSCAN_OT_simulate(job_operators.JobOperator, bpy.types.Operator):
-    """Scan the selected mesh with a virtual rig: the scene's camera and the objects marked as mirrors, or the usual
-    rig where there are none. Shows the capture, and on the mesh which part of it the rig sees"""
+    """Scan the selected mesh with a virtual rig: the scene's camera and the objects marked as mirrors, or a default
+    rig if there are none. Shows the capture, and colours the mesh by what each view sees"""
 
     bl_idname = "mirror_scan.simulate"
-    bl_label = "Scan Virtually"
+    bl_label = "Run Virtual Scan"
     bl_translation_context = CONTEXT
     bl_options = {"REGISTER", "UNDO", "PRESET"}
 
     filepath: StringProperty(
-        name="Folder", description="Empty folder to write the capture to. Leave empty to keep it in the .blend only",
+        name="Folder", description="Empty folder to write the capture to. If none is given, only the .blend keeps it",
         subtype="DIR_PATH", options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     sensor: EnumProperty(
-        name="Sensor", description="Depth camera that is imitated, with its field of view and its noise",
+        name="Sensor", description="Depth camera that is simulated, with its field of view and noise",
         items=SENSORS, translation_context=CONTEXT,
     )  # fmt: skip
     frames: IntProperty(
-        name="Frames", description="Depth frames of the burst", default=10, min=1, soft_max=60, max=500,
-        translation_context=CONTEXT,
+        name="Frames", description="Number of depth frames in the burst", default=10, min=1, soft_max=60,
+        max=500,         translation_context=CONTEXT,
     )  # fmt: skip
     seed: IntProperty(
-        name="Seed", description="Of the noise: the same number gives the same capture", default=0, min=0,
+        name="Seed", description="Seed of the noise. The same number gives the same capture", default=0, min=0,
         translation_context=CONTEXT,
     )  # fmt: skip
 
@@ -118,7 +118,7 @@ class MIRRORSCAN_OT_simulate(job_operators.JobOperator, bpy.types.Operator):
         active = context.object
         if not problem and active is not None and active.type == "MESH" and active.data.polygons:
             if not active.mirror_scan.is_mirror and not active.data.is_editable:
-                problem = say("{name} is linked from another file; make it local to show on it what the rig sees")
+                problem = say("{name} is linked from another file; make it local so that its colours can be changed")
                 problem = problem.format(name=active.name)
         return scan_records.allows(cls, problem)
 
@@ -131,7 +131,7 @@ class MIRRORSCAN_OT_simulate(job_operators.JobOperator, bpy.types.Operator):
         options = {"sensor": self.sensor, "frames": self.frames, "seed": self.seed}
         mirrors = virtual_rig.mirrors_of(context.scene) or None
         if mirrors and context.scene.camera is None:
-            raise MirrorScanError(say("There are mirrors but no camera; add one and make it the scene's camera"))
+            raise MirrorScanError(say("There are mirrors but no camera; add one and make it the active camera"))
         if mirrors:
             options |= virtual_rig.camera_of(context.scene.camera, metres_per_unit(context.scene)) | {"room": None}
         self._folder = scan_records.absolute(self.filepath)
@@ -159,7 +159,7 @@ class MIRRORSCAN_OT_simulate(job_operators.JobOperator, bpy.types.Operator):
                     look_from_camera(context, points)
         names = [say("direct"), *(mirror.name for mirror in target.mirror_scan.mirrors)]
         parts = [f"{name} {share:.0%}" for name, share in zip(names, result.shares, strict=False)]
-        text = say("The rig sees {seen:.0%} of the surface: {parts}; not seen {rest:.0%}")
+        text = say("The rig sees {seen:.0%} of the surface: {parts}; not seen: {rest:.0%}")
         text = text.format(seen=1 - result.shares[-1], parts=", ".join(parts), rest=result.shares[-1])
         target.mirror_scan.rig_message = text
         self.report({"INFO"}, text)

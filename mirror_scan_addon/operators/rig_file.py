@@ -1,4 +1,4 @@
-"""A rig calibrated once and used for every later capture, until something of it moves."""
+"""Calibrate a rig once and use it for every later capture, until a part of it moves."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ...core.errors import MirrorError, OutputError
 from ..background import job_operators
 from ..language.texts import CONTEXT, say, tell
 from ..scene import scan_records
-from .mirrors import put_mirrors
+from .mirrors import replace_mirrors
 
 
 class _RigFileOperator(job_operators.FileJobOperator):
@@ -21,7 +21,7 @@ class _RigFileOperator(job_operators.FileJobOperator):
         return scan_records.allows(cls, scan_records.editable(context) or scan_records.no_cloud(context))
 
     def proposal(self, context: bpy.types.Context) -> str:
-        """A rig file beside the capture's folder: captures come and go, the rig stays."""
+        """A rig file next to the capture's folder: it serves other captures too."""
         root = scan_records.capture_place(context.scene.mirror_scan)
         return os.path.join(os.path.dirname(os.path.normpath(root)) if root else "", "rig.json")
 
@@ -29,14 +29,14 @@ class _RigFileOperator(job_operators.FileJobOperator):
         from ..scene import point_cloud
 
         if not self.filepath:
-            raise OutputError(say("Give the name of a rig file"))
+            raise OutputError(say("Enter the name of a rig file"))
         arrays = point_cloud.read_cloud(point_cloud.cloud_of(context.scene))
         return self.task(arrays, scan_records.absolute(self.filepath), context.scene.mirror_scan)
 
 
 class MIRRORSCAN_OT_calibrate_rig(_RigFileOperator, bpy.types.Operator):
-    """Place the mirrors once for all later captures of this rig, and write them to a rig file. Best with nobody in it,
-    a long burst, and a flat board where people will stand, seen directly and in the mirrors"""
+    """Place the mirrors once for all later captures of this rig and write them to a rig file. Best done without a
+    person, with a long burst and a flat board where people will stand, visible directly and in the mirrors"""
 
     bl_idname = "mirror_scan.calibrate_rig"
     bl_label = "Calibrate Rig"
@@ -55,13 +55,13 @@ class MIRRORSCAN_OT_calibrate_rig(_RigFileOperator, bpy.types.Operator):
         return job_operators.Task("calibrate_steps", (arrays, records, settings.quality.glass_offset_m, path))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
-        put_mirrors(target, result)
+        replace_mirrors(target, result)
         names = ", ".join(record["name"] for record in result.mirrors)
         self.report({"INFO"}, say("Rig written to {path}: {names}").format(path=self.filepath, names=names))
 
 
 class MIRRORSCAN_OT_use_rig(_RigFileOperator, bpy.types.Operator):
-    """Take the mirrors from a rig file. Replaces the mirrors there are, and warns of mirrors that have moved since"""
+    """Load the mirrors from a rig file. Replaces the current mirrors, and warns if one has moved since calibration"""
 
     bl_idname = "mirror_scan.use_rig"
     bl_label = "Use Rig File"
@@ -69,7 +69,7 @@ class MIRRORSCAN_OT_use_rig(_RigFileOperator, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     filepath: StringProperty(
-        name="Rig File", description="JSON file that Calibrate Rig or the command line wrote", subtype="FILE_PATH",
+        name="Rig File", description="JSON file written by Calibrate Rig or the command line", subtype="FILE_PATH",
         options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     filter_glob: StringProperty(default="*.json", options={"HIDDEN", "SKIP_SAVE"})
@@ -80,7 +80,7 @@ class MIRRORSCAN_OT_use_rig(_RigFileOperator, bpy.types.Operator):
         return job_operators.Task("rig_steps", (arrays, path))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
-        put_mirrors(target, result)
+        replace_mirrors(target, result)
         for warning in result.warnings:
             self.report({"WARNING"}, tell(warning))
         names = ", ".join(record["name"] for record in result.mirrors)

@@ -166,7 +166,7 @@ def check_finite(item: bpy.types.Object, vertices: np.ndarray) -> None:
     OutputError
     """
     if not (np.abs(vertices) < 1e30).all():  # false for NaN too; Blender turns infinity into its largest number
-        text = say("{name}: a vertex or the object itself is at no finite place; remove or move it first")
+        text = say("{name}: the position of a vertex or of the object is not finite; remove or move it first")
         raise OutputError(text.format(name=item.name))
 
 
@@ -251,7 +251,7 @@ def _check(mesh: Mesh) -> None:
     if not (np.abs(vertices) < np.finfo(np.float32).max).all():  # false for NaN too
         raise OutputError(say("mesh: some vertex coordinates are not finite numbers"))
     if triangles.min() < 0 or triangles.max() >= len(vertices):
-        text = say("mesh: a triangle names a vertex that is not there (there are {count})")
+        text = say("mesh: a triangle refers to a vertex that does not exist (there are {count})")
         raise OutputError(text.format(count=len(vertices)))
     for label, values, shape in (
         ("colors", mesh.colors, (len(vertices), 3)),

@@ -188,7 +188,7 @@ def _selected(avatar: bpy.types.Object) -> Iterator[None]:
     layer = bpy.context.view_layer
     selected, active = [item.name for item in layer.objects.selected], layer.objects.active
     if avatar.name not in layer.objects:
-        text = say("{name}: is not in this view layer; exporters do not see it")
+        text = say("{name}: is not in this view layer, so it cannot be exported")
         raise OutputError(text.format(name=avatar.name))
     hidden = avatar.hide_get(view_layer=layer)
     try:
@@ -214,7 +214,7 @@ def _scaled(avatar: bpy.types.Object, size: float) -> Iterator[None]:
         avatar.matrix_world = wanted
         bpy.context.view_layer.update()
         if not np.allclose(avatar.matrix_world, wanted, rtol=0.0, atol=1e-5 * np.abs(wanted).max()):
-            text = say("{name}: cannot be written in metres while constraints hold it; apply them first")
+            text = say("{name}: cannot be written in metres while it has constraints; apply them first")
             raise OutputError(text.format(name=avatar.name))
         yield
     finally:
@@ -313,7 +313,7 @@ def _enabled(module: str) -> Iterator[None]:
     """Have an add-on that Blender ships registered, without writing that into the user's preferences."""
     _, loaded = addon_utils.check(module)
     if not loaded and addon_utils.enable(module, default_set=False) is None:
-        text = say("Blender's add-on {module} cannot be enabled; this Blender lacks it or it is broken")
+        text = say("Blender's add-on {module} cannot be enabled; it is missing in this Blender, or broken")
         raise OutputError(text.format(module=module))
     try:
         yield

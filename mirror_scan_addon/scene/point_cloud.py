@@ -98,17 +98,17 @@ def read_cloud(cloud: bpy.types.Object, color: bool = True) -> Cloud:
     try:
         intrinsics = Intrinsics(**info.pop("intrinsics"))
     except (KeyError, TypeError) as error:
-        text = say("{name}: does not know its camera any more; load the capture again")
+        text = say("{name}: the data of its camera is lost; load the capture again")
         raise CaptureError(text.format(name=cloud.name)) from error
     size = intrinsics.width * intrinsics.height
     if pixel is None or not count or pixel.min() < 0 or pixel.max() >= size:
-        text = say("{name}: its points are no depth map any more; load the capture again")
+        text = say("{name}: its points no longer form a depth map; load the capture again")
         raise CaptureError(text.format(name=cloud.name))
     points = np.empty((count, 3), np.float32)
     mesh.attributes["position"].data.foreach_get("vector", points.ravel())
     sound = np.isfinite(points).all(axis=1) & (points[:, 2] > 0)
     if not sound.any():
-        text = say("{name}: none of its points is before the camera any more; load the capture again")
+        text = say("{name}: none of its points is in front of the camera any more; load the capture again")
         raise CaptureError(text.format(name=cloud.name))
     image = None
     colors = colors_of(mesh) if color else None
@@ -135,7 +135,7 @@ def cloud_info(cloud: bpy.types.Object) -> dict:
             return info
     except ValueError:
         pass
-    text = say("{name}: what was known of its capture is damaged; load the capture again")
+    text = say("{name}: the data of its capture is damaged; load the capture again")
     raise CaptureError(text.format(name=cloud.name))
 
 

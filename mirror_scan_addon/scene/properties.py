@@ -89,7 +89,7 @@ def _metres(default: float, low: float | None = None, high: float | None = None)
     """A length as it is kept, whatever the scene's units are; the panels show it by :func:`_length`."""
     limits = {name: value for name, value in (("min", low), ("max", high)) if value is not None}
     return FloatProperty(
-        name="Metres", description="The length in metres, whatever the scene's units are", default=default,
+        name="Metres", description="Length in metres, whatever the units of the scene are", default=default,
         options={"HIDDEN"}, translation_context=CONTEXT, **limits,
     )  # fmt: skip
 
@@ -110,44 +110,44 @@ def _length(kept: str, name: str, description: str, step: float, precision: int,
 
 
 class MIRRORSCAN_PG_reading(bpy.types.PropertyGroup):
-    """What a capture's files cannot say of themselves, or say wrongly."""
+    """What the files of a capture lack, or have wrong."""
 
     intrinsics: StringProperty(
         name="Intrinsics",
-        description="File that says what the depth camera's lens does (intrinsic.json), for captures that do not. "
-        "Leave empty for the capture's own",
+        description="File with the depth camera's intrinsics (intrinsic.json), for captures that lack them. "
+        "Leave empty to use the capture's own",
         subtype="FILE_PATH", options={"PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     depth_unit_mm: FloatProperty(
         name="Depth Unit",
-        description="What one unit in the depth pictures means, in millimetres. 0 = as the capture says",
+        description="Millimetres per unit of the depth images. 0 = as the capture says",
         default=0.0, min=0.0, max=1e6, precision=4, translation_context=CONTEXT,
     )  # fmt: skip
     turn: EnumProperty(
-        name="Turn",
-        description="Clockwise turn that makes the pictures upright",
+        name="Rotation",
+        description="Clockwise rotation that makes the images upright",
         items=(
-            ("FILE", "As Recorded", "What the capture says of itself, else none"),
-            ("0", "None", "Not turned, whatever the capture says"),
-            ("90", "90°", "A quarter turn to the right"),
-            ("180", "180°", "Upside down"),
-            ("270", "270°", "A quarter turn to the left"),
+            ("FILE", "As Recorded", "As the capture says; none if it says nothing"),
+            ("0", "None", "Do not rotate, whatever the capture says"),
+            ("90", "90°", "Rotate by 90° clockwise"),
+            ("180", "180°", "Rotate by 180°, for images that are upside down"),
+            ("270", "270°", "Rotate by 90° counter-clockwise"),
         ),
         translation_context=CONTEXT,
     )  # fmt: skip
     mirrored: EnumProperty(
         name="Mirrored",
-        description="Whether left and right are exchanged in the pictures, as the second Kinect's software does it",
+        description="Whether left and right are swapped in the images, as the software of the second Kinect does",
         items=(
-            ("FILE", "As Recorded", "What the capture says of itself, else not"),
-            ("YES", "Yes", "Left and right are exchanged back"),
-            ("NO", "No", "Left and right stay as they are"),
+            ("FILE", "As Recorded", "As the capture says; not mirrored if it says nothing"),
+            ("YES", "Yes", "Swap left and right back"),
+            ("NO", "No", "Keep left and right as they are"),
         ),
         translation_context=CONTEXT,
     )  # fmt: skip
     min_confidence: EnumProperty(
         name="Confidence",
-        description="Readings that the camera itself trusts less are dropped, where it says so",
+        description="Drop depth readings that the camera marked as uncertain. Only for cameras that record this",
         items=(
             ("0", "All", "Keep every reading"),
             ("1", "Medium", "Drop readings of low confidence"),
@@ -157,25 +157,25 @@ class MIRRORSCAN_PG_reading(bpy.types.PropertyGroup):
     )  # fmt: skip
     disparity: EnumProperty(
         name="Raw Values",
-        description="Formula that turns the raw values of a first Kinect into distances",
+        description="Formula that converts the raw values of a first Kinect to distances",
         items=(
-            ("factory", "Factory", "That of the camera's drivers"),
-            ("linear", "Linear", "The OpenKinect community's; 50 mm short at 1.2 m"),
-            ("tangent", "Tangent", "Magnenat's, good to 3.8 m"),
+            ("factory", "Factory", "The formula of the camera's drivers"),
+            ("linear", "Linear", "The formula of the OpenKinect community; 50 mm too short at 1.2 m"),
+            ("tangent", "Tangent", "Magnenat's formula; accurate up to 3.8 m"),
         ),
         translation_context=CONTEXT,
     )  # fmt: skip
     kinect_calibration: EnumProperty(
         name="Kinect Lens",
-        description="Lens of a first Kinect whose recording does not say it",
+        description="Intrinsics of a first Kinect, for recordings that lack them",
         items=(
-            ("factory", "Factory", "The nominal values of the camera's drivers"),
-            ("burrus", "Burrus", "As measured by Burrus for one camera, and in wide use"),
+            ("factory", "Factory", "Nominal values of the camera's drivers"),
+            ("burrus", "Burrus", "Measured by Burrus on one camera, and widely used"),
         ),
         translation_context=CONTEXT,
     )  # fmt: skip
     color: BoolProperty(
-        name="Colour", description="Read the colour pictures too", default=True, translation_context=CONTEXT
+        name="Colour", description="Read the colour images too", default=True, translation_context=CONTEXT
     )
 
 
@@ -183,16 +183,16 @@ class MIRRORSCAN_PG_pick(bpy.types.PropertyGroup):
     """One point picked on a mirror's frame."""
 
     pixel: FloatVectorProperty(
-        name="Pixel", description="Where in the depth image: from the left and from the top, in pixels",
+        name="Pixel", description="Position in the depth image, in pixels from the left and from the top",
         size=2, precision=1, translation_context=CONTEXT,
     )  # fmt: skip
 
 
 class MIRRORSCAN_PG_mirror(bpy.types.PropertyGroup):
-    """One mirror: what was picked on it, and where it stands."""
+    """One mirror: the points picked on it, and its plane."""
 
     name: StringProperty(
-        name="Name", description="What you call this mirror; the report uses it", default="mirror",
+        name="Name", description="Name of the mirror, as used in reports", default="mirror",
         update=_name_changed, translation_context=CONTEXT,
     )  # fmt: skip
     picks: CollectionProperty(
@@ -200,79 +200,78 @@ class MIRRORSCAN_PG_mirror(bpy.types.PropertyGroup):
         translation_context=CONTEXT,
     )  # fmt: skip
     source: StringProperty(
-        name="Source", description="Where the mirror is known from: picked, given, found or a rig file",
+        name="Source", description="Where the mirror comes from: picked, given, found or a rig file",
         translation_context=CONTEXT,
     )  # fmt: skip
     plane: StringProperty(
-        name="Plane", description="The fitted mirror with all its figures, as JSON; empty while there is none",
+        name="Plane", description="The fitted mirror with all its values, as JSON. Empty until it is fitted",
         options={"HIDDEN"}, translation_context=CONTEXT,
     )  # fmt: skip
     residual_mm: FloatProperty(
-        name="Residual", description="How far the frame's points lie off the fitted plane on average, in millimetres",
+        name="Residual", description="Average distance of the frame's points from the fitted plane, in millimetres",
         precision=1, translation_context=CONTEXT,
     )  # fmt: skip
     message: StringProperty(
-        name="Message", description="Why the mirror cannot be placed; empty when it is", translation_context=CONTEXT
+        name="Message", description="Why the mirror cannot be placed. Empty if it is", translation_context=CONTEXT
     )
 
 
 class MIRRORSCAN_PG_subject(bpy.types.PropertyGroup):
-    """How the person is told from the room."""
+    """How the person is separated from the room."""
 
     depth_limit_m: _metres(0.0, 0.0)
     depth_limit: _length(
         "depth_limit_m", "Depth Limit",
-        "Everything farther from the camera than this is ignored; the way over a mirror counts whole. "
-        "0 m = by itself, from where the person can be",
+        "Ignore everything farther from the camera than this. For reflections the whole path via the mirror counts. "
+        "0 m = automatic",
         step=5, precision=3, default=0.0, update=_search_changed,
     )  # fmt: skip
     floor_clearance_m: _metres(0.002, 0.0, 0.5)
     floor_clearance: _length(
-        "floor_clearance_m", "Floor Clearance",
-        "Up to this height above the floor everything counts as the floor. Raise it when pieces of the floor stick to "
-        "the soles",
+        "floor_clearance_m", "Height Threshold",
+        "Everything up to this height above the floor counts as floor. Raise it if pieces of the floor stick to the "
+        "soles",
         step=0.1, precision=4, default=0.002, update=_search_changed,
     )  # fmt: skip
     reach_m: _metres(1.15, 0.2)
     reach: _length(
-        "reach_m", "Reach", "How far from the place the mirrors look at the person may be",
+        "reach_m", "Reach", "Greatest distance of the person from the place that the mirrors face",
         step=5, precision=3, default=1.15, update=_search_changed,
     )  # fmt: skip
     max_height_m: _metres(2.4, 0.2)
     max_height: _length(
         "max_height_m", "Max Height",
-        "Everything higher above the floor than this is ignored, such as lamps and the ceiling",
+        "Ignore everything higher above the floor than this, such as lamps and the ceiling",
         step=5, precision=3, default=2.4, update=_search_changed,
     )  # fmt: skip
     object: BoolProperty(
-        name="Any Thing",
-        description="The subject may be a thing of any height, on the floor, a table or a plinth: what it stands on is "
+        name="Any Object",
+        description="The subject may be an object of any height, on the floor or on a table. What it stands on is "
         "cut off",
         update=_search_changed, translation_context=CONTEXT,
     )  # fmt: skip
     clicked: BoolProperty(
         name="By Click",
-        description="The person is who was clicked, not who stands where the mirrors look at",
+        description="The subject is the person that was clicked, not the one at the place that the mirrors face",
         update=_search_changed, translation_context=CONTEXT,
     )  # fmt: skip
     click: FloatVectorProperty(
-        name="Click", description="Where the person was clicked in the depth image: from the left and from the top, in "
-        "pixels",
+        name="Click", description="Position of the click in the depth image, in pixels from the left and from the top",
         size=2, precision=1, update=_search_changed, translation_context=CONTEXT,
     )  # fmt: skip
     message: StringProperty(
-        name="Message", description="What the last search for the person found", translation_context=CONTEXT
+        name="Message", description="Result of the last search for the person", translation_context=CONTEXT
     )
     problem: StringProperty(
-        name="Problem", description="Why the last search for the person found nobody", translation_context=CONTEXT
+        name="Problem", description="Why the last search did not find a person", translation_context=CONTEXT
     )
     searched_with: StringProperty(
-        name="Searched With", description="The settings of the last search for the person, as JSON; empty before it",
+        name="Searched With", description="Settings of the last search for the person, as JSON. Empty before it",
         options={"HIDDEN"}, translation_context=CONTEXT,
     )  # fmt: skip
     stale: BoolProperty(
-        name="Stale", description="Whether the person was searched for with other settings", options={"HIDDEN"},
-        get=_is_stale, translation_context=CONTEXT,
+        name="Stale", description="Whether the settings have changed since the last search for the person",
+        options={"HIDDEN"}, get=_is_stale, translation_context=CONTEXT,
     )  # fmt: skip
 
 
@@ -281,53 +280,52 @@ class MIRRORSCAN_PG_quality(bpy.types.PropertyGroup):
 
     preset: EnumProperty(
         name="Preset",
-        description="A set of values that go together",
+        description="Values that go together",
         items=(
-            ("FINE", "Fine", "Less smoothing, finer seams: for a quiet camera or a long burst"),
-            ("BALANCED", "Balanced", "What fits most captures"),
+            ("FINE", "Fine", "Less smoothing, finer seams: for a camera with little noise or a long burst"),
+            ("BALANCED", "Balanced", "For most captures"),
             ("SMOOTH", "Smooth", "More smoothing: for a noisy camera or a single frame"),
-            ("DRAFT", "Draft", "Quick, to see whether a capture is any good; seams may run through each other"),
-            ("CUSTOM", "Custom", "The values below as you set them"),
+            ("DRAFT", "Draft", "Quick, to see whether a capture is usable; the surface may intersect itself at seams"),
+            ("CUSTOM", "Custom", "Your own values"),
         ),
         default="BALANCED", update=_preset_chosen, translation_context=CONTEXT,
     )  # fmt: skip
     smoothing: FloatProperty(
         name="Smoothing",
-        description="How strongly the camera's noise is smoothed, as a multiple of what the measured noise asks for. "
-        "0 = not at all",
+        description="Strength of the smoothing, as a multiple of what the measured noise requires. 0 = no smoothing",
         default=1.0, min=0.0, soft_max=3.0, max=10.0, step=10, precision=2, update=_quality_changed,
         translation_context=CONTEXT,
     )  # fmt: skip
     close_gaps: IntProperty(
         name="Close Gaps",
-        description="Spots without a reading inside the surface are closed up to this width",
+        description="Fill missing readings inside the surface, up to this width",
         default=2, min=0, soft_max=6, max=20, subtype="PIXEL", update=_quality_changed, translation_context=CONTEXT,
     )  # fmt: skip
     outline: FloatProperty(
         name="Trim Outlines",
-        description="How much of the ragged rim of each view is cut off before sewing. 0 = nothing",
+        description="How much of the ragged outline of each view is cut off before the views are joined. 0 = nothing",
         default=0.5, min=0.0, max=0.6, step=5, precision=2, update=_quality_changed, translation_context=CONTEXT,
     )  # fmt: skip
     refine: FloatProperty(
         name="Seam Coarseness",
-        description="Longest edge in seams and fills, as a multiple of the edges around them. Smaller is finer",
+        description="Longest edge in seams and filled holes, as a multiple of the edges around them. Smaller is finer",
         default=2.0, min=1.0, soft_max=4.0, max=10.0, step=10, precision=2, update=_quality_changed,
         translation_context=CONTEXT,
     )  # fmt: skip
     untangle: BoolProperty(
-        name="Untangle",
-        description="Smooth places where the surface runs through itself until it no longer does",
+        name="Fix Intersections",
+        description="Smooth the surface where it intersects itself, until it no longer does",
         default=True, update=_quality_changed, translation_context=CONTEXT,
     )  # fmt: skip
     keep_islands: BoolProperty(
-        name="Keep Islands", description="Keep pieces that nothing connects to the body, each closed on its own",
+        name="Keep Islands", description="Keep pieces that are not connected to the body, each closed separately",
         translation_context=CONTEXT,
     )  # fmt: skip
     glass_offset_m: _metres(0.0)
     glass_offset: _length(
         "glass_offset_m", "Glass Depth",
-        "How far the reflecting glass lies behind the front of the mirrors' frames. A wrong value puts the back of the "
-        "person off by twice the error",
+        "How far the glass lies behind the front of the mirrors' frames. An error here shifts the back of the person "
+        "by twice as much",
         step=0.1, precision=4, default=0.0,
     )  # fmt: skip
 
@@ -339,42 +337,42 @@ def _is_cloud(self, target: bpy.types.Object) -> bool:
 
 
 class MIRRORSCAN_PG_scene(bpy.types.PropertyGroup):
-    """A scan and what is to be made of it."""
+    """A scan and its settings."""
 
     capture_path: StringProperty(
         name="Capture",
-        description="Folder or file that the depth camera's images were recorded to",
+        description="Folder or file that the depth camera recorded",
         subtype="FILE_PATH", options={"PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     frames: IntProperty(
         name="Frames",
-        description="How many depth frames of the burst to average, 0 for all. More frames, less noise",
+        description="How many depth frames of the burst are averaged. More frames give less noise. 0 = all",
         default=0, min=0, soft_max=60, translation_context=CONTEXT,
     )  # fmt: skip
     reading: PointerProperty(
-        type=MIRRORSCAN_PG_reading, name="Reading", description="What the capture's files cannot say of themselves",
+        type=MIRRORSCAN_PG_reading, name="Load Options", description="What the capture's files lack, or have wrong",
         translation_context=CONTEXT,
     )  # fmt: skip
     cloud: PointerProperty(
-        type=bpy.types.Object, name="Cloud", description="Object that holds the points of the capture", poll=_is_cloud,
+        type=bpy.types.Object, name="Cloud", description="Object with the points of the capture", poll=_is_cloud,
         translation_context=CONTEXT,
     )  # fmt: skip
     color_image: PointerProperty(
-        type=bpy.types.Image, name="Colour", description="Colour picture of the capture", translation_context=CONTEXT
+        type=bpy.types.Image, name="Colour", description="Colour image of the capture", translation_context=CONTEXT
     )
     depth_image: PointerProperty(
-        type=bpy.types.Image, name="Depth", description="Depth picture of the capture: near is yellow, far is violet",
+        type=bpy.types.Image, name="Depth", description="Depth image of the capture: near is yellow, far is violet",
         translation_context=CONTEXT,
     )  # fmt: skip
     mirrors: CollectionProperty(
         type=MIRRORSCAN_PG_mirror, name="Mirrors", description="The mirrors of the capture", translation_context=CONTEXT
     )
     mirror_index: IntProperty(
-        name="Active Mirror", description="The mirror that is picked or removed", min=0, update=_redraw,
+        name="Active Mirror", description="The mirror that is picked or removed next", min=0, update=_redraw,
         translation_context=CONTEXT,
     )  # fmt: skip
     subject: PointerProperty(
-        type=MIRRORSCAN_PG_subject, name="Subject", description="How the person is told from the room",
+        type=MIRRORSCAN_PG_subject, name="Subject", description="How the person is separated from the room",
         translation_context=CONTEXT,
     )  # fmt: skip
     quality: PointerProperty(
@@ -386,22 +384,22 @@ class MIRRORSCAN_PG_scene(bpy.types.PropertyGroup):
     )  # fmt: skip
     cloud_colors: EnumProperty(
         name="Colour By",
-        description="What the colours of the points say",
+        description="What the colours of the points show",
         items=(
-            ("CAPTURE", "Capture", "The colours of the capture; by distance when it has none"),
+            ("CAPTURE", "Capture", "Colours of the capture, or distance if it has none"),
             ("DEPTH", "Depth", "Distance from the camera: near is yellow, far is violet"),
-            ("VIEW", "View", "How the camera saw each point: directly, or through which mirror"),
-            ("PART", "Part", "Person orange, floor green, what is beyond the depth limit red, the rest grey"),
+            ("VIEW", "View", "Which view each point belongs to: the direct one or that of a mirror"),
+            ("PART", "Part", "Person orange, floor green, beyond the depth limit red, the rest grey"),
         ),
         update=_redraw, translation_context=CONTEXT,
     )  # fmt: skip
     fold: BoolProperty(
         name="Reflect Back",
-        description="Draw what is seen through a mirror where it really is, flipped over the mirror's plane",
+        description="Draw the points seen in a mirror where they really are, reflected across the mirror's plane",
         update=_redraw, translation_context=CONTEXT,
     )  # fmt: skip
     point_size: FloatProperty(
-        name="Point Size", description="How large a point is drawn", default=2.0, min=1.0, max=10.0, subtype="PIXEL",
+        name="Point Size", description="Size of the points as drawn", default=2.0, min=1.0, max=10.0, subtype="PIXEL",
         update=_redraw, translation_context=CONTEXT,
     )  # fmt: skip
     show_mirrors: BoolProperty(
@@ -413,12 +411,12 @@ class MIRRORSCAN_PG_scene(bpy.types.PropertyGroup):
     )
     export_folder: StringProperty(
         name="Folder",
-        description="Folder that the buttons below write to at once, over a file of that name. Leave empty to be asked "
-        "each time",
+        description="Folder that the buttons below write to without asking; they replace files of the same name. Leave "
+        "empty to be asked each time",
         subtype="DIR_PATH", options={"PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     problem_index: IntProperty(
-        name="Problem", description="Which problem of the avatar was jumped to last, counted from 1; 0 = none",
+        name="Problem", description="The problem of the avatar that was shown last, counted from 1. 0 = none",
         min=0, translation_context=CONTEXT,
     )  # fmt: skip
 
@@ -434,12 +432,12 @@ def _became_mirror(self, context: bpy.types.Context) -> None:
 
 
 class MIRRORSCAN_PG_object(bpy.types.PropertyGroup):
-    """What an object stands for in a virtual rig."""
+    """What an object represents in a virtual rig."""
 
     is_mirror: BoolProperty(
         name="Is a Mirror",
-        description="This flat object is a mirror of the virtual rig: its glass fills the object's bounding box and "
-        "reflects on the side its local Z axis points to",
+        description="Use this flat object as a mirror of the virtual rig: the glass fills the object's bounding box "
+        "and reflects on the side that the local Z axis points to",
         update=_became_mirror, translation_context=CONTEXT,
     )  # fmt: skip
     frame_width: FloatProperty(
@@ -447,7 +445,7 @@ class MIRRORSCAN_PG_object(bpy.types.PropertyGroup):
         min=0.0, step=0.5, precision=3, subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
     )  # fmt: skip
     frame_depth: FloatProperty(
-        name="Frame Depth", description="How far the frame stands out before the glass", default=0.0, min=0.0,
+        name="Frame Depth", description="How far the frame projects in front of the glass", default=0.0, min=0.0,
         step=0.1, precision=3, subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
     )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""What is kept with an avatar about how it came out: ``report.json`` as text, and its problems in words."""
+"""The report kept with an avatar (``report.json`` as text), and its problems and figures in words."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..language.texts import say
 from . import units
 
 REPORT = "mirror_scan_report"  # custom property of an avatar: report.json as text
-MANY_CROSSINGS = 1e-3  # share of the faces above which crossings are warned of
+MANY_CROSSINGS = 1e-3  # share of the faces above which self-intersections are warned of
 
 
 def avatar_report(avatar: bpy.types.Object | None) -> dict | None:
@@ -84,10 +84,10 @@ def problem_text(place: dict, scene: bpy.types.Scene) -> str:
     """One problem in plain words, its size in the scene's units."""
     text = {
         "hole": say("Hole, {size} across"),
-        "edge": say("{count} faces branch off one edge"),
-        "crossing": say("Surface runs through itself, {size}"),
+        "edge": say("{count} faces share one edge"),
+        "crossing": say("Surface intersects itself, {size}"),
         "piece": say("Loose piece, {size}"),
-        "guess": say("Nobody saw this: {area} made up"),
+        "guess": say("Not seen by any view: {area} filled"),
     }.get(place["kind"], "{kind}")
     size, area = units.length_text(place["size"], scene), units.area_text(place["area"], scene)
     return text.format(size=size, count=place["count"], area=area, kind=place["kind"])
@@ -108,7 +108,7 @@ def summary(report: dict, scene: bpy.types.Scene) -> list[tuple[str, str, str]]:
         lines.append((say("Surface"), say("closed") if closed else say("has holes"), "OK" if closed else "WARN"))
     if "manifold" in mesh:
         clean = mesh["manifold"]
-        lines.append((say("Edges"), say("two faces each") if clean else say("some branch"), "OK" if clean else "WARN"))
+        lines.append((say("Edges"), say("manifold") if clean else say("non-manifold"), "OK" if clean else "WARN"))
     if mesh.get("components", 1) > 1:
         lines.append((say("Pieces"), str(mesh["components"]), "WARN"))
     if "self_intersections" in mesh:
@@ -116,32 +116,41 @@ def summary(report: dict, scene: bpy.types.Scene) -> list[tuple[str, str, str]]:
         text = say("none") if not count else say("{count:,} faces").format(count=count)
         # a few in tens of thousands do no harm: the build leaves them rather than cut for them
         much = count > MANY_CROSSINGS * mesh.get("triangles", 0)
-        lines.append((say("Crossings"), text, "OK" if not count else "WARN" if much else ""))
+        lines.append((say("Intersections"), text, "OK" if not count else "WARN" if much else ""))
     return lines
 
 
 def distances(report: dict) -> list[tuple[str, str, str]]:
-    """How well the views fitted, as :func:`summary`: mirrors, gaps bridged by seams, share of made-up surface."""
+    """How well the views fit, as :func:`summary`: mirrors, gaps bridged by seams, share of surface not measured."""
     lines = []
     for mirror in report.get("mirrors", ()):
         if mirror.get("residual_mm") is not None:
-            label = say("Mirror {name}").format(name=mirror.get("name", ""))
             good = mirror["residual_mm"] <= 12.0
-            text = say("fits to {residual:.1f} mm").format(residual=mirror["residual_mm"])
-            lines.append((label, text, "OK" if good else "WARN"))
+            text = say("flat to {residual:.1f} mm").format(residual=mirror["residual_mm"])
+            lines.append((str(mirror.get("name", "")), text, "OK" if good else "WARN"))
     for seam in report.get("seams", ()):
         if seam.get("mean_gap_mm") is not None and len(seam.get("between", ())) == 2:
-            label = say("Gap {one}–{other}").format(one=seam["between"][0], other=seam["between"][1])
-            text = say("{mean:.0f} mm, widest {widest:.0f} mm").format(
+            label = _gap_label(*map(str, seam["between"]))
+            text = say("{mean:.0f} mm, at most {widest:.0f} mm").format(
                 mean=seam["mean_gap_mm"], widest=seam.get("max_gap_mm", 0.0)
             )
             lines.append((label, text, "WARN" if seam["mean_gap_mm"] > 40 else ""))
     mesh = report.get("mesh", {})
     faces = mesh.get("triangles")
     if faces and "fill_triangles" in mesh:
-        lines.append((say("Made up"), f"{(mesh['fill_triangles'] + mesh.get('seam_triangles', 0)) / faces:.0%}", ""))
+        share = (mesh["fill_triangles"] + mesh.get("seam_triangles", 0)) / faces
+        lines.append((say("Not measured"), f"{share:.0%}", ""))
     timings = report.get("timings_ms", {})
     if timings:
         seconds = timings.get("total", sum(timings.values())) / 1000
         lines.append((say("Time"), f"{seconds:.1f} s", ""))
     return lines
+
+
+def _gap_label(one: str, other: str) -> str:
+    """The gap between two views, which may be twice the same; ``direct`` and ``made`` are names of the report."""
+    if one == other:
+        within = {"direct": say("Gap within the direct view"), "made": say("Gap within filled surface")}
+        return within.get(one) or say("Gap within {view}").format(view=one)
+    names = {"direct": say("direct view"), "made": say("filled surface")}
+    return say("Gap {one}–{other}").format(one=names.get(one, one), other=names.get(other, other))

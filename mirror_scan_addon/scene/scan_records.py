@@ -54,7 +54,7 @@ def absolute(path: str) -> str:
         When it is relative to a .blend that has no place yet.
     """
     if path.startswith("//") and not bpy.data.filepath:
-        text = say("{path}: is relative to the .blend file, which has no place yet; save it first")
+        text = say("{path}: is relative to the .blend file, which is not saved yet; save it first")
         raise CaptureError(text.format(path=path))
     return bpy.path.abspath(path)
 
@@ -136,7 +136,7 @@ def placed_mirrors(settings: bpy.types.PropertyGroup) -> list[dict]:
     """
     records = records_of(settings)
     if not records:
-        raise MirrorError(say("There is no mirror yet; find the mirrors or pick points on their frames first"))
+        raise MirrorError(say("There are no mirrors yet; find them or pick points on their frames first"))
     for record in records:
         if not record["plane"]:
             text = say("{name}: is not placed; pick at least 3 points on its frame, or remove it")
@@ -267,7 +267,7 @@ def editable(context: bpy.types.Context) -> str:
     if job_operators.running(context):
         return say("Mirror Scan is busy; wait or press Esc")
     if context.mode != "OBJECT":
-        return say("Leave the editing mode first: this works in Object Mode")
+        return say("Switch to Object Mode first")
     return ""
 
 

@@ -99,7 +99,7 @@ def mirrors_of(scene: bpy.types.Scene) -> list[dict]:
         scale = np.linalg.norm(matrix[:3, :3], axis=0)
         width, height, thick = (high - low) * scale * unit
         if min(width, height) <= 1e-4 or thick > 0.2 * min(width, height):
-            text = say("{name}: is marked as a mirror, but is not flat in its local X and Y; its glass lies there")
+            text = say("{name}: is marked as a mirror, but is not flat; its glass lies in its local XY plane")
             raise MirrorScanError(text.format(name=item.name))
         top = (*(low[:2] + high[:2]) / 2, high[2])
         settings = item.mirror_scan
@@ -129,7 +129,7 @@ def camera_of(camera: bpy.types.Object, unit: float = 1.0) -> dict:
     pose = np.array(camera.matrix_world) @ _FLIP
     size = np.linalg.norm(pose[:3, :3], axis=0)
     if not (np.isfinite(pose).all() and size.min() > 1e-9):
-        text = say("{name}: is scaled to nothing, or nowhere, and sees nothing; set its scale to 1 and give it a place")
+        text = say("{name}: its scale is zero or its position invalid; set the scale to 1 and move it into the scene")
         raise MirrorScanError(text.format(name=camera.name))
     turn = pose[:3, :3] / size
     ahead = turn[:, 2]

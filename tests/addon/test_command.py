@@ -91,7 +91,7 @@ def test_the_message_names_versions_where_there_is_none(monkeypatch):
 
     monkeypatch.setitem(sys.modules, "bpy", None)
     monkeypatch.setattr(sys, "version_info", (3, 12, 1))
-    with pytest.raises(OutputError, match=r"none for this Python 3\.12, only for Python 3\.11 .* and Python 3\.13"):
+    with pytest.raises(OutputError, match=r"no bpy for this Python 3\.12, only for Python 3\.11 .* and Python 3\.13"):
         BlenderWriters()[".blend"]
     monkeypatch.setattr(sys, "version_info", (3, 13, 0))
     with pytest.raises(OutputError, match="pip install bpy"):

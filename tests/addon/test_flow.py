@@ -443,7 +443,7 @@ def test_when_the_file_has_moved_the_points_are_enough(bpy, scan, tmp_path, capf
     shutil.rmtree(folder)
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "work.blend"))
     assert bpy.ops.mirror_scan.build_avatar() == {"FINISHED"}
-    assert "is not there any more" in capfd.readouterr().out
+    assert "no longer exists" in capfd.readouterr().out
     assert bpy.context.object.dimensions.z == pytest.approx(scan[1], abs=0.03)
     with pytest.raises(RuntimeError, match="Error: .*no such file"):
         bpy.ops.mirror_scan.load_capture()
@@ -471,7 +471,7 @@ def test_check_finds_a_hole_and_jumps_to_it(bpy, capsule):
     assert abs(hole["point"][0]) < 0.05 and hole["point"][1] < -0.15 and hole["normal"][1] < -0.9
     assert bpy.ops.mirror_scan.jump_to_problem() == {"FINISHED"}
     assert settings_of(bpy).problem_index == 1
-    with pytest.raises(RuntimeError, match="No problem has the number"):
+    with pytest.raises(RuntimeError, match="There is no problem number"):
         bpy.ops.mirror_scan.jump_to_problem(direction="NUMBER", number=99)
 
 
@@ -525,7 +525,7 @@ def test_colours_say_what_they_are_asked(bpy, capsule):
     assert [item.name for item in avatar.data.color_attributes] == ["Color"]
     np.testing.assert_array_equal(shown()[1], capsule.colors)
     avatar.data.attributes.remove(avatar.data.attributes["kind"])
-    with pytest.raises(RuntimeError, match="only avatars that Mirror Scan built"):
+    with pytest.raises(RuntimeError, match="only avatars built by Mirror Scan"):
         bpy.ops.mirror_scan.color_by(mode="KIND")
 
 
@@ -575,7 +575,7 @@ def test_a_format_unknown_or_a_folder_missing_is_told(bpy, capsule, tmp_path):
     from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
 
     select_only(bpy.context, create_avatar(capsule, collection=bpy.context.collection))
-    for path, words in (("x.doc", "none of the formats"), ("no/x.ply", "does not exist"), ("", "Give the name")):
+    for path, words in (("x.doc", "not one of the formats"), ("no/x.ply", "does not exist"), ("", "Enter the name")):
         with pytest.raises(RuntimeError, match=words):
             bpy.ops.mirror_scan.export_avatar(filepath=str(tmp_path / path) if path else "")
     assert bpy.ops.mirror_scan.export_avatar(filepath=str(tmp_path / "named"), format="PLY") == {"FINISHED"}

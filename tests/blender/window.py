@@ -337,7 +337,7 @@ def drop() -> Story:
 
 
 def live() -> Story:
-    """Drag *Reach*, and tick *Any Thing*: the person is searched for again by itself; undo takes that along."""
+    """Drag *Reach*, and tick *Any Object*: the person is searched for again automatically; undo reverts that too."""
     module = sys.modules[f"{ADDON}.mirror_scan_addon.scene.live_subject"]
     inner, spent = module._turn, []
 
@@ -374,7 +374,7 @@ def live() -> Story:
     yield from until(lambda: abs(subject().reach - before) < 1e-6 and found(), "the reach and the person of before")
     place = yield from find_field("mirror_scan.subject.object", 0.75)
     yield from click(*place)
-    yield from until(lambda: subject().object and found(), "the thing, searched for")
+    yield from until(lambda: subject().object and found(), "the object, searched for")
     yield from shot("5_live")
     yield from click(*place)
     yield from until(lambda: not subject().object and found(), "the person again")

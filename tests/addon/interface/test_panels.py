@@ -92,13 +92,13 @@ def test_a_capture_shows_what_it_is(bpy, loaded):
         shown["capture"]
     )
     assert ("button", "build_avatar", True) in shown["build"]
-    assert "Good: the frame lies within" in words(shown["mirrors"])
+    assert "Good: the frame is flat to" in words(shown["mirrors"])
     settings.mirrors[0].message, settings.mirrors[0].plane = "right: the 3 frame points lie on one line", ""
     assert "lie on one line" in words(draw(bpy, "mirrors"))
-    assert "Look at these mirrors first: right" in words(draw(bpy, "build"))
+    assert "Check these mirrors first: right" in words(draw(bpy, "build"))
     settings.mirrors[0].message, settings.mirrors[0].residual_mm = "", 40.0
     settings.mirrors[0].plane = settings.mirrors[1].plane
-    assert "Poor: 40.0 mm" in words(draw(bpy, "mirrors"))
+    assert "Poor: the frame is 40.0 mm off a plane" in words(draw(bpy, "mirrors"))
 
 
 def test_an_avatar_shows_how_it_came_out(bpy, capsule):
@@ -107,7 +107,10 @@ def test_an_avatar_shows_how_it_came_out(bpy, capsule):
 
     report = {
         "mirrors": [{"name": "left", "residual_mm": 0.8}],
-        "seams": [{"between": ["direct", "left"], "mean_gap_mm": 12.0, "max_gap_mm": 31.0}],
+        "seams": [
+            {"between": pair, "mean_gap_mm": 12.0, "max_gap_mm": 31.0}
+            for pair in (["direct", "left"], ["direct", "direct"], ["left", "left"], ["left", "made"], ["made", "made"])
+        ],
         "mesh": {"height_m": 1.7, "volume_l": 200.0, "watertight": False, "self_intersections": 3},
         "problems": [{"kind": "hole", "point": [0, 0, 1], "normal": [0, -1, 0], "size": 0.05, "area": 0, "count": 9}],
         "warnings": ["left: nobody is seen in this mirror"],
@@ -115,15 +118,16 @@ def test_an_avatar_shows_how_it_came_out(bpy, capsule):
     avatar = create_avatar(capsule, collection=bpy.context.collection, report=report)
     select_only(bpy.context, avatar)
     shown = words(draw(bpy, "check"))
-    for part in ("1.70 m", "200.0 l", "has holes", "fits to 0.8 mm", "widest 31 mm", "3 faces", "nobody is seen in",
-                 "Places to look at: 1"):  # fmt: skip
+    for part in ("1.70 m", "200.0 l", "has holes", "left flat to 0.8 mm", "at most 31 mm", "3 faces",
+                 "nobody is seen in", "Problems: 1", "Gap direct view–left ", "Gap within the direct view ",
+                 "Gap within left ", "Gap left–filled surface ", "Gap within filled surface "):  # fmt: skip
         assert part in shown, part
     bpy.context.scene.mirror_scan.problem_index = 1
     assert "Hole, 5.0 cm across" in words(draw(bpy, "check"))
     avatar[report_text.REPORT] = "edited {"
     assert "Select an avatar" in words(draw(bpy, "check"))
     avatar[report_text.REPORT] = '{"problems": [1, {"kind": "hole"}], "mesh": {}}'
-    assert "No problem found" in words(draw(bpy, "check"))
+    assert "No problems found" in words(draw(bpy, "check"))
 
 
 def test_every_list_row_can_be_drawn(bpy, loaded):
@@ -145,7 +149,7 @@ def test_long_sentences_break_into_lines(bpy, monkeypatch, width):
     from mirror_scan.mirror_scan_addon.interface import panels
 
     monkeypatch.setattr(panels, "_width", lambda: width)
-    said, text = [], "No mirror is chosen: the capture's own are used, or they are found"
+    said, text = [], "No mirrors yet: those of the capture are used, or they are found automatically"
     panels._text(Layout(bpy, said), text, "INFO")
     lines = [line for _, line in said]
     assert " ".join(lines) == text and len(lines) >= 2

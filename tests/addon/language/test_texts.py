@@ -63,7 +63,7 @@ BUTTONS = (
     ("load_capture", {}, ""), ("load_capture", {"filepath": "/a/b"}, "Load /a/b again"), ("pick_mirror_points", {}, ""),
     ("pick_mirror_points", {"add": True}, "Add a mirror"), ("color_by", {"mode": "KIND"}, "seam between two views red"),
     ("export_avatar", {}, ""), ("export_avatar", {"format": "STL"}, "For 3D printing"),
-    ("jump_to_problem", {"direction": "PREVIOUS"}, "before this one"), ("jump_to_problem", {}, "next problem"),
+    ("jump_to_problem", {"direction": "PREVIOUS"}, "previous problem"), ("jump_to_problem", {}, "next problem"),
 )  # fmt: skip
 
 

@@ -91,8 +91,8 @@ def test_missing_arrays_make_no_attributes(bpy, capsule):
     ("change", "words"),
     [
         ({"vertices": np.zeros((0, 3)), "triangles": np.zeros((0, 3), np.int32)}, "no triangles"),
-        ({"triangles": np.array([[0, 1, 10_000_000]], np.int32), "kind": None}, "not there"),
-        ({"triangles": np.array([[0, 1, -1]], np.int32), "kind": None}, "not there"),
+        ({"triangles": np.array([[0, 1, 10_000_000]], np.int32), "kind": None}, "does not exist"),
+        ({"triangles": np.array([[0, 1, -1]], np.int32), "kind": None}, "does not exist"),
         ({"triangles": np.array([[0, 1, 2, 3]], np.int32)}, r"\(T, 3\)"),
         ({"colors": np.zeros((5, 3), np.uint8)}, "colors must have"),
         ({"view": np.zeros(5, np.int8)}, "view must have"),
