@@ -105,7 +105,7 @@ class MIRRORSCAN_OT_simulate(job_operators.JobOperator, bpy.types.Operator):
     )  # fmt: skip
     frames: IntProperty(
         name="Frames", description="Number of depth frames in the burst", default=10, min=1, soft_max=60,
-        max=500,         translation_context=CONTEXT,
+        max=500, translation_context=CONTEXT,
     )  # fmt: skip
     seed: IntProperty(
         name="Seed", description="Seed of the noise. The same number gives the same capture", default=0, min=0,
