@@ -83,7 +83,7 @@ def main() -> None:
     parted = part_overlaps(patches, maps, settings.overlap)
     zipped, _, twin = zip_patches(parted, maps, views.up, views.axis, views.floor, settings.zipper)
     closed, _ = close_mesh(zipped, maps, views.up, views.floor, settings.closing, twin)
-    to_avatar = avatar_frame(closed, views)
+    to_avatar = avatar_frame(closed.vertices, views.up, views.axis, views.floor)
 
     frames = [_moulding(mirror) for mirror in mirrors]
     behind = [_over(patch, mirror) for patch, mirror in zip(patches, [None, *mirrors], strict=True)]

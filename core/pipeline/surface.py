@@ -77,7 +77,7 @@ def joining_steps(
     clock.lap("closing")
 
     yield 0.95, "Checking the result"
-    to_avatar = avatar_frame(closed, scan)
+    to_avatar = avatar_frame(closed.vertices, scan.up, scan.axis, scan.floor)
     mesh = closed.transformed(to_avatar)
     warnings = (*scan.warnings, *notes)
     report = make_report(mesh, to_avatar, scan, patches, seams, warnings, clock)

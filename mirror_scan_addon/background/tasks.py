@@ -12,7 +12,6 @@ import json
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -382,7 +381,7 @@ def find_subject_steps(depth: np.ndarray, intrinsics: Intrinsics, mirrors: list[
         (found.points @ found.up - lowest).astype(np.float32),
         found.floor is not None,
         max(settings.floor_clearance, 3.0 * found.floor_noise),
-        avatar_frame(SimpleNamespace(vertices=subject), found),
+        avatar_frame(subject, found.up, found.axis, found.floor),
         [int((found.labels == view).sum()) for view in range(len(placed) + 1)],
         found.warnings,
     )

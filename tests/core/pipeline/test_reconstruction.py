@@ -6,7 +6,6 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -68,8 +67,8 @@ def test_what_hangs_above_the_floor_has_its_lowest_point_on_z_0():
     ball = trimesh.creation.icosphere(subdivisions=2, radius=0.2)
     mesh = Mesh(ball.vertices + (0.1, -0.5, 2.0), ball.faces.astype(np.int32))
     for floor, lowest in ((-1.0, 0.0), (0.27, 0.03), (None, 0.0)):
-        scan = SimpleNamespace(up=np.array((0, -1.0, 0)), axis=np.array((0, 0, 2.0)), floor=floor)
-        placed = mesh.transformed(avatar_frame(mesh, scan)).vertices
+        to_avatar = avatar_frame(mesh.vertices, np.array((0, -1.0, 0)), np.array((0, 0, 2.0)), floor)
+        placed = mesh.transformed(to_avatar).vertices
         assert placed[:, 2].min() == pytest.approx(lowest, abs=1e-9)
         assert np.abs(placed[:, :2].min(axis=0) + placed[:, :2].max(axis=0)).max() < 1e-9
 
