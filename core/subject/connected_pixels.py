@@ -2,10 +2,70 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numba import njit
 
 from ..numeric.union_find import root_of
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Every reading of a capture at its place in space: what the search for the subject works on.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z as read, along the whole path [m], 0 = no reading.
+    seen : np.ndarray [shape=(H, W), dtype=int8]
+        View of each reading: 0 direct, 1..N through mirror N; -1 = none.
+    points : np.ndarray [shape=(H, W, 3), dtype=float64]
+        The readings, mirrored ones flipped back, camera frame [m].
+    up : np.ndarray [shape=(3,)]
+        Unit vertical, camera frame.
+    pixel_angle : float
+        Of one pixel [rad].
+    """
+
+    depth: np.ndarray
+    seen: np.ndarray
+    points: np.ndarray
+    up: np.ndarray
+    pixel_angle: float
+
+
+@dataclass(frozen=True)
+class Pieces(Readings):
+    """Readings grouped into connected pieces, C in all.
+
+    Parameters
+    ----------
+    component : np.ndarray [shape=(H, W), dtype=int32]
+        Piece of each pixel, -1 = none.
+    sizes : np.ndarray [shape=(C,), dtype=int64]
+        Pixels of each piece.
+    """
+
+    component: np.ndarray
+    sizes: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """C, how many pieces there are."""
+        return len(self.sizes)
+
+    def pixels_of(self, member: np.ndarray) -> np.ndarray:
+        """Bool (H, W): pixels of the pieces that are a ``member`` (C,)."""
+        return member[self.component] & (self.component >= 0)
+
+
+def gather_pixels(readings: Readings, upright: np.ndarray) -> Pieces:
+    """The connected pieces of the pixels whose view (H, W) int8 in ``upright`` is not negative."""
+    component, sizes = connected_pixels(readings.depth, upright, readings.pixel_angle)
+    return Pieces(
+        readings.depth, readings.seen, readings.points, readings.up, readings.pixel_angle, component, sizes
+    )  # fmt: skip
 
 
 @njit(cache=True, nogil=True)

@@ -1,47 +1,195 @@
-"""Components seen directly that are the subject."""
+"""The subject as it is seen directly, and what it stands on: the floor, a step, a table."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from .connected_pixels import gap_kernel, member_table
-from .floor_plane import horizontal_projection
-from .object_pieces import gather_pieces
+from ..numeric.point_products import dot
+from .connected_pixels import Pieces, Readings, gap_kernel, label_kernel, member_table
+from .floor_plane import (
+    ABOUT,
+    FOOTPRINT,
+    LOW,
+    MAT,
+    ROUGH,
+    STEP,
+    Floor,
+    horizontal_projection,
+    is_stepped,
+    raised_floor,
+    standing_pieces,
+    standing_pieces_of_all,
+)
+from .object_pieces import group_pieces
+from .subject_views import ViewSettings
+from .support_surface import find_support
 
 PIECE = 8  # px: fewer are noise
-_BELOW = 0.15  # of the figure: so much of it may be seen below what stands before it
-_AXIS_SPREAD, _THING_SPREAD = 0.5, 0.3  # how far off the rig's crossing a person or thing counts less [m]
+_BELOW = 0.15  # of the figure: so much of it may be seen below what stands in front of it
+_AXIS_SPREAD, _OBJECT_SPREAD = 0.5, 0.3  # how far off the rig's axis a person or object counts less [m]
 
 
-def find_direct_subject(
-    depth, component, count, points, up, meeting, clicked, pixel_angle, settings
-) -> np.ndarray | None:
-    """Components seen directly that are the subject: the chosen one first, then what belongs to it."""
-    spread = _AXIS_SPREAD if clicked is None else _THING_SPREAD
-    total, within, score, box = _scores(component, count, points, up, meeting, spread, pixel_angle, settings)
-    if clicked is not None and component[clicked] >= 0:
-        best = int(component[clicked])
-    else:
-        whole = np.where(within >= settings.min_pixels, score, 0.0)
-        if not count or whole.max() <= 0:
-            return None
-        best = int(np.argmax(whole))
-    member = _joined(np.array([best]), component, count, points, up, total, score, box, pixel_angle)
-    below = ~member & (score > 0) & (total < _BELOW * total[member].sum())
-    if below.any():
-        member |= _below_kernel(component, member, below, depth) >= PIECE // 2
-    others = np.flatnonzero(member)
-    return np.concatenate(([best], others[others != best]))
+@dataclass(frozen=True)
+class DirectSubject:
+    """What of the subject is seen directly, and what it stands on.
+
+    Parameters
+    ----------
+    pieces : Pieces
+        What stands on ``floor``: of a person what is seen directly, of an object what any view shows.
+    member : np.ndarray [shape=(C,), dtype=bool]
+        Which pieces are the subject.
+    floor : Floor
+        As the mirrors are to look for it.
+    rough : float
+        The largest noise that a view of the floor may have [m].
+    warnings : tuple of str
+    """
+
+    pieces: Pieces
+    member: np.ndarray
+    floor: Floor
+    rough: float
+    warnings: tuple[str, ...] = ()
+
+    def labels(self) -> np.ndarray:
+        """The direct view's labels (H, W) int8: 0 = the subject, else -1."""
+        labels = np.full(self.pieces.depth.shape, -1, np.int8)
+        label_kernel(self.pieces.component, self.member, self.pieces.seen, 0, labels)
+        return labels
+
+    def middle(self) -> np.ndarray:
+        """Median point (3,) of what is seen directly of it, camera frame [m]."""
+        return np.median(self.pieces.points[self.pieces.pixels_of(self.member) & (self.pieces.seen == 0)], axis=0)
+
+
+def find_person(
+    readings: Readings, floor: Floor, clicked: tuple[int, int] | None, settings: ViewSettings
+) -> DirectSubject | None:
+    """The person seen directly; None when there is nobody. On a carpet, a mat or a step it is looked for once more.
+
+    Parameters
+    ----------
+    readings : Readings
+    floor : Floor
+        Its ``center``: where the person is expected.
+    clicked : tuple of int or None
+        Row and column of a pixel of the person.
+    settings : ViewSettings
+    """
+    found = _person_on(readings, floor, clicked, settings)
+    height = None if found is None or floor.height is None else _raised_height(readings, found, settings)
+    if height is None:
+        return found
+    raised = replace(floor, height=height, center=found.middle(), wide=False, outer=ABOUT)
+    step = height - floor.height
+    found = _person_on(readings, raised, clicked, settings)
+    if found is None:
+        return None
+    warnings = ()
+    if step > STEP[0]:
+        warnings = (f"what the subject stands on, {100.0 * step:.0f} cm above the floor, is cut off",)
+    # a mirror shows too little of a low step to separate it from the floor about it
+    return replace(found, floor=replace(raised, wide=step < LOW), warnings=warnings)
+
+
+def _person_on(
+    readings: Readings, floor: Floor, clicked: tuple[int, int] | None, settings: ViewSettings
+) -> DirectSubject | None:
+    """The person standing on this floor."""
+    pieces, rough = standing_pieces(readings, range(1), floor, ROUGH, settings)
+    member = _person_pieces(pieces, floor.center, clicked, settings)
+    return None if member is None else DirectSubject(pieces, member, floor, rough)
+
+
+def _raised_height(readings: Readings, found: DirectSubject, settings: ViewSettings) -> float | None:
+    """Height of the carpet, mat or step that a person stands on; None when it is the floor itself."""
+    floor = found.floor.height
+    height = raised_floor(readings, floor, found.middle(), settings.reach)
+    figure = found.pieces.pixels_of(found.member)
+    if height is None and is_stepped(dot(readings.points[figure], readings.up) - floor):
+        height = find_support(readings, figure, floor, settings.min_pixels, STEP, MAT)
+    return height
 
 
 def find_object(
-    depth, component, count, seen, points, up, meeting, clicked, pixel_angle, settings
+    readings: Readings, floor: Floor, clicked: tuple[int, int] | None, views: int, settings: ViewSettings
+) -> DirectSubject | None:
+    """The object, in all ``views``; None when there is nothing. A table or plinth that it stands on is cut off.
+
+    Parameters
+    ----------
+    readings : Readings
+    floor : Floor
+        Its ``center``: where the object is expected.
+    clicked : tuple of int or None
+        Row and column of a pixel of the object.
+    views : int
+        How many views there are.
+    settings : ViewSettings
+    """
+    found = _object_on(readings, floor, clicked, views, settings)
+    if found is None:
+        return None
+    figure, up, warnings = found.pieces.pixels_of(found.member), readings.up, ()
+    support = find_support(readings, figure, floor.height, settings.min_pixels)
+    if support is not None and clicked is not None and readings.points[clicked] @ up < support:
+        support = None  # what is clicked on is meant
+    if support is not None:
+        how = "" if floor.height is None else f", {100.0 * (support - floor.height):.0f} cm above the floor"
+        warnings = (
+            f"what the object stands on{how}, is cut off; if it is part of the object, click on it to keep it",
+        )  # fmt: skip
+    middle = found.middle()
+    off = np.inf if floor.center is None else np.linalg.norm(horizontal_projection(up) @ (middle - floor.center))
+    if support is None and off <= FOOTPRINT / 2:
+        return found
+    # from here on what the object stands on is its floor
+    height = floor.height if support is None else support
+    floor = replace(floor, height=height, center=middle, wide=support is None)
+    found = _object_on(readings, floor, clicked, views, settings)
+    return None if found is None else replace(found, warnings=warnings)
+
+
+def _object_on(
+    readings: Readings, floor: Floor, clicked: tuple[int, int] | None, views: int, settings: ViewSettings
+) -> DirectSubject | None:
+    """The object standing on this floor."""
+    pieces, rough = standing_pieces_of_all(readings, views, floor, settings)
+    member = _object_pieces(pieces, floor.center, clicked, settings)
+    return None if member is None else DirectSubject(pieces, member, floor, rough)
+
+
+def _person_pieces(
+    pieces: Pieces, expected: np.ndarray | None, clicked: tuple[int, int] | None, settings: ViewSettings
 ) -> np.ndarray | None:
-    """Components of all views that are the thing: what is best seen where the rig looks, in the most views."""
-    total, within, score, box = _scores(component, count, points, up, meeting, _THING_SPREAD, pixel_angle, settings)
-    usable = (score > 0) & (total >= PIECE)
-    group = gather_pieces(component, count, points, depth, up, usable)
+    """Which pieces (C,) seen directly are the person: the clicked or best one, and what belongs to it."""
+    extents = _extents(pieces, expected, _AXIS_SPREAD if clicked is None else _OBJECT_SPREAD, settings)
+    if clicked is not None and pieces.component[clicked] >= 0:
+        best = int(pieces.component[clicked])
+    else:
+        whole = np.where(extents.within >= settings.min_pixels, extents.score, 0.0)
+        if not pieces.count or whole.max() <= 0:
+            return None
+        best = int(np.argmax(whole))
+    member = _joined(np.array([best]), pieces, extents)
+    below = ~member & (extents.score > 0) & (pieces.sizes < _BELOW * pieces.sizes[member].sum())
+    if below.any():
+        member |= _below_kernel(pieces.component, member, below, pieces.depth) >= PIECE // 2
+    return member
+
+
+def _object_pieces(
+    pieces: Pieces, expected: np.ndarray | None, clicked: tuple[int, int] | None, settings: ViewSettings
+) -> np.ndarray | None:
+    """Which pieces (C,) of all views are the object: what most views show best where it is expected."""
+    extents = _extents(pieces, expected, _OBJECT_SPREAD, settings)
+    component, count, seen = pieces.component, pieces.count, pieces.seen
+    group = group_pieces(pieces, (extents.score > 0) & (pieces.sizes >= PIECE))
     views = int(seen.max()) + 1
     standing = component >= 0
     pixels = np.bincount(seen[standing].astype(np.int64) * count + group[component[standing]], minlength=views * count)
@@ -49,7 +197,7 @@ def find_object(
     if clicked is not None and component[clicked] >= 0:
         best = int(group[component[clicked]])
     else:
-        near = np.bincount(group, score, count)
+        near = np.bincount(group, extents.score, count)
         # furniture that happens to stand there is hardly seen in every mirror
         near *= (pixels >= 0.3 * settings.min_pixels).sum(axis=0) ** 2
         near[pixels[0] < settings.min_pixels] = 0.0
@@ -62,44 +210,66 @@ def find_object(
     direct &= mine
     if not direct.any():
         return None
-    alone = np.where(seen == 0, component, -1)
-    joined = _joined(np.flatnonzero(direct), alone, count, points, up, total, score, box, pixel_angle)
-    return np.flatnonzero(mine | joined)
+    alone = replace(pieces, component=np.where(seen == 0, component, -1))
+    return mine | _joined(np.flatnonzero(direct), alone, extents)
 
 
-def small_pieces(component, member, points, axis, up, pixel_angle, settings) -> np.ndarray:
-    """Bool (C,): what else stands about the subject and is small beside it."""
-    total, within, *_ = _pieces_kernel(
-        component, len(member), points, axis, horizontal_projection(up), settings.reach**2, 1.0, pixel_angle
+def small_pieces(pieces: Pieces, member: np.ndarray, axis: np.ndarray, settings: ViewSettings) -> np.ndarray:
+    """Bool (C,): what else stands about the subject, on the vertical through ``axis`` (3,) [m], and is small beside it.
+
+    Parameters
+    ----------
+    pieces : Pieces
+    member : np.ndarray [shape=(C,), dtype=bool]
+        Which of them are the subject.
+    axis : np.ndarray [shape=(3,)]
+    settings : ViewSettings
+    """
+    within, _, _ = _extent_kernel(
+        pieces.component, pieces.count, pieces.points, axis, horizontal_projection(pieces.up), settings.reach**2, 1.0,
+        pieces.pixel_angle,
     )  # fmt: skip
+    total = pieces.sizes
     return ~member & (total >= PIECE) & (within > 0.6 * total) & (total < _BELOW * total[member].sum())
 
 
-def _scores(component, count, points, up, meeting, spread, pixel_angle, settings):
-    """Per component: pixels, those within reach of where the rig looks, how much of it there is there, and its box."""
-    # without a rig that tells where it looks: near the vertical plane straight ahead of the camera
-    axis, across = (np.zeros(3), np.diag((1.0, 0, 0))) if meeting is None else (meeting, horizontal_projection(up))
-    total, within, weight, box = _pieces_kernel(
-        component, count, points, axis, across, settings.reach**2, spread**2, pixel_angle
+class _Extents(NamedTuple):
+    """Of each piece: pixels ``within`` (C,) reach of the place, ``score`` (C,) [m²]: how much of it is how near, and
+    its ``box`` (C, 2, 3) [m]."""
+
+    within: np.ndarray
+    score: np.ndarray
+    box: np.ndarray
+
+
+def _extents(pieces: Pieces, expected: np.ndarray | None, spread: float, settings: ViewSettings) -> _Extents:
+    """Where the pieces are, in relation to the vertical through the point where the subject is ``expected``."""
+    if expected is None:  # near the vertical plane straight ahead of the camera
+        axis, across = np.zeros(3), np.diag((1.0, 0, 0))
+    else:
+        axis, across = expected, horizontal_projection(pieces.up)
+    within, weight, box = _extent_kernel(
+        pieces.component, pieces.count, pieces.points, axis, across, settings.reach**2, spread**2, pieces.pixel_angle
     )
     # a wall or a chair row that only passes through the place is mostly outside of it
-    return total, within, np.where((within > 0.6 * total) & (within >= 20), weight, 0.0), box
+    return _Extents(within, np.where((within > 0.6 * pieces.sizes) & (within >= 20), weight, 0.0), box)
 
 
-def _joined(chosen, component, count, points, up, total, score, box, pixel_angle) -> np.ndarray:
-    """Bool (count,): the chosen components and what belongs to them, as near as it is."""
-    member = member_table(chosen, count)
-    lowest = _lowest_kernel(component, count, points, up)
+def _joined(chosen: np.ndarray, pieces: Pieces, extents: _Extents) -> np.ndarray:
+    """Bool (C,): the ``chosen`` pieces and what belongs to them, as near as it is."""
+    total, score, box = pieces.sizes, extents.score, extents.box
+    member = member_table(chosen, pieces.count)
+    lowest = _lowest_kernel(pieces.component, pieces.count, pieces.points, pieces.up)
     floor_reach = lowest[chosen].min() + 0.05
     while True:  # a piece may reach the body through another one: a hand through a forearm
         low, high = box[member, 0].min(axis=0) - 0.12, box[member, 1].max(axis=0) + 0.12
         near = ~member & (score > 0) & (box[:, 0] < high).all(axis=1) & (box[:, 1] > low).all(axis=1)
         if not near.any():
             return member
-        gap = gap_kernel(component, member, near, points, total, 0.12 / pixel_angle)
+        gap = gap_kernel(pieces.component, member, near, pieces.points, total, 0.12 / pieces.pixel_angle)
         inside = (box[:, 0] > low).all(axis=1) & (box[:, 1] < high).all(axis=1)
         # a head whose neck was not read stands out of the rest; another person is as large as the rest, and what
-        # stands on the floor by itself is furniture unless it is right at the figure: a leg behind a drop-out
+        # stands on the floor by itself is furniture unless it is right at the figure: a leg behind missing readings
         limit = np.where(inside, 0.12, np.where(total < 0.3 * total[member].sum(), 0.08, 0.0))
         joined = near & (gap < np.where(lowest < floor_reach, np.minimum(limit, 0.04), limit))
         if not joined.any():
@@ -108,10 +278,9 @@ def _joined(chosen, component, count, points, up, total, score, box, pixel_angle
 
 
 @njit(cache=True, nogil=True)
-def _pieces_kernel(component, count, points, origin, projection, reach2, spread2, pixel_angle):
-    """Per component: pixels, those within reach, their area weighed by how near they are, box."""
-    total, within = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    weight = np.zeros(count)
+def _extent_kernel(component, count, points, origin, projection, reach2, spread2, pixel_angle):
+    """Per piece: pixels within reach, the piece's area weighted by how near it is, box."""
+    within, weight = np.zeros(count, np.int64), np.zeros(count)
     box = np.empty((count, 2, 3))
     box[:, 0], box[:, 1] = np.inf, -np.inf
     for v in range(component.shape[0]):
@@ -120,7 +289,6 @@ def _pieces_kernel(component, count, points, origin, projection, reach2, spread2
             if k < 0:
                 continue
             p = points[v, u]
-            total[k] += 1
             for c in range(3):
                 box[k, 0, c] = min(box[k, 0, c], p[c])
                 box[k, 1, c] = max(box[k, 1, c], p[c])
@@ -131,7 +299,7 @@ def _pieces_kernel(component, count, points, origin, projection, reach2, spread2
             if squared < reach2:
                 within[k] += 1
                 weight[k] += (p[2] * pixel_angle) ** 2 * np.exp(-squared / spread2)
-    return total, within, weight, box
+    return within, weight, box
 
 
 @njit(cache=True, nogil=True)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numba import njit
 
 from ..numeric.point_products import dot
-from .foot_segmentation import NEAR_FLOOR, ROW, share_of_feet
+from .connected_pixels import Pieces, Readings, gather_pixels
+from .foot_segmentation import NEAR_FLOOR, ROW, FloorViews, share_of_feet, standing_pixels
 from .subject_views import ViewSettings
 
 ROUGH = 0.014  # a floor's noise is less [m]
@@ -20,23 +23,91 @@ _LIFT, LOW = 0.003, 0.04  # m: a carpet; a mirror shows less of it than tells it
 STEP, MAT = (0.008, 0.2), 0.2  # how high [m], and how large [m²] at least, is a mat or step that a person stands on
 
 
-def raised_floor(
-    points: np.ndarray,
-    seen: np.ndarray,
-    up: np.ndarray,
-    floor: float,
-    middle: np.ndarray,
-    pixel_angle: float,
-    reach: float,
-) -> float | None:
-    """Height along ``up`` of the floor right about the feet where it is higher than farther off: a carpet, or what a
-    camera that looks down misjudges. None where it is not."""
+@dataclass(frozen=True)
+class Floor:
+    """What the subject stands on, as far as it is known.
+
+    Parameters
+    ----------
+    height : float or None
+        Along the vertical [m]; None when no floor is seen.
+    center : np.ndarray [shape=(3,)] or None
+        A point of the vertical line through the subject [m].
+    wide : bool
+        It goes on beyond the feet, and is measured there; else it is measured within ``outer`` of the center.
+    outer : float
+        Radius within which a floor that is not ``wide`` is measured [m].
+    highest : float
+        Height above which nothing is the subject's [m].
+    """
+
+    height: float | None
+    center: np.ndarray | None
+    wide: bool
+    outer: float
+    highest: float
+
+
+def standing_pieces(
+    readings: Readings, views: range, floor: Floor, rough: float, settings: ViewSettings
+) -> tuple[Pieces, float]:
+    """Connected pieces of what stands on the floor as these views see it.
+
+    Parameters
+    ----------
+    readings : Readings
+    views : range
+        The views to look in.
+    floor : Floor
+    rough : float
+        The largest noise that a view of the floor may have [m].
+    settings : ViewSettings
+
+    Returns
+    -------
+    pieces : Pieces
+    rough : float
+        As given, or, where the direct view is one of these, as that one measures it.
+    """
+    seen_floor = floor_of_views(readings, views, floor, rough, settings)
+    upright = standing_pixels(readings, seen_floor, views[0], floor.highest, settings.floor_clearance)
+    return gather_pixels(readings, upright), seen_floor.rough
+
+
+def standing_pieces_of_all(
+    readings: Readings, views: int, floor: Floor, settings: ViewSettings
+) -> tuple[Pieces, float]:
+    """:func:`standing_pieces` of the direct view and all mirrors, ``views`` in all."""
+    pieces, rough = standing_pieces(readings, range(1), floor, ROUGH, settings)
+    if views > 1:
+        mirrored, _ = standing_pieces(readings, range(1, views), floor, rough, settings)
+        component = np.where(mirrored.component >= 0, mirrored.component + pieces.count, pieces.component)
+        pieces = replace(pieces, component=component, sizes=np.concatenate((pieces.sizes, mirrored.sizes)))
+    return pieces, rough
+
+
+def raised_floor(readings: Readings, floor: float, middle: np.ndarray, reach: float) -> float | None:
+    """Height of the floor right about the feet where it is higher than farther off, None where it is not.
+
+    That may be a carpet, or what a camera that looks down misjudges.
+
+    Parameters
+    ----------
+    readings : Readings
+    floor : float
+        Height of the floor farther off [m].
+    middle : np.ndarray [shape=(3,)]
+        Where the subject stands [m].
+    reach : float
+        Radius within which the floor farther off is measured [m].
+    """
+    up = readings.up
 
     def level(inner: float, outer: float) -> tuple[float, float, np.ndarray]:
         """Height of what is level in a ring, its standard deviation, and all heights there."""
         samples, _ = _near_floor_kernel(
-            points, seen, up, floor, 0.5 * NEAR_FLOOR, middle, inner**2, outer**2, 0.0,
-            horizontal_projection(up), 0, 1, pixel_angle,
+            readings.points, readings.seen, up, floor, 0.5 * NEAR_FLOOR, middle, inner**2, outer**2, 0.0,
+            horizontal_projection(up), 0, 1, readings.pixel_angle,
         )  # fmt: skip
         height = np.sort(dot(samples[0][0], up) - floor)
         if len(height) < 200:
@@ -62,45 +133,32 @@ def is_stepped(height: np.ndarray) -> bool:
     return bins[: int(STEP[1] / 0.01) + 1].max() > 5.0 * np.median(bins)
 
 
-def floor_of_views(
-    points: np.ndarray,
-    seen: np.ndarray,
-    up: np.ndarray,
-    floor: float | None,
-    views: range,
-    middle: np.ndarray | None,
-    settings: ViewSettings,
-    pixel_angle: float,
-    rough: float,
-    apart: bool,
-    outer: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+def floor_of_views(readings: Readings, views: range, floor: Floor, rough: float, settings: ViewSettings) -> FloorViews:
     """The floor as these views see it about the subject, how noisy it is, and how much of it there is beside feet.
 
-    A mirror's plane is off by a little, and by twice that the floor in it; a longer path is noisier. So each view has
-    its own plane (views, 4), n·p = d [m], noise (views,) [m] and :func:`.foot_segmentation.share_of_feet` (views,)
-    [1/m]. ``middle``: where the subject stands. ``apart``: there is more of the floor than what is under the subject;
-    else it is looked for up to ``outer`` from there. Last, how rough a view of it may be: as given, or, where the
-    direct view is one of them, as that tells.
+    Each view has its own plane, because a mirror's error moves the floor in it, and its own noise, because a longer
+    path is noisier.
     """
-    planes = np.zeros((len(views), 4))
-    planes[:, :3], planes[:, 3] = up, -np.inf if floor is None else floor
-    noises, shares = np.zeros((2, len(views)))
-    if floor is None:
-        return planes, noises, shares, rough
-    center = np.zeros(3) if middle is None else middle
-    # farther off it is noisier, and at the subject there are feet
-    ring = (0.0, np.inf) if middle is None else (FOOTPRINT, 0.9 * settings.reach) if apart else (0.0, outer)
-    if not apart and not settings.object:
-        ring = (_FEET, outer)
-    under = np.inf if middle is None else FOOTPRINT
+    up, count = readings.up, len(views)
+    planes = np.zeros((count, 4))
+    planes[:, :3], planes[:, 3] = up, -np.inf if floor.height is None else floor.height
+    noises, shares = np.zeros((2, count))
+    if floor.height is None:
+        return FloorViews(planes, noises, shares, rough)
+    center = np.zeros(3) if floor.center is None else floor.center
+    if floor.center is None:
+        ring = (0.0, np.inf)
+    elif floor.wide:  # farther off it is noisier, and at the subject there are feet
+        ring = (FOOTPRINT, 0.9 * settings.reach)
+    else:
+        ring = (0.0 if settings.object else _FEET, floor.outer)
+    under = np.inf if floor.center is None else FOOTPRINT
     samples, heights = _near_floor_kernel(
-        points, seen, up, floor, NEAR_FLOOR, center, ring[0] ** 2, ring[1] ** 2, under**2,
-        horizontal_projection(up), views[0],
-        len(views), pixel_angle,
+        readings.points, readings.seen, up, floor.height, NEAR_FLOOR, center, ring[0] ** 2, ring[1] ** 2, under**2,
+        horizontal_projection(up), views[0], count, readings.pixel_angle,
     )  # fmt: skip
     for k, (view, (sample, rows)) in enumerate(zip(views, samples, strict=True)):
-        fitted = _fit_floor(sample, up, floor, center, rough)
+        fitted = _fit_floor(sample, up, floor.height, center, rough)
         if fitted is None:
             noises[k], lift = _UNSEEN, 0.0
         else:
@@ -110,9 +168,10 @@ def floor_of_views(
             planes[k, :3], planes[k, 3] = normal, d
             # a row's median decides on a pixel
             noises[k] = _closest_half(rows[kept] + dot(sample[kept], normal))
-            lift = (d - normal @ center) / (normal @ up) + up @ center - floor  # of this view's floor at the centre
+            # of this view's floor at the center
+            lift = (d - normal @ center) / (normal @ up) + up @ center - floor.height
         shares[k] = share_of_feet(heights[k], lift, noises[k])
-    return planes, noises, shares, rough
+    return FloorViews(planes, noises, shares, rough)
 
 
 def _fit_floor(

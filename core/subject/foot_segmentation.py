@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit, prange
+
+from .connected_pixels import Readings
 
 NEAR_FLOOR = 0.12  # readings within this of the floor tell how each view sees it [m]
 ROW = 3  # px to either side that a pixel near the floor is judged by
@@ -17,6 +21,20 @@ _HOLE, _BLURRED_HOLE, _BLURRED = 1.5, 6.0, (0.3, 0.7)
 _SIDE, _OWN = 3, 0.3  # px on either side of a foot's edge; how far from floor to foot a pixel of the floor may read
 _QUIET = 0.0007  # rows are never surer than this [m]
 _SURE = 4.0  # standard deviations
+
+
+class FloorViews(NamedTuple):
+    """The floor as each of K views sees it: a mirror's plane is off by a little, and the floor in it by twice that.
+
+    ``planes`` (K, 4): n·p = d [m], d = -inf without a floor; ``noises`` (K,): standard deviation of the median height
+    of a short row on it [m]; ``shares`` (K,): :func:`share_of_feet` [1/m]; ``rough``: the largest
+    noise that a view of this floor may have [m].
+    """
+
+    planes: np.ndarray
+    noises: np.ndarray
+    shares: np.ndarray
+    rough: float
 
 
 def share_of_feet(heights: np.ndarray, lift: float, noise: float) -> float:
@@ -40,19 +58,7 @@ def share_of_feet(heights: np.ndarray, lift: float, noise: float) -> float:
     return feet / max(ground, 1.0)
 
 
-def standing_pixels(
-    points: np.ndarray,
-    seen: np.ndarray,
-    depth: np.ndarray,
-    up: np.ndarray,
-    floors: np.ndarray,
-    noises: np.ndarray,
-    shares: np.ndarray,
-    highest: float,
-    clearance: float,
-    first: int,
-    pixel_angle: float,
-) -> np.ndarray:
+def standing_pixels(readings: Readings, floor: FloorViews, first: int, highest: float, clearance: float) -> np.ndarray:
     """``seen`` where it is one of these views and what the pixel shows stands on the floor, else -1.
 
     Height alone tells a foot from the floor only above the floor's noise, which in a mirror, and in short bursts, is a
@@ -62,35 +68,33 @@ def standing_pixels(
 
     Parameters
     ----------
-    points : np.ndarray [shape=(H, W, 3)]
-        Placed readings, camera frame [m].
-    seen : np.ndarray [shape=(H, W), dtype=int8]
-        View of each, -1 = none.
-    depth : np.ndarray [shape=(H, W)]
-        z as read, along the whole path [m].
-    up : np.ndarray [shape=(3,)]
-    floors : np.ndarray [shape=(K, 4)]
-        Plane n·p = d of the floor in each of the views from ``first`` on [m]; d = -inf: none.
-    noises : np.ndarray [shape=(K,)]
-        Standard deviation of such medians on the floor [m].
-    shares : np.ndarray [shape=(K,)]
-        See :func:`share_of_feet`.
+    readings : Readings
+    floor : FloorViews
+        The floor in each of the K views from ``first`` on.
+    first : int
     highest : float
-        Height along ``up`` above which nothing counts [m].
+        Height along the vertical above which nothing counts [m].
     clearance : float
         What is lower above the floor is the floor's in any case [m].
-    pixel_angle : float
-        Of one pixel [rad].
+
+    Returns
+    -------
+    np.ndarray [shape=(H, W), dtype=int8]
 
     Notes
     -----
     O(H W); some hundred operations a pixel near the floor.
     """
-    noises = np.maximum(noises, _QUIET)
+    seen, depth = readings.seen, readings.depth
+    noises = np.maximum(floor.noises, _QUIET)
     bands = np.maximum(6.0 * noises, clearance) + 0.03
-    out, above, near = _above_kernel(points, seen, up, floors, bands, highest, clearance, first)
+    out, above, near = _above_kernel(
+        readings.points, seen, readings.up, floor.planes, bands, highest, clearance, first
+    )  # fmt: skip
     rows = _pooled_kernel(above, seen, depth, near)
-    kind = _feet_kernel(seen, depth, rows, near, noises, shares, clearance, first, pixel_angle, out)
+    kind = _feet_kernel(
+        seen, depth, rows, near, noises, floor.shares, clearance, first, readings.pixel_angle, out
+    )  # fmt: skip
     _islands_kernel(seen, kind, near, out)
     _sides_kernel(seen, above, kind, near, noises, first, out)
     return out

@@ -1,12 +1,18 @@
-"""Components seen in mirrors that are the subject: those that the direct view does not deny."""
+"""The subject as mirrors show it: the pieces that the direct view does not deny."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
 
-from .connected_pixels import connected_pixels, gap_kernel, member_table
-from .direct_subject import PIECE
+from ..camera import Intrinsics
+from ..numeric.point_products import dot
+from .connected_pixels import Pieces, connected_pixels, dilated, gap_kernel, member_table
+from .direct_subject import PIECE, DirectSubject
+from .floor_plane import horizontal_projection, standing_pieces
+from .subject_views import ViewSettings
 
 _CONFIRMED = 0.25  # m
 _STEPS = 0.026  # a far sensor counts in steps: pieces may be so much of z apart
@@ -14,10 +20,167 @@ _THICK = 0.12  # m: what is seen so little behind something else is its other si
 _LOOSE = 0.15  # of what a mirror shows of the subject: a larger piece that the direct view does not show is none
 _DENIED, _HARDLY = 0.1, 0.15  # of a piece: furniture, that the direct view shows the front of
 _TIGHT = 0.5  # of the depth jump that parts a figure from the room
+_OUTLINE = 0.08  # a view's points may stick out of the subject's outline in another view by this much [m]
+
+
+@dataclass(frozen=True)
+class MirroredPieces:
+    """What stands about the subject as the mirrors show it, and how far the subject can reach.
+
+    Parameters
+    ----------
+    pieces : Pieces
+        Of a person those seen in mirrors, of an object those of all views.
+    member : np.ndarray [shape=(C,), dtype=bool]
+        Which of them are known to be the subject.
+    axis : np.ndarray [shape=(3,)]
+        A point of the vertical line through the subject [m].
+    reach2 : float
+        Square of its largest distance from that line [m²].
+    deepest : float
+        How far behind its front it can reach, along z [m].
+    """
+
+    pieces: Pieces
+    member: np.ndarray
+    axis: np.ndarray
+    reach2: float
+    deepest: float
+
+
+def mirrored_pieces(
+    direct: DirectSubject, labels: np.ndarray, axis: np.ndarray, views: int, settings: ViewSettings
+) -> MirroredPieces:
+    """What stands about the subject as the mirrors show it.
+
+    Parameters
+    ----------
+    direct : DirectSubject
+    labels : np.ndarray [shape=(H, W), dtype=int8]
+        0 where the subject is seen directly.
+    axis : np.ndarray [shape=(3,)]
+        A point of the vertical line through it [m].
+    views : int
+        N + 1 with N mirrors, N > 0.
+    settings : ViewSettings
+    """
+    pieces, member = direct.pieces, direct.member
+    across = horizontal_projection(pieces.up)
+    reach2 = (np.sqrt(_squared_distance(pieces.points[labels == 0], axis, across).max()) + 0.35) ** 2
+    if settings.object:
+        # it may be as deep as it is wide
+        return MirroredPieces(pieces, member, axis, reach2, max(0.3, 3.0 * np.sqrt(reach2) - 1.05))
+    floor = replace(direct.floor, center=axis)
+    pieces, _ = standing_pieces(pieces, range(1, views), floor, direct.rough, settings)
+    return MirroredPieces(pieces, np.zeros(pieces.count, np.bool_), axis, reach2, 0.5)
+
+
+def label_mirrored_subject(
+    labels: np.ndarray,
+    direct: DirectSubject,
+    mirrored: MirroredPieces,
+    intrinsics: Intrinsics,
+    views: int,
+    settings: ViewSettings,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Label what the mirrors show of the subject: the pieces that the direct view does not deny.
+
+    Parameters
+    ----------
+    labels : np.ndarray [shape=(H, W), dtype=int8]
+        0 where the subject is seen directly, else -1; 1..N is written where mirror N shows it.
+    direct : DirectSubject
+    mirrored : MirroredPieces
+    intrinsics : Intrinsics
+    views : int
+        N + 1.
+    settings : ViewSettings
+
+    Returns
+    -------
+    taken : np.ndarray [shape=(N+1,), dtype=int64]
+        Pixels that each view got.
+    chosen : np.ndarray [shape=(C,), dtype=bool]
+        Which pieces are the subject.
+    """
+    pieces = mirrored.pieces
+    verdict, votes = _verdicts(labels, direct, mirrored, intrinsics, settings)
+    chosen = _confirmed(votes) | mirrored.member
+    _deny_furniture(pieces, chosen & (votes[3] >= PIECE), verdict)
+    taken = _take_kernel(pieces.component, chosen, verdict, pieces.seen, labels, views)
+    if chosen.any():
+        part, joined = _beside_figure(pieces, chosen, verdict, votes, labels, taken.max())
+        if joined is not None:
+            taken = taken + _take_kernel(part, joined, verdict, pieces.seen, labels, views)
+    return taken, chosen
+
+
+def _verdicts(
+    labels: np.ndarray,
+    direct: DirectSubject,
+    mirrored: MirroredPieces,
+    intrinsics: Intrinsics,
+    settings: ViewSettings,
+) -> tuple[np.ndarray, np.ndarray]:
+    """:func:`_verdict_kernel` of what the mirrors show, by the ``labels`` (H, W) of the direct view."""
+    pieces, seen_first = mirrored.pieces, direct.pieces
+    standing = (seen_first.component >= 0) & (seen_first.sizes[seen_first.component] >= settings.min_pixels)
+    others = standing & (pieces.seen == 0) & (labels < 0)
+    wide = dilated(labels, int(np.ceil(_OUTLINE * intrinsics.fx / np.median(pieces.depth[labels == 0]))) + 1)
+    heights = _height_limits(labels, dot(pieces.points[labels == 0], pieces.up), direct.floor.height)
+    return _verdict_kernel(
+        pieces.component, pieces.count, pieces.seen, pieces.points, pieces.depth, labels, others, intrinsics.lens,
+        wide, mirrored.axis, horizontal_projection(pieces.up), mirrored.reach2, pieces.up, heights, mirrored.deepest,
+    )  # fmt: skip
+
+
+def _height_limits(labels: np.ndarray, height: np.ndarray, floor: float | None) -> tuple[float, float]:
+    """Between which heights [m] a mirror may show the subject, by the heights (N,) at which it is seen directly.
+
+    Where the image's border cuts it off, or something in front of it hides its feet, a mirror may show more of it.
+    """
+    low, high = height.min(), height.max()
+    cut = (labels[-3:] == 0).any() or (floor is not None and low > floor + 0.1)
+    return -np.inf if cut else low - 0.15, np.inf if (labels[:3] == 0).any() else high + 0.15
+
+
+def _confirmed(votes: np.ndarray) -> np.ndarray:
+    """Bool (C,): which pieces the direct view confirms, by the ``votes`` (4, C) of :func:`_verdict_kernel`."""
+    yes, hidden, unknown, no = votes
+    decided = yes + hidden + no
+    return (yes + unknown >= 30) & (yes > 0.6 * decided) & (yes > 0.25 * (decided + unknown))
+
+
+def _beside_figure(
+    pieces: Pieces, chosen: np.ndarray, verdict: np.ndarray, votes: np.ndarray, labels: np.ndarray, most: int
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """What belongs to the figure and lies right beside it: pieces (H, W) anew, and which are (P,); None = none.
+
+    It is what the direct view cannot see, a foot behind a chair's leg; and of what it denies as a whole the part that
+    it confirms, a foot that touches the chair. ``most``: pixels of the figure in the mirror that shows most of it.
+    """
+    yes, hidden, unknown, no = votes
+    total = yes + hidden + unknown + no
+    small = (total < _LOOSE * most) | (yes > unknown)
+    loose = ~chosen & small & (yes + unknown >= PIECE) & (yes + unknown > 0.7 * total)
+    loose &= ~_is_furniture(yes, no, total)
+    mixed = ~chosen & ~loose & (yes >= PIECE)
+    if not loose.any() and not mixed.any():
+        return pieces.component, None
+    beside = _pieces_beside(pieces.component, loose, mixed, verdict, pieces.seen)
+    part, sizes = connected_pixels(pieces.depth, beside, pieces.pixel_angle)
+    count = len(sizes)
+    part[labels > 0] = count
+    member, near = member_table(np.array([count]), count + 1), np.append(sizes >= PIECE, False)
+    gap = gap_kernel(part, member, near, pieces.points, np.append(sizes, 0), _CONFIRMED / pieces.pixel_angle)
+    distance, confirmed = _piece_kernel(part, verdict, pieces.depth, count + 1)
+    # what the direct view confirms, be it in part, may be far off: a foot below a chair's seat, a heel behind its leg
+    limit = np.where(confirmed > 0.0, _CONFIRMED, np.maximum(0.05, _STEPS * distance))
+    return part, near & (gap < limit)
 
 
 @njit(cache=True, nogil=True)
-def verdict_kernel(
+def _verdict_kernel(
     component, count, seen, points, depth, labels, others, lens, wide, axis, across, reach2, up, heights, deepest
 ):
     """What the direct view says of each standing pixel of a mirror: 2 the subject's, 1 it hides behind the subject, 0
@@ -57,65 +220,22 @@ def verdict_kernel(
     return out, votes
 
 
-def label_mirrored_subject(
-    depth: np.ndarray,
-    component: np.ndarray,
-    member: np.ndarray,
-    verdict: np.ndarray,
-    votes: np.ndarray,
-    seen: np.ndarray,
-    points: np.ndarray,
-    pixel_angle: float,
-    labels: np.ndarray,
-    views: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Label the mirrors' components that the direct view does not deny, and where it does not those of a ``member``;
-    how many pixels (views,) each view has, and which components (C,) are the figure."""
-    yes, hidden, unsure, no = votes
-    told = yes + hidden + no
-    chosen = (yes + unsure >= 30) & (yes > 0.6 * told) & (yes > 0.25 * (told + unsure))
-    chosen |= member
-    _deny_furniture(depth, component, chosen & (no >= PIECE), verdict, seen, pixel_angle)
-    taken = _take_kernel(component, chosen, verdict, seen, labels, views)
-    if not chosen.any():
-        return taken, chosen
-    mine = labels > 0
-    # right at the figure: what the direct view cannot see, a foot behind a chair's leg; and of what is denied as a
-    # whole the part that it confirms, a foot that touches the chair
-    small = (told + unsure < _LOOSE * taken.max()) | (yes > unsure)
-    loose = ~chosen & small & (yes + unsure >= PIECE) & (yes + unsure > 0.7 * (told + unsure))
-    loose &= ~_is_furniture(yes, no, told + unsure)
-    mixed = ~chosen & ~loose & (yes >= PIECE)
-    if not loose.any() and not mixed.any():
-        return taken, chosen
-    pieces = _pieces_beside(component, loose, mixed, verdict, seen)
-    part, sizes = connected_pixels(depth, pieces, pixel_angle)
-    count = len(sizes)
-    part[mine] = count
-    member, near = member_table(np.array([count]), count + 1), np.append(sizes >= PIECE, False)
-    gap = gap_kernel(part, member, near, points, np.append(sizes, 0), _CONFIRMED / pixel_angle)
-    distance, sure = _piece_kernel(part, verdict, depth, count + 1)
-    # what the direct view confirms, be it in part, may be far off: a foot below a chair's seat, a heel behind its leg
-    joined = near & (gap < np.where(sure > 0.0, _CONFIRMED, np.maximum(0.05, _STEPS * distance)))
-    return taken + _take_kernel(part, joined, verdict, seen, labels, views), chosen
-
-
 def _is_furniture(yes: np.ndarray, no: np.ndarray, total: np.ndarray) -> np.ndarray:
     """Of what a mirror shows that the direct view confirms hardly anywhere, what it denies in part: the other side of
     a box that is seen directly, of which all that is deeper is hidden behind its front."""
     return (no >= np.maximum(PIECE, _DENIED * total)) & (yes < _HARDLY * total)
 
 
-def _deny_furniture(depth, component, mixed, verdict, seen, pixel_angle) -> None:
-    """What is connected with the figure (``mixed`` components) across a small jump only is judged by itself, in
+def _deny_furniture(pieces: Pieces, mixed: np.ndarray, verdict: np.ndarray) -> None:
+    """What is connected with the figure (``mixed`` pieces) across a small jump only is judged by itself, in
     ``verdict``."""
     if not mixed.any():
         return
-    table = np.append(mixed, False)
-    part, sizes = connected_pixels(depth, np.where(table[component], seen, -1).astype(np.int8), pixel_angle, _TIGHT)
+    inside = np.where(np.append(mixed, False)[pieces.component], pieces.seen, -1).astype(np.int8)
+    part, sizes = connected_pixels(pieces.depth, inside, pieces.pixel_angle, _TIGHT)
     rows, columns = np.nonzero(part >= 0)
-    piece, told = part[rows, columns], verdict[rows, columns]
-    yes, no = (np.bincount(piece, told == value, len(sizes)) for value in (2, -1))
+    piece, said = part[rows, columns], verdict[rows, columns]
+    yes, no = (np.bincount(piece, said == value, len(sizes)) for value in (2, -1))
     denied = _is_furniture(yes, no, sizes)[piece]
     verdict[rows[denied], columns[denied]] = -1
 
@@ -156,3 +276,16 @@ def _take_kernel(component, chosen, verdict, seen, labels, views):
                 labels[v, u] = seen[v, u]
                 taken[seen[v, u]] += 1
     return taken
+
+
+@njit(cache=True, nogil=True)
+def _squared_distance(points, origin, projection):
+    """|projection · (point − origin)|² (N,) of points (N, 3)."""
+    out = np.empty(len(points))
+    for i in range(len(points)):
+        x, y, z = points[i, 0] - origin[0], points[i, 1] - origin[1], points[i, 2] - origin[2]
+        total = 0.0
+        for r in range(3):
+            total += (projection[r, 0] * x + projection[r, 1] * y + projection[r, 2] * z) ** 2
+        out[i] = total
+    return out

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from ..numeric.point_products import dot
+from .connected_pixels import Pieces
 
 _TOUCH = 0.03  # cells in space: pieces in the same one or in neighbours are connected [m]
 _FEW = 2  # readings, and cells, tell more than noise
@@ -14,33 +15,29 @@ _SIDES = 24  # of the polygon about a piece in the plan
 _MARGIN = 0.02  # m
 
 
-def gather_pieces(
-    component: np.ndarray, count: int, points: np.ndarray, depth: np.ndarray, up: np.ndarray, usable: np.ndarray
-) -> np.ndarray:
-    """Which of the pieces that the views show are one thing: a number (C,) each, the same for those of one thing.
+def group_pieces(pieces: Pieces, usable: np.ndarray) -> np.ndarray:
+    """Which of the pieces that the views show are one object: a number (C,) each, the same for those of one object.
 
-    Pieces are one thing when they touch in space, in whichever views they are seen: a leg that a seat hides from the
+    Pieces are one object when they touch in space, in whichever views they are seen: a leg that a seat hides from the
     camera is seen to hold it in a mirror. And when one begins right where another hides it, below or above that other:
     a lamp's foot and its shade.
 
     Parameters
     ----------
-    component : np.ndarray [shape=(H, W), dtype=int32]
-        Piece of each pixel, all views', -1 = none.
-    count : int
-        C, how many there are.
-    points : np.ndarray [shape=(H, W, 3)]
-        Placed readings, camera frame [m].
-    depth : np.ndarray [shape=(H, W)]
-        z as read [m].
-    up : np.ndarray [shape=(3,)]
+    pieces : Pieces
+        Of all views.
     usable : np.ndarray [shape=(C,), dtype=bool]
-        Others are one thing each: walls, noise.
+        The others are one object each: walls, noise.
+
+    Returns
+    -------
+    np.ndarray [shape=(C,), dtype=int64]
 
     Notes
     -----
     O(P log P) of P pixels of usable pieces.
     """
+    component, count, points, up = pieces.component, pieces.count, pieces.points, pieces.up
     group = np.arange(count)
     rows, columns = np.nonzero((component >= 0) & usable[component])
     if not len(rows):
@@ -52,7 +49,7 @@ def gather_pieces(
     first /= np.linalg.norm(first)
     turns = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
     normals = np.outer(np.cos(turns), first) + np.outer(np.sin(turns), np.cross(up, first))
-    front, back, at = _hidden_kernel(component, depth, usable, points)
+    front, back, at = _hidden_kernel(component, pieces.depth, usable, points)
     reach = _reach_kernel(piece, cloud, normals, count)
     met = np.unique(piece)
     where = np.stack([dot(at, normal) for normal in normals], axis=1)

@@ -8,6 +8,8 @@ from numba import njit
 from ..camera import Intrinsics
 from ..mirrors import Mirror
 from ..mirrors.mirror import reflection_matrix
+from .direct_subject import DirectSubject, small_pieces
+from .subject_views import ViewSettings
 
 _ENOUGH = 4  # pixels that tell
 _DIRECTIONS = 13  # from the right over the top to the left in which the rest of the figure may be
@@ -18,60 +20,62 @@ _ASIDE = 0.35  # m: a foot is no farther from its leg
 _TOUCH = 0.05  # m: the same part of a body, seen from two sides
 
 
-def pieces_behind(
+def occluded_pieces(
+    direct: DirectSubject,
+    labels: np.ndarray,
     component: np.ndarray,
-    member: np.ndarray,
-    candidate: np.ndarray,
-    points: np.ndarray,
-    depth: np.ndarray,
-    seen: np.ndarray,
-    shown: np.ndarray,
+    chosen: np.ndarray,
+    axis: np.ndarray,
     mirrors: list[Mirror],
     intrinsics: Intrinsics,
+    settings: ViewSettings,
 ) -> np.ndarray:
-    """Which of the pieces seen directly are the person's although something before the person parts them from it.
+    """Which pieces seen directly are the person's although something in front of the person separates them from it.
 
     Such a piece begins where something nearer hides what is beside or above it, and mostly the figure goes on behind
-    that. A chair's hind legs do so, too: but in the mirrors, which see behind what hides it, the piece hangs together
-    with the figure, and a chair's leg does not.
+    that. A chair's hind legs do so, too: but in the mirrors, which see behind what hides it, the piece is connected
+    with the figure, and a chair's leg is not.
 
     Parameters
     ----------
+    direct : DirectSubject
+    labels : np.ndarray [shape=(H, W), dtype=int8]
+        0 where the person is seen directly, 1..N where mirror N shows it, else -1.
     component : np.ndarray [shape=(H, W), dtype=int32]
-        Piece of each pixel seen directly, -1 = none.
-    member, candidate : np.ndarray [shape=(C,), dtype=bool]
-        Which pieces are the figure, and which may be parts of it.
-    points : np.ndarray [shape=(H, W, 3)]
-        Placed readings, camera frame [m].
-    depth : np.ndarray [shape=(H, W)]
-        z as read [m].
-    seen : np.ndarray [shape=(H, W), dtype=int8]
-        View of each.
-    shown : np.ndarray [shape=(H, W), dtype=int8]
-        Of what stands in mirrors: 1 = connected with the figure there, 0 = something else; -1 elsewhere.
+        Piece of each pixel that shows something standing in a mirror, -1 = none.
+    chosen : np.ndarray [shape=(M,), dtype=bool]
+        Which of these pieces are the person.
+    axis : np.ndarray [shape=(3,)]
+        A point of the vertical line through the person [m].
     mirrors : list of Mirror
     intrinsics : Intrinsics
+    settings : ViewSettings
 
     Returns
     -------
     np.ndarray [shape=(C,), dtype=bool]
-        Those that are.
+        Those of ``direct.pieces``.
 
     Notes
     -----
     O(B) of B pixels at the border of candidates, some thousand operations each.
     """
+    pieces = direct.pieces
+    member, found = direct.member.copy(), np.zeros(pieces.count, np.bool_)
+    candidate = small_pieces(pieces, member, axis, settings)
+    if not candidate.any():
+        return found
+    # of what stands in mirrors: 1 = connected with the figure there, 0 = something else
+    shown = np.where(component < 0, -1, chosen[component] | (labels > 0)).astype(np.int8)
     flips = np.stack([reflection_matrix(mirror) for mirror in mirrors])
-    member = member.copy()
-    found = np.zeros(len(member), np.bool_)
     touches, others, asked = _touch_kernel(
-        component, candidate & ~member, points, seen, shown, flips, intrinsics.lens, _TOUCH
-    )  # fmt: skip
-    shared = candidate & ~member & (touches >= np.maximum(_ENOUGH, 0.05 * asked)) & (touches > 2 * others)
-    sure = shared & (touches > 0.6 * asked) & (others < 0.1 * asked)
+        pieces.component, candidate, pieces.points, pieces.seen, shown, flips, intrinsics.lens, _TOUCH
+    )
+    shared = candidate & (touches >= np.maximum(_ENOUGH, 0.05 * asked)) & (touches > 2 * others)
+    certain = shared & (touches > 0.6 * asked) & (others < 0.1 * asked)
     while shared.any():  # a shin between two bars, and the foot below
-        beside, met = _linked_kernel(component, member, shared, points, depth)
-        linked = (met >= _ENOUGH) | (sure & (beside >= _ENOUGH))
+        beside, met = _linked_kernel(pieces.component, member, shared, pieces.points, pieces.depth)
+        linked = (met >= _ENOUGH) | (certain & (beside >= _ENOUGH))
         if not linked.any():
             break
         found |= linked

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from ..numeric.point_products import dot
+from .connected_pixels import Readings
 
 _CELL = 0.025  # of the plan [m]
 _LEVEL = 0.03  # a level surface's readings are within this of it [m]
@@ -15,17 +16,14 @@ _BREADTH = 0.045  # a handle or a back of rods is nowhere so broad [m]
 
 
 def find_support(
-    points: np.ndarray,
-    seen: np.ndarray,
+    readings: Readings,
     figure: np.ndarray,
-    up: np.ndarray,
     floor: float | None,
-    pixel_angle: float,
     least: int,
     between: tuple[float, float] = (0.15, np.inf),
     smallest: float = 0.016,
 ) -> float | None:
-    """Height along ``up`` of the table or plinth that a thing stands on; None when it stands on the floor.
+    """Height along the vertical of the table or plinth that an object stands on; None when it stands on the floor.
 
     A support is a level surface, ``between`` so high above the floor, that ends in edges (an animal's back is rounded)
     and goes on before, behind and beside what stands on it (a chair's seat ends at its back). What stands on it is
@@ -33,28 +31,28 @@ def find_support(
 
     Parameters
     ----------
-    points : np.ndarray [shape=(H, W, 3)]
-        Placed readings, camera frame [m].
-    seen : np.ndarray [shape=(H, W), dtype=int8]
-        View of each.
+    readings : Readings
     figure : np.ndarray [shape=(H, W), dtype=bool]
-        Where the thing and what it stands on is seen, in any view.
-    up : np.ndarray [shape=(3,)]
+        Where the object and what it stands on is seen, in any view.
     floor : float or None
         Height of the floor [m].
-    pixel_angle : float
-        Of one pixel [rad].
     least : int
-        Pixels that a thing has.
+        Pixels that an object has.
     between : tuple of float
-        What is lower is the thing's own foot [m].
+        What is lower is the object's own foot [m].
     smallest : float
         Of a support, beside what stands on it [m²].
+
+    Returns
+    -------
+    float or None
+        [m]
 
     Notes
     -----
     O(H W).
     """
+    points, up = readings.points, readings.up
     mine = points[figure]
     height = dot(mine, up)
     away = np.median(mine, axis=0)
@@ -83,8 +81,8 @@ def find_support(
         rounded = thin & (np.abs(high - at + 2.0 * _LEVEL) < _LEVEL)
         enough = surface.sum() * _CELL**2 >= smallest and rounded.sum() <= _ROUNDED * surface.sum()
         if enough and _goes_on(surface, reached(_LEVEL, 2.0 * _LEVEL)):
-            pixels, breadth = _breadth_kernel(points, figure & (seen == 0), up, at + _LEVEL)
-            if pixels >= least and breadth * pixel_angle > _BREADTH:
+            pixels, breadth = _breadth_kernel(points, figure & (readings.seen == 0), up, at + _LEVEL)
+            if pixels >= least and breadth * readings.pixel_angle > _BREADTH:
                 found = float(np.median(height[np.abs(height - at) < 0.5 * _LEVEL]))
                 return found if between[0] < found - lowest < between[1] else None
         bins[max(best - 3, 0) : best + 4] = 0.0

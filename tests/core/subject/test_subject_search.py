@@ -20,8 +20,9 @@ from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.rays import BODY
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate
+from mirror_scan.core.subject.connected_pixels import Readings
 from mirror_scan.core.subject.floor_plane import _fit_floor
-from mirror_scan.core.subject.foot_segmentation import NEAR_FLOOR, share_of_feet, standing_pixels
+from mirror_scan.core.subject.foot_segmentation import NEAR_FLOOR, FloorViews, share_of_feet, standing_pixels
 from mirror_scan.core.subject.subject_search import find_subject
 from mirror_scan.core.subject.subject_views import ViewSettings
 from mirror_scan.core.views.floor_and_vertical import find_ground, leans, mirrors_vertical
@@ -132,10 +133,9 @@ def test_a_foot_begins_where_its_column_does(distance, noise):
     lifts = (depth[..., None] * rays @ up + eye)[about & ~box]
     quiet = np.median(np.abs(lifts)) * 1.4826 / 2.2  # of a row's median
     share = box.sum() / 0.15 / (about & ~box).sum()
-    found = standing_pixels(
-        rays * depth[..., None], seen, depth, up, np.array([[*up, -eye]]), np.array([quiet]), np.array([share]),
-        np.inf, 0.002, 0, 1 / focal,
-    ) == 0  # fmt: skip
+    readings = Readings(depth, seen, rays * depth[..., None], up, 1 / focal)
+    ground = FloorViews(np.array([[*up, -eye]]), np.array([quiet]), np.array([share]), 0.0)
+    found = standing_pixels(readings, ground, 0, np.inf, 0.002) == 0
     around = np.abs(u - 60) < 9
     rows = box.any(axis=1).sum()
     lost, left = (box & ~found & around).sum(axis=0), (found & ~box & around & about).sum(axis=0)
