@@ -12,6 +12,7 @@ from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.capture import Capture, ReadOptions, open_capture
 from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.clean_views import clean
+from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.depth.outliers_and_dropouts import close_dropouts, remove_flying_pixels
 from mirror_scan.core.depth.sensor_recognition import recognise
 from mirror_scan.core.depth.settings import DepthSettings
@@ -107,7 +108,7 @@ def _folder_views(folder: Path) -> list[View]:
     """The views of a capture with mirrors; the truth is traced by way of the true mirrors."""
     capture = open_capture(folder)
     camera = capture.intrinsics
-    depth = remove_flying_pixels(fuse_burst(capture.depth)[0], 1.0 / camera.fx)
+    depth = one_depth_map(capture)[0]
     labels = find_subject(depth, camera, [place_mirror(pick, depth, camera) for pick in capture.mirrors]).labels
     planes = json.loads((folder / "truth" / "rig.json").read_text(encoding="utf-8"))["mirrors"]
     body = read_mesh(folder / "truth" / "body.ply")
@@ -206,8 +207,7 @@ def _speed(body: Mesh) -> tuple[Table, list[Finding]]:
             settings = DepthSettings()
             focal = capture.intrinsics.fx
             _, model = recognise(capture, settings)
-            fused, spread = fuse_burst(capture.depth, settings)
-            kept = remove_flying_pixels(fused, 1.0 / focal, settings)
+            kept, spread = one_depth_map(capture, settings)
             labels = np.where(kept > 0, subject, -1).astype(np.int8)
             return clean(kept, labels, 3, focal, settings, model, spread)[0]
 

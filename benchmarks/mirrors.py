@@ -11,6 +11,7 @@ from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.capture import Capture, MirrorPicks, open_capture
 from mirror_scan.core.checks.view_disagreement import disagreements
 from mirror_scan.core.depth.burst_fusion import fuse_burst
+from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.io.images import read_image, write_png
@@ -77,7 +78,7 @@ def rigs(sensor: str) -> list[Rig]:
 
 
 def cleaned(capture: Capture, frames: int | None = None) -> np.ndarray:
-    return remove_flying_pixels(fuse_burst(capture.depth[:frames])[0], 1.0 / capture.intrinsics.fx)
+    return one_depth_map(replace(capture, depth=capture.depth[:frames]))[0]
 
 
 def displacement(mirror: Mirror, true: MirrorPicks, body: np.ndarray) -> float:

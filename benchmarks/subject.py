@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from statistics import median
 
 import numpy as np
-from mirror_scan.core.depth.burst_fusion import fuse_burst
-from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
+from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
@@ -86,7 +85,7 @@ def rooms(sensor: str, frames: int) -> Iterator[tuple[str, Rig, tuple[Mesh, ...]
 def prepared(simulation: Simulation):
     """Depth and mirrors as the pipeline has them when it looks for the subject."""
     lens = simulation.capture.intrinsics
-    depth = remove_flying_pixels(fuse_burst(simulation.capture.depth)[0], 1 / lens.fx)
+    depth = one_depth_map(simulation.capture)[0]
     return depth, [place_mirror(m, depth, lens) for m in simulation.capture.mirrors]
 
 

@@ -18,8 +18,7 @@ from mirror_scan.core.camera import unproject
 from mirror_scan.core.capture import Capture
 from mirror_scan.core.capture.capture_summary import picture
 from mirror_scan.core.closing.mesh_closing import close_mesh
-from mirror_scan.core.depth.burst_fusion import fuse_burst
-from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
+from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.io.images import openimageio, read_image, write_png
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.triangle_mesh import merge
@@ -64,8 +63,7 @@ def main() -> None:
 
     save("capture", [picture(capture)], ["depth", "colour"], scale=0.8)
 
-    raw, _ = fuse_burst(capture.depth, settings.depth)
-    depth = remove_flying_pixels(raw, 1.0 / camera.fx, settings.depth)
+    depth, _ = one_depth_map(capture, settings.depth)
     mirrors = [place_mirror(picks, depth, camera, settings.mirror) for picks in capture.mirrors]
     views = find_subject(depth, camera, mirrors, settings.views)
     labels = views.labels

@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..camera import unproject
-from ..depth.burst_fusion import fuse_burst
 from ..depth.clean_views import clean
+from ..depth.depth_map import one_depth_map
 from ..depth.noise_estimate import measure_noise
-from ..depth.outliers_and_dropouts import remove_flying_pixels
 from ..depth.sensor_recognition import recognise
 from ..depth.settings import DepthSettings
 from ..errors import MirrorScanError
@@ -63,8 +62,7 @@ def patch(made: Simulation, view: int, way: str, readable: np.ndarray | None = N
         noise = measure_noise(depth, labels, 1)
     else:
         _, model = recognise(capture, settings)
-        fused, spread = fuse_burst(burst, settings)
-        depth = remove_flying_pixels(fused, 1.0 / camera.fx, settings)
+        depth, spread = one_depth_map(replace(capture, depth=burst), settings)
         near = np.abs(depth - truth.sight.depth) < _OWN
         labels = np.where(mine & near & (depth > 0), 0, -1).astype(np.int8)
         depth, labels, noise = clean(depth, labels, 1, camera.fx, settings, model, spread if len(burst) > 1 else None)

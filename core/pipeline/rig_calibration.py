@@ -14,8 +14,7 @@ import numpy as np
 
 from ..camera import Intrinsics
 from ..capture import Capture, MirrorPicks
-from ..depth.burst_fusion import fuse_burst
-from ..depth.outliers_and_dropouts import remove_flying_pixels
+from ..depth.depth_map import one_depth_map
 from ..depth.settings import DepthSettings
 from ..errors import MirrorError
 from ..mirror_alignment.reflection_alignment import JointSettings, align_reflections
@@ -59,7 +58,7 @@ def calibrate(
     """
     lens = capture.intrinsics
     known = capture.mirrors if picks is None else tuple(picks)
-    fused = remove_flying_pixels(fuse_burst(capture.depth, depth)[0], 1.0 / lens.fx, depth)
+    fused = one_depth_map(capture, depth)[0]
     if known:
         placed = [pick if isinstance(pick, Mirror) else place_mirror(pick, fused, lens, mirror) for pick in known]
     else:

@@ -13,11 +13,10 @@ from ..camera.noise_models import NoiseModel
 from ..capture import Capture, MirrorPicks
 from ..checks.scene_advice import check_scene
 from ..checks.view_disagreement import check_agreement, quoted
-from ..depth.burst_fusion import fuse_burst
 from ..depth.burst_motion import still_warning
 from ..depth.clean_views import clean
+from ..depth.depth_map import one_depth_map
 from ..depth.noise_estimate import BurstNoise, burst_noise
-from ..depth.outliers_and_dropouts import remove_flying_pixels
 from ..depth.sensor_recognition import recognise
 from ..depth.settings import DepthSettings
 from ..errors import ReconstructionError
@@ -91,8 +90,7 @@ def scan_steps(
 
     camera = capture.intrinsics
     yield at(0.0), "Fusing the burst"
-    depth, spread = fuse_burst(capture.depth, settings.depth)
-    depth = remove_flying_pixels(depth, 1.0 / camera.fx, settings.depth)
+    depth, spread = one_depth_map(capture, settings.depth)
     clock.lap("depth")
 
     yield at(0.17), "Fitting the mirrors"

@@ -177,11 +177,9 @@ def _open(path: str, frames: int, mirrors_path: str, reading: dict | None) -> Ca
 
 def _loaded(capture: Capture, path: str) -> Steps[Loaded]:
     yield 0.4, AVERAGING
-    from ...core.depth.burst_fusion import fuse_burst
-    from ...core.depth.outliers_and_dropouts import remove_flying_pixels
+    from ...core.depth.depth_map import one_depth_map
 
-    depth, _ = fuse_burst(capture.depth)
-    depth = remove_flying_pixels(depth, 1.0 / capture.intrinsics.fx)
+    depth, _ = one_depth_map(capture)
     yield 0.7, FITTING
     from ...core.views.capture_placement import upright_frame
 

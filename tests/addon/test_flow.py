@@ -31,12 +31,11 @@ def reports(bpy, capfd) -> str:
 
 def test_loading_keeps_the_depth_map_exactly(bpy, scan, loaded):
     from mirror_scan.core.capture import open_capture
-    from mirror_scan.core.depth.burst_fusion import fuse_burst
-    from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
+    from mirror_scan.core.depth.depth_map import one_depth_map
     from mirror_scan.mirror_scan_addon.scene.point_cloud import cloud_info, read_cloud
 
     capture = open_capture(scan[0])
-    depth = remove_flying_pixels(fuse_burst(capture.depth)[0], 1.0 / capture.intrinsics.fx)
+    depth = one_depth_map(capture)[0]
     arrays = read_cloud(loaded)
     np.testing.assert_array_equal(arrays.depth, depth)
     assert arrays.intrinsics == capture.intrinsics

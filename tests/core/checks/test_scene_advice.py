@@ -10,8 +10,7 @@ import pytest
 from mirror_scan.core.camera.noise_models import SENSORS
 from mirror_scan.core.capture import open_capture
 from mirror_scan.core.checks.scene_advice import check_scene, directions
-from mirror_scan.core.depth.burst_fusion import fuse_burst
-from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
+from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.depth.sensor_recognition import recognise
 from mirror_scan.core.depth.settings import DepthSettings
 from mirror_scan.core.mirrors.mirror import plane_mirror
@@ -25,7 +24,7 @@ from mirror_scan.core.subject.subject_search import find_subject
 
 def checked(capture, model=None):
     lens = capture.intrinsics
-    depth = remove_flying_pixels(fuse_burst(capture.depth)[0], 1 / lens.fx)
+    depth = one_depth_map(capture)[0]
     mirrors = [place_mirror(m, depth, lens) for m in capture.mirrors]
     views = find_subject(depth, lens, mirrors)
     model = recognise(capture, DepthSettings())[1] if model is None else model

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mirror_scan.core.depth.burst_fusion import fuse_burst
-from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
+from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.mirror_alignment.floor_alignment import FloorSettings, level_floor
 from mirror_scan.core.mirrors.mirror import expected_error, moved
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
@@ -17,7 +16,7 @@ UNSURE = 0.005  # of the lean [rad]
 
 def placed(simulation):
     capture = simulation.capture
-    depth = remove_flying_pixels(fuse_burst(capture.depth)[0], 1.0 / capture.intrinsics.fx)
+    depth = one_depth_map(capture)[0]
     return [place_mirror(p, depth, capture.intrinsics) for p in capture.mirrors], depth, capture.intrinsics
 
 

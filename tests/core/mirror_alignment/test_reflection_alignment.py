@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mirror_scan.core.depth.burst_fusion import fuse_burst
-from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
+from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mirror_alignment.reflection_alignment import JointSettings, align_reflections
 from mirror_scan.core.mirror_detection.detection import find_mirrors
@@ -29,7 +28,7 @@ def misplaced(mirrors, simulation, body) -> np.ndarray:
 
 def placed(simulation):
     capture = simulation.capture
-    depth = remove_flying_pixels(fuse_burst(capture.depth)[0], 1.0 / capture.intrinsics.fx)
+    depth = one_depth_map(capture)[0]
     return find_mirrors(depth, capture.intrinsics), depth, capture.intrinsics
 
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mirror_scan.core.checks.view_disagreement import check_agreement, disagreements
-from mirror_scan.core.depth.burst_fusion import fuse_burst
-from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
+from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.mirror_alignment.view_alignment import AgreementSettings, agree
 from mirror_scan.core.mirrors.mirror import expected_error, moved, person_before, plane_mirror, reflect
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
@@ -19,7 +18,7 @@ from mirror_scan.core.subject.subject_search import find_subject
 
 
 def clean(capture) -> np.ndarray:
-    return remove_flying_pixels(fuse_burst(capture.depth)[0], 1.0 / capture.intrinsics.fx)
+    return one_depth_map(capture)[0]
 
 
 def misplaced(mirrors, simulation) -> np.ndarray:

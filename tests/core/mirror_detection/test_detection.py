@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from mirror_scan.core.camera import Intrinsics, project
 from mirror_scan.core.capture import MirrorPicks
-from mirror_scan.core.depth.burst_fusion import fuse_burst
-from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
+from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.mirror_detection.detection import find_mirrors
 from mirror_scan.core.mirror_detection.edge_segments import BOTTOM, RIGHT, TOP
@@ -28,7 +27,7 @@ from mirror_scan.core.simulation.simulate import simulate
 
 
 def clean(capture) -> np.ndarray:
-    return remove_flying_pixels(fuse_burst(capture.depth)[0], 1.0 / capture.intrinsics.fx)
+    return one_depth_map(capture)[0]
 
 
 def misplaced(mirror, truth, body) -> float:

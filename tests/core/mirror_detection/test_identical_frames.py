@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mirror_scan.core.depth.burst_fusion import fuse_burst
-from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
+from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mirror_detection.detection import find_mirrors
 from mirror_scan.core.mirror_detection.edge_segments import DetectionSettings
@@ -22,7 +21,7 @@ NAN = float("nan")
 
 
 def clean(capture) -> np.ndarray:
-    return remove_flying_pixels(fuse_burst(capture.depth)[0], 1.0 / capture.intrinsics.fx)
+    return one_depth_map(capture)[0]
 
 
 def misplaced(mirror, truth, body) -> float:

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from mirror_scan.core.camera import Intrinsics, project, unproject
 from mirror_scan.core.capture import MirrorPicks
-from mirror_scan.core.depth.burst_fusion import fuse_burst
-from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
+from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.mirrors.disparity_plane import erosion
 from mirror_scan.core.mirrors.mirror import plane_mirror, reflect, reflection_matrix
@@ -281,7 +280,7 @@ def test_picked_glass_ends_where_the_frame_does(person, sensor):
     and ends at its outer edge on every side that is seen."""
     rig = default_rig(sensor, frames=6, roll_deg=-7.0, lean_deg=(3.0, -2.0), camera_height=1.1, tilt_deg=6.0)
     capture = simulate(person, rig).capture
-    depth = remove_flying_pixels(fuse_burst(capture.depth)[0], 1.0 / capture.intrinsics.fx)
+    depth = one_depth_map(capture)[0]
     to_avatar, seen = rig.camera_to_avatar, 0
     for picks, true in zip(capture.mirrors, rig.mirrors, strict=True):
         mirror = place_mirror(picks, depth, capture.intrinsics)

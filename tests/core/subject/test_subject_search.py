@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from mirror_scan.core.cli.commands import settings_of
 from mirror_scan.core.cli.parser import build_parser
-from mirror_scan.core.depth.burst_fusion import fuse_burst
-from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
+from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.errors import ReconstructionError
 from mirror_scan.core.mirrors.mirror import plane_mirror
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
@@ -32,7 +31,7 @@ from mirror_scan.core.views.rig_axis import rig_axis
 def sorted_out(simulation, settings=None):
     """Views, and shares: of the subject's pixels in the right view, of what is kept that is not the subject."""
     lens = simulation.capture.intrinsics
-    depth = remove_flying_pixels(fuse_burst(simulation.capture.depth)[0], 1 / lens.fx)
+    depth = one_depth_map(simulation.capture)[0]
     mirrors = [place_mirror(m, depth, lens) for m in simulation.capture.mirrors]
     views = find_subject(depth, lens, mirrors, settings or ViewSettings())
     truth, sight = simulation.truth.labels, simulation.truth.sight

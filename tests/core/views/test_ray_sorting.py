@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mirror_scan.core.camera import Intrinsics, unproject
-from mirror_scan.core.depth.burst_fusion import fuse_burst
-from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
+from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.errors import ReconstructionError
 from mirror_scan.core.mirrors.mirror import plane_mirror, reflect
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
@@ -25,7 +24,7 @@ from scipy.ndimage import binary_dilation
 def prepared(simulation):
     """Depth and mirrors as the pipeline has them when it looks for the subject."""
     lens = simulation.capture.intrinsics
-    depth = remove_flying_pixels(fuse_burst(simulation.capture.depth)[0], 1 / lens.fx)
+    depth = one_depth_map(simulation.capture)[0]
     return depth, [place_mirror(m, depth, lens) for m in simulation.capture.mirrors]
 
 
