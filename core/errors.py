@@ -1,8 +1,26 @@
 """What can go wrong, told in the user's words: what is wrong, where, and what to do."""
 
+from __future__ import annotations
+
+from .notices import Notice
+
 
 class MirrorScanError(Exception):
-    """Root of every error Mirror Scan raises on purpose; its text is shown to the user."""
+    """Root of every error Mirror Scan raises on purpose; its text is shown to the user.
+
+    Parameters
+    ----------
+    text : str
+        A template with ``values``, as of :class:`.notices.Notice`; a plain text or a notice without.
+    """
+
+    def __init__(self, text: str = "", /, **values: object) -> None:
+        super().__init__(Notice(text, **values) if values else Notice.of(text))
+
+    @property
+    def notice(self) -> Notice:
+        """Its text, with the parts that it was made of."""
+        return self.args[0]
 
 
 class CaptureError(MirrorScanError):

@@ -3,9 +3,10 @@
     python tools/messages.py                   core's messages, into mirror_scan_addon/messages.json
     python tools/messages.py --pot FILE.pot    everything, as a template for gettext's tools
 
-Core speaks English and knows of no translation; ``mirror_scan_addon/language/messages.py`` recognises what it said by
-this list. What is filled in stands in braces, under the name it has in the code. To be run again when a text came, went
-or changed; ``tests/addon/test_texts.py`` says when.
+Core speaks English and knows of no translation: it gives templates with values (``core/notices.py``), or f-strings,
+whose texts ``mirror_scan_addon/language/messages.py`` recognises by this list. What is filled in stands in braces,
+under the name it has in the code. To be run again when a text came, went or changed;
+``tests/addon/language/test_texts.py`` says when.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import argparse
 import ast
 import json
 import re
+import runpy
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -31,8 +33,13 @@ CONTEXT = "MirrorScan"
 NOT_SAID = {"compile", "execute", "debug", "print"}
 """Functions whose arguments are patterns, queries or the log's."""
 
+without_formats = runpy.run_path(str(ROOT / "core" / "notices.py"))["without_formats"]
+
 SENTENCE = re.compile(r"[A-Za-z’'–-]{2,}[,;:]? +[A-Za-z“(–-]{2,}")
 """Two words: a single one is a key, a format or a file name, not a message."""
+
+FIELD = re.compile(r"\{\w+[^{}]*\}")
+"""What is filled into a template."""
 
 LANGUAGE = re.compile(r"%s|(SELECT|comment|element|property|format) ")
 """How texts begin that programs read: the log's, a database's and PLY's."""
@@ -64,8 +71,10 @@ def skeleton(template: str) -> str:
 def texts_of(tree: ast.Module) -> Iterator[str]:
     """What is written in a module as text with words in it, apart from its documentation."""
     documentation = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-    parts, stages = set(), set()
+    parts, stages, templates = set(), set(), set()
     for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and is_notice(node):
+            templates.add(id(node.args[0]))
         if isinstance(node, ast.Call) and ast.unparse(node.func).rpartition(".")[2] in NOT_SAID:
             parts |= {id(inner) for argument in node.args for inner in ast.walk(argument)}
         elif isinstance(node, ast.JoinedStr):  # its constants are pieces of it, not texts
@@ -81,10 +90,18 @@ def texts_of(tree: ast.Module) -> Iterator[str]:
             text, words = template(node)
         elif isinstance(node, ast.Constant) and isinstance(node.value, str):
             text, words = node.value.replace("{", "{{").replace("}", "}}"), node.value
+            if id(node) in templates:
+                text, words = without_formats(node.value), FIELD.sub("\0", node.value)
         else:
             continue
         if (SENTENCE.search(words) or id(node) in stages) and not LANGUAGE.match(words):
             yield text.strip()
+
+
+def is_notice(call: ast.Call) -> bool:
+    """Whether a call makes a message of a template and values: ``Notice(…)``, or an error with values."""
+    name = ast.unparse(call.func).rpartition(".")[2]
+    return bool(call.args) and (name == "Notice" or (name.endswith("Error") and bool(call.keywords)))
 
 
 def template(node: ast.JoinedStr) -> tuple[str, str]:
@@ -128,9 +145,9 @@ def own_texts() -> Iterator[tuple[str, str, str]]:
     Blender looks up tooltips in no context, for which it writes "*"; an operator's name on its button in ours.
     """
     for path in sorted((ROOT / "mirror_scan_addon").rglob("*.py")):
-        if path.relative_to(ROOT / "mirror_scan_addon").as_posix() in BESIDE:
-            continue
         where = path.relative_to(ROOT).as_posix()
+        if where.removeprefix("mirror_scan_addon/") in BESIDE:
+            continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ClassDef) and node.name.startswith("MIRRORSCAN_OT_") and ast.get_docstring(node):
                 yield "*", " ".join(ast.get_docstring(node).split()), where

@@ -83,7 +83,10 @@ def open_capture(path: str | os.PathLike, frames: FrameChoice = None, options: R
             text = text if len(text) <= longest else text[: longest - 1] + "…"
             if text == str(error) and str(path) in text:
                 raise
-            raise type(error)(text if str(path) in text else f"{path}: {text}") from error
+            said = error.notice if text == str(error) else text
+            if str(path) in text:
+                raise type(error)(said) from error
+            raise type(error)("{path}: {reason}", path=path, reason=said) from error
     raise CaptureError(
         f"{path}: is not a capture; give a folder that holds intrinsic.json and depth/*.png, or a recording "
         "(.mkv, .bag, .oni, .pcd, .ply, .r3d; see docs/formats.md)"

@@ -17,6 +17,7 @@ from ..camera.noise_models import NoiseModel
 from ..mirrors import Mirror
 from ..mirrors.mirror import reflection_matrix
 from ..mirrors.wall_behind_frame import on_wall
+from ..notices import Notice
 from ..numeric.point_products import dot
 from ..subject.subject_views import Views
 from ..views.floor_and_vertical import leans
@@ -110,14 +111,17 @@ def check_scene(
             told.append(step)
         for k, (mirror, reflection) in enumerate(zip(mirrors, found, strict=True), start=1):
             if_moved = partial(foresee, others[k - 1], depth, views, intrinsics=intrinsics)
-            told += _about(mirror, reflection, views, k, model, intrinsics, step is not None, if_moved)
+            about = _about(mirror, reflection, views, k, model, intrinsics, step is not None, if_moved)
+            told += [Notice.of(text, [mirror.name]) for text in about]
             error = mirror.displacement(subject[::16])
             if error is not None and error > MAX_UNSURE and not on_wall(mirror):  # that is told elsewhere
                 told.append(
-                    f"the plane of {quoted(mirror)} is known so badly that its view of the subject may be "
-                    f"{1000.0 * error:.0f} mm off; take a longer burst, pick points on all sides of its frame, or use "
-                    "a wider frame"
-                )
+                    Notice(
+                        "the plane of {mirror} is known so badly that its view of the subject may be {error:.0f} mm "
+                        "off; take a longer burst, pick points on all sides of its frame, or use a wider frame",
+                        mirror=quoted(mirror), error=1000.0 * error,
+                    )
+                )  # fmt: skip
     told += _about_rig(views, mirrors, alone)
     return told
 
@@ -200,10 +204,11 @@ def _step_aside(
     moves = [f"{100 * abs(by):.0f} cm {one if by > 0 else other}" for by, one, other in moves if abs(by) > 0.05]
     way = " and ".join(moves)
     names = " and ".join(map(quoted, out))
-    return (
-        f"{names} show only part of the subject, because it does not stand where they look; step {way} (as seen by the "
-        "camera)"
-    )
+    return Notice(
+        "{names} show only part of the subject, because it does not stand where they look; step {way} (as seen by the "
+        "camera)",
+        names=names, way=way, mirrors=[mirror.name for mirror in out],
+    )  # fmt: skip
 
 
 def _turn(mirror: Mirror, views: Views, intrinsics: Intrinsics, outwards: float = 0.0) -> tuple[Mirror, str]:
@@ -363,9 +368,12 @@ def _about_rig(views: Views, mirrors: list[Mirror], alone: bool) -> list[str]:
             if abs(lean) > MAX_LEAN_DEG:
                 way = "towards" if lean > 0 else "away from"
                 told.append(
-                    f"{quoted(mirror)} is not vertical: its top leans {abs(lean):.0f}° {way} the subject; set "
-                    "it upright, or the reflection loses head or feet"
-                )
+                    Notice(
+                        "{mirror} is not vertical: its top leans {lean:.0f}° {way} the subject; set it upright, or the "
+                        "reflection loses head or feet",
+                        mirror=quoted(mirror), lean=abs(lean), way=way,
+                    )
+                )  # fmt: skip
     elif views.disagreement_deg is None and len(mirrors) < 2:
         told.append(
             "no floor is seen, so that the vertical is taken from the camera; let the camera see the floor about the "
@@ -378,14 +386,20 @@ def _about_rig(views: Views, mirrors: list[Mirror], alone: bool) -> list[str]:
         apart = (angles[j] - angles[i]) % 360.0
         if len(angles) > 1 and apart < MIN_APART_DEG:
             told.append(
-                f"{names[i]} and {names[j]} show the subject from nearly the same side, {apart:.0f}° apart; turn the "
-                "mirrors so that the views are about 120° apart"
-            )
+                Notice(
+                    "{one} and {other} show the subject from nearly the same side, {apart:.0f}° apart; turn the "
+                    "mirrors so that the views are about 120° apart",
+                    one=names[i], other=names[j], apart=apart,
+                )
+            )  # fmt: skip
         elif apart > MAX_GAP_DEG and mirrors and alone:
             told.append(
-                f"nothing is seen of one side of the subject: from {names[i]} to {names[j]} there are {apart:.0f}° "
-                "without a view, and that side is guessed; add a mirror there"
-            )
+                Notice(
+                    "nothing is seen of one side of the subject: from {one} to {other} there are {apart:.0f}° without "
+                    "a view, and that side is guessed; add a mirror there",
+                    one=names[i], other=names[j], apart=apart,
+                )
+            )  # fmt: skip
     return told
 
 

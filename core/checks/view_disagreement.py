@@ -10,6 +10,7 @@ from numba import njit
 from ..camera import Intrinsics
 from ..mirrors import Mirror
 from ..mirrors.mirror import expected_error
+from ..notices import Notice
 from ..numeric.point_products import dot
 from ..subject.subject_views import Views
 from ..views.view_correspondences import Meeting, meetings, noise_of, surfaces
@@ -156,11 +157,11 @@ def check_agreement(
             what = f"{name} is left out, or the body would be doubled: it places the subject {how}"
         else:
             what = f"{name} places the subject {how}, so that its surface is uneven there"
-        told.append(
-            f"{what}; {who} (on nothing else), see that the mirror is flat and has not moved, or take a longer burst"
-        )
+        text = f"{what}; {who} (on nothing else), see that the mirror is flat and has not moved, or take a longer burst"
+        told.append(Notice.of(text, [mirrors[k - 1].name for k in (apart.mirror + 1, apart.other) if k > 0]))
     return replace(views, labels=labels), told
 
 
-def quoted(mirror: Mirror) -> str:
-    return f"the mirror “{mirror.name}”"
+def quoted(mirror: Mirror) -> Notice:
+    """How a sentence names a mirror; a notice that has it among its values is about this mirror."""
+    return Notice("the mirror “{name}”", name=mirror.name, mirrors=[mirror.name])

@@ -15,6 +15,7 @@ from ..mirror_detection.frameless_mirrors import frameless_notes
 from ..mirror_detection.mirror_at_picks import contradicted, find_better_at, find_mirror_at
 from ..mirrors import Mirror
 from ..mirrors.picked_mirror import place_mirror
+from ..notices import Notice
 from .rig_calibration import moved_warnings
 from .settings import Settings
 
@@ -44,19 +45,23 @@ def place_mirrors(
     placed = [place(one) for one in known]
     warnings = list(moved_warnings([m for m in placed if m.source == "rig file"], depth, camera))
     warnings += [
-        f"{m.name}: the plane through its picks does not look like a mirror's: hardly a frame stands in it, or what is "
-        "seen in it would stand where the camera looks through; pick again, on its frame only"
+        Notice(
+            "{name}: the plane through its picks does not look like a mirror's: hardly a frame stands in it, or what "
+            "is seen in it would stand where the camera looks through; pick again, on its frame only",
+            name=m.name, mirrors=[m.name],
+        )
         for k, m in enumerate(placed)
         if m.source == "picked" and contradicted(m, depth, camera, placed[:k] + placed[k + 1 :])
-    ]
+    ]  # fmt: skip
     if not known:
         placed = find_mirrors(depth, camera, capture.color, settings.detection, offset)
     if not placed:
         raise MirrorError(
-            f"{capture.name}: no mirror was found: none is given, and no straight frame with the person's reflection "
-            "in it is seen; pick points on each mirror's frame and save them in mirrors.json beside the capture, or "
-            "elsewhere (option “mirrors”); a frame at least 3 cm wide and 10 cm off the wall is found by itself, and a "
-            "mirror without one where the camera sees some of the same skin directly and in it"
+            "{name}: no mirror was found: none is given, and no straight frame with the person's reflection in it is "
+            "seen; pick points on each mirror's frame and save them in mirrors.json beside the capture, or elsewhere "
+            "(option “mirrors”); a frame at least 3 cm wide and 10 cm off the wall is found by itself, and a mirror "
+            "without one where the camera sees some of the same skin directly and in it",
+            name=capture.name,
         )
     placed, notes = align_reflections(placed, depth, camera, settings.alignment)
     placed = level_floor(placed, depth, camera, settings.floor)

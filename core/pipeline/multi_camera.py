@@ -11,6 +11,7 @@ from ..capture import Capture, MirrorPicks
 from ..capture.camera_poses import check_pose
 from ..errors import CaptureError, ReconstructionError
 from ..mirrors import Mirror
+from ..notices import Notice
 from ..numeric.point_products import transform
 from ..views.view_maps import stack_maps
 from .reconstruction import Progress, check_frame, finish
@@ -129,7 +130,10 @@ def join_scans(scans: Sequence[Scan], poses: Sequence[np.ndarray], names: Sequen
     ReconstructionError
         The cameras do not see the same subject where the poses say it is.
     """
-    warnings = [f"{name}: {text}" for name, scan in zip(names, scans, strict=True) for text in scan.warnings]
+    warnings = [
+        Notice("{camera}: {warning}", camera=name, warning=text)
+        for name, scan in zip(names, scans, strict=True) for text in scan.warnings
+    ]  # fmt: skip
     axes = np.array([transform(scan.axis[None], pose)[0] for scan, pose in zip(scans, poses, strict=True)])
     weights = np.array([float((scan.maps.labels >= 0).sum()) for scan in scans])
     sure = np.array([scan.floor is not None for scan in scans])
@@ -163,9 +167,12 @@ def join_scans(scans: Sequence[Scan], poses: Sequence[np.ndarray], names: Sequen
         if tilt.max() > _SAME_UP or apart.max() > _SAME_FLOOR:
             worst = np.flatnonzero(sure)[int(np.argmax(np.maximum(tilt / _SAME_UP, apart / _SAME_FLOOR)))]
             warnings.append(
-                f"{names[worst]}: its floor does not agree with the other cameras' (up to {tilt.max():.1f}° tilted, "
-                f"{1e3 * apart.max():.0f} mm higher or lower); seams may show steps: calibrate the poses again"
-            )
+                Notice(
+                    "{name}: its floor does not agree with the other cameras' (up to {tilt:.1f}° tilted, {apart:.0f} "
+                    "mm higher or lower); seams may show steps: calibrate the poses again",
+                    name=names[worst], tilt=tilt.max(), apart=1e3 * apart.max(),
+                )
+            )  # fmt: skip
     patches, first = [], 0
     for scan, pose in zip(scans, poses, strict=True):
         for patch in scan.patches:

@@ -71,7 +71,7 @@ def make_report(
             "height_m": float(np.ptp(mesh.vertices[:, 2])),
         },
         "timings_ms": {name: round(value, 2) for name, value in clock.laps.items()},
-        "warnings": list(warnings),
+        "warnings": [str(warning) for warning in warnings],  # without the parts of notices
     }
 
 

@@ -27,6 +27,7 @@ from ..mirrors.mirror import person_before, reflection_shift
 from ..mirrors.picked_mirror import MirrorSettings, place_mirror
 from ..mirrors.rig_file import RigFile
 from ..mirrors.wall_behind_frame import THICK, on_wall
+from ..notices import Notice
 
 _BOARD = JointSettings(two_sided=True)
 _MIRROR, _DEPTH, _EMPTY = MirrorSettings(), DepthSettings(), DetectionSettings(empty_rig=True)
@@ -103,8 +104,13 @@ def moved_warnings(
     told = [_in_words(change) for change in changes if change.told(_LIKELY, 0.5 * limit)]
     if len(told) < max(2, len(mirrors)):
         return told
-    names, first = ", ".join(mirror.name for mirror in mirrors), told[0].removeprefix(f"{mirrors[0].name}: ")
-    return [f"{names}: {first}; all have moved alike, so most likely it was the camera"]
+    return [
+        Notice(
+            "{names}: {first}; all have moved alike, so most likely it was the camera",
+            names=", ".join(mirror.name for mirror in mirrors), first=_movement(changes[0]),
+            mirrors=[mirror.name for mirror in mirrors],
+        )
+    ]  # fmt: skip
 
 
 def moved_warning(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, limit: float = _TOLD) -> str | None:
@@ -147,19 +153,25 @@ def _random(mirror: Mirror) -> np.ndarray:
     return covariance
 
 
-def _in_words(change: _Change) -> str:
+def _in_words(change: _Change) -> Notice:
+    name = change.mirror.name
+    return Notice("{name}: {change}", name=name, change=_movement(change), mirrors=[name])
+
+
+def _movement(change: _Change) -> Notice:
+    """What happened, without whose mirror it is."""
     mirror, seen = change.mirror, change.seen
-    again = f"{mirror.name}: the rig has moved since it was calibrated"
     if seen is None:
-        return f"{again}: its frame is not where it was; calibrate it again"
+        return Notice("the rig has moved since it was calibrated: its frame is not where it was; calibrate it again")
     nearer = float(seen.normal @ (seen.point - mirror.point) / (seen.normal @ mirror.normal))
     turned = float(np.degrees(np.arccos(np.clip(seen.normal @ mirror.normal, -1.0, 1.0))))
     how = [f"{1000.0 * abs(nearer):.0f} mm {'forward' if nearer > 0 else 'back'}"] if abs(nearer) > 0.002 else []
     how += [f"turned by {turned:.1f}°"] if turned > 0.15 else []
-    return (
-        f"{again}, by about {1000.0 * change.shift:.0f} mm at the person ({', '.join(how) or 'tilted a little'}); "
-        "put it back, or calibrate it again"
-    )
+    return Notice(
+        "the rig has moved since it was calibrated, by about {shift:.0f} mm at the person ({how}); put it back, or "
+        "calibrate it again",
+        shift=1000.0 * change.shift, how=", ".join(how) or "tilted a little",
+    )  # fmt: skip
 
 
 def _empty(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> bool:

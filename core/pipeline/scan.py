@@ -12,7 +12,7 @@ from ..camera import Intrinsics, unproject
 from ..camera.noise_models import NoiseModel
 from ..capture import Capture, MirrorPicks
 from ..checks.scene_advice import check_scene
-from ..checks.view_disagreement import check_agreement, quoted
+from ..checks.view_disagreement import check_agreement
 from ..depth.burst_motion import still_warning
 from ..depth.clean_views import clean
 from ..depth.depth_map import one_depth_map
@@ -23,6 +23,7 @@ from ..errors import ReconstructionError
 from ..mesh import Mesh
 from ..mirrors import Mirror
 from ..mirrors.mirror import reflection_matrix
+from ..notices import Notice
 from ..numeric.threads import each
 from ..patches.grid_triangulation import TriangulationSettings, triangulate_view
 from ..subject.subject_search import find_subject
@@ -50,6 +51,7 @@ class Scan:
     mirrors : list of Mirror
     sensor : str
     warnings : tuple of str
+        Those that know more than their text are :class:`.notices.Notice`.
     limits : np.ndarray [shape=(N+1, 2)]
         Nearest and farthest depth of the subject in each view [m], see :class:`.subject_views.Views`.
     noise : tuple of BurstNoise
@@ -121,10 +123,9 @@ def scan_steps(
         ),
     )
     clock.lap("triangulation")
-    blind = [  # the reason why a mirror shows nobody is told instead where it is known
-        text for text in views.warnings
-        if not any(text.startswith(f"{m.name}:") and quoted(m) in fault for m in placed for fault in faults)
-    ]  # fmt: skip
+    # the reason why a mirror shows nobody is told instead where it is known
+    explained = {name for fault in faults for name in Notice.of(fault).mirrors}
+    blind = [text for text in views.warnings if explained.isdisjoint(Notice.of(text).mirrors)]
     warnings = (*told, *((moved,) if moved else ()), *blind, *faults)
     return Scan(
         patches, maps, views.up, views.axis, views.floor, view_names(placed), placed, sensor, warnings, views.limits,

@@ -36,7 +36,8 @@ class Reconstruction:
     report : dict
         The content of ``report.json``, plain Python values only.
     warnings : tuple of str
-        What the user should know, in plain words; also in ``report``.
+        What the user should know, in plain words; also in ``report``. Those that know more than their text are
+        :class:`.notices.Notice`.
     patches : tuple of Mesh
         The views' patches as they went to the zipper, camera frame.
     mirrors : tuple of Mirror

@@ -7,6 +7,7 @@ import numpy as np
 from ..camera import Intrinsics, unproject
 from ..errors import ReconstructionError
 from ..mirrors import Mirror
+from ..notices import Notice
 from ..views.floor_and_vertical import find_ground
 from ..views.ray_sorting import sort_rays
 from ..views.rig_axis import rig_axis
@@ -103,9 +104,12 @@ def _without_empty_views(
         if taken[i] < settings.min_pixels:
             labels[labels == i] = -1
             warnings.append(
-                f"{m.name}: nobody is seen in this mirror, its side of the body is guessed; "
-                "turn the mirror until the camera sees the subject's back in it"
-            )
+                Notice(
+                    "{name}: nobody is seen in this mirror, its side of the body is guessed; turn the mirror until the "
+                    "camera sees the subject's back in it",
+                    name=m.name, mirrors=[m.name],
+                )
+            )  # fmt: skip
     return tuple(warnings)
 
 

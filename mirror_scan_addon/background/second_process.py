@@ -19,6 +19,7 @@ import bpy
 
 from ... import __package__ as ROOT_PACKAGE
 from ...core import errors
+from ...core.notices import Notice
 from ..language.texts import say
 from . import kernel_compilation, numba_setup
 
@@ -202,7 +203,8 @@ class Errand:
         elif "done" in message:
             self._end(result=self._worker.result())
         elif "error" in message:
-            self._end(error=getattr(errors, message["error"], errors.MirrorScanError)(message["text"]))
+            kind = getattr(errors, message["error"], errors.MirrorScanError)
+            self._end(error=kind(Notice.of_parts(message["notice"])))
         elif "fault" in message:
             self._end(error=RuntimeError(f"Mirror Scan's second process failed:\n{message['fault']}"))
         elif "unable" in message:

@@ -92,17 +92,26 @@ def _do(task: dict, package: str, folder: Path, say: Callable) -> None:
         except OSError as error:
             (folder / task["result"]).unlink(missing_ok=True)
             reason = error.strerror or error
-            say(error="OutputError", text=f"{folder}: the result cannot be kept there: {reason}; make room on the disk")
-            return
+            raise errors.OutputError(
+                "{folder}: the result cannot be kept there: {reason}; make room on the disk",
+                folder=folder,
+                reason=reason,
+            ) from error
         say(done=True)
     except errors.MirrorScanError as error:
-        say(error=type(error).__name__, text=str(error))
+        _tell_error(say, error)
     except OSError as error:
-        say(error="MirrorScanError", text=f"{error.filename or folder}: {error.strerror or error}")
+        reason = error.strerror or error
+        _tell_error(say, errors.MirrorScanError("{path}: {reason}", path=error.filename or folder, reason=reason))
     except MemoryError:
-        say(error="MirrorScanError", text="There is not enough memory for this; close other files or programs")
+        _tell_error(say, errors.MirrorScanError("There is not enough memory for this; close other files or programs"))
     except Exception:
         say(fault=traceback.format_exc())
+
+
+def _tell_error(say: Callable, error: Exception) -> None:
+    """Hand over a :class:`.errors.MirrorScanError`, whole."""
+    say(error=type(error).__name__, notice=error.notice.parts())
 
 
 def _drain(job: Iterator, say: Callable) -> object:

@@ -1,8 +1,10 @@
-"""Core's messages in other languages: core says them in English and knows nothing of that, here they are recognised.
+"""Core's messages in other languages: core says them in English and knows nothing of that.
 
-``messages.json`` lists their templates (``tools/messages.py`` writes it from core's code). What was filled in is taken
-out of a message again, the template is looked up, and the values are put into what it is in the user's language. So
-reports and mirrors keep English in the file, and are read in whatever language Blender speaks later.
+A :class:`.notices.Notice` brings its template and values: the template is looked up, and the values are put into what
+it is in the user's language. For a plain text, such as a file keeps or an f-string makes, they are found out first:
+``messages.json`` lists the templates (``tools/messages.py`` writes it from core's code), and what was filled in is
+taken out of the text again. So reports and mirrors keep English in the file, and are read in whatever language Blender
+speaks later.
 """
 
 from __future__ import annotations
@@ -11,9 +13,11 @@ import json
 import re
 import string
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
+
+from ...core.notices import Notice
 
 LIST = Path(sys.modules[__package__].__path__[0]).parent / "messages.json"
 
@@ -46,6 +50,8 @@ def recognise(text: str) -> tuple[str, dict[str, str]] | None:
 
 def translate(text: str, look_up: Callable[[str], str]) -> str:
     """A message, and those that it quotes, by what ``look_up`` makes of a template."""
+    if isinstance(text, Notice) and text.values:
+        return _filled(text.template, text.values, look_up)
     whole = look_up(text)
     if whole != text:
         return whole
@@ -53,7 +59,10 @@ def translate(text: str, look_up: Callable[[str], str]) -> str:
     if found is None:
         name, colon, rest = text.partition(": ")  # whose message it is stands before it
         return text if not colon else f"{name}: {translate(rest, look_up)}"
-    template, values = found
+    return _filled(*found, look_up)
+
+
+def _filled(template: str, values: Mapping[str, str], look_up: Callable[[str], str]) -> str:
     told = look_up(template)
     values = {name: translate(value, look_up) if " " in value else value for name, value in values.items()}
     return told.format(**values)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import bpy
 
+from ...core.errors import MirrorScanError
+
 CONTEXT = "MirrorScan"
 """Translation context (msgctxt) of our labels, tooltips and reports."""
 
@@ -20,9 +22,12 @@ def language() -> str:
 
 def tell(text: object) -> str:
     """An error or a warning of core in the user's language; other texts come back as they are."""
-    text = str(text)
     if language() in ("", "en_US"):
-        return text
+        return str(text)
+    if isinstance(text, MirrorScanError):
+        text = text.notice
+    elif not isinstance(text, str):
+        text = str(text)
     from .messages import translate  # reads a list, which Blender's start must not wait for
 
     return translate(text, say)

@@ -28,6 +28,22 @@ def refuse(text):
     raise CaptureError(text)
 
 
+def refuse_in_parts(share):
+    from mirror_scan.core.errors import MirrorError
+    from mirror_scan.core.notices import Notice
+
+    yield 0.0, "Reading"
+    mirror = Notice("the mirror “{name}”", name="left", mirrors=["left"])
+    raise MirrorError("{mirror}: {share:.0%}", mirror=mirror, share=share)
+
+
+def warn(share):
+    from mirror_scan.core.notices import Notice
+
+    yield 0.0, "Reading"
+    return [Notice("{share:.0%} is seen", share=share), "a plain text"]
+
+
 def stumble():
     yield 0.0, "Dividing"
     return 1 / 0
@@ -132,6 +148,18 @@ def test_errors_keep_their_kind(errands):
     errand, _ = run(errands.read, "/no/such/file")
     assert str(errand.error) == "/no/such/file: No such file or directory"
     assert run(errands.count, 1)[0].result["process"] == process
+
+
+def test_errors_and_warnings_keep_their_parts(errands):
+    from mirror_scan.core.errors import MirrorError
+    from mirror_scan.core.notices import Notice
+
+    error = run(errands.refuse_in_parts, 0.25)[0].error
+    assert type(error) is MirrorError and str(error) == "the mirror “left”: 25%"
+    assert error.notice.template == "{mirror}: {share}" and error.notice.mirrors == ("left",)
+    assert error.notice.values["mirror"].template == "the mirror “{name}”"
+    warning, plain = run(errands.warn, 0.5)[0].result
+    assert warning == "50% is seen" and warning.values == {"share": "50%"} and not isinstance(plain, Notice)
 
 
 def test_a_process_that_dies_is_told_and_replaced(errands):

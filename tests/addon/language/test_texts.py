@@ -124,8 +124,11 @@ def test_what_is_raised_and_warned_of_is_in_the_list():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and node.exc.args:
                 name, text = ast.unparse(node.exc.func), node.exc.args[0]
-                if name.endswith("Error") and name not in ("TypeError", "KeyError") and isinstance(text, ast.JoinedStr):
-                    template, words = tool["template"](text)
+                written = isinstance(text, ast.JoinedStr) or (node.exc.keywords and isinstance(text, ast.Constant))
+                if name.endswith("Error") and name not in ("TypeError", "KeyError") and written:
+                    template = words = tool["without_formats"](text.value) if isinstance(text, ast.Constant) else ""
+                    if isinstance(text, ast.JoinedStr):
+                        template, words = tool["template"](text)
                     raised += 1
                     said = tool["SENTENCE"].search(words) is not None
                     assert tool["skeleton"](template) in known or not said, (path.name, template)
@@ -158,6 +161,23 @@ def test_core_s_messages_are_told_in_the_user_s_language(german):
     assert german(quoted) == "r.json ist keine Datei eines Aufbaus: das Verzeichnis zeigt auf nichts"
     for other in ("", "?", "ein Satz, den core nie sagt", "{path}: {", "a: b: c: d", "x" * 9999):
         assert german(other) == other
+
+
+def test_a_message_that_knows_its_parts_needs_no_recognising(german, monkeypatch):
+    """What cannot be told from the words: where a value ends, and what a value quotes."""
+    from mirror_scan.core.errors import MirrorError
+    from mirror_scan.core.notices import Notice
+    from mirror_scan.mirror_scan_addon.language import messages
+
+    monkeypatch.setattr(messages, "templates", tuple)  # nothing is listed
+    monkeypatch.setitem(GERMAN, "{one}, {other}: {share} seen, {why}", "{share} von {other}, {one} gesehen: {why}")
+    monkeypatch.setitem(GERMAN, "{name} moved by {apart}", "{name} um {apart} bewegt")
+    why = Notice("{name} moved by {apart:.0f} mm", name="a, b: c", apart=3.4)
+    assert german(why) == "a, b: c moved by 3 mm"  # no such template
+    why = Notice("{name} moved by {apart:.0f}", name="a, b: c", apart=3.4)
+    whole = Notice("{one}, {other}: {share:.0%} seen, {why}", one="x, y", other="{z}", share=0.5, why=why)
+    assert german(whole) == german(MirrorError(whole)) == "50% von {z}, x, y gesehen: a, b: c um 3 bewegt"
+    assert german(Notice.of("the index points at no message")) == "das Verzeichnis zeigt auf nichts"
 
 
 def test_reports_and_panels_tell_core_s_errors_in_the_user_s_language(german, bpy, tmp_path):
