@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import CaptureError
+from ..notices import Notice
 from .kinect_disparity import NO_READING
 
 _ENOUGH = 500  # readings before a pattern counts as one
@@ -24,7 +25,8 @@ def metres(values: np.ndarray, unit_m: float | None) -> tuple[np.ndarray, str]:
         if unit_m is None:
             read = depth[depth > 0]
             unit_m = 0.001 if read.size and np.median(read) > 100 else 1.0
-            note = f"real numbers taken for {'millimetres' if unit_m == 0.001 else 'metres'}"
+            unit = "millimetres" if unit_m == 0.001 else "metres"
+            note = Notice("real numbers taken for {unit}", unit=unit)
         else:
             note = ""
         return (depth if unit_m == 1 else depth * np.float32(unit_m)), note

@@ -7,6 +7,7 @@ calibration; Apple's LiDAR map scaled from 1920 × 1440.
 from __future__ import annotations
 
 from ..camera import Intrinsics
+from ..notices import Notice
 
 _KINECT_V2_LENS = (0.0905474, -0.26819, 0.0, 0.0, 0.0950862)
 _AZURE_LENS = (0.5479, -0.02097, 0.0, 0.0, -0.00265, 0.88968, 0.08613, -0.01391)
@@ -27,8 +28,10 @@ def nominal_camera(width: int, height: int) -> tuple[Intrinsics, str, str] | Non
     if known is None:
         return None
     sensor, camera = known
-    note = (
-        f"no intrinsics in the capture: published ones of a {sensor} are used (f {camera.fx:g} px); "
-        "give your camera's own for a true scale"
+    note = Notice(
+        "no intrinsics in the capture: published ones of a {sensor} are used (f {fx:g} px); give your camera's own for "
+        "a true scale",
+        sensor=sensor,
+        fx=camera.fx,
     )
     return camera, sensor, note

@@ -126,8 +126,11 @@ def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:
     mirrored = capture.mirrored if options.mirrored is None else options.mirrored
     degrees = capture.turn_degrees if options.turn_degrees is None else options.turn_degrees
     if capture.sensor == "kinect_v2" and options.mirrored is None and not capture.mirrored:
-        hint = "Kinect v2's SDK exchanges left and right, and no file says so: if this picture is mirrored, say so"
-        capture = replace(capture, notes=(*capture.notes, f"{hint} (option “mirrored”)"))
+        hint = (
+            "Kinect v2's SDK exchanges left and right, and no file says so: if this picture is mirrored, say so "
+            "(option “mirrored”)"
+        )
+        capture = replace(capture, notes=(*capture.notes, hint))
     if mirrored or degrees:
         from .upright_grid import turned, unmirrored
 

@@ -17,6 +17,7 @@ from ..camera.image_registration import (
 )
 from ..camera.pinhole import undistort
 from ..errors import CaptureError
+from ..notices import Notice
 from .capture import Capture, MirrorPicks
 
 _TURNS = {0: 0, 90: 1, 180: 2, 270: 3}
@@ -61,7 +62,8 @@ def align(capture: Capture) -> Capture:
         pose = np.eye(4) if capture.depth_to_color is None else capture.depth_to_color
         color, seen = color_on_depth(first_readings(depth), capture.intrinsics, color, capture.color_intrinsics, pose)
         if seen < 0.9:
-            notes = (*notes, f"the colour camera sees only {seen:.0%} of the readings; the rest stays black")
+            note = Notice("the colour camera sees only {seen:.0%} of the readings; the rest stays black", seen=seen)
+            notes = (*notes, note)
     return replace(capture, color=color, color_intrinsics=None, depth_to_color=None, notes=notes)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from ...camera import Intrinsics
 from ...errors import CaptureError
 from ...io.images import read_image
+from ...notices import Notice
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import read_limited
 from ..depth_units import metres
@@ -76,7 +77,7 @@ def video_frame(path: Path, number: int) -> tuple[np.ndarray | None, str]:
                     return np.ascontiguousarray(frame.to_ndarray(format="rgb24")), ""
     except (av.FFmpegError, IndexError, ValueError) as error:
         raise CaptureError(f"{path}: cannot be decoded ({error}); copy it again or remove it") from error
-    return None, f"colour is left out: {path.name} ends before frame {number}"
+    return None, Notice("colour is left out: {name} ends before frame {number}", name=path.name, number=number)
 
 
 def _intrinsics(path: Path) -> Intrinsics:

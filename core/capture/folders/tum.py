@@ -8,6 +8,7 @@ from pathlib import Path
 from ...camera import Intrinsics
 from ...errors import CaptureError
 from ...io.images import read_image
+from ...notices import Notice
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import read_limited, rgb
 from ..depth_units import metres
@@ -58,7 +59,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         if nearest is not None and abs(nearest[0] - listed[chosen[0]][0]) <= MAX_APART_S:
             color = rgb(read_image(inside(path, nearest[1])))
         else:
-            notes.append(f"no colour image within {MAX_APART_S:g} s of the first frame")
+            notes.append(Notice("no colour image within {seconds:g} s of the first frame", seconds=MAX_APART_S))
     return stored_capture(path, FORMAT, depth, color, camera, sensor="kinect_v1", notes=notes)
 
 

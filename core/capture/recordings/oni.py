@@ -11,6 +11,7 @@ import numpy as np
 
 from ...camera import Intrinsics
 from ...errors import CaptureError
+from ...notices import Notice
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, image_in, mapped, rgb, starts_with, yuyv_to_rgb
 from ..frames import FrameChoice, chosen_frames, empty_burst
@@ -215,7 +216,9 @@ def _color(data: bytes, node: _Node, path: Path) -> tuple[np.ndarray | None, str
     if node.codec in (b"NONE", b"\0\0\0\0") and kind == 204:
         return rgb(image_in(data, path, "a colour frame")), ""
     if node.codec not in (b"NONE", b"\0\0\0\0") or size is None:
-        return None, f"colour is left out: its codec {node.codec!r} or pixel format {kind} is not known"
+        return None, Notice(
+            "colour is left out: its codec {codec!r} or pixel format {kind} is not known", codec=node.codec, kind=kind
+        )
     if len(data) != width * height * size or (size == 2 and width % 2):
         raise ValueError(f"an uncompressed colour frame of {len(data)} bytes")
     pixels = np.frombuffer(data, np.uint8).reshape(height, width, size)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...camera import Intrinsics
 from ...errors import CaptureError
+from ...notices import Notice
 
 _SAMPLE = 40_000
 _MIN_POINTS = 200
@@ -75,7 +76,7 @@ def depth_of_cloud(
         raise CaptureError(f"{path}: its points give no focal length a depth camera has ({fx:.0f}, {fy:.0f} px)")
     z = points[..., axes[2]] * sign
     depth = np.where(good & (np.where(good, z, 0) > 0), z, 0).astype(np.float32)
-    notes = [f"intrinsics fitted from the points, within {best[0] / 2:.2f} px"]
+    notes = [Notice("intrinsics fitted from the points, within {error:.2f} px", error=best[0] / 2)]
     # The turn from the cloud's axes to right, down, forward: a reflection means somebody exchanged left and right.
     turn = np.zeros((3, 3))
     turn[0, axes[0]], turn[1, axes[1]], turn[2, axes[2]] = np.sign(fx), np.sign(fy), sign

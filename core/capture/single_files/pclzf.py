@@ -14,6 +14,7 @@ import numpy as np
 from ...camera import Intrinsics
 from ...errors import CaptureError
 from ...io.images import MAX_PIXELS
+from ...notices import Notice
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, read_limited, starts_with, yuv_to_rgb
 from ..depth_units import metres
@@ -67,7 +68,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         kind, image = read_pclzf(rgb_file)
         color = image if image.ndim == 3 else None
         if color is None:
-            notes.append(f"{rgb_file.name} is left out: {kind} is no colour image")
+            notes.append(Notice("{name} is left out: {kind} is no colour image", name=rgb_file.name, kind=kind))
     return stored_capture(path, FORMAT, depth, color, camera, sensor="kinect_v1", notes=notes)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...errors import CaptureError
 from ...io.images import MAX_PIXELS, read_image
+from ...notices import Notice
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, npy_header, read_limited, rgb, starts_with
 from ..depth_units import is_raw_disparity, metres
@@ -52,7 +53,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         depth = depth_of_disparity(options.disparity)[np.clip(values, 0, 2047)]
         camera, color_camera, pose = calibration(options.kinect_calibration)
         sensor = "kinect_v1"
-        notes.append(f"raw Kinect v1 disparity, by the {options.disparity} formula")
+        notes.append(Notice("raw Kinect v1 disparity, by the {formula} formula", formula=options.disparity))
     else:
         depth, note = metres(values, options.depth_unit_m)
         notes += [note] if note else []
@@ -71,7 +72,12 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         if found is not None:
             color = rgb(read_image(found))
             if color_camera is None and color.shape[:2] != (height, width):
-                notes.append(f"{found.name} is left out: it is {color.shape[1]}×{color.shape[0]}, not aligned to depth")
+                notes.append(
+                    Notice(
+                        "{name} is left out: it is {width}×{height}, not aligned to depth",
+                        name=found.name, width=color.shape[1], height=color.shape[0],
+                    )
+                )  # fmt: skip
                 color = None
             elif color_camera is not None and color.shape[:2] != (color_camera.height, color_camera.width):
                 color_camera = color_camera.scaled(color.shape[1], color.shape[0])
