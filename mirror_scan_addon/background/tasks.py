@@ -447,7 +447,8 @@ def _known(record: dict):
 def _built(result) -> Built:
     mesh = result.mesh
     surface = Surface(mesh.vertices, mesh.triangles, mesh.colors, mesh.view, mesh.kind)
-    return Built(surface, result.report, result.warnings, [record_of(mirror) for mirror in result.mirrors])
+    report = result.report | {"warnings": list(result.warnings)}  # with the parts of notices, to be translated
+    return Built(surface, report, result.warnings, [record_of(mirror) for mirror in result.mirrors])
 
 
 # --- check -----------------------------------------------------------------------------------------------------------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import logging
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -15,7 +14,7 @@ import numpy as np
 from ...core.errors import OutputError
 from ..background.tasks import Surface
 from ..language.texts import say
-from .report_text import REPORT
+from .report_text import set_report
 
 if TYPE_CHECKING:
     from ...core.mesh import Mesh
@@ -83,7 +82,7 @@ def create_avatar(
         avatar = bpy.data.objects.new(name, data)
         made.append(avatar)
         if report is not None:
-            avatar[REPORT] = json.dumps(report, ensure_ascii=False)
+            set_report(avatar, report)
         if collection is not None:
             collection.objects.link(avatar)
     return avatar

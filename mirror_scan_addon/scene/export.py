@@ -223,7 +223,8 @@ def _scaled(avatar: bpy.types.Object, size: float) -> Iterator[None]:
 
 
 def _add_avatar(target: bpy.types.Scene, reconstruction: Reconstruction) -> bpy.types.Object:
-    avatar = avatar_scene.create_avatar(reconstruction.mesh, collection=target.collection, report=reconstruction.report)
+    report = reconstruction.report | {"warnings": list(reconstruction.warnings)}
+    avatar = avatar_scene.create_avatar(reconstruction.mesh, collection=target.collection, report=report)
     layer = target.view_layers[0]
     layer.update()
     avatar.select_set(True, view_layer=layer)

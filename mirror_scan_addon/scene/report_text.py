@@ -6,6 +6,7 @@ import json
 
 import bpy
 
+from ...core.notices import Notice
 from ..language.texts import say
 from . import units
 
@@ -22,7 +23,7 @@ def avatar_report(avatar: bpy.types.Object | None) -> dict | None:
         report = json.loads(text)
     except ValueError:
         return None
-    return _sound(report) if isinstance(report, dict) else None
+    return _with_notices(_sound(report)) if isinstance(report, dict) else None
 
 
 SHOWN = {
@@ -36,7 +37,15 @@ SHOWN = {
 
 def _sound(report: dict) -> dict:
     """A report without what somebody edited into nonsense."""
-    kinds = {"mesh": dict, "timings_ms": dict, "mirrors": list, "seams": list, "warnings": list, "problems": list}
+    kinds = {
+        "mesh": dict,
+        "timings_ms": dict,
+        "mirrors": list,
+        "seams": list,
+        "warnings": list,
+        "problems": list,
+        "notices": list,
+    }
     sound = {name: value for name, value in report.items() if isinstance(value, kinds.get(name, object))}
 
     def numbers(values: dict, names: tuple[str, ...]) -> dict:
@@ -60,7 +69,24 @@ def _is_number(value: object) -> bool:
 
 
 def set_report(avatar: bpy.types.Object, report: dict) -> None:
-    avatar[REPORT] = json.dumps(report, ensure_ascii=False)
+    """Keep a report with an avatar. JSON keeps of a notice among the ``warnings`` only its text, so that the parts go
+    beside them, as ``notices``."""
+    notices = [text.parts() for text in report.get("warnings", ()) if isinstance(text, Notice)]
+    avatar[REPORT] = json.dumps(report | ({"notices": notices} if notices else {}), ensure_ascii=False)
+
+
+def _with_notices(report: dict) -> dict:
+    """A report whose warnings are notices again, where their parts were kept and still make that text."""
+    kept = {}
+    for parts in report.pop("notices", ()):
+        try:
+            notice = Notice.of_parts(parts)
+        except (AttributeError, IndexError, KeyError, TypeError, ValueError):  # edited into nonsense
+            continue
+        kept[str(notice)] = notice
+    if kept:
+        report["warnings"] = [kept.get(str(text), text) for text in report.get("warnings", ())]
+    return report
 
 
 def problems_of(report: dict) -> list[dict]:
