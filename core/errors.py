@@ -41,7 +41,3 @@ class ReconstructionError(MirrorScanError):
 
 class OutputError(MirrorScanError):
     """A result cannot be written; nothing that existed was touched."""
-
-
-class Cancelled(MirrorScanError):
-    """The user stopped the work; nothing was changed."""

@@ -12,7 +12,7 @@ import pytest
 import trimesh
 from mirror_scan.core.avatar.frame import avatar_frame
 from mirror_scan.core.capture import Capture, open_capture
-from mirror_scan.core.errors import Cancelled, CaptureError, MirrorError, ReconstructionError
+from mirror_scan.core.errors import CaptureError, MirrorError, ReconstructionError
 from mirror_scan.core.io import read_mesh
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.surface_distance import evaluate, surface_distance
@@ -171,12 +171,15 @@ def test_stopping_on_the_way(simulated):
     capture = simulated("azure_kinect").capture
     calls = []
 
+    class Stopped(Exception):
+        pass
+
     def stop(fraction, message):
         calls.append(fraction)
         if fraction >= 0.3:
-            raise Cancelled("stopped")
+            raise Stopped
 
-    with pytest.raises(Cancelled):
+    with pytest.raises(Stopped):
         reconstruct(capture, progress=stop)
     assert 0 < len(calls) < 8 and calls[-1] >= 0.3 > calls[-2], "nothing runs on after it is stopped"
     steps = reconstruction_steps(capture)
