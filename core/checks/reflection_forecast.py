@@ -8,10 +8,10 @@ import numpy as np
 
 from ..camera import Intrinsics, project
 from ..mirrors import Mirror
+from ..mirrors.glass_extent import glass_corners
 from ..mirrors.mirror import reflection_matrix
 from ..numeric.point_products import dot, transform
 from ..subject.subject_views import Views
-from ..views.ray_sorting import glass_corners
 
 _WIDEST_FRAME, _IN_PLANE = 0.15, 0.02  # of a mirror [m]; how near to its plane that is read, of z
 _TRUNK = 0.24  # from the body's middle: what is farther off is an arm [m]

@@ -15,13 +15,13 @@ import numpy as np
 from ..camera import Intrinsics
 from ..camera.noise_models import NoiseModel
 from ..mirrors import Mirror
+from ..mirrors.glass_extent import glass_corners
 from ..mirrors.mirror import reflection_matrix
 from ..mirrors.wall_behind_frame import on_wall
 from ..notices import Notice
 from ..numeric.point_products import dot
 from ..subject.subject_views import Views
 from ..views.floor_and_vertical import leans
-from ..views.ray_sorting import glass_corners
 from ..views.rig_axis import rig_axis, visible_middle
 from .reflection_forecast import (
     Reflection,

@@ -9,7 +9,15 @@ from numba import njit
 
 from ..camera import Intrinsics, project
 from ..mirrors import Mirror
-from ..mirrors.mirror import moved, reflect, reflection_matrix, reflection_moves, with_reason
+from ..mirrors.glass_kernels import (
+    before_plane,
+    glass_of,
+    nearest_pixel,
+    reflected,
+    reflected_direction,
+    share_at_glass,
+)
+from ..mirrors.mirror import moved, reflect, reflection_moves, with_reason
 from ..numeric.threads import each
 
 
@@ -161,10 +169,7 @@ def _shown(mirror, depth, intrinsics, settings) -> tuple[np.ndarray, np.ndarray,
     high = np.clip(box.max(axis=0), 3, size - 3).astype(np.int64)
     room = max(int(np.prod(high - low)), 1)
     points, normals, half = np.empty((room, 3)), np.empty((room, 3)), np.empty(room, np.int8)
-    n = _shown_kernel(
-        depth, intrinsics.lens, mirror.basis, mirror.point, mirror.rectangle, reflection_matrix(mirror), low, high,
-        settings.two_sided, points, normals, half,
-    )  # fmt: skip
+    n = _shown_kernel(depth, intrinsics.lens, glass_of([mirror]), low, high, settings.two_sided, points, normals, half)
     thin = slice(0, n, n // _ENOUGH + 1)
     return tuple(np.ascontiguousarray(part[thin]) for part in (points, normals, half))
 
@@ -173,9 +178,8 @@ def _pairs(mirror, points, facing, depth, intrinsics, settings, gate) -> tuple[n
     """Flipped points (N, 3), normals (N, 3) of the direct surfaces they meet, and distances (N,) along these."""
     q, normals, gap = np.empty_like(points), np.empty_like(points), np.empty(len(points))
     n = _pairs_kernel(
-        depth, intrinsics.lens, mirror.normal, float(mirror.normal @ mirror.point), points, facing,
-        reflection_matrix(mirror), gate, settings.two_sided, q, normals, gap,
-    )  # fmt: skip
+        depth, intrinsics.lens, glass_of([mirror]), points, facing, gate, settings.two_sided, q, normals, gap
+    )
     return q[:n], normals[:n], gap[:n]
 
 
@@ -205,12 +209,9 @@ def _surface(depth, camera, u, v, p, n):
 
 
 @njit(cache=True, nogil=True)
-def _shown_kernel(
-    depth, camera, basis, center, rectangle, flip, low, high, two_sided, out_p, out_n, out_half
-):  # fmt: skip
-    fx, fy, cx, cy = camera
+def _shown_kernel(depth, lens, glass, low, high, two_sided, out_p, out_n, out_half):
+    fx, fy, cx, cy = lens
     p, n = np.empty(3), np.empty(3)
-    offset = basis[0, 2] * center[0] + basis[1, 2] * center[1] + basis[2, 2] * center[2]
     count = 0
     for v in range(low[1], high[1]):
         y = (v - cy) / fy
@@ -218,26 +219,16 @@ def _shown_kernel(
             z = depth[v, u]
             if z == 0:
                 continue
-            x = (u - cx) / fx
-            slope = x * basis[0, 2] + y * basis[1, 2] + basis[2, 2]
-            if slope >= 0 or z < offset / slope + 0.15:
-                continue
-            at, inside = offset / slope, True
-            for k in range(2):
-                s = basis[0, k] * (x * at - center[0]) + basis[1, k] * (y * at - center[1])
-                s += basis[2, k] * (at - center[2])
-                if s < rectangle[k, 0] + 0.04 or s > rectangle[k, 1] - 0.04:
-                    inside = False
-            if not inside or not _surface(depth, camera, u, v, p, n):
+            at = share_at_glass(glass, 0, (u - cx) / fx, y, 1.0, 0.04)
+            if z < at + 0.15 or not _surface(depth, lens, u, v, p, n):
                 continue
             # what stands across the mirror, like the floor, tells nothing of its place
-            if abs(n[0] * basis[0, 2] + n[1] * basis[1, 2] + n[2] * basis[2, 2]) < 0.2:
+            normal = glass.planes[0]
+            if abs(n[0] * normal[0] + n[1] * normal[1] + n[2] * normal[2]) < 0.2:
                 continue
-            toward = 0.0
-            for r in range(3):
-                q = flip[r, 3] + flip[r, 0] * p[0] + flip[r, 1] * p[1] + flip[r, 2] * p[2]
-                toward += q * (flip[r, 0] * n[0] + flip[r, 1] * n[1] + flip[r, 2] * n[2])
-            if toward > 0 and not two_sided:
+            qx, qy, qz = reflected(glass, 0, p[0], p[1], p[2])
+            mx, my, mz = reflected_direction(glass, 0, n[0], n[1], n[2])
+            if qx * mx + qy * my + qz * mz > 0 and not two_sided:
                 continue
             for c in range(3):
                 out_p[count, c], out_n[count, c] = p[c], n[c]
@@ -247,33 +238,26 @@ def _shown_kernel(
 
 
 @njit(cache=True, nogil=True)
-def _pairs_kernel(
-    depth, camera, normal, offset, points, facing, flip, gate, two_sided, out_q, out_n, out_gap
-):  # fmt: skip
+def _pairs_kernel(depth, lens, glass, points, facing, gate, two_sided, out_q, out_n, out_gap):
     height, width = depth.shape
-    fx, fy, cx, cy = camera
-    q, d, e = np.empty(3), np.empty(3), np.empty(3)
+    q, m, d, e = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     count = 0
     for i in range(len(points)):
-        for r in range(3):
-            q[r] = flip[r, 3]
-            for c in range(3):
-                q[r] += flip[r, c] * points[i, c]
+        q[0], q[1], q[2] = reflected(glass, 0, points[i, 0], points[i, 1], points[i, 2])
         if q[2] < 0.3:
             continue
-        x, y = int(np.rint(q[0] / q[2] * fx + cx)), int(np.rint(q[1] / q[2] * fy + cy))
-        if x < 3 or y < 3 or x >= width - 3 or y >= height - 3 or not _surface(depth, camera, x, y, d, e):
+        x, y = nearest_pixel(q[0], q[1], q[2], lens)
+        if x < 3 or y < 3 or x >= width - 3 or y >= height - 3 or not _surface(depth, lens, x, y, d, e):
             continue
-        alike, gap, far, ahead = 0.0, 0.0, 0.0, -offset
+        m[0], m[1], m[2] = reflected_direction(glass, 0, facing[i, 0], facing[i, 1], facing[i, 2])
+        alike, gap, far = 0.0, 0.0, 0.0
         for r in range(3):
-            m = flip[r, 0] * facing[i, 0] + flip[r, 1] * facing[i, 1] + flip[r, 2] * facing[i, 2]
-            alike += m * e[r]
+            alike += m[r] * e[r]
             gap += e[r] * (d[r] - q[r])
             far += (d[r] - q[r]) ** 2
-            ahead += normal[r] * d[r]
         if alike < 0.8 and not (two_sided and alike < -0.9):
             continue
-        if abs(gap) > gate or far > 9.0 * gate * gate or ahead < 0.1:
+        if abs(gap) > gate or far > 9.0 * gate * gate or before_plane(glass, 0, d[0], d[1], d[2]) < 0.1:
             continue
         for c in range(3):
             out_q[count, c], out_n[count, c] = q[c], e[c]

@@ -10,6 +10,7 @@ from numba import njit
 from ..camera import Intrinsics, project
 from ..mirrors import Mirror
 from ..mirrors.glass_extent import at_border
+from ..mirrors.glass_kernels import glass_of, place_on_plane, share_at_plane
 from ..numeric.point_products import dot
 from .mirrored_person import Figure
 
@@ -45,7 +46,7 @@ def with_glass(
     corner = np.array((left - _BESIDE, top - _BESIDE))
     size = np.ceil((np.array((right + _BESIDE, bottom)) - corner) / _CELL).astype(np.int64)
     upright, lying, seen = _jumps_kernel(
-        depth, _about(things == image.id, 4), lens.lens, mirror.basis, mirror.point, d, corner, size, _CELL
+        depth, _about(things == image.id, 4), lens.lens, glass_of([mirror]), corner, size, _CELL
     )
     rows = slice(int((top - corner[1]) / _CELL), int((top + _STRIP * (feet - top) - corner[1]) / _CELL) + 1)
     share, told = _covered(upright[rows], seen[rows])
@@ -126,7 +127,7 @@ def _first(share: np.ndarray, told: np.ndarray) -> tuple[int, int]:
 
 
 @njit(cache=True, nogil=True)
-def _jumps_kernel(depth, image, lens, basis, point, d, corner, size, cell):
+def _jumps_kernel(depth, image, lens, glass, corner, size, cell):
     """Cells (b, a) of the mirror's plane where depth jumps sideways, or up and down, beyond the plane and off the image
     itself; and those that nothing before the plane hides."""
     height, width = depth.shape
@@ -137,16 +138,11 @@ def _jumps_kernel(depth, image, lens, basis, point, d, corner, size, cell):
         y = (v - lens[3]) / lens[1]
         for u in range(width - 1):
             x = (u - lens[2]) / lens[0]
-            slope = x * basis[0, 2] + y * basis[1, 2] + basis[2, 2]
-            if slope >= -1e-6:
+            z = share_at_plane(glass, 0, x, y, 1.0)
+            if z == np.inf:
                 continue
-            z = d / slope
-            place0 = z * (x * basis[0, 0] + y * basis[1, 0] + basis[2, 0])
-            place1 = z * (x * basis[0, 1] + y * basis[1, 1] + basis[2, 1])
-            for c in range(3):
-                place0 -= basis[c, 0] * point[c]
-                place1 -= basis[c, 1] * point[c]
-            i, j = int((place1 - corner[1]) / cell), int((place0 - corner[0]) / cell)
+            a, b = place_on_plane(glass, 0, z * x, z * y, z)
+            i, j = int((b - corner[1]) / cell), int((a - corner[0]) / cell)
             if i < 0 or j < 0 or i >= size[1] or j >= size[0]:
                 continue
             here = depth[v, u]

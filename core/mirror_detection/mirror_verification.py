@@ -10,7 +10,8 @@ from numba import njit
 
 from ..camera import Intrinsics, project
 from ..mirrors import Mirror
-from ..mirrors.mirror import behind_glass, reflection_matrix
+from ..mirrors.glass_kernels import before_plane, glass_of, nearest_pixel, reflected, share_at_glass
+from ..mirrors.mirror import behind_glass
 from .edge_segments import BOTTOM, LEFT, RIGHT, TOP, DetectionSettings, find_rims
 from .rectangle_hypotheses import Hypothesis, propose
 
@@ -149,17 +150,14 @@ def verify(
 def count_evidence(guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics, floor: float) -> list[float]:
     """What becomes of the readings in the rectangle, see :func:`_verify_kernel`; all 0 when it reaches behind the
     camera."""
-    mirror = Mirror("", guess.point, guess.basis[:, 2], guess.basis)
+    mirror = Mirror("", guess.point, guess.basis[:, 2], guess.basis, guess.rectangle)
     corners = np.array([(x, y) for x in guess.rectangle[0] for y in guess.rectangle[1]])
     pixels = project(guess.point + corners @ guess.basis[:, :2].T, intrinsics)
     counts = np.zeros(8, np.int64)
     if np.isfinite(pixels).all():
         low = np.clip(np.floor(pixels.min(axis=0)), 0, None).astype(np.int64)
         high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, (intrinsics.width, intrinsics.height)).astype(np.int64)
-        _verify_kernel(
-            depth, intrinsics.lens, guess.basis, guess.point, guess.rectangle, reflection_matrix(mirror), low, high,
-            floor, counts,
-        )  # fmt: skip
+        _verify_kernel(depth, intrinsics.lens, glass_of([mirror]), low, high, floor, counts)
     return [float(count) for count in counts]
 
 
@@ -180,31 +178,18 @@ def _open_sides(guess: Hypothesis, intrinsics: Intrinsics) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _verify_kernel(depth, camera, basis, point, rectangle, flip, low, high, floor, counts):
+def _verify_kernel(depth, lens, glass, low, high, floor, counts):
     """Counts of sampled pixels: before the plane, on it, no reading, then flipped outside, violating, shown, hidden,
     ground."""
     height, width = depth.shape
-    fx, fy, cx, cy = camera
-    d = 0.0
-    for c in range(3):
-        d += basis[c, 2] * point[c]
-    ray, p, q = np.empty(3), np.empty(3), np.empty(3)
+    fx, fy, cx, cy = lens
+    axes = glass.axes
     step = 3 if (high[0] - low[0]) * (high[1] - low[1]) > 9000 else 2
     for v in range(low[1], high[1], step):
         for u in range(low[0], high[0], step):
-            ray[0], ray[1], ray[2] = (u - cx) / fx, (v - cy) / fy, 1.0
-            slope = basis[0, 2] * ray[0] + basis[1, 2] * ray[1] + basis[2, 2]
-            if slope >= -1e-6:
-                continue
-            at = d / slope
-            inside = True
-            for k in range(2):
-                s = 0.0
-                for c in range(3):
-                    s += basis[c, k] * (ray[c] * at - point[c])
-                if s < rectangle[k, 0] + 0.015 or s > rectangle[k, 1] - 0.015:
-                    inside = False
-            if not inside:
+            x, y = (u - cx) / fx, (v - cy) / fy
+            at = share_at_glass(glass, 0, x, y, 1.0, 0.015)
+            if at == np.inf:
                 continue
             z = depth[v, u]
             if z == 0:
@@ -216,39 +201,33 @@ def _verify_kernel(depth, camera, basis, point, rectangle, flip, low, high, floo
             if z < at * 1.02 + 0.04:
                 counts[1] += 1
                 continue
-            drop = 0.0
-            for r in range(3):
-                p[r] = ray[r] * z
-                drop += basis[r, 1] * p[r]
-            for r in range(3):
-                q[r] = flip[r, 3]
-                for c in range(3):
-                    q[r] += flip[r, c] * p[c]
-            if q[2] < 0.3:
+            drop = axes[0, 1, 0] * (x * z) + axes[0, 1, 1] * (y * z) + axes[0, 1, 2] * z
+            px, py, pz = reflected(glass, 0, x * z, y * z, z)
+            if pz < 0.3:
                 counts[3] += 1
                 continue
-            x, y = int(np.rint(q[0] / q[2] * fx + cx)), int(np.rint(q[1] / q[2] * fy + cy))
+            column, row = nearest_pixel(px, py, pz, lens)
             # a reading's error points sideways once it is flipped: look about the place by what noise at z may be
-            reach = int(fx * (0.01 + 0.003 * z * z) / q[2]) + 2
-            if x < 2 or y < 2 or x >= width - 2 or y >= height - 2:
+            reach = int(fx * (0.01 + 0.003 * z * z) / pz) + 2
+            if column < 2 or row < 2 or column >= width - 2 or row >= height - 2:
                 counts[3] += 1
                 continue
             nearest, farthest = np.inf, 0.0
             for ky in range(-3, 4):
                 for kx in range(-3, 4):
-                    row = min(max(y + ky * reach // 3, 0), height - 1)
-                    seen = depth[row, min(max(x + kx * reach // 3, 0), width - 1)]
+                    i = min(max(row + ky * reach // 3, 0), height - 1)
+                    seen = depth[i, min(max(column + kx * reach // 3, 0), width - 1)]
                     if seen > 0:
                         nearest, farthest = min(nearest, seen), max(farthest, seen)
             if farthest == 0.0:
                 counts[3] += 1
                 continue
             slack = 0.05 + 0.02 * z
-            if q[2] < nearest - slack:
+            if pz < nearest - slack:
                 counts[4] += 1
             elif drop > floor:
                 counts[7] += 1
-            elif q[2] < nearest + 0.7:
+            elif pz < nearest + 0.7:
                 counts[5] += 1
             else:
                 counts[6] += 1
@@ -256,65 +235,42 @@ def _verify_kernel(depth, camera, basis, point, rectangle, flip, low, high, floo
 
 def missing_reflection(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> bool:
     """What stands before the plane would be seen in the glass, and is not: it is a door, whoever stands behind it."""
-    flip = reflection_matrix(mirror)
-    missing, there = _missing_kernel(
-        depth, intrinsics.lens, mirror.basis, mirror.point, mirror.rectangle, flip, 3
-    )  # fmt: skip
+    missing, there = _missing_kernel(depth, intrinsics.lens, glass_of([mirror]), 3)
     return missing > max(_MISSING[0], _MISSING[1] * (missing + there))
 
 
 @njit(cache=True, nogil=True)
-def _missing_kernel(depth, camera, basis, point, rectangle, flip, stride):
+def _missing_kernel(depth, lens, glass, stride):
     """Of what stands before the plane and, flipped, would be seen in the glass: how much is not, since what is read
     there is farther; and how much is, or may be hidden."""
     height, width = depth.shape
-    fx, fy, cx, cy = camera
-    d = 0.0
-    for c in range(3):
-        d += basis[c, 2] * point[c]
-    p, q = np.empty(3), np.empty(3)
+    fx, fy, cx, cy = lens
     missing, there = 0, 0
     for v in range(0, height, stride):
         for u in range(0, width, stride):
             z = depth[v, u]
             if z == 0:
                 continue
-            p[0], p[1], p[2] = (u - cx) / fx * z, (v - cy) / fy * z, z
-            ahead = -d
-            for c in range(3):
-                ahead += basis[c, 2] * p[c]
-            if ahead < 0.15:
+            x, y = (u - cx) / fx * z, (v - cy) / fy * z
+            if before_plane(glass, 0, x, y, z) < 0.15:
                 continue
-            for r in range(3):
-                q[r] = flip[r, 3]
-                for c in range(3):
-                    q[r] += flip[r, c] * p[c]
-            if q[2] < 0.3:
+            px, py, pz = reflected(glass, 0, x, y, z)
+            if pz < 0.3:
                 continue
-            x, y = int(np.rint(q[0] / q[2] * fx + cx)), int(np.rint(q[1] / q[2] * fy + cy))
-            if x < 3 or y < 3 or x >= width - 3 or y >= height - 3:
+            column, row = nearest_pixel(px, py, pz, lens)
+            if column < 3 or row < 3 or column >= width - 3 or row >= height - 3:
                 continue
-            slope = 0.0
-            for c in range(3):
-                slope += basis[c, 2] * q[c]
-            at, inside = d / slope, True
-            for k in range(2):
-                s = 0.0
-                for c in range(3):
-                    s += basis[c, k] * (q[c] * at - point[c])
-                if s < rectangle[k, 0] + 0.08 or s > rectangle[k, 1] - 0.08:
-                    inside = False
-            if not inside:
+            if share_at_glass(glass, 0, px, py, pz, 0.08) == np.inf:
                 continue
             nearest = np.inf
             for i in range(-3, 4, 3):
                 for j in range(-3, 4, 3):
-                    if depth[y + i, x + j] == 0.0:
+                    if depth[row + i, column + j] == 0.0:
                         nearest = 0.0
-                    nearest = min(nearest, depth[y + i, x + j])
+                    nearest = min(nearest, depth[row + i, column + j])
             if nearest == 0.0:
                 continue
-            if nearest > q[2] + 0.08 + 0.01 * q[2] * q[2]:
+            if nearest > pz + 0.08 + 0.01 * pz * pz:
                 missing += 1
             else:
                 there += 1

@@ -19,6 +19,7 @@ from .disparity_plane import (
 )
 from .frame_pixels import grow_frame
 from .frame_sides import WIDEST
+from .glass_kernels import glass_of, in_box, place_on_plane
 from .mirror import Mirror, oriented
 from .wall_behind_frame import part_wall
 
@@ -180,36 +181,25 @@ def _ring(
     else:  # reaches behind the camera
         low, high = np.zeros(2, np.int64), np.array(size)
     pixels = np.empty((max(int(np.prod(np.maximum(high - low, 0))), 1), 2), np.int32)
-    n = _ring_kernel(
-        depth, intrinsics.lens, mirror.basis, mirror.point, plane, rectangle, outward, inward, band, low, high,
-        pixels,
-    )  # fmt: skip
+    around = rectangle + outward * np.array(((-1.0, 1.0), (-1.0, 0.5)))  # half as far below, where a floor may be
+    n = _ring_kernel(depth, intrinsics.lens, glass_of([mirror]), plane, around, inward, band, low, high, pixels)
     u, v = pixels[:n].T.astype(np.int64)
     return u, v
 
 
 @njit(cache=True, nogil=True)
-def _ring_kernel(depth, camera, basis, center, plane, rectangle, outward, inward, band, low, high, pixels):
-    """Pixels within ``band``·z of the plane whose place on it is about, not inside, the rectangle."""
-    fx, fy, cx, cy = camera
+def _ring_kernel(depth, lens, glass, plane, around, inward, band, low, high, pixels):
+    """Pixels within ``band``·z of the plane whose place on it is in the box ``around`` the glass, not ``inward`` of its
+    edges; how many."""
+    fx, fy, cx, cy = lens
     n = 0
-    p = np.empty(3)
     for v in range(low[1], high[1]):
         for u in range(low[0], high[0]):
             z = depth[v, u]
             if z == 0 or abs((plane[0] * u + plane[1] * v + plane[2]) * z - 1.0) > band:
                 continue
-            p[0], p[1], p[2] = (u - cx) / fx * z, (v - cy) / fy * z, z
-            inside, about = True, True
-            for k in range(2):
-                s = 0.0
-                for c in range(3):
-                    s += basis[c, k] * (p[c] - center[c])
-                if not rectangle[k, 0] + inward < s < rectangle[k, 1] - inward:
-                    inside = False
-                if not rectangle[k, 0] - outward < s < rectangle[k, 1] + outward / (k + 1):
-                    about = False
-            if about and not inside:
+            a, b = place_on_plane(glass, 0, (u - cx) / fx * z, (v - cy) / fy * z, z)
+            if in_box(around, a, b, 0.0) and not in_box(glass.limits[0], a, b, inward):
                 pixels[n, 0], pixels[n, 1] = u, v
                 n += 1
     return n

@@ -152,6 +152,16 @@ def with_outline(mirror: Mirror, intrinsics: Intrinsics) -> Mirror:
     return replace(mirror, outline=project(mirror.point + corners @ mirror.basis[:, :2].T, intrinsics))
 
 
+def glass_corners(mirror: Mirror) -> np.ndarray | None:
+    """Corners (K, 2) of the glass along the mirror's a and b about its point [m]; None when it is unlimited."""
+    if mirror.polygon is not None:
+        return mirror.polygon
+    if mirror.rectangle is None:
+        return None
+    (left, right), (top, bottom) = mirror.rectangle
+    return np.array(((left, top), (right, top), (right, bottom), (left, bottom)))
+
+
 _FRAME = 0.15  # more than a frame is wide [m]
 _RIM = 0.01  # about as far outside of picks on a wall a mirror ends [m]
 _CELL = 0.03  # side of the cells that tell a rim from a surface [m]

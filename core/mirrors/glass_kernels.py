@@ -1,0 +1,188 @@
+"""A ray meets a mirror's glass, and what it shows is reflected: the steps that kernels share.
+
+:func:`glass_of` packs mirrors into a :class:`Glass`, a tuple of flat arrays that any kernel may take as an argument;
+the other functions here are called from kernels, with it and a mirror's index.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from .glass_extent import glass_corners
+from .mirror import Mirror, reflection_matrix
+
+NEVER = 2.0
+"""What :func:`crossing` says of a way that does not pass the glass: more than the whole way, 1."""
+
+_ALONG = -1e-6  # a ray that nears a plane by less, a metre of z, runs along it
+
+
+class Glass(NamedTuple):
+    """The glass of M mirrors, for kernels; camera frame.
+
+    Attributes
+    ----------
+    planes : np.ndarray [shape=(M, 4)]
+        Unit normal n towards the camera and offset d, n·p = d [m].
+    axes : np.ndarray [shape=(M, 2, 3)]
+        The mirrors' a and b, see :class:`.mirror.Mirror`.
+    middles : np.ndarray [shape=(M, 2)]
+        The mirrors' points along a and b [m].
+    limits : np.ndarray [shape=(M, 2, 2)]
+        The glass's box about the point, ((a_min, a_max), (b_min, b_max)) [m]; infinite when it is unlimited.
+    corners : np.ndarray [shape=(M, K, 2)]
+        Corners of the glass along a and b about the point [m], the first ``sides`` of each row.
+    sides : np.ndarray [shape=(M,), dtype=int64]
+        How many corners; 0 = unlimited.
+    flips : np.ndarray [shape=(M, 4, 4)]
+        :func:`.mirror.reflection_matrix`.
+    """
+
+    planes: np.ndarray
+    axes: np.ndarray
+    middles: np.ndarray
+    limits: np.ndarray
+    corners: np.ndarray
+    sides: np.ndarray
+    flips: np.ndarray
+
+
+def glass_of(mirrors: Sequence[Mirror]) -> Glass:
+    """The glass of mirrors (M), in their order, for kernels."""
+    count = len(mirrors)
+    outlines = [glass_corners(m) for m in mirrors]
+    most = max((len(p) for p in outlines if p is not None), default=1)
+    glass = Glass(
+        np.empty((count, 4)),
+        np.empty((count, 2, 3)),
+        np.empty((count, 2)),
+        np.empty((count, 2, 2)),
+        np.zeros((count, most, 2)),
+        np.zeros(count, np.int64),
+        np.empty((count, 4, 4)),
+    )
+    for k, (m, outline) in enumerate(zip(mirrors, outlines, strict=True)):
+        glass.planes[k, :3], glass.planes[k, 3] = m.normal, m.normal @ m.point
+        glass.axes[k] = m.basis[:, :2].T
+        glass.middles[k] = glass.axes[k] @ m.point
+        glass.limits[k] = -np.inf, np.inf
+        glass.flips[k] = reflection_matrix(m)
+        if outline is not None:
+            glass.limits[k, :, 0], glass.limits[k, :, 1] = outline.min(axis=0), outline.max(axis=0)
+            glass.corners[k, : len(outline)] = outline
+            glass.sides[k] = len(outline)
+    return glass
+
+
+@njit(cache=True, nogil=True)
+def before_plane(glass, k, x, y, z):
+    """How far a point is before the plane of mirror k, on the camera's side [m]; negative behind it."""
+    return glass.planes[k, 0] * x + glass.planes[k, 1] * y + glass.planes[k, 2] * z - glass.planes[k, 3]
+
+
+@njit(cache=True, nogil=True)
+def place_on_plane(glass, k, x, y, z):
+    """Where a point on the plane of mirror k is along its a and b, about its point [m]."""
+    axes = glass.axes
+    a = axes[k, 0, 0] * x + axes[k, 0, 1] * y + axes[k, 0, 2] * z - glass.middles[k, 0]
+    b = axes[k, 1, 0] * x + axes[k, 1, 1] * y + axes[k, 1, 2] * z - glass.middles[k, 1]
+    return a, b
+
+
+@njit(cache=True, nogil=True)
+def in_box(box, a, b, margin):
+    """Whether a place is in a box ((a_min, a_max), (b_min, b_max)) by ``margin`` [m]; a negative one widens the box."""
+    return (
+        box[0, 0] + margin <= a
+        and a <= box[0, 1] - margin
+        and box[1, 0] + margin <= b
+        and b <= box[1, 1] - margin
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def in_glass(glass, k, a, b):
+    """Whether a place on the plane of mirror k, along its a and b, is on its glass."""
+    sides, corners = glass.sides[k], glass.corners
+    if sides == 0:
+        return True
+    if not in_box(glass.limits[k], a, b, 0.0):
+        return False
+    inside = False
+    j = sides - 1
+    for i in range(sides):  # even-odd rule
+        bi, bj = corners[k, i, 1], corners[k, j, 1]
+        if (bi > b) != (bj > b):
+            if a < (corners[k, j, 0] - corners[k, i, 0]) * (b - bi) / (bj - bi) + corners[k, i, 0]:
+                inside = not inside
+        j = i
+    return inside
+
+
+@njit(cache=True, nogil=True)
+def share_at_plane(glass, k, x, y, z):
+    """At which share of the way from the camera to (x, y, z), and beyond, the plane of mirror k is met; inf when it is
+    not. Along a pixel's ray (x, y, 1) that is the plane's z [m]."""
+    along = glass.planes[k, 0] * x + glass.planes[k, 1] * y + glass.planes[k, 2] * z
+    return glass.planes[k, 3] / along if along < _ALONG else np.inf
+
+
+@njit(cache=True, nogil=True)
+def share_at_glass(glass, k, x, y, z, margin):
+    """:func:`share_at_plane` where that is in the box of the glass by ``margin`` [m]; else inf."""
+    share = share_at_plane(glass, k, x, y, z)
+    if share == np.inf:
+        return share
+    a, b = place_on_plane(glass, k, share * x, share * y, share * z)
+    return share if in_box(glass.limits[k], a, b, margin) else np.inf
+
+
+@njit(cache=True, nogil=True)
+def crossing(glass, k, origin, target, margin):
+    """Share of the way from ``origin`` (3,) to ``target`` (3,), ``margin`` [m] or more behind the plane, at which it
+    passes the glass of mirror k; :data:`NEVER` when it does not."""
+    start = before_plane(glass, k, origin[0], origin[1], origin[2])
+    stop = before_plane(glass, k, target[0], target[1], target[2])
+    if start <= 0 or stop >= -margin:
+        return NEVER
+    t = start / (start - stop)
+    a, b = place_on_plane(
+        glass,
+        k,
+        origin[0] + t * (target[0] - origin[0]),
+        origin[1] + t * (target[1] - origin[1]),
+        origin[2] + t * (target[2] - origin[2]),
+    )
+    return t if in_glass(glass, k, a, b) else NEVER
+
+
+@njit(cache=True, nogil=True)
+def reflected(glass, k, x, y, z):
+    """A point over the plane of mirror k: x, y, z [m]."""
+    f = glass.flips
+    return (
+        f[k, 0, 0] * x + f[k, 0, 1] * y + f[k, 0, 2] * z + f[k, 0, 3],
+        f[k, 1, 0] * x + f[k, 1, 1] * y + f[k, 1, 2] * z + f[k, 1, 3],
+        f[k, 2, 0] * x + f[k, 2, 1] * y + f[k, 2, 2] * z + f[k, 2, 3],
+    )
+
+
+@njit(cache=True, nogil=True)
+def reflected_direction(glass, k, x, y, z):
+    """A direction, such as a normal, over the plane of mirror k."""
+    f = glass.flips
+    return (
+        f[k, 0, 0] * x + f[k, 0, 1] * y + f[k, 0, 2] * z,
+        f[k, 1, 0] * x + f[k, 1, 1] * y + f[k, 1, 2] * z,
+        f[k, 2, 0] * x + f[k, 2, 1] * y + f[k, 2, 2] * z,
+    )
+
+
+@njit(cache=True, nogil=True)
+def nearest_pixel(x, y, z, lens):
+    """Column and row of the pixel that sees a point in front of the camera; ``lens`` = fx, fy, cx, cy [px]."""
+    return int(np.rint(x / z * lens[0] + lens[2])), int(np.rint(y / z * lens[1] + lens[3]))
