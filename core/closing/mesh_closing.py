@@ -149,9 +149,7 @@ def _faired(mesh: Mesh, stiffness: np.ndarray, stretch: np.ndarray, maps: ViewMa
     target = start
     for _ in range(_TIMES_HELD):
         way = faired[free] - start[free]
-        reach = reach_before_empty(
-            start[free], faired[free], maps.to_view, maps.clear, maps.through, maps.lens, maps.noise
-        )
+        reach = reach_before_empty(start[free], faired[free], maps.free_space)
         held = (1.0 - reach) * np.linalg.norm(way, axis=1) > _MATTERS
         if not held.any():
             break

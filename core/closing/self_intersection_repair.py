@@ -15,7 +15,7 @@ from ..mesh import FILL, SURFACE, Mesh
 from ..mesh.half_edges import keep_twins, open_edges, twins
 from ..mesh.self_intersections import self_intersections
 from ..mesh.submesh import components_of, keep_triangles, made_vertices, remove_bowties, renumbered, triangles_touching
-from ..views.view_maps import ViewMaps
+from ..views.view_maps import NOTHING_SEEN, ViewMaps
 
 _FEW = 0.0003  # of all triangles: what smoothing leaves of these is left
 _ABOUT = 0.03  # what a new triangle may run into has a vertex nearer than this [m]
@@ -24,7 +24,7 @@ _MOST_CUT = 0.3  # of all triangles: where more run through each other, nothing 
 
 
 def untangle(
-    mesh: Mesh, maps: ViewMaps | None = None, rounds: int = 8, cuts: int = 3, coarseness: float = 2.0
+    mesh: Mesh, maps: ViewMaps = NOTHING_SEEN, rounds: int = 8, cuts: int = 3, coarseness: float = 2.0
 ) -> tuple[Mesh, int]:
     """Smooth the surroundings of intersecting triangles until they come apart; cut out and fill anew what does not.
 
@@ -36,7 +36,7 @@ def untangle(
     ----------
     mesh : Mesh
         Closed. Searched are seams and fills and what touches them: depth grids do not cross themselves.
-    maps : ViewMaps, optional
+    maps : ViewMaps
         What the views saw, to keep fills out of empty space.
     rounds, cuts : int
         At most so many; smoothing is given up after four rounds that have loosened next to nothing.
@@ -147,7 +147,7 @@ def _smooth_apart(mesh: Mesh, crossing: np.ndarray, rounds: int) -> tuple[Mesh, 
 
 
 def _fill_anew(
-    mesh: Mesh, crossing: np.ndarray, rings: int, maps: ViewMaps | None, coarseness: float
+    mesh: Mesh, crossing: np.ndarray, rings: int, maps: ViewMaps, coarseness: float
 ) -> tuple[Mesh, np.ndarray] | None:
     """The mesh with its ``crossing`` triangles and so many rings around them taken out, and the holes filled; and the
     points (K, 3) about which that changed it.

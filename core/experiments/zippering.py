@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera import Intrinsics
 from ..closing.mesh_closing import close_mesh
 from ..errors import MirrorScanError
 from ..mesh import SEAM, SURFACE, Mesh
@@ -19,7 +18,7 @@ from ..mesh.submesh import drop_small_components, keep_triangles, remove_bowties
 from ..mesh.surface_distance import SurfaceDistance, surface_distance
 from ..mesh.triangle_mesh import merge
 from ..preview.mesh_views import KIND_COLORS, SIDES, draw_text, render_views
-from ..views.view_maps import ViewMaps, view_maps
+from ..views.view_maps import NOTHING_SEEN
 from ..zippering.coronal_matching import solidity
 from ..zippering.seam_strips import Seam
 from ..zippering.zipper import ZipperSettings, zip_patches
@@ -121,19 +120,18 @@ def run(
         raise MirrorScanError("zippering experiment: steps are percentages from 0 to below 100, and at least one")
     tall = _height(body)
     parts, axis = split(body)
-    maps = _blind_maps()
     compactness = {"auto": ZipperSettings().compactness, "planes": 0.0, "facing": 2.0}[matching]
     if matching == "auto" and compactness <= solidity(_silhouette(body, tall)):
-        compactness = 0.0  # blind maps show no silhouette: what it would have decided is decided here
+        compactness = 0.0  # no view shows a silhouette: what it would have decided is decided here
     settings = replace(ZipperSettings(), compactness=compactness)
     done = []
     for number, percent in enumerate(steps):
         if progress:
             progress(number / len(steps), f"zippering, {percent:g} % less behind")
         thinned = [parts[0]] + [decimate(part, _left(part, percent)) for part in parts[1:]]
-        zipped, seams, twin = zip_patches(thinned, maps, UP, axis, None, settings)
+        zipped, seams, twin = zip_patches(thinned, NOTHING_SEEN, UP, axis, None, settings)
         sewn = int(np.count_nonzero(zipped.kind == SEAM))
-        mesh, notes = close_mesh(zipped, maps, UP, None, twin=twin)
+        mesh, notes = close_mesh(zipped, NOTHING_SEEN, UP, None, twin=twin)
         other = bridge(merge(thinned)) if bridge else None
         bridged = _compare(other, body, samples) if other is not None else None
         vertices = tuple(len(part.vertices) for part in thinned)
@@ -212,13 +210,6 @@ def _height(body: Mesh) -> float:
             "in metres, Z up, facing -Y"
         )
     return tall
-
-
-def _blind_maps() -> ViewMaps:
-    """View maps of a camera that reads nothing: there is no camera here, and every bridge is allowed."""
-    nothing = np.full((48, 64), -1, np.int8)
-    camera = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
-    return view_maps(np.zeros((48, 64), np.float32), nothing, nothing, camera, [], np.zeros(1))
 
 
 def _silhouette(body: Mesh, tall: float, rows: int = 240) -> np.ndarray:

@@ -12,11 +12,15 @@ from ..mesh.edge_lists import empty_edges, join, joined
 from ..mesh.half_edges import check_sheet, open_edges, twins
 from ..mesh.triangle_mesh import check_mesh
 from ..views.free_space import bridge_is_free
-from ..views.view_maps import ViewMaps
+from ..views.view_maps import NOTHING_SEEN, ViewMaps
 
 
 def fill_loops(
-    mesh: Mesh, maps: ViewMaps | None, largest: int = 64, diameter: float = np.inf, edges: np.ndarray | None = None
+    mesh: Mesh,
+    maps: ViewMaps = NOTHING_SEEN,
+    largest: int = 64,
+    diameter: float = np.inf,
+    edges: np.ndarray | None = None,
 ) -> Mesh:
     """Close boundary loops by the triangulation of least weight.
 
@@ -27,7 +31,7 @@ def fill_loops(
     ----------
     mesh : Mesh
         Edges with at most two triangles, consistently wound.
-    maps : ViewMaps or None
+    maps : ViewMaps
         What the views saw.
     largest : int
         Loops of more vertices are first cut in two by the chord that is shortest for the run it cuts off.
@@ -69,8 +73,9 @@ def fill_loops(
         flat = flat[np.repeat(small, np.diff(starts))]
         starts = np.concatenate(([0], np.cumsum(np.diff(starts)[small])))
     rim = _rim_normals(mesh.vertices, mesh.triangles, edges, flat, starts)
-    view = _no_view() if maps is None else _view_arguments(maps)
-    fill, centers, around, around_of = _fill_kernel(mesh.vertices, mesh.triangles, flat, starts, rim, largest, *view)
+    fill, centers, around, around_of = _fill_kernel(
+        mesh.vertices, mesh.triangles, flat, starts, rim, largest, maps.free_space
+    )
     vertices, colors, from_view = mesh.vertices, mesh.colors, mesh.view
     if len(centers):
         vertices = np.concatenate((vertices, centers))
@@ -86,15 +91,6 @@ def fill_loops(
         from_view,
         np.concatenate((mesh.kind, np.full(len(fill), FILL, np.int8))),
     )
-
-
-def _view_arguments(maps: ViewMaps) -> tuple:
-    return maps.to_view, maps.clear, maps.through, maps.lens, maps.noise
-
-
-def _no_view() -> tuple:
-    """Arguments of a camera that sees nothing."""
-    return np.empty((0, 4, 4)), np.zeros((1, 1), np.float32), np.zeros((1, 1), np.int8), np.empty((0, 4)), np.empty(0)
 
 
 @njit(cache=True, nogil=True)
@@ -144,7 +140,7 @@ def _edges_between(triangles, on_loop, room):
 
 
 @njit(cache=True, nogil=True)
-def _fill_kernel(vertices, triangles, flat, starts, rim, largest, to_view, clear, through, lens, noise):
+def _fill_kernel(vertices, triangles, flat, starts, rim, largest, free_space):
     count = len(vertices)
     on_loop = np.zeros(count, np.bool_)
     for v in flat:
@@ -196,9 +192,7 @@ def _fill_kernel(vertices, triangles, flat, starts, rim, largest, to_view, clear
                     at = after[at]
                 if n > 6:
                     for j in range(i + 2, n - (i == 0)):
-                        if not blocked[i, j] and bridge_is_free(
-                            points, i, points, j, to_view, clear, through, lens, noise
-                        ):
+                        if not blocked[i, j] and bridge_is_free(points, i, points, j, free_space):
                             penalty[i, j] = 10.0
             for i in range(n):
                 place[flat[piece[i]]] = -1

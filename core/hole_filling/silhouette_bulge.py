@@ -29,7 +29,7 @@ def rim_marks(mesh: Mesh, maps: ViewMaps) -> np.ndarray:
     around = (mesh.kind == SURFACE) & triangles_touching(mesh.triangles, rim)
     normals = vertex_normals(mesh.vertices, mesh.triangles[around], rim)
     ends = _outline_kernel(mesh.vertices, np.flatnonzero(rim & (mesh.view >= 0)), mesh.view, maps.to_view, maps.depth,
-                           maps.lens)  # fmt: skip
+                           maps.intrinsics)  # fmt: skip
     sure = 1.0 / (1.0 + (reading_noise(mesh, maps) / _NOISY) ** 2)
     return np.column_stack((normals, ends * sure))
 
@@ -76,12 +76,13 @@ def bulge(marks: np.ndarray, parents: np.ndarray, mesh: Mesh, rings: int = 8) ->
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _outline_kernel(vertices, chosen, view, to_view, depth, lens):
+def _outline_kernel(vertices, chosen, view, to_view, depth, intrinsics):
     ends = np.zeros(len(vertices))
-    if len(to_view) == 0:
-        return ends
     for i in chosen:
-        v, u, z = look_at(vertices, i, to_view, view[i], depth, lens)
+        if view[i] >= len(to_view):
+            ends[i] = 1.0  # nothing is known of the view
+            continue
+        v, u, z = look_at(vertices, i, to_view, view[i], depth, intrinsics)
         if v < 0:
             ends[i] = 1.0  # it is not known what the view reads there
             continue

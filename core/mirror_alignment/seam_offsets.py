@@ -73,7 +73,7 @@ def seam_pieces(mesh: Mesh, maps: ViewMaps, piece: float = 0.12) -> SeamPieces:
     seam = seam.reshape(-1, 3)
     points = mesh.vertices[used]
     normals, twice = _ends_kernel(
-        points, mesh.view[used], maps.depth, maps.labels, maps.normals, maps.to_view, maps.lens, _WINDOW
+        points, mesh.view[used], maps.depth, maps.labels, maps.normals, maps.to_view, maps.intrinsics, _WINDOW
     )
     # of each triangle one vertex is at one end and the edge across from it at the other
     at_low = (view == low[:, None]).astype(np.float64)
@@ -136,7 +136,7 @@ def skin_read_twice(maps: ViewMaps, least: int = 12) -> SeamPieces:
     O(pixels of the subject).
     """
     low, high, normal, step, views = _twice_kernel(
-        maps.depth, maps.labels, maps.normals, maps.to_view, np.linalg.inv(maps.to_view), maps.lens, least
+        maps.depth, maps.labels, maps.normals, maps.to_view, np.linalg.inv(maps.to_view), maps.intrinsics, least
     )
     none = np.zeros(len(step))
     return SeamPieces(low, high, views, _unit(normal), step, none, none, np.ones(len(step), np.bool_))

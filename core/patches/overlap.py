@@ -97,7 +97,7 @@ def _strip_doubles(patches: list[Mesh], maps: ViewMaps, settings: OverlapSetting
         patch = clean_patch(patch, 12)
         stripped[view] = patch
         kept[kept == view] = -1
-        _mark_kernel(patch.vertices, patch.view, maps.to_view, kept, maps.lens)
+        _mark_kernel(patch.vertices, patch.view, maps.to_view, kept, maps.intrinsics)
     return stripped
 
 
@@ -115,7 +115,7 @@ def _covered(
             maps.depth,
             kept,
             maps.normals,
-            maps.lens,
+            maps.intrinsics,
             settings.reach,
             maps.noise,
             0.5 * settings.gap,
@@ -128,31 +128,33 @@ def _kept_pixels(patches: list[Mesh], maps: ViewMaps) -> np.ndarray:
     kept = np.full(maps.depth.shape, -1, np.int8)
     for patch in patches:
         if len(patch.triangles):
-            _mark_kernel(patch.vertices, patch.view, maps.to_view, kept, maps.lens)
+            _mark_kernel(patch.vertices, patch.view, maps.to_view, kept, maps.intrinsics)
     return kept
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _mark_kernel(vertices, view, to_view, kept, lens):
+def _mark_kernel(vertices, view, to_view, kept, intrinsics):
     for i in range(len(vertices)):
-        v, u, _ = look_at(vertices, i, to_view, view[i], kept, lens)
+        v, u, _ = look_at(vertices, i, to_view, view[i], kept, intrinsics)
         if v >= 0:
             kept[int(v + 0.5), int(u + 0.5)] = view[i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _covered_kernel(chosen, vertices, view, vertex_normals, to_view, depth, kept, normals, lens, reach, noise, margin):
+def _covered_kernel(
+    chosen, vertices, view, vertex_normals, to_view, depth, kept, normals, intrinsics, reach, noise, margin
+):
     covered = np.zeros(len(chosen), np.bool_)
     for at in range(len(chosen)):
         i = chosen[at]
         for k in range(len(to_view)):
             if k == view[i]:
                 continue
-            v, u, z = look_at(vertices, i, to_view, k, depth, lens)
+            v, u, z = look_at(vertices, i, to_view, k, depth, intrinsics)
             if v < 1 or u < 1 or v > depth.shape[0] - 2 or u > depth.shape[1] - 2:
                 continue
             y0, x0 = int(v + 0.5), int(u + 0.5)
-            fx, fy, cx, cy = lens[k, 0], lens[k, 1], lens[k, 2], lens[k, 3]
+            fx, fy, cx, cy = intrinsics[k, 0], intrinsics[k, 1], intrinsics[k, 2], intrinsics[k, 3]
             px, py = (u - cx) / fx, (v - cy) / fy
             inside = True
             for dv in range(-1, 2):

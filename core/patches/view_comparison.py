@@ -108,7 +108,7 @@ def compare_views(
         maps.labels,
         maps.normals,
         maps.confidence,
-        maps.lens,
+        maps.intrinsics,
         settings.reach,
         maps.noise,
         np.zeros(3) if center is None else center,
@@ -118,7 +118,20 @@ def compare_views(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _compare_kernel(
-    vertices, view, vertex_normals, own, to_view, depth, labels, normals, confidence, lens, reach, noise, center, lean
+    vertices,
+    view,
+    vertex_normals,
+    own,
+    to_view,
+    depth,
+    labels,
+    normals,
+    confidence,
+    intrinsics,
+    reach,
+    noise,
+    center,
+    lean,
 ):
     count = len(vertices)
     eyes = np.zeros((len(to_view), 3))  # where each view's camera stands
@@ -134,14 +147,14 @@ def _compare_kernel(
         for k in range(len(to_view)):
             if k == view[i]:
                 continue
-            v, u, z = look_at(vertices, i, to_view, k, depth, lens)
+            v, u, z = look_at(vertices, i, to_view, k, depth, intrinsics)
             if v < 0 or not _sample(v, u, k, depth, labels, normals, confidence, out):
                 continue
             agree = out[1] * vertex_normals[i, 0] + out[2] * vertex_normals[i, 1] + out[3] * vertex_normals[i, 2]
             if agree < 0.2:
                 continue
             # the step along the ray seen across the surface: ray direction · normal
-            px, py = (u - lens[k, 2]) / lens[k, 0], (v - lens[k, 3]) / lens[k, 1]
+            px, py = (u - intrinsics[k, 2]) / intrinsics[k, 0], (v - intrinsics[k, 3]) / intrinsics[k, 1]
             rx = to_view[k, 0, 0] * px + to_view[k, 1, 0] * py + to_view[k, 2, 0]
             ry = to_view[k, 0, 1] * px + to_view[k, 1, 1] * py + to_view[k, 2, 1]
             rz = to_view[k, 0, 2] * px + to_view[k, 1, 2] * py + to_view[k, 2, 2]
@@ -168,14 +181,14 @@ def _compare_kernel(
 
 def own_confidence(patch: Mesh, maps: ViewMaps) -> np.ndarray:
     """Confidence (V,) of a patch's vertices in the view they come from."""
-    return _own_kernel(patch.vertices, patch.view, maps.to_view, maps.confidence, maps.lens)
+    return _own_kernel(patch.vertices, patch.view, maps.to_view, maps.confidence, maps.intrinsics)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _own_kernel(vertices, view, to_view, confidence, lens):
+def _own_kernel(vertices, view, to_view, confidence, intrinsics):
     own = np.zeros(len(vertices))
     for i in range(len(vertices)):
-        v, u, _ = look_at(vertices, i, to_view, view[i], confidence, lens)
+        v, u, _ = look_at(vertices, i, to_view, view[i], confidence, intrinsics)
         if v >= 0:
             own[i] = confidence[int(v + 0.5), int(u + 0.5)]
     return own

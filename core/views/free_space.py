@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -9,6 +11,32 @@ SLACK = 0.015
 """So much farther than a point, beside noise, must lie what a view reads there to prove the point empty [m]."""
 
 _SPEAKS = 4  # of the nine readings around a pixel, so many must be there
+
+
+class FreeSpace(NamedTuple):
+    """What N + 1 views have seen to be empty, for kernels to ask :func:`bridge_is_free` and :func:`reach_before_empty`.
+
+    Several cameras share one image: theirs stand below one another, each with its own ``cy``.
+
+    Attributes
+    ----------
+    to_view : np.ndarray [shape=(N+1, 4, 4), dtype=float64]
+        Takes a point to where view k's camera sees it: identity, then each mirror's reflection; of several cameras
+        also each one's pose.
+    intrinsics : np.ndarray [shape=(N+1, 4), dtype=float64]
+        fx, fy, cx, cy of each view [px].
+    noise : np.ndarray [shape=(N+1,), dtype=float64]
+        Standard deviation of a view's readings, relative to z.
+    clear : np.ndarray [shape=(H, W), dtype=float32]
+    through : np.ndarray [shape=(H, W), dtype=int8]
+        How far each pixel is looked through [m], and by which view: :func:`clear_depth`.
+    """
+
+    to_view: np.ndarray
+    intrinsics: np.ndarray
+    noise: np.ndarray
+    clear: np.ndarray
+    through: np.ndarray
 
 
 @njit(cache=True, nogil=True)
@@ -70,8 +98,9 @@ def in_view_frame(to_view, k, px, py, pz):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def bridge_is_free(p, i, q, j, to_view, clear, through, lens, noise):
+def bridge_is_free(p, i, q, j, free_space):
     """Whether the straight bridge from p[i] to q[j] crosses space that was seen to be empty."""
+    to_view, intrinsics, noise, clear, through = free_space
     ax, ay, az = p[i, 0], p[i, 1], p[i, 2]
     dx, dy, dz = q[j, 0] - ax, q[j, 1] - ay, q[j, 2] - az
     length = np.sqrt(dx * dx + dy * dy + dz * dz)
@@ -91,7 +120,7 @@ def bridge_is_free(p, i, q, j, to_view, clear, through, lens, noise):
             z += step_z
             if z <= 0.05:
                 continue
-            u, v = x / z * lens[k, 0] + lens[k, 2], y / z * lens[k, 1] + lens[k, 3]
+            u, v = x / z * intrinsics[k, 0] + intrinsics[k, 2], y / z * intrinsics[k, 1] + intrinsics[k, 3]
             if not (0 <= u <= clear.shape[1] - 1 and 0 <= v <= clear.shape[0] - 1):
                 continue
             row, column = int(v + 0.5), int(u + 0.5)
@@ -104,15 +133,14 @@ _ASIDE = 2  # so far around a point a view must have looked through, for what is
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def reach_before_empty(start, end, to_view, clear, through, lens, noise):
+def reach_before_empty(start, end, free_space):
     """How far each point may go on its straight way before it is where a view saw nothing: share of the way (K,).
 
     Parameters
     ----------
     start, end : np.ndarray [shape=(K, 3)]
         Both ends of each way [m].
-    to_view, clear, through, lens, noise
-        As in :class:`.view_maps.ViewMaps`.
+    free_space : FreeSpace
 
     Returns
     -------
@@ -121,9 +149,9 @@ def reach_before_empty(start, end, to_view, clear, through, lens, noise):
     """
     out = np.ones(len(start))
     for i in range(len(start)):
-        if not _is_empty(end[i, 0], end[i, 1], end[i, 2], to_view, clear, through, lens, noise):
+        if not _is_empty(end[i, 0], end[i, 1], end[i, 2], free_space):
             continue
-        if _is_empty(start[i, 0], start[i, 1], start[i, 2], to_view, clear, through, lens, noise):
+        if _is_empty(start[i, 0], start[i, 1], start[i, 2], free_space):
             continue
         free, empty = 0.0, 1.0
         for _ in range(6):
@@ -131,7 +159,7 @@ def reach_before_empty(start, end, to_view, clear, through, lens, noise):
             x = start[i, 0] + half * (end[i, 0] - start[i, 0])
             y = start[i, 1] + half * (end[i, 1] - start[i, 1])
             z = start[i, 2] + half * (end[i, 2] - start[i, 2])
-            if _is_empty(x, y, z, to_view, clear, through, lens, noise):
+            if _is_empty(x, y, z, free_space):
                 empty = half
             else:
                 free = half
@@ -140,13 +168,14 @@ def reach_before_empty(start, end, to_view, clear, through, lens, noise):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _is_empty(px, py, pz, to_view, clear, through, lens, noise):
+def _is_empty(px, py, pz, free_space):
     """Whether a view looks through the point and through all that is as near as ``_ASIDE`` to it in its image."""
+    to_view, intrinsics, noise, clear, through = free_space
     for k in range(len(to_view)):
         x, y, z = in_view_frame(to_view, k, px, py, pz)
         if z <= 0.05:
             continue
-        u, v = x / z * lens[k, 0] + lens[k, 2], y / z * lens[k, 1] + lens[k, 3]
+        u, v = x / z * intrinsics[k, 0] + intrinsics[k, 2], y / z * intrinsics[k, 1] + intrinsics[k, 3]
         if not (_ASIDE <= u < clear.shape[1] - 1 - _ASIDE and _ASIDE <= v < clear.shape[0] - 1 - _ASIDE):
             continue
         row, column = int(v + 0.5), int(u + 0.5)

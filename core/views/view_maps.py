@@ -12,17 +12,16 @@ from ..mesh import Mesh
 from ..mirrors import Mirror
 from ..mirrors.mirror import reflection_matrix
 from ..numeric.point_products import transform
-from .free_space import clear_depth, in_view_frame
+from .free_space import FreeSpace, clear_depth, in_view_frame
 
 
 @dataclass(frozen=True)
 class ViewMaps:
     """What every view says of any point in space: the smoothed depth map with per-pixel normals and confidence.
 
-    ``to_view`` (N+1, 4, 4) takes a point to where view k's camera lays it (identity, then each mirror's reflection; of
-    several cameras also each one's pose), ``lens`` (N+1, 4) its fx, fy, cx, cy [px]. Several cameras share one map:
-    their images stand below one another, each with its own ``cy`` (:func:`stack_maps`). ``clear`` and ``through`` are
-    what :func:`.free_space.clear_depth` says of space seen to be empty.
+    ``to_view`` (N+1, 4, 4), ``intrinsics`` (N+1, 4), ``noise``, ``clear`` and ``through`` are as in
+    :class:`.free_space.FreeSpace`. Several cameras share one map: their images stand below one another
+    (:func:`stack_maps`).
     """
 
     depth: np.ndarray
@@ -32,8 +31,27 @@ class ViewMaps:
     normals: np.ndarray
     confidence: np.ndarray
     to_view: np.ndarray
-    lens: np.ndarray
+    intrinsics: np.ndarray
     noise: np.ndarray
+
+    @property
+    def free_space(self) -> FreeSpace:
+        """What kernels take to ask whether a place was seen to be empty."""
+        return FreeSpace(self.to_view, self.intrinsics, self.noise, self.clear, self.through)
+
+
+NOTHING_SEEN = ViewMaps(
+    depth=np.zeros((1, 1), np.float32),
+    labels=np.full((1, 1), -1, np.int8),
+    clear=np.zeros((1, 1), np.float32),
+    through=np.full((1, 1), -1, np.int8),
+    normals=np.zeros((1, 1, 3)),
+    confidence=np.zeros((1, 1)),
+    to_view=np.eye(4)[None],
+    intrinsics=np.array(((1.0, 1.0, 0.0, 0.0),)),
+    noise=np.zeros(1),
+)
+"""The maps of a camera that reads nothing, for where there is no camera: they forbid no bridge."""
 
 
 def view_maps(
@@ -50,9 +68,10 @@ def view_maps(
     readings are better, and the last pixels of an outline mix foreground with background.
     """
     to_view = np.stack([np.eye(4)] + [reflection_matrix(m) for m in mirrors])
-    lens = np.tile(intrinsics.lens, (len(to_view), 1))
-    normals, confidence = _maps_kernel(depth, labels, lens[0], to_view, _nearest_first())
-    return ViewMaps(depth, labels, *clear_depth(depth, seen), normals, confidence, to_view, lens, noise)
+    packed = intrinsics.lens
+    normals, confidence = _maps_kernel(depth, labels, packed, to_view, _nearest_first())
+    every = np.tile(packed, (len(to_view), 1))
+    return ViewMaps(depth, labels, *clear_depth(depth, seen), normals, confidence, to_view, every, noise)
 
 
 _APART = 4  # blank rows between the images of two cameras, more than any window reaches [px]
@@ -73,7 +92,7 @@ def stack_maps(maps: list[ViewMaps], poses: list[np.ndarray]) -> ViewMaps:
     depth, clear = np.zeros((rows, columns), np.float32), np.zeros((rows, columns), np.float32)
     labels, through = np.full((rows, columns), -1, np.int8), np.full((rows, columns), -1, np.int8)
     normals, confidence = np.zeros((rows, columns, 3)), np.zeros((rows, columns))
-    to_view, lenses = [], []
+    to_view, intrinsics = [], []
     top = views = 0
     for one, pose in zip(maps, poses, strict=True):
         height, width = one.depth.shape
@@ -85,7 +104,7 @@ def stack_maps(maps: list[ViewMaps], poses: list[np.ndarray]) -> ViewMaps:
         turn[:3, :3] = pose[:3, :3]
         normals[part] = transform(one.normals, turn)
         to_view.append(one.to_view @ np.linalg.inv(pose))
-        lenses.append(one.lens + (0.0, 0.0, 0.0, top))
+        intrinsics.append(one.intrinsics + (0.0, 0.0, 0.0, top))
         top += height + _APART
         views += len(one.to_view)
     return ViewMaps(
@@ -96,7 +115,7 @@ def stack_maps(maps: list[ViewMaps], poses: list[np.ndarray]) -> ViewMaps:
         normals,
         confidence,
         np.concatenate(to_view),
-        np.concatenate(lenses),
+        np.concatenate(intrinsics),
         np.concatenate([one.noise for one in maps]),
     )
 
@@ -112,9 +131,9 @@ def _nearest_first() -> np.ndarray:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _maps_kernel(depth, labels, lens, to_view, offsets):
+def _maps_kernel(depth, labels, intrinsics, to_view, offsets):
     height, width = depth.shape
-    fx, fy, cx, cy = lens
+    fx, fy, cx, cy = intrinsics
     normals = np.zeros((height, width, 3))
     confidence = np.zeros((height, width))
     for v in range(1, height - 1):
@@ -167,12 +186,12 @@ def _maps_kernel(depth, labels, lens, to_view, offsets):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def look_at(points, i, to_view, k, image, lens):
+def look_at(points, i, to_view, k, image, intrinsics):
     """Where view k lays points[i]: pixel and z there; (row, column) -1 outside the image or behind the camera."""
     x, y, z = in_view_frame(to_view, k, points[i, 0], points[i, 1], points[i, 2])
     if z <= 0.05:
         return -1.0, -1.0, z
-    u, v = x / z * lens[k, 0] + lens[k, 2], y / z * lens[k, 1] + lens[k, 3]
+    u, v = x / z * intrinsics[k, 0] + intrinsics[k, 2], y / z * intrinsics[k, 1] + intrinsics[k, 3]
     if not (0 <= u <= image.shape[1] - 1 and 0 <= v <= image.shape[0] - 1):
         return -1.0, -1.0, z
     return v, u, z

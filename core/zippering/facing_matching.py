@@ -65,11 +65,7 @@ def find_partners(
                 view.astype(np.int64),
             )
         ),
-        maps.to_view,
-        maps.clear,
-        maps.through,
-        maps.lens,
-        maps.noise,
+        maps.free_space,
     )
     partner, weighed = np.full(len(order), -1, np.int64), np.empty(len(order))
     partner[order], weighed[order] = np.where(at >= 0, order[at], -1), price
@@ -210,11 +206,7 @@ def _partners_kernel(
     whole,
     limit,
     view,
-    to_view,
-    clear,
-    through,
-    lens,
-    noise,
+    free_space,
 ):
     """For each boundary vertex, in the order of ``level``, the one to bridge it to (-1 none) and at what cost [m]."""
     count = len(point)
@@ -259,7 +251,7 @@ def _partners_kernel(
                     cost = d * (1.0 + 0.6 * (1.0 + along) + 0.5 * (1.0 - facing) + 0.4 * (2.0 - out_i - out_j))
                     if cost >= best:
                         continue
-                    if bridge_is_free(point, i, point, j, to_view, clear, through, lens, noise):
+                    if bridge_is_free(point, i, point, j, free_space):
                         continue
                     best = cost
                     which = j

@@ -166,7 +166,7 @@ def _compact_candidates(
         at_a, at_b, path = entry[a.vertices], entry[b.vertices[::-1]], warping.path
         p, q = boundary.point[at_a[path[:, 0]]], boundary.point[at_b[path[:, 1]]]
         near = np.linalg.norm(p - q, axis=1) <= settings.compact_gap
-        near &= ~_free_bridges(p, q, maps.to_view, maps.clear, maps.through, maps.lens, maps.noise)
+        near &= ~_free_bridges(p, q, maps.free_space)
         standing = np.ones(len(p), np.bool_)
         if floor is not None:  # soles have nothing to be matched with
             standing = (dot(p, up) > floor + settings.floor_band) & (dot(q, up) > floor + settings.floor_band)
@@ -202,8 +202,8 @@ def _runs_of(mask: np.ndarray, shortest: int) -> list[tuple[int, int]]:
 
 
 @njit(cache=True, nogil=True)
-def _free_bridges(p, q, to_view, clear, through, lens, noise):
+def _free_bridges(p, q, free_space):
     free = np.zeros(len(p), np.bool_)
     for i in range(len(p)):
-        free[i] = bridge_is_free(p, i, q, i, to_view, clear, through, lens, noise)
+        free[i] = bridge_is_free(p, i, q, i, free_space)
     return free

@@ -6,7 +6,6 @@ import functools
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for naive.py: tests/ is no package
@@ -42,9 +41,6 @@ def reconstructed(simulated):
 @pytest.fixture(scope="session")
 def blind_maps():
     """View maps of a camera that reads nothing: they forbid no bridge."""
-    from mirror_scan.core.camera import Intrinsics
-    from mirror_scan.core.views.view_maps import view_maps
+    from mirror_scan.core.views.view_maps import NOTHING_SEEN
 
-    nothing = np.full((48, 64), -1, np.int8)
-    depth = np.zeros((48, 64), np.float32)
-    return view_maps(depth, nothing, nothing, Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5), [], np.zeros(1))
+    return NOTHING_SEEN

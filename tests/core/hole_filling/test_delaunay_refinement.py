@@ -31,7 +31,7 @@ def ball_with_a_lid(radius=0.6, subdivisions=4) -> Mesh:
     """A sphere whose cap is missing, the hole closed by a coarse, nearly flat fill."""
     whole = trimesh.creation.icosphere(subdivisions=subdivisions)
     keep = np.linalg.norm(whole.triangles_center - (0, 0, 1), axis=1) > radius
-    return fill_loops(remove_bowties(compact(measured(whole.vertices, whole.faces[keep]))), None)
+    return fill_loops(remove_bowties(compact(measured(whole.vertices, whole.faces[keep]))))
 
 
 def check_sound(mesh: Mesh):
@@ -88,7 +88,7 @@ def test_any_fill_stays_manifold(seed, holes, size, factor):
     keep = rng.random(len(middle)) > 0.03
     for _ in range(holes):
         keep &= np.linalg.norm(middle - middle[rng.integers(len(middle))], axis=1) > rng.uniform(0.1, 0.5)
-    mesh = remove_bowties(fill_loops(remove_bowties(compact(measured(whole.vertices, whole.faces[keep]))), None))
+    mesh = remove_bowties(fill_loops(remove_bowties(compact(measured(whole.vertices, whole.faces[keep])))))
     target = size * rng.uniform(0.5, 1.5, len(mesh.vertices))
     out, parents = refine(mesh, target, factor)
     check_sound(out)
@@ -105,7 +105,7 @@ def test_flat_fills_stay_flat_and_become_delaunay():
     i, j = np.arange(n), (np.arange(n) + 1) % n
     ring = np.concatenate((np.column_stack((i, i + n, j + n)), np.column_stack((i, j + n, j))))
     hole = measured(np.concatenate((rim, 1.3 * rim)), ring)
-    mesh = fill_loops(hole, None, diameter=np.linalg.norm((2.0, 0.8)) * 1.01)
+    mesh = fill_loops(hole, diameter=np.linalg.norm((2.0, 0.8)) * 1.01)
     out, _ = refine(mesh, np.full(len(mesh.vertices), 0.1), 1.4)
     check_sound(out)
     made = out.triangles[out.kind != SURFACE]

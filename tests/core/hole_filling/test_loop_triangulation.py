@@ -58,7 +58,7 @@ def test_surfaces_with_random_holes_are_closed(shape, seed, holes, largest):
     for _ in range(holes):
         keep &= np.linalg.norm(middle - middle[rng.integers(len(middle))], axis=1) > rng.uniform(0.05, 0.45)
     mesh = remove_bowties(measured(whole.vertices, whole.faces[keep]))
-    filled = fill_loops(mesh, None, largest)
+    filled = fill_loops(mesh, largest=largest)
     check_closed(filled, mesh)
 
 
@@ -67,7 +67,7 @@ def test_small_holes_in_a_sphere_cost_little_volume():
     middle = whole.triangles_center
     keep = (np.linalg.norm(middle - (0, 0, 1), axis=1) > 0.3) & (np.linalg.norm(middle - (1, 0, 0), axis=1) > 0.2)
     mesh = remove_bowties(measured(whole.vertices, whole.faces[keep]))
-    filled = fill_loops(mesh, None)
+    filled = fill_loops(mesh)
     check_closed(filled, mesh)
     closed = trimesh.Trimesh(filled.vertices, filled.triangles, process=False)
     assert closed.is_watertight and closed.is_winding_consistent and closed.euler_number == 2
@@ -92,7 +92,7 @@ def area(mesh, which=slice(None)):
 def test_flat_polygons_are_filled_exactly(n):
     angle = 2 * np.pi * np.arange(n) / n
     ring = framed(np.column_stack((np.cos(angle), np.sin(angle))))
-    filled = fill_loops(ring, None, diameter=2.9)  # not the outer loop, that spans 3
+    filled = fill_loops(ring, diameter=2.9)  # not the outer loop, that spans 3
     fill = filled.kind == FILL
     assert fill.sum() == n - 2 and len(filled.vertices) == len(ring.vertices)
     assert (triangle_normals(filled.vertices, filled.triangles)[:, 2] > 0).all(), "wound as the ring is"
@@ -109,7 +109,7 @@ def test_jagged_flat_polygons_are_filled_without_a_fold(seed, n):
     angle = 2 * np.pi * (np.arange(n) + rng.uniform(-0.3, 0.3, n)) / n
     polygon = rng.uniform(0.7, 1.0, n)[:, None] * np.column_stack((np.cos(angle), np.sin(angle)))
     ring = framed(polygon)
-    filled = fill_loops(ring, None, diameter=np.linalg.norm(np.ptp(polygon, axis=0)) * 1.01)
+    filled = fill_loops(ring, diameter=np.linalg.norm(np.ptp(polygon, axis=0)) * 1.01)
     x, y = polygon.T
     gauss = (x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
     if n <= 64:  # longer loops are cut in two by a chord that need not lie inside
@@ -126,7 +126,7 @@ def test_a_loop_in_space():
     i, j = np.arange(n), (np.arange(n) + 1) % n
     faces = np.concatenate((np.column_stack((i, i + n, j + n)), np.column_stack((i, j + n, j))))
     mesh = measured(np.concatenate((rim, foot)), faces)
-    filled = fill_loops(mesh, None)
+    filled = fill_loops(mesh)
     check_closed(filled, mesh)
     volume = trimesh.Trimesh(filled.vertices, filled.triangles, process=False).volume
     assert abs(volume) == pytest.approx(2 * np.pi, abs=np.pi * (0.3 + 0.2)) and len(filled.triangles) == 2 * n + 2 * (
@@ -137,10 +137,10 @@ def test_a_loop_in_space():
 def test_a_missing_face_is_put_back():
     box = trimesh.creation.icosahedron()
     mesh = measured(box.vertices, box.faces[:-1])
-    filled = fill_loops(mesh, None)
+    filled = fill_loops(mesh)
     check_closed(filled, mesh)
     assert set(filled.triangles[-1].tolist()) == set(box.faces[-1].tolist())
-    assert fill_loops(filled, None) is filled, "nothing is open any more"
+    assert fill_loops(filled) is filled, "nothing is open any more"
 
 
 def test_a_loop_whose_every_chord_is_taken_gets_a_middle():
@@ -151,7 +151,7 @@ def test_a_loop_whose_every_chord_is_taken_gets_a_middle():
     for a, c, p, q in ((0, 2, 5, 6), (1, 3, 7, 8)):  # a closed tetrahedron on each diagonal
         faces += [(a, c, p), (c, a, q), (a, p, q), (c, q, p)]
     mesh = measured(np.concatenate((corner, [(0.5, 0.5, -1.0)], tents)), faces)
-    filled = fill_loops(mesh, None)
+    filled = fill_loops(mesh)
     check_closed(filled, mesh)
     np.testing.assert_allclose(filled.vertices[9:], [(0.5, 0.5, 0)])
     assert np.abs(filled.colors[9] - mesh.colors[:4].astype(float).mean(axis=0)).max() <= 0.5
@@ -166,7 +166,7 @@ def test_holes_that_share_two_corners_do_not_share_a_chord():
     for a, c, p, q in ((2, 3, 6, 7), (4, 5, 8, 9)):  # a closed tetrahedron on each
         faces += [(a, c, p), (c, a, q), (a, p, q), (c, q, p)]
     mesh = measured(corners + tents, faces)
-    filled = fill_loops(mesh, None)
+    filled = fill_loops(mesh)
     check_closed(filled, mesh)
     assert len(filled.vertices) == 11, "the first hole takes the chord, the second is closed round a middle"
 
@@ -176,12 +176,12 @@ def test_known_open_edges_change_nothing():
     mesh = remove_bowties(
         measured(whole.vertices, whole.faces[np.random.default_rng(3).random(len(whole.faces)) > 0.05])
     )
-    plain = fill_loops(mesh, None)
-    told = fill_loops(mesh, None, edges=open_edges(mesh.triangles, len(mesh.vertices)))
+    plain = fill_loops(mesh)
+    told = fill_loops(mesh, edges=open_edges(mesh.triangles, len(mesh.vertices)))
     np.testing.assert_array_equal(plain.triangles, told.triangles)
-    small = fill_loops(mesh, None, diameter=0.25)
+    small = fill_loops(mesh, diameter=0.25)
     assert 0 < (small.kind == FILL).sum() <= (plain.kind == FILL).sum()
-    assert (fill_loops(mesh, None, diameter=0.0).kind == SURFACE).all()
+    assert (fill_loops(mesh, diameter=0.0).kind == SURFACE).all()
 
 
 def test_fills_keep_out_of_space_seen_to_be_empty():

@@ -25,7 +25,7 @@ def lidded(radius):
         np.zeros(len(whole.vertices), np.int8),
         zeros,
     )
-    mesh = fill_loops(remove_bowties(compact(mesh)), None)
+    mesh = fill_loops(remove_bowties(compact(mesh)))
     return refine(mesh, edge_length_at_vertices(mesh), 1.5)[0]
 
 
