@@ -1,4 +1,4 @@
-# make demo · make test · make bench · make extension: each sets up what it needs in .venv first, and only once.
+# make demo · make lint · make test · make bench · make extension: each sets up what it needs in .venv first, and only once.
 
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.13 python3,$(shell $(p) -c \
 	'import sys, ensurepip, venv; sys.version_info >= (3, 11) and print("$(p)")' 2>/dev/null)))
@@ -15,11 +15,14 @@ PY := $(BIN)/python
 export NUMBA_CACHE_DIR := $(abspath $(VENV))/numba_cache
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test fuzz test-addon test-window bench extension clean
+.PHONY: help demo lint test test-slow test-all kernels fuzz test-addon test-window bench extension clean
 
 help:
 	@echo "make demo       scan a virtual person and reconstruct it, into $(DEMO)/"
-	@echo "make test       run the tests"
+	@echo "make lint       check style, names and types: ruff and mypy"
+	@echo "make test       make lint, then all tests but the slow ones, which rarely break"
+	@echo "make test-slow  run the tests that make test leaves out"
+	@echo "make test-all   make test, make test-slow and make test-window"
 	@echo "make fuzz       open $(FUZZ_CASES) damaged captures, some minutes (FUZZ_CASES=N for another number)"
 	@echo "make test-addon   run the add-on's tests in each of the Blender modules $(BPYS)"
 	@echo "make test-window  run a real Blender with a window (set BLENDER, or MIRROR_SCAN_CHROOT)"
@@ -30,8 +33,28 @@ help:
 demo: $(VENV)/ready-bpy
 	$(BIN)/mirror-scan demo $(DEMO)
 
-test: $(VENV)/ready-bpy,test
-	$(PY) -m pytest -q
+lint: $(VENV)/ready-bpy,test
+	$(PY) -m ruff check .
+	$(PY) -m ruff format --check .
+	$(PY) -m mypy
+
+# Two processes, and no more: the tests hold whole captures in memory. A file's tests stay together, for its fixtures.
+PYTEST = $(PY) -m pytest -q -n 2 --dist loadfile
+
+test: lint kernels
+	$(PYTEST) -m "not slow"
+
+# tests/blender is a target of its own, test-window.
+test-slow: kernels
+	$(PYTEST) -m slow --ignore tests/blender
+
+test-all:
+	$(MAKE) test
+	$(MAKE) test-slow
+	$(MAKE) test-window
+
+kernels: $(VENV)/ready-bpy,test
+	$(PY) tools/compile_kernels.py
 
 FUZZ_CASES ?= 20000
 
@@ -54,7 +77,8 @@ test-addon-%:
 		touch $$venv/ready; }; \
 	[ -z "$(PREPARE_ONLY)" ] || exit 0; \
 	echo "bpy $*, $$($$venv/bin/python -c 'import numpy, sys; print("Python", sys.version.split()[0], "numpy", numpy.__version__)')"; \
-	NUMBA_CACHE_DIR=$(NUMBA_CACHE_DIR) $$venv/bin/python -m pytest -q tests/addon
+	$$venv/bin/python tools/compile_kernels.py; \
+	$$venv/bin/python -m pytest -q tests/addon
 
 test-window: $(VENV)/ready-bpy,test
 	$(PY) -m pytest -q -rs tests/blender

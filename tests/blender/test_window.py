@@ -15,6 +15,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 spec = importlib.util.spec_from_file_location("run_in_blender", Path(__file__).with_name("run.py"))
 run = importlib.util.module_from_spec(spec)
 sys.modules[spec.name] = run

@@ -1,0 +1,56 @@
+"""Compile the kernels of mirror_scan_addon/signatures.json into numba's cache, shared out among processes.
+
+    NUMBA_CACHE_DIR=.venv/numba_cache python tools/compile_kernels.py
+
+``make test`` does this first: tests in two processes would compile most kernels twice, and one after the other. What
+the list lacks is compiled by the first test that calls it. A file in the cache says when nothing is left to do.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import runpy
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PROCESSES = 2
+
+
+def main() -> int:
+    take_turns = runpy.run_path(str(ROOT / "tests" / "conftest.py"))["take_turns_at_numbas_cache"]
+    from mirror_scan.mirror_scan_addon.background import kernel_compilation
+
+    stages = (kernel_compilation.STAGES[-1], kernel_compilation.RIG)
+    if len(sys.argv) == 2:
+        take_turns()
+        for stage in stages:
+            for _ in kernel_compilation.compile_steps(sys.argv[1], stage):
+                pass
+        return 0
+    if not os.environ.get("NUMBA_CACHE_DIR"):
+        print("set NUMBA_CACHE_DIR, the folder that the kernels are compiled into", file=sys.stderr)
+        return 2
+    stamp = Path(os.environ["NUMBA_CACHE_DIR"]) / "_".join(
+        (*map(kernel_compilation.stamp_name, stages), sys.implementation.cache_tag, importlib.metadata.version("numba"))
+    )
+    if stamp.exists():
+        return 0
+    begin = time.perf_counter()
+    with tempfile.TemporaryDirectory() as claims:
+        running = [subprocess.Popen([sys.executable, __file__, claims]) for _ in range(PROCESSES)]
+        failed = [process.wait() for process in running]
+    print(f"kernels compiled in {time.perf_counter() - begin:.0f} s")
+    if any(failed):
+        return 1
+    stamp.parent.mkdir(parents=True, exist_ok=True)
+    stamp.touch()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
