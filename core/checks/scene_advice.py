@@ -7,7 +7,7 @@ they would be seen: on the glass or past it, in the image or out of it, behind s
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -65,6 +65,7 @@ MAX_GAP_DEG = 200.0
 _NOT_SHOWN = 0.15  # of the subject: a mirror that shows less of it shows something else
 _MUCH_HIDDEN = 0.25  # of a reflection: where the glass ends behind that is hardly known
 _ROOM = 0.02  # beside the subject, when it is told how much is lacking [m]
+_CLEARLY_OVER = 0.1  # m: an edge that is hardly known cuts the subject off for certain
 _LONG_MOVE, _SHORT_STEP = 0.15, 0.1  # m: a mirror is turned rather than moved so far; nobody is told to step less
 _OUTWARDS = np.arange(0.05, 0.85, 0.05)  # by how much a mirror may be asked to be moved [m]
 _SPARE_DEG = 2.5  # between the image's border and the subject: toes point forward, hair stands up
@@ -111,7 +112,8 @@ def check_scene(
             told.append(step)
         for k, (mirror, reflection) in enumerate(zip(mirrors, found, strict=True), start=1):
             if_moved = partial(foresee, others[k - 1], depth, views, intrinsics=intrinsics)
-            about = _about(mirror, reflection, views, k, model, intrinsics, step is not None, if_moved)
+            case = _Case(mirror, k, reflection, if_moved)
+            about = _about_mirror(case, views, model, intrinsics, step is not None)
             told += [Notice.of(text, [mirror.name]) for text in about]
             error = mirror.displacement(subject[::16])
             if error is not None and error > MAX_UNSURE and not on_wall(mirror):  # that is told elsewhere
@@ -238,112 +240,147 @@ def _turn(mirror: Mirror, views: Views, intrinsics: Intrinsics, outwards: float 
     return turned, f"turn it by {np.degrees(abs(angle)):.0f}° about the vertical, its {edge} edge forward"
 
 
-def _about(
-    mirror: Mirror,
-    found: Reflection,
-    views: Views,
-    view: int,
-    model: NoiseModel | None,
-    intrinsics: Intrinsics,
-    steps: bool,
-    if_moved: Callable[[Mirror], Reflection],
+@dataclass(frozen=True)
+class _Case:
+    """One mirror's reflection to be checked.
+
+    ``view``: the mirror's, 1..N; ``if_moved``: what the mirror would show if it were moved or turned.
+    """
+
+    mirror: Mirror
+    view: int
+    found: Reflection
+    if_moved: Callable[[Mirror], Reflection]
+
+
+def _about_mirror(
+    case: _Case, views: Views, model: NoiseModel | None, intrinsics: Intrinsics, steps: bool
 ) -> list[str]:
-    """What is wrong with one mirror's reflection. ``steps``: it was told where to stand instead; ``if_moved``: what the
-    mirror would show if it were moved or turned."""
-    name, told = quoted(mirror), []
-    glass = {side: value for side, value in found.over_glass.items() if value > MAX_OVER}
-    image = {side: value for side, value in found.over_image.items() if value > MAX_OVER}
+    """What is wrong with one mirror's reflection. ``steps``: the subject was already asked to stand elsewhere."""
+    name, found = quoted(case.mirror), case.found
+    glass, image = _too_far(found.over_glass), _too_far(found.over_image)
     if found.seen - found.hidden < _NOT_SHOWN and found.hidden < 1.0 - found.seen:
-        if glass and not steps:
-            told.append(
-                f"{name} does not show the subject: its reflection lies {_sides(glass)} of the glass; "
-                f"{_turn(mirror, views, intrinsics)[1]}, until the camera sees the subject's back in it"
-            )
-        elif not glass:
-            told.append(
-                f"{name} does not show the subject: its reflection lies {_sides(image)} of the image; move the camera "
-                "back, or the mirror inwards, until the camera sees the subject's back in it"
-            )
-        return told
-    if found.hidden > _MUCH_HIDDEN:  # where a glass ends behind the body is hardly known
-        glass = {side: value for side, value in glass.items() if side in ("top", "bottom") or value > 0.1}
-    elif not glass and found.out > MAX_CUT:
-        worst = max(found.over_glass, key=found.over_glass.get)
-        glass = {worst: max(found.over_glass[worst], 0.01)}
+        return _about_not_shown(case, glass, image, views, intrinsics, steps)
+    warned = _about_glass(case, glass, views, intrinsics, steps)
+    if found.seen < 1 - MAX_CUT:
+        warned += _about_image(name, image)
+    warned += _about_range(case, views, model, intrinsics)
+    if found.hidden > MAX_HIDDEN:
+        warned.append(_about_hidden(case, views, intrinsics))
+    if found.blocked > MAX_HIDDEN:
+        warned.append(
+            f"{found.blocked:.0%} of the reflection in {name} is hidden by something that stands before it; take that "
+            "away"
+        )
+    return warned
+
+
+def _too_far(over: dict[str, float]) -> dict[str, float]:
+    """The edges that the subject reaches over by too much, and by how much [m]."""
+    return {side: value for side, value in over.items() if value > MAX_OVER}
+
+
+def _about_not_shown(
+    case: _Case, glass: dict[str, float], image: dict[str, float], views: Views, intrinsics: Intrinsics, steps: bool
+) -> list[str]:
+    """A mirror that does not show the subject at all, because of its ``glass`` or of the ``image``."""
+    name = quoted(case.mirror)
+    if not glass:
+        return [
+            f"{name} does not show the subject: its reflection lies {_sides(image)} of the image; move the camera "
+            "back, or the mirror inwards, until the camera sees the subject's back in it"
+        ]
+    if steps:
+        return []
+    return [
+        f"{name} does not show the subject: its reflection lies {_sides(glass)} of the glass; "
+        f"{_turn(case.mirror, views, intrinsics)[1]}, until the camera sees the subject's back in it"
+    ]
+
+
+def _about_glass(case: _Case, glass: dict[str, float], views: Views, intrinsics: Intrinsics, steps: bool) -> list[str]:
+    """Edges of the glass that cut the reflection off: the mirror is too small, or in the wrong place."""
+    name, over, warned = quoted(case.mirror), case.found.over_glass, []
+    if case.found.hidden > _MUCH_HIDDEN:  # where a glass ends behind the body is hardly known
+        glass = {side: value for side, value in glass.items() if side in ("top", "bottom") or value > _CLEARLY_OVER}
+    elif not glass and case.found.out > MAX_CUT:
+        worst = max(over, key=over.get)
+        glass = {worst: max(over[worst], 0.01)}
     for one, other, what in (("top", "bottom", "high"), ("left", "right", "wide")):
-        lacking = found.over_glass[one] + found.over_glass[other] + 2.0 * _ROOM
+        lacking = over[one] + over[other] + 2.0 * _ROOM
         if (one in glass or other in glass) and lacking > 0.01:
-            told.append(
+            warned.append(
                 f"{name} is too small: it is {100 * lacking:.0f} cm less {what} than the "
                 "reflection of the subject; use a larger mirror, or move it nearer to the subject"
             )
             glass = {side: value for side, value in glass.items() if side not in (one, other)}
-    for side, value in glass.items():
-        if steps and side in ("left", "right"):
-            continue
+    return warned + [
+        _about_edge(case, side, value, views, intrinsics)
+        for side, value in glass.items()
+        if not (steps and side in ("left", "right"))
+    ]
+
+
+def _about_edge(case: _Case, side: str, value: float, views: Views, intrinsics: Intrinsics) -> str:
+    """One edge of the glass, that the subject reaches over by ``value`` [m]: how to move or turn the mirror."""
+    what, do = {
+        "top": ("its upper edge", "raise it"), "bottom": ("its lower edge", "lower it"),
+        "left": ("its left edge", "move it to the left"), "right": ("its right edge", "move it to the right"),
+    }[side]  # fmt: skip
+    cut = f"the subject is partly out of {quoted(case.mirror)}: {what} cuts the reflection off"
+    by = f"{do} by {100 * (value + _ROOM):.0f} cm (as seen by the camera)"
+    if side not in ("left", "right"):
+        return f"{cut}; {by}"
+    turned, how = _turn(case.mirror, views, intrinsics)
+    there = case.if_moved(turned).over_glass
+    if max(there["left"], there["right"]) >= MAX_OVER:
+        return f"{cut}; {by}"
+    return f"{cut}; {how}" if value > _LONG_MOVE else f"{cut}; {by}, or {how}"
+
+
+def _about_image(name: str, image: dict[str, float]) -> list[str]:
+    """Borders of the image that cut the reflection off."""
+    warned = []
+    for side, value in image.items():
         what, do = {
-            "top": ("its upper edge", "raise it"), "bottom": ("its lower edge", "lower it"),
-            "left": ("its left edge", "move it to the left"), "right": ("its right edge", "move it to the right"),
+            "top": ("upper", "tilt the camera up"), "bottom": ("lower", "tilt the camera down"),
+            "left": ("left", "turn the mirror or the camera to the left"),
+            "right": ("right", "turn the mirror or the camera to the right"),
         }[side]  # fmt: skip
-        cut = f"the subject is partly out of {name}: {what} cuts the reflection off"
-        by = f"{do} by {100 * (value + _ROOM):.0f} cm (as seen by the camera)"
-        turned, how = _turn(mirror, views, intrinsics)
-        there = if_moved(turned).over_glass
-        if side in ("left", "right") and max(there["left"], there["right"]) < MAX_OVER:
-            told.append(f"{cut}; {how}" if value > _LONG_MOVE else f"{cut}; {by}, or {how}")
-        else:
-            told.append(f"{cut}; {by}")
-    if found.seen < 1 - MAX_CUT:
-        for side, value in image.items():
-            what, do = {
-                "top": ("upper", "tilt the camera up"), "bottom": ("lower", "tilt the camera down"),
-                "left": ("left", "turn the mirror or the camera to the left"),
-                "right": ("right", "turn the mirror or the camera to the right"),
-            }[side]  # fmt: skip
-            told.append(
-                f"the reflection in {name} is cut off by the image's {what} border, {100 * value:.0f} cm of the "
-                f"subject; {do}, or move the camera back"
-            )
-    far = model is not None and found.distance > model.max_range
-    if far and (
-        found.distance > MAX_FAR * model.max_range
-        or found.unread > (MAX_UNREAD_PATTERN if model.disparity_step else MAX_UNREAD)
-        or not (views.labels == view).any()
-    ):
-        told.append(
-            f"the way over {name} is {found.distance:.1f} m, and {model.title} reads well to {model.max_range:.1f} m: "
-            f"{found.unread:.0%} of the reflection has no reading, and the rest scatters by "
-            f"{1000.0 * model.sigma(found.distance, intrinsics.fx):.0f} mm; bring the mirror and the camera nearer to "
-            f"the subject, by {found.distance - model.max_range:.1f} m in all"
+        warned.append(
+            f"the reflection in {name} is cut off by the image's {what} border, {100 * value:.0f} cm of the "
+            f"subject; {do}, or move the camera back"
         )
-    elif found.unread > MAX_UNREAD_PATTERN:
-        told.append(
+    return warned
+
+
+def _about_range(case: _Case, views: Views, model: NoiseModel | None, intrinsics: Intrinsics) -> list[str]:
+    """A path via the mirror that is too long for the camera, or from which it has no readings."""
+    name, found = quoted(case.mirror), case.found
+    if model is not None and found.distance > model.max_range:
+        unread = found.unread > (MAX_UNREAD_PATTERN if model.disparity_step else MAX_UNREAD)
+        if unread or found.distance > MAX_FAR * model.max_range or not (views.labels == case.view).any():
+            return [
+                f"the way over {name} is {found.distance:.1f} m, and {model.title} reads well to "
+                f"{model.max_range:.1f} m: {found.unread:.0%} of the reflection has no reading, and the rest scatters "
+                f"by {1000.0 * model.sigma(found.distance, intrinsics.fx):.0f} mm; bring the mirror and the camera "
+                f"nearer to the subject, by {found.distance - model.max_range:.1f} m in all"
+            ]
+    if found.unread > MAX_UNREAD_PATTERN:
+        return [
             f"{found.unread:.0%} of the reflection in {name} has no reading, over a way of {found.distance:.1f} m; "
             "bring the mirror and the camera nearer to the subject, see that the glass is clean, and keep sunlight out"
-        )
-    if found.hidden > MAX_HIDDEN:
-        told.append(_about_hidden(mirror, found, views, intrinsics, if_moved))
-    if found.blocked > MAX_HIDDEN:
-        told.append(
-            f"{found.blocked:.0%} of the reflection in {name} is hidden by something that stands before it; take that "
-            "away"
-        )
-    return told
+        ]
+    return []
 
 
-def _about_hidden(
-    mirror: Mirror,
-    found: Reflection,
-    views: Views,
-    intrinsics: Intrinsics,
-    if_moved: Callable[[Mirror], Reflection],
-) -> str:
+def _about_hidden(case: _Case, views: Views, intrinsics: Intrinsics) -> str:
     """By how much to move a mirror until the subject does not hide its own reflection, or what else to do."""
-    name = quoted(mirror)
+    name, found = quoted(case.mirror), case.found
     do = f"move {name} outwards and turn it so that the subject stays in its middle"
     for outwards in _OUTWARDS:
-        moved, how = _turn(mirror, views, intrinsics, outwards)
-        there = if_moved(moved)
+        moved, how = _turn(case.mirror, views, intrinsics, outwards)
+        there = case.if_moved(moved)
         if there.hidden < 0.3 * MAX_HIDDEN and max(there.over_image.values()) < MAX_OVER:
             do = f"move {name} outwards by {100 * outwards:.0f} cm and {how}"
             break
@@ -362,30 +399,43 @@ def _sides(over: dict[str, float]) -> str:
 
 
 def _about_rig(views: Views, mirrors: list[Mirror], alone: bool) -> list[str]:
-    told = []
-    if views.floor is not None:
-        for mirror, lean in zip(mirrors, leans(mirrors, views.up), strict=True):
-            if abs(lean) > MAX_LEAN_DEG:
-                way = "towards" if lean > 0 else "away from"
-                told.append(
-                    Notice(
-                        "{mirror} is not vertical: its top leans {lean:.0f}° {way} the subject; set it upright, or the "
-                        "reflection loses head or feet",
-                        mirror=quoted(mirror), lean=abs(lean), way=way,
-                    )
-                )  # fmt: skip
-    elif views.disagreement_deg is None and len(mirrors) < 2:
-        told.append(
+    """How the mirrors stand, to the vertical and around the subject."""
+    return _about_vertical(views, mirrors) + _about_directions(views, mirrors, alone)
+
+
+def _about_vertical(views: Views, mirrors: list[Mirror]) -> list[str]:
+    """Mirrors that lean, or a vertical that nothing in the scene gives."""
+    if views.floor is None:
+        if views.disagreement_deg is not None or len(mirrors) >= 2:
+            return []
+        return [
             "no floor is seen, so that the vertical is taken from the camera; let the camera see the floor about the "
             "feet, or level the camera"
-        )
+        ]
+    warned = []
+    for mirror, lean in zip(mirrors, leans(mirrors, views.up), strict=True):
+        if abs(lean) > MAX_LEAN_DEG:
+            way = "towards" if lean > 0 else "away from"
+            warned.append(
+                Notice(
+                    "{mirror} is not vertical: its top leans {lean:.0f}° {way} the subject; set it upright, or the "
+                    "reflection loses head or feet",
+                    mirror=quoted(mirror), lean=abs(lean), way=way,
+                )
+            )  # fmt: skip
+    return warned
+
+
+def _about_directions(views: Views, mirrors: list[Mirror], alone: bool) -> list[str]:
+    """Views from nearly the same side, and sides that no view shows."""
+    warned = []
     angles = directions(views, mirrors)
     order = np.argsort(angles)
     names = ["the camera", *map(quoted, mirrors)]
     for i, j in zip(order, np.roll(order, -1), strict=True):
         apart = (angles[j] - angles[i]) % 360.0
         if len(angles) > 1 and apart < MIN_APART_DEG:
-            told.append(
+            warned.append(
                 Notice(
                     "{one} and {other} show the subject from nearly the same side, {apart:.0f}° apart; turn the "
                     "mirrors so that the views are about 120° apart",
@@ -393,14 +443,14 @@ def _about_rig(views: Views, mirrors: list[Mirror], alone: bool) -> list[str]:
                 )
             )  # fmt: skip
         elif apart > MAX_GAP_DEG and mirrors and alone:
-            told.append(
+            warned.append(
                 Notice(
                     "nothing is seen of one side of the subject: from {one} to {other} there are {apart:.0f}° without "
                     "a view, and that side is guessed; add a mirror there",
                     one=names[i], other=names[j], apart=apart,
                 )
             )  # fmt: skip
-    return told
+    return warned
 
 
 def directions(views: Views, mirrors: list[Mirror]) -> np.ndarray:

@@ -19,6 +19,9 @@ _ABOUT = 1.0  # how far from the vertical through the subject it may reach [m]
 _THROUGH = 0.3  # of what one view shows may be looked through by another: silhouettes are ragged
 _HIDDEN = 0.03  # surfaces farther behind others are hidden by them [m]
 _APART = 0.12  # surfaces of the subject that lie farther apart are other parts of it [m]
+_FEWEST = 40  # pieces of surface: a median of fewer is chance
+_LEAST = 0.012  # m: two surfaces so close make no step that is seen
+_CERTAIN = 0.6  # difference of the blame on two mirrors, where 1 is to contradict the direct view
 
 
 @dataclass(frozen=True)
@@ -63,38 +66,21 @@ def disagreements(depth: np.ndarray, views: Views, mirrors: list[Mirror], intrin
     labels = _about_kernel(views.labels, views.seen, views.points, views.up, views.axis, low, high + 0.1)
     sigma = noise_of(depth, labels)
     shown = [surfaces(depth, labels, view, intrinsics, sigma) for view in range(len(mirrors) + 1)]
-    apart: dict[tuple[int, int], list[Meeting]] = {}
+    both_ways: dict[tuple[int, int], list[Meeting]] = {}
     for m in meetings(mirrors, shown, intrinsics, _APART, depth, views.seen):
-        apart.setdefault((min(m.of, m.by), max(m.of, m.by)), []).append(m)
-    told = []  # pair, distance, share looked through
-    doubt = np.zeros(len(mirrors) + 1)  # how far each mirror contradicts the direct view, though that need not be told
-    for pair, both in apart.items():
-        # what lies far behind what the other view sees there may well be hidden from it
-        gaps = [np.abs(m.gaps[m.gaps < _HIDDEN]) for m in both] + [np.full(m.before, _APART) for m in both]
-        gaps = np.concatenate(gaps)
-        variances = np.concatenate([m.variances for m in both])
-        distance = 0.0
-        if len(gaps) >= 40 and len(variances):
-            distance = float(np.median(gaps))
-            if distance < max(0.012, 3.0 * float(np.sqrt(np.median(variances)))):
-                distance = 0.0
-        through = max(_looked_through(m) for m in both)
+        both_ways.setdefault((min(m.of, m.by), max(m.of, m.by)), []).append(m)
+    contradictions = []  # pair, distance, share looked through
+    doubt = np.zeros(len(mirrors) + 1)  # how far each mirror contradicts the direct view, be it too little to report
+    for pair, found in both_ways.items():
+        distance, through = _distance(found), max(_looked_through(m) for m in found)
         if pair[0] == 0:
-            doubt[pair[1]] = max(m.through / max(m.judged, 100) for m in both)
+            doubt[pair[1]] = max(m.through / max(m.judged, 100) for m in found)
         if distance > 0.0 or through > _THROUGH:
-            told.append((pair, distance, through))
-    direct = {pair[1] for pair, _, _ in told if pair[0] == 0}
+            contradictions.append((pair, distance, through))
+    direct = {pair[1] for pair, _, _ in contradictions if pair[0] == 0}
     worst: dict[int, Disagreement] = {}
-    for (one, other), distance, through in told:
-        guilty, witness, sure = other, one, True
-        if one > 0:
-            unsure = [expected_error(mirrors[k - 1]) + 1e-6 for k in (one, other)]
-            # by the direct view where it can tell, else by their frames
-            blame = [
-                (k in direct) + 4.0 * doubt[k] + 0.2 * np.log2(e) for k, e in zip((one, other), unsure, strict=True)
-            ]
-            sure = abs(blame[0] - blame[1]) > 0.6
-            guilty, witness = (one, other) if blame[0] > blame[1] else (other, one)
+    for pair, distance, through in contradictions:
+        guilty, witness, sure = (pair[1], 0, True) if pair[0] == 0 else _blame(pair, mirrors, doubt, direct)
         known = worst.get(guilty, Disagreement(guilty - 1, witness, 0.0, 0.0, False))
         worst[guilty] = replace(
             known,
@@ -105,10 +91,34 @@ def disagreements(depth: np.ndarray, views: Views, mirrors: list[Mirror], intrin
     return [worst[k] for k in sorted(worst)]
 
 
+def _distance(found: list[Meeting]) -> float:
+    """Median distance [m] of surfaces that two views both see; 0 when it is no more than noise, or they hardly meet."""
+    # what lies far behind what the other view sees there may well be hidden from it
+    gaps = [np.abs(m.gaps[m.gaps < _HIDDEN]) for m in found] + [np.full(m.before, _APART) for m in found]
+    gaps = np.concatenate(gaps)
+    variances = np.concatenate([m.variances for m in found])
+    if len(gaps) < _FEWEST or not len(variances):
+        return 0.0
+    distance = float(np.median(gaps))
+    return distance if distance >= max(_LEAST, 3.0 * float(np.sqrt(np.median(variances)))) else 0.0
+
+
+def _blame(pair: tuple[int, int], mirrors: list[Mirror], doubt: np.ndarray, direct: set[int]) -> tuple[int, int, bool]:
+    """Which of two mirrors that contradict each other is wrong, the other one, and whether that is certain.
+
+    By the direct view where it can tell (``direct``: the mirrors that contradict it, ``doubt`` (N+1,): by how much),
+    else by how well their frames give their planes.
+    """
+    errors = [expected_error(mirrors[k - 1]) + 1e-6 for k in pair]
+    one, other = ((k in direct) + 4.0 * doubt[k] + 0.2 * np.log2(e) for k, e in zip(pair, errors, strict=True))
+    guilty, witness = pair if one > other else (pair[1], pair[0])
+    return guilty, witness, abs(one - other) > _CERTAIN
+
+
 def _looked_through(m: Meeting) -> float:
     """Share of the pieces, where there are enough to go by; of a few most must say so."""
     share = m.through / max(m.judged, 1)
-    return share if m.judged >= 100 or (m.judged >= 40 and share > 0.7) else 0.0
+    return share if m.judged >= 100 or (m.judged >= _FEWEST and share > 0.7) else 0.0
 
 
 @njit(cache=True, nogil=True)
