@@ -18,12 +18,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from ..extension_root import ADDON_FOLDER, ROOT_FOLDER, ROOT_PACKAGE
+
 if TYPE_CHECKING:
     from .tasks import Steps
 
 
-PACKAGE = __package__.rpartition(".")[0].rpartition(".")[0]
-SIGNATURES = Path(sys.modules[__package__].__path__[0]).parent / "signatures.json"
+SIGNATURES = ADDON_FOLDER / "signatures.json"
 STAGES = ("load", "mirrors", "subject", "build")
 """In the order of the work; each needs what is compiled for those before it too."""
 
@@ -74,9 +75,8 @@ def stamp_name(stage: str = STAGES[-1]) -> str:
     one after each update."""
     import hashlib  # not at Blender's start
 
-    package = SIGNATURES.parents[1]
     files = sorted(
-        (path.relative_to(package).as_posix(), path.stat().st_mtime_ns) for path in package.glob("core/**/*.py")
+        (path.relative_to(ROOT_FOLDER).as_posix(), path.stat().st_mtime_ns) for path in ROOT_FOLDER.glob("core/**/*.py")
     )
     listed = [entry for entry in entries() if entry.stage in needs(stage)]
     return "compiled_" + hashlib.sha256(repr((stage, listed, files)).encode()).hexdigest()[:16]
@@ -161,7 +161,7 @@ def _compile(entry: Entry) -> None:
     from numba.core.errors import NumbaError
 
     try:
-        kernel = getattr(importlib.import_module(f"{PACKAGE}.{entry.module}"), entry.kernel)
+        kernel = getattr(importlib.import_module(f"{ROOT_PACKAGE}.{entry.module}"), entry.kernel)
         kernel.compile(tuple(_type(text) for text in entry.types))
     except (ImportError, AttributeError, TypeError, NumbaError) as error:  # TypeError: another number of arguments
         log = logging.getLogger(__name__)
@@ -203,7 +203,7 @@ def _type(described: str | list):
     if kind == "array":
         return types.Array(_type(parts[0]), parts[1], parts[2])
     if kind == "named":
-        module = importlib.import_module(f"{PACKAGE}.{parts[0]}")
+        module = importlib.import_module(f"{ROOT_PACKAGE}.{parts[0]}")
         return types.BaseTuple.from_types([_type(part) for part in parts[2:]], getattr(module, parts[1]))
     return types.BaseTuple.from_types([_type(part) for part in parts])
 

@@ -8,8 +8,8 @@ import os
 
 import bpy
 
-from ... import __package__ as ROOT_PACKAGE
 from ...core.errors import MirrorScanError
+from ..extension_root import ROOT_PACKAGE
 from ..language.texts import say
 
 

@@ -17,9 +17,9 @@ from pathlib import Path
 
 import bpy
 
-from ... import __package__ as ROOT_PACKAGE
 from ...core import errors
 from ...core.notices import Notice
+from ..extension_root import ADDON_FOLDER, ROOT_FOLDER, ROOT_PACKAGE
 from ..language.texts import say
 from . import kernel_compilation, numba_setup
 
@@ -50,14 +50,13 @@ class Worker:
         import tempfile
 
         self.folder = Path(tempfile.mkdtemp(prefix="mirror_scan_worker_"))
-        root = Path(sys.modules[ROOT_PACKAGE].__path__[0])
         environment = dict(os.environ)
         if cache := numba_setup.cache_folder():
             environment["NUMBA_CACHE_DIR"] = cache
         flags = 0
         if sys.platform == "win32":
             flags = subprocess.CREATE_NO_WINDOW
-        script = Path(sys.modules[__package__].__path__[0]) / "worker.py"
+        script = ADDON_FOLDER / "background" / "worker.py"
         try:
             with open(self.folder / "output", "wb") as output:
                 self.process = subprocess.Popen(
@@ -70,7 +69,9 @@ class Worker:
             self._rest = b""
             self._tasks = 0
             self.ready = False  # has imported what it needs
-            self._tell(package=ROOT_PACKAGE, root=str(root), folder=str(self.folder), path=[p for p in sys.path if p])
+            self._tell(
+                package=ROOT_PACKAGE, root=str(ROOT_FOLDER), folder=str(self.folder), path=[p for p in sys.path if p]
+            )
         except OSError as error:
             shutil.rmtree(self.folder, ignore_errors=True)
             raise Unavailable(str(error)) from error

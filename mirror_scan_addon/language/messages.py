@@ -12,14 +12,13 @@ from __future__ import annotations
 import json
 import re
 import string
-import sys
 from collections.abc import Callable, Mapping
 from functools import cache
-from pathlib import Path
 
 from ...core.notices import Notice
+from ..extension_root import ADDON_FOLDER
 
-LIST = Path(sys.modules[__package__].__path__[0]).parent / "messages.json"
+LIST = ADDON_FOLDER / "messages.json"
 
 
 @cache

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ...core.errors import MirrorScanError
+from ..extension_root import ADDON_FOLDER
 
 CONTEXT = "MirrorScan"
 """Translation context (msgctxt) of our labels, tooltips and reports."""
@@ -34,7 +35,7 @@ def tell(text: object) -> str:
 
 
 LANGUAGES = "languages"
-"""Folder beside this file with a .po file for each language, named as Blender calls it: ``de_DE.po``. English is what
+"""Folder of the add-on with a .po file for each language, named as Blender calls it: ``de_DE.po``. English is what
 the code says. ``tools/messages.py --pot`` writes what there is to translate: texts of the context ``CONTEXT``, and of
 the context "*" tooltips, since Blender looks these up without one."""
 
@@ -42,9 +43,8 @@ the context "*" tooltips, since Blender looks these up without one."""
 def translations() -> dict[str, dict[tuple[str, str], str]]:
     """Locale → (context, English) → translation, as ``bpy.app.translations`` wants it, of all languages there are."""
     import os
-    import sys
 
-    folder = os.path.join(os.path.dirname(sys.modules[__package__].__path__[0]), LANGUAGES)
+    folder = os.path.join(ADDON_FOLDER, LANGUAGES)
     if not os.path.isdir(folder):
         return {}
     found = {}
