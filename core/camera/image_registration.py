@@ -140,42 +140,6 @@ def color_on_depth(
     return out, inside / max(readings, 1)
 
 
-def depth_on_color(
-    depth: np.ndarray, camera: Intrinsics, color_camera: Intrinsics, depth_to_color: np.ndarray
-) -> np.ndarray:
-    """Depth maps as the colour camera would read them: the depth grid's surface drawn into a z-buffer.
-
-    Cells of the grid whose corners lie on one surface are drawn as two triangles (no holes where the colour image is
-    finer), lone readings as one pixel; the nearer surface wins.
-
-    Parameters
-    ----------
-    depth : np.ndarray [shape=(F, H, W), dtype=float32]
-        z [m] in ``camera``, a pinhole; 0 = no reading.
-    color_camera : Intrinsics
-        Its distortion is applied: the result lies on the colour image as it was taken.
-    depth_to_color : np.ndarray [shape=(4, 4)]
-        Takes points [m] of the depth camera's frame into the colour camera's.
-
-    Returns
-    -------
-    np.ndarray [shape=(F, Hc, Wc), dtype=float32]
-        z [m] in the colour camera's frame.
-
-    Raises
-    ------
-    CaptureError
-        As :func:`color_on_depth`.
-    """
-    _check_size(depth[0], camera, "depth map")
-    out = np.full((len(depth), color_camera.height, color_camera.width), np.inf, np.float32)
-    pose, fold = _rigid(depth_to_color), _fold_radius(color_camera)
-    for frame, target in zip(depth, out, strict=True):
-        _depth_on_color(np.ascontiguousarray(frame, np.float32), _pack(camera), _pack(color_camera), fold, pose, target)
-    out[~np.isfinite(out)] = 0
-    return out
-
-
 def first_readings(depth: np.ndarray) -> np.ndarray:
     """Of each pixel the first reading of a burst (F, H, W) -> (H, W) float32."""
     first = depth[0].copy()
@@ -395,51 +359,3 @@ def _borrow(colors, depth, hidden):
             if source >= 0:
                 colors[column] = colors[source]
                 break
-
-
-@njit(cache=True, nogil=True)
-def _depth_on_color(depth, camera, lens, fold, pose, out):
-    height, width = depth.shape
-    pixels = np.zeros((height, width, 3))
-    drawn = np.zeros((height, width), np.bool_)
-    for row in range(height):
-        for column in range(width):
-            if depth[row, column] > 0:
-                u, v, z = _into_color(column, row, depth[row, column], camera, lens, fold, pose)
-                pixels[row, column, 0], pixels[row, column, 1], pixels[row, column, 2] = u, v, z
-    for row in range(height - 1):
-        for column in range(width - 1):
-            above, below = pixels[row], pixels[row + 1]
-            if _triangle(above[column], above[column + 1], below[column], out):
-                drawn[row, column] = drawn[row, column + 1] = drawn[row + 1, column] = True
-            if _triangle(above[column + 1], below[column + 1], below[column], out):
-                drawn[row, column + 1] = drawn[row + 1, column + 1] = drawn[row + 1, column] = True
-    for row in range(height):
-        for column in range(width):
-            u, v, z = pixels[row, column]
-            if z > 0 and not drawn[row, column] and -0.5 < u < out.shape[1] - 0.5 and -0.5 < v < out.shape[0] - 0.5:
-                i, j = int(v + 0.5), int(u + 0.5)
-                out[i, j] = min(out[i, j], z)
-
-
-@njit(cache=True, nogil=True)
-def _triangle(a, b, c, out):
-    """Draw one triangle of (u, v, z) corners, 1/z interpolated; False when it spans a jump in depth."""
-    low, high = min(a[2], b[2], c[2]), max(a[2], b[2], c[2])
-    if low <= 0 or high - low > _SAME_SURFACE * low:
-        return False
-    area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
-    if area <= 0:  # turned away from the colour camera
-        return True
-    first = max(int(math.ceil(min(a[1], b[1], c[1]))), 0)
-    last = min(int(math.floor(max(a[1], b[1], c[1]))), out.shape[0] - 1)
-    left = max(int(math.ceil(min(a[0], b[0], c[0]))), 0)
-    right = min(int(math.floor(max(a[0], b[0], c[0]))), out.shape[1] - 1)
-    for i in range(first, last + 1):
-        for j in range(left, right + 1):
-            wb = ((j - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (i - a[1])) / area
-            wc = ((b[0] - a[0]) * (i - a[1]) - (j - a[0]) * (b[1] - a[1])) / area
-            wa = 1 - wb - wc
-            if wa >= -1e-9 and wb >= -1e-9 and wc >= -1e-9:
-                out[i, j] = min(out[i, j], 1.0 / (wa / a[2] + wb / b[2] + wc / c[2]))
-    return True

