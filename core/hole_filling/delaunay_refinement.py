@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -213,13 +215,23 @@ def _split(tri, tw, kinds, m, e, x, edges, count):
     return m + 2
 
 
+class _Corner(NamedTuple):
+    """Scalar product of a corner's two sides, their cross product x, y, z, and its length: twice the area."""
+
+    dot: float
+    x: float
+    y: float
+    z: float
+    area: float
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _corner(p, apex, i, j):
-    """Scalar product of the sides from ``apex`` to i and j, their cross product and its length."""
+    """The corner at ``apex``, its sides going to i and j."""
     ax, ay, az = p[i, 0] - p[apex, 0], p[i, 1] - p[apex, 1], p[i, 2] - p[apex, 2]
     bx, by, bz = p[j, 0] - p[apex, 0], p[j, 1] - p[apex, 1], p[j, 2] - p[apex, 2]
     nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-    return ax * bx + ay * by + az * bz, nx, ny, nz, np.sqrt(nx * nx + ny * ny + nz * nz)
+    return _Corner(ax * bx + ay * by + az * bz, nx, ny, nz, np.sqrt(nx * nx + ny * ny + nz * nz))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -253,18 +265,17 @@ def _flip_pass(p, tri, tw, m, edges, count, changed, fine):
         a, b, c, d = tri[t, k], tri[t, (k + 1) % 3], tri[t, (k + 2) % 3], tri[s, (q + 2) % 3]
         if c == d:
             continue
-        dot_c, n0x, n0y, n0z, area_c = _corner(p, c, a, b)
-        dot_d, n1x, n1y, n1z, area_d = _corner(p, d, b, a)
+        at_c, at_d = _corner(p, c, a, b), _corner(p, d, b, a)
         # sin(γ + δ) of the opposite angles is negative when they sum to more than 180°
-        if dot_c * area_d + dot_d * area_c > -0.02 * (area_c * area_d + abs(dot_c * dot_d)):
+        sine = at_c.dot * at_d.area + at_d.dot * at_c.area
+        if sine > -0.02 * (at_c.area * at_d.area + abs(at_c.dot * at_d.dot)):
             continue
-        nx, ny, nz = n0x + n1x, n0y + n1y, n0z + n1z
-        _, ux, uy, uz, area_u = _corner(p, a, d, c)
-        _, wx, wy, wz, area_w = _corner(p, b, c, d)
+        nx, ny, nz = at_c.x + at_d.x, at_c.y + at_d.y, at_c.z + at_d.z
+        at_a, at_b = _corner(p, a, d, c), _corner(p, b, c, d)
         # both new triangles face as the old pair does, and are no larger by much (a fold would add area)
-        if ux * nx + uy * ny + uz * nz <= 0 or wx * nx + wy * ny + wz * nz <= 0:
+        if at_a.x * nx + at_a.y * ny + at_a.z * nz <= 0 or at_b.x * nx + at_b.y * ny + at_b.z * nz <= 0:
             continue
-        if area_u + area_w > 1.3 * (area_c + area_d):
+        if at_a.area + at_b.area > 1.3 * (at_c.area + at_d.area):
             continue
         if c < count and d < count:
             if joined(c, d, *edges):

@@ -476,6 +476,16 @@ def _box_distance(boxes, node, px, py, pz):
     return x * x + y * y + z * z
 
 
+class Closest(NamedTuple):
+    """A surface point: squared distance to it [m²], its triangle, and where it is [m]."""
+
+    squared: float
+    triangle: int
+    x: float
+    y: float
+    z: float
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def closest_one(bvh, px, py, pz, max_squared, stack):
     """Closest surface point, from inside another kernel.
@@ -492,12 +502,12 @@ def closest_one(bvh, px, py, pz, max_squared, stack):
 
     Returns
     -------
-    squared, triangle, x, y, z : float, int, float, float, float
-        Squared distance [m²], triangle and closest point [m]; (inf, -1, NaN, NaN, NaN) for none.
+    Closest
+        (inf, -1, NaN, NaN, NaN) for none.
     """
     best, found, x, y, z = max_squared, -1, np.nan, np.nan, np.nan
     if bvh.boxes.shape[0] == 0 or not np.isfinite(px + py + pz):
-        return np.inf, -1, np.nan, np.nan, np.nan
+        return Closest(np.inf, np.int64(-1), np.nan, np.nan, np.nan)
     boxes, child, count, corners = bvh.boxes, bvh.child, bvh.count, bvh.corners
     node, depth = 0, 0
     while True:
@@ -527,18 +537,17 @@ def closest_one(bvh, px, py, pz, max_squared, stack):
         depth -= 1
         node = stack[depth]
     if found < 0:
-        return np.inf, -1, np.nan, np.nan, np.nan
-    return best, bvh.order[found], x, y, z
+        return Closest(np.inf, np.int64(-1), np.nan, np.nan, np.nan)
+    return Closest(best, np.int64(bvh.order[found]), x, y, z)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _closest_some(bvh, points, max_squared, first, last, distance, triangle, nearest):
     stack = np.empty(STACK, dtype=np.int32)
     for i in range(first, last):
-        squared, triangle[i], nearest[i, 0], nearest[i, 1], nearest[i, 2] = closest_one(
-            bvh, points[i, 0], points[i, 1], points[i, 2], max_squared, stack
-        )
-        distance[i] = np.sqrt(squared)
+        found = closest_one(bvh, points[i, 0], points[i, 1], points[i, 2], max_squared, stack)
+        distance[i], triangle[i] = np.sqrt(found.squared), found.triangle
+        nearest[i, 0], nearest[i, 1], nearest[i, 2] = found.x, found.y, found.z
 
 
 @njit(cache=True, nogil=True, parallel=True, error_model="numpy")

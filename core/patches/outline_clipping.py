@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -101,8 +103,8 @@ def clip(mesh: Mesh, field: np.ndarray, level: float) -> Mesh:
         return mesh
     if not inside.any():
         return keep_triangles(mesh, np.zeros(len(mesh.triangles), np.bool_))
-    vertices, triangles, source, share, parent = _clip_kernel(mesh.vertices, mesh.triangles, field, level)
-    a, b = source[:, 0], source[:, 1]
+    clipped = _clip_kernel(mesh.vertices, mesh.triangles, field, level)
+    a, b, share = clipped.source[:, 0], clipped.source[:, 1], clipped.share
     colors = None
     if mesh.colors is not None:
         colors = mesh.colors.take(a, axis=0)
@@ -110,8 +112,22 @@ def clip(mesh: Mesh, field: np.ndarray, level: float) -> Mesh:
         blend = mesh.colors[a[cut]] * (1 - share[cut, None]) + mesh.colors[b[cut]] * share[cut, None]
         colors[cut] = np.rint(blend).astype(np.uint8)
     view = None if mesh.view is None else mesh.view.take(a)
-    kind = None if mesh.kind is None else mesh.kind.take(parent)
-    return compact(Mesh(vertices, triangles, colors, view, kind))
+    kind = None if mesh.kind is None else mesh.kind.take(clipped.parent)
+    return compact(Mesh(clipped.vertices, clipped.triangles, colors, view, kind))
+
+
+class _Clipped(NamedTuple):
+    """Vertices (V, 3) and triangles (T, 3) of what is left, and whence they came.
+
+    Vertex i lies ``share`` (V,) of the way from one old vertex to another, ``source`` (V, 2); triangle t is a part of
+    the old triangle ``parent`` (T,).
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    source: np.ndarray
+    share: np.ndarray
+    parent: np.ndarray
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -205,4 +221,4 @@ def _clip_kernel(vertices, triangles, field, level):
             out_t[m, 0], out_t[m, 1], out_t[m, 2] = poly[0], poly[k], poly[k + 1]
             parent[m] = t
             m += 1
-    return out_v[:n].copy(), out_t[:m].copy(), source[:n].copy(), share[:n].copy(), parent[:m].copy()
+    return _Clipped(out_v[:n].copy(), out_t[:m].copy(), source[:n].copy(), share[:n].copy(), parent[:m].copy())

@@ -6,7 +6,7 @@ minimum. Ellipsoids, tapered capsules and *lofts* (a table of oval sections alon
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
@@ -17,8 +17,7 @@ TABLE_SAMPLES = 128
 _CORNERS = np.array([(i >> 2 & 1, i >> 1 & 1, i & 1) for i in range(8)])
 
 
-@dataclass(frozen=True)
-class Primitives:
+class Primitives(NamedTuple):
     """P primitives as arrays. A primitive's own axes are x (side), y (depth) and z (length), starting at its origin.
 
     Parameters
@@ -216,14 +215,15 @@ def _blend(a, b, k):
 
 
 @njit(cache=True, nogil=True, parallel=True)
-def _fill_grid(kind, blend, origin, axes, size, table, low, high, start, cell, floor_blend, values):
+def _fill_grid(solid, start, cell, floor_blend, values):
     """``values`` (nx, ny, nz) float32: the blended field at start + index * cell."""
     for i in prange(values.shape[0]):
-        _fill_slice(np.int64(i), kind, blend, origin, axes, size, table, low, high, start, cell, floor_blend, values)
+        _fill_slice(np.int64(i), solid, start, cell, floor_blend, values)
 
 
 @njit(cache=True, nogil=True)
-def _fill_slice(i, kind, blend, origin, axes, size, table, low, high, start, cell, floor_blend, values):
+def _fill_slice(i, solid, start, cell, floor_blend, values):
+    kind, blend, origin, axes, size, table, low, high = solid
     ny, nz = values.shape[1:]
     px = start[0] + i * cell
     values[i] = FAR
@@ -247,16 +247,15 @@ def _fill_slice(i, kind, blend, origin, axes, size, table, low, high, start, cel
 
 
 @njit(cache=True, nogil=True, parallel=True)
-def _project(kind, blend, origin, axes, size, table, low, high, floor_blend, points, step, limit, normals):
+def _project(solid, floor_blend, points, step, limit, normals):
     """One damped Newton step of each point towards the zero set, in place; the field's unit gradient to ``normals``."""
     for i in prange(points.shape[0]):
-        _project_one(
-            np.int64(i), kind, blend, origin, axes, size, table, low, high, floor_blend, points, step, limit, normals
-        )
+        _project_one(np.int64(i), solid, floor_blend, points, step, limit, normals)
 
 
 @njit(cache=True, nogil=True)
-def _project_one(i, kind, blend, origin, axes, size, table, low, high, floor_blend, points, step, limit, normals):
+def _project_one(i, solid, floor_blend, points, step, limit, normals):
+    kind, blend, origin, axes, size, table, low, high = solid
     x, y, z = points[i, 0], points[i, 1], points[i, 2]
     # The field at the corners of a tetrahedron about the point gives value and gradient.
     a = b = c = d = FAR
@@ -279,7 +278,8 @@ def _project_one(i, kind, blend, origin, axes, size, table, low, high, floor_ble
 
 
 @njit(cache=True, nogil=True)
-def _nearest(kind, blend, origin, axes, size, table, low, high, points, owner, local):
+def _nearest(solid, points, owner, local):
+    kind, blend, origin, axes, size, table, low, high = solid
     for i in range(points.shape[0]):
         best = np.inf
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -297,15 +297,11 @@ def _nearest(kind, blend, origin, axes, size, table, low, high, points, owner, l
             local[i, a] = q[0] * (x - o[0]) + q[1] * (y - o[1]) + q[2] * (z - o[2])
 
 
-def _arrays(solid: Primitives) -> tuple:
-    return solid.kind, solid.blend, solid.origin, solid.axes, solid.size, solid.table, solid.low, solid.high
-
-
 def nearest_primitive(solid: Primitives, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Which primitive each of ``points`` (V, 3) lies on (V,) int32, and where on it (V, 3), local axes [m]."""
     owner = np.zeros(len(points), dtype=np.int32)
     local = np.empty((len(points), 3))
-    _nearest(*_arrays(solid), points, owner, local)
+    _nearest(solid, points, owner, local)
     return owner, local
 
 
@@ -335,14 +331,14 @@ def surface(solid: Primitives, cell: float, floor_blend: float = 0.004) -> tuple
     start[2] = -2.513 * cell
     counts = np.ceil((solid.high.max(axis=0) + 2 * cell - start) / cell).astype(int) + 1
     values = np.empty(tuple(counts), dtype=np.float32)
-    _fill_grid(*_arrays(solid), start, cell, floor_blend, values)
+    _fill_grid(solid, start, cell, floor_blend, values)
     points, quads = surface_nets(values)
     points = start + points * cell
     edges = np.concatenate((quads[:, :2], quads[:, 1:3], quads[:, 2:], quads[:, ::3]))
     degree = np.bincount(edges.ravel(), minlength=len(points))[:, None]
     normals = np.zeros_like(points)
     for relax in (True, True, False):
-        _project(*_arrays(solid), floor_blend, points, 0.1 * cell, 0.5 * cell, normals)
+        _project(solid, floor_blend, points, 0.1 * cell, 0.5 * cell, normals)
         if relax:
             mean = np.empty_like(points)
             for a in range(3):
@@ -350,7 +346,7 @@ def surface(solid: Primitives, cell: float, floor_blend: float = 0.004) -> tuple
                 mean[:, a] += np.bincount(edges[:, 1], points[edges[:, 0], a], len(points))
             shift = mean / degree - points
             points += 0.5 * (shift - (shift * normals).sum(axis=1, keepdims=True) * normals)
-    _project(*_arrays(solid), floor_blend, points, 0.02 * cell, 0.5 * cell, normals)
+    _project(solid, floor_blend, points, 0.02 * cell, 0.5 * cell, normals)
     return points, split_quads(points, quads)
 
 

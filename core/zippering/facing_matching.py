@@ -91,13 +91,13 @@ def warp_runs(boundary: Boundary, partner: np.ndarray, price: np.ndarray, edge: 
     end vertices may stay unmatched, for what they would cost at the run's mean price.
     """
     rows = _runs_kernel(partner, boundary.loop, boundary.start, boundary.point, 2.0 * edge, min_run)
-    at_a, begin_a, at_b, begin_b, path, begin_path, mean = _warp_kernel(
-        rows, boundary.start, boundary.point, boundary.tangent, boundary.normal, price, edge
-    )
-    length = np.minimum(np.diff(begin_a), 200)
-    order = np.lexsort((at_a[begin_a[:-1]], mean - 1e-4 * length))
+    found, mean = _warp_kernel(rows, boundary.start, boundary.point, boundary.tangent, boundary.normal, price, edge)
+    length = np.minimum(np.diff(found.begin_a), 200)
+    order = np.lexsort((found.at_a[found.begin_a[:-1]], mean - 1e-4 * length))
     return Candidates(
-        *_in_order(at_a, begin_a, order), *_in_order(at_b, begin_b, order), *_in_order(path, begin_path, order)
+        *_in_order(found.at_a, found.begin_a, order),
+        *_in_order(found.at_b, found.begin_b, order),
+        *_in_order(found.path, found.begin_path, order),
     )
 
 
@@ -111,7 +111,7 @@ def _in_order(flat: np.ndarray, begin: np.ndarray, order: np.ndarray) -> tuple[n
 
 @njit(cache=True, nogil=True, parallel=True)
 def _warp_kernel(rows, start, point, tangent, normal, price, edge):
-    """Entries and warping path of each run, flat, and its mean cost along the path [m]."""
+    """The runs that are no two of one vertex as :class:`.seam_strips.Candidates`, and the mean cost of each [m]."""
     count, room_a, room_b = len(rows), 0, 0
     for r in range(count):
         room_a += rows[r, 2]
@@ -167,15 +167,9 @@ def _warp_kernel(rows, start, point, tangent, normal, price, edge):
         first, at = begin[0, r] + begin[1, r], begin[2, r]
         path[at : at + steps[r]] = room[first : first + steps[r]]
         begin[2, r + 1] = at + steps[r]
-    return (
-        at_a[:n_a].copy(),
-        begin[0, : kept + 1].copy(),
-        at_b[:n_b].copy(),
-        begin[1, : kept + 1].copy(),
-        path,
-        begin[2, : kept + 1].copy(),
-        mean,
-    )
+    begin_a, begin_b = begin[0, : kept + 1].copy(), begin[1, : kept + 1].copy()
+    found = Candidates(at_a[:n_a].copy(), begin_a, at_b[:n_b].copy(), begin_b, path, begin[2, : kept + 1].copy())
+    return found, mean
 
 
 @njit(cache=True, nogil=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -24,8 +25,7 @@ class Seam:
     distance: float
 
 
-@dataclass(frozen=True)
-class Candidates:
+class Candidates(NamedTuple):
     """Pairs of boundary runs with the warping path between them, one after another in flat arrays, best first.
 
     Candidate k matches ``at_a[begin_a[k]:begin_a[k + 1]]`` (boundary entries in the boundary's direction) with
@@ -52,8 +52,7 @@ class Candidates:
         return Candidates(*flat(0, none), *flat(1, none), *flat(2, no_steps))
 
 
-@dataclass(frozen=True)
-class Weave:
+class Weave(NamedTuple):
     """What a round of zippering keeps up to date: which loop and which piece every boundary entry belongs to.
 
     ``after`` (B,) next entry along the boundary as it is now, ``loop`` (B,) its loop, ``piece`` (B,) the connected
@@ -81,23 +80,7 @@ def weave_seams(
 
     ``weave`` is brought up to date. O(B) a seam at worst, for B boundary entries.
     """
-    c, w = candidates, weave
-    strips, views, figures = _weave_kernel(
-        c.at_a,
-        c.begin_a,
-        c.at_b,
-        c.begin_b,
-        c.path,
-        c.begin_path,
-        w.after,
-        w.loop,
-        w.piece,
-        w.root,
-        w.used,
-        boundary.vertex,
-        mesh.vertices,
-        mesh.view,
-    )
+    strips, views, figures = _weave_kernel(candidates, weave, boundary.vertex, mesh.vertices, mesh.view)
     seams = [
         Seam((int(low), int(high)), float(run), float(mean), float(worst), method, float(total))
         for (low, high), (run, mean, worst, total) in zip(views, figures, strict=True)
@@ -110,10 +93,10 @@ def weave_seams(
 
 
 @njit(cache=True, nogil=True)
-def _weave_kernel(
-    at_a, begin_a, at_b, begin_b, paths, begin_path, after, loop, piece, root, used, vertex, vertices, view
-):
+def _weave_kernel(candidates, weave, vertex, vertices, view):
     """Triangles (K, 3); per seam its views (S, 2), and length, mean, largest and summed gap (S, 4) [m]."""
+    at_a, begin_a, at_b, begin_b, paths, begin_path = candidates
+    used = weave.used
     count = len(begin_a) - 1
     triangles = np.empty((2 * len(paths), 3), np.int32)
     views, figures = np.empty((count, 2), np.int64), np.empty((count, 4))
@@ -135,7 +118,7 @@ def _weave_kernel(
             run += _distance(vertices, vertex[a[i]], vertex[a[i + 1]])
         mean = total / len(path)
         sure = run > 12.0 * mean and run > 0.08
-        if not _admit(after, loop, piece, root, a[i0], a[i1], b[j0], b[j1], sure):
+        if not _admit(weave, a[i0], a[i1], b[j0], b[j1], sure):
             continue
         for i in range(i0, i1):
             used[a[i]] = True
@@ -172,12 +155,13 @@ def _distance(points, i, j):
 
 
 @njit(cache=True, nogil=True)
-def _admit(after, loop, piece, root, a0, a1, b0, b1, sure):
+def _admit(weave, a0, a1, b0, b1, sure):
     """Join a0…a1 with b0…b1 (b against its direction) in the linked boundary, unless that makes a handle.
 
     A seam between two pieces joins them, one along a single loop parts it in two: both leave a sphere a sphere. One
     between two loops of the same piece adds a handle (a tunnel), and is taken only where it is ``sure``.
     """
+    after, loop, piece, root = weave.after, weave.loop, weave.piece, weave.root
     p, q = root_of(root, piece[a0]), root_of(root, piece[b0])
     if p == q and loop[a0] != loop[b0] and not sure:
         return False
