@@ -16,7 +16,7 @@ from mirror_scan.core.depth.outliers_and_dropouts import remove_flying_pixels
 from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.io.images import read_image, write_png
 from mirror_scan.core.mirror_alignment.seam_alignment import SeamSettings
-from mirror_scan.core.mirror_alignment.view_alignment import agree
+from mirror_scan.core.mirror_alignment.view_alignment import align_views
 from mirror_scan.core.mirror_detection.detection import find_mirrors
 from mirror_scan.core.mirrors import Mirror
 from mirror_scan.core.mirrors.mirror import plane_mirror, reflect
@@ -246,7 +246,7 @@ def _crossing() -> tuple[Table, list[Finding]]:
             body, lens, depth = simulation.truth.body.vertices[::5], simulation.capture.intrinsics, cleaned(
                 simulation.capture)  # fmt: skip
             placed = [place_mirror(picks, depth, lens) for picks in simulation.capture.mirrors]
-            agreed = agree(placed, depth, lens)
+            agreed = align_views(placed, depth, lens)[0]
             alarms += len(disagreements(depth, find_subject(depth, lens, agreed), agreed, lens))
             for old, new, true in zip(placed, agreed, simulation.truth.mirrors, strict=True):
                 before.append(displacement(old, true, body))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -19,6 +19,27 @@ from ..mirrors.glass_kernels import (
 )
 from ..mirrors.mirror import moved, reflect, reflection_moves, with_reason
 from ..numeric.threads import each
+from .pose_solver import (
+    ALL,
+    NormalEquations,
+    PoseFit,
+    columns_of,
+    confirmed_fit,
+    corrected,
+    frames_prior,
+    judged,
+    scaled_cauchy_weights,
+    solve_pose,
+    weighted_equations,
+)
+
+_GATES = (1.0, 1.0, 1.0, 1.0, 0.4, 0.4, 0.4, 0.4)  # times the gate, each round: the first bring the surfaces near
+_SETTLED = 2e-5  # of slopes [rad] and shifts [m]
+_LEAST_NOISE = 0.002  # of the distances [m]
+_LEAST_GAIN = 0.003  # by which the median distance must fall: less is within what cameras misread [m]
+_UNLIKE = 0.35  # of the shift: by more the shifts that the halves ask for must not differ
+_CORRELATED = 10.0  # neighbouring pixels share so much of their errors that this many count as one
+_MOST_READINGS = 6000  # in a glass that are used; of as many neighbours share no less
 
 
 @dataclass(frozen=True)
@@ -96,65 +117,59 @@ def align_reflections(
 
 
 def _aligned(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, settings: JointSettings) -> Mirror | None:
-    shown = _shown(mirror, depth, intrinsics, settings)
-    if len(shown[0]) < settings.min_pairs:
+    points, facing, blocks = _shown(mirror, depth, intrinsics, settings)
+    if len(points) < settings.min_pairs:
         return None
+    parts = {which: (points[mine], facing[mine]) for which, mine in ((0, blocks == 0), (1, blocks == 1))}
+    parts[ALL] = points, facing
+    prior = frames_prior([mirror], [settings.offset])
+    gates = [settings.gate * share for share in _GATES]
 
-    def pairs(step: np.ndarray, gate: float, half: int = -1) -> tuple[Mirror, np.ndarray, np.ndarray, np.ndarray]:
-        at = moved(mirror, step)
-        chosen = slice(None) if half < 0 else shown[2] == half
-        return at, *_pairs(at, shown[0][chosen], shown[1][chosen], depth, intrinsics, settings, gate)
+    def pairs(correction: np.ndarray, gate: float, which: int) -> tuple[Mirror, np.ndarray, np.ndarray, np.ndarray]:
+        at = moved(mirror, correction)
+        return at, *_pairs(at, *parts[which], depth, intrinsics, settings, gate)
 
-    def fit(half: int) -> tuple[np.ndarray, np.ndarray] | None:
-        """Slopes and shift that bring one half of the pairs together (-1: all), and their covariance."""
-        step, weight = np.zeros(3), np.linalg.inv(mirror.covariance + np.diag((0.0, 0.0, settings.offset**2)))
-        for turn in range(8):
-            at, q, normals, gap = pairs(step, settings.gate if turn < 4 else 0.4 * settings.gate, half)
-            if len(gap) < settings.min_pairs // 3:
+    def fit(which: int, _: PoseFit | None) -> PoseFit | None:
+        def observe(correction: np.ndarray, gate: float) -> list[NormalEquations] | None:
+            at, q, normals, distances = pairs(correction, gate, which)
+            if len(distances) < settings.min_pairs // 3:
                 return None
             moves = np.einsum("nci,nc->ni", reflection_moves(at, reflect(q, at)), normals)
-            scale = max(1.4826 * float(np.median(np.abs(gap))), 0.002)
-            w = 1.0 / (1.0 + (gap / scale) ** 2) / scale**2 / _SHARED
-            information = (moves * w[:, None]).T @ moves
-            change = np.linalg.solve(information + weight, (moves * w[:, None]).T @ gap - weight @ step)
-            step = step + change
-            if turn >= 4 and np.abs(change).max() < 2e-5:
-                break
-        return step, np.linalg.inv(information + weight)
+            weights = scaled_cauchy_weights(distances, _LEAST_NOISE, _CORRELATED)
+            return [weighted_equations(moves, distances, weights)]
 
-    gap = pairs(np.zeros(3), settings.gate)[3]
-    if len(gap) < settings.min_pairs or np.median(np.abs(gap)) < 0.003:  # nothing to gain
+        return solve_pose(observe, prior, gates, _SETTLED)
+
+    def distances(correction: np.ndarray, half: int) -> np.ndarray:
+        return np.abs(pairs(correction, settings.gate, half)[3])
+
+    def promises(before: list[np.ndarray], after: list[np.ndarray]) -> bool:
+        """False where there are no pairs any more, too."""
+        return _median(after) <= settings.gain * _median(before)
+
+    def confirms(before: list[np.ndarray], after: list[np.ndarray]) -> bool:
+        enough = min(len(part) for part in before + after) >= settings.min_pairs // 3
+        return enough and promises(before, after) and _median(before) - _median(after) >= _LEAST_GAIN
+
+    before = judged(distances, np.zeros(3))
+    if sum(map(len, before)) < settings.min_pairs or _median(before) < _LEAST_GAIN:
         return None
-    whole = fit(-1)
-    if whole is None:
+    found = confirmed_fit(fit, distances, confirms, promises, before)
+    if found is None:
         return None
-    together = pairs(whole[0], settings.gate)[3]
-    if not len(together) or np.median(np.abs(together)) > settings.gain * np.median(np.abs(gap)):
-        return None  # what does not bring all pairs together need not be asked of the halves
-    fits = [fit(0), fit(1), whole]
-    if None in fits:
+    whole, halves = found
+    slopes, shift = whole.correction[:2], whole.correction[2]
+    if abs(halves[0].correction[2] - halves[1].correction[2]) > _UNLIKE * abs(shift):
         return None
-    steps = np.array([f[0] for f in fits])
-    # each half is judged by what the other asks for
-    before, after = [], []
-    for half in (0, 1):
-        before.append(pairs(np.zeros(3), settings.gate, half)[3])
-        after.append(pairs(steps[1 - half], settings.gate, half)[3])
-    if min(len(gap) for gap in before + after) < settings.min_pairs // 3:
+    if abs(shift) > settings.max_shift or np.abs(slopes).max() > settings.max_slope:
         return None
-    apart, left = (float(np.median(np.abs(np.concatenate(gap)))) for gap in (before, after))
-    if left > settings.gain * apart or apart - left < 0.003:
-        return None
-    step = steps[2]
-    if abs(steps[0, 2] - steps[1, 2]) > 0.35 * abs(step[2]):
-        return None
-    if abs(step[2]) > settings.max_shift or np.abs(step[:2]).max() > settings.max_slope:
-        return None
-    return replace(moved(mirror, step), covariance=fits[2][1])
+    return corrected([mirror], columns_of([0]), whole.correction, whole.covariance)[0]
 
 
-_SHARED = 10.0  # neighbouring pixels share so much of their errors that this many count as one
-_ENOUGH = 6000  # readings in a glass that are asked; of as many neighbours share no less
+def _median(parts: list[np.ndarray]) -> float:
+    """Median over both halves; not a number of none."""
+    both = np.concatenate(parts)
+    return float(np.median(both)) if len(both) else np.nan
 
 
 def _shown(mirror, depth, intrinsics, settings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -170,7 +185,7 @@ def _shown(mirror, depth, intrinsics, settings) -> tuple[np.ndarray, np.ndarray,
     room = max(int(np.prod(high - low)), 1)
     points, normals, half = np.empty((room, 3)), np.empty((room, 3)), np.empty(room, np.int8)
     n = _shown_kernel(depth, intrinsics.lens, glass_of([mirror]), low, high, settings.two_sided, points, normals, half)
-    thin = slice(0, n, n // _ENOUGH + 1)
+    thin = slice(0, n, n // _MOST_READINGS + 1)
     return tuple(np.ascontiguousarray(part[thin]) for part in (points, normals, half))
 
 

@@ -1,9 +1,9 @@
-"""Seams tell how well the mirrors fit: across a gap the skin goes on as it ends, or a mirror is off.
+"""Seams tell how well the mirrors fit: across a gap the surface goes on as it ends, or a mirror is off.
 
-The first Kinect reads no skin twice, so its patches never overlap, and how far a frame stands proud of its glass shows
-in nothing but the seams. Over a gap so narrow that the skin bends evenly, the chord between its two ends makes the
-same angle with both: it is at right angles to the sum of their normals. What it has along that sum is a step, and
-all seams' steps together say how the mirrors should move.
+The first Kinect sees no surface twice, so its patches never overlap, and only the seams reveal how far a frame projects
+in front of its glass. Over a gap so narrow that the surface bends evenly, the chord between its two ends makes the same
+angle with both: it is at right angles to the sum of their normals. What it has along that sum is an offset, and all
+seams' offsets together say how the mirrors should move.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from ..mesh import Mesh
 from ..mirrors import Mirror
 from ..mirrors.mirror import (
     expected_error,
-    moved,
     person_before,
     reflect,
     reflection_matrix,
@@ -27,7 +26,20 @@ from ..mirrors.mirror import (
 )
 from ..numeric.point_products import transform
 from ..views.view_maps import ViewMaps
-from .seam_offsets import SeamPieces, seam_pieces, skin_read_twice
+from .pose_solver import (
+    ALL,
+    MAD,
+    NormalEquations,
+    PoseFit,
+    cauchy_weights,
+    columns_of,
+    confirmed_fit,
+    corrected,
+    frames_prior,
+    solve_pose,
+    weighted_equations,
+)
+from .seam_offsets import SeamPieces, seam_pieces, surface_seen_twice
 
 
 @dataclass(frozen=True)
@@ -38,16 +50,16 @@ class SeamSettings:
     ----------
     use : bool
         Off leaves the planes where they are.
-    unsure : float
+    uncertainty : float
         A mirror that is expected to misplace a person by more than this [m] goes where the seams say; one that its
         frame places better must be shown to be off.
     offset : float
         How far the glass may well lie off the frame's plane, one standard deviation [m].
     max_shift, max_slope : float
-        Bounds of the whole step [m], [rad].
-    sure : float
-        A mirror that is not unsure is moved only when that moves a person by so many times as much as it leaves
-        unsure.
+        Bounds of the whole correction [m], [rad].
+    confidence : float
+        A mirror that is not so uncertain is moved only when that moves a person by so many times as much as it leaves
+        uncertain.
     min_pieces : int
         Of seams, each about ``piece`` [m] long.
     piece : float
@@ -57,27 +69,30 @@ class SeamSettings:
     """
 
     use: bool = True
-    unsure: float = 0.008
+    uncertainty: float = 0.008
     offset: float = 0.01
     max_shift: float = 0.03
     max_slope: float = 0.02
-    sure: float = 2.5
+    confidence: float = 2.5
     min_pieces: int = 12
     piece: float = 0.12
     rounds: int = 4
 
 
-_STEP, _BEND = 0.003, 0.25  # noise of a piece's step: of itself [m], and as a share of its gap
-_SHARED = 2.0  # neighbouring pieces share so much of their errors that this many count as one
-_BIAS, _UNEVEN = 0.002, 0.2  # what all steps between two views may have in common [m], and as a share of gap and bend
+_OFFSET_NOISE, _OFFSET_PER_GAP = 0.003, 0.25  # noise of a piece's offset: of itself [m], and as a share of its gap
+_CORRELATED = 2.0  # neighbouring pieces share so much of their errors that this many count as one
+_BIAS, _UNEVEN = 0.002, 0.2  # what all offsets between two views have in common [m], and as a share of gap and bend
+_WEIGHINGS = 10  # rounds in which outliers are weighed anew
 _SETTLED = 5e-4  # of slopes [rad] and shifts [m]
-_CHANCE = 0.1  # so few steps may be larger than their noise: then there is nothing to gain
-_FITS = 1.5  # times their noise: by more the steps must not be off in the end, else it is not the mirrors
-_BEGUN = 0.6  # of what makes a step sure, each round must show
-_BEFORE = 0.004  # so far a glass may lie before the front of its frame: stuck onto a board [m]
+_CHANCE = 0.1  # so few offsets may be larger than their noise: then there is nothing to gain
+_FITS = 1.5  # times their noise: by more the offsets must not be off in the end, else it is not the mirrors
+_EACH_ROUND = 0.6  # of the confidence that a move needs, each round must show
+_IN_FRONT = 0.004  # so far a glass may lie in front of the front of its frame: stuck onto a board [m]
 _MOVED = 1e-6  # at the person, else it is where it was [m]
 _FEWEST = 4  # pieces that can be halved
-_SUREST, _LEAST_SURE = 1e-6, 1.0  # of slopes [rad] and shifts [m], one standard deviation
+_LEAST_DEVIATION, _MOST_DEVIATION = 1e-6, 1.0  # of slopes [rad] and shifts [m], one standard deviation
+_PERSON_DISTANCE = 1.5  # of a person from the glass, see ``person_before`` [m]
+_SHIFTED = 0.7  # of a move at the person that must come from the shift, else the mirror is rotated above all
 
 
 Joiner = Callable[[list[Mesh], ViewMaps], Mesh]
@@ -93,16 +108,16 @@ def align_seams(
     settings: SeamSettings | None = None,
     glass_offset: float = 0.0,
 ) -> tuple[list[Mirror], tuple[str, ...]]:
-    """Mirrors moved until the seams between their patches show no steps; as they were when that is not sure to help.
+    """Mirrors moved until the seams between their patches show no offsets; as they were when that is not shown to help.
 
     All mirrors are solved for together: two slopes and a shift each, the frames' covariances (and ``offset``) as
-    prior, the steps of the seams' pieces as observations. What all steps between two views have in common, of itself
-    or in proportion to how sharply the gap bends, counts as the views' own: silhouettes are read unevenly. A mirror
-    that its frame places well is judged by itself: if it is not shown to be off, or its glass would lie clear before
-    its frame, both count as level, and the others are solved for anew. The mirrors are moved, the patches zippered
-    anew, and so on. Two halves of the pieces are set against each other: what one asks for must lessen the other's
-    steps; and in the end they must fit. Where silhouettes are read so badly that no seam fits, skin that is read twice
-    is asked alone.
+    prior, the offsets of the seams' pieces as observations. What all offsets between two views have in common, of
+    itself or in proportion to how sharply the gap bends, counts as the views' own: silhouettes are read unevenly. A
+    mirror that its frame places well is judged by itself: if it is not shown to be off, or its glass would lie clearly
+    in front of its frame, both count as level, and the others are solved for anew. The mirrors are moved, the patches
+    zippered anew, and so on. Two halves of the pieces are set against each other: what one asks for must lessen the
+    other's offsets; and in the end they must fit. Where silhouettes are read so badly that no seam fits, only surface
+    that is seen twice is used.
 
     Parameters
     ----------
@@ -130,111 +145,176 @@ def align_seams(
     free = [k for k, m in enumerate(mirrors) if _movable(m)]
     if not settings.use or not free or len(maps.to_view) - len(behind) != 1:
         return list(mirrors), ()
-    frames = [replace(mirrors[k], covariance=_proper(mirrors[k].covariance)) for k in free]
-    doubted = np.array([expected_error(m) > settings.unsure for m in frames])
-    framed = np.array([_by_its_frame(m) for m in frames])
-    column = np.full(len(maps.to_view), -1)
-    column[behind[free]] = 3 * np.arange(len(free))
-    parts = [slice(3 * n, 3 * n + 3) for n in range(len(free))]
-
-    def prior(proud: np.ndarray) -> np.ndarray:
-        out = np.zeros((3 * len(free),) * 2)
-        for part, m, off in zip(parts, frames, proud, strict=True):
-            out[part, part] = np.linalg.inv(m.covariance + np.diag((0.0, 0.0, off * settings.offset**2)))
-        return out
-
-    def placed(step: np.ndarray, covariance: np.ndarray, free_to_move: np.ndarray) -> list[Mirror]:
-        out = list(mirrors)
-        for k, part, moves in zip(free, parts, free_to_move, strict=True):
-            if moves:
-                out[k] = replace(moved(mirrors[k], step[part]), covariance=covariance[part, part])
-        return out
-
-    def sureness(at: list[Mirror]) -> np.ndarray:
-        """How far each mirror moves people, in units of what is left unsure."""
-        apart = [reflection_shift(person_before(mirrors[k]), at[k], mirrors[k]) for k in free]
-        return np.array([a / expected_error(at[k]) if a > 0.0 else 0.0 for a, k in zip(apart, free, strict=True)])
-
-    def settled(seams: bool) -> list[Mirror] | None:
-        """The mirrors where all evidence, or only skin that is read twice, wants them; None when that is not sure."""
-        step, at, costs, moving, seen, sewn = np.zeros(3 * len(free)), list(mirrors), [], patches, maps, mesh
-        proud = framed
-        for turn in range(settings.rounds):
-            pieces = skin_read_twice(seen)
-            if seams:
-                pieces = seam_pieces(sewn, seen, settings.piece).and_also(pieces)
-            if len(pieces.gap) < max(settings.min_pieces, _FEWEST):
-                return None
-            left = np.abs(pieces.step) / _noise(pieces)
-            if turn == 0 and not doubted.any() and np.mean(left > 1.0) < _CHANCE:
-                return None
-            costs.append(np.log1p(left**2).mean())
-            rows = _moves(pieces, at, behind, column, len(step))
-            done, old = step, at
-            while True:
-                change, covariance = _solve(pieces, rows, prior(proud), done)
-                step = (done + change) * np.repeat(doubted | proud, 3)
-                at = placed(step, covariance, doubted | proud)
-                ahead = [-_depth(mirrors[k], at[k]) - glass_offset > _BEFORE for k in free]
-                flush = proud & ~doubted & (np.array(ahead) | (sureness(at) < _BEGUN * settings.sure))
-                if not flush.any():
-                    break
-                proud = proud & ~flush
-            if not (doubted | proud).any() or (turn == 0 and not _agreed(pieces, rows, prior(proud))):
-                return None
-            if (np.abs(step.reshape(-1, 3)) > (settings.max_slope, settings.max_slope, settings.max_shift)).any():
-                return None
-            if turn == settings.rounds - 1 or np.abs(step - done).max() < _SETTLED:
-                break
-            motions = [reflection_matrix(new) @ reflection_matrix(m) for new, m in zip(at, old, strict=True)]
-            moving, seen = move_views(moving, seen, behind, motions)
-            sewn = join(moving, seen) if seams else sewn
-        if costs[-1] >= costs[0] or np.median(left) > _FITS:
-            return None
-        last = step - done
-        at = placed(step, covariance + np.outer(last, last), doubted | proud)  # what still changed is not settled
-        for k, sure in zip(free, doubted | (sureness(at) >= settings.sure), strict=True):
-            # no seam of its view told anything, or not enough
-            if not sure or reflection_shift(person_before(mirrors[k]), at[k], mirrors[k]) < _MOVED:
-                at[k] = mirrors[k]
-        return at if any(new is not old for new, old in zip(at, mirrors, strict=True)) else None
-
-    # some cameras read silhouettes so badly that no seam fits: what they read twice may still do
-    at = settled(seams=True) or settled(seams=False)
+    rig = _rig(mirrors, free, behind, len(maps.to_view), settings, glass_offset)
+    # some cameras read silhouettes so badly that no seam fits: surface that they see twice may still do
+    at = _settled(rig, patches, maps, mesh, join) or _settled(rig, patches, maps, None, None)
     if at is None:
         return list(mirrors), ()
     notes = []
-    for k, unsure in zip(free, doubted, strict=True):
+    for k, doubted in zip(free, rig.doubted, strict=True):
         if at[k] is not mirrors[k]:
-            apart = reflection_shift(person_before(mirrors[k]), at[k], mirrors[k])
-            notes.append(_note(mirrors[k], at[k], apart, unsure, glass_offset))
+            distance = reflection_shift(person_before(mirrors[k]), at[k], mirrors[k])
+            notes.append(_note(mirrors[k], at[k], distance, doubted, glass_offset))
             at[k] = with_reason(at[k], mirrors[k], "seams")
     return at, tuple(notes)
 
 
+@dataclass(frozen=True)
+class _Rig:
+    """The mirrors as they were given, and what is known of the F that may move.
+
+    ``free`` (F,) their indices, ``frames`` they with proper covariances, ``doubted`` (F,) which are expected to
+    misplace a person, ``framed`` (F,) which were placed by their frames, which may project in front of the glass;
+    ``behind`` (M,) the view of each mirror, ``columns`` (V,) where the pose of each view's mirror begins in a
+    correction, -1 = it does not move.
+    """
+
+    mirrors: list[Mirror]
+    free: list[int]
+    frames: list[Mirror]
+    doubted: np.ndarray
+    framed: np.ndarray
+    behind: np.ndarray
+    columns: np.ndarray
+    settings: SeamSettings
+    glass_offset: float
+
+    def prior(self, projecting: np.ndarray) -> np.ndarray:
+        """What the frames say (3F, 3F), those ``projecting`` (F,) less exactly of the shift of their glass."""
+        return frames_prior(self.frames, projecting * self.settings.offset)
+
+    def placed(self, correction: np.ndarray, covariance: np.ndarray, moving: np.ndarray) -> list[Mirror]:
+        """All mirrors, those ``moving`` (F,) corrected."""
+        columns = {k: part for (k, part), moves in zip(columns_of(self.free).items(), moving, strict=True) if moves}
+        return corrected(self.mirrors, columns, correction, covariance)
+
+    def shifts(self, at: list[Mirror]) -> np.ndarray:
+        """How far each of the mirrors that may move was moved, at a person (F,) [m]."""
+        return np.array([reflection_shift(person_before(self.mirrors[k]), at[k], self.mirrors[k]) for k in self.free])
+
+    def confidence(self, at: list[Mirror]) -> np.ndarray:
+        """The same in units of what is left uncertain (F,)."""
+        shifts = zip(self.free, self.shifts(at), strict=True)
+        return np.array([shift / expected_error(at[k]) if shift > 0.0 else 0.0 for k, shift in shifts])
+
+    def in_front(self, at: list[Mirror]) -> np.ndarray:
+        """Whether each glass would lie clearly in front of its frame (F,)."""
+        depths = np.array([_depth(self.mirrors[k], at[k]) for k in self.free])
+        return -depths - self.glass_offset > _IN_FRONT
+
+
+def _rig(
+    mirrors: list[Mirror], free: list[int], behind: np.ndarray, views: int, settings: SeamSettings, glass_offset: float
+) -> _Rig:
+    frames = [replace(mirrors[k], covariance=_proper(mirrors[k].covariance)) for k in free]
+    columns = np.full(views, -1)
+    columns[behind[free]] = 3 * np.arange(len(free))
+    return _Rig(
+        list(mirrors),
+        free,
+        frames,
+        np.array([expected_error(m) > settings.uncertainty for m in frames]),
+        np.array([_by_its_frame(m) for m in frames]),
+        behind,
+        columns,
+        settings,
+        glass_offset,
+    )
+
+
+def _settled(
+    rig: _Rig, patches: list[Mesh], maps: ViewMaps, mesh: Mesh | None, join: Joiner | None
+) -> list[Mirror] | None:
+    """The mirrors where all evidence, or without a ``mesh`` only surface that is seen twice, wants them; None when that
+    is not shown to help."""
+    settings = rig.settings
+    at, correction, projecting, costs = rig.mirrors, np.zeros(3 * len(rig.free)), rig.framed, []
+    for turn in range(settings.rounds):
+        pieces = _evidence(mesh, maps, settings)
+        if len(pieces.gap) < max(settings.min_pieces, _FEWEST):
+            return None
+        left = np.abs(pieces.offset) / _noise(pieces)
+        if turn == 0 and not rig.doubted.any() and np.mean(left > 1.0) < _CHANCE:
+            return None
+        costs.append(np.log1p(left**2).mean())
+        jacobian = _jacobian(pieces, at, rig.behind, rig.columns, len(correction))
+        before, old = correction, at
+        fit, correction, at, projecting = _joint_fit(rig, pieces, jacobian, before, projecting)
+        if not (rig.doubted | projecting).any():
+            return None
+        if turn == 0 and not _confirmed(fit, pieces, jacobian, rig.prior(projecting)):
+            return None
+        if (np.abs(correction.reshape(-1, 3)) > (settings.max_slope, settings.max_slope, settings.max_shift)).any():
+            return None
+        if turn == settings.rounds - 1 or np.abs(correction - before).max() < _SETTLED:
+            break
+        motions = [reflection_matrix(new) @ reflection_matrix(m) for new, m in zip(at, old, strict=True)]
+        patches, maps = move_views(patches, maps, rig.behind, motions)
+        mesh = join(patches, maps) if mesh is not None else None
+    if costs[-1] >= costs[0] or np.median(left) > _FITS:
+        return None
+    last = correction - before  # what still changed is not settled
+    covariance = fit.covariance + np.outer(last, last)
+    return _kept(rig, rig.placed(correction, covariance, rig.doubted | projecting))
+
+
+def _evidence(mesh: Mesh | None, maps: ViewMaps, settings: SeamSettings) -> SeamPieces:
+    twice = surface_seen_twice(maps)
+    return twice if mesh is None else seam_pieces(mesh, maps, settings.piece).and_also(twice)
+
+
+def _joint_fit(
+    rig: _Rig, pieces: SeamPieces, jacobian: np.ndarray, before: np.ndarray, projecting: np.ndarray
+) -> tuple[PoseFit, np.ndarray, list[Mirror], np.ndarray]:
+    """The further correction of all mirrors, ``before`` (3F,) made already; solved for anew as long as frames that
+    might be ``projecting`` (F,) turn out to be level with their glass.
+
+    Returns the fit, the whole correction (3F,), the mirrors there, and which frames may still be projecting (F,)."""
+    while True:
+        fit = _fit_offsets(pieces, jacobian, rig.prior(projecting), before)
+        moving = rig.doubted | projecting
+        correction = (before + fit.correction) * np.repeat(moving, 3)
+        at = rig.placed(correction, fit.covariance, moving)
+        not_shown = rig.in_front(at) | (rig.confidence(at) < _EACH_ROUND * rig.settings.confidence)
+        level = projecting & ~rig.doubted & not_shown
+        if not level.any():
+            return fit, correction, at, projecting
+        projecting = projecting & ~level
+
+
+def _kept(rig: _Rig, at: list[Mirror]) -> list[Mirror] | None:
+    """The mirrors of which enough is known where they were moved, the others where they were; None when that is all."""
+    at = list(at)
+    certain = rig.doubted | (rig.confidence(at) >= rig.settings.confidence)
+    for k, known, shift in zip(rig.free, certain, rig.shifts(at), strict=True):
+        if not known or shift < _MOVED:  # no seam of its view told anything, or not enough
+            at[k] = rig.mirrors[k]
+    return at if any(new is not old for new, old in zip(at, rig.mirrors, strict=True)) else None
+
+
 def _depth(old: Mirror, new: Mirror) -> float:
     """How far behind the middle of one mirror the plane of another lies [m]."""
-    middle = person_before(old).mean(axis=0) - 1.5 * old.normal
+    middle = person_before(old).mean(axis=0) - _PERSON_DISTANCE * old.normal
     return float((middle - new.point) @ new.normal)
 
 
-def _note(old: Mirror, new: Mirror, apart: float, unsure: bool, glass_offset: float) -> str:
-    """What the user is told of a move by ``apart`` [m] at a person; from where the glass was taken to be."""
+def _note(old: Mirror, new: Mirror, distance: float, doubted: bool, glass_offset: float) -> str:
+    """What is reported of a move by ``distance`` [m] at a person; from where the glass was taken to be."""
     depth = _depth(old, new)
-    if unsure:
+    if doubted:
         return (
             f"{old.name}: the seams between its reflection and the other views show a step; its plane, which is not "
-            f"known well from what is seen of its frame, was moved by {1000.0 * apart:.0f} mm at the person"
+            f"known well from what is seen of its frame, was moved by {1000.0 * distance:.0f} mm at the person"
         )
-    if old.moved_by or 2.0 * abs(depth) < 0.7 * apart:  # it is not where its frame is; or it is turned above all
+    if old.moved_by or 2.0 * abs(depth) < _SHIFTED * distance:  # not where its frame is; or rotated above all
         return (
             f"{old.name}: the seams between its reflection and the other views show a step; its plane was moved by "
-            f"{1000.0 * apart:.0f} mm at the person"
+            f"{1000.0 * distance:.0f} mm at the person"
         )
     depth += glass_offset
     return (
         f"{old.name}: the seams between its reflection and the other views show a step; its plane was moved by "
-        f"{1000.0 * apart:.0f} mm at the person, as if its glass lay {1000.0 * abs(depth):.0f} mm "
+        f"{1000.0 * distance:.0f} mm at the person, as if its glass lay {1000.0 * abs(depth):.0f} mm "
         f"{'behind' if depth > 0.0 else 'before'} the front of its frame"
     )
 
@@ -250,9 +330,9 @@ def _by_its_frame(mirror: Mirror) -> bool:
 
 
 def _proper(covariance: np.ndarray) -> np.ndarray:
-    """The covariance made symmetric, with no direction surer than a fit can be, nor less sure than any mirror."""
+    """The covariance made symmetric, with no direction more certain than a fit can be, nor less than any mirror."""
     values, axes = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    return (axes * np.clip(values, _SUREST**2, _LEAST_SURE**2)) @ axes.T
+    return (axes * np.clip(values, _LEAST_DEVIATION**2, _MOST_DEVIATION**2)) @ axes.T
 
 
 def mirrored_views(maps: ViewMaps) -> np.ndarray:
@@ -268,33 +348,35 @@ def move_views(
     for view, motion in zip(behind, motions, strict=True):
         patches[view] = patches[view].transformed(motion)
         to_view[view] = to_view[view] @ np.linalg.inv(motion)
-        turn = np.eye(4)
-        turn[:3, :3] = motion[:3, :3]
+        rotation = np.eye(4)
+        rotation[:3, :3] = motion[:3, :3]
         mine = maps.labels == view
-        normals[mine] = transform(maps.normals[mine], turn)
+        normals[mine] = transform(maps.normals[mine], rotation)
     return patches, replace(maps, to_view=to_view, normals=normals)
 
 
-def _moves(pieces: SeamPieces, mirrors: list[Mirror], behind: np.ndarray, column: np.ndarray, count: int) -> np.ndarray:
-    """How the pieces' steps change with the free mirrors' slopes and shifts (K, ``count``)."""
+def _jacobian(
+    pieces: SeamPieces, mirrors: list[Mirror], behind: np.ndarray, columns: np.ndarray, count: int
+) -> np.ndarray:
+    """How the pieces' offsets change with the slopes and shifts of the mirrors that may move (K, ``count``)."""
     rows = np.zeros((len(pieces.gap), count))
     for mirror, view in zip(mirrors, behind, strict=True):
-        if column[view] < 0:
+        if columns[view] < 0:
             continue
         for side, points, sign in ((0, pieces.low, -1.0), (1, pieces.high, 1.0)):
             mine = pieces.views[:, side] == view
             moves = reflection_moves(mirror, reflect(points[mine], mirror))
-            part = slice(column[view], column[view] + 3)
+            part = slice(columns[view], columns[view] + 3)
             rows[mine, part] += sign * np.einsum("nci,nc->ni", moves, pieces.along[mine])
     return rows
 
 
-def _solve(
-    pieces: SeamPieces, rows: np.ndarray, prior: np.ndarray, done: np.ndarray, chosen: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """The further step that lessens the (``chosen``) pieces' steps most, ``done`` the one so far; and its covariance.
+def _fit_offsets(
+    pieces: SeamPieces, jacobian: np.ndarray, prior: np.ndarray, before: np.ndarray, chosen: np.ndarray | None = None
+) -> PoseFit:
+    """The further correction that lessens the (``chosen``) pieces' offsets most, ``before`` (P,) that made so far.
 
-    Least squares with Cauchy's weights; what the steps between two views have in common is solved for as well."""
+    What the offsets between two views have in common is solved for as well."""
     if chosen is None:
         chosen = np.ones(len(pieces.gap), np.bool_)
     kinds = np.column_stack((pieces.views, pieces.twice))[chosen]
@@ -302,36 +384,42 @@ def _solve(
     pair = np.eye(pair.max() + 1)[pair.ravel()]
     uneven = pair * (pieces.gap * np.sin(pieces.bend))[chosen, None]
     noise = _noise(pieces)[chosen]
-    A = np.hstack((rows[chosen], pair, uneven)) / noise[:, None]
-    b = pieces.step[chosen] / noise
+    A = np.hstack((jacobian[chosen], pair, uneven)) / noise[:, None]
+    b = pieces.offset[chosen] / noise
     count, pairs = len(prior), pair.shape[1]
     weak = np.zeros((A.shape[1],) * 2)
     weak[:count, :count] = prior
     weak[range(count, len(weak)), range(count, len(weak))] = np.repeat((_BIAS**-2, _UNEVEN**-2), pairs)
-    start = np.zeros(len(weak))
-    start[:count] = -done
-    x = np.zeros(len(weak))
-    for _ in range(10):
-        weight = 1.0 / (1.0 + ((A @ x + b) / 2.0) ** 2) / _SHARED
-        information = (A * weight[:, None]).T @ A + weak
-        x = np.linalg.solve(information, weak @ start - (A * weight[:, None]).T @ b)
-    scale = max(1.0, 1.4826 * float(np.median(np.abs(A @ x + b))))  # some cameras read silhouettes worse than others
-    return x[:count], scale**2 * np.linalg.inv(information)[:count, :count]
+
+    def observe(x: np.ndarray, _: float) -> list[NormalEquations]:
+        return [weighted_equations(A, -b, cauchy_weights(A @ x + b, 1.0, _CORRELATED))]
+
+    made = np.append(before, np.zeros(len(weak) - count))
+    fit = solve_pose(observe, weak, (np.inf,) * _WEIGHINGS, linear_after=made)
+    left = float(np.median(np.abs(A @ fit.correction + b)))
+    scale = max(1.0, MAD * left)  # some cameras read silhouettes worse than others
+    return PoseFit(fit.correction[:count], scale**2 * fit.covariance[:count, :count])
 
 
 def _noise(pieces: SeamPieces) -> np.ndarray:
-    return np.hypot(_STEP, _BEND * pieces.gap)
+    return np.hypot(_OFFSET_NOISE, _OFFSET_PER_GAP * pieces.gap)
 
 
-def _agreed(pieces: SeamPieces, rows: np.ndarray, prior: np.ndarray) -> bool:
-    """What each half of the pieces asks for lessens the steps of the other."""
-    half = np.arange(len(pieces.gap)) // 2 % 2 == 0
-    nothing = np.zeros(len(prior))
-    for mine in (half, ~half):
-        step = _solve(pieces, rows, prior, nothing, mine)[0]
-        apart = [
-            np.log1p((s / _noise(pieces))[~mine] ** 2).sum() for s in (pieces.step, pieces.step + rows @ step)
-        ]  # fmt: skip
-        if apart[1] >= apart[0]:
-            return False
-    return True
+def _confirmed(whole: PoseFit, pieces: SeamPieces, jacobian: np.ndarray, prior: np.ndarray) -> bool:
+    """What each half of the pieces asks for lessens the offsets of the other."""
+    first = np.arange(len(pieces.gap)) // 2 % 2 == 0
+    parts = first, ~first
+
+    def fit(which: int, _: PoseFit | None) -> PoseFit:
+        if which == ALL:
+            return whole
+        return _fit_offsets(pieces, jacobian, prior, np.zeros(len(prior)), parts[which])
+
+    def cost(correction: np.ndarray, half: int) -> float:
+        left = (pieces.offset + jacobian @ correction) / _noise(pieces)
+        return float(np.log1p(left[parts[half]] ** 2).sum())
+
+    def confirms(before: list[float], after: list[float]) -> bool:
+        return all(left < cost for left, cost in zip(after, before, strict=True))
+
+    return confirmed_fit(fit, cost, confirms) is not None

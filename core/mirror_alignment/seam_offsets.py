@@ -25,7 +25,7 @@ class SeamPieces:
 
     ``low`` and ``high`` (K, 3) the middle of each end [m], ``views`` (K, 2) which views they are of, the lower first,
     ``along`` (K, 3) the unit vectors half way against both lines of sight, beside the seam: where the skin faces, free
-    of the normals' noise. ``step`` (K,) the chord's part along the sum of the ends' normals [m], ``gap`` (K,) the
+    of the normals' noise. ``offset`` (K,) the chord's part along the sum of the ends' normals [m], ``gap`` (K,) the
     chord's length [m], ``bend`` (K,) half the angle between the ends' normals [rad]. Of skin that is read twice, too
     (``twice`` (K,)): then ``along`` is its normal, and there is no gap to be bridged and no bend.
     """
@@ -34,7 +34,7 @@ class SeamPieces:
     high: np.ndarray
     views: np.ndarray
     along: np.ndarray
-    step: np.ndarray
+    offset: np.ndarray
     gap: np.ndarray
     bend: np.ndarray
     twice: np.ndarray
@@ -122,7 +122,7 @@ def seam_pieces(mesh: Mesh, maps: ViewMaps, piece: float = 0.12) -> SeamPieces:
     )
 
 
-def skin_read_twice(maps: ViewMaps, least: int = 12) -> SeamPieces:
+def surface_seen_twice(maps: ViewMaps, least: int = 12) -> SeamPieces:
     """Blocks of skin that two views read, and how far apart they place it: where patches overlap there is no gap.
 
     Parameters

@@ -1,20 +1,38 @@
-"""Views that show the same surface must agree: mirrors moved until they do, and told when they do not.
+"""Views that show the same surface must agree: mirrors moved until they do.
 
 Neighbouring mirrors show much of a person's back twice, and some of it shows directly too. A mirror whose frame is
-narrow, noisy or half hidden may be sure to some centimetres only; what it shows beside another view ties it down.
+narrow, noisy or half hidden may be known to some centimetres only; what it shows beside another view fixes it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..camera import Intrinsics, unproject
 from ..mirrors import Mirror
-from ..mirrors.mirror import expected_error, moved, reflection_moves, with_reason
+from ..mirrors.mirror import expected_error, reflection_moves, with_reason
 from ..views.ray_sorting import sort_rays
 from ..views.view_correspondences import Meeting, Surfaces, meetings, noise_of, views_of
+from .pose_solver import (
+    ALL,
+    NormalEquations,
+    PoseFit,
+    cauchy_weights,
+    columns_of,
+    confirmed_fit,
+    corrected,
+    each_gains,
+    frames_prior,
+    gain,
+    solve_pose,
+    weighted_equations,
+)
+
+_GATES = (1.0, 1.0, 0.6, 0.6, 0.6, 0.6)  # times the gate, each round: the first two bring the surfaces near
+_SETTLED = 1e-4  # of slopes [rad] and shifts [m]
+_LEAST_VARIANCE = 1e-6  # of a distance of two surfaces [m²]
 
 
 @dataclass(frozen=True)
@@ -25,27 +43,27 @@ class AgreementSettings:
     ----------
     use : bool
         Off leaves the planes where their frames are.
-    unsure : float
+    uncertainty : float
         Mirrors are only moved when one is expected to misplace a person by more than this [m].
     gate : float
         Surfaces farther apart than this are not taken for one another [m].
     gain : float
-        The step is made only when the log likelihood of pairs it was not fitted to grows by this much.
+        The correction is made only when the log likelihood of pairs it was not fitted to grows by this much.
     min_pairs : int
         Of surface points seen both ways.
     """
 
     use: bool = True
-    unsure: float = 0.005
+    uncertainty: float = 0.005
     gate: float = 0.10
     gain: float = 0.5
     min_pairs: int = 40
 
 
-def agree(
+def align_views(
     mirrors: list[Mirror], depth: np.ndarray, intrinsics: Intrinsics, settings: AgreementSettings | None = None
-) -> list[Mirror]:
-    """Mirrors moved until the views agree on what they show twice, weighed against how sure each frame's plane is.
+) -> tuple[list[Mirror], tuple[str, ...]]:
+    """Mirrors moved until the views agree on what they show twice, weighed against what their frames say.
 
     All mirrors are solved for together: two slopes and a shift each, the frames' covariances as prior, the distances of
     surfaces seen twice as observations. The pairs are split into two sets of image blocks; what one asks for must make
@@ -58,103 +76,93 @@ def agree(
 
     Returns
     -------
-    list of Mirror
+    mirrors : list of Mirror
         With what they are now known to in their covariances; as they were when that cannot be shown to help.
+    notes : tuple of str
+        None: the mirrors move within what their frames leave open.
 
     Notes
     -----
-    O(pixels behind glass); nothing is done while every frame is sure enough.
+    O(pixels behind glass); nothing is done while every frame is certain enough.
     """
     settings = settings or AgreementSettings()
-    free = [m.covariance is not None and m.rectangle is not None and m.source != "rig file" for m in mirrors]
-    if not settings.use or not any(
-        f and expected_error(m) > settings.unsure for m, f in zip(mirrors, free, strict=True)
-    ):
-        return list(mirrors)
+    columns = columns_of(k for k, m in enumerate(mirrors) if _movable(m))
+    if not settings.use or not any(expected_error(mirrors[k]) > settings.uncertainty for k in columns):
+        return list(mirrors), ()
     seen = sort_rays(unproject(depth, intrinsics), mirrors)[0]
-    sigma = noise_of(depth, seen)
-    shown = views_of(mirrors, depth, seen, intrinsics, sigma)
-    index = np.cumsum([0, *(3 * f for f in free)])
-    prior = np.zeros((index[-1], index[-1]))
-    for k, mirror in enumerate(mirrors):
-        if free[k]:
-            prior[index[k] : index[k] + 3, index[k] : index[k] + 3] = np.linalg.inv(mirror.covariance)
+    shown = views_of(mirrors, depth, seen, intrinsics, noise_of(depth, seen))
+    pairs = _Pairs(mirrors, columns, shown, intrinsics)
+    prior = frames_prior([mirrors[k] for k in columns])
+    gates = [settings.gate * share for share in _GATES]
 
-    def placed(step: np.ndarray) -> list[Mirror]:
-        return [
-            moved(m, step[index[k] : index[k] + 3]) if free[k] else m for k, m in enumerate(mirrors)
-        ]  # fmt: skip
+    def fit(which: int, whole: PoseFit | None) -> PoseFit | None:
+        def observe(correction: np.ndarray, gate: float) -> list[NormalEquations] | None:
+            return pairs.equations(correction, gate, which, settings.min_pairs)
 
-    nothing = np.zeros(index[-1])
+        if whole is None:
+            return solve_pose(observe, prior, gates, _SETTLED)
+        return solve_pose(observe, prior, gates[_GATES.count(1.0) :], _SETTLED, whole.correction)
 
-    def solve(half: int, start: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        step = start
-        first = 0 if start is nothing else 2
-        for turn in range(first, 6):
-            at = placed(step)
-            gate = settings.gate if turn < 2 else 0.6 * settings.gate
-            information, right, count = prior.copy(), -prior @ step, 0
-            for m in meetings(at, shown, intrinsics, gate):
-                mine = slice(None) if half < 0 else m.half == half
-                gaps = m.gaps[mine]
-                if not len(gaps):
-                    continue
-                count += len(gaps)
-                rows = np.zeros((len(gaps), index[-1]))
-                for view, points, sign in ((m.of, m.here[mine], 1.0), (m.by, m.there[mine], -1.0)):
-                    if view and free[view - 1]:
-                        moves = np.einsum("nci,nc->ni", reflection_moves(at[view - 1], points), m.normals[mine])
-                        rows[:, index[view - 1] : index[view - 1] + 3] += sign * moves
-                weight = _weights(gaps, m.variances[mine], shown, m)
-                information += (rows * weight[:, None]).T @ rows
-                right += (rows * weight[:, None]).T @ gaps
-            if count < settings.min_pairs:
-                return None
-            change = np.linalg.solve(information, right)
-            step = step + change
-            if turn >= 2 and np.abs(change).max() < 1e-4:
-                break
-        return step, np.linalg.inv(information)
+    def cost(correction: np.ndarray, half: int) -> float:
+        return pairs.cost(correction, settings.gate, half)
 
-    def likelihood(step: np.ndarray, half: int) -> float:
+    found = confirmed_fit(
+        fit,
+        cost,
+        lambda before, after: each_gains(before, after, settings.gain),
+        lambda before, after: gain(before, after) >= settings.gain,
+    )
+    if found is None:
+        return list(mirrors), ()
+    whole, _ = found
+    out = corrected(mirrors, columns, whole.correction, whole.covariance)
+    return [with_reason(m, mirrors[k], "views") if k in columns else m for k, m in enumerate(out)], ()
+
+
+def _movable(mirror: Mirror) -> bool:
+    return mirror.covariance is not None and mirror.rectangle is not None and mirror.source != "rig file"
+
+
+@dataclass(frozen=True)
+class _Pairs:
+    """Pieces of surface that two views show both, as they depend on the mirrors' ``columns`` of a correction."""
+
+    mirrors: list[Mirror]
+    columns: dict[int, slice]
+    shown: list[Surfaces]
+    intrinsics: Intrinsics
+
+    def equations(self, correction: np.ndarray, gate: float, which: int, fewest: int) -> list[NormalEquations] | None:
+        """Normal equations of the pairs of one half, or ``ALL``, about a correction (P,); None of fewer pairs."""
+        at = corrected(self.mirrors, self.columns, correction)
+        out, count = [], 0
+        for m in meetings(at, self.shown, self.intrinsics, gate):
+            mine = slice(None) if which == ALL else m.half == which
+            gaps = m.gaps[mine]
+            if not len(gaps):
+                continue
+            count += len(gaps)
+            jacobian = np.zeros((len(gaps), len(correction)))
+            for view, points, sign in ((m.of, m.here[mine], 1.0), (m.by, m.there[mine], -1.0)):
+                if view - 1 in self.columns:
+                    moves = np.einsum("nci,nc->ni", reflection_moves(at[view - 1], points), m.normals[mine])
+                    jacobian[:, self.columns[view - 1]] += sign * moves
+            weights = cauchy_weights(gaps, m.variances[mine], self._correlated(m))
+            out.append(weighted_equations(jacobian, gaps, weights))
+        return out if count >= fewest else None
+
+    def cost(self, correction: np.ndarray, gate: float, half: int) -> float:
+        """How unlikely the pairs of a half are after a correction (P,): their negative log likelihood."""
         total = 0.0
-        for m in meetings(placed(step), shown, intrinsics, settings.gate):
+        for m in meetings(corrected(self.mirrors, self.columns, correction), self.shown, self.intrinsics, gate):
             mine = m.half == half
-            r = m.gaps[mine] ** 2 / m.variances[mine]
-            # a pair that is lost to the gate counts as one at it
-            total -= float(np.log1p(r).sum()) / _shared(shown, m)
-            total -= (
-                m.before / 2 * np.log1p(settings.gate**2 / max(np.median(m.variances), 1e-6)) / _shared(shown, m)
-                if len(m.variances)
-                else 0.0
-            )
+            total += float(np.log1p(m.gaps[mine] ** 2 / m.variances[mine]).sum()) / self._correlated(m)
+            if len(m.variances):  # a pair that is lost to the gate counts as one at it
+                lost = np.log1p(gate**2 / max(np.median(m.variances), _LEAST_VARIANCE))
+                total += m.before / 2 * lost / self._correlated(m)
         return total
 
-    whole = solve(-1, nothing)
-    if whole is None:
-        return list(mirrors)
-    before = [likelihood(nothing, half) for half in (0, 1)]
-    if sum(likelihood(whole[0], half) - before[half] for half in (0, 1)) < settings.gain:
-        return list(mirrors)  # what does not make all pairs together more likely need not be asked of the halves
-    halves = [solve(half, whole[0]) for half in (0, 1)]
-    if None in halves:
-        return list(mirrors)
-    gains = [likelihood(halves[1 - half][0], half) - before[half] for half in (0, 1)]
-    if sum(gains) < settings.gain or min(gains) < 0.0:
-        return list(mirrors)
-    step, covariance = whole
-    parts = [slice(index[k], index[k + 1]) for k in range(len(mirrors))]
-    return [
-        with_reason(replace(m, covariance=covariance[part, part]), old, "views") if f else m
-        for m, old, f, part in zip(placed(step), mirrors, free, parts, strict=True)
-    ]
-
-
-def _shared(shown: list[Surfaces], m: Meeting) -> float:
-    """How many neighbouring pieces, which share pixels and errors, count as one."""
-    s, t = shown[m.of], shown[m.by]
-    return 2.0 * max((2 * s.radius + 1) / s.stride, (2 * t.radius + 1) / t.stride) ** 2
-
-
-def _weights(gaps: np.ndarray, variances: np.ndarray, shown: list[Surfaces], m: Meeting) -> np.ndarray:
-    return 1.0 / (variances * (1.0 + gaps * gaps / (4.0 * variances))) / _shared(shown, m)
+    def _correlated(self, m: Meeting) -> float:
+        """How many neighbouring pieces, which share pixels and errors, count as one."""
+        s, t = self.shown[m.of], self.shown[m.by]
+        return 2.0 * max((2 * s.radius + 1) / s.stride, (2 * t.radius + 1) / t.stride) ** 2

@@ -7,9 +7,9 @@ import numpy as np
 from ..camera import unproject
 from ..capture import Capture, MirrorPicks
 from ..errors import MirrorError, PicksDisagreeError
-from ..mirror_alignment.floor_alignment import level_floor
+from ..mirror_alignment.floor_alignment import align_floor
 from ..mirror_alignment.reflection_alignment import align_reflections
-from ..mirror_alignment.view_alignment import agree
+from ..mirror_alignment.view_alignment import align_views
 from ..mirror_detection.detection import find_mirrors
 from ..mirror_detection.frameless_mirrors import frameless_notes
 from ..mirror_detection.mirror_at_picks import contradicted, find_better_at, find_mirror_at
@@ -63,7 +63,11 @@ def place_mirrors(
             "without one where the camera sees some of the same skin directly and in it",
             name=capture.name,
         )
-    placed, notes = align_reflections(placed, depth, camera, settings.alignment)
-    placed = level_floor(placed, depth, camera, settings.floor)
-    placed = agree(placed, depth, camera, settings.agreement)
-    return placed, (*warnings, *notes, *frameless_notes(placed))
+    for align, chosen in (
+        (align_reflections, settings.alignment),
+        (align_floor, settings.floor),
+        (align_views, settings.agreement),
+    ):
+        placed, notes = align(placed, depth, camera, chosen)
+        warnings += notes
+    return placed, (*warnings, *frameless_notes(placed))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mirror_scan.core.depth.depth_map import one_depth_map
-from mirror_scan.core.mirror_alignment.floor_alignment import FloorSettings, level_floor
+from mirror_scan.core.mirror_alignment.floor_alignment import FloorSettings, align_floor
 from mirror_scan.core.mirrors.mirror import expected_error, moved
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
 
@@ -40,7 +40,8 @@ def test_a_lean_is_taken_back(simulated, sensor, by):
     simulation = simulated(sensor)
     frames, depth, lens = placed(simulation)
     wrong = leaning(frames, by)
-    right = level_floor(wrong, depth, lens)
+    right, notes = align_floor(wrong, depth, lens)
+    assert notes == ()
     before, after = slopes(wrong, simulation), slopes(right, simulation)
     assert (np.abs(before[:, 1]) > 0.005).all() and (np.abs(after[:, 1]) < 0.0012).all(), (before, after)
     # of what turns about the upright and of the distance the floor tells next to nothing
@@ -54,13 +55,13 @@ def test_a_lean_is_taken_back(simulated, sensor, by):
 def test_mirrors_that_are_sure_stay(simulated):
     simulation = simulated("azure_kinect")
     frames, depth, lens = placed(simulation)
-    assert all(a is b for a, b in zip(level_floor(frames, depth, lens), frames, strict=True))
+    assert all(a is b for a, b in zip(align_floor(frames, depth, lens)[0], frames, strict=True))
     doubted = leaning(frames, (0.0, 0.0))  # unsure, though right
-    for m, truth in zip(level_floor(doubted, depth, lens), slopes(doubted, simulation), strict=True):
+    for m, truth in zip(align_floor(doubted, depth, lens)[0], slopes(doubted, simulation), strict=True):
         assert abs(truth[1]) < 0.0012 and m.moved < 0.004
     wrong = leaning(frames, (0.008, -0.006))
-    assert level_floor(wrong, depth, lens, FloorSettings(use=False)) == wrong
-    one, other = level_floor([wrong[0], replace(wrong[1], source="rig file")], depth, lens)
+    assert align_floor(wrong, depth, lens, FloorSettings(use=False)) == (wrong, ())
+    one, other = align_floor([wrong[0], replace(wrong[1], source="rig file")], depth, lens)[0]
     assert one.moved_by == ("floor",) and other.moved_by == ()
 
 
@@ -71,6 +72,6 @@ def test_without_a_floor_they_stay(simulated):
     hidden = depth.copy()
     hidden[int(0.55 * len(depth)) :] = 0.0
     for ugly in (np.zeros_like(depth), np.full_like(depth, 3.0), hidden):
-        assert level_floor(wrong, ugly, lens) == wrong
+        assert align_floor(wrong, ugly, lens) == (wrong, ())
     given = [replace(m, covariance=None, source="given") for m in wrong]
-    assert level_floor(given, depth, lens) == given and level_floor([], depth, lens) == []
+    assert align_floor(given, depth, lens) == (given, ()) and align_floor([], depth, lens) == ([], ())

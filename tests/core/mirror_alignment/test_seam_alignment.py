@@ -9,15 +9,15 @@ import pytest
 from mirror_scan.core.mirror_alignment.reflection_alignment import JointSettings
 from mirror_scan.core.mirror_alignment.seam_alignment import (
     SeamSettings,
-    _moves,
+    _fit_offsets,
+    _jacobian,
     _noise,
     _note,
-    _solve,
     align_seams,
     mirrored_views,
     move_views,
 )
-from mirror_scan.core.mirror_alignment.seam_offsets import SeamPieces, seam_pieces, skin_read_twice
+from mirror_scan.core.mirror_alignment.seam_offsets import SeamPieces, seam_pieces, surface_seen_twice
 from mirror_scan.core.mirrors.mirror import (
     expected_error,
     moved,
@@ -174,7 +174,7 @@ def test_views_that_see_nothing_and_hardly_any_pieces(simulated):
     assert after[1] is off[1] and not any(note.startswith(off[1].name) for note in notes)
     nobody = replace(scan.maps, labels=np.full_like(labels, -1))
     assert align_seams(off, scan.patches, nobody, joined(scan), None) == (off, ())
-    assert len(skin_read_twice(nobody).step) == 0
+    assert len(surface_seen_twice(nobody).offset) == 0
     # the least that can be halved, and fewer
     mesh = joined(scan)
     for keep in (0, 6, 40, 90):
@@ -260,7 +260,7 @@ def test_pieces_show_a_shift_as_a_step(simulated):
     mesh = joined(scan)
     pieces = seam_pieces(mesh, scan.maps)
     assert len(pieces.gap) > 40 and (pieces.views[:, 0] < pieces.views[:, 1]).all()
-    assert abs(np.median(pieces.step)) < 0.003 and np.median(np.abs(pieces.step)) < 0.3 * np.median(pieces.gap)
+    assert abs(np.median(pieces.offset)) < 0.003 and np.median(np.abs(pieces.offset)) < 0.3 * np.median(pieces.gap)
     np.testing.assert_allclose(np.linalg.norm(pieces.along, axis=1), 1.0, atol=1e-9)
     np.testing.assert_allclose(pieces.gap, np.linalg.norm(pieces.high - pieces.low, axis=1), atol=1e-9)
     # one view pushed outwards, to the side: what is between it and the direct one steps outwards there
@@ -273,26 +273,26 @@ def test_pieces_show_a_shift_as_a_step(simulated):
     to_view[1] = to_view[1] @ np.linalg.inv(push)
     after = seam_pieces(shifted, replace(scan.maps, to_view=to_view))
     pair = [(p.views == (0, 1)).all(axis=1) for p in (pieces, after)]
-    grown = np.median(after.step[pair[1]] / after.along[pair[1], 0]) - np.median(
-        pieces.step[pair[0]] / pieces.along[pair[0], 0]
+    grown = np.median(after.offset[pair[1]] / after.along[pair[1], 0]) - np.median(
+        pieces.offset[pair[0]] / pieces.along[pair[0], 0]
     )
     assert grown == pytest.approx(0.006, abs=0.002)
 
 
-def test_skin_read_twice_shows_a_moved_mirror(simulated):
+def test_surface_seen_twice_shows_a_moved_mirror(simulated):
     """Blocks of it part by as much as the derivatives say; what one view alone reads is not among them."""
     scan = scanned(simulated("azure_kinect").capture)
-    blocks = skin_read_twice(scan.maps)
-    assert len(blocks.step) > 30 and blocks.twice.all() and np.median(np.abs(blocks.step)) < 0.002
-    assert len(skin_read_twice(scanned(simulated("kinect_v1").capture).maps).step) < 0.3 * len(blocks.step)
+    blocks = surface_seen_twice(scan.maps)
+    assert len(blocks.offset) > 30 and blocks.twice.all() and np.median(np.abs(blocks.offset)) < 0.002
+    assert len(surface_seen_twice(scanned(simulated("kinect_v1").capture).maps).offset) < 0.3 * len(blocks.offset)
     step = np.array((0.003, 0.0, 0.006))
     new = [moved(scan.mirrors[0], step), scan.mirrors[1]]
     motions = [reflection_matrix(n) @ reflection_matrix(m) for n, m in zip(new, scan.mirrors, strict=True)]
     maps = move_views(scan.patches, scan.maps, mirrored_views(scan.maps), motions)[1]
-    after = skin_read_twice(maps)
+    after = surface_seen_twice(maps)
     mine = [(b.views == (0, 1)).all(axis=1) for b in (blocks, after)]
-    rows = _moves(blocks, scan.mirrors, np.array((1, 2)), np.array((-1, 0, 3)), 6)[mine[0], :3]
-    grown = np.median(after.step[mine[1]]) - np.median(blocks.step[mine[0]])
+    rows = _jacobian(blocks, scan.mirrors, np.array((1, 2)), np.array((-1, 0, 3)), 6)[mine[0], :3]
+    grown = np.median(after.offset[mine[1]]) - np.median(blocks.offset[mine[0]])
     assert grown == pytest.approx(np.median(rows @ step), abs=0.0025) and abs(grown) > 0.002
 
 
@@ -308,13 +308,13 @@ def test_the_step_is_the_least_squares_one():
         low, low + 0.03 * rng.normal(size=(count, 3)), np.tile((0, 1), (count, 1)), along, np.zeros(count),
         np.full(count, 0.03), rng.uniform(0.2, 0.7, count), np.zeros(count, np.bool_),
     )  # fmt: skip
-    rows = _moves(pieces, [mirror], np.array([1]), np.array([-1, 0]), 3)
+    rows = _jacobian(pieces, [mirror], np.array([1]), np.array([-1, 0]), 3)
     true = np.array((0.004, -0.003, 0.01))
     loose = np.diag((1.0 / 0.05**2,) * 3)
-    exact = replace(pieces, step=-rows @ true)
-    step, _ = _solve(exact, rows, loose, np.zeros(3))
+    exact = replace(pieces, offset=-rows @ true)
+    step = _fit_offsets(exact, rows, loose, np.zeros(3)).correction
     np.testing.assert_allclose(step, true, atol=2e-4)
-    np.testing.assert_allclose(_solve(exact, rows, loose, true)[0], true, atol=2e-4)
+    np.testing.assert_allclose(_fit_offsets(exact, rows, loose, true).correction, true, atol=2e-4)
     # the rows are what the pieces' steps really do
     near = 1e-6 * np.array((1.0, -2.0, 0.5))
     laid = reflect(pieces.high, mirror)
@@ -322,11 +322,12 @@ def test_the_step_is_the_least_squares_one():
     np.testing.assert_allclose(change, rows @ near, atol=1e-10)
 
     noise = rng.normal(size=count) * _noise(pieces) + (rng.random(count) < 0.1) * 0.1
-    noisy = replace(pieces, step=-rows @ true + noise)
-    step, covariance = _solve(noisy, rows, loose, np.zeros(3))
+    noisy = replace(pieces, offset=-rows @ true + noise)
+    fit = _fit_offsets(noisy, rows, loose, np.zeros(3))
+    step, covariance = fit.correction, fit.covariance
 
     def cost(x):
-        left = (noisy.step + rows @ x[:3] + x[3] + x[4] * pieces.gap * np.sin(pieces.bend)) / _noise(pieces)
+        left = (noisy.offset + rows @ x[:3] + x[3] + x[4] * pieces.gap * np.sin(pieces.bend)) / _noise(pieces)
         return (
             0.5 * (4.0 * np.log1p((left / 2.0) ** 2)).sum() / 2.0
             + 0.5 * x[:3] @ loose @ x[:3] + 0.5 * (x[3] / 0.002) ** 2 + 0.5 * (x[4] / 0.2) ** 2

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mirror_scan.core.checks.view_disagreement import check_agreement, disagreements
 from mirror_scan.core.depth.depth_map import one_depth_map
-from mirror_scan.core.mirror_alignment.view_alignment import AgreementSettings, agree
+from mirror_scan.core.mirror_alignment.view_alignment import AgreementSettings, align_views
 from mirror_scan.core.mirrors.mirror import expected_error, moved, person_before, plane_mirror, reflect
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.pipeline import reconstruct
@@ -55,7 +55,8 @@ def test_frames_that_cross_are_told_apart(crossing):
 def test_what_is_seen_twice_ties_mirrors_down(crossing):
     simulation, depth, placed = crossing
     lens = simulation.capture.intrinsics
-    together = agree(placed, depth, lens)
+    together, notes = align_views(placed, depth, lens)
+    assert notes == ()
     before, after = misplaced(placed, simulation), misplaced(together, simulation)
     assert (after < 0.009).all() and np.linalg.norm(after) < np.linalg.norm(before) + 5e-4, (before, after)
     body = simulation.truth.body.vertices
@@ -63,22 +64,22 @@ def test_what_is_seen_twice_ties_mirrors_down(crossing):
         assert mirror.moved_by == (("views",) if mirror is not first else ())
         assert mirror.displacement(body) <= first.displacement(body) + 1e-9 and off < 3.5 * mirror.displacement(body)
         np.testing.assert_allclose(mirror.basis.T @ mirror.basis, np.eye(3), atol=1e-12)
-    assert agree(placed, depth, lens, AgreementSettings(use=False)) == placed
-    assert agree(placed, depth, lens, AgreementSettings(unsure=1.0)) == placed
+    assert align_views(placed, depth, lens, AgreementSettings(use=False)) == (placed, ())
+    assert align_views(placed, depth, lens, AgreementSettings(uncertainty=1.0)) == (placed, ())
 
 
 def test_nothing_is_asked_of_views_that_show_nothing(crossing):
     simulation, depth, placed = crossing
     lens = simulation.capture.intrinsics
     for ugly in (np.zeros_like(depth), np.full_like(depth, 1.0)):
-        assert agree(placed, ugly, lens) == placed
+        assert align_views(placed, ugly, lens) == (placed, ())
     # one wall right across the image fits no mirror: none is moved by more than its frame leaves open
-    for m, frame in zip(agree(placed, np.full_like(depth, 5.0), lens), placed, strict=True):
+    for m, frame in zip(align_views(placed, np.full_like(depth, 5.0), lens)[0], placed, strict=True):
         person = person_before(frame)
         shift = np.linalg.norm(reflect(person, m) - reflect(person, frame), axis=1)
         assert np.median(shift) < 4.0 * expected_error(frame)
     given = [replace(m, covariance=None, source="given") for m in placed]
-    assert agree(given, depth, lens) == given and expected_error(given[0]) == 0.0
+    assert align_views(given, depth, lens) == (given, ()) and expected_error(given[0]) == 0.0
 
 
 @pytest.mark.parametrize("sensor", ["ideal", "azure_kinect", "realsense_d455", "kinect_v1"])
