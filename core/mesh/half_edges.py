@@ -161,11 +161,6 @@ def extend_open_edges(edges: np.ndarray, triangles: np.ndarray, first: int, vert
     return out[:n].copy()
 
 
-def boundary_edges(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
-    """Directed edges (B, 2) of one triangle only, in their triangle's direction: the surface lies on their left."""
-    return open_edges(triangles, vertex_count)[:, :2]
-
-
 @njit(cache=True, nogil=True)
 def keep_twins(twin: np.ndarray, keep: np.ndarray) -> np.ndarray:
     """:func:`twins` of the triangles where ``keep`` (T,) bool holds, from those of all."""

@@ -14,7 +14,6 @@ from .props import together
 from .scene import BACKING, Rig
 
 NOTHING, BODY, FLOOR, WALL, FRAME, PROP = 0, 1, 2, 3, 4, 5
-OBJECT_NAMES = ("nothing", "body", "floor", "wall", "frame", "prop")
 MAX_BOUNCES = 6
 SILVER = 0.88
 """Share of the light a mirror gives back."""

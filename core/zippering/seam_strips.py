@@ -180,31 +180,14 @@ def _admit(weave, a0, a1, b0, b1, sure):
     return True
 
 
-def zip_chains(points: np.ndarray, a: np.ndarray, b: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """Triangles along a warping path between two chains.
-
-    Parameters
-    ----------
-    points : np.ndarray [shape=(V, 3)]
-        Mesh vertices [m].
-    a, b : np.ndarray [shape=(N,)], [shape=(M,)]
-        Vertex indices; ``a`` in its boundary's direction (surface on the left), ``b`` against its own.
-    path : np.ndarray [shape=(K, 2)]
-        Warping path over (a, b).
-
-    Returns
-    -------
-    np.ndarray [shape=(T, 3), dtype=int32]
-        A strip wound like the patches; a diagonal step gives two triangles, split along the shorter diagonal.
-    """
-    out = np.empty((2 * len(path), 3), np.int32)
-    every = np.arange(len(points))
-    return out[: _strip_kernel(points, every, np.asarray(a, np.int64), np.asarray(b, np.int64), path, out, 0)]
-
-
 @njit(cache=True, nogil=True)
 def _strip_kernel(points, vertex, a, b, path, out, n):
-    """Write the strip between entries a and b of the boundary's ``vertex`` from row n on; returns the row after it."""
+    """Write the strip along a warping ``path`` (K, 2) from row n of ``out`` on; returns the row after it.
+
+    ``a`` and ``b`` are entries of the boundary's ``vertex``, ``a`` in its direction (surface on the left), ``b``
+    against its own. The strip is wound like the patches; a diagonal step gives two triangles, split along the shorter
+    diagonal.
+    """
     for k in range(1, len(path)):
         i0, j0 = path[k - 1]
         i1, j1 = path[k]

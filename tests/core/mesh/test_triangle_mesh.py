@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mirror_scan.core.mesh import FILL, SEAM, SURFACE, Mesh
 from mirror_scan.core.mesh.boundary_loops import boundary_loops
-from mirror_scan.core.mesh.half_edges import boundary_edges, edge_keys, twins
+from mirror_scan.core.mesh.half_edges import edge_keys, open_edges, twins
 from mirror_scan.core.mesh.normals import triangle_normals, vertex_normals
 from mirror_scan.core.mesh.submesh import (
     compact,
@@ -68,7 +68,7 @@ def test_twins_boundary_and_fans_on_manifold_pieces(seed):
     count = len(mesh.vertices)
     twin = twins(mesh.triangles, count)
     np.testing.assert_array_equal(twin, naive.twins(mesh.triangles))
-    edges = boundary_edges(mesh.triangles, count)
+    edges = open_edges(mesh.triangles, count)[:, :2]
     assert {tuple(e) for e in edges.tolist()} == naive.boundary_edges(mesh.triangles) and edges.shape[1:] == (2,)
     assert vertex_fans(mesh.triangles, count).tolist() == naive.vertex_fans(mesh.triangles, count)
 
@@ -94,7 +94,7 @@ def test_loops_share_out_the_boundary(seed):
     assert [len(loop) for loop in loops] == sorted((len(loop) for loop in loops), reverse=True)
     parted = remove_bowties(mesh)
     apart = boundary_loops(parted.triangles, len(parted.vertices))
-    boundary = networkx.Graph(boundary_edges(parted.triangles, len(parted.vertices)).tolist())
+    boundary = networkx.Graph(open_edges(parted.triangles, len(parted.vertices))[:, :2].tolist())
     assert len(apart) == networkx.number_connected_components(boundary)
 
 
@@ -195,7 +195,7 @@ def test_undirected_edges():
 
 def test_nothing_at_all():
     empty = Mesh(np.empty((0, 3)), np.empty((0, 3), np.int32), None, np.empty(0, np.int8), np.empty(0, np.int8))
-    assert boundary_loops(empty.triangles, 0) == [] and len(boundary_edges(empty.triangles, 0)) == 0
+    assert boundary_loops(empty.triangles, 0) == [] and len(open_edges(empty.triangles, 0)) == 0
     assert triangle_components(empty.triangles, 0)[1] == 0
     assert remove_bowties(empty) is empty and drop_small_components(empty, 3) is empty
     assert len(compact(replace(empty, vertices=np.zeros((3, 3)), view=np.zeros(3, np.int8))).vertices) == 0

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.boundary_loops import boundary_loops
-from mirror_scan.core.mesh.half_edges import boundary_edges, twins
+from mirror_scan.core.mesh.half_edges import open_edges, twins
 from mirror_scan.core.mesh.normals import triangle_normals
 from mirror_scan.core.mesh.submesh import vertex_fans
 from mirror_scan.core.patches.outline_clipping import clip, distance_to_zero, smooth_on_mesh, trim_outline
@@ -60,7 +60,7 @@ def test_a_ball_cut_by_a_plane(level):
     assert height.min() > level - 1e-12, "something on the wrong side was kept"
     (loop,) = boundary_loops(cut.triangles, len(cut.vertices))
     np.testing.assert_allclose(height[loop], level, atol=1e-12)
-    assert len(boundary_edges(cut.triangles, len(cut.vertices))) == len(loop) == (np.abs(height - level) < 1e-9).sum()
+    assert len(open_edges(cut.triangles, len(cut.vertices))) == len(loop) == (np.abs(height - level) < 1e-9).sum()
     assert (twins(cut.triangles, len(cut.vertices)) >= -1).all()
     assert (vertex_fans(cut.triangles, len(cut.vertices)) == 1).all()
     # a spherical cap has area 2 π R h; facets and sliding along edges cost a little
@@ -128,7 +128,7 @@ def test_rough_lines_leave_a_sound_mesh(seed, level, rounds):
     assert (twins(cut.triangles, len(cut.vertices)) >= -1).all()
     assert np.isfinite(cut.vertices).all()
     loops = boundary_loops(cut.triangles, len(cut.vertices))
-    assert sum(len(loop) for loop in loops) == len(boundary_edges(cut.triangles, len(cut.vertices)))
+    assert sum(len(loop) for loop in loops) == len(open_edges(cut.triangles, len(cut.vertices)))
     low, high = (mesh.vertices.min(axis=0), mesh.vertices.max(axis=0))
     assert (cut.vertices >= low - 1e-12).all() and (cut.vertices <= high + 1e-12).all()
 
