@@ -17,9 +17,12 @@ from ..mesh.self_intersections import self_intersections
 from ..mesh.submesh import components_of, keep_triangles, made_vertices, remove_bowties, renumbered, triangles_touching
 from ..views.view_maps import NOTHING_SEEN, ViewMaps
 
-_FEW = 0.0003  # of all triangles: what smoothing leaves of these is left
-_ABOUT = 0.03  # what a new triangle may run into has a vertex nearer than this [m]
+_TOLERATED = 0.0003  # of all triangles: what smoothing leaves of these is left
+_COLLISION_REACH = 0.03  # what a new triangle may run into has a vertex nearer than this [m]
 _MOST_CELLS = 2e7  # one byte each
+_HOPELESS = 0.75  # of the first crossings: where so many are left after _PATIENCE rounds, smoothing does not help
+_PATIENCE = 4  # rounds
+_LOST_PIECE, _LOST_IN_ALL = 0.02, 0.06  # of all triangles: more than crumbs must not go with a cut
 _MOST_CUT = 0.3  # of all triangles: where more run through each other, nothing sound is near to be filled to
 
 
@@ -55,7 +58,7 @@ def untangle(
     """
     mesh, crossing = _smooth_apart(mesh, _crossing(mesh), rounds)
     for rings in range(cuts):
-        if len(crossing) <= _FEW * len(mesh.triangles):  # cutting takes as long for one as for a hundred
+        if len(crossing) <= _TOLERATED * len(mesh.triangles):  # cutting takes as long for one as for a hundred
             break
         mended = _fill_anew(mesh, crossing, rings, maps, coarseness)
         if mended is None:
@@ -72,7 +75,7 @@ def _crossing(mesh: Mesh, changed: np.ndarray | None = None) -> np.ndarray:
     points (K, 3), where these are given."""
     near = made_vertices(mesh)
     if changed is not None:
-        near &= _within(mesh.vertices, changed, _ABOUT)
+        near &= _within(mesh.vertices, changed, _COLLISION_REACH)
     searched = np.flatnonzero(triangles_touching(mesh.triangles, near))
     if not len(searched):
         return searched
@@ -116,15 +119,15 @@ def _smooth_apart(mesh: Mesh, crossing: np.ndarray, rounds: int) -> tuple[Mesh, 
     if not len(crossing):
         return mesh, crossing
     # only what is near matters; vertices whose whole one-ring is in it may move
-    near = _within(mesh.vertices, mesh.vertices[mesh.triangles[crossing].ravel()], _ABOUT)
+    near = _within(mesh.vertices, mesh.vertices[mesh.triangles[crossing].ravel()], _COLLISION_REACH)
     part = np.flatnonzero(triangles_touching(mesh.triangles, near))
     inner, triangles = renumbered(mesh.triangles[part], len(mesh.vertices))
     vertices, movable = mesh.vertices[inner], near[inner]
-    few, first, before = _FEW * len(mesh.triangles), len(crossing), np.inf
+    few, first, before = _TOLERATED * len(mesh.triangles), len(crossing), np.inf
     crossing = np.searchsorted(part, crossing)
     for turn in range(rounds):
-        hopeless, done = len(crossing) >= 0.75 * first, len(crossing) <= few and len(crossing) >= before
-        if turn >= 4 and (hopeless or done):
+        hopeless, done = len(crossing) >= _HOPELESS * first, len(crossing) <= few and len(crossing) >= before
+        if turn >= _PATIENCE and (hopeless or done):
             break
         before = len(crossing)
         reach = 1 + min(turn, 3) // 2
@@ -169,7 +172,7 @@ def _fill_anew(
         size = np.bincount(label)
         main = np.argsort(-size, kind="stable")[:pieces]
         lost = np.delete(size, main)
-        if lost.max() > 0.02 * len(mesh.triangles) or lost.sum() > 0.06 * len(mesh.triangles):
+        if lost.max() > _LOST_PIECE * len(mesh.triangles) or lost.sum() > _LOST_IN_ALL * len(mesh.triangles):
             return None
         held = np.isin(label, main)
         keep[np.flatnonzero(keep)[~held]] = False

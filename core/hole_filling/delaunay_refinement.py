@@ -12,6 +12,10 @@ from ..mesh.edge_lists import empty_edges, join, joined, part
 from ..mesh.half_edges import twins
 from ..mesh.submesh import made_vertices
 
+_FLIP_SLACK = 0.02  # of the sine: nearly cocircular pairs would else be flipped back and forth by rounding
+_FLIP_GROWTH = 1.3  # most area of a flipped pair against before: a fold would add more
+_FLIP_PASSES, _LAST_PASSES = 5, 8  # between splits, where the next ones undo much, and at the end
+
 
 def edge_length_at_vertices(mesh: Mesh) -> np.ndarray:
     """Mean edge length (V,) of the measured triangles around each vertex of a made one [m]; the median of these
@@ -143,7 +147,7 @@ def _refine_kernel(vertices, region, kind, twin, fixed, target, factor, rounds):
     changed = np.ones(room, np.uint8)
     fine = np.zeros(room, np.bool_)  # triangles that have not changed since none of their edges was too long
     for _ in range(rounds):
-        for _ in range(5):
+        for _ in range(_FLIP_PASSES):
             if _flip_pass(p, tri, tw, m, edges, count, changed, fine) == 0:
                 break
         score = np.empty(3 * m)
@@ -182,7 +186,7 @@ def _refine_kernel(vertices, region, kind, twin, fixed, target, factor, rounds):
             parents[n - count, 0], parents[n - count, 1] = i, j
             m = _split(tri, tw, kinds, m, e, n, edges, count)
             n += 1
-    for _ in range(8):
+    for _ in range(_LAST_PASSES):
         if _flip_pass(p, tri, tw, m, edges, count, changed, fine) == 0:
             break
     return p[:n].copy(), tri[:m].copy(), kinds[:m].copy(), parents[: n - count].copy()
@@ -268,14 +272,14 @@ def _flip_pass(p, tri, tw, m, edges, count, changed, fine):
         at_c, at_d = _corner(p, c, a, b), _corner(p, d, b, a)
         # sin(γ + δ) of the opposite angles is negative when they sum to more than 180°
         sine = at_c.dot * at_d.area + at_d.dot * at_c.area
-        if sine > -0.02 * (at_c.area * at_d.area + abs(at_c.dot * at_d.dot)):
+        if sine > -_FLIP_SLACK * (at_c.area * at_d.area + abs(at_c.dot * at_d.dot)):
             continue
         nx, ny, nz = at_c.x + at_d.x, at_c.y + at_d.y, at_c.z + at_d.z
         at_a, at_b = _corner(p, a, d, c), _corner(p, b, c, d)
         # both new triangles face as the old pair does, and are no larger by much (a fold would add area)
         if at_a.x * nx + at_a.y * ny + at_a.z * nz <= 0 or at_b.x * nx + at_b.y * ny + at_b.z * nz <= 0:
             continue
-        if at_a.area + at_b.area > 1.3 * (at_c.area + at_d.area):
+        if at_a.area + at_b.area > _FLIP_GROWTH * (at_c.area + at_d.area):
             continue
         if c < count and d < count:
             if joined(c, d, *edges):

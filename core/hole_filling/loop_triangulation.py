@@ -14,6 +14,11 @@ from ..mesh.triangle_mesh import check_mesh
 from ..views.free_space import bridge_is_free
 from ..views.view_maps import NOTHING_SEEN, ViewMaps
 
+_EMPTY_PENALTY = 10.0  # a chord through space seen to be empty weighs so much more: only where no other will do
+_FEW_CORNERS = 6  # in loops of no more, chords are as short as edges, and empty space is not asked for
+_BEND_WEIGHT = 0.25  # of a fold along an edge, against the area of the triangles
+_CUT_SHARE = 6  # a cut leaves at least one part in so many of the loop on either side
+
 
 def fill_loops(
     mesh: Mesh,
@@ -190,10 +195,10 @@ def _fill_kernel(vertices, triangles, flat, starts, rim, largest, free_space):
                     if j >= i + 2 and not (i == 0 and j == n - 1):
                         blocked[i, j] = True
                     at = after[at]
-                if n > 6:
+                if n > _FEW_CORNERS:
                     for j in range(i + 2, n - (i == 0)):
                         if not blocked[i, j] and bridge_is_free(points, i, points, j, free_space):
-                            penalty[i, j] = 10.0
+                            penalty[i, j] = _EMPTY_PENALTY
             for i in range(n):
                 place[flat[piece[i]]] = -1
             apex = _weight_kernel(points, normals, blocked, penalty)
@@ -234,7 +239,7 @@ def _best_chord(vertices, flat, piece, edges):
         p = vertices[flat[piece[i]]]
         for j in range(i + 2, n):
             run = min(j - i, n - j + i)
-            if run < n // 6:
+            if run < n // _CUT_SHARE:
                 continue
             q = vertices[flat[piece[j]]]
             d = (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2
@@ -251,7 +256,7 @@ def _bend(points, p, q, nx, ny, nz, normal, i, j):
         return 0.0
     side = (points[p, 0] - points[q, 0]) ** 2 + (points[p, 1] - points[q, 1]) ** 2 + (points[p, 2] - points[q, 2]) ** 2
     bend = 1.0 - (nx * ox + ny * oy + nz * oz)
-    return 0.25 * bend * bend * side
+    return _BEND_WEIGHT * bend * bend * side
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -11,8 +11,9 @@ from ..mesh.normals import vertex_normals
 from ..mesh.submesh import made_vertices, triangles_touching
 from ..views.view_maps import ViewMaps, look_at, reading_noise
 
-_WINDOW = 4  # so far beside the last reading of an outline the next one may be [px]
-_DROP = 0.05  # farther away than this is something else [m]
+_OUTLINE_WINDOW = 4  # so far beside the last reading of an outline the next one may be [px]
+_OUTLINE_DROP = 0.05  # farther away than this is something else [m]
+_HOLLOW = 0.25  # of the bulge, where readings were lost: as likely hollow (the back along the spine) as not
 _NOISY = 0.0025  # noise of a reading that tells half as much [m]
 
 
@@ -71,7 +72,7 @@ def bulge(marks: np.ndarray, parents: np.ndarray, mesh: Mesh, rings: int = 8) ->
     ends = _most_kernel(spread[:, 3].copy(), triangles, rings)[:, None]
     ends = _spread_kernel(ends, triangles, np.ones(len(ends), np.bool_), rings // 2)[:, 0]
     out = np.ones(len(mesh.vertices))
-    out[about] = np.where(made[about], 2.0 / (1.0 + cosine) * (0.25 + 0.75 * ends), 1.0)
+    out[about] = np.where(made[about], 2.0 / (1.0 + cosine) * (_HOLLOW + (1.0 - _HOLLOW) * ends), 1.0)
     return out
 
 
@@ -88,10 +89,10 @@ def _outline_kernel(vertices, chosen, view, to_view, depth, intrinsics):
             continue
         y, x = int(v + 0.5), int(u + 0.5)
         blank = True
-        for row in range(max(y - _WINDOW, 0), min(y + _WINDOW + 1, depth.shape[0])):
-            for column in range(max(x - _WINDOW, 0), min(x + _WINDOW + 1, depth.shape[1])):
+        for row in range(max(y - _OUTLINE_WINDOW, 0), min(y + _OUTLINE_WINDOW + 1, depth.shape[0])):
+            for column in range(max(x - _OUTLINE_WINDOW, 0), min(x + _OUTLINE_WINDOW + 1, depth.shape[1])):
                 blank = blank and depth[row, column] == 0
-                if depth[row, column] > z + _DROP:
+                if depth[row, column] > z + _OUTLINE_DROP:
                     ends[i] = 1.0
         if blank:
             ends[i] = 1.0

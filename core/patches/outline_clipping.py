@@ -11,6 +11,8 @@ from ..mesh import Mesh
 from ..mesh.half_edges import boundary_vertices
 from ..mesh.submesh import compact, keep_triangles
 
+_SNAP = 0.25  # of an edge: a vertex nearer to the line than this is moved onto it, as cutting would leave a sliver
+
 
 def trim_outline(mesh: Mesh, level: float) -> Mesh:
     """Round a patch's outline: teeth and threads that stick out of it are cut off along a smooth line.
@@ -150,7 +152,7 @@ def _clip_kernel(vertices, triangles, field, level):
                 continue
             near, outer = (i, j) if f[i] >= 0 else (j, i)
             s = f[near] / (f[near] - f[outer])
-            if s > 0.75 and not snapped[near]:
+            if s > 1.0 - _SNAP and not snapped[near]:
                 snapped[outer] = True
                 source[outer, 1] = near
                 share[outer] = 1.0 - s
@@ -163,13 +165,13 @@ def _clip_kernel(vertices, triangles, field, level):
             if (f[i] >= 0) == (f[j] >= 0):
                 continue
             s = f[i] / (f[i] - f[j])
-            if s < 0.25 and f[i] >= 0 and not snapped[i]:
+            if s < _SNAP and f[i] >= 0 and not snapped[i]:
                 snapped[i] = True
                 source[i, 1] = j
                 share[i] = s
                 for c in range(3):
                     out_v[i, c] = vertices[i, c] + s * (vertices[j, c] - vertices[i, c])
-            if s > 0.75 and f[j] >= 0 and not snapped[j]:
+            if s > 1.0 - _SNAP and f[j] >= 0 and not snapped[j]:
                 snapped[j] = True
                 source[j, 1] = i
                 share[j] = 1.0 - s

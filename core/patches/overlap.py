@@ -20,6 +20,11 @@ from .grid_triangulation import clean_patch
 from .outline_clipping import clip, distance_to_zero, smooth_on_mesh, trim_outline
 from .view_comparison import OverlapSettings, compare_views, own_confidence
 
+_SMOOTH_ROUNDS = 3  # of the field that is cut along, and of the blending
+_NOBODY_ELSE = 3.0  # most advantage [log confidence]: beyond the overlap, where smoothing leaves it positive
+_RAGGED_SHARE = 0.005  # of a patch's vertices: where more are taken away, the outline is ragged and trimmed anew
+_STRIPPED_SPECK = 12  # triangles of a piece that the stripping left over
+
 
 def part_overlaps(patches: list[Mesh], maps: ViewMaps, settings: OverlapSettings = OverlapSettings()) -> list[Mesh]:
     """Blend the patches to one surface where they overlap, then cut each back to where it is the better view.
@@ -43,14 +48,14 @@ def _cut_back(patch: Mesh, maps: ViewMaps, settings: OverlapSettings, center: np
     overlapped = np.isfinite(advantage)
     if not overlapped.any():
         return patch
-    rounds = 3
-    near = _triangles_near(patch.triangles, overlapped, rounds)  # all else is left as it is by the smoothing below
+    near = _triangles_near(
+        patch.triangles, overlapped, _SMOOTH_ROUNDS
+    )  # all else is left as it is by the smoothing below
     vertices = patch.vertices
     if settings.blend:
-        vertices = vertices + smooth_on_mesh(shift, near, rounds)
-    # beyond the overlap nobody else competes: a large advantage that the smoothing leaves positive
-    field = np.clip(np.where(overlapped, advantage, 3.0), -3.0, 3.0)
-    field = smooth_on_mesh(field[:, None], near, rounds)[:, 0]
+        vertices = vertices + smooth_on_mesh(shift, near, _SMOOTH_ROUNDS)
+    field = np.clip(np.where(overlapped, advantage, _NOBODY_ELSE), -_NOBODY_ELSE, _NOBODY_ELSE)
+    field = smooth_on_mesh(field[:, None], near, _SMOOTH_ROUNDS)[:, 0]
     distance = distance_to_zero(field, vertices, near)
     edge = _median_edge(patch)
     return clip(replace(patch, vertices=vertices), distance, 0.5 * settings.gap * edge)
@@ -92,9 +97,9 @@ def _strip_doubles(patches: list[Mesh], maps: ViewMaps, settings: OverlapSetting
         covered[over] = True
         left = ~triangles_touching(patch.triangles, covered)
         patch = replace(patch, triangles=patch.triangles[left], kind=patch.kind[left])  # compacted by what follows
-        if covered.sum() > 0.005 * len(covered):  # a ragged outline, not a few teeth
+        if covered.sum() > _RAGGED_SHARE * len(covered):  # a ragged outline, not a few teeth
             patch = trim_outline(patch, 0.5)
-        patch = clean_patch(patch, 12)
+        patch = clean_patch(patch, _STRIPPED_SPECK)
         stripped[view] = patch
         kept[kept == view] = -1
         _mark_kernel(patch.vertices, patch.view, maps.to_view, kept, maps.intrinsics)

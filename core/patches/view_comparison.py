@@ -10,6 +10,10 @@ from numba import njit
 from ..mesh import Mesh
 from ..views.view_maps import ViewMaps, look_at
 
+_SAME_SIDE = 0.2  # cosine between the normals of two views; under it they show two sides of something thin
+_ONE_SURFACE = 0.04  # of z: pixels farther apart are not interpolated between
+_LEAST_READ = 0.5  # of the weights of the four pixels around, that readings must have
+
 
 @dataclass(frozen=True)
 class OverlapSettings:
@@ -55,7 +59,7 @@ def _sample(v, u, view, depth, labels, normals, confidence, out):
                 out[1 + c] += w * normals[y, x, c]
             out[4] += w * confidence[y, x]
             low, high = min(low, depth[y, x]), max(high, depth[y, x])
-    if total < 0.5 or high - low > 0.04 * high:
+    if total < _LEAST_READ or high - low > _ONE_SURFACE * high:
         return False
     out[0] = total / out[0]
     length = np.sqrt(out[1] ** 2 + out[2] ** 2 + out[3] ** 2)
@@ -151,7 +155,7 @@ def _compare_kernel(
             if v < 0 or not _sample(v, u, k, depth, labels, normals, confidence, out):
                 continue
             agree = out[1] * vertex_normals[i, 0] + out[2] * vertex_normals[i, 1] + out[3] * vertex_normals[i, 2]
-            if agree < 0.2:
+            if agree < _SAME_SIDE:
                 continue
             # the step along the ray seen across the surface: ray direction · normal
             px, py = (u - intrinsics[k, 2]) / intrinsics[k, 0], (v - intrinsics[k, 3]) / intrinsics[k, 1]

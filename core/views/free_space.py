@@ -10,7 +10,14 @@ from numba import njit
 SLACK = 0.015
 """So much farther than a point, beside noise, must lie what a view reads there to prove the point empty [m]."""
 
+NEAREST_Z = 0.05
+"""Nearer than this, or behind the camera, a point has no pixel: no sensor reads there, and z → 0 divides [m]."""
+
 _SPEAKS = 4  # of the nine readings around a pixel, so many must be there
+_DEVIATIONS = 3.0  # standard deviations by which a reading must lie behind a point: one in a thousand does so by chance
+_SHORTEST_BRIDGE = 0.02  # a shorter one lies within SLACK of the surfaces at its ends: not asked about [m]
+_BRIDGE_STEP = 0.015  # so far apart the points of a bridge are looked at, but [m]
+_MOST_STEPS = 12  # at most so many points, as most bridges asked about are never made
 
 
 class FreeSpace(NamedTuple):
@@ -104,11 +111,11 @@ def bridge_is_free(p, i, q, j, free_space):
     ax, ay, az = p[i, 0], p[i, 1], p[i, 2]
     dx, dy, dz = q[j, 0] - ax, q[j, 1] - ay, q[j, 2] - az
     length = np.sqrt(dx * dx + dy * dy + dz * dz)
-    if length < 0.02:
+    if length < _SHORTEST_BRIDGE:
         return False
-    steps = min(int(length / 0.015) + 1, 12)
+    steps = min(int(length / _BRIDGE_STEP) + 1, _MOST_STEPS)
     for k in range(len(to_view)):
-        far = 1.0 + 3.0 * noise[k]
+        far = 1.0 + _DEVIATIONS * noise[k]
         # along the bridge x, y and z in the view's frame change evenly
         x, y, z = in_view_frame(to_view, k, ax, ay, az)
         step_x = (to_view[k, 0, 0] * dx + to_view[k, 0, 1] * dy + to_view[k, 0, 2] * dz) / steps
@@ -118,7 +125,7 @@ def bridge_is_free(p, i, q, j, free_space):
             x += step_x
             y += step_y
             z += step_z
-            if z <= 0.05:
+            if z <= NEAREST_Z:
                 continue
             u, v = x / z * intrinsics[k, 0] + intrinsics[k, 2], y / z * intrinsics[k, 1] + intrinsics[k, 3]
             if not (0 <= u <= clear.shape[1] - 1 and 0 <= v <= clear.shape[0] - 1):
@@ -129,7 +136,8 @@ def bridge_is_free(p, i, q, j, free_space):
     return False
 
 
-_ASIDE = 2  # so far around a point a view must have looked through, for what is drawn out to be told wrong [px]
+_CLEAR_AROUND = 2  # so far around a point a view must have looked through, for what is drawn out to be wrong [px]
+_HALVINGS = 6  # to find where a way becomes empty: to a sixty-fourth of its length
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -154,7 +162,7 @@ def reach_before_empty(start, end, free_space):
         if _is_empty(start[i, 0], start[i, 1], start[i, 2], free_space):
             continue
         free, empty = 0.0, 1.0
-        for _ in range(6):
+        for _ in range(_HALVINGS):
             half = 0.5 * (free + empty)
             x = start[i, 0] + half * (end[i, 0] - start[i, 0])
             y = start[i, 1] + half * (end[i, 1] - start[i, 1])
@@ -169,20 +177,23 @@ def reach_before_empty(start, end, free_space):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _is_empty(px, py, pz, free_space):
-    """Whether a view looks through the point and through all that is as near as ``_ASIDE`` to it in its image."""
+    """Whether a view looks through the point and all that is as near as ``_CLEAR_AROUND`` to it in its image."""
     to_view, intrinsics, noise, clear, through = free_space
     for k in range(len(to_view)):
         x, y, z = in_view_frame(to_view, k, px, py, pz)
-        if z <= 0.05:
+        if z <= NEAREST_Z:
             continue
         u, v = x / z * intrinsics[k, 0] + intrinsics[k, 2], y / z * intrinsics[k, 1] + intrinsics[k, 3]
-        if not (_ASIDE <= u < clear.shape[1] - 1 - _ASIDE and _ASIDE <= v < clear.shape[0] - 1 - _ASIDE):
+        if not (
+            _CLEAR_AROUND <= u < clear.shape[1] - 1 - _CLEAR_AROUND
+            and _CLEAR_AROUND <= v < clear.shape[0] - 1 - _CLEAR_AROUND
+        ):
             continue
         row, column = int(v + 0.5), int(u + 0.5)
-        behind = z * (1.0 + 3.0 * noise[k]) + SLACK
+        behind = z * (1.0 + _DEVIATIONS * noise[k]) + SLACK
         all_empty = True
-        for y_there in (row, row - _ASIDE, row + _ASIDE):
-            for x_there in (column, column - _ASIDE, column + _ASIDE):
+        for y_there in (row, row - _CLEAR_AROUND, row + _CLEAR_AROUND):
+            for x_there in (column, column - _CLEAR_AROUND, column + _CLEAR_AROUND):
                 all_empty = all_empty and through[y_there, x_there] == k and clear[y_there, x_there] > behind
         if all_empty:
             return True

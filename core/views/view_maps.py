@@ -12,7 +12,7 @@ from ..mesh import Mesh
 from ..mirrors import Mirror
 from ..mirrors.mirror import reflection_matrix
 from ..numeric.point_products import transform
-from .free_space import FreeSpace, clear_depth, in_view_frame
+from .free_space import NEAREST_Z, FreeSpace, clear_depth, in_view_frame
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def view_maps(
     return ViewMaps(depth, labels, *clear_depth(depth, seen), normals, confidence, to_view, every, noise)
 
 
-_APART = 4  # blank rows between the images of two cameras, more than any window reaches [px]
+_BLANK_ROWS = 4  # blank rows between the images of two cameras, more than any window reaches [px]
 
 
 def stack_maps(maps: list[ViewMaps], poses: list[np.ndarray]) -> ViewMaps:
@@ -87,7 +87,7 @@ def stack_maps(maps: list[ViewMaps], poses: list[np.ndarray]) -> ViewMaps:
     poses : list of np.ndarray [shape=(4, 4)]
         Rigid: camera frame → the frame they share.
     """
-    rows = sum(m.depth.shape[0] + _APART for m in maps)
+    rows = sum(m.depth.shape[0] + _BLANK_ROWS for m in maps)
     columns = max(m.depth.shape[1] for m in maps)
     depth, clear = np.zeros((rows, columns), np.float32), np.zeros((rows, columns), np.float32)
     labels, through = np.full((rows, columns), -1, np.int8), np.full((rows, columns), -1, np.int8)
@@ -105,7 +105,7 @@ def stack_maps(maps: list[ViewMaps], poses: list[np.ndarray]) -> ViewMaps:
         normals[part] = transform(one.normals, turn)
         to_view.append(one.to_view @ np.linalg.inv(pose))
         intrinsics.append(one.intrinsics + (0.0, 0.0, 0.0, top))
-        top += height + _APART
+        top += height + _BLANK_ROWS
         views += len(one.to_view)
     return ViewMaps(
         depth,
@@ -121,6 +121,8 @@ def stack_maps(maps: list[ViewMaps], poses: list[np.ndarray]) -> ViewMaps:
 
 
 _BORDER = 3  # so near its silhouette a view's readings are worth less [px]
+_SILHOUETTE_STEP = 0.05  # of z: pixels farther apart than this are not of one surface, even where it is steep
+_NORMAL_STEP = 0.03  # of z: a normal takes no neighbour farther apart; less, as a wrong one tilts it
 
 
 def _nearest_first() -> np.ndarray:
@@ -142,7 +144,7 @@ def _maps_kernel(depth, labels, intrinsics, to_view, offsets):
             if k < 0:
                 continue
             z = depth[v, u]
-            step, border = np.float32(0.05) * z, float(_BORDER)
+            step, border = np.float32(_SILHOUETTE_STEP) * z, float(_BORDER)
             inner = min(v, u, height - 1 - v, width - 1 - u) >= _BORDER
             for o in range(len(offsets)):
                 y, x = v + offsets[o, 0], u + offsets[o, 1]
@@ -152,13 +154,13 @@ def _maps_kernel(depth, labels, intrinsics, to_view, offsets):
                 border = min(border, np.sqrt(offsets[o, 0] ** 2 + offsets[o, 1] ** 2) - 0.5)
                 break
             left, right, above, below = u, u, v, v
-            if labels[v, u - 1] == k and abs(depth[v, u - 1] - z) < 0.03 * z:
+            if labels[v, u - 1] == k and abs(depth[v, u - 1] - z) < _NORMAL_STEP * z:
                 left = u - 1
-            if labels[v, u + 1] == k and abs(depth[v, u + 1] - z) < 0.03 * z:
+            if labels[v, u + 1] == k and abs(depth[v, u + 1] - z) < _NORMAL_STEP * z:
                 right = u + 1
-            if labels[v - 1, u] == k and abs(depth[v - 1, u] - z) < 0.03 * z:
+            if labels[v - 1, u] == k and abs(depth[v - 1, u] - z) < _NORMAL_STEP * z:
                 above = v - 1
-            if labels[v + 1, u] == k and abs(depth[v + 1, u] - z) < 0.03 * z:
+            if labels[v + 1, u] == k and abs(depth[v + 1, u] - z) < _NORMAL_STEP * z:
                 below = v + 1
             if left == right or above == below:
                 continue
@@ -189,7 +191,7 @@ def _maps_kernel(depth, labels, intrinsics, to_view, offsets):
 def look_at(points, i, to_view, k, image, intrinsics):
     """Where view k lays points[i]: pixel and z there; (row, column) -1 outside the image or behind the camera."""
     x, y, z = in_view_frame(to_view, k, points[i, 0], points[i, 1], points[i, 2])
-    if z <= 0.05:
+    if z <= NEAREST_Z:
         return -1.0, -1.0, z
     u, v = x / z * intrinsics[k, 0] + intrinsics[k, 2], y / z * intrinsics[k, 1] + intrinsics[k, 3]
     if not (0 <= u <= image.shape[1] - 1 and 0 <= v <= image.shape[0] - 1):

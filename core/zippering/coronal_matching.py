@@ -12,7 +12,7 @@ import numpy as np
 from ..numeric.point_products import dot
 from .dtw import Warping, dtw
 
-_ENOUGH = 120  # vertices of a chain that tell which other it belongs to
+_CHAIN_SAMPLE = 120  # vertices of a chain that tell which other it belongs to
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def match_chains(points: np.ndarray, chains: list[Chain]) -> list[tuple[Chain, C
         ``warping`` matches a's vertices with b's taken backwards. Empty when the chains cannot all be paired. Which
         go together is judged on some hundred vertices of each: O(C² + C · N²) time for C chains of N vertices.
     """
-    thin = [points[chain.vertices[:: max(1, len(chain.vertices) // _ENOUGH)]] for chain in chains]
+    thin = [points[chain.vertices[:: max(1, len(chain.vertices) // _CHAIN_SAMPLE)]] for chain in chains]
     pairs = [(i, j) for i, j in combinations(range(len(chains)), 2) if chains[i].patch != chains[j].patch]
     distance = {(i, j): dtw(thin[i], thin[j][::-1]).distance for i, j in pairs}
     best = min(pairings([chain.patch for chain in chains]), key=lambda way: sum(distance[p] for p in way), default=[])

@@ -14,6 +14,22 @@ from .dtw import warp
 from .seam_strips import Candidates
 
 _IN_TURN = 8  # candidates looked at on one side before those on the other
+# What keeps two boundary vertices from being partners; cosines are wide, as the frames at a ragged boundary are rough.
+_MOST_ALONG = 0.3  # cosine between their directions: boundaries that face each other run against each other, -1
+_LEAST_FACING = -0.6  # cosine between their normals, of two views: around a limb's edge these turn far apart
+_LEAST_FACING_IN_VIEW = 0.3  # of one view: across a slot in a surface, not from one side of a limb to the other
+_LEAST_ONWARD = -0.35  # cosine between the bridge and the way on of either surface: not back over the surface itself
+_ANY_WAY = 0.01  # bridges shorter than this go any way: so near, the boundary's teeth decide on it [m]
+_ROUND_TIP = 2.5  # times the bridge: on one loop the way between its ends along it, or it goes round a slot's tip
+_SHORTEST_ROUND = 0.012  # the same, for ends so near that the boundary's teeth decide on it [m]
+# How much longer a bridge counts for each of these directions that does not fit.
+_PRICE_ALONG, _PRICE_FACING, _PRICE_ONWARD = 0.6, 0.5, 0.4
+# Which partners go on in one run.
+_MOST_BACK = 1.5  # gaps, and two edges: so near a vertex its partner's partner must be
+_MOST_JUMP = 3.0  # times the way of the one boundary, and a gap: so far the partner may go meanwhile
+_STEPS_BACK = 3  # vertices that the partner may go in the wrong direction, as it wavers at teeth
+_MISSED = 4  # vertices without a partner that a run goes on over
+_LONG_RUN = 200  # vertices; longer runs do not go before others by their length
 
 
 def find_partners(
@@ -92,7 +108,7 @@ def warp_runs(boundary: Boundary, partner: np.ndarray, price: np.ndarray, edge: 
     """
     rows = _runs_kernel(partner, boundary.loop, boundary.start, boundary.point, 2.0 * edge, min_run)
     found, mean = _warp_kernel(rows, boundary.start, boundary.point, boundary.tangent, boundary.normal, price, edge)
-    length = np.minimum(np.diff(found.begin_a), 200)
+    length = np.minimum(np.diff(found.begin_a), _LONG_RUN)
     order = np.lexsort((found.at_a[found.begin_a[:-1]], mean - 1e-4 * length))
     return Candidates(
         *_in_order(found.at_a, found.begin_a, order),
@@ -227,22 +243,22 @@ def _partners_kernel(
                         continue
                     d = np.sqrt(d2)
                     along = _product(tangent, i, j)
-                    if along > 0.3:
+                    if along > _MOST_ALONG:
                         continue
                     facing = _product(normal, i, j)
-                    # within one view: across a slot in a surface, not from one side of a limb to the other
-                    if facing < (0.3 if view[i] == view[j] else -0.6):
+                    if facing < (_LEAST_FACING_IN_VIEW if view[i] == view[j] else _LEAST_FACING):
                         continue
                     if loop[i] == loop[j]:  # across a slot, not round its tip
                         run = abs(arc[i] - arc[j])
                         run = min(run, whole[i] - run)
-                        if run < 2.5 * d or run < 0.012:
+                        if run < _ROUND_TIP * d or run < _SHORTEST_ROUND:
                             continue
                     out_i = (outward[i, 0] * dx + outward[i, 1] * dy + outward[i, 2] * dz) / (d + 1e-9)
                     out_j = -(outward[j, 0] * dx + outward[j, 1] * dy + outward[j, 2] * dz) / (d + 1e-9)
-                    if min(out_i, out_j) < -0.35 and d > 0.01:
+                    if min(out_i, out_j) < _LEAST_ONWARD and d > _ANY_WAY:
                         continue
-                    cost = d * (1.0 + 0.6 * (1.0 + along) + 0.5 * (1.0 - facing) + 0.4 * (2.0 - out_i - out_j))
+                    weight = 1.0 + _PRICE_ALONG * (1.0 + along) + _PRICE_FACING * (1.0 - facing)
+                    cost = d * (weight + _PRICE_ONWARD * (2.0 - out_i - out_j))
                     if cost >= best:
                         continue
                     if bridge_is_free(point, i, point, j, free_space):
@@ -273,7 +289,7 @@ def _runs_kernel(partner, loop, start, point, tolerance, min_run):
             continue
         gap = np.sqrt(((point[i] - point[j]) ** 2).sum())
         back = np.sqrt(((point[i] - point[k]) ** 2).sum())
-        good[i] = back <= 1.5 * gap + tolerance
+        good[i] = back <= _MOST_BACK * gap + tolerance
     rows = np.empty((count, 6), np.int64)
     n_rows = 0
     for a in range(len(start) - 1):
@@ -308,7 +324,7 @@ def _runs_kernel(partner, loop, start, point, tolerance, min_run):
                     jump = np.sqrt(((point[partner[i2]] - point[start[b] + place]) ** 2).sum())
                     moved = np.sqrt(((point[i2] - point[base + (first + last_good) % n]) ** 2).sum())
                     gap = np.sqrt(((point[partner[i2]] - point[i2]) ** 2).sum())
-                    ok = step >= -3 and jump <= 3.0 * moved + gap + tolerance and span + step < nb
+                    ok = step >= -_STEPS_BACK and jump <= _MOST_JUMP * moved + gap + tolerance and span + step < nb
                     if ok and step > 0:
                         place = (place - step) % nb
                         span += step
@@ -317,7 +333,7 @@ def _runs_kernel(partner, loop, start, point, tolerance, min_run):
                     missed = 0
                 else:
                     missed += 1
-                    if missed > 4:
+                    if missed > _MISSED:
                         break
                 k += 1
             if last_good - begin + 1 >= min_run and span + 1 >= 2:

@@ -12,6 +12,9 @@ from ..mesh import SEAM, Mesh
 from ..numeric.union_find import root_of
 from .boundary_frames import Boundary
 
+_LONG_SEAM = 12.0  # mean gaps, and
+_LONGEST_CHANCE = 0.08  # [m]: a seam longer than both is no chance meeting, and may make a handle
+
 
 @dataclass(frozen=True)
 class Seam:
@@ -117,7 +120,7 @@ def _weave_kernel(candidates, weave, vertex, vertices, view):
         for i in range(i0, i1):
             run += _distance(vertices, vertex[a[i]], vertex[a[i + 1]])
         mean = total / len(path)
-        sure = run > 12.0 * mean and run > 0.08
+        sure = run > _LONG_SEAM * mean and run > _LONGEST_CHANCE
         if not _admit(weave, a[i0], a[i1], b[j0], b[j1], sure):
             continue
         for i in range(i0, i1):
