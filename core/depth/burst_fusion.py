@@ -1,4 +1,4 @@
-"""A burst of depth frames → one depth map; flying pixels dropped, drop-outs closed, noise measured.
+"""A burst of depth frames → one depth map.
 
 Everything averages in inverse depth: a stereo or structured-light camera measures disparity, so its error is even
 there, and a plane in space is a linear function of (u, v) there, so local fits do not bend slanted surfaces.

@@ -12,7 +12,19 @@ from .settings import DepthSettings
 
 
 def still_warning(depth: np.ndarray, labels: np.ndarray, focal: float, settings: DepthSettings) -> str | None:
-    """What to tell a person whose subject moved while the burst was recorded; None when it stood still."""
+    """A warning when the subject moved while the burst was recorded; None when it stood still.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(F, H, W), dtype=float32]
+        z [m], 0 = no reading.
+    labels : np.ndarray [shape=(H, W), dtype=int8]
+        View of each pixel, -1 = not the subject.
+    focal : float
+        fx [px].
+    settings : DepthSettings
+        ``still_share`` is used.
+    """
     if settings.still_share >= 1 or len(depth) < 2:
         return None
     motion = burst_motion(depth, labels, 1.0 / focal, settings.still_share)
@@ -20,15 +32,15 @@ def still_warning(depth: np.ndarray, labels: np.ndarray, focal: float, settings:
         return None
     return (
         f"the subject moved during the burst: between its first and last frames {motion.share:.0%} of what is seen of "
-        f"it went {1e3 * motion.median:.0f} mm (up to {1e3 * motion.largest:.0f} mm); hold still while recording, "
+        f"it moved by {1e3 * motion.median:.0f} mm (up to {1e3 * motion.largest:.0f} mm); hold still while recording, "
         "record fewer frames, or use a single frame"
     )
 
 
-_CELL = 4  # px: the smallest square whose noise is looked at
+_CELL_PIXELS = 4  # px: the smallest square whose noise is looked at
 _BLOCKS = (2, 4)  # cells: the side of a block that moves as one; the larger where noise asks for it
 _LEAST_MOVE = 0.006  # m: less does no harm that the rest of the job would notice
-_SURE = 3.5  # standard deviations
+_NOT_CHANCE = 3.5  # standard deviations that noise alone does not reach
 _JUMP = 0.04  # of 1/z: more is another surface
 
 
@@ -116,7 +128,7 @@ def _view_motion(cells: np.ndarray, pixel_angle: float) -> np.ndarray:
     """:func:`_compare` of one view, from the sums over its cells; those of other views are 0."""
     subject, near, surface, shift, flips, net = cells
     z = float(subject.sum() / near.sum())
-    whole = surface >= _CELL * _CELL / 2
+    whole = surface >= _CELL_PIXELS * _CELL_PIXELS / 2
     mean = np.divide(shift, surface, out=np.zeros_like(shift), where=whole)
     # cells side by side go together, whatever the motion; what they differ by is noise
     beside = np.concatenate(
@@ -127,20 +139,20 @@ def _view_motion(cells: np.ndarray, pixel_angle: float) -> np.ndarray:
     )
     noise = float(np.median(beside)) / (0.6745 * np.sqrt(2)) if len(beside) else 0.0
     small, large = _BLOCKS
-    side = small if _SURE * noise * z * z <= _LEAST_MOVE * small else large
+    side = small if _NOT_CHANCE * noise * z * z <= _LEAST_MOVE * small else large
     height, width = (n // side * side for n in subject.shape)
 
     def blocks(values: np.ndarray) -> np.ndarray:
         return values[:height, :width].reshape(height // side, side, width // side, side).sum(axis=(1, 3))
 
-    mine = blocks(subject) >= (side * _CELL) ** 2 / 4
+    mine = blocks(subject) >= (side * _CELL_PIXELS) ** 2 / 4
     count = blocks(whole.astype(float))
     toward = np.divide(np.abs(blocks(mean)), count, out=np.zeros_like(count), where=count > 0)
-    toward[toward * np.sqrt(count) < _SURE * noise] = 0
+    toward[toward * np.sqrt(count) < _NOT_CHANCE * noise] = 0
     # Pixels that noise flips between near and far cancel within a cell; those that a silhouette sweeps over agree.
     swept = blocks(np.abs(net) - 0.8 * np.sqrt(flips))  # E|net| of n fair coins is 0.8 sqrt(n)
-    swept[swept < _SURE * 0.6 * np.sqrt(blocks(flips))] = 0
-    return np.maximum(toward * z * z, swept / (side * _CELL) * z * pixel_angle)[mine]
+    swept[swept < _NOT_CHANCE * 0.6 * np.sqrt(blocks(flips))] = 0
+    return np.maximum(toward * z * z, swept / (side * _CELL_PIXELS) * z * pixel_angle)[mine]
 
 
 @njit(cache=True, nogil=True, parallel=True, error_model="numpy")
@@ -151,15 +163,15 @@ def _cell_kernel(depth, labels, a, b):
     nearer, -1 to farther. A cell counts the pixels of the first view found in it.
     """
     height, width = labels.shape
-    rows, columns = height // _CELL, width // _CELL
+    rows, columns = height // _CELL_PIXELS, width // _CELL_PIXELS
     out = np.zeros((7, rows, columns))
     for r in prange(rows):
         for c in range(columns):
             view = -1
             subject = surface = flips = net = 0
             near = shift = 0.0
-            for v in range(r * _CELL, (r + 1) * _CELL):
-                for u in range(c * _CELL, (c + 1) * _CELL):
+            for v in range(r * _CELL_PIXELS, (r + 1) * _CELL_PIXELS):
+                for u in range(c * _CELL_PIXELS, (c + 1) * _CELL_PIXELS):
                     if labels[v, u] < 0 or (view >= 0 and labels[v, u] != view):
                         continue
                     inverse_a, count_a = _mean(depth, a, v, u)

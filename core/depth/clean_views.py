@@ -1,4 +1,4 @@
-"""A depth map's view of the subject made clean: which camera it was, intervals, drop-outs, noise."""
+"""A depth map's view of the subject made clean: which camera it was, intervals, missing readings, noise."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from .settings import DepthSettings
 
 _DITHER = 0.3  # noise below this share of a quantum does not average its steps out
 _ROUNDING = 0.001 / 12**0.5  # m: standard deviation that rounding to millimetres leaves
-_RELIEF = (1.05, 1.15)  # from where to where noise in the median window over that in the calmest ones tells of relief
+_RELIEF = (
+    1.05,
+    1.15,
+)  # from where to where noise in the median window over that in the calmest ones says that it is relief
 
 
 def clean(
@@ -25,7 +28,7 @@ def clean(
     model: NoiseModel | None = None,
     spread: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Drop-outs closed, steps undone and noise smoothed, a view at a time.
+    """Missing readings filled, steps undone and noise smoothed, a view at a time.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Readings that come in steps: finding the step, and the surface between its intervals.
 
-A Kinect v1 knows disparity to an eighth of a pixel only: at 4.8 m its readings lie 65 mm apart. Such a reading is not a
-value but an interval, and the surface is the smoothest one that passes through all of them.
+A Kinect v1 knows disparity to an eighth of a pixel only: at 4.8 m they are 65 mm from each other. Such a reading is not
+a value but an interval, and the surface is the smoothest one that passes through all of them.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from .disparity_smoothing import smooth_view
 from .settings import DepthSettings
 
 _WINDOWS = (8.0, 5.0, 3.0)  # sigma [px]
-_REACH = 20  # px
-_BIN = 0.001  # m
+_MAX_RADIUS = 20  # px: of the smoothing windows
+_MILLIMETRE = 0.001  # m: what files are written in
 
 
 def find_step(depth: np.ndarray) -> float:
@@ -30,10 +30,10 @@ def find_step(depth: np.ndarray) -> float:
     depth : np.ndarray [shape=(H, W)]
         z [m], 0 = no reading.
     """
-    counts = _count_kernel(np.ascontiguousarray(depth[::3], np.float32), _BIN, 8000)
+    counts = _count_kernel(np.ascontiguousarray(depth[::3], np.float32), _MILLIMETRE, 8000)
     counts[:1500] = 0
     occupied = np.flatnonzero(counts)
-    if not 12 <= len(occupied) <= 2000:  # hardly anything there, or no gaps
+    if not 12 <= len(occupied) <= 2000:  # almost no readings, or no gaps
         return 0.0
     # a value on the border of two bins fills both
     starts = np.flatnonzero(np.diff(occupied, prepend=-2) > 1)
@@ -41,14 +41,14 @@ def find_step(depth: np.ndarray) -> float:
     if len(starts) < 12 or lengths.max() > 3:
         return 0.0
     weights = counts[occupied]
-    z = (np.add.reduceat(occupied * weights, starts) / np.add.reduceat(weights, starts) + 0.5) * _BIN
+    z = (np.add.reduceat(occupied * weights, starts) / np.add.reduceat(weights, starts) + 0.5) * _MILLIMETRE
     inverse = 1.0 / z
     gaps = -np.diff(inverse)
     step = float(np.median(gaps))
     for _ in range(3):  # gaps may span several steps where the scene is empty
         times = np.maximum(np.rint(gaps / step), 1)
         step = float((gaps * times).sum() / (times * times).sum())
-    slack = _BIN * (inverse[1:] ** 2) + 0.02 * step  # the rounding of the file
+    slack = _MILLIMETRE * (inverse[1:] ** 2) + 0.02 * step  # the rounding of the file
     times = np.maximum(np.rint(gaps / step), 1)
     even = np.abs(gaps - times * step) <= np.minimum(slack, 0.3 * step)
     return step if even.mean() > 0.8 else 0.0
@@ -93,6 +93,6 @@ def dequantise(depth: np.ndarray, labels: np.ndarray, view: int, step: float, se
     low, high = 1.0 / (inverse + 0.5 * step), 1.0 / np.maximum(inverse - 0.5 * step, 1e-3)
     noise = 0.5 * step * float(np.median(depth[mine]))
     for sigma in _WINDOWS:
-        depth = smooth_view(depth, labels, view, noise, sigma, replace(settings, max_radius=_REACH))
+        depth = smooth_view(depth, labels, view, noise, sigma, replace(settings, max_radius=_MAX_RADIUS))
         depth[mine] = np.clip(depth[mine], low, high)
     return depth

@@ -1,7 +1,7 @@
 """Edge-preserving smoothing of one view: local quadratic fits in disparity, robust where a window holds an edge.
 
 Where one surface fills the window its weights are the Gaussian's alone, and all the sums a fit needs come from
-separable filters. Only where the residual tells that something else is in the window are its readings weighed one by
+separable filters. Only where the residual shows that something else is in the window are its readings weighted one by
 one.
 """
 
@@ -178,7 +178,7 @@ _DATA = {(0, 0): 15, (0, 1): 16, (0, 2): 17, (1, 0): 18, (1, 1): 19, (2, 0): 20}
 _MATRIX = np.array([[_SUM[a + c, b + d] for c, d in _TERMS] for a, b in _TERMS])
 _RIGHT = np.array([_DATA[term] for term in _TERMS])
 _RIDGE = np.array((2e-3, 2e-3, 3e-2, 3e-2, 3e-2, 1e-6), np.float32)
-"""Pulls the higher orders to zero where the window holds too little to tell; relative to the window's weight."""
+"""Pulls the higher orders to zero where the window holds too little; relative to the window's weight."""
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
@@ -415,7 +415,7 @@ def _robust_fit(flat, at, shift, gauss, terms, products, allowed, inlier, zc, A,
 def _solve(A, rhs, x, n):
     """Cholesky solve of the leading n×n system given by its lower triangle, in place; False when it is singular.
 
-    A small ridge pulls the higher orders to zero where the window holds too little to tell.
+    A small ridge pulls the higher orders to zero where the window holds too little.
     """
     total = A[0, 0]
     A[0, 0] += 1e-6 * total

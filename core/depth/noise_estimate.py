@@ -34,7 +34,7 @@ def window_variance(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Variance (H, W) of each 5×5 window's readings about the quadratic surface fitted to their disparity.
 
     Relative to z²; -1 where a window holds other labels than its middle's, and in two of three rows, for the third
-    tells enough for a median.
+    is enough for a median.
     """
     return residual_kernel(depth, labels, 3)
 
@@ -103,7 +103,7 @@ class BurstNoise:
 
     ``frame``: of one frame, by how the frames of the burst differ; None when there is one only. ``expected``: of
     ``frames`` frames, if nothing but chance made them differ: frame / √frames. ``fused``: by how much the fused
-    readings scatter about the surface: what all frames have in common, a camera's steps and ripples, is in it, and no
+    readings differ from the surface: what all frames have in common, a camera's steps and ripples, is in it, and no
     number of frames lowers that.
     """
 
@@ -133,10 +133,10 @@ def burst_noise(
     for view in range(views):
         mine = labels == view
         z = float(np.median(fused[mine])) if mine.any() else 0.0
-        told = spread[mine & (spread > 0)]
+        known = spread[mine & (spread > 0)]
         # the median of standard deviations of few is low (Wilson and Hilferty)
         low = (1.0 - 2.0 / (9.0 * (frames - 1))) ** 1.5 if frames > 1 else 1.0
-        frame = float(np.median(told)) * z / low if frames > 1 and len(told) else None
+        frame = float(np.median(known)) * z / low if frames > 1 and len(known) else None
         expected = None if frame is None else frame / math.sqrt(frames)
         found.append(BurstNoise(frames, frame, expected, noise_of_windows(variance[mine]) * z))
     return tuple(found)

@@ -1,4 +1,4 @@
-"""Flying pixels are taken out, small gaps of missing readings are filled."""
+"""Flying pixels are removed, small gaps of missing readings are filled."""
 
 from __future__ import annotations
 
@@ -7,6 +7,10 @@ from numba import njit, prange
 
 from .noise_estimate import residual_kernel
 from .settings import DepthSettings
+
+_STEEPEST_DEG = 80.0  # from head-on: a surface at a steeper slant is not read
+_SIGMAS, _OFFSET = 3.0, 0.003  # neighbours on a surface differ by no more, in standard deviations, and of z besides
+_SURROUNDED, _ONE_SURFACE = 6, 0.02  # of 8 neighbours, in a gap inside a surface; of z: how far these differ at most
 
 
 def remove_flying_pixels(
@@ -34,7 +38,7 @@ def remove_flying_pixels(
     known = variance >= 0
     # noise relative to z grows in proportion to z for triangulating cameras; for others this is on the safe side
     growth = float(np.median(np.sqrt(variance[known]) / depth[::8][known])) if known.any() else 0.0
-    return _flying_kernel(depth, pixel_angle * np.tan(np.radians(80.0)), 3.0 * growth, settings.support)
+    return _flying_kernel(depth, pixel_angle * np.tan(np.radians(_STEEPEST_DEG)), _SIGMAS * growth, settings.support)
 
 
 @njit(cache=True, nogil=True, parallel=True, error_model="numpy")
@@ -43,7 +47,7 @@ def _flying_kernel(depth, slope, noise, support):
     out = np.empty_like(depth)
     framed = np.zeros((height + 2, width + 2), np.float32)  # no pixel needs to ask whether it lies at the border
     framed[1:-1, 1:-1] = depth
-    beside, across = np.float32(slope + 0.003), np.float32(slope * np.sqrt(2.0) + 0.003)
+    beside, across = np.float32(slope + _OFFSET), np.float32(slope * np.sqrt(2.0) + _OFFSET)
     growth, most = np.float32(noise), np.float32(0.99)  # so that no reading is never near
     for v in prange(height):
         above, here, below = framed[v], framed[v + 1], framed[v + 2]
@@ -69,12 +73,12 @@ def close_dropouts(depth: np.ndarray, labels: np.ndarray, width: int) -> tuple[n
     labels : np.ndarray [shape=(H, W), dtype=int8]
         View of each pixel, -1 = none.
     width : int
-        Drop-outs up to this many pixels across are closed, a ring of pixels a round.
+        Gaps up to this many pixels across are filled, a ring of pixels a round.
 
     Returns
     -------
     depth, labels : np.ndarray
-        Copies with the closed pixels filled in.
+        Copies with these gaps filled.
     """
     for _ in range((width + 1) // 2):
         depth, labels = _close_kernel(depth, labels)
@@ -104,8 +108,8 @@ def _close_kernel(depth, labels):
                         z = depth[v + dv, u + du]
                         total += 1.0 / z
                         low, high = min(low, z), max(high, z)
-            # 6 of 8: the pixel is inside the surface, not at its silhouette
-            if count >= 6 and high - low < 0.02 * low:
+            # else the pixel is not inside the surface, but at its silhouette
+            if count >= _SURROUNDED and high - low < _ONE_SURFACE * low:
                 new_depth[v, u] = count / total
                 new_labels[v, u] = view
     return new_depth, new_labels

@@ -19,7 +19,7 @@ class DepthSettings:
     burst_share : float
         A pixel needs a reading in at least this share of the frames [0..1].
     still_share : float
-        Share of the subject that may have moved during a burst before that is told [0..1]; 1 does not look.
+        Share of the subject that may have moved during a burst before that is reported [0..1]; 1 does not look.
     sensor : str
         Name in :data:`.noise_models.SENSORS` of the camera whose noise model helps; "auto" takes what the capture says,
         or what steps in the readings betray; "unknown" goes by the readings alone.
@@ -32,7 +32,7 @@ class DepthSettings:
     max_radius : int
         Largest smoothing radius [px].
     close_gaps : int
-        Drop-outs inside a surface up to this many pixels wide are closed; 0 leaves them.
+        Gaps of missing readings inside a surface up to this many pixels wide are filled; 0 leaves them.
     """
 
     min_depth: float = 0.2

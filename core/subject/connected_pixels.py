@@ -9,6 +9,12 @@ from numba import njit
 
 from ..numeric.union_find import root_of
 
+IN_FRONT = 0.05  # m: what is nearer by more than noise is in front of the other
+# a depth jump: what a surface seen at a slant of 83° spans over a pixel, in pixels, and noise and rounding, of z
+_SLANT, _NOISE = 8.0, 0.012
+_OUTLINE_SAMPLES = 3000  # so many pixels of an outline say how far it is from something
+_NEAREST, _WIDEST = 0.2, 60  # m: z that a window is sized for at least; px: its largest radius
+
 
 @dataclass(frozen=True)
 class Readings:
@@ -89,9 +95,9 @@ def gap_kernel(component, member, near, points, total, reach):
                     component[v - 1, u] != k or component[v + 1, u] != k
                     or component[v, u - 1] != k or component[v, u + 1] != k
                 )  # fmt: skip
-            if not border or met[k] % (total[k] // 3000 + 1):
+            if not border or met[k] % (total[k] // _OUTLINE_SAMPLES + 1):
                 continue
-            radius = min(int(reach / max(points[v, u, 2], 0.2)) + 2, 60)
+            radius = min(int(reach / max(points[v, u, 2], _NEAREST)) + 2, _WIDEST)
             for y in range(max(v - radius, 0), min(v + radius + 1, height), 2):
                 for x in range(max(u - radius, 0), min(u + radius + 1, width), 2):
                     j = component[y, x]
@@ -185,7 +191,7 @@ def _link(depth, seen, parent, v, u, dv, du, reach):
 def _components_kernel(depth, seen, pixel_angle, jump):
     height, width = depth.shape
     parent = np.empty(height * width, np.int32)
-    near, far = jump * (8.0 * pixel_angle + 0.012), jump * (16.0 * pixel_angle + 0.012)
+    near, far = jump * (_SLANT * pixel_angle + _NOISE), jump * (2.0 * _SLANT * pixel_angle + _NOISE)
     for v in range(height):
         for u in range(width):
             if seen[v, u] < 0:
@@ -195,7 +201,7 @@ def _components_kernel(depth, seen, pixel_angle, jump):
             _link(depth, seen, parent, v, u, -1, 0, near)
             _link(depth, seen, parent, v, u, -1, -1, near)
             _link(depth, seen, parent, v, u, -1, 1, near)
-            # up to two pixels away, so that a line of drop-outs does not part a limb
+            # up to two pixels away, so that a line of missing readings does not cut a limb
             _link(depth, seen, parent, v, u, 0, -2, far)
             _link(depth, seen, parent, v, u, -2, 0, far)
     component = np.full((height, width), -1, np.int32)

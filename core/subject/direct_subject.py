@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from ..numeric.point_products import dot
-from .connected_pixels import Pieces, Readings, gap_kernel, label_kernel, member_table
+from .connected_pixels import IN_FRONT, Pieces, Readings, gap_kernel, label_kernel, member_table
 from .floor_plane import (
     ABOUT,
     FOOTPRINT,
@@ -30,6 +30,13 @@ from .support_surface import find_support
 
 PIECE = 8  # px: fewer are noise
 _BELOW = 0.15  # of the figure: so much of it may be seen below what stands in front of it
+_PLACED, _SMALLEST = 0.6, 20  # of a piece, and pixels, that must be within reach of where the subject is expected
+_SHOWN = 0.3  # of the least pixels that a view of the subject has: a mirror with fewer does not show the object
+_PART_GAP = 0.12  # m: a hand or a head whose wrist or neck was not read is so near to the rest
+# m: what lies partly outside of the figure's box is nearer, if it is smaller than a share of the figure; and what
+# stands on the floor by itself, to within 5 cm, is furniture unless it is right at the figure
+_OUTSIDE_GAP, _OUTSIDE_SHARE, _STANDING_GAP, _LOW = 0.08, 0.3, 0.04, 0.05
+_UNREAD, _SAME_LIMB = 4, 0.3  # px without a reading beside what hides a limb; m: how far a limb's two ends differ in z
 _AXIS_SPREAD, _OBJECT_SPREAD = 0.5, 0.3  # how far off the rig's axis a person or object counts less [m]
 
 
@@ -199,7 +206,7 @@ def _object_pieces(
     else:
         near = np.bincount(group, extents.score, count)
         # furniture that happens to stand there is hardly seen in every mirror
-        near *= (pixels >= 0.3 * settings.min_pixels).sum(axis=0) ** 2
+        near *= (pixels >= _SHOWN * settings.min_pixels).sum(axis=0) ** 2
         near[pixels[0] < settings.min_pixels] = 0.0
         if not count or near.max() <= 0:
             return None
@@ -230,7 +237,7 @@ def small_pieces(pieces: Pieces, member: np.ndarray, axis: np.ndarray, settings:
         pieces.pixel_angle,
     )  # fmt: skip
     total = pieces.sizes
-    return ~member & (total >= PIECE) & (within > 0.6 * total) & (total < _BELOW * total[member].sum())
+    return ~member & (total >= PIECE) & (within > _PLACED * total) & (total < _BELOW * total[member].sum())
 
 
 class _Extents(NamedTuple):
@@ -252,7 +259,7 @@ def _extents(pieces: Pieces, expected: np.ndarray | None, spread: float, setting
         pieces.component, pieces.count, pieces.points, axis, across, settings.reach**2, spread**2, pieces.pixel_angle
     )
     # a wall or a chair row that only passes through the place is mostly outside of it
-    return _Extents(within, np.where((within > 0.6 * pieces.sizes) & (within >= 20), weight, 0.0), box)
+    return _Extents(within, np.where((within > _PLACED * pieces.sizes) & (within >= _SMALLEST), weight, 0.0), box)
 
 
 def _joined(chosen: np.ndarray, pieces: Pieces, extents: _Extents) -> np.ndarray:
@@ -260,18 +267,18 @@ def _joined(chosen: np.ndarray, pieces: Pieces, extents: _Extents) -> np.ndarray
     total, score, box = pieces.sizes, extents.score, extents.box
     member = member_table(chosen, pieces.count)
     lowest = _lowest_kernel(pieces.component, pieces.count, pieces.points, pieces.up)
-    floor_reach = lowest[chosen].min() + 0.05
+    floor_reach = lowest[chosen].min() + _LOW
     while True:  # a piece may reach the body through another one: a hand through a forearm
-        low, high = box[member, 0].min(axis=0) - 0.12, box[member, 1].max(axis=0) + 0.12
+        low, high = box[member, 0].min(axis=0) - _PART_GAP, box[member, 1].max(axis=0) + _PART_GAP
         near = ~member & (score > 0) & (box[:, 0] < high).all(axis=1) & (box[:, 1] > low).all(axis=1)
         if not near.any():
             return member
-        gap = gap_kernel(pieces.component, member, near, pieces.points, total, 0.12 / pieces.pixel_angle)
+        gap = gap_kernel(pieces.component, member, near, pieces.points, total, _PART_GAP / pieces.pixel_angle)
         inside = (box[:, 0] > low).all(axis=1) & (box[:, 1] < high).all(axis=1)
-        # a head whose neck was not read stands out of the rest; another person is as large as the rest, and what
-        # stands on the floor by itself is furniture unless it is right at the figure: a leg behind missing readings
-        limit = np.where(inside, 0.12, np.where(total < 0.3 * total[member].sum(), 0.08, 0.0))
-        joined = near & (gap < np.where(lowest < floor_reach, np.minimum(limit, 0.04), limit))
+        # a head whose neck was not read lies outside of the rest; another person does, too, but is as large as the rest
+        small = total < _OUTSIDE_SHARE * total[member].sum()
+        limit = np.where(inside, _PART_GAP, np.where(small, _OUTSIDE_GAP, 0.0))
+        joined = near & (gap < np.where(lowest < floor_reach, np.minimum(limit, _STANDING_GAP), limit))
         if not joined.any():
             return member
         member |= joined
@@ -304,7 +311,7 @@ def _extent_kernel(component, count, points, origin, projection, reach2, spread2
 
 @njit(cache=True, nogil=True)
 def _below_kernel(component, member, small, depth):
-    """In how many columns (C,) a ``small`` component goes on below a member, but for what stands before both."""
+    """In how many columns (C,) a ``small`` component goes on below a member, but for what stands in front of both."""
     height, width = component.shape
     columns = np.zeros(len(member), np.int64)
     for v in range(1, height):
@@ -314,14 +321,14 @@ def _below_kernel(component, member, small, depth):
                 continue
             hidden = unread = 0
             y = v - 1
-            while y >= 0 and unread <= 4:
+            while y >= 0 and unread <= _UNREAD:
                 j, z = component[y, u], depth[y, u]
                 if j >= 0 and member[j]:
-                    columns[k] += hidden > 0 and abs(z - depth[v, u]) < 0.3
+                    columns[k] += hidden > 0 and abs(z - depth[v, u]) < _SAME_LIMB
                     break
                 if z == 0:
                     unread += 1
-                elif z < depth[v, u] - 0.05:
+                elif z < depth[v, u] - IN_FRONT:
                     hidden, unread = hidden + 1, 0
                 else:
                     break

@@ -14,12 +14,17 @@ from .subject_views import ViewSettings
 
 ROUGH = 0.014  # a floor's noise is less [m]
 _UNSEEN = 0.004  # where a floor that a mirror hardly shows is, to within one standard deviation [m]
-_ENOUGH = 1000  # readings tell a floor
+_FLOOR_SAMPLES = 1000  # readings that a floor is measured with
+_FEWEST, _FEWEST_LEVEL, _FEWEST_RING = 80, 60, 200  # readings: with fewer, on a plane, or in a ring, there is no floor
+_BIN = 0.005  # m: of the histogram of heights that a floor is looked for in
 FOOTPRINT = 0.4  # radius about the subject in which feet may be [m]
 _FLOOR_PRIOR = (0.01, 0.006, 0.006)  # by how much a mirror's error may lift [m] and tilt the floor in it
-_SHARED = 60.0  # neighbouring readings share so much of their errors that this many count as one
+_PER_SAMPLE = 60.0  # readings that count as one, because the errors of neighbours are correlated
 _FEET, ABOUT, _FARTHER = 0.2, 0.45, 1.5  # m: feet, the floor right about them; what is farther off, of that
-_LIFT, LOW = 0.003, 0.04  # m: a carpet; a mirror shows less of it than tells it from the floor about it
+_LIFT, LOW = (
+    0.003,
+    0.04,
+)  # m: a carpet is higher; a mirror shows too little of a lower step to separate it from the floor about it
 STEP, MAT = (0.008, 0.2), 0.2  # how high [m], and how large [m²] at least, is a mat or step that a person stands on
 
 
@@ -110,7 +115,7 @@ def raised_floor(readings: Readings, floor: float, middle: np.ndarray, reach: fl
             horizontal_projection(up), 0, 1, readings.pixel_angle,
         )  # fmt: skip
         height = np.sort(dot(samples[0][0], up) - floor)
-        if len(height) < 200:
+        if len(height) < _FEWEST_RING:
             return np.nan, np.inf, height
         half = len(height) // 2
         first = int(np.argmin(height[half:] - height[: len(height) - half]))
@@ -118,11 +123,13 @@ def raised_floor(readings: Readings, floor: float, middle: np.ndarray, reach: fl
         return float(np.median(height[first : first + half])), float(noise), height
 
     near, noise, heights = level(_FEET, ABOUT)
-    far, scatter, others = level(_FARTHER * ABOUT, reach)
-    if not np.isfinite(near + far) or max(noise, scatter) > ROUGH:
+    far, far_noise, others = level(_FARTHER * ABOUT, reach)
+    if not np.isfinite(near + far) or max(noise, far_noise) > ROUGH:
         return None
-    sure = 3.0 * np.hypot(noise * np.sqrt(_SHARED / len(heights)), scatter * np.sqrt(_SHARED / len(others)))
-    if near - far < max(_LIFT, sure) or np.mean(np.abs(heights - near) < 3.0 * max(noise, 0.001)) < 0.5:
+    chance = 3.0 * np.hypot(
+        noise * np.sqrt(_PER_SAMPLE / len(heights)), far_noise * np.sqrt(_PER_SAMPLE / len(others))
+    )  # fmt: skip
+    if near - far < max(_LIFT, chance) or np.mean(np.abs(heights - near) < 3.0 * max(noise, 0.001)) < 0.5:
         return None
     return floor + near
 
@@ -181,15 +188,15 @@ def _fit_floor(
     deviation; None when there is hardly any, or it is ``rough``: feet, in a mirror that shows no floor.
 
     A mirror shows the floor where its plane's error puts it, near the true one: an offset and two slopes are fitted
-    with that as prior, for a narrow strip does not tell its tilt, and a few readings beside feet tell little.
+    with that as prior, for a narrow strip says nothing of its tilt, and a few readings beside feet say little.
     """
-    if len(sample) < 80:
+    if len(sample) < _FEWEST:
         return None
     height = dot(sample, up) - floor
     # feet are spread over all heights, the floor has one
-    bins = np.bincount(np.floor((height + NEAR_FLOOR) / 0.005).astype(np.int64).clip(0))
+    bins = np.bincount(np.floor((height + NEAR_FLOOR) / _BIN).astype(np.int64).clip(0))
     level = np.convolve(bins, np.ones(4), mode="same")
-    place = 0.005 * (np.arange(len(bins)) + 0.5) - NEAR_FLOOR
+    place = _BIN * (np.arange(len(bins)) + 0.5) - NEAR_FLOOR
     likely = level * np.exp(-0.5 * (place / (2.0 * _FLOOR_PRIOR[0])) ** 2)
     first = _level_axis(up)
     plan = sample - center
@@ -199,7 +206,7 @@ def _fit_floor(
     for _ in range(5):
         miss = height - dot(rows, found)
         kept = np.abs(miss) < band
-        if kept.sum() < 60:
+        if kept.sum() < _FEWEST_LEVEL:
             return None
         # images of images lay a second sheet across the floor: its own spread is that of the closest half
         noise = max(_closest_half(miss[kept]), 0.0005)
@@ -220,7 +227,7 @@ def _floor_equations(rows, height, miss, band, noise):
     matrix, right = np.zeros((3, 3)), np.zeros(3)
     for i in range(len(rows)):
         if abs(miss[i]) < band:
-            weight = 1.0 / (_SHARED * noise * noise * (1.0 + (miss[i] / (2.0 * noise)) ** 2))
+            weight = 1.0 / (_PER_SAMPLE * noise * noise * (1.0 + (miss[i] / (2.0 * noise)) ** 2))
             for a in range(3):
                 right[a] += weight * rows[i, a] * height[i]
                 for b in range(3):
@@ -239,8 +246,8 @@ def _closest_half(values: np.ndarray) -> float:
 def _near_floor_kernel(
     points, seen, up, floor, band, center, inner2, outer2, under2, across, first, views, pixel_angle
 ):
-    """Up to ``_ENOUGH`` points of each view from ``first`` on within ``band`` of the floor and in a ring about the
-    subject, evenly taken, and how far the median of each one's row is above it. What stands upright is left out.
+    """Up to ``_FLOOR_SAMPLES`` points of each view from ``first`` on within ``band`` of the floor and in a ring about
+    the subject, evenly taken, and how far the median of each one's row is above it. What stands upright is left out.
 
     And how many there are at each height (views, 120), from -``band`` to ``band``, nearer to the subject.
     """
@@ -275,7 +282,7 @@ def _near_floor_kernel(
     samples = []
     row = np.empty(2 * ROW + 1)
     for k in range(views):
-        some = found[k][: count[k] : count[k] // _ENOUGH + 1]
+        some = found[k][: count[k] : count[k] // _FLOOR_SAMPLES + 1]
         sample, medians = np.empty((len(some), 3)), np.empty(len(some))
         for i in range(len(some)):
             v, u = some[i] // width, some[i] % width

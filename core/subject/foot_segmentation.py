@@ -1,4 +1,4 @@
-"""Feet told from the floor they stand on: in each column of the image, where the heights begin to rise."""
+"""Segmentation of feet from the floor they stand on: in each column of the image, where the heights begin to rise."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ ROW = 3  # px to either side that a pixel near the floor is judged by
 _ROWS = 4  # px above and below, as well
 _RISE = 0.8  # what is not floor rises by this share of what an upright surface would
 _SOLE = 0.0035  # height at which a foot begins: its sole is rounded [m]
-_STEPS = 4  # places of that beginning that are weighed against each other, a pixel
+_BEGINNINGS = 4  # places of that beginning that are weighed against each other, a pixel
 # the floor right at a sole hardly shows, a lost piece of foot does: it counts so many times; more where noise is that
 # share of a row's rise, for there such pieces are whole feet in few pixels
 _HOLE, _BLURRED_HOLE, _BLURRED = 1.5, 6.0, (0.3, 0.7)
 _SIDE, _OWN = 3, 0.3  # px on either side of a foot's edge; how far from floor to foot a pixel of the floor may read
-_QUIET = 0.0007  # rows are never surer than this [m]
-_SURE = 4.0  # standard deviations
+_QUIET = 0.0007  # m: the median of a row is never more accurate
+_NOT_NOISE = 4.0  # standard deviations: a height that differs by more is not the floor's by chance
+_LIKELIEST = 300.0  # exponent at which a likelihood is as good as certain, so that no product overflows
+_SAME_SURFACE = 0.1  # m: pixels of a row that differ by less in z are pooled
 
 
 class FloorViews(NamedTuple):
@@ -75,7 +77,7 @@ def standing_pixels(readings: Readings, floor: FloorViews, first: int, highest: 
     highest : float
         Height along the vertical above which nothing counts [m].
     clearance : float
-        What is lower above the floor is the floor's in any case [m].
+        Height threshold: what is lower above the floor is the floor's in any case [m].
 
     Returns
     -------
@@ -139,7 +141,7 @@ def _pooled_kernel(above, seen, depth, near):
                 continue
             n = 0
             for x in range(max(u - ROW, 0), min(u + ROW + 1, width)):
-                if seen[v, x] == seen[v, u] and abs(depth[v, x] - depth[v, u]) < 0.1:
+                if seen[v, x] == seen[v, u] and abs(depth[v, x] - depth[v, u]) < _SAME_SURFACE:
                     a, at = above[v, x], n
                     while at > 0 and row[at - 1] > a:
                         row[at] = row[at - 1]
@@ -170,7 +172,7 @@ def _feet_kernel(seen, depth, rows, near, noises, shares, clearance, first, pixe
                 kind[v, u] = 1
                 out[v, u] = -1
                 continue
-            if h > _SURE * noise + rise:
+            if h > _NOT_NOISE * noise + rise:
                 out[v, u] = k
                 continue
             # the rows that belong together: what gets higher downwards, or lower upwards, is something else
@@ -179,14 +181,14 @@ def _feet_kernel(seen, depth, rows, near, noises, shares, clearance, first, pixe
             low = high = h
             for j in range(1, _ROWS + 1):
                 y = v - j
-                if y < 0 or seen[y, u] != k or rows[y, u] == np.inf or rows[y, u] < high - _SURE * noise:
+                if y < 0 or seen[y, u] != k or rows[y, u] == np.inf or rows[y, u] < high - _NOT_NOISE * noise:
                     break
                 less = j
                 column[_ROWS - j] = rows[y, u]
                 high = max(high, rows[y, u])
             for j in range(1, _ROWS + 1):
                 y = v + j
-                if y >= height or seen[y, u] != k or rows[y, u] == np.inf or rows[y, u] > low + _SURE * noise:
+                if y >= height or seen[y, u] != k or rows[y, u] == np.inf or rows[y, u] > low + _NOT_NOISE * noise:
                     break
                 more = j
                 column[_ROWS + j] = rows[y, u]
@@ -197,23 +199,23 @@ def _feet_kernel(seen, depth, rows, near, noises, shares, clearance, first, pixe
                 least = rise * (0.5 - j) + _SOLE if j <= 0 else 0.0
                 expected = max(column[_ROWS + j], least)
                 over += expected * (2.0 * column[_ROWS + j] - expected)
-            weight = shares[k - first] * rise / _STEPS
+            weight = shares[k - first] * rise / _BEGINNINGS
             blurred = min(max((noise / rise - _BLURRED[0]) / (_BLURRED[1] - _BLURRED[0]), 0.0), 1.0)
             hole = _HOLE + blurred * (_BLURRED_HOLE - _HOLE)
-            last = _STEPS * (more + _ROWS + 2)
+            last = _BEGINNINGS * (more + _ROWS + 2)
             # no foot fits better than one that is all that is seen, but no lower than a foot is: floor mostly ends here
-            if hole * weight * last * np.exp(min(0.5 * over / noise**2, 300.0)) < 1.0:
+            if hole * weight * last * np.exp(min(0.5 * over / noise**2, _LIKELIEST)) < 1.0:
                 kind[v, u] = 1
                 out[v, u] = -1
                 continue
-            # no foot at all, or one from so many rows below this one on; half a row is not told
+            # no foot at all, or one from so many rows below this one on; half a row is too little to say
             floor, foot = 1.0, 0.0
-            for step in range(-_STEPS * less, last):
-                begin, miss = step / _STEPS, 0.0
+            for step in range(-_BEGINNINGS * less, last):
+                begin, miss = step / _BEGINNINGS, 0.0
                 for j in range(-less, more + 1):
                     expected = rise * (begin - j) + _SOLE if begin > j else 0.0
                     miss += (column[_ROWS + j] - expected) ** 2
-                likely = weight * np.exp(min(0.5 * (flat - miss) / noise**2, 300.0))
+                likely = weight * np.exp(min(0.5 * (flat - miss) / noise**2, _LIKELIEST))
                 if begin >= 0.5:
                     foot += likely
                 else:
@@ -269,7 +271,7 @@ def _sides_kernel(seen, above, kind, near, noises, first, out):
                     continue
                 for y in range(v - 1, v + 2):
                     own += above[y, u]
-                if foot - floor > _SIDE * _SURE * noises[k - first] and own - floor < _OWN * (foot - floor):
+                if foot - floor > _SIDE * _NOT_NOISE * noises[k - first] and own - floor < _OWN * (foot - floor):
                     kind[v, u] = 1
                     out[v, u] = -1
                     break

@@ -9,17 +9,25 @@ from numba import njit
 
 from ..camera import Intrinsics
 from ..numeric.point_products import dot
-from .connected_pixels import Pieces, connected_pixels, dilated, gap_kernel, member_table
+from .connected_pixels import IN_FRONT, Pieces, connected_pixels, dilated, gap_kernel, member_table
 from .direct_subject import PIECE, DirectSubject
 from .floor_plane import horizontal_projection, standing_pieces
 from .subject_views import ViewSettings
 
-_CONFIRMED = 0.25  # m
-_STEPS = 0.026  # a far sensor counts in steps: pieces may be so much of z apart
+_CONFIRMED = 0.25  # m: what the direct view confirms is no farther from the figure
+_QUANTUM = 0.026  # of z: readings come in steps, a far sensor's pieces may be at so large a distance
+_TOUCHING = 0.05  # m: at this distance pieces belong together although the direct view confirms none of them
 _THICK = 0.12  # m: what is seen so little behind something else is its other side
 _LOOSE = 0.15  # of what a mirror shows of the subject: a larger piece that the direct view does not show is none
 _DENIED, _HARDLY = 0.1, 0.15  # of a piece: furniture, that the direct view shows the front of
-_TIGHT = 0.5  # of the depth jump that parts a figure from the room
+_TIGHT = 0.5  # of the depth jump that separates a figure from the room
+# pixels that the direct view does not deny, and of those that it decides on, and of those it could, what it confirms
+_FEWEST, _AGREED, _AGREED_OF_ALL = 30, 0.6, 0.25
+_ALLOWED = 0.7  # of a piece beside the figure, that the direct view does not deny
+_NEAREST = 0.05  # m: what is nearer to the camera cannot be projected
+_DEEPEST = 0.5  # m: a person reaches no farther behind its front
+_BEYOND, _TALLER = 0.35, 0.15  # m: mirrors may show so much more of it, to the sides and in height
+_STANDS = 0.1  # m: a figure that begins higher above the floor has its feet hidden
 _OUTLINE = 0.08  # a view's points may stick out of the subject's outline in another view by this much [m]
 
 
@@ -66,13 +74,13 @@ def mirrored_pieces(
     """
     pieces, member = direct.pieces, direct.member
     across = horizontal_projection(pieces.up)
-    reach2 = (np.sqrt(_squared_distance(pieces.points[labels == 0], axis, across).max()) + 0.35) ** 2
+    reach2 = (np.sqrt(_squared_distance(pieces.points[labels == 0], axis, across).max()) + _BEYOND) ** 2
     if settings.object:
-        # it may be as deep as it is wide
+        # it may be as deep as it is wide, and at least 30 cm
         return MirroredPieces(pieces, member, axis, reach2, max(0.3, 3.0 * np.sqrt(reach2) - 1.05))
     floor = replace(direct.floor, center=axis)
     pieces, _ = standing_pieces(pieces, range(1, views), floor, direct.rough, settings)
-    return MirroredPieces(pieces, np.zeros(pieces.count, np.bool_), axis, reach2, 0.5)
+    return MirroredPieces(pieces, np.zeros(pieces.count, np.bool_), axis, reach2, _DEEPEST)
 
 
 def label_mirrored_subject(
@@ -140,15 +148,15 @@ def _height_limits(labels: np.ndarray, height: np.ndarray, floor: float | None) 
     Where the image's border cuts it off, or something in front of it hides its feet, a mirror may show more of it.
     """
     low, high = height.min(), height.max()
-    cut = (labels[-3:] == 0).any() or (floor is not None and low > floor + 0.1)
-    return -np.inf if cut else low - 0.15, np.inf if (labels[:3] == 0).any() else high + 0.15
+    cut = (labels[-3:] == 0).any() or (floor is not None and low > floor + _STANDS)
+    return -np.inf if cut else low - _TALLER, np.inf if (labels[:3] == 0).any() else high + _TALLER
 
 
 def _confirmed(votes: np.ndarray) -> np.ndarray:
     """Bool (C,): which pieces the direct view confirms, by the ``votes`` (4, C) of :func:`_verdict_kernel`."""
     yes, hidden, unknown, no = votes
     decided = yes + hidden + no
-    return (yes + unknown >= 30) & (yes > 0.6 * decided) & (yes > 0.25 * (decided + unknown))
+    return (yes + unknown >= _FEWEST) & (yes > _AGREED * decided) & (yes > _AGREED_OF_ALL * (decided + unknown))
 
 
 def _beside_figure(
@@ -162,7 +170,7 @@ def _beside_figure(
     yes, hidden, unknown, no = votes
     total = yes + hidden + unknown + no
     small = (total < _LOOSE * most) | (yes > unknown)
-    loose = ~chosen & small & (yes + unknown >= PIECE) & (yes + unknown > 0.7 * total)
+    loose = ~chosen & small & (yes + unknown >= PIECE) & (yes + unknown > _ALLOWED * total)
     loose &= ~_is_furniture(yes, no, total)
     mixed = ~chosen & ~loose & (yes >= PIECE)
     if not loose.any() and not mixed.any():
@@ -175,18 +183,19 @@ def _beside_figure(
     gap = gap_kernel(part, member, near, pieces.points, np.append(sizes, 0), _CONFIRMED / pieces.pixel_angle)
     distance, confirmed = _piece_kernel(part, verdict, pieces.depth, count + 1)
     # what the direct view confirms, be it in part, may be far off: a foot below a chair's seat, a heel behind its leg
-    limit = np.where(confirmed > 0.0, _CONFIRMED, np.maximum(0.05, _STEPS * distance))
+    limit = np.where(confirmed > 0.0, _CONFIRMED, np.maximum(_TOUCHING, _QUANTUM * distance))
     return part, near & (gap < limit)
 
 
 @njit(cache=True, nogil=True)
 def _verdict_kernel(
-    component, count, seen, points, depth, labels, others, lens, wide, axis, across, reach2, up, heights, deepest
+    component, count, seen, points, depth, labels, others, intrinsics, wide, axis, across, reach2, up, heights, deepest
 ):
     """What the direct view says of each standing pixel of a mirror: 2 the subject's, 1 it hides behind the subject, 0
     cannot tell, -1 not the subject's; -2 elsewhere. And how many of each (4, C) a component has, 2 first.
 
-    ``wide`` is the directly seen outline, grown; ``others``: where somebody or something else is seen to stand.
+    ``intrinsics`` (4,): fx, fy, cx, cy; ``wide``: the directly seen outline, grown; ``others``: where somebody or
+    something else is seen to stand.
     """
     height, width = component.shape
     out = np.full((height, width), -2, np.int8)
@@ -204,16 +213,16 @@ def _verdict_kernel(
             verdict = -1
             if heights[0] < level < heights[1] and squared <= reach2:
                 verdict = 0
-                if p[2] > 0.05:
-                    row = int(np.floor(p[1] / p[2] * lens[1] + lens[3] + 0.5))
-                    column = int(np.floor(p[0] / p[2] * lens[0] + lens[2] + 0.5))
+                if p[2] > _NEAREST:
+                    row = int(np.floor(p[1] / p[2] * intrinsics[1] + intrinsics[3] + 0.5))
+                    column = int(np.floor(p[0] / p[2] * intrinsics[0] + intrinsics[2] + 0.5))
                     if 0 <= row < height and 0 <= column < width:
                         if labels[row, column] == 0:
                             # behind the subject's front; too far behind it is something that the subject hides
                             verdict = 1 if p[2] - depth[row, column] > deepest else 2
-                        elif not wide[row, column] and depth[row, column] > p[2] - 0.05:
+                        elif not wide[row, column] and depth[row, column] > p[2] - IN_FRONT:
                             verdict = -1
-                        elif others[row, column] and -0.05 < p[2] - depth[row, column] < _THICK:
+                        elif others[row, column] and -IN_FRONT < p[2] - depth[row, column] < _THICK:
                             verdict = -1  # the other side of that
             out[v, u] = verdict
             votes[2 - verdict, component[v, u]] += 1
@@ -255,16 +264,16 @@ def _pieces_beside(component, loose, mixed, verdict, seen):
 @njit(cache=True, nogil=True)
 def _piece_kernel(component, verdict, depth, count):
     """Mean depth of each component, and the share of it that the direct view confirms."""
-    total, sure, pixels = np.zeros(count), np.zeros(count), np.zeros(count)
+    total, confirmed, pixels = np.zeros(count), np.zeros(count), np.zeros(count)
     for v in range(depth.shape[0]):
         for u in range(depth.shape[1]):
             k = component[v, u]
             if k >= 0:
                 total[k] += depth[v, u]
-                sure[k] += verdict[v, u] == 2
+                confirmed[k] += verdict[v, u] == 2
                 pixels[k] += 1.0
     pixels = np.maximum(pixels, 1.0)
-    return total / pixels, sure / pixels
+    return total / pixels, confirmed / pixels
 
 
 @njit(cache=True, nogil=True)

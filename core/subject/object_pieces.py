@@ -1,4 +1,4 @@
-"""A thing that is no person: which pieces of it belong together, in all views, and what it stands on."""
+"""An object that is no person: which pieces of it belong together, in all views."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from numba import njit
 from ..numeric.point_products import dot
 from .connected_pixels import Pieces
 
-_TOUCH = 0.03  # cells in space: pieces in the same one or in neighbours are connected [m]
-_FEW = 2  # readings, and cells, tell more than noise
+_TOUCH_CELL = 0.03  # cells in space: pieces in the same one or in neighbours are connected [m]
+_FEW = 2  # readings, and cells: fewer are noise
 _BEHIND = 4  # px: a piece that begins so near to what hides it goes on behind it
 _SIDES = 24  # of the polygon about a piece in the plan
 _MARGIN = 0.02  # m
@@ -54,23 +54,23 @@ def group_pieces(pieces: Pieces, usable: np.ndarray) -> np.ndarray:
     met = np.unique(piece)
     where = np.stack([dot(at, normal) for normal in normals], axis=1)
     while True:
-        # about all that is known of the thing already, in whichever view
+        # about all that is known of the object already, in whichever view
         extent = np.full((count, _SIDES), -np.inf)
         np.maximum.at(extent, group[met], reach[met])
         under = (where < extent[group[front]] + _MARGIN).all(axis=1) & (group[front] != group[back])
         pairs, times = np.unique(
             np.column_stack((group[front[under]], group[back[under]])), axis=0, return_counts=True
         )  # fmt: skip
-        sure = pairs[times >= _FEW]
-        if not len(sure):
+        hidden = pairs[times >= _FEW]
+        if not len(hidden):
             return group
-        a, b = sure[np.argmax(times[times >= _FEW])]
+        a, b = hidden[np.argmax(times[times >= _FEW])]
         group[group == b] = a
 
 
 def _touching(piece: np.ndarray, cloud: np.ndarray) -> np.ndarray:
     """Pairs of pieces (K, 2) that touch in space; which one (P,) each point (P, 3) belongs to."""
-    place = np.floor((cloud - cloud.min(axis=0)) / _TOUCH).astype(np.int64) + 1
+    place = np.floor((cloud - cloud.min(axis=0)) / _TOUCH_CELL).astype(np.int64) + 1
     size = place.max(axis=0) + 2
     cell = (place[:, 0] * size[1] + place[:, 1]) * size[2] + place[:, 2]
     most = int(piece.max()) + 1
@@ -106,7 +106,7 @@ def _reach_kernel(piece, cloud, normals, count):
 
 @njit(cache=True, nogil=True)
 def _hidden_kernel(component, depth, usable, points):
-    """Where a piece begins at the outline of another one that is before it: both, and the point (K, 3) it begins at."""
+    """Where a piece begins at the outline of another one in front of it: both, and the point (K, 3) it begins at."""
     height, width = component.shape
     front, back, at = [0 for _ in range(0)], [0 for _ in range(0)], [(0.0, 0.0, 0.0) for _ in range(0)]
     for v in range(height):

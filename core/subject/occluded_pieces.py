@@ -1,4 +1,4 @@
-"""Pieces of a person that something before the person cuts off: told from furniture by what the mirrors show."""
+"""Pieces of a person that something in front cuts off, separated from furniture by what the mirrors show."""
 
 from __future__ import annotations
 
@@ -8,16 +8,18 @@ from numba import njit
 from ..camera import Intrinsics
 from ..mirrors import Mirror
 from ..mirrors.mirror import reflection_matrix
+from .connected_pixels import IN_FRONT
 from .direct_subject import DirectSubject, small_pieces
 from .subject_views import ViewSettings
 
-_ENOUGH = 4  # pixels that tell
+_FEWEST, _TOUCHED = 4, 0.05  # pixels, and of a piece, that must be in touch with the figure in a mirror
+_CERTAIN, _OTHER = 0.6, 0.1  # of a piece: in touch with the figure, and with something else, when it is certain
 _DIRECTIONS = 13  # from the right over the top to the left in which the rest of the figure may be
 _FARTHEST = 220  # px
-_UNREAD = 16  # px: the shadow beside what stands before, seen by a camera with two viewpoints
-_BEFORE = 0.05  # m: what hides is so much nearer
+_UNREAD = 16  # px: the shadow beside what stands in front, seen by a camera with two viewpoints
 _ASIDE = 0.35  # m: a foot is no farther from its leg
-_TOUCH = 0.05  # m: the same part of a body, seen from two sides
+_SAME_PART = 0.05  # m: the same part of a body, seen from two sides
+_NEAREST, _WIDEST = 0.1, 12  # m: what is nearer to the camera is not projected; px: the largest window
 
 
 def occluded_pieces(
@@ -69,13 +71,13 @@ def occluded_pieces(
     shown = np.where(component < 0, -1, chosen[component] | (labels > 0)).astype(np.int8)
     flips = np.stack([reflection_matrix(mirror) for mirror in mirrors])
     touches, others, asked = _touch_kernel(
-        pieces.component, candidate, pieces.points, pieces.seen, shown, flips, intrinsics.lens, _TOUCH
+        pieces.component, candidate, pieces.points, pieces.seen, shown, flips, intrinsics.lens, _SAME_PART
     )
-    shared = candidate & (touches >= np.maximum(_ENOUGH, 0.05 * asked)) & (touches > 2 * others)
-    certain = shared & (touches > 0.6 * asked) & (others < 0.1 * asked)
+    shared = candidate & (touches >= np.maximum(_FEWEST, _TOUCHED * asked)) & (touches > 2 * others)
+    certain = shared & (touches > _CERTAIN * asked) & (others < _OTHER * asked)
     while shared.any():  # a shin between two bars, and the foot below
         beside, met = _linked_kernel(pieces.component, member, shared, pieces.points, pieces.depth)
-        linked = (met >= _ENOUGH) | (certain & (beside >= _ENOUGH))
+        linked = (met >= _FEWEST) | (certain & (beside >= _FEWEST))
         if not linked.any():
             break
         found |= linked
@@ -113,7 +115,7 @@ def _linked_kernel(component, member, candidate, points, depth):
                         unread += 1
                         if unread > _UNREAD:
                             break
-                    elif z < depth[v, u] - _BEFORE and not (j >= 0 and member[j]):
+                    elif z < depth[v, u] - IN_FRONT and not (j >= 0 and member[j]):
                         hidden += 1
                         before = True
                     elif j >= 0 and member[j] and hidden > 0:
@@ -132,7 +134,7 @@ def _linked_kernel(component, member, candidate, points, depth):
 
 
 @njit(cache=True, nogil=True)
-def _touch_kernel(component, candidate, points, seen, shown, flips, lens, reach):
+def _touch_kernel(component, candidate, points, seen, shown, flips, intrinsics, reach):
     """How many pixels of each ``candidate`` (C,) have the figure, as a mirror shows it, right at them; how many
     something else; and how many were asked."""
     height, width = component.shape
@@ -148,12 +150,15 @@ def _touch_kernel(component, candidate, points, seen, shown, flips, lens, reach)
             nearest, other = reach * reach, reach * reach
             for m in range(len(flips)):
                 z = flips[m, 2, 0] * p[0] + flips[m, 2, 1] * p[1] + flips[m, 2, 2] * p[2] + flips[m, 2, 3]
-                if z < 0.1:
+                if z < _NEAREST:
                     continue
                 x = flips[m, 0, 0] * p[0] + flips[m, 0, 1] * p[1] + flips[m, 0, 2] * p[2] + flips[m, 0, 3]
                 y = flips[m, 1, 0] * p[0] + flips[m, 1, 1] * p[1] + flips[m, 1, 2] * p[2] + flips[m, 1, 3]
-                column, row = int(np.rint(x / z * lens[0] + lens[2])), int(np.rint(y / z * lens[1] + lens[3]))
-                radius = min(int(reach * lens[0] / z) + 1, 12)
+                column, row = (
+                    int(np.rint(x / z * intrinsics[0] + intrinsics[2])),
+                    int(np.rint(y / z * intrinsics[1] + intrinsics[3])),
+                )
+                radius = min(int(reach * intrinsics[0] / z) + 1, _WIDEST)
                 for b in range(max(row - radius, 0), min(row + radius + 1, height)):
                     for a in range(max(column - radius, 0), min(column + radius + 1, width)):
                         if shown[b, a] < 0 or seen[b, a] != m + 1:

@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class ViewSettings:
-    """How the subject is told from the room.
+    """How the subject is separated from the room.
 
     Parameters
     ----------
@@ -18,7 +18,8 @@ class ViewSettings:
     near : float
         What lies nearer is dropped [m]; 0 = automatic.
     floor_clearance : float
-        Readings up to this far above the floor are the floor's in any case [m]; above, what is seen decides.
+        Height threshold: readings up to this far above the floor are the floor's in any case [m]; above, what is seen
+        decides.
     reach : float
         Radius about the vertical axis through the subject inside which it is looked for [m].
     max_height : float
@@ -28,7 +29,7 @@ class ViewSettings:
     click : tuple of float or None
         Pixel (u, v) on the subject, in whichever view: chooses it where the rig's own choice is wrong.
     object : bool
-        The subject may be any thing, of any height, on the floor, a table or a plinth: what it stands on is cut off.
+        The subject may be any object, of any height, on the floor, a table or a plinth: what it stands on is cut off.
     """
 
     depth_limit: float = 0.0

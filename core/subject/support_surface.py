@@ -8,7 +8,7 @@ from numba import njit
 from ..numeric.point_products import dot
 from .connected_pixels import Readings
 
-_CELL = 0.025  # of the plan [m]
+_PLAN_CELL = 0.025  # of the plan [m]
 _LEVEL = 0.03  # a level surface's readings are within this of it [m]
 _ROUNDED = 0.35  # a rounded back has more than this share of its top's plan again right below it
 _BESIDE = 4  # cells on each side of what stands on it in which a support goes on
@@ -26,7 +26,7 @@ def find_support(
     """Height along the vertical of the table or plinth that an object stands on; None when it stands on the floor.
 
     A support is a level surface, ``between`` so high above the floor, that ends in edges (an animal's back is rounded)
-    and goes on before, behind and beside what stands on it (a chair's seat ends at its back). What stands on it is
+    and goes on in front of, behind and beside what stands on it (a chair's seat ends at its back). What stands on it is
     broader than a handle. Of several the largest counts.
 
     Parameters
@@ -61,12 +61,12 @@ def find_support(
     low, high, cell = _plan_kernel(mine, height, np.cross(up, away), away)
     lowest = height.min() if floor is None else floor
     tops = high[(high > lowest + between[0]) & (high < lowest + between[1] + _LEVEL)]
-    if len(tops) * _CELL**2 < smallest:
+    if len(tops) * _PLAN_CELL**2 < smallest:
         return None
     base = tops.min()
     bins = np.convolve(np.bincount(np.floor((tops - base) / 0.01).astype(np.int64)), np.ones(3), mode="same")
     thin = np.where(low <= high, high, np.inf) - np.where(low <= high, low, 0.0) < 2.0 * _LEVEL
-    while bins.max() * _CELL**2 >= smallest:
+    while bins.max() * _PLAN_CELL**2 >= smallest:
         best = int(np.argmax(bins))
         top = base + (best + 0.5) * 0.01
         # a cell's highest reading is off by its noise
@@ -79,7 +79,7 @@ def find_support(
 
         surface = reached(-0.5 * _LEVEL, 0.5 * _LEVEL) & (high < at + _LEVEL)
         rounded = thin & (np.abs(high - at + 2.0 * _LEVEL) < _LEVEL)
-        enough = surface.sum() * _CELL**2 >= smallest and rounded.sum() <= _ROUNDED * surface.sum()
+        enough = surface.sum() * _PLAN_CELL**2 >= smallest and rounded.sum() <= _ROUNDED * surface.sum()
         if enough and _goes_on(surface, reached(_LEVEL, 2.0 * _LEVEL)):
             pixels, breadth = _breadth_kernel(points, figure & (readings.seen == 0), up, at + _LEVEL)
             if pixels >= least and breadth * readings.pixel_angle > _BREADTH:
@@ -90,7 +90,7 @@ def find_support(
 
 
 def _goes_on(surface: np.ndarray, touching: np.ndarray) -> bool:
-    """Whether a level ``surface`` (A, B) goes on about what is right above it, before, behind and beside it."""
+    """Whether a level ``surface`` (A, B) goes on about what is right above it, in front of, behind and beside it."""
     if not touching.any():
         return False
     a, b = np.nonzero(touching)
@@ -115,12 +115,15 @@ def _plan_kernel(points, height, side, away):
         for c in range(2):
             least[c], most[c] = min(least[c], plan[i, c]), max(most[c], plan[i, c])
     # what goes on for longer than 10 m is a room
-    across, along = min(int((most[0] - least[0]) / _CELL), 399) + 1, min(int((most[1] - least[1]) / _CELL), 399) + 1
+    across, along = (
+        min(int((most[0] - least[0]) / _PLAN_CELL), 399) + 1,
+        min(int((most[1] - least[1]) / _PLAN_CELL), 399) + 1,
+    )
     low, high = np.full((across, along), np.inf), np.full((across, along), -np.inf)
     cell = np.empty(count, np.int64)
     for i in range(count):
-        a = min(int((plan[i, 0] - least[0]) / _CELL), across - 1)
-        b = min(int((plan[i, 1] - least[1]) / _CELL), along - 1)
+        a = min(int((plan[i, 0] - least[0]) / _PLAN_CELL), across - 1)
+        b = min(int((plan[i, 1] - least[1]) / _PLAN_CELL), along - 1)
         low[a, b], high[a, b] = min(low[a, b], height[i]), max(high[a, b], height[i])
         cell[i] = a * along + b
     return low, high, cell
