@@ -14,6 +14,7 @@ from ..numeric.point_products import dot, transform
 from ..subject.subject_views import Views
 
 _WIDEST_FRAME, _IN_PLANE = 0.15, 0.02  # of a mirror [m]; how near to its plane that is read, of z
+_NEAREST = 0.1  # m: what is nearer to the camera, along z, is not projected
 _TRUNK = 0.24  # from the body's middle: what is farther off is an arm [m]
 
 
@@ -46,12 +47,23 @@ def thinned(views: Views, which: np.ndarray) -> np.ndarray:
 
 
 def foresee(subject: np.ndarray, depth: np.ndarray, views: Views, mirror: Mirror, intrinsics: Intrinsics) -> Reflection:
-    """Where the mirror ought to show the subject, by points (N, 3) of it that are seen otherwise."""
+    """Where the mirror ought to show the subject, by points of it that other views show.
+
+    Parameters
+    ----------
+    subject : np.ndarray [shape=(N, 3)]
+        These points, N > 0, camera frame [m].
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    views : Views
+    mirror : Mirror
+    intrinsics : Intrinsics
+    """
     k = intrinsics
-    laid, a, b, through = reflections_on_mirror(subject, mirror)
-    ahead = laid[:, 2] > 0.1
-    z = np.where(ahead, laid[:, 2], 1.0)
-    u, v = laid[:, 0] / z * k.fx + k.cx, laid[:, 1] / z * k.fy + k.cy
+    reflected, a, b, through = reflections_on_mirror(subject, mirror)
+    ahead = reflected[:, 2] > _NEAREST
+    z = np.where(ahead, reflected[:, 2], 1.0)
+    u, v = reflected[:, 0] / z * k.fx + k.cx, reflected[:, 1] / z * k.fy + k.cy
     within = (u >= 0) & (v >= 0) & (u <= k.width - 1) & (v <= k.height - 1)
     row, column = (np.rint(np.where(within, x, 0.0)).astype(int) for x in (v, u))
     masked = within & ahead & (views.labels[row, column] == 0)
@@ -123,11 +135,11 @@ def without_frame(mirror: Mirror, depth: np.ndarray, views: Views, intrinsics: I
 def reflections_on_mirror(subject: np.ndarray, mirror: Mirror) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Reflections (N, 3) of points; where their lines of sight meet the mirror's plane, along a and b (N,) [m]; and
     which of them (N,) meet it on their way."""
-    laid = transform(subject, reflection_matrix(mirror))
-    share = (mirror.normal @ mirror.point) / dot(laid, mirror.normal)
-    on = laid * share[:, None] - mirror.point
-    through = (laid[:, 2] > 0.1) & (share > 0) & (share < 1)
-    return laid, dot(on, mirror.basis[:, 0]), dot(on, mirror.basis[:, 1]), through
+    reflected = transform(subject, reflection_matrix(mirror))
+    share = (mirror.normal @ mirror.point) / dot(reflected, mirror.normal)
+    on = reflected * share[:, None] - mirror.point
+    through = (reflected[:, 2] > _NEAREST) & (share > 0) & (share < 1)
+    return reflected, dot(on, mirror.basis[:, 0]), dot(on, mirror.basis[:, 1]), through
 
 
 def distance_past_edges(a: np.ndarray, b: np.ndarray, corners: np.ndarray) -> dict[str, np.ndarray]:

@@ -1,6 +1,6 @@
 """What is wrong with a scene, in words a user understands, and what to move: :func:`check_scene`.
 
-All is geometry: the subject's points that the other views show are laid into each mirror, and it is looked at where
+All is geometry: the subject's points that the other views show are reflected in each mirror, and it is checked where
 they would be seen: on the glass or past it, in the image or out of it, behind something, farther than the camera reads.
 """
 
@@ -35,38 +35,39 @@ from .reflection_forecast import (
 from .view_disagreement import quoted
 
 MAX_LEAN_DEG = 4.0
-"""Mirrors that lean more than this are told."""
+"""Mirrors that lean more than this are reported."""
 
 MAX_CUT = 0.05
-"""Of the subject that the image, or a glass, may cut off in a mirror before it is told [share]."""
+"""Of the subject that the image, or a glass, may cut off in a mirror before it is reported [share]."""
 
 MAX_OVER = 0.04
-"""What the subject's reflection may reach over an edge of the glass, or of the image, before it is told [m]."""
+"""What the subject's reflection may reach over an edge of the glass, or of the image, before it is reported [m]."""
 
 MAX_HIDDEN = 0.07
-"""Of a reflection that may be hidden by the subject's own body or something else before it is told [share]."""
+"""Of a reflection that may be hidden by the subject's own body or something else before it is reported [share]."""
 
 MAX_FAR = 1.25
-"""Of the distance to which the camera reads well, that a reflection may be away before it is told [share]."""
+"""Of the distance to which the camera reads well, that a reflection may be away before it is reported [share]."""
 
 MAX_UNREAD, MAX_UNREAD_PATTERN = 0.5, 0.75
-"""Of a reflection, beyond the camera's range, that may have no reading before it is told [share]; where two patterns
-light a surface a structured-light camera loses half of it at any distance."""
+"""Of a reflection, beyond the camera's range, that may have no reading before it is reported [share]; where two
+patterns light a surface a structured-light camera loses half of it at any distance."""
 
-MAX_UNSURE = 0.012
-"""A mirror whose plane may misplace the subject by more than this is told [m]."""
+MAX_PLANE_ERROR = 0.012
+"""A mirror whose plane may misplace the subject by more than this is reported [m]."""
 
-MIN_APART_DEG = 25.0
-"""Views from directions less apart than this show the same side."""
+MIN_ANGLE_DEG = 25.0
+"""Views from directions with a smaller angle between them show the same side."""
 
 MAX_GAP_DEG = 200.0
 """A wider gap between the directions the subject is seen from leaves a side unseen."""
 
 _NOT_SHOWN = 0.15  # of the subject: a mirror that shows less of it shows something else
 _MUCH_HIDDEN = 0.25  # of a reflection: where the glass ends behind that is hardly known
-_ROOM = 0.02  # beside the subject, when it is told how much is lacking [m]
+_CURED, _BY_ARMS = 0.3, 0.5  # of MAX_HIDDEN, when a move helps; of what is hidden, when it is the arms that hide it
+_ROOM = 0.02  # added to how much a mirror is too small or too far aside [m]
 _CLEARLY_OVER = 0.1  # m: an edge that is hardly known cuts the subject off for certain
-_LONG_MOVE, _SHORT_STEP = 0.15, 0.1  # m: a mirror is turned rather than moved so far; nobody is told to step less
+_LONG_MOVE, _SHORT_STEP = 0.15, 0.1  # m: a mirror is turned rather than moved so far; nobody is asked to step less
 _OUTWARDS = np.arange(0.05, 0.85, 0.05)  # by how much a mirror may be asked to be moved [m]
 _SPARE_DEG = 2.5  # between the image's border and the subject: toes point forward, hair stands up
 _BORDER_PIXELS = 6  # of the subject at the image's border that mean it is cut
@@ -100,7 +101,7 @@ def check_scene(
     list of str
         Each says what is wrong, where, and what to do. Empty for a good scene.
     """
-    told = _cut_by_image(views, intrinsics)
+    warned = _cut_by_image(views, intrinsics)
     subject = thinned(views, views.labels == 0)
     if len(subject):
         # what a mirror shows itself ends where its glass does
@@ -109,23 +110,24 @@ def check_scene(
         found = [foresee(points, depth, views, m, intrinsics) for points, m in zip(others, mirrors, strict=True)]
         step = _step_aside(subject, views, mirrors, found, intrinsics)
         if step is not None:
-            told.append(step)
+            warned.append(step)
         for k, (mirror, reflection) in enumerate(zip(mirrors, found, strict=True), start=1):
             if_moved = partial(foresee, others[k - 1], depth, views, intrinsics=intrinsics)
             case = _Case(mirror, k, reflection, if_moved)
             about = _about_mirror(case, views, model, intrinsics, step is not None)
-            told += [Notice.of(text, [mirror.name]) for text in about]
+            warned += [Notice.of(text, [mirror.name]) for text in about]
             error = mirror.displacement(subject[::16])
-            if error is not None and error > MAX_UNSURE and not on_wall(mirror):  # that is told elsewhere
-                told.append(
+            # a mirror whose frame is on a wall has its own warning
+            if error is not None and error > MAX_PLANE_ERROR and not on_wall(mirror):
+                warned.append(
                     Notice(
-                        "the plane of {mirror} is known so badly that its view of the subject may be {error:.0f} mm "
-                        "off; take a longer burst, pick points on all sides of its frame, or use a wider frame",
+                        "the plane of {mirror} is so uncertain that its view of the subject may be {error:.0f} mm off; "
+                        "record a longer burst, pick points on all sides of its frame, or use a wider frame",
                         mirror=quoted(mirror), error=1000.0 * error,
                     )
                 )  # fmt: skip
-    told += _about_rig(views, mirrors, alone)
-    return told
+    warned += _about_rig(views, mirrors, alone)
+    return warned
 
 
 def _cut_by_image(views: Views, intrinsics: Intrinsics) -> list[str]:
@@ -149,7 +151,7 @@ def _cut_by_image(views: Views, intrinsics: Intrinsics) -> list[str]:
     if both or over + under > -_SPARE_DEG:  # it is too high for the image
         advice["upper"], advice["lower"] = (("the head is", "step back"), ("the feet are", "step back"))
     return [
-        f"the subject is cut off by the image's {side} border: {what} missing there and closed by guess; {do}"
+        f"the image's {side} border cuts the subject off: {what} missing and filled in by guess; {do}"
         for side, (what, do) in advice.items()
         if cut[side] >= _BORDER_PIXELS
     ]
@@ -157,7 +159,7 @@ def _cut_by_image(views: Views, intrinsics: Intrinsics) -> list[str]:
 
 def _beyond_image(views: Views, intrinsics: Intrinsics, upwards: bool) -> float:
     """By what angle head or feet are beyond the image [degrees]: mirrors show how tall the subject is, and the floor
-    where its feet are. NaN where nothing tells."""
+    where its feet are. NaN where neither is known."""
     reflected = dot(views.points[views.labels > 0], views.up)
     if upwards:
         end = np.quantile(reflected, 0.999) if len(reflected) else np.nan
@@ -183,10 +185,10 @@ def _step_aside(
     """Where to stand instead, when the sides of more than one glass cut the subject off and none would there."""
     sides = [max(reflection.over_glass["left"], reflection.over_glass["right"]) for reflection in found]
     out = [mirror for mirror, over in zip(mirrors, sides, strict=True) if over > MAX_OVER]
-    meeting = rig_axis(mirrors, views.up, intrinsics) if len(out) > 1 else None
-    if meeting is None:
+    expected = rig_axis(mirrors, views.up, intrinsics) if len(out) > 1 else None
+    if expected is None:
         return None
-    step = meeting - views.axis
+    step = expected - views.axis
     step -= (step @ views.up) * views.up
     if np.linalg.norm(step) < _SHORT_STEP:
         return None
@@ -207,8 +209,7 @@ def _step_aside(
     way = " and ".join(moves)
     names = " and ".join(map(quoted, out))
     return Notice(
-        "{names} show only part of the subject, because it does not stand where they look; step {way} (as seen by the "
-        "camera)",
+        "{names} show only part of the subject, because it is not where they look; step {way} (as seen by the camera)",
         names=names, way=way, mirrors=[mirror.name for mirror in out],
     )  # fmt: skip
 
@@ -269,8 +270,7 @@ def _about_mirror(
         warned.append(_about_hidden(case, views, intrinsics))
     if found.blocked > MAX_HIDDEN:
         warned.append(
-            f"{found.blocked:.0%} of the reflection in {name} is hidden by something that stands before it; take that "
-            "away"
+            f"{found.blocked:.0%} of the reflection in {name} is hidden by something in front of it; remove that"
         )
     return warned
 
@@ -306,12 +306,12 @@ def _about_glass(case: _Case, glass: dict[str, float], views: Views, intrinsics:
     elif not glass and case.found.out > MAX_CUT:
         worst = max(over, key=over.get)
         glass = {worst: max(over[worst], 0.01)}
-    for one, other, what in (("top", "bottom", "high"), ("left", "right", "wide")):
+    for one, other, what in (("top", "bottom", "shorter"), ("left", "right", "narrower")):
         lacking = over[one] + over[other] + 2.0 * _ROOM
         if (one in glass or other in glass) and lacking > 0.01:
             warned.append(
-                f"{name} is too small: it is {100 * lacking:.0f} cm less {what} than the "
-                "reflection of the subject; use a larger mirror, or move it nearer to the subject"
+                f"{name} is too small: it is {100 * lacking:.0f} cm {what} than the "
+                "reflection of the subject; use a larger mirror, or move it closer to the subject"
             )
             glass = {side: value for side, value in glass.items() if side not in (one, other)}
     return warned + [
@@ -361,15 +361,15 @@ def _about_range(case: _Case, views: Views, model: NoiseModel | None, intrinsics
         unread = found.unread > (MAX_UNREAD_PATTERN if model.disparity_step else MAX_UNREAD)
         if unread or found.distance > MAX_FAR * model.max_range or not (views.labels == case.view).any():
             return [
-                f"the way over {name} is {found.distance:.1f} m, and {model.title} reads well to "
-                f"{model.max_range:.1f} m: {found.unread:.0%} of the reflection has no reading, and the rest scatters "
-                f"by {1000.0 * model.sigma(found.distance, intrinsics.fx):.0f} mm; bring the mirror and the camera "
-                f"nearer to the subject, by {found.distance - model.max_range:.1f} m in all"
+                f"the path via {name} is {found.distance:.1f} m, but {model.title} measures well only up to "
+                f"{model.max_range:.1f} m: {found.unread:.0%} of the reflection has no reading, and the rest has "
+                f"{1000.0 * model.sigma(found.distance, intrinsics.fx):.0f} mm of noise; move the mirror and the "
+                f"camera closer to the subject, by {found.distance - model.max_range:.1f} m in total"
             ]
     if found.unread > MAX_UNREAD_PATTERN:
         return [
-            f"{found.unread:.0%} of the reflection in {name} has no reading, over a way of {found.distance:.1f} m; "
-            "bring the mirror and the camera nearer to the subject, see that the glass is clean, and keep sunlight out"
+            f"{found.unread:.0%} of the reflection in {name} has no reading, on a path of {found.distance:.1f} m; "
+            "move the mirror and the camera closer to the subject, clean the glass, and keep sunlight out"
         ]
     return []
 
@@ -381,10 +381,10 @@ def _about_hidden(case: _Case, views: Views, intrinsics: Intrinsics) -> str:
     for outwards in _OUTWARDS:
         moved, how = _turn(case.mirror, views, intrinsics, outwards)
         there = case.if_moved(moved)
-        if there.hidden < 0.3 * MAX_HIDDEN and max(there.over_image.values()) < MAX_OVER:
+        if there.hidden < _CURED * MAX_HIDDEN and max(there.over_image.values()) < MAX_OVER:
             do = f"move {name} outwards by {100 * outwards:.0f} cm and {how}"
             break
-    if found.arms > 0.5:
+    if found.arms > _BY_ARMS:
         return (
             f"{found.hidden:.0%} of the reflection in {name} is hidden by the subject's own arms; hold the arms closer "
             f"to the body, or {do}"
@@ -409,8 +409,8 @@ def _about_vertical(views: Views, mirrors: list[Mirror]) -> list[str]:
         if views.disagreement_deg is not None or len(mirrors) >= 2:
             return []
         return [
-            "no floor is seen, so that the vertical is taken from the camera; let the camera see the floor about the "
-            "feet, or level the camera"
+            "no floor is seen, so the camera is taken to be level; let it see the floor around the feet, or level the "
+            "camera"
         ]
     warned = []
     for mirror, lean in zip(mirrors, leans(mirrors, views.up), strict=True):
@@ -419,10 +419,12 @@ def _about_vertical(views: Views, mirrors: list[Mirror]) -> list[str]:
             warned.append(
                 Notice(
                     "{mirror} is not vertical: its top leans {lean:.0f}° {way} the subject; set it upright, or the "
-                    "reflection loses head or feet",
-                    mirror=quoted(mirror), lean=abs(lean), way=way,
+                    "head or the feet may be missing from the reflection",
+                    mirror=quoted(mirror),
+                    lean=abs(lean),
+                    way=way,
                 )
-            )  # fmt: skip
+            )
     return warned
 
 
@@ -433,23 +435,27 @@ def _about_directions(views: Views, mirrors: list[Mirror], alone: bool) -> list[
     order = np.argsort(angles)
     names = ["the camera", *map(quoted, mirrors)]
     for i, j in zip(order, np.roll(order, -1), strict=True):
-        apart = (angles[j] - angles[i]) % 360.0
-        if len(angles) > 1 and apart < MIN_APART_DEG:
+        angle = (angles[j] - angles[i]) % 360.0
+        if len(angles) > 1 and angle < MIN_ANGLE_DEG:
             warned.append(
                 Notice(
-                    "{one} and {other} show the subject from nearly the same side, {apart:.0f}° apart; turn the "
+                    "{one} and {other} show the subject from nearly the same side, {angle:.0f}° apart; turn the "
                     "mirrors so that the views are about 120° apart",
-                    one=names[i], other=names[j], apart=apart,
+                    one=names[i],
+                    other=names[j],
+                    angle=angle,
                 )
-            )  # fmt: skip
-        elif apart > MAX_GAP_DEG and mirrors and alone:
+            )
+        elif angle > MAX_GAP_DEG and mirrors and alone:
             warned.append(
                 Notice(
-                    "nothing is seen of one side of the subject: from {one} to {other} there are {apart:.0f}° without "
-                    "a view, and that side is guessed; add a mirror there",
-                    one=names[i], other=names[j], apart=apart,
+                    "one side of the subject is not seen: there is no view in the {angle:.0f}° from {one} to {other}, "
+                    "and that side is guessed; add a mirror there",
+                    one=names[i],
+                    other=names[j],
+                    angle=angle,
                 )
-            )  # fmt: skip
+            )
     return warned
 
 

@@ -15,10 +15,11 @@ from ..numeric.point_products import dot
 from ..subject.subject_views import Views
 from ..views.view_correspondences import Meeting, meetings, noise_of, surfaces
 
-_ABOUT = 1.0  # how far from the vertical through the subject it may reach [m]
+_RADIUS = 1.0  # how far from the vertical through the subject it may reach [m]
 _THROUGH = 0.3  # of what one view shows may be looked through by another: silhouettes are ragged
 _HIDDEN = 0.03  # surfaces farther behind others are hidden by them [m]
-_APART = 0.12  # surfaces of the subject that lie farther apart are other parts of it [m]
+_OTHER_PART = 0.12  # surfaces of the subject that are at a larger distance are other parts of it [m]
+_DOUBLED, _MOSTLY_THROUGH = 0.03, 0.5  # m, and share looked through, from which on the surface would be doubled
 _FEWEST = 40  # pieces of surface: a median of fewer is chance
 _LEAST = 0.012  # m: two surfaces so close make no step that is seen
 _CERTAIN = 0.6  # difference of the blame on two mirrors, where 1 is to contradict the direct view
@@ -26,7 +27,7 @@ _CERTAIN = 0.6  # difference of the blame on two mirrors, where 1 is to contradi
 
 @dataclass(frozen=True)
 class Disagreement:
-    """Two views place the subject apart.
+    """Two views place the subject at a distance from each other.
 
     Parameters
     ----------
@@ -51,14 +52,32 @@ class Disagreement:
     @property
     def hopeless(self) -> bool:
         """The surface would be doubled, and by which mirror is known."""
-        return self.sure and (self.distance > 0.03 or self.through > 0.5)
+        return self.sure and (self.distance > _DOUBLED or self.through > _MOSTLY_THROUGH)
 
 
 def disagreements(depth: np.ndarray, views: Views, mirrors: list[Mirror], intrinsics: Intrinsics) -> list[Disagreement]:
     """Where views of the subject contradict each other, the worst of each mirror.
 
     Compared is what each mirror shows about the subject's place, whether it was taken for the subject or not: a mirror
-    that is far off shows something that no longer looks like it. O(pixels of the subject).
+    that is far off shows something that no longer looks like it.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    views : Views
+        Of :func:`.subject_search.find_subject`.
+    mirrors : list of Mirror
+    intrinsics : Intrinsics
+
+    Returns
+    -------
+    list of Disagreement
+        At most one a mirror, by the mirror's index.
+
+    Notes
+    -----
+    O(pixels of the subject).
     """
     subject = dot(views.points.reshape(-1, 3)[np.flatnonzero(views.labels == 0)[::5]], views.up)
     low, high = (subject.min(), subject.max()) if len(subject) else (-np.inf, np.inf)
@@ -67,7 +86,7 @@ def disagreements(depth: np.ndarray, views: Views, mirrors: list[Mirror], intrin
     sigma = noise_of(depth, labels)
     shown = [surfaces(depth, labels, view, intrinsics, sigma) for view in range(len(mirrors) + 1)]
     both_ways: dict[tuple[int, int], list[Meeting]] = {}
-    for m in meetings(mirrors, shown, intrinsics, _APART, depth, views.seen):
+    for m in meetings(mirrors, shown, intrinsics, _OTHER_PART, depth, views.seen):
         both_ways.setdefault((min(m.of, m.by), max(m.of, m.by)), []).append(m)
     contradictions = []  # pair, distance, share looked through
     doubt = np.zeros(len(mirrors) + 1)  # how far each mirror contradicts the direct view, be it too little to report
@@ -94,7 +113,7 @@ def disagreements(depth: np.ndarray, views: Views, mirrors: list[Mirror], intrin
 def _distance(found: list[Meeting]) -> float:
     """Median distance [m] of surfaces that two views both see; 0 when it is no more than noise, or they hardly meet."""
     # what lies far behind what the other view sees there may well be hidden from it
-    gaps = [np.abs(m.gaps[m.gaps < _HIDDEN]) for m in found] + [np.full(m.before, _APART) for m in found]
+    gaps = [np.abs(m.gaps[m.gaps < _HIDDEN]) for m in found] + [np.full(m.before, _OTHER_PART) for m in found]
     gaps = np.concatenate(gaps)
     variances = np.concatenate([m.variances for m in found])
     if len(gaps) < _FEWEST or not len(variances):
@@ -137,7 +156,7 @@ def _about_kernel(labels, seen, points, up, axis, low, high):
                 continue
             x, y, z = x - axis[0], y - axis[1], z - axis[2]
             along = up[0] * x + up[1] * y + up[2] * z
-            if x * x + y * y + z * z - along * along < _ABOUT * _ABOUT:
+            if x * x + y * y + z * z - along * along < _RADIUS * _RADIUS:
                 out[v, u] = seen[v, u]
     return out
 
@@ -145,31 +164,41 @@ def _about_kernel(labels, seen, points, up, axis, low, high):
 def check_agreement(
     depth: np.ndarray, views: Views, mirrors: list[Mirror], intrinsics: Intrinsics
 ) -> tuple[Views, list[str]]:
-    """Mirrors that contradict the other views are told, and left out where they would double the body.
+    """Mirrors that contradict the other views are reported, and left out where they would double the body.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    views : Views
+        Of :func:`.subject_search.find_subject`.
+    mirrors : list of Mirror
+    intrinsics : Intrinsics
 
     Returns
     -------
     views : Views
         Without the pixels of mirrors that are left out.
-    told : list of str
+    warned : list of str
+        Each says which mirror, by how much, and what to do.
     """
-    told, labels = [], views.labels
-    for apart in disagreements(depth, views, mirrors, intrinsics):
-        name = quoted(mirrors[apart.mirror])
-        other = "the camera" if apart.other == 0 else quoted(mirrors[apart.other - 1])
-        how = f"{100.0 * apart.distance:.0f} cm off what {other} shows" if apart.distance else (
-            f"where {other} looks through, {apart.through:.0%} of it")  # fmt: skip
+    warned, labels = [], views.labels
+    for found in disagreements(depth, views, mirrors, intrinsics):
+        name = quoted(mirrors[found.mirror])
+        other = "the camera" if found.other == 0 else quoted(mirrors[found.other - 1])
+        how = f"{100.0 * found.distance:.0f} cm away from where {other} shows it" if found.distance else (
+            f"where {other} sees empty space, {found.through:.0%} of it")  # fmt: skip
         who = "its plane is wrong: pick points on all sides of its frame again"
-        if not apart.sure:
+        if not found.sure:
             who = "the plane of one of the two is wrong: pick points on all sides of both frames again"
-        if apart.hopeless:
-            labels = np.where(labels == apart.mirror + 1, -1, labels).astype(labels.dtype)
-            what = f"{name} is left out, or the body would be doubled: it places the subject {how}"
+        if found.hopeless:
+            labels = np.where(labels == found.mirror + 1, -1, labels).astype(labels.dtype)
+            what = f"{name} is left out, because it would double the body: it places the subject {how}"
         else:
-            what = f"{name} places the subject {how}, so that its surface is uneven there"
-        text = f"{what}; {who} (on nothing else), see that the mirror is flat and has not moved, or take a longer burst"
-        told.append(Notice.of(text, [mirrors[k - 1].name for k in (apart.mirror + 1, apart.other) if k > 0]))
-    return replace(views, labels=labels), told
+            what = f"{name} places the subject {how}, which makes the surface uneven there"
+        text = f"{what}; {who} (on nothing else), check that the mirror is flat and has not moved, or record a longer burst"
+        warned.append(Notice.of(text, [mirrors[k - 1].name for k in (found.mirror + 1, found.other) if k > 0]))
+    return replace(views, labels=labels), warned
 
 
 def quoted(mirror: Mirror) -> Notice:

@@ -59,9 +59,9 @@ def shared_captures():
 
 def test_a_mirror_too_small(person):
     told = checked(scene(person, mirror_size=(0.22, 1.75)))
-    assert len(told) == 2 and all("too small" in text and "less wide" in text for text in told)
+    assert len(told) == 2 and all("too small" in text and "narrower" in text for text in told)
     told = checked(scene(person, mirror_size=(0.8, 0.9)))
-    assert len(told) == 2 and all("too small" in text and "less high" in text for text in told)
+    assert len(told) == 2 and all("too small" in text and "shorter" in text for text in told)
 
 
 @pytest.mark.parametrize(("width", "cut"), [(0.3, True), (0.45, False)])
@@ -122,7 +122,7 @@ def test_hidden_by_a_thing(person):
     x, y, _ = rig.mirrors[0].centre
     board = placed(box((-0.15, -0.02, 0.0), (0.15, 0.02, 1.4)), x - 0.1, y - 0.35)
     told = checked(simulate(person, rig, (board,)).capture)
-    assert len(told) == 1 and "in the mirror “right” is hidden by something that stands before it" in told[0]
+    assert len(told) == 1 and "in the mirror “right” is hidden by something in front of it" in told[0]
 
 
 def test_a_mirror_that_shows_nobody(person):
@@ -155,7 +155,7 @@ def test_beyond_the_camera_s_range(person):
     capture = scene(person)
     depth = np.where(capture.depth > 3.9, 0, capture.depth)  # what the camera reads no more
     told = checked(replace(capture, depth=depth), replace(SENSORS["azure_kinect"], max_range=3.9))
-    assert sum("reads well to 3.9 m" in text and "nearer" in text for text in told) == 2
+    assert sum("measures well only up to 3.9 m" in text and "closer" in text for text in told) == 2
 
 
 @pytest.mark.parametrize(("path", "told_of"), [(4.6, 0), (6.2, 2)])
@@ -163,7 +163,7 @@ def test_a_way_that_is_too_long(person, path, told_of):
     """Half of it is read, as it is at any distance where two patterns meet, but badly."""
     rig = default_rig("kinect_v1", 2.8, frames=2, path_length=path)
     told = checked(simulate(person, rig).capture)
-    assert len(told) == told_of and all("reads well to 4.0 m" in t and "1.7 m in all" in t for t in told)
+    assert len(told) == told_of and all("measures well only up to 4.0 m" in t and "1.7 m in total" in t for t in told)
 
 
 def test_hidden_behind_the_subject(person):
@@ -180,12 +180,12 @@ def test_hidden_with_an_edge_of_the_glass(person):
 def test_mirrors_nearly_parallel(person):
     told = checked(scene(person, mirrors=(112.0, 128.0), mirror_size=(0.5, 1.75)))
     assert any("nearly the same side" in text for text in told)
-    assert any("nothing is seen of one side" in text for text in told)
+    assert any("one side of the subject is not seen" in text for text in told)
 
 
 def test_one_mirror_leaves_a_side_unseen(person):
     told = checked(scene(person, mirrors=(120.0,)))
-    assert len(told) == 1 and "nothing is seen of one side" in told[0] and "add a mirror" in told[0]
+    assert len(told) == 1 and "one side of the subject is not seen" in told[0] and "add a mirror" in told[0]
 
 
 def test_directions(simulated):
