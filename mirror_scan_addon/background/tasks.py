@@ -1,8 +1,8 @@
 """The jobs that take long, as generator functions that need no bpy: any process may run them (:mod:`.second_process`).
 
-They take and give plain values, arrays and :class:`.pinhole.Intrinsics`, so that handing them over imports nothing
-heavy: numba stays out of Blender's window. Mirrors go as *records*, the plain form :mod:`.scan_records` keeps in a
-scene: ``{"name", "picks", "source", "plane", "residual_mm", "message"}``.
+They take and give plain values, arrays and core's plain records (Intrinsics, Mesh), so that handing them over imports
+nothing heavy: numba stays out of Blender's window. Mirrors go as *records*, the plain form :mod:`.scan_records` keeps
+in a scene: ``{"name", "picks", "source", "plane", "residual_mm", "message"}``.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ import numpy as np
 
 from ...core.camera import Intrinsics
 from ...core.errors import CaptureError, MirrorError, MirrorScanError
+from ...core.mesh import Mesh
+from ...core.mirrors import Mirror
 from ...core.preview.palette import depth_colors
 
 if TYPE_CHECKING:
     from ...core.capture import Capture
-    from ...core.mirrors import Mirror
-
 
 Result = TypeVar("Result")
 Steps = Generator[tuple[float, str], None, Result]
@@ -102,21 +102,10 @@ class Subject:
 
 
 @dataclass(frozen=True)
-class Surface:
-    """The arrays of a :class:`.triangle_mesh.Mesh`, without what it imports."""
-
-    vertices: np.ndarray
-    triangles: np.ndarray
-    colors: np.ndarray | None
-    view: np.ndarray | None
-    kind: np.ndarray | None
-
-
-@dataclass(frozen=True)
 class Built:
     """What of a reconstruction goes into the file; ``mirrors`` as they were in the end."""
 
-    mesh: Surface
+    mesh: Mesh
     report: dict
     warnings: tuple[str, ...]
     mirrors: list[dict]
@@ -321,8 +310,6 @@ def mirror_of(record: dict) -> Mirror:
     MirrorError
         When the record has none, or one that somebody edited into nonsense.
     """
-    from ...core.mirrors import Mirror
-
     try:
         content = json.loads(record["plane"])
         known = {field.name for field in dataclasses.fields(Mirror)}
@@ -445,36 +432,32 @@ def _known(record: dict):
 
 
 def _built(result) -> Built:
-    mesh = result.mesh
-    surface = Surface(mesh.vertices, mesh.triangles, mesh.colors, mesh.view, mesh.kind)
     report = result.report | {"warnings": list(result.warnings)}  # with the parts of notices, to be translated
-    return Built(surface, report, result.warnings, [record_of(mirror) for mirror in result.mirrors])
+    return Built(result.mesh, report, result.warnings, [record_of(mirror) for mirror in result.mirrors])
 
 
 # --- check -----------------------------------------------------------------------------------------------------------
 
 
-def check_steps(mesh: Surface) -> Steps[Checked]:
+def check_steps(mesh: Mesh) -> Steps[Checked]:
     """Look a mesh over: closed, in one piece, without crossings; and where it is not."""
     yield 0.0, "Checking the surface"
-    from ...core.mesh import Mesh
     from ...core.mesh.soundness import find_problems, mesh_report
 
-    checked = Mesh(mesh.vertices, mesh.triangles, mesh.colors, mesh.view, mesh.kind)
-    report = mesh_report(checked)
+    report = mesh_report(mesh)
     yield 0.5, "Looking for problems"
-    return Checked(report, [dataclasses.asdict(problem) for problem in find_problems(checked)])
+    return Checked(report, [dataclasses.asdict(problem) for problem in find_problems(mesh)])
 
 
 # --- virtual rig -----------------------------------------------------------------------------------------------------
 
 
-def simulate_steps(body: Surface | None, rig: dict, mirrors: list[dict] | None, folder: str = "") -> Steps[Simulated]:
+def simulate_steps(body: Mesh | None, rig: dict, mirrors: list[dict] | None, folder: str = "") -> Steps[Simulated]:
     """Scan a body (the mannequin without one) with a virtual rig.
 
     Parameters
     ----------
-    body : Surface or None
+    body : Mesh or None
         World frame: Z up, floor on z = 0 [m].
     rig : dict
         Fields of ``core.simulation.scene.Rig`` other than mirrors; without ``camera`` arguments of ``default_rig``.
@@ -484,14 +467,13 @@ def simulate_steps(body: Surface | None, rig: dict, mirrors: list[dict] | None, 
         Where to write the capture; "" = nowhere.
     """
     yield 0.0, "Preparing the body"
-    from ...core.mesh import Mesh
     from ...core.simulation.coverage import coverage, shares
     from ...core.simulation.mannequin import mannequin
     from ...core.simulation.scene import FramedMirror, Rig, default_rig
     from ...core.simulation.sensors import find_sensor
     from ...core.simulation.simulate import simulate, write_simulation
 
-    subject = mannequin() if body is None else Mesh(body.vertices, body.triangles, body.colors, body.view, body.kind)
+    subject = mannequin() if body is None else body
     if "camera" in rig:
         intrinsics = find_sensor(rig["sensor"]).intrinsics
         arranged = Rig(intrinsics=intrinsics, mirrors=tuple(FramedMirror(**mirror) for mirror in mirrors or ()), **rig)

@@ -5,20 +5,15 @@ from __future__ import annotations
 import contextlib
 import logging
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 import numpy as np
 
 from ...core.errors import OutputError
-from ..background.tasks import Surface
+from ...core.mesh import Mesh
 from ..language.texts import say
 from .report_text import set_report
-
-if TYPE_CHECKING:
-    from ...core.mesh import Mesh
-
 
 DERIVED = {"VIEW": "View Colors", "KIND": "Kind Colors"}
 """Colour attributes that are made for showing and removed again, by mode."""
@@ -131,7 +126,7 @@ def size_of(avatar: bpy.types.Object, unit: float) -> np.ndarray:
     return unit * np.maximum(np.abs(np.array(avatar.matrix_world.to_scale())), 1e-9)
 
 
-def read_surface(avatar: bpy.types.Object, size: np.ndarray) -> Surface:
+def read_surface(avatar: bpy.types.Object, size: np.ndarray) -> Mesh:
     """A mesh object's arrays along its own axes, as they are stored: polygons cut into triangles, no modifiers.
 
     ``size`` (3,) are metres in one unit of each axis, see :func:`size_of`.
@@ -154,7 +149,7 @@ def read_surface(avatar: bpy.types.Object, size: np.ndarray) -> Surface:
     data.loop_triangles.foreach_get("polygon_index", polygon)
     kind, view = integers(data, KIND, "FACE"), integers(data, VIEW, "POINT")
     kind = None if kind is None else kind[polygon]
-    return Surface(vertices.astype(np.float64) * size, triangles, active_colors(data), view, kind)
+    return Mesh(vertices.astype(np.float64) * size, triangles, active_colors(data), view, kind)
 
 
 def check_finite(item: bpy.types.Object, vertices: np.ndarray) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ...core.errors import MirrorScanError
-from ..background.tasks import Surface
+from ...core.mesh import Mesh
 from ..language.texts import say
 from .avatar_objects import discard_on_error
 from .units import metres_per_unit
@@ -155,7 +155,7 @@ def subject_of(context: bpy.types.Context) -> bpy.types.Object | None:
     return active
 
 
-def world_surface(context: bpy.types.Context, body: bpy.types.Object) -> Surface:
+def world_surface(context: bpy.types.Context, body: bpy.types.Object) -> Mesh:
     """The body as it is seen, modifiers and pose included, in the world's frame [m].
 
     Raises
@@ -183,4 +183,4 @@ def world_surface(context: bpy.types.Context, body: bpy.types.Object) -> Surface
     if np.linalg.det(matrix[:3, :3]) < 0:
         triangles = np.ascontiguousarray(triangles[:, ::-1])
     vertices = metres_per_unit(context.scene) * (vertices @ matrix[:3, :3].T + matrix[:3, 3])
-    return Surface(vertices, triangles, colors, None, None)
+    return Mesh(vertices, triangles, colors)

@@ -20,9 +20,7 @@ def steps(addon, monkeypatch, reconstruction):
         yield 0.5, "Zippering"
         if isinstance(calls[0], Exception):
             raise calls.pop(0)
-        mesh, report = reconstruction.mesh, reconstruction.report
-        surface = tasks.Surface(mesh.vertices, mesh.triangles, mesh.colors, mesh.view, mesh.kind)
-        return tasks.Built(surface, report, (), [])
+        return tasks.Built(reconstruction.mesh, reconstruction.report, (), [])
 
     monkeypatch.setattr(tasks, "build_steps", build_steps)
     return calls

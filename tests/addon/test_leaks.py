@@ -27,12 +27,9 @@ def resident_mb() -> float:
 def test_fifty_builds_with_undo(bpy, capsule_10k, monkeypatch, tmp_path):
     from mirror_scan.mirror_scan_addon.background import tasks
 
-    made = capsule_10k
-    surface = tasks.Surface(made.vertices, made.triangles, made.colors, made.view, made.kind)
-
     def build_steps(*arguments):
         yield 0.5, "Zippering"
-        return tasks.Built(surface, {"camera_to_avatar": None}, (), [])
+        return tasks.Built(capsule_10k, {"camera_to_avatar": None}, (), [])
 
     monkeypatch.setattr(tasks, "build_steps", build_steps)
     bpy.ops.ed.undo_push(message="start")

@@ -418,7 +418,7 @@ def measure() -> None:
     """Figures that need no clicks."""
     with step("mesh of 60 000 vertices"):
         scene = sys.modules[f"{ADDON}.mirror_scan_addon.scene.avatar_objects"]
-        mesh = sys.modules[f"{ADDON}.mirror_scan_addon.background.tasks"].Surface(*grid(245))
+        mesh = sys.modules[f"{ADDON}.core.mesh"].Mesh(*grid(245))
         spent = []
         for _ in range(5):
             start = time.perf_counter()
