@@ -160,7 +160,9 @@ def test_no_kernel_lies_in_a_face():
 def test_the_map_is_true():
     """CONTRIBUTING's map names each package and module of core, in the order of ``core.__all__``."""
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("| `core/")]
+    rows = [
+        [cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("| `core/")
+    ]
     assert [row[0].strip("`/").split("/")[1] for row in rows] == face("core")
     for place, _, named in rows:
         package = place.strip("`/").replace("/", ".")

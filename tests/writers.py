@@ -1,4 +1,4 @@
-"""Small files of the capture formats, written from their published descriptions; for tests only.
+"""Small files of the capture formats and PLY, written from their published descriptions; for tests only.
 
 Encoders are the plainest that is valid: what they write is read back by ours and, where there is one, by an
 independent reader.
@@ -13,7 +13,8 @@ import struct
 import zipfile
 
 import numpy as np
-from mirror_scan.core.io.images import write_png
+from mirror_scan.core.errors import MirrorScanError
+from mirror_scan.core.io.images import openimageio, write_png
 
 
 def scene(width=64, height=48, seed=0):
@@ -487,3 +488,107 @@ def quaternion_of_down(down):
 
     rotation, _ = Rotation.align_vectors([[0.0, -1.0, 0.0]], [down / math.hypot(*down)])
     return rotation.as_quat()
+
+
+DEPTH, COLOR = scene()
+METRES = np.divide(DEPTH, 1000, dtype=np.float32)
+CAMERA = (60.0, 61.0, 31.5, 24.0)
+
+
+def saved(folder, name, data):
+    path = folder / name
+    path.write_bytes(data)
+    return path
+
+
+def jpeg(folder, image):
+    """A JPEG file's bytes, by OpenImageIO."""
+    oiio = openimageio()
+    path = folder / "any.jpg"
+    spec = oiio.ImageSpec(image.shape[1], image.shape[0], 3, oiio.UINT8)
+    spec["Compression"] = "jpeg:100"
+    output = oiio.ImageOutput.create("jpeg")
+    assert output.open(str(path), spec) and output.write_image(image) and output.close()
+    return path.read_bytes()
+
+
+def assert_camera(camera, fx, fy, cx, cy, within=1e-9):
+    np.testing.assert_allclose((camera.fx, camera.fy, camera.cx, camera.cy), (fx, fy, cx, cy), atol=within, rtol=0)
+
+
+WIDTH, HEIGHT = 64, 48
+MATRIX = [60.0, 0, 0, 0, 61.0, 0, 31.5, 23.5, 1]
+
+
+def write_folder(folder, *, depth=None, color=True, intrinsic=None, mirrors=None):
+    """A small capture; ``depth`` a list of images, ``intrinsic`` and ``mirrors`` objects or raw text."""
+    (folder / "depth").mkdir(parents=True)
+    frame = np.full((HEIGHT, WIDTH), 2000, np.uint16)
+    for i, image in enumerate([frame, frame + 1] if depth is None else depth):
+        write_png(folder / "depth" / f"{i:06d}.png", image)
+    if color:
+        (folder / "color").mkdir()
+        write_png(folder / "color" / "000000.png", np.full((HEIGHT, WIDTH, 3), (10, 20, 30), np.uint8))
+    if intrinsic is None:
+        intrinsic = {"width": WIDTH, "height": HEIGHT, "intrinsic_matrix": MATRIX}
+    for name, content in (("intrinsic.json", intrinsic), ("mirrors.json", mirrors)):
+        if content is not None:
+            (folder / name).write_text(content if isinstance(content, str) else json.dumps(content))
+    return folder
+
+
+def assert_one_line_naming(error: MirrorScanError, path) -> None:
+    text = str(error)
+    assert str(path) in text
+    assert "\n" not in text
+    assert len(text) < 400 + len(str(path))
+
+
+PLY_TYPES = dict(zip("char uchar short ushort int uint float double".split(), "bBhHiIfd", strict=True))
+
+
+def make_ply(layout: str, count_type: str, index_type: str, coordinate_type: str, polygons: list[list[int]]) -> bytes:
+    """A PLY by Python's own struct: a ring of vertices, an element nobody knows, faces with values around the list."""
+    ring = max(3, *map(len, polygons)) if polygons else 3
+    order = ">" if layout == "binary_big_endian" else "<"
+    header = f"""ply
+format {layout} 1.0
+comment made by hand
+element camera 2
+property float focal
+property list uchar short codes
+element vertex {ring}
+property uchar flag
+property {coordinate_type} x
+property {coordinate_type} y
+property {coordinate_type} z
+element face {len(polygons)}
+property float quality
+property list {count_type} {index_type} vertex_index
+property uchar kind
+end_header
+"""
+    body = []
+
+    def put(kind, *values):
+        if layout == "ascii":
+            body.append((" ".join(map(str, values)) + "\n").encode())
+        else:
+            body.append(struct.pack(order + PLY_TYPES[kind] * len(values), *values))
+
+    for i in range(2):
+        put("float", 1.5)
+        put("uchar", i)
+        put("short", *range(-i, 0))
+    for i in range(ring):
+        put("uchar", 7)
+        put(coordinate_type, i, i * i, 0)
+    for i, polygon in enumerate(polygons):
+        put("float", 0.5)
+        put(count_type, len(polygon))
+        put(index_type, *polygon)
+        put("uchar", i % 3)
+    return header.encode() + b"".join(body)
+
+
+GOOD = make_ply("binary_little_endian", "uchar", "int", "float", [[0, 1, 2], [0, 1, 2, 3]])

@@ -196,7 +196,10 @@ def check_agreement(
             what = f"{name} is left out, because it would double the body: it places the subject {how}"
         else:
             what = f"{name} places the subject {how}, which makes the surface uneven there"
-        text = f"{what}; {who} (on nothing else), check that the mirror is flat and has not moved, or record a longer burst"
+        text = (
+            f"{what}; {who} (on nothing else), check that the mirror is flat and has not moved, or record a "
+            "longer burst"
+        )
         warned.append(Notice.of(text, [mirrors[k - 1].name for k in (found.mirror + 1, found.other) if k > 0]))
     return replace(views, labels=labels), warned
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import struct
 import time
 import tracemalloc
 
@@ -20,8 +21,9 @@ from hypothesis import strategies as st
 from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.capture import Capture, ReadOptions, open_capture
 from mirror_scan.core.capture.single_files.npz import write_npz
-from mirror_scan.core.errors import MirrorScanError
+from mirror_scan.core.errors import CaptureError, MirrorScanError
 from mirror_scan.core.io.images import openimageio, write_png
+from writers import DEPTH, saved
 
 CASES = int(os.environ.get("MIRROR_SCAN_FUZZ_CASES", "300"))
 SLOWEST_S = 5.0  # of the processor: a case that takes this long hangs; honest ones take milliseconds
@@ -264,3 +266,26 @@ def test_any_value_in_a_header(tmp_path, key, value):
         open_capture(path)
     except MirrorScanError as error:
         assert str(path) in str(error)
+
+
+def test_a_forged_size_is_never_allocated(tmp_path):
+    """Headers that promise gigabytes are refused before anything is made."""
+    import tracemalloc
+
+    header = b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 4000\nHEIGHT 4000\nPOINTS 16000000\nDATA binary_compressed\n"
+    forged = {
+        "a.pcd": header + struct.pack("<II", 10, 192_000_000) + b"0123456789",
+        "b.npy": b"\x93NUMPY\1\0\x76\0"
+        + b"{'descr': '<u2', 'fortran_order': False, 'shape': (9000, 9000, 9000), }".ljust(117) + b"\n",
+        "c.bag": writers.realsense_bag([DEPTH], compression="none").replace(b"size=", b"size=\xff\xff\xff", 1)[: 3000],
+        "d.pgm": b"P5 30000 30000 65535\n1234",
+        "e.pclzf": struct.pack("<5sII16sII", b"PCLZF", 8000, 8000, b"depth16".ljust(16), 20, 128_000_000) + bytes(20),
+    }  # fmt: skip
+    for name, data in forged.items():
+        path = saved(tmp_path, name, data)
+        tracemalloc.start()
+        with pytest.raises(CaptureError, match=name) as caught:
+            open_capture(path)
+        assert tracemalloc.get_traced_memory()[1] < 20_000_000, name
+        tracemalloc.stop()
+        assert "\n" not in str(caught.value)

@@ -6,69 +6,21 @@ import dataclasses
 import json
 import re
 import shutil
-import subprocess
-import sys
-import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import HEIGHT, PICKS, TETRAHEDRON, WIDTH, intrinsic, listing, refused, remove, write_json
 from mirror_scan.core import cli
 from mirror_scan.core.capture import open_capture
 from mirror_scan.core.capture.rgbd_writer import write_folder
 from mirror_scan.core.capture.single_files.npz import write_npz
-from mirror_scan.core.errors import OutputError, ReconstructionError
 from mirror_scan.core.io import read_mesh, write_mesh
 from mirror_scan.core.io.images import read_image, write_png
 from mirror_scan.core.mesh import Mesh
 
-ROOT = Path(__file__).resolve().parents[3]
-WIDTH, HEIGHT = 64, 48
-PICKS = [[5, 5], [5, 40], [20, 22]]
-TETRAHEDRON = Mesh(
-    np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]),
-    np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32),
-)
-
-
-@pytest.fixture
-def folder(tmp_path):
-    """A small capture of a flat wall, with one mirror's picks."""
-    path = tmp_path / "scan"
-    (path / "depth").mkdir(parents=True)
-    write_png(path / "depth" / "000000.png", np.full((HEIGHT, WIDTH), 2000, np.uint16))
-    write_json(path / "intrinsic.json", intrinsic())
-    write_json(path / "mirrors.json", {"mirrors": [{"name": "right", "frame_pixels": PICKS}]})
-    return path
-
-
-def intrinsic(fx=60.0, width=WIDTH):
-    return {"width": width, "height": HEIGHT, "intrinsic_matrix": [fx, 0, 0, 0, 60, 0, 31.5, 23.5, 1]}
-
-
-def write_json(path, content):
-    path.write_text(json.dumps(content))
-
 
 def picks(folder, pixels):
     write_json(folder / "mirrors.json", {"mirrors": [{"name": "right", "frame_pixels": pixels}]})
-
-
-def refused(capsys, arguments, words):
-    """The command ends with 1, says one line on stderr and nothing on stdout."""
-    assert cli.main([str(a) for a in arguments]) == 1
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert re.fullmatch(r"error: [^\n]+\n", err), err
-    assert re.search(words, err), err
-
-
-def listing(path):
-    return sorted((p.relative_to(path), p.stat().st_mtime_ns) for p in path.rglob("*") if p.is_file())
-
-
-def remove(folder, name):
-    (folder / name).unlink()
 
 
 def truncate(folder):
@@ -116,45 +68,6 @@ def test_a_missing_capture_is_refused_by_every_command(tmp_path, capsys):
     assert listing(tmp_path) == []
 
 
-@pytest.mark.parametrize(
-    "outputs, words",
-    [
-        (["-o", "a.xyz"], "unknown format “.xyz”"),
-        (["-o", "a"], "unknown format"),
-        (["-o", "nowhere/a.ply"], "does not exist"),
-        (["-o", "scan"], "unknown format"),
-        (["-o", "folder.ply"], "not a regular file"),
-        (["-o", "a.ply", "-o", "./a.ply"], "written twice"),
-        (["-o", "a.ply", "--report", "nowhere/r.json"], "does not exist"),
-        (["-o", "a.blend"], "pip install bpy==5.0.1.*3.11.*5.2.3.*3.13"),
-    ],
-)
-def test_outputs_are_checked_before_anything_is_read(folder, capsys, monkeypatch, outputs, words):
-    monkeypatch.chdir(folder.parent)
-    Path("folder.ply").mkdir()
-    remove(folder, "intrinsic.json")  # would be told if it were looked at first
-    refused(capsys, ["reconstruct", "scan", *outputs], words)
-
-
-@pytest.fixture
-def pipeline(monkeypatch):
-    """Stands in for the reconstruction, to look at what the command line does with its answer or its error."""
-    from mirror_scan.core import pipeline
-
-    def reconstruct(capture, mirrors=None, settings=None, progress=None, frame="avatar"):
-        if mirrors:
-            raise ReconstructionError("nobody stands\nbetween camera and mirrors")
-        report = {
-            "mesh": {"vertices": 4, "triangles": 4, "watertight": True, "height_m": 1.0, "volume_l": 166.7},
-            "timings_ms": {"total": 1.5},
-            "frames": len(capture.depth),
-            "quality": float("nan"),
-        }
-        return pipeline.Reconstruction(TETRAHEDRON, frame, np.eye(4), report, ("the left mirror shows nobody",))
-
-    monkeypatch.setattr(pipeline, "reconstruct", reconstruct, raising=False)
-
-
 def test_reconstruct_writes_all_outputs_and_the_report(folder, capsys, pipeline):
     for i in (1, 2):
         write_png(folder / "depth" / f"{i}.png", np.full((HEIGHT, WIDTH), 2000, np.uint16))
@@ -180,33 +93,6 @@ def test_an_error_of_the_pipeline_is_one_line(folder, capsys, pipeline):
     arguments = ["reconstruct", folder, "--mirrors", folder / "mirrors.json", "-o", folder.parent / "a.ply"]
     refused(capsys, arguments, "nobody stands between camera and mirrors")
     assert not (folder.parent / "a.ply").exists()
-
-
-def test_a_writer_that_fails_leaves_every_output_as_it_was(folder, capsys, pipeline):
-    here = folder.parent
-    (here / "a.ply").write_text("old")
-    before = listing(here)
-
-    def full_disk(path, reconstruction):
-        Path(path).write_text("half")
-        raise OSError(28, "No space left on device")
-
-    arguments = ["reconstruct", str(folder), "-o", str(here / "a.ply"), "-o", str(here / "b.blend")]
-    assert cli.main([*arguments, "--report", str(here / "r.json")], writers={".blend": full_disk}) == 1
-    assert re.search(r"error: .*b\.blend: cannot be written: No space left", capsys.readouterr().err)
-    assert listing(here) == before
-
-
-def test_writers_come_from_outside(folder, capsys, pipeline):
-    class Unavailable(dict):
-        def __getitem__(self, suffix):
-            raise OutputError(f"{suffix} is not to be had today")
-
-    arguments = ["reconstruct", str(folder), "-o", str(folder.parent / "a.glb"), "--frame", "camera"]
-    assert cli.main(arguments, writers=Unavailable({".glb": None})) == 1
-    assert "not to be had" in capsys.readouterr().err
-    assert cli.main(arguments, writers={".glb": lambda path, result: path.write_text(result.frame)}) == 0
-    assert (folder.parent / "a.glb").read_text() == "camera"
 
 
 @pytest.fixture(scope="module")
@@ -279,15 +165,6 @@ def test_avatar_and_camera_frame_differ_by_the_reported_motion(scans, tmp_path):
     np.testing.assert_allclose(camera.transformed(motion).vertices, avatar.vertices, atol=2e-6)
     assert abs(avatar.vertices[:, 2].min()) < 0.02
     assert avatar.colors is not None and avatar.view is not None and set(np.unique(avatar.kind)) <= {0, 1, 2}
-
-
-@pytest.mark.parametrize(
-    "arguments", [[], ["fly"], ["reconstruct"], ["reconstruct", "a"], ["simulate", "a", "--frames", "0"],
-                  ["simulate", "a", "--mirrors", "x"], ["reconstruct", "a", "-o", "a.ply", "--frame", "world"]]
-)  # fmt: skip
-def test_usage_is_2(capsys, arguments):
-    assert cli.main(arguments) == 2
-    assert "usage: mirror-scan" in capsys.readouterr().err
 
 
 def test_inspect_says_what_the_file_holds(folder, capsys):
@@ -379,32 +256,3 @@ def test_evaluate_refuses_what_has_no_surface(tmp_path, capsys):
     write_mesh(tmp_path / "a.ply", TETRAHEDRON)
     write_mesh(tmp_path / "points.ply", Mesh(TETRAHEDRON.vertices, np.empty((0, 3), np.int32)))
     refused(capsys, ["evaluate", tmp_path / "a.ply", tmp_path / "points.ply"], "no faces")
-
-
-def test_help_answers_without_heavy_imports():
-    code = (
-        f"import sys; sys.path.insert(0, {str(ROOT / 'tests')!r}); import conftest\n"
-        "from mirror_scan.core import cli\n"
-        "assert cli.main(['--help']) == 0 and cli.main(['reconstruct', '--help']) == 0\n"
-        "heavy = {'numpy', 'numba', 'OpenImageIO', 'tqdm', 'bpy'} & set(sys.modules)\n"
-        "assert not heavy, heavy\n"
-        "from mirror_scan.core import capture\nfrom mirror_scan.core.io import images\n"
-        "assert 'numba' not in sys.modules\n"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, timeout=60)
-
-
-def test_every_sensor_can_be_asked_for():
-    from mirror_scan.core.simulation.sensors import SENSORS
-
-    assert set(cli.SENSORS) == set(SENSORS)
-
-
-def test_every_subpackage_is_in_the_wheel():
-    listed = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
-    there = {"mirror_scan"} | {
-        "mirror_scan." + ".".join(init.parent.relative_to(ROOT).parts)
-        for top in ("core", "mirror_scan_addon")
-        for init in (ROOT / top).rglob("__init__.py")
-    }
-    assert listed == there

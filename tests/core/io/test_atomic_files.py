@@ -58,3 +58,15 @@ def test_link_stays_a_link(tmp_path):
         fill(fresh, "through")
     assert (tmp_path / "link").is_symlink()
     assert contents(tmp_path / "real") == {"data.txt": "through"}
+
+
+def test_replacing_follows_links_and_keeps_permissions(tmp_path):
+    (tmp_path / "real.ply").write_text("old")
+    (tmp_path / "real.ply").chmod(0o640)
+    (tmp_path / "link.ply").symlink_to("real.ply")
+    with replacing(tmp_path / "link.ply") as temporary:
+        assert temporary.suffix == ".ply"
+        temporary.write_text("new")
+    assert (tmp_path / "link.ply").is_symlink()
+    assert (tmp_path / "real.ply").read_text() == "new"
+    assert (tmp_path / "real.ply").stat().st_mode & 0o777 == 0o640

@@ -1,12 +1,12 @@
-"""Places to look at, on meshes whose faults are known; and the colours and shares that tell of views."""
+"""Places to look at on meshes whose faults are known, and reports against trimesh."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from meshes import lopsided, ours, sphere
 from mirror_scan.core.mesh import FILL, SURFACE, Mesh
-from mirror_scan.core.mesh.soundness import CROSSING, EDGE, GUESS, HOLE, PIECE, find_problems
-from mirror_scan.core.preview import palette
+from mirror_scan.core.mesh.soundness import CROSSING, EDGE, GUESS, HOLE, PIECE, find_problems, mesh_report
 
 
 def grid_box(n=10, size=1.0, at=(0, 0, 0)):
@@ -66,37 +66,53 @@ def test_an_edge_of_three_faces_is_named():
     assert EDGE in kinds
 
 
-def test_colours_go_by_number():
-    views, kinds = palette.VIEW_PALETTE, palette.KIND_PALETTE
-    shown = palette.view_colors(np.array([0, 1, -1, len(views)], np.int8))
-    np.testing.assert_array_equal(shown, [views[0], views[1], palette.MADE, views[0]])
-    np.testing.assert_array_equal(palette.kind_colors(np.array([2, 0], np.int8)), [kinds[2], kinds[0]])
-    depth = np.array([[0, 1.0], [2.0, 3.0]])
-    picture = palette.depth_colors(depth)
-    assert (picture[0, 0] == 0).all() and picture[0, 1, 0] > 200 and picture[1, 1, 0] < 90
-    assert (palette.depth_colors(np.zeros((2, 2))) == 0).all()
-    part = palette.sort_parts(np.array([-1, -1, 0, 1, 0], np.int8), np.array([1.0, 0.001, 1.0, 3.0, 1.0]),
-                              np.array([2.0, 2, 2, 2, 9]), 0.01, 2.4, 5.0)  # fmt: skip
-    assert part.tolist() == [0, 1, 2, 0, 3]
+trimesh = pytest.importorskip("trimesh")
 
 
-def test_coverage_is_what_a_ray_sees(request):
-    """On a ball before the camera: its near half is seen directly, what no view reaches is not."""
-    from mirror_scan.core.simulation.coverage import coverage, shares
-    from mirror_scan.core.simulation.scene import default_rig
-    from mirror_scan.core.simulation.simulate import simulate
+@pytest.mark.parametrize("shape", ["box", "torus", "open box", "flipped", "two spheres", "body of one's own"])
+def test_report_agrees_with_trimesh(shape):
+    pytest.importorskip("scipy", reason="trimesh needs it to count components")
+    mesh = {
+        "torus": lambda: trimesh.creation.torus(1, 0.3),
+        "two spheres": lambda: sphere(level=2) + sphere(0.5, (3, 0, 0), 2),
+        "body of one's own": lopsided,
+    }.get(shape, trimesh.creation.box)()
+    faces = mesh.faces.copy()
+    if shape == "open box":
+        faces = faces[1:]
+    if shape == "flipped":
+        faces[0] = faces[0, ::-1]
+    mesh = trimesh.Trimesh(mesh.vertices, faces, process=False)
+    report = mesh_report(ours(mesh))
+    assert report["watertight"] == (mesh.is_watertight and mesh.is_winding_consistent)
+    assert report["winding_consistent"] == mesh.is_winding_consistent
+    assert report["components"] == len(mesh.split(only_watertight=False))
+    assert report["euler_characteristic"] == mesh.euler_number
+    assert report["area_m2"] == pytest.approx(mesh.area)
+    assert report["manifold"]
+    assert report["boundary_edges"] == (3 if shape == "open box" else 0)
+    assert report["nonmanifold_edges"] == report["nonmanifold_vertices"] == report["self_intersections"] == 0
+    if report["watertight"]:
+        assert report["volume_m3"] == pytest.approx(mesh.volume)
+    else:
+        assert report["volume_m3"] is None
+    smallest = np.degrees(mesh.face_angles.min(axis=1))
+    assert list(report["min_angle_deg"].values()) == pytest.approx(np.percentile(smallest, [0, 1, 5, 50]).tolist())
 
-    trimesh = pytest.importorskip("trimesh")
-    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.3)
-    mesh = Mesh(np.array(ball.vertices) + (0, 0, 1.0), np.array(ball.faces, np.int32), None, None, None)
-    alone = simulate(mesh, default_rig(sensor="ideal", mirrors=0, frames=1))
-    view = coverage(alone)
-    camera = np.array(alone.rig.camera)
-    outward = ball.vertices / 0.3
-    cosine = np.einsum("ij,ij->i", outward, camera - mesh.vertices)
-    cosine /= np.linalg.norm(camera - mesh.vertices, axis=1)
-    assert (view[cosine > 0.35] == 0).all() and (view[cosine < 0.2] == -1).all()
-    seen = shares(view, mesh.vertices, mesh.triangles, 1)
-    assert sum(seen) == pytest.approx(1) and 0.25 < seen[0] < 0.5
-    with_mirrors = coverage(simulate(mesh, default_rig(sensor="ideal", mirrors=2, frames=1)))
-    assert set(np.unique(with_mirrors)) >= {0, 1, 2} and (with_mirrors >= 0).mean() > seen[0] + 0.3
+
+def test_report_of_what_is_not_manifold():
+    box = trimesh.creation.box()
+    on_an_edge = trimesh.Trimesh(*_welded(box, box.copy().apply_translation((1, 1, 0))), process=False)
+    report = mesh_report(ours(on_an_edge))
+    assert (report["nonmanifold_edges"], report["manifold"], report["watertight"]) == (1, False, False)
+    at_a_corner = trimesh.Trimesh(*_welded(box, box.copy().apply_translation((1, 1, 1))), process=False)
+    report = mesh_report(ours(at_a_corner))
+    assert report["watertight"] and not report["manifold"]
+    assert (report["nonmanifold_vertices"], report["components"]) == (1, 2)
+    empty = mesh_report(Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32)))
+    assert not empty["watertight"] and empty["components"] == empty["area_m2"] == 0
+
+
+def _welded(a, b):
+    vertices, index = np.unique(np.concatenate((a.vertices, b.vertices)), axis=0, return_inverse=True)
+    return vertices, index.ravel()[np.concatenate((a.faces, b.faces + len(a.vertices)))]

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from meshes import lopsided, ours, sphere
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.mesh import Mesh
-from mirror_scan.core.mesh.soundness import mesh_report
 from mirror_scan.core.mesh.surface_distance import (
     evaluate,
     hausdorff,
@@ -20,24 +20,6 @@ from mirror_scan.core.mesh.surface_distance import (
 
 trimesh = pytest.importorskip("trimesh")
 SHARED = Path(__file__).resolve().parents[4] / "shared"
-
-
-def ours(mesh) -> Mesh:
-    return Mesh(np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int32))
-
-
-def sphere(radius=1.0, centre=(0, 0, 0), level=5):
-    mesh = trimesh.creation.icosphere(level, radius)
-    mesh.apply_translation(centre)
-    return mesh
-
-
-def lopsided():
-    """A closed body without symmetry, about as large as a person."""
-    vertices = sphere(0.5, level=4).vertices.copy()
-    vertices[:, 2] *= 1.7
-    vertices += 0.05 * np.sin(7 * vertices[:, [1, 2, 0]])
-    return trimesh.Trimesh(vertices, sphere(level=4).faces, process=False)
 
 
 def small_motion():
@@ -100,55 +82,6 @@ def test_alignment_finds_a_small_motion_despite_parts_of_its_own():
     np.testing.assert_allclose(rigid_alignment(ours(sphere()), ours(sphere()), samples=2000), np.eye(4), atol=1e-3)
     with pytest.raises(MirrorScanError, match="same frame"):
         rigid_alignment(ours(truth), ours(sphere(0.1, (9, 9, 9))), samples=1000)
-
-
-@pytest.mark.parametrize("shape", ["box", "torus", "open box", "flipped", "two spheres", "body of one's own"])
-def test_report_agrees_with_trimesh(shape):
-    pytest.importorskip("scipy", reason="trimesh needs it to count components")
-    mesh = {
-        "torus": lambda: trimesh.creation.torus(1, 0.3),
-        "two spheres": lambda: sphere(level=2) + sphere(0.5, (3, 0, 0), 2),
-        "body of one's own": lopsided,
-    }.get(shape, trimesh.creation.box)()
-    faces = mesh.faces.copy()
-    if shape == "open box":
-        faces = faces[1:]
-    if shape == "flipped":
-        faces[0] = faces[0, ::-1]
-    mesh = trimesh.Trimesh(mesh.vertices, faces, process=False)
-    report = mesh_report(ours(mesh))
-    assert report["watertight"] == (mesh.is_watertight and mesh.is_winding_consistent)
-    assert report["winding_consistent"] == mesh.is_winding_consistent
-    assert report["components"] == len(mesh.split(only_watertight=False))
-    assert report["euler_characteristic"] == mesh.euler_number
-    assert report["area_m2"] == pytest.approx(mesh.area)
-    assert report["manifold"]
-    assert report["boundary_edges"] == (3 if shape == "open box" else 0)
-    assert report["nonmanifold_edges"] == report["nonmanifold_vertices"] == report["self_intersections"] == 0
-    if report["watertight"]:
-        assert report["volume_m3"] == pytest.approx(mesh.volume)
-    else:
-        assert report["volume_m3"] is None
-    smallest = np.degrees(mesh.face_angles.min(axis=1))
-    assert list(report["min_angle_deg"].values()) == pytest.approx(np.percentile(smallest, [0, 1, 5, 50]).tolist())
-
-
-def test_report_of_what_is_not_manifold():
-    box = trimesh.creation.box()
-    on_an_edge = trimesh.Trimesh(*_welded(box, box.copy().apply_translation((1, 1, 0))), process=False)
-    report = mesh_report(ours(on_an_edge))
-    assert (report["nonmanifold_edges"], report["manifold"], report["watertight"]) == (1, False, False)
-    at_a_corner = trimesh.Trimesh(*_welded(box, box.copy().apply_translation((1, 1, 1))), process=False)
-    report = mesh_report(ours(at_a_corner))
-    assert report["watertight"] and not report["manifold"]
-    assert (report["nonmanifold_vertices"], report["components"]) == (1, 2)
-    empty = mesh_report(Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32)))
-    assert not empty["watertight"] and empty["components"] == empty["area_m2"] == 0
-
-
-def _welded(a, b):
-    vertices, index = np.unique(np.concatenate((a.vertices, b.vertices)), axis=0, return_inverse=True)
-    return vertices, index.ravel()[np.concatenate((a.faces, b.faces + len(a.vertices)))]
 
 
 def test_bad_meshes_are_refused():
