@@ -70,7 +70,7 @@ def module_of(target: tuple[str, ...]) -> str:
 def face(package: str) -> list[str] | None:
     """``__all__`` of a package."""
     for node in sources()[package].body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+        if isinstance(node, ast.Assign | ast.AnnAssign) and "__all__" in ast.unparse(node).split()[0]:
             return ast.literal_eval(node.value)
     return None
 
@@ -160,9 +160,8 @@ def test_no_kernel_lies_in_a_face():
 def test_the_map_is_true():
     """CONTRIBUTING's map names each package and module of core, in the order of ``core.__all__``."""
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    rows = [
-        [cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("| `core/")
-    ]
+    lines = [line for line in text.splitlines() if re.match(r"\| `core/\w+/` \|", line)]
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines]
     assert [row[0].strip("`/").split("/")[1] for row in rows] == face("core")
     for place, _, named in rows:
         package = place.strip("`/").replace("/", ".")

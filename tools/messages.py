@@ -3,8 +3,9 @@
     python tools/messages.py                   core's messages, into mirror_scan_addon/messages.json
     python tools/messages.py --pot FILE.pot    everything, as a template for gettext's tools
 
-Core speaks English and knows of no translation: it gives templates with values (``core/notices.py``), or f-strings,
-whose texts ``mirror_scan_addon/language/messages.py`` recognises by this list. What is filled in stands in braces,
+Core speaks English and knows of no translation: it gives templates with values (``core/errors/notices.py``), or
+f-strings, whose texts ``mirror_scan_addon/language/messages.py`` recognises by this list. What is filled in stands in
+braces,
 under the name it has in the code. To be run again when a text came, went or changed;
 ``tests/addon/language/test_texts.py`` says when.
 """

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import CaptureError
-from ..notices import Notice
+from ..errors import CaptureError, Notice
 from .kinect_disparity import NO_READING
 
 _ENOUGH = 500  # readings before a pattern counts as one

@@ -7,7 +7,7 @@ calibration; Apple's LiDAR map scaled from 1920 × 1440.
 from __future__ import annotations
 
 from ..camera import Intrinsics
-from ..notices import Notice
+from ..errors import Notice
 
 _KINECT_V2_LENS = (0.0905474, -0.26819, 0.0, 0.0, 0.0950862)
 _AZURE_LENS = (0.5479, -0.02097, 0.0, 0.0, -0.00265, 0.88968, 0.08613, -0.01391)

@@ -16,8 +16,7 @@ from ..camera.image_registration import (
     undistort_labels,
 )
 from ..camera.pinhole import undistort
-from ..errors import CaptureError
-from ..notices import Notice
+from ..errors import CaptureError, Notice
 from .capture import Capture, MirrorPicks
 
 _TURNS = {0: 0, 90: 1, 180: 2, 270: 3}

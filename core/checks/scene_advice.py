@@ -14,11 +14,11 @@ import numpy as np
 
 from ..camera import Intrinsics
 from ..camera.noise_models import NoiseModel
+from ..errors import Notice
 from ..mirrors import Mirror
 from ..mirrors.glass_extent import glass_corners
 from ..mirrors.mirror import reflection_matrix
 from ..mirrors.wall_behind_frame import on_wall
-from ..notices import Notice
 from ..numeric.point_products import dot
 from ..subject.subject_views import Views
 from ..views.floor_and_vertical import leans

@@ -8,9 +8,9 @@ import numpy as np
 from numba import njit
 
 from ..camera import Intrinsics
+from ..errors import Notice
 from ..mirrors import Mirror
 from ..mirrors.mirror import expected_error
-from ..notices import Notice
 from ..numeric.point_products import dot
 from ..subject.subject_views import Views
 from ..views.view_correspondences import Meeting, meetings, noise_of, surfaces

@@ -1,68 +1,9 @@
 """The command line, one parser for ``mirror-scan …`` and ``blender --command mirror_scan …``.
 
-Heavy modules are imported inside the commands, so that ``--help`` answers at once. Formats that need Blender come in
-from outside as ``writers``; nothing here knows bpy.
+Heavy modules are imported inside the commands, so that ``--help`` answers at once.
 """
 
-from __future__ import annotations
-
-import os
-import sys
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
-
-from ..errors import MirrorScanError
-from .outputs import Writers
 from .parser import CAMERAS, SENSORS, build_parser
-from .terminal import complain
-
-if TYPE_CHECKING:
-    from ..mesh import Mesh
+from .program import main
 
 __all__ = ["CAMERAS", "SENSORS", "build_parser", "main"]
-
-
-def main(
-    argv: Sequence[str] | None = None,
-    *,
-    prog: str = "mirror-scan",
-    writers: Writers | None = None,
-    find_bridge: Callable[[], Callable[[Mesh], Mesh] | None] | None = None,
-) -> int:
-    """Run one command.
-
-    Parameters
-    ----------
-    argv : sequence of str or None
-        Arguments after the program's name; None takes them from the process.
-    prog : str
-        How the user called it, for help and usage.
-    writers : mapping or None
-        Suffix (".blend") → ``function(path, reconstruction)`` for formats core cannot write; looking one up may raise
-        :class:`OutputError` to say why it cannot be had.
-    find_bridge : function() or None
-        Gives Blender's way of closing patches, for the zippering experiment; None where there is no Blender.
-
-    Returns
-    -------
-    int
-        0 done; 1 the input or the scene is at fault, told in one line on stderr; 2 usage; 130 interrupted; 141 its
-        reader went away.
-    """
-    try:
-        options = build_parser(prog).parse_args(argv)
-    except SystemExit as stop:  # argparse has said what there is to say
-        return stop.code if isinstance(stop.code, int) else 2
-    options.find_bridge = find_bridge
-    try:
-        options.run(options, writers or {})
-    except MirrorScanError as error:
-        complain("error", str(error))
-        return 1
-    except KeyboardInterrupt:
-        complain("error", "interrupted; nothing was written")
-        return 130
-    except BrokenPipeError:  # the reader of a pipe had enough; keep Python from stumbling over it again at exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
-    return 0

@@ -4,6 +4,7 @@ __all__ = [
     "burst_fusion",
     "burst_motion",
     "clean_views",
+    "depth_map",
     "dequantisation",
     "noise_estimate",
     "outliers_and_dropouts",

@@ -10,6 +10,7 @@ __all__ = [
     "frame_fit",
     "frame_sides",
     "glass_extent",
+    "glass_kernels",
     "mirror",
     "picked_mirror",
     "rig_file",

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..camera import unproject
 from ..capture import Capture, MirrorPicks
-from ..errors import MirrorError, PicksDisagreeError
+from ..errors import MirrorError, Notice, PicksDisagreeError
 from ..mirror_alignment.floor_alignment import align_floor
 from ..mirror_alignment.reflection_alignment import align_reflections
 from ..mirror_alignment.view_alignment import align_views
@@ -15,7 +15,6 @@ from ..mirror_detection.frameless_mirrors import frameless_notes
 from ..mirror_detection.mirror_at_picks import contradicted, find_better_at, find_mirror_at
 from ..mirrors import Mirror
 from ..mirrors.picked_mirror import place_mirror
-from ..notices import Notice
 from .rig_calibration import moved_warnings
 from .settings import Settings
 

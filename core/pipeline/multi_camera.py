@@ -9,9 +9,8 @@ import numpy as np
 
 from ..capture import Capture, MirrorPicks
 from ..capture.camera_poses import check_pose
-from ..errors import CaptureError, ReconstructionError
+from ..errors import CaptureError, Notice, ReconstructionError
 from ..mirrors import Mirror
-from ..notices import Notice
 from ..numeric.point_products import transform
 from ..views.view_maps import stack_maps
 from .reconstruction import Progress, check_frame, finish

@@ -16,7 +16,7 @@ from ..camera import Intrinsics
 from ..capture import Capture, MirrorPicks
 from ..depth.depth_map import one_depth_map
 from ..depth.settings import DepthSettings
-from ..errors import MirrorError
+from ..errors import MirrorError, Notice
 from ..mirror_alignment.reflection_alignment import JointSettings, align_reflections
 from ..mirror_detection.detection import find_mirrors
 from ..mirror_detection.edge_segments import DetectionSettings
@@ -27,7 +27,6 @@ from ..mirrors.mirror import person_before, reflection_shift
 from ..mirrors.picked_mirror import MirrorSettings, place_mirror
 from ..mirrors.rig_file import RigFile
 from ..mirrors.wall_behind_frame import THICK, on_wall
-from ..notices import Notice
 
 _BOARD = JointSettings(two_sided=True)
 _MIRROR, _DEPTH, _EMPTY = MirrorSettings(), DepthSettings(), DetectionSettings(empty_rig=True)

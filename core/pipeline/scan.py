@@ -19,11 +19,10 @@ from ..depth.depth_map import one_depth_map
 from ..depth.noise_estimate import BurstNoise, burst_noise
 from ..depth.sensor_recognition import recognise
 from ..depth.settings import DepthSettings
-from ..errors import ReconstructionError
+from ..errors import Notice, ReconstructionError
 from ..mesh import Mesh
 from ..mirrors import Mirror
 from ..mirrors.mirror import reflection_matrix
-from ..notices import Notice
 from ..numeric.threads import each
 from ..patches.grid_triangulation import TriangulationSettings, triangulate_view
 from ..subject.subject_search import find_subject

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..camera import Intrinsics, unproject
-from ..errors import ReconstructionError
+from ..errors import Notice, ReconstructionError
 from ..mirrors import Mirror
-from ..notices import Notice
 from ..views.floor_and_vertical import find_ground
 from ..views.ray_sorting import sort_rays
 from ..views.rig_axis import rig_axis

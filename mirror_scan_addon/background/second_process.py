@@ -18,7 +18,7 @@ from pathlib import Path
 import bpy
 
 from ...core import errors
-from ...core.notices import Notice
+from ...core.errors import Notice
 from ..extension_root import ADDON_FOLDER, ROOT_FOLDER, ROOT_PACKAGE
 from ..language.texts import say
 from . import kernel_compilation, numba_setup

@@ -15,7 +15,7 @@ import string
 from collections.abc import Callable, Mapping
 from functools import cache
 
-from ...core.notices import Notice
+from ...core.errors import Notice
 from ..extension_root import ADDON_FOLDER
 
 LIST = ADDON_FOLDER / "messages.json"

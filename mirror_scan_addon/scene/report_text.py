@@ -6,7 +6,7 @@ import json
 
 import bpy
 
-from ...core.notices import Notice
+from ...core.errors import Notice
 from ..language.texts import say
 from . import units
 

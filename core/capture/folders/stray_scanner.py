@@ -12,9 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from ...camera import Intrinsics
-from ...errors import CaptureError
+from ...errors import CaptureError, Notice
 from ...io.images import read_image
-from ...notices import Notice
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import read_limited
 from ..depth_units import metres

@@ -6,9 +6,8 @@ import math
 from pathlib import Path
 
 from ...camera import Intrinsics
-from ...errors import CaptureError
+from ...errors import CaptureError, Notice
 from ...io.images import read_image
-from ...notices import Notice
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import read_limited, rgb
 from ..depth_units import metres

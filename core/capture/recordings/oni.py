@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...camera import Intrinsics
-from ...errors import CaptureError
-from ...notices import Notice
+from ...errors import CaptureError, Notice
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, image_in, mapped, rgb, starts_with, yuyv_to_rgb
 from ..frames import FrameChoice, chosen_frames, empty_burst

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...camera import Intrinsics
-from ...errors import CaptureError
-from ...notices import Notice
+from ...errors import CaptureError, Notice
 
 _SAMPLE = 40_000
 _MIN_POINTS = 200

@@ -12,9 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from ...camera import Intrinsics
-from ...errors import CaptureError
+from ...errors import CaptureError, Notice
 from ...io.images import MAX_PIXELS
-from ...notices import Notice
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, read_limited, starts_with, yuv_to_rgb
 from ..depth_units import metres

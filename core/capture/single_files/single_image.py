@@ -12,9 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import CaptureError
+from ...errors import CaptureError, Notice
 from ...io.images import MAX_PIXELS, read_image
-from ...notices import Notice
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, npy_header, read_limited, rgb, starts_with
 from ..depth_units import is_raw_disparity, metres

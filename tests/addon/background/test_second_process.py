@@ -30,7 +30,7 @@ def refuse(text):
 
 def refuse_in_parts(share):
     from mirror_scan.core.errors import MirrorError
-    from mirror_scan.core.notices import Notice
+    from mirror_scan.core.errors import Notice
 
     yield 0.0, "Reading"
     mirror = Notice("the mirror “{name}”", name="left", mirrors=["left"])
@@ -38,7 +38,7 @@ def refuse_in_parts(share):
 
 
 def warn(share):
-    from mirror_scan.core.notices import Notice
+    from mirror_scan.core.errors import Notice
 
     yield 0.0, "Reading"
     return [Notice("{share:.0%} is seen", share=share), "a plain text"]
@@ -151,8 +151,7 @@ def test_errors_keep_their_kind(errands):
 
 
 def test_errors_and_warnings_keep_their_parts(errands):
-    from mirror_scan.core.errors import MirrorError
-    from mirror_scan.core.notices import Notice
+    from mirror_scan.core.errors import MirrorError, Notice
 
     error = run(errands.refuse_in_parts, 0.25)[0].error
     assert type(error) is MirrorError and str(error) == "the mirror “left”: 25%"

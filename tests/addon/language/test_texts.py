@@ -165,8 +165,7 @@ def test_core_s_messages_are_told_in_the_user_s_language(german):
 
 def test_a_message_that_knows_its_parts_needs_no_recognising(german, monkeypatch):
     """What cannot be told from the words: where a value ends, and what a value quotes."""
-    from mirror_scan.core.errors import MirrorError
-    from mirror_scan.core.notices import Notice
+    from mirror_scan.core.errors import MirrorError, Notice
     from mirror_scan.mirror_scan_addon.language import messages
 
     monkeypatch.setattr(messages, "templates", tuple)  # nothing is listed

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("bpy")
 
-from mirror_scan.core.notices import Notice
+from mirror_scan.core.errors import Notice
 
 NOTICE = Notice("{mirror}: {share:.0%}", mirror=Notice("the mirror “{name}”", name="left", mirrors=["left"]), share=0.5)
 

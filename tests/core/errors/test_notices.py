@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 from mirror_scan.core.errors import CaptureError, MirrorError, MirrorScanError
-from mirror_scan.core.notices import Notice, without_formats
+from mirror_scan.core.errors.notices import Notice, without_formats
 
-CORE = Path(__file__).resolve().parents[2] / "core"
+CORE = Path(__file__).resolve().parents[3] / "core"
 
 QUOTED = Notice("the mirror “{name}”", name="left {1}", mirrors=["left {1}"])
 WHOLE = Notice(
@@ -88,7 +88,7 @@ def test_every_template_in_core_gets_what_it_names():
     count = 0
     for path in sorted(CORE.rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if not isinstance(node, ast.Call) or path.name in ("notices.py", "errors.py"):
+            if not isinstance(node, ast.Call) or path.name in ("notices.py", "exceptions.py"):
                 continue
             name = ast.unparse(node.func).rpartition(".")[2]
             if name == "Notice" or name.endswith("Error") and node.keywords:
