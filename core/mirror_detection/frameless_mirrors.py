@@ -155,10 +155,8 @@ def find_verified_frameless(
         guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
         if beside and rim_share(guess, depth, intrinsics, 0.2, known) < settings.min_rim:
             continue
-        _, _, _, _, violated, shown, hidden, ground = count_evidence(
-            guess, depth, intrinsics, lowest_reading(depth, intrinsics, mirror.basis)
-        )
-        bad = violated > settings.max_violation * (violated + shown + hidden + ground)
-        if shown >= 30 and not bad and not missing_reflection(mirror, depth, intrinsics):
+        evidence = count_evidence(guess, depth, intrinsics, lowest_reading(depth, intrinsics, mirror.basis))
+        bad = evidence.violated > settings.max_violation * evidence.judged
+        if evidence.shown >= 30 and not bad and not missing_reflection(mirror, depth, intrinsics):
             good.append(mirror)
     return good

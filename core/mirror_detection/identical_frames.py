@@ -137,12 +137,12 @@ def _unopposed(
     """:func:`.mirror_verification.rim_share` where nothing stands in the rectangle's plane but its rim, and nothing it
     shows would be where the camera looks through, else 0; and how many readings it shows. ``points`` as for
     :func:`.mirror_verification.lowest_of_points`."""
-    before, on, none, *behind = count_evidence(guess, depth, intrinsics, lowest_of_points(points, guess.basis))
-    glass = none + sum(behind)
-    if glass < 60 or on > _EMPTY * glass or behind[1] > max(_EMPTY * sum(behind), 3.0):
+    evidence = count_evidence(guess, depth, intrinsics, lowest_of_points(points, guess.basis))
+    glass = evidence.unread + evidence.behind
+    if glass < 60 or evidence.on > _EMPTY * glass or evidence.violated > max(_EMPTY * evidence.behind, 3.0):
         return 0.0, 0.0
     rim = rim_share(guess, depth, intrinsics, 0.2, known, color)
-    return (rim if rim > WHOLE else 0.0), behind[2]
+    return (rim if rim > WHOLE else 0.0), evidence.shown
 
 
 _PIXELS = 1.5  # to which bars are known

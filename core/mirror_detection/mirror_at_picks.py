@@ -88,10 +88,8 @@ def contradicted(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, know
     if mirror.rectangle is None or mirror.polygon is not None:
         return False
     guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
-    _, _, _, _, violated, *other = count_evidence(
-        guess, depth, intrinsics, lowest_reading(depth, intrinsics, mirror.basis)
-    )
-    if violated > max(_CONTRADICTED * (violated + sum(other)), 50.0):
+    evidence = count_evidence(guess, depth, intrinsics, lowest_reading(depth, intrinsics, mirror.basis))
+    if evidence.violated > max(_CONTRADICTED * evidence.judged, 50.0):
         return True
     rims = [
         circumference(mirror.point, mirror.basis, mirror.rectangle, depth, intrinsics, outward, known)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -110,10 +111,11 @@ def verify(
     is seen directly, it is shown. What lies outside the picture says nothing. Behind the glass of mirrors that are
     ``known`` a rim is hidden. ``color`` as for :func:`rim_share`.
     """
-    before, on, none, outside, violated, shown, hidden, ground = count_evidence(guess, depth, intrinsics, floor)
-    behind = outside + violated + shown + hidden + ground
-    total = behind + on + none
-    if total < 60 or behind + none < 0.5 * total or behind < min(FEW_SHOWN):
+    evidence = count_evidence(guess, depth, intrinsics, floor)
+    behind, judged, shown, violated = evidence.behind, evidence.judged, evidence.shown, evidence.violated
+    glass = behind + evidence.unread
+    total = glass + evidence.on
+    if total < 60 or glass < 0.5 * total or behind < min(FEW_SHOWN):
         return None
     if TOP not in guess.sides and BOTTOM not in guess.sides:
         # two uprights alone, such as legs or door posts, must leave the picture where the lying side would be
@@ -121,7 +123,6 @@ def verify(
             return None
     if behind < _BLIND * total and guess.point[2] > _IN_REACH * float(depth[::8, ::8].max()):
         return None  # the end of what the camera reaches looks like a rim, too
-    judged = violated + shown + hidden + ground
     violation = violated / max(judged, 1.0)
     plain = shown > _PLAIN * total and violation < 0.02
     if len(guess.sides) == 2 and min(s.length for s in guess.sides.values()) < (0.3 if plain else 0.5):
@@ -136,20 +137,71 @@ def verify(
     if settings.empty_rig:
         return made if len(guess.sides) >= 3 or shown >= 30.0 else None
     # a rim of which a side is missing may be a wall's, seen past a mirror that stands before it
-    open_rim = _OPEN_SHOWN * (behind + on) if _open_sides(guess, intrinsics) else 0.0
+    open_rim = _OPEN_SHOWN * (behind + evidence.on) if _open_sides(guess, intrinsics) else 0.0
     if rim > WHOLE and violated == 0.0 and (len(guess.sides) >= 3 or known):
         few = FEW_SHOWN[len(guess.sides) == 4]
         return made if shown >= max(few, settings.min_shown * judged, open_rim) else None
-    if behind + none < 0.8 * total:  # something is in its plane, such as somebody right before the glass, or a wall
+    if glass < 0.8 * total:  # something is in its plane, such as somebody right before the glass, or a wall
         return None
-    if before > behind:  # something stands there, and little is seen beyond: it may be the image in another mirror
+    if (
+        evidence.before > behind
+    ):  # something stands there, and little is seen beyond: it may be the image in another mirror
         return None
     return made if shown >= max(30.0, settings.min_shown * behind, open_rim) else None
 
 
-def count_evidence(guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics, floor: float) -> list[float]:
-    """What becomes of the readings in the rectangle, see :func:`_verify_kernel`; all 0 when it reaches behind the
-    camera."""
+class Evidence(NamedTuple):
+    """What becomes of the readings sampled in a rectangle: how many are of each kind.
+
+    Attributes
+    ----------
+    before, on, unread : float
+        Before the rectangle's plane, on it, and pixels without a reading.
+    outside : float
+        Behind it, and flipped over it where the camera reads nothing, so that nothing can be said of them.
+    violated : float
+        Flipped, nearer than what the camera sees there: it would have to look through them.
+    shown, hidden : float
+        Flipped, on or close behind what is seen directly; farther behind it.
+    ground : float
+        Flipped, so low that it may be floor, which proves nothing.
+    """
+
+    before: float
+    on: float
+    unread: float
+    outside: float
+    violated: float
+    shown: float
+    hidden: float
+    ground: float
+
+    @property
+    def judged(self) -> float:
+        """Of those behind the plane, how many can be compared with what is seen directly."""
+        return self.violated + self.shown + self.hidden + self.ground
+
+    @property
+    def behind(self) -> float:
+        """How many are behind the plane."""
+        return self.outside + self.judged
+
+
+def count_evidence(guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics, floor: float) -> Evidence:
+    """What becomes of the readings in a rectangle that are flipped over its plane.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    floor : float
+        How far down along the rectangle readings may belong to a floor [m].
+
+    Returns
+    -------
+    Evidence
+        All 0 when the rectangle reaches behind the camera.
+    """
     mirror = Mirror("", guess.point, guess.basis[:, 2], guess.basis, guess.rectangle)
     corners = np.array([(x, y) for x in guess.rectangle[0] for y in guess.rectangle[1]])
     pixels = project(guess.point + corners @ guess.basis[:, :2].T, intrinsics)
@@ -158,7 +210,7 @@ def count_evidence(guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics,
         low = np.clip(np.floor(pixels.min(axis=0)), 0, None).astype(np.int64)
         high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, (intrinsics.width, intrinsics.height)).astype(np.int64)
         _verify_kernel(depth, intrinsics.lens, glass_of([mirror]), low, high, floor, counts)
-    return [float(count) for count in counts]
+    return Evidence(*(float(count) for count in counts))
 
 
 def _open_sides(guess: Hypothesis, intrinsics: Intrinsics) -> int:
@@ -177,10 +229,12 @@ def _open_sides(guess: Hypothesis, intrinsics: Intrinsics) -> int:
     return count
 
 
+_BEFORE, _ON, _UNREAD, _OUTSIDE, _VIOLATED, _SHOWN, _HIDDEN, _GROUND = range(8)  # places in Evidence
+
+
 @njit(cache=True, nogil=True)
 def _verify_kernel(depth, lens, glass, low, high, floor, counts):
-    """Counts of sampled pixels: before the plane, on it, no reading, then flipped outside, violating, shown, hidden,
-    ground."""
+    """Add to ``counts`` (8,) the sampled pixels, in the order of :class:`Evidence`."""
     height, width = depth.shape
     fx, fy, cx, cy = lens
     axes = glass.axes
@@ -193,24 +247,24 @@ def _verify_kernel(depth, lens, glass, low, high, floor, counts):
                 continue
             z = depth[v, u]
             if z == 0:
-                counts[2] += 1
+                counts[_UNREAD] += 1
                 continue
             if z < at * 0.97 - 0.02:
-                counts[0] += 1
+                counts[_BEFORE] += 1
                 continue
             if z < at * 1.02 + 0.04:
-                counts[1] += 1
+                counts[_ON] += 1
                 continue
             drop = axes[0, 1, 0] * (x * z) + axes[0, 1, 1] * (y * z) + axes[0, 1, 2] * z
             px, py, pz = reflected(glass, 0, x * z, y * z, z)
             if pz < 0.3:
-                counts[3] += 1
+                counts[_OUTSIDE] += 1
                 continue
             column, row = nearest_pixel(px, py, pz, lens)
             # a reading's error points sideways once it is flipped: look about the place by what noise at z may be
             reach = int(fx * (0.01 + 0.003 * z * z) / pz) + 2
             if column < 2 or row < 2 or column >= width - 2 or row >= height - 2:
-                counts[3] += 1
+                counts[_OUTSIDE] += 1
                 continue
             nearest, farthest = np.inf, 0.0
             for ky in range(-3, 4):
@@ -220,17 +274,17 @@ def _verify_kernel(depth, lens, glass, low, high, floor, counts):
                     if seen > 0:
                         nearest, farthest = min(nearest, seen), max(farthest, seen)
             if farthest == 0.0:
-                counts[3] += 1
+                counts[_OUTSIDE] += 1
                 continue
             slack = 0.05 + 0.02 * z
             if pz < nearest - slack:
-                counts[4] += 1
+                counts[_VIOLATED] += 1
             elif drop > floor:
-                counts[7] += 1
+                counts[_GROUND] += 1
             elif pz < nearest + 0.7:
-                counts[5] += 1
+                counts[_SHOWN] += 1
             else:
-                counts[6] += 1
+                counts[_HIDDEN] += 1
 
 
 def missing_reflection(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> bool:
@@ -282,8 +336,8 @@ def doubtful(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> bool:
     if mirror.rectangle is None:
         return False
     guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
-    before, _, _, *behind = count_evidence(guess, depth, intrinsics, lowest_reading(depth, intrinsics, mirror.basis))
-    return before > sum(behind)
+    evidence = count_evidence(guess, depth, intrinsics, lowest_reading(depth, intrinsics, mirror.basis))
+    return evidence.before > evidence.behind
 
 
 def hypotheses(depth: np.ndarray, intrinsics: Intrinsics, settings: DetectionSettings) -> list[Hypothesis]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -14,6 +15,8 @@ BLOCK = 10
 
 _EDGE = 0.25  # share of the edges' effect, squared, in the covariance
 _BAR = 0.03  # of a pixel's noise, that a bar of the frame errs in common
+_DEVIATION, _TUKEY = 1.4826, 4.7  # standard deviation over median distance, and Tukey's width, of normal errors
+_VARIANCE, _MEDIAN = 2.198, 0.4549  # variance over median square, and the inverse, of normal errors
 
 
 @dataclass(frozen=True)
@@ -58,28 +61,94 @@ def disparity_plane(
         Coefficients to weigh the pixels by at first; by default all weigh the same.
     """
     u, v = np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64)
-    found, solution, normal, scores, weights, center, scale, noise, common = _fit_kernel(
+    fit = _fit_kernel(
         u, v, 1.0 / z.astype(np.float64), np.zeros(3) if start is None else start, start is not None, BLOCK
     )
-    if not found:
+    if not fit.found:
         return None
-    bread = np.linalg.inv(normal)
-    covariance = bread @ scores @ bread
-    unscale = np.diag(1.0 / scale)
-    unscale[2, :2] = -center[:2] / scale[:2]
-    return DisparityPlane(unscale @ solution, unscale @ covariance @ unscale.T, weights, noise, common)
+    bread = np.linalg.inv(fit.normal)
+    covariance = bread @ fit.scores @ bread
+    unscale = np.diag(1.0 / fit.scale)
+    unscale[2, :2] = -fit.center[:2] / fit.scale[:2]
+    return DisparityPlane(unscale @ fit.solution, unscale @ covariance @ unscale.T, fit.weights, fit.sigma, fit.common)
+
+
+class _Fit(NamedTuple):
+    """What :func:`_fit_kernel` finds.
+
+    Attributes
+    ----------
+    found : bool
+        False: the pixels are on a line, or hardly any agree.
+    solution : np.ndarray [shape=(3,)]
+        1/z over x, y and 1, where (x, y) = ((u, v) - ``center``) / ``scale``.
+    normal, scores : np.ndarray [shape=(3, 3)]
+        Matrix of its equations, and that of their scores: the bread and the meat of its covariance.
+    weights : np.ndarray [shape=(K,)]
+        Of the pixels.
+    center, scale : np.ndarray [shape=(3,)]
+        [px]; of the third place 0 and 1.
+    sigma : float
+        Standard deviation of a pixel [1/m].
+    common : float
+        Variance that neighbouring pixels share [1/m²].
+    """
+
+    found: bool
+    solution: np.ndarray
+    normal: np.ndarray
+    scores: np.ndarray
+    weights: np.ndarray
+    center: np.ndarray
+    scale: np.ndarray
+    sigma: float
+    common: float
 
 
 @njit(cache=True, nogil=True)
 def _fit_kernel(u, v, d, start, started, block):
-    """Found, solution (3,) over ((u, v) - centre) / scale and 1, the matrix (3, 3) of its equations and that of its
-    scores, weights (K,), centre, scale (3,) and a pixel's standard deviation."""
+    """Fit the pixels, pool them to blocks, and correct the fit by these; see :class:`_Fit`."""
     count = len(d)
     center, scale = np.zeros(3), np.ones(3)
     center[0], center[1] = u.mean(), v.mean()
     scale[0], scale[1] = max(np.abs(u - center[0]).max(), 1.0), max(np.abs(v - center[1]).max(), 1.0)
-    weights, residual, row = np.ones(count), np.empty(count), np.ones(3)
-    solution, normal, right, nothing = np.zeros(3), np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3))
+    weights, residual = np.ones(count), np.empty(count)
+    normal, nothing = np.zeros((3, 3)), np.zeros((3, 3))
+    found, solution, sigma = _fit_pixels(u, v, d, start, started, center, scale, weights, residual, normal)
+    if not found:
+        return _Fit(False, solution, nothing, nothing, weights, center, scale, sigma, 0.0)
+    sums, member = _pool(u, v, center, scale, weights, residual, block)
+    used = np.flatnonzero(sums[:, 0] > 3.0)
+    n = len(used)
+    if n < 6:  # too few to tell what blocks share: the pixels are taken as independent, four as one
+        if not weights.sum() > 3.0 or sigma == 0.0:
+            return _Fit(False, solution, nothing, nothing, weights, center, scale, sigma, 0.0)
+        return _Fit(True, solution, normal, 4.0 * sigma * sigma * normal, weights, center, scale, sigma, 0.0)
+    pooled = np.empty((n, 4))  # x, y, residual, weight of its pixels
+    for k in range(n):
+        cell = sums[used[k]]
+        pooled[k, 0], pooled[k, 1], pooled[k, 2] = cell[1] / cell[0], cell[2] / cell[0], cell[3] / cell[0]
+        pooled[k, 3] = cell[0]
+    trust, deviation = np.ones(n), np.empty(n)
+    found, change, common = _fit_blocks(pooled, sigma, np.abs(solution).max(), trust, deviation, normal)
+    if not found:
+        return _Fit(False, solution, nothing, nothing, weights, center, scale, sigma, 0.0)
+    scores = _block_scores(pooled, trust, deviation, change, sigma)
+    place = np.full(len(sums), -1, np.int32)
+    for k in range(n):
+        place[used[k]] = k
+    for i in range(count):
+        k = place[member[i]]
+        weights[i] *= trust[k] if k >= 0 else 0.0
+    return _Fit(True, solution + change, normal, scores, weights, center, scale, sigma, common)
+
+
+@njit(cache=True, nogil=True)
+def _fit_pixels(u, v, d, start, started, center, scale, weights, residual, normal):
+    """Whether the pixels are not on a line, their plane, and the standard deviation about it, re-weighted up to twelve
+    times; ``weights``, ``residual`` and ``normal`` are filled."""
+    count = len(d)
+    row, solution, right = np.ones(3), np.zeros(3), np.zeros(3)
     sigma = 0.0
     for turn in range(12):
         previous = solution.copy()
@@ -96,52 +165,55 @@ def _fit_kernel(u, v, d, start, started, block):
                     for b in range(3):
                         normal[a, b] += weights[i] * row[a] * row[b]
             found, solution = _solve_3x3(normal, right)
-            if not found:  # all on one line
-                return False, previous, nothing, nothing, weights, center, scale, sigma, 0.0
+            if not found:
+                return False, previous, sigma
         for i in range(count):
             x, y = (u[i] - center[0]) / scale[0], (v[i] - center[1]) / scale[1]
             residual[i] = d[i] - (solution[0] * x + solution[1] * y + solution[2])
-        sigma = 1.4826 * np.median(np.abs(residual[:: count // 2000 + 1])) + 1e-9
+        sigma = _DEVIATION * np.median(np.abs(residual[:: count // 2000 + 1])) + 1e-9
         for i in range(count):
-            r = residual[i] / (4.7 * sigma)
+            r = residual[i] / (_TUKEY * sigma)
             weights[i] = (1.0 - r * r) ** 2 if abs(r) < 1.0 else 0.0
         if turn > 0 and np.abs(solution - previous).max() < 1e-5 * np.abs(solution).max():
             break
+    return True, solution, sigma
 
-    # blocks of neighbouring pixels, each at the mean of what weighs in it
+
+@njit(cache=True, nogil=True)
+def _pool(u, v, center, scale, weights, residual, block):
+    """Sums over the pixels of each block of weight, x, y and residual (N, 4), and the block of each pixel (K,)."""
     left, top = u.min(), v.min()
     columns = int((u.max() - left) // block) + 1
     rows = int((v.max() - top) // block) + 1
-    sums, member = np.zeros((rows * columns, 4)), np.empty(count, np.int32)
-    for i in range(count):
+    sums, member = np.zeros((rows * columns, 4)), np.empty(len(u), np.int32)
+    for i in range(len(u)):
         member[i] = int((v[i] - top) // block) * columns + int((u[i] - left) // block)
         cell = sums[member[i]]
         cell[0] += weights[i]
         cell[1] += weights[i] * (u[i] - center[0]) / scale[0]
         cell[2] += weights[i] * (v[i] - center[1]) / scale[1]
         cell[3] += weights[i] * residual[i]
-    used = np.flatnonzero(sums[:, 0] > 3.0)
-    n = len(used)
-    if n < 6:
-        return _few(solution, normal, weights, center, scale, sigma, nothing)
-    pooled = np.empty((n, 4))  # x, y, residual, weight of its pixels
-    for k in range(n):
-        cell = sums[used[k]]
-        pooled[k, 0], pooled[k, 1], pooled[k, 2] = cell[1] / cell[0], cell[2] / cell[0], cell[3] / cell[0]
-        pooled[k, 3] = cell[0]
-    trust, gap, deviation = np.ones(n), np.empty(n), np.empty(n)
-    change, common = np.zeros(3), 0.0
+    return sums, member
+
+
+@njit(cache=True, nogil=True)
+def _fit_blocks(pooled, sigma, size, trust, deviation, normal):
+    """Whether the blocks are not on a line, the plane through their residuals, and the variance that the pixels of a
+    block share, re-weighted up to eight times; ``trust``, ``deviation`` and ``normal`` are filled."""
+    n = len(pooled)
+    gap, row, right, change = np.empty(n), np.ones(3), np.zeros(3), np.zeros(3)
+    common = 0.0
     for _ in range(8):
         for k in range(n):
             gap[k] = pooled[k, 2] - (change[0] * pooled[k, 0] + change[1] * pooled[k, 1] + change[2])
-        # what the pixels of a block err in common: what their scatter does not explain of the blocks'
-        common = 2.198 * np.median(gap * gap - 0.4549 * sigma * sigma / pooled[:, 3])
+        # what the pixels of a block err in common: what their noise does not explain of the blocks' residuals
+        common = _VARIANCE * np.median(gap * gap - _MEDIAN * sigma * sigma / pooled[:, 3])
         common = max(common, 0.0)
         deviation[:] = np.sqrt(sigma * sigma / pooled[:, 3] + common) + 1e-9
         normal[:] = 0.0
         right[:] = 0.0
         for k in range(n):
-            r = gap[k] / (4.7 * deviation[k])
+            r = gap[k] / (_TUKEY * deviation[k])
             trust[k] = (1.0 - r * r) ** 2 if abs(r) < 1.0 else 0.0
             w = trust[k] / (deviation[k] * deviation[k])
             row[0], row[1] = pooled[k, 0], pooled[k, 1]
@@ -151,20 +223,26 @@ def _fit_kernel(u, v, d, start, started, block):
                     normal[a, b] += w * row[a] * row[b]
         found, step = _solve_3x3(normal, right)
         if not found:
-            return False, solution, nothing, nothing, weights, center, scale, sigma, 0.0
+            return False, change, common
         moved = np.abs(step - change).max()
         change = step
-        if moved < 1e-6 * np.abs(solution).max():
+        if moved < 1e-6 * size:
             break
-    scores, kept, bars = np.zeros((3, 3)), 0.0, np.zeros((4, 3))
-    for k in range(n):
+    return True, change, common
+
+
+@njit(cache=True, nogil=True)
+def _block_scores(pooled, trust, deviation, change, sigma):
+    """Sum of the outer products (3, 3) of the blocks' scores, and of what whole bars of the frame may err in common."""
+    scores, kept, bars, row = np.zeros((3, 3)), 0.0, np.zeros((4, 3)), np.ones(3)
+    for k in range(len(pooled)):
         row[0], row[1] = pooled[k, 0], pooled[k, 1]
-        gap[k] = pooled[k, 2] - (change[0] * row[0] + change[1] * row[1] + change[2])
+        gap = pooled[k, 2] - (change[0] * row[0] + change[1] * row[1] + change[2])
         w = trust[k] / (deviation[k] * deviation[k])
         bar = int((np.arctan2(row[1], row[0]) / (2.0 * np.pi) + 0.625) * 4.0) % 4
         for a in range(3):
             bars[bar, a] += w * row[a]
-        w *= gap[k]
+        w *= gap
         kept += trust[k]
         for a in range(3):
             for b in range(3):
@@ -175,22 +253,7 @@ def _fit_kernel(u, v, d, start, started, block):
         for a in range(3):
             for b in range(3):
                 scores[a, b] += (_BAR * sigma) ** 2 * bars[bar, a] * bars[bar, b]
-    place = np.full(rows * columns, -1, np.int32)
-    for k in range(n):
-        place[used[k]] = k
-    for i in range(count):
-        k = place[member[i]]
-        weights[i] *= trust[k] if k >= 0 else 0.0
-    row[2] = 1.0
-    return True, solution + change, normal, scores, weights, center, scale, sigma, common
-
-
-@njit(cache=True, nogil=True)
-def _few(solution, normal, weights, center, scale, sigma, nothing):
-    """The fit when there are too few blocks to pool: its pixels taken as independent, four as one."""
-    if not weights.sum() > 3.0 or sigma == 0.0:
-        return False, solution, nothing, nothing, weights, center, scale, sigma, 0.0
-    return True, solution, normal, 4.0 * sigma * sigma * normal, weights, center, scale, sigma, 0.0
+    return scores
 
 
 @njit(cache=True, nogil=True)

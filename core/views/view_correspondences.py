@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -134,11 +135,11 @@ def meetings(
             s, t = shown[of], shown[by]
             plane = np.zeros(4) if by == 0 else np.append(mirrors[by - 1].normal, mirrors[by - 1].normal
                                                           @ mirrors[by - 1].point)  # fmt: skip
-            here, there, normals, gaps, variances, half, *counts = _meet_kernel(
+            met = _meet_kernel(
                 s.points, s.normals, s.variances, s.pixels, flips[of], flips[by], plane, intrinsics.lens, t.grid,
                 t.stride, t.points, t.normals, t.variances, gate, depth, seen, by, facing,
             )  # fmt: skip
-            out.append(Meeting(of, by, here, there, normals, gaps, variances, half, *counts))
+            out.append(Meeting(of, by, *met))
     return out
 
 
@@ -253,12 +254,26 @@ def _surface_kernel(depth, seen, view, camera, box, stride, radius, sigma):
     return grid, points[:n], normals[:n], variances[:n], pixels[:n]
 
 
+class _Met(NamedTuple):
+    """What :func:`_meet_kernel` finds: the fields of :class:`Meeting` after ``of`` and ``by``."""
+
+    here: np.ndarray
+    there: np.ndarray
+    normals: np.ndarray
+    gaps: np.ndarray
+    variances: np.ndarray
+    half: np.ndarray
+    before: int
+    through: int
+    judged: int
+
+
 @njit(cache=True, nogil=True)
 def _meet_kernel(
     points, normals, variances, pixels, flip, flip_by, plane, camera, grid, stride, there, there_normals,
     there_variances, gate, depth, seen, by, facing_limit,
 ):  # fmt: skip
-    """Pieces of one view laid before another's eye, and what that sees in the same line of sight."""
+    """Pieces of one view laid before another's eye, and what that sees in the same line of sight: :class:`_Met`."""
     fx, fy, cx, cy = camera
     count = len(points)
     here, other, e_out = np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3))
@@ -318,4 +333,4 @@ def _meet_kernel(
         spread[n] = variances[i] + there_variances[k] + _SYSTEMATIC * _SYSTEMATIC
         half[n] = (pixels[i, 0] // 24 + pixels[i, 1] // 24) % 2
         n += 1
-    return here[:n], other[:n], e_out[:n], gaps[:n], spread[:n], half[:n], before, through, judged
+    return _Met(here[:n], other[:n], e_out[:n], gaps[:n], spread[:n], half[:n], before, through, judged)
