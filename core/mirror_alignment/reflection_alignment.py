@@ -10,6 +10,7 @@ from numba import njit
 from ..camera import Intrinsics, project
 from ..mirrors import Mirror
 from ..mirrors.glass_kernels import (
+    NEAREST,
     before_plane,
     glass_of,
     nearest_pixel,
@@ -223,6 +224,11 @@ def _surface(depth, camera, u, v, p, n):
     return True
 
 
+_OFF_FRAME, _BEHIND_GLASS, _BEFORE_GLASS = 0.04, 0.15, 0.1  # nearer to them readings may be the frame's or a wall's [m]
+_ACROSS = 0.2  # cosine between normals under which a surface stands across the mirror, and tells nothing of its place
+_ALIKE, _OTHER_SIDE = 0.8, -0.9  # cosines between normals of one surface, and of the two sides of a board
+
+
 @njit(cache=True, nogil=True)
 def _shown_kernel(depth, lens, glass, low, high, two_sided, out_p, out_n, out_half):
     fx, fy, cx, cy = lens
@@ -234,12 +240,11 @@ def _shown_kernel(depth, lens, glass, low, high, two_sided, out_p, out_n, out_ha
             z = depth[v, u]
             if z == 0:
                 continue
-            at = share_at_glass(glass, 0, (u - cx) / fx, y, 1.0, 0.04)
-            if z < at + 0.15 or not _surface(depth, lens, u, v, p, n):
+            at = share_at_glass(glass, 0, (u - cx) / fx, y, 1.0, _OFF_FRAME)
+            if z < at + _BEHIND_GLASS or not _surface(depth, lens, u, v, p, n):
                 continue
-            # what stands across the mirror, like the floor, tells nothing of its place
             normal = glass.planes[0]
-            if abs(n[0] * normal[0] + n[1] * normal[1] + n[2] * normal[2]) < 0.2:
+            if abs(n[0] * normal[0] + n[1] * normal[1] + n[2] * normal[2]) < _ACROSS:
                 continue
             qx, qy, qz = reflected(glass, 0, p[0], p[1], p[2])
             mx, my, mz = reflected_direction(glass, 0, n[0], n[1], n[2])
@@ -259,7 +264,7 @@ def _pairs_kernel(depth, lens, glass, points, facing, gate, two_sided, out_q, ou
     count = 0
     for i in range(len(points)):
         q[0], q[1], q[2] = reflected(glass, 0, points[i, 0], points[i, 1], points[i, 2])
-        if q[2] < 0.3:
+        if q[2] < NEAREST:
             continue
         x, y = nearest_pixel(q[0], q[1], q[2], lens)
         if x < 3 or y < 3 or x >= width - 3 or y >= height - 3 or not _surface(depth, lens, x, y, d, e):
@@ -270,9 +275,9 @@ def _pairs_kernel(depth, lens, glass, points, facing, gate, two_sided, out_q, ou
             alike += m[r] * e[r]
             gap += e[r] * (d[r] - q[r])
             far += (d[r] - q[r]) ** 2
-        if alike < 0.8 and not (two_sided and alike < -0.9):
+        if alike < _ALIKE and not (two_sided and alike < _OTHER_SIDE):
             continue
-        if abs(gap) > gate or far > 9.0 * gate * gate or before_plane(glass, 0, d[0], d[1], d[2]) < 0.1:
+        if abs(gap) > gate or far > 9.0 * gate * gate or before_plane(glass, 0, d[0], d[1], d[2]) < _BEFORE_GLASS:
             continue
         for c in range(3):
             out_q[count, c], out_n[count, c] = q[c], e[c]

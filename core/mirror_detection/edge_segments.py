@@ -226,15 +226,20 @@ def find_rims(
     return segments
 
 
-_REACH, _CHANGE = 2, 16  # px to each side of a line in the colour picture, between which a channel changes by so much
-_ALONG = 0.8  # of a piece, or of a gap, such a line has to run along
+_COLOR_REACH, _COLOR_CHANGE = (
+    2,
+    16,
+)  # px to each side of a line in the colour picture, between which a channel changes by so much
+_ALONG_COLOR_LINE = 0.8  # of a piece, or of a gap, such a line has to run along
 
 
 def _lines(color: np.ndarray) -> np.ndarray:
     """Where the colour picture (H, W, 3) changes along its rows: on upright lines, (H, W) bool."""
     out = np.zeros(color.shape[:2], np.bool_)
     wide = color.astype(np.int16)
-    out[:, _REACH:-_REACH] = np.abs(wide[:, 2 * _REACH :] - wide[:, : -2 * _REACH]).max(axis=2) > _CHANGE
+    out[:, _COLOR_REACH:-_COLOR_REACH] = (
+        np.abs(wide[:, 2 * _COLOR_REACH :] - wide[:, : -2 * _COLOR_REACH]).max(axis=2) > _COLOR_CHANGE
+    )
     return out
 
 
@@ -243,7 +248,7 @@ def _on_line(lines: np.ndarray, v: np.ndarray, u: np.ndarray) -> bool:
     inside = (u >= 1) & (u < lines.shape[1] - 2)
     row, column = v[inside].astype(np.int64), np.rint(u[inside]).astype(np.int64)
     near = lines[row, column] | lines[row, column - 1] | lines[row, column + 1]
-    return bool(near.sum() > _ALONG * len(v))
+    return bool(near.sum() > _ALONG_COLOR_LINE * len(v))
 
 
 def _pieces(rows, columns, disparity, chain, settings, focal, lines) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:

@@ -29,8 +29,8 @@ from .mirrored_person import figure_surfaces, find_figures, fit_reflection, is_o
 from .rectangle_hypotheses import Hypothesis
 
 _UP = np.array((0.0, -1.0, 0.0))
-_BEHIND = 0.7  # an image is so much farther off than the figure [m]
-_SURE = 0.006  # a mirror expected to misplace a person by more is told of [m]
+_IMAGE_FARTHER = 0.7  # an image is so much farther off than the figure [m]
+_WARN_ERROR = 0.006  # a mirror expected to misplace a person by more is told of [m]
 
 
 def find_frameless(
@@ -68,8 +68,8 @@ def find_frameless(
     found, beside = [], []
     pairs = [
         (one, image) for one in figures for image in figures
-        if image.middle[2] > one.middle[2] + 0.5 * _BEHIND
-        and np.linalg.norm(image.middle) > np.linalg.norm(one.middle) + _BEHIND
+        if image.middle[2] > one.middle[2] + 0.5 * _IMAGE_FARTHER
+        and np.linalg.norm(image.middle) > np.linalg.norm(one.middle) + _IMAGE_FARTHER
         and (one.cut or image.cut or abs(one.top - image.top) < 0.35)
     ]  # fmt: skip
     if pairs:
@@ -97,7 +97,7 @@ def frameless_notes(mirrors: list[Mirror]) -> tuple[str, ...]:
         f"misplaced by {1000.0 * error:.0f} mm; strips of paper or tape, 3 cm wide, along its edges would make that "
         "surer"
         for m in mirrors
-        if m.source == "found" and not m.refined and (error := expected_error(m)) > _SURE
+        if m.source == "found" and not m.refined and (error := expected_error(m)) > _WARN_ERROR
     )
     return bare + tuple(
         f"{m.name}: hangs on a wall, and no frame stands out before it: its plane was taken to be the wall's, and what "

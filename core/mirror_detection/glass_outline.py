@@ -14,14 +14,14 @@ from ..mirrors.glass_kernels import glass_of, place_on_plane, share_at_plane
 from ..numeric.point_products import dot
 from .mirrored_person import Figure
 
-_OUTSIDE = 0.03  # an image does not reach farther beyond its glass [m]
+_PAST_GLASS = 0.03  # an image does not reach farther beyond its glass [m]
 
 
-_CELL = 0.012  # of the mirror's plane along a, and along b [m]
-_BESIDE = 1.5  # how far from the image glass may reach [m]
-_POST, _NEAR_PLANE = (0.10, 0.13), 0.4  # beside the glass, and so near its plane, nothing stands [m]
-_COVERED = 0.5  # of a side, where it can be seen, the depth must jump
-_STRIP = 0.55  # of the image's height, from its top, is asked: floor goes on through glass without a jump
+_PLANE_CELL = 0.012  # of the mirror's plane along a, and along b [m]
+_SEARCHED_BESIDE = 1.5  # how far from the image glass may reach [m]
+_POST, _POST_DEPTH = (0.10, 0.13), 0.4  # beside the glass, and so near its plane, nothing stands [m]
+_JUMP_SHARE = 0.5  # of a side, where it can be seen, the depth must jump
+_ASKED_HEIGHT = 0.55  # of the image's height, from its top, is asked: floor goes on through glass without a jump
 
 
 def with_glass(
@@ -43,41 +43,43 @@ def with_glass(
     bottom = (height - up @ mirror.point) / (up @ b)  # where the plane meets the floor
     if not top < feet < bottom + 0.1:
         return None
-    corner = np.array((left - _BESIDE, top - _BESIDE))
-    size = np.ceil((np.array((right + _BESIDE, bottom)) - corner) / _CELL).astype(np.int64)
+    corner = np.array((left - _SEARCHED_BESIDE, top - _SEARCHED_BESIDE))
+    size = np.ceil((np.array((right + _SEARCHED_BESIDE, bottom)) - corner) / _PLANE_CELL).astype(np.int64)
     upright, lying, seen = _jumps_kernel(
-        depth, _about(things == image.id, 4), lens.lens, glass_of([mirror]), corner, size, _CELL
+        depth, _about(things == image.id, 4), lens.lens, glass_of([mirror]), corner, size, _PLANE_CELL
     )
-    rows = slice(int((top - corner[1]) / _CELL), int((top + _STRIP * (feet - top) - corner[1]) / _CELL) + 1)
+    rows = slice(
+        int((top - corner[1]) / _PLANE_CELL), int((top + _ASKED_HEIGHT * (feet - top) - corner[1]) / _PLANE_CELL) + 1
+    )
     share, told = _covered(upright[rows], seen[rows])
-    begin = ((np.array((left + _OUTSIDE, right - _OUTSIDE)) - corner[0]) / _CELL).astype(int)
+    begin = ((np.array((left + _PAST_GLASS, right - _PAST_GLASS)) - corner[0]) / _PLANE_CELL).astype(int)
     sides = [_first(share[: begin[0]][::-1], told[: begin[0]][::-1]), _first(share[begin[1] :], told[begin[1] :])]
     rectangle = np.array(((left, right), (top, bottom)))
     met = 0
     for end, (state, place) in enumerate(sides):
-        if state == _NONE:
+        if state == _NO_EDGE:
             return None
-        if state == _MET:
+        if state == _EDGE_FOUND:
             met += 1
-            rectangle[0, end] = corner[0] + (begin[end] + (-place if end == 0 else place + 1)) * _CELL
-    columns = slice(*(np.clip((rectangle[0] - corner[0]) / _CELL, 0, size[0]).astype(int) + (2, -2)))
+            rectangle[0, end] = corner[0] + (begin[end] + (-place if end == 0 else place + 1)) * _PLANE_CELL
+    columns = slice(*(np.clip((rectangle[0] - corner[0]) / _PLANE_CELL, 0, size[0]).astype(int) + (2, -2)))
     share, told = _covered(lying[:, columns].T, seen[:, columns].T)
     state, place = _first(share[: rows.start][::-1], told[: rows.start][::-1])
-    if state == _MET:
+    if state == _EDGE_FOUND:
         met += 1
-        rectangle[1, 0] = corner[1] + (rows.start - place) * _CELL
+        rectangle[1, 0] = corner[1] + (rows.start - place) * _PLANE_CELL
     elif met == 2:  # as high as the sides go
         both = upright[:, columns.start - 4 : columns.start + 1].any(axis=1) | upright[
             :, columns.stop : columns.stop + 5].any(axis=1)  # fmt: skip
-        rectangle[1, 0] = corner[1] + np.flatnonzero(both)[0] * _CELL if both.any() else top
+        rectangle[1, 0] = corner[1] + np.flatnonzero(both)[0] * _PLANE_CELL if both.any() else top
     if met < 2:
         return None
-    beside = _stands_beside(mirror, rectangle, [side[0] == _MET for side in sides], depth, lens)
-    open_ends = np.array(((sides[0][0] != _MET, sides[1][0] != _MET), (state != _MET, True)))
+    beside = _stands_beside(mirror, rectangle, [side[0] == _EDGE_FOUND for side in sides], depth, lens)
+    open_ends = np.array(((sides[0][0] != _EDGE_FOUND, sides[1][0] != _EDGE_FOUND), (state != _EDGE_FOUND, True)))
     return at_border(replace(mirror, rectangle=rectangle), lens, open_ends), beside
 
 
-_NONE, _MET, _HIDDEN = 0, 1, 2
+_NO_EDGE, _EDGE_FOUND, _EDGE_HIDDEN = 0, 1, 2
 
 
 def _stands_beside(mirror: Mirror, rectangle: np.ndarray, met: list[bool], depth: np.ndarray, lens: Intrinsics) -> bool:
@@ -92,8 +94,8 @@ def _stands_beside(mirror: Mirror, rectangle: np.ndarray, met: list[bool], depth
             inside = (u >= 0) & (v >= 0) & (u < lens.width) & (v < lens.height)
             read = depth[v[inside].astype(int), u[inside].astype(int)]
             apart = read - points[inside, 2]
-            near += int(((read > 0) & (np.abs(apart) < _NEAR_PLANE)).sum())
-            told += int((apart > -_NEAR_PLANE).sum()) + int((read == 0).sum())
+            near += int(((read > 0) & (np.abs(apart) < _POST_DEPTH)).sum())
+            told += int((apart > -_POST_DEPTH).sum()) + int((read == 0).sum())
         if near > 0.3 * max(told, 1):
             return True
     return False
@@ -119,11 +121,11 @@ def _covered(jumps: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarra
 def _first(share: np.ndarray, told: np.ndarray) -> tuple[int, int]:
     """The first line outwards that is a side, at its peak; or, when what is seen ends before, that it is hidden."""
     clear = told > 0.4
-    strong = np.flatnonzero((share > _COVERED) & clear)
+    strong = np.flatnonzero((share > _JUMP_SHARE) & clear)
     if len(strong):
         first = int(strong[0])
-        return _MET, first + int(np.argmax(share[first : first + 4] * clear[first : first + 4]))
-    return (_NONE if clear.mean() > 0.9 else _HIDDEN), 0
+        return _EDGE_FOUND, first + int(np.argmax(share[first : first + 4] * clear[first : first + 4]))
+    return (_NO_EDGE if clear.mean() > 0.9 else _EDGE_HIDDEN), 0
 
 
 @njit(cache=True, nogil=True)

@@ -32,7 +32,7 @@ from .mirror_verification import (
 )
 from .rectangle_hypotheses import Hypothesis
 
-_EMPTY = 0.02  # of a glass so much may be read in its plane, and of that so much make no sense, by noise
+_NOISE_SHARE = 0.02  # of a glass so much may be read in its plane, and of that so much make no sense, by noise
 
 
 def find_identical_frames(
@@ -139,18 +139,18 @@ def _unopposed(
     :func:`.mirror_verification.lowest_of_points`."""
     evidence = count_evidence(guess, depth, intrinsics, lowest_of_points(points, guess.basis))
     glass = evidence.unread + evidence.behind
-    if glass < 60 or evidence.on > _EMPTY * glass or evidence.violated > max(_EMPTY * evidence.behind, 3.0):
+    if glass < 60 or evidence.on > _NOISE_SHARE * glass or evidence.violated > max(_NOISE_SHARE * evidence.behind, 3.0):
         return 0.0, 0.0
     rim = rim_share(guess, depth, intrinsics, 0.2, known, color)
     return (rim if rim > WHOLE else 0.0), evidence.shown
 
 
-_PIXELS = 1.5  # to which bars are known
-_SIZE = 0.002  # by how much frames of one make may differ, besides a pixel
-_LEAST = 0.008  # bars are at least so wide [m]
-_BARS = 2  # of a frame have to be seen
-_APART = 0.2  # sine of the angle between two frames that tells what is upright
-_LEVEL = 0.005  # share of the distance between two frames by which what is upright may err there
+_BAR_PIXELS = 1.5  # to which bars are known
+_SIZE_ERROR = 0.002  # by how much frames of one make may differ, besides a pixel
+_LEAST_BAR = 0.008  # bars are at least so wide [m]
+_BARS_SEEN = 2  # of a frame have to be seen
+_LEAST_SINE = 0.2  # sine of the angle between two frames that tells what is upright
+_LEVEL_ERROR = 0.005  # share of the distance between two frames by which what is upright may err there
 
 
 @dataclass(frozen=True)
@@ -201,16 +201,16 @@ def one_make(new: Measures, known: Measures, shows: bool = False) -> bool:
     as they are seen of both. Where they are not, the frames must stand level, and where neither is, it must be known
     that the new one ``shows`` what a mirror would."""
     pixel = max(new.pixel, known.pixel)
-    bars, whole = np.isfinite(new.bars), (known.bars > _LEAST) & ~known.cut  # false where NaN
+    bars, whole = np.isfinite(new.bars), (known.bars > _LEAST_BAR) & ~known.cut  # false where NaN
     if not whole.any():
         return False
     wider = new.bars - np.median(known.bars[whole])
-    alike = (np.abs(wider) < _PIXELS * pixel) | (new.cut & (wider < 0.0))
-    if (alike & bars).sum() < max(_BARS, bars.sum() - 1):
+    alike = (np.abs(wider) < _BAR_PIXELS * pixel) | (new.cut & (wider < 0.0))
+    if (alike & bars).sum() < max(_BARS_SEEN, bars.sum() - 1):
         return False
     apart = np.abs(new.size - known.size)
     seen = np.isfinite(apart)
-    if (apart[seen] > _SIZE * known.size[seen] + pixel).any():
+    if (apart[seen] > _SIZE_ERROR * known.size[seen] + pixel).any():
         return False
     return bool(seen.all() or ((seen.any() or shows) and _level(new, known, pixel)))
 
@@ -226,8 +226,8 @@ def _level(one: Measures, other: Measures, pixel: float) -> bool:
     """Whether tops or bottoms are at one height: across what is level in both planes, however they lean."""
     up = np.cross(one.across, other.across)
     sine = np.linalg.norm(up)
-    if sine < _APART:
+    if sine < _LEAST_SINE:
         return False
     way = other.edges - one.edges
-    rise = np.abs(way @ up) / sine - _LEVEL * np.linalg.norm(way, axis=1)
+    rise = np.abs(way @ up) / sine - _LEVEL_ERROR * np.linalg.norm(way, axis=1)
     return bool((rise < pixel).any())

@@ -11,17 +11,23 @@ from numba import njit
 
 from ..camera import Intrinsics, project
 from ..mirrors import Mirror
-from ..mirrors.glass_kernels import before_plane, glass_of, nearest_pixel, reflected, share_at_glass
+from ..mirrors.glass_kernels import NEAREST, before_plane, glass_of, nearest_pixel, reflected, share_at_glass
 from ..mirrors.mirror import behind_glass
 from .edge_segments import BOTTOM, LEFT, RIGHT, TOP, DetectionSettings, find_rims
 from .rectangle_hypotheses import Hypothesis, propose
 
 _OPEN_SHOWN = 0.07  # with a side missing, this share of all readings must lie on or close behind what is seen directly
-_PLAIN = 0.15  # a mirror that shows so much needs less of a rim
+_MUCH_SHOWN = 0.15  # a mirror that shows so much needs less of a rim
 WHOLE, FEW_SHOWN = 0.95, (15, 8)  # with so much of a rim on 3 or 4 sides, and nothing against it, so few must show
-_MISSING = 10, 0.005  # readings, and share of them, that noise may make look as if a mirror did not show them
-_BLIND, _IN_REACH = 0.05, 0.8  # a glass of which less is read must be nearer than this share of the farthest reading
-_LINE, _CHANGE = 3, 20  # px to each side between which a line in the colour picture changes a channel by so much
+_MISSING_BY_NOISE = 10, 0.005  # readings, and share of them, that noise may make look as if a mirror did not show them
+_HARDLY_READ, _IN_REACH = (
+    0.05,
+    0.8,
+)  # a glass of which less is read must be nearer than this share of the farthest reading
+_LINE_REACH, _LINE_CHANGE = (
+    3,
+    20,
+)  # px to each side between which a line in the colour picture changes a channel by so much
 HIDDEN = 0.03, 1.02  # glass and frame hide what is seen so far around them [m], the plane at most so many times as far
 _AT_BORDER = 0.02  # sides nearer to the image's border, as a share of its size, are cut off by it
 
@@ -91,8 +97,10 @@ def _on_line(color: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.nda
         there = color[np.clip(rows + down, 0, height - 1), np.clip(columns + right, 0, width - 1)]
         return there.astype(np.int16)
 
-    change = np.maximum(np.abs(at(0, _LINE) - at(0, -_LINE)), np.abs(at(_LINE, 0) - at(-_LINE, 0)))
-    return change.max(axis=-1) > _CHANGE
+    change = np.maximum(
+        np.abs(at(0, _LINE_REACH) - at(0, -_LINE_REACH)), np.abs(at(_LINE_REACH, 0) - at(-_LINE_REACH, 0))
+    )
+    return change.max(axis=-1) > _LINE_CHANGE
 
 
 def verify(
@@ -121,10 +129,10 @@ def verify(
         # two uprights alone, such as legs or door posts, must leave the picture where the lying side would be
         if min(s.ends[0, 1] for s in guess.sides.values()) > 0.04 * intrinsics.height:
             return None
-    if behind < _BLIND * total and guess.point[2] > _IN_REACH * float(depth[::8, ::8].max()):
+    if behind < _HARDLY_READ * total and guess.point[2] > _IN_REACH * float(depth[::8, ::8].max()):
         return None  # the end of what the camera reaches looks like a rim, too
     violation = violated / max(judged, 1.0)
-    plain = shown > _PLAIN * total and violation < 0.02
+    plain = shown > _MUCH_SHOWN * total and violation < 0.02
     if len(guess.sides) == 2 and min(s.length for s in guess.sides.values()) < (0.3 if plain else 0.5):
         return None  # a leg and the edge of its shadow, a table and one of its legs
     least = 0.2 if plain else 0.3
@@ -143,9 +151,8 @@ def verify(
         return made if shown >= max(few, settings.min_shown * judged, open_rim) else None
     if glass < 0.8 * total:  # something is in its plane, such as somebody right before the glass, or a wall
         return None
-    if (
-        evidence.before > behind
-    ):  # something stands there, and little is seen beyond: it may be the image in another mirror
+    # something stands there, and little is seen beyond: it may be the image in another mirror
+    if evidence.before > behind:
         return None
     return made if shown >= max(30.0, settings.min_shown * behind, open_rim) else None
 
@@ -229,6 +236,20 @@ def _open_sides(guess: Hypothesis, intrinsics: Intrinsics) -> int:
     return count
 
 
+_FRAME_EDGE = 0.015  # so near to the edge of the glass readings may be of its frame, smeared [m]
+_MANY_PIXELS = 9000  # in a rectangle; every third along rows and columns is asked, of fewer every second
+_CLEARLY_BEFORE = (
+    0.97,
+    0.02,
+)  # a reading is before the plane when its z is less than this share of the plane's, less [m]
+_NOT_BEHIND = 1.02, 0.04  # and on it when it is less than this share and [m] more: noise, and the thickness of a board
+_SIDEWAYS = 0.01, 0.003  # a flipped reading at z may be off sideways by this [m] and this times z²
+_IMAGE_MARGIN = 2  # px from the image's border from which what is seen there cannot be looked up
+_LOOK = 3  # steps to each side of a flipped reading's pixel in which the depth seen is looked up
+_NEARER = 0.05, 0.02  # what is so much nearer than what is seen there, [m] and times z, would be looked through
+_CLOSE_BEHIND = (
+    0.7  # the hidden side of a body or a piece of furniture is so far behind what is seen of it, or less [m]
+)
 _BEFORE, _ON, _UNREAD, _OUTSIDE, _VIOLATED, _SHOWN, _HIDDEN, _GROUND = range(8)  # places in Evidence
 
 
@@ -238,50 +259,55 @@ def _verify_kernel(depth, lens, glass, low, high, floor, counts):
     height, width = depth.shape
     fx, fy, cx, cy = lens
     axes = glass.axes
-    step = 3 if (high[0] - low[0]) * (high[1] - low[1]) > 9000 else 2
+    step = 3 if (high[0] - low[0]) * (high[1] - low[1]) > _MANY_PIXELS else 2
     for v in range(low[1], high[1], step):
         for u in range(low[0], high[0], step):
             x, y = (u - cx) / fx, (v - cy) / fy
-            at = share_at_glass(glass, 0, x, y, 1.0, 0.015)
+            at = share_at_glass(glass, 0, x, y, 1.0, _FRAME_EDGE)
             if at == np.inf:
                 continue
             z = depth[v, u]
             if z == 0:
                 counts[_UNREAD] += 1
                 continue
-            if z < at * 0.97 - 0.02:
+            if z < at * _CLEARLY_BEFORE[0] - _CLEARLY_BEFORE[1]:
                 counts[_BEFORE] += 1
                 continue
-            if z < at * 1.02 + 0.04:
+            if z < at * _NOT_BEHIND[0] + _NOT_BEHIND[1]:
                 counts[_ON] += 1
                 continue
             drop = axes[0, 1, 0] * (x * z) + axes[0, 1, 1] * (y * z) + axes[0, 1, 2] * z
             px, py, pz = reflected(glass, 0, x * z, y * z, z)
-            if pz < 0.3:
+            if pz < NEAREST:
                 counts[_OUTSIDE] += 1
                 continue
             column, row = nearest_pixel(px, py, pz, lens)
             # a reading's error points sideways once it is flipped: look about the place by what noise at z may be
-            reach = int(fx * (0.01 + 0.003 * z * z) / pz) + 2
-            if column < 2 or row < 2 or column >= width - 2 or row >= height - 2:
+            reach = int(fx * (_SIDEWAYS[0] + _SIDEWAYS[1] * z * z) / pz) + 2
+            if (
+                column < _IMAGE_MARGIN
+                or row < _IMAGE_MARGIN
+                or column >= width - _IMAGE_MARGIN
+                or row >= height - _IMAGE_MARGIN
+            ):
                 counts[_OUTSIDE] += 1
                 continue
             nearest, farthest = np.inf, 0.0
-            for ky in range(-3, 4):
-                for kx in range(-3, 4):
-                    i = min(max(row + ky * reach // 3, 0), height - 1)
-                    seen = depth[i, min(max(column + kx * reach // 3, 0), width - 1)]
+            for ky in range(-_LOOK, _LOOK + 1):
+                for kx in range(-_LOOK, _LOOK + 1):
+                    i = min(max(row + ky * reach // _LOOK, 0), height - 1)
+                    seen = depth[i, min(max(column + kx * reach // _LOOK, 0), width - 1)]
                     if seen > 0:
                         nearest, farthest = min(nearest, seen), max(farthest, seen)
             if farthest == 0.0:
                 counts[_OUTSIDE] += 1
                 continue
-            slack = 0.05 + 0.02 * z
+            slack = _NEARER[0] + _NEARER[1] * z
             if pz < nearest - slack:
                 counts[_VIOLATED] += 1
             elif drop > floor:
                 counts[_GROUND] += 1
-            elif pz < nearest + 0.7:
+            elif pz < nearest + _CLOSE_BEHIND:
                 counts[_SHOWN] += 1
             else:
                 counts[_HIDDEN] += 1
@@ -290,7 +316,13 @@ def _verify_kernel(depth, lens, glass, low, high, floor, counts):
 def missing_reflection(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> bool:
     """What stands before the plane would be seen in the glass, and is not: it is a door, whoever stands behind it."""
     missing, there = _missing_kernel(depth, intrinsics.lens, glass_of([mirror]), 3)
-    return missing > max(_MISSING[0], _MISSING[1] * (missing + there))
+    return missing > max(_MISSING_BY_NOISE[0], _MISSING_BY_NOISE[1] * (missing + there))
+
+
+_CLEAR_OF_PLANE = 0.15  # nearer to the plane stands what may be the frame's, or a board's back [m]
+_WELL_INSIDE = 0.08  # farther than this from the edges of the glass a reflection cannot be hidden by its frame [m]
+_FARTHER = 0.08, 0.01  # by so much, [m] and times z², must what is read be farther than a reflection that is missing
+_AROUND = 3  # px about a reflection's pixel where all must be farther
 
 
 @njit(cache=True, nogil=True)
@@ -306,25 +338,25 @@ def _missing_kernel(depth, lens, glass, stride):
             if z == 0:
                 continue
             x, y = (u - cx) / fx * z, (v - cy) / fy * z
-            if before_plane(glass, 0, x, y, z) < 0.15:
+            if before_plane(glass, 0, x, y, z) < _CLEAR_OF_PLANE:
                 continue
             px, py, pz = reflected(glass, 0, x, y, z)
-            if pz < 0.3:
+            if pz < NEAREST:
                 continue
             column, row = nearest_pixel(px, py, pz, lens)
-            if column < 3 or row < 3 or column >= width - 3 or row >= height - 3:
+            if column < _AROUND or row < _AROUND or column >= width - _AROUND or row >= height - _AROUND:
                 continue
-            if share_at_glass(glass, 0, px, py, pz, 0.08) == np.inf:
+            if share_at_glass(glass, 0, px, py, pz, _WELL_INSIDE) == np.inf:
                 continue
             nearest = np.inf
-            for i in range(-3, 4, 3):
-                for j in range(-3, 4, 3):
+            for i in range(-_AROUND, _AROUND + 1, _AROUND):
+                for j in range(-_AROUND, _AROUND + 1, _AROUND):
                     if depth[row + i, column + j] == 0.0:
                         nearest = 0.0
                     nearest = min(nearest, depth[row + i, column + j])
             if nearest == 0.0:
                 continue
-            if nearest > pz + 0.08 + 0.01 * pz * pz:
+            if nearest > pz + _FARTHER[0] + _FARTHER[1] * pz * pz:
                 missing += 1
             else:
                 there += 1

@@ -9,6 +9,7 @@ from numba import njit
 
 from ..camera import Intrinsics
 from ..mirrors import Mirror
+from ..mirrors.glass_kernels import NEAREST
 from ..mirrors.mirror import (
     behind_glass,
     expected_error,
@@ -22,25 +23,25 @@ from ..mirrors.mirror import (
 from ..numeric.point_products import dot
 from ..views.view_correspondences import Surfaces, meetings, noise_of, surfaces
 
-_CLEAR = 0.3  # above the floor things begin [m]: a mirror that leans lifts the floor it shows
-_TALL = 2.4  # what is higher above the floor is no figure's [m]
-_CELLS = 150  # a figure has at least so many readings of the thinned picture
+_ABOVE_FLOOR = 0.3  # above the floor things begin [m]: a mirror that leans lifts the floor it shows
+_TALLEST = 2.4  # what is higher above the floor is no figure's [m]
+_LEAST_READINGS = 150  # a figure has at least so many readings of the thinned picture
 _WIDE, _HIGH, _FLAT = 2.2, 0.4, 0.015  # no figure is wider, less high, or flatter (standard deviation) [m]
-_ENOUGH = 1200  # of a figure's readings say where it is
+_FIGURE_SAMPLE = 1200  # of a figure's readings say where it is
 _FIGURES = 8  # so many are looked at, the largest
 _SKIN = 0.08  # how far before its middle a figure is seen [m]
-_LEAN = np.radians(6.0)  # mirrors do not lean more
-_PIECES = 8000  # of a figure's surface
-_FEW_PAIRS = 42
+_MOST_LEAN = np.radians(6.0)  # mirrors do not lean more
+_SURFACE_PIECES = 8000  # of a figure's surface
+_LEAST_PAIRS = 42
 # cosine to the line of sight under which skin is not judged, in turn when that leaves too few pairs, and what then may
 # be wrong with the shift [m]: the more grazing, the flatter cameras see a limb
 _GRAZING = ((0.35, 0.003), (0.25, 0.007), (0.15, 0.012))
-_THROUGH, _TOLD, _MET_SHARE = (0.03, 0.05), 0.25, 0.6  # shares of a figure and of its image, see _one_body
+_LOOKED_SHARE, _JUDGED_SHARE, _MET_SHARE = (0.03, 0.05), 0.25, 0.6  # shares of a figure and of its image, see _one_body
 _OBLIQUE = 0.03  # of a rounded body a tenth is seen obliquely; patterns that meet over a mirror put it out
-_RAGGED = 0.010  # root mean square of the gaps between skin seen both ways [m]
-_USELESS = 0.03  # a mirror expected to misplace a person by more tells nothing [m]
-_HELD_OUT = 0.05  # how far apart the two halves of the readings may place a person [m]
-_SYSTEMATIC = 0.002  # slopes that no residual tells [rad]
+_RAGGED_SKIN = 0.010  # root mean square of the gaps between skin seen both ways [m]
+_MOST_ERROR = 0.03  # a mirror expected to misplace a person by more tells nothing [m]
+_HALVES_APART = 0.05  # how far apart the two halves of the readings may place a person [m]
+_SLOPE_ERROR = 0.002  # slopes that no residual tells [rad]
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ def find_figures(
     """Picture of things (H, W), 0 = none, and those of them that may be somebody, the largest first; not what is seen
     in mirrors that are ``known``."""
     height = dot(cloud, up) - floor
-    things, count = _things_kernel(depth, (height > _CLEAR) & (height < _TALL))
+    things, count = _things_kernel(depth, (height > _ABOVE_FLOOR) & (height < _TALLEST))
     sizes = np.bincount(things.ravel(), minlength=count + 1)
     sizes[0] = 0
     across = np.cross(up, (0.0, 0.0, 1.0))
@@ -70,10 +71,10 @@ def find_figures(
     ahead = np.cross(across, up)
     out = []
     for k in np.argsort(-sizes, kind="stable")[:40]:
-        if sizes[k] < _CELLS or len(out) == _FIGURES:
+        if sizes[k] < _LEAST_READINGS or len(out) == _FIGURES:
             break
         rows, columns = np.nonzero(things == k)
-        some = slice(None, None, len(rows) // _ENOUGH + 1)
+        some = slice(None, None, len(rows) // _FIGURE_SAMPLE + 1)
         points = cloud[rows[some], columns[some]]
         middle = np.median(points, axis=0)
         if behind_glass(middle[None], known)[0]:
@@ -81,7 +82,7 @@ def find_figures(
         place = np.sort(points @ np.column_stack((across, ahead, up)), axis=0)
         low, high, top = (place[int(share * (len(place) - 1))] for share in (0.02, 0.98, 0.995))
         span = high - low
-        if span[:2].max() > _WIDE or span[2] < _HIGH or top[2] > floor + _TALL - 0.1:
+        if span[:2].max() > _WIDE or span[2] < _HIGH or top[2] > floor + _TALLEST - 0.1:
             continue
         if _thickness(points) < _FLAT:
             continue
@@ -149,7 +150,7 @@ def figure_surfaces(
     views[things == one.id] = 0
     views[things == image.id] = 1
     sigma = noise_of(depth, views)
-    return [surfaces(depth, views, view, lens, sigma, _PIECES) for view in (0, 1)]
+    return [surfaces(depth, views, view, lens, sigma, _SURFACE_PIECES) for view in (0, 1)]
 
 
 def search_plane(
@@ -167,7 +168,7 @@ def search_plane(
     way = way - (way @ up) * up
     if not (one.cut or image.cut):  # a mirror that leans shows the head higher or lower
         lean = (one.top - image.top) / np.linalg.norm(way)
-        way = way + np.clip(lean, -np.tan(_LEAN), np.tan(_LEAN)) * np.linalg.norm(way) * up
+        way = way + np.clip(lean, -np.tan(_MOST_LEAN), np.tan(_MOST_LEAN)) * np.linalg.norm(way) * up
     middle = 0.5 * (here + there)
     normal, basis = oriented(way, middle, -up)
     if -normal @ middle < 0.1 * np.linalg.norm(middle):
@@ -222,7 +223,7 @@ def _score_kernel(
         total, told = 0.0, 0
         for i in range(len(points)):
             kind, u, v = _fit_of(points[i], flips[k], lens, things, depth, other, whole, slack)
-            if kind == _UNTOLD:
+            if kind == _NOT_JUDGED:
                 continue
             told += 1
             total += _LOOKED_THROUGH if kind == _LOOKED else 1.0
@@ -244,8 +245,11 @@ def _score_kernel(
     return scores
 
 
-_UNTOLD, _ON, _HIDDEN_BEHIND, _LOOKED = 0, 1, 2, 3
-_RIM = 2  # px by which silhouettes are ragged
+_NOT_JUDGED, _ON, _HIDDEN_BEHIND, _LOOKED = 0, 1, 2, 3
+_RAGGED_PIXELS = 2  # px by which silhouettes are ragged
+_ROOM = 3.0  # what the glass shows farther behind a figure's image is not the room right behind it [m]
+_BODY = 0.5  # nothing of a figure is farther behind what is seen of it [m]
+_ERROR = 0.0015  # by so much, times z², readings may be off
 
 
 @njit(cache=True, nogil=True)
@@ -260,28 +264,28 @@ def _fit_of(p, flip, lens, things, depth, other, whole, slack):
         x += flip[0, c] * p[c]
         y += flip[1, c] * p[c]
         z += flip[2, c] * p[c]
-    if z < 0.3:
-        return _UNTOLD, 0, 0
+    if z < NEAREST:
+        return _NOT_JUDGED, 0, 0
     u, v = int(np.rint(x / z * lens[0] + lens[2])), int(np.rint(y / z * lens[1] + lens[3]))
     if u < 0 or v < 0 or v >= depth.shape[0] or u >= depth.shape[1]:
-        return _UNTOLD, 0, 0
+        return _NOT_JUDGED, 0, 0
     seen = depth[v, u]
-    slack += 0.0015 * max(z, p[2]) ** 2
+    slack += _ERROR * max(z, p[2]) ** 2
     if seen == 0:
-        return _UNTOLD, u, v
+        return _NOT_JUDGED, u, v
     if things[v, u] != other:
-        if seen < z + slack or not (whole or seen < z + 3.0):
-            return _UNTOLD, u, v
+        if seen < z + slack or not (whole or seen < z + _ROOM):
+            return _NOT_JUDGED, u, v
         # silhouettes are ragged: is the other figure beside?
         beside = False
-        for dv, du in ((0, -_RIM), (0, _RIM), (-_RIM, 0), (_RIM, 0)):
+        for dv, du in ((0, -_RAGGED_PIXELS), (0, _RAGGED_PIXELS), (-_RAGGED_PIXELS, 0), (_RAGGED_PIXELS, 0)):
             i, j = min(max(v + dv, 0), depth.shape[0] - 1), min(max(u + du, 0), depth.shape[1] - 1)
             if things[i, j] == other:
                 v, u, seen, beside = i, j, depth[i, j], True
                 break
         if not beside:
             return _LOOKED, u, v
-    if z < seen - slack or z > seen + 0.5:
+    if z < seen - slack or z > seen + _BODY:
         return _LOOKED, u, v
     return (_ON if z < seen + 2.0 * slack else _HIDDEN_BEHIND), u, v
 
@@ -295,8 +299,8 @@ def is_one_body(
     for points, other, whole in ((one.points, image.id, False), (image.points, one.id, True)):
         kinds = _kinds_kernel(np.ascontiguousarray(points), flip, lens.lens, things, depth, other, whole, 0.03)
         counts = np.bincount(kinds, minlength=4)
-        told = len(points) - counts[_UNTOLD]
-        if told < _TOLD * len(points) or counts[_LOOKED] > _THROUGH[whole] * told:
+        told = len(points) - counts[_NOT_JUDGED]
+        if told < _JUDGED_SHARE * len(points) or counts[_LOOKED] > _LOOKED_SHARE[whole] * told:
             return False
         if whole and counts[_ON] + counts[_HIDDEN_BEHIND] < _MET_SHARE * len(points):
             return False
@@ -322,7 +326,7 @@ def fit_reflection(mirror: Mirror, shown: list[Surfaces], lens: Intrinsics) -> M
         for turn in range(10):
             gate = 0.10 if turn < 4 else 0.05
             rows, gaps, weights = _equations(moved(mirror, step), shown, lens, gate, half, facing)
-            if len(gaps) < _FEW_PAIRS // (1 if half < 0 else 3):
+            if len(gaps) < _LEAST_PAIRS // (1 if half < 0 else 3):
                 return None
             information = (rows * weights[:, None]).T @ rows + prior
             change = np.linalg.solve(information, (rows * weights[:, None]).T @ gaps - prior @ step)
@@ -339,9 +343,9 @@ def fit_reflection(mirror: Mirror, shown: list[Surfaces], lens: Intrinsics) -> M
     made = moved(mirror, step)
     apart = reflection_shift(person_before(made), moved(mirror, halves[0][0]), moved(mirror, halves[1][0]))
     residual = float(np.sqrt(np.mean(gaps**2)))
-    covariance = covariance + np.diag((_SYSTEMATIC, _SYSTEMATIC, wrong)) ** 2
+    covariance = covariance + np.diag((_SLOPE_ERROR, _SLOPE_ERROR, wrong)) ** 2
     made = replace(made, residual=residual, points_used=len(gaps), covariance=covariance)
-    if apart > _HELD_OUT or residual > _RAGGED or expected_error(made) > _USELESS:
+    if apart > _HALVES_APART or residual > _RAGGED_SKIN or expected_error(made) > _MOST_ERROR:
         return None
     return made
 

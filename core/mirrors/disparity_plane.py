@@ -13,8 +13,8 @@ from ..camera import Intrinsics
 BLOCK = 10
 """Side of a block [px]."""
 
-_EDGE = 0.25  # share of the edges' effect, squared, in the covariance
-_BAR = 0.03  # of a pixel's noise, that a bar of the frame errs in common
+_EDGE_EFFECT = 0.25  # share of the edges' effect, squared, in the covariance
+_BAR_ERROR = 0.03  # of a pixel's noise, that a bar of the frame errs in common
 _DEVIATION, _TUKEY = 1.4826, 4.7  # standard deviation over median distance, and Tukey's width, of normal errors
 _VARIANCE, _MEDIAN = 2.198, 0.4549  # variance over median square, and the inverse, of normal errors
 
@@ -252,7 +252,7 @@ def _block_scores(pooled, trust, deviation, change, sigma):
     for bar in range(4):
         for a in range(3):
             for b in range(3):
-                scores[a, b] += (_BAR * sigma) ** 2 * bars[bar, a] * bars[bar, b]
+                scores[a, b] += (_BAR_ERROR * sigma) ** 2 * bars[bar, a] * bars[bar, b]
     return scores
 
 
@@ -303,7 +303,7 @@ def fit_core(u: np.ndarray, v: np.ndarray, depth: np.ndarray, fitted: DisparityP
     if beside is None:
         return core
     apart = beside.coefficients - core.coefficients
-    return replace(core, covariance=core.covariance + _EDGE * np.outer(apart, apart))
+    return replace(core, covariance=core.covariance + _EDGE_EFFECT * np.outer(apart, apart))
 
 
 @njit(cache=True, nogil=True)

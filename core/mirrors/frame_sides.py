@@ -9,6 +9,11 @@ WIDEST = 0.15
 """More than a frame is wide [m]: what goes on in its plane is a wall."""
 
 _LINES = 48  # across each side
+_SEARCHED = 0.4  # so far past the first guess of a side its frame is looked for [m]
+_STRAY = 0.015  # a line whose edge is farther from the side's straight line does not count [m]
+_IN_GLASS = 4  # so many steps of a line must have been in the glass, else it began beyond it
+_THINNEST = 1.0e-3  # a stretch on the plane that is no longer is no frame [m]
+_AT_CAMERA = 0.1  # a line that comes so near to the camera ends [m]
 
 
 def frame_sides(
@@ -58,8 +63,8 @@ def frame_sides(
     return _sides_kernel(depth, lens, plane, tolerance, point, basis, np.ascontiguousarray(rectangle), WIDEST)
 
 
-_MET, _LEFT_IMAGE = 1, 2
-_BLIND = 6  # px without a reading beside something that stands before a mirror are that thing's shadow, more the glass
+_FRAME_MET, _LEFT_IMAGE = 1, 2
+_SHADOW = 6  # px without a reading beside something that stands before a mirror are that thing's shadow, more the glass
 
 
 @njit(cache=True, nogil=True)
@@ -77,7 +82,7 @@ def _sides_kernel(depth, lens, plane, tolerance, point, basis, rectangle, widest
                 state, begins, ends = _walk(
                     depth, lens, plane, tolerance, point, basis, axis, end, rectangle[axis], place, widest
                 )
-                if state == _MET:
+                if state == _FRAME_MET:
                     places[told], edges[told, 0], edges[told, 1] = place, begins, ends
                     told += 1
                 elif state == _LEFT_IMAGE:
@@ -89,7 +94,7 @@ def _sides_kernel(depth, lens, plane, tolerance, point, basis, rectangle, widest
             half = told // 2
             tilt = np.median((y[half : 2 * half] - y[:half]) / (x[half : 2 * half] - x[:half]))
             level = np.median(y - tilt * x)
-            near = np.abs(y - tilt * x - level) < 0.015
+            near = np.abs(y - tilt * x - level) < _STRAY
             if near.sum() < max(6.0, 0.4 * told):
                 continue
             inner[axis, end] = level + tilt * (0.5 * (low + high) - places[:told].mean())
@@ -107,20 +112,20 @@ def _walk(depth, lens, plane, tolerance, point, basis, axis, end, extent, place,
     """What a line across a side meets, and the frame's inner and outer edge on it along ``axis`` [m]."""
     height, width = depth.shape
     sign = 2.0 * end - 1.0
-    stop = extent[end] + sign * 0.4
+    stop = extent[end] + sign * _SEARCHED
     s = 0.5 * (extent[0] + extent[1]) + sign * 0.15 * (extent[1] - extent[0])
     began, last, gap, before, glass = np.nan, np.nan, 0, False, 0
     while sign * (stop - s) > 0.0 or not np.isnan(began):
         x = point[0] + basis[0, axis] * s + basis[0, 1 - axis] * place
         y = point[1] + basis[1, axis] * s + basis[1, 1 - axis] * place
         z = point[2] + basis[2, axis] * s + basis[2, 1 - axis] * place
-        if z < 0.1:
+        if z < _AT_CAMERA:
             break
         u, v = int(np.floor(x / z * lens[0] + lens[2] + 0.5)), int(np.floor(y / z * lens[1] + lens[3] + 0.5))
         step = 0.8 * z / lens[0]
         if u < 0 or v < 0 or u >= width or v >= height:
             if np.isnan(began):
-                return 0 if before or glass < 4 else _LEFT_IMAGE, s, s
+                return 0 if before or glass < _IN_GLASS else _LEFT_IMAGE, s, s
             break
         reading = depth[v, u]
         apart = 1.0 / reading - (plane[0] * u + plane[1] * v + plane[2]) if reading > 0.0 else -np.inf
@@ -136,10 +141,10 @@ def _walk(depth, lens, plane, tolerance, point, basis, axis, end, extent, place,
                 if sign * (last - began) > 1.2 * step:
                     break
                 began = np.nan  # a stray pixel
-            if np.isnan(began) and (reading > 0.0 or gap > _BLIND):
+            if np.isnan(began) and (reading > 0.0 or gap > _SHADOW):
                 before = reading > 0.0 and apart > 0.0
             glass += apart < 0.0
         s += sign * step
-    if np.isnan(began) or before or glass < 4 or sign * (last - began) <= 1.0e-3:
+    if np.isnan(began) or before or glass < _IN_GLASS or sign * (last - began) <= _THINNEST:
         return 0, s, s
-    return _MET, began, began if sign * (last - began) > widest else last
+    return _FRAME_MET, began, began if sign * (last - began) > widest else last

@@ -42,7 +42,7 @@ def with_sides(
         outer = inner + np.sign(outer - inner) * np.minimum(width, 1.5 * least + 0.005)
         place = (picked - mirror.point) @ mirror.basis[:, :2]
         within = np.column_stack((outer[:, 0] - place.min(axis=0), place.max(axis=0) - outer[:, 1]))
-        known = within < _INSIDE  # false where NaN
+        known = within < _SHORT_OF_PICKS  # false where NaN
         rectangle = np.where(known, outer, rectangle)
         if abs(turn) < 2.5e-3:
             break
@@ -68,16 +68,16 @@ def _extent(frame: np.ndarray, picked: np.ndarray, drawn: np.ndarray, mirror: Mi
     wall = np.zeros((2, 2), np.bool_)
     for axis in range(2):
         for end, sign in ((0, -1.0), (1, 1.0)):
-            start = sign * said[axis, end] + _FRAME / 2
+            start = sign * said[axis, end] + _FRAME_WIDTH / 2
             far = sign * extent[axis, end] - start
-            if far > _FRAME / 2:
+            if far > _FRAME_WIDTH / 2:
                 # a frame that goes on past the picks stays a rim, a wall is a surface
                 beyond = grown[sign * grown[:, axis] > start]
-                cells = np.floor(beyond / _CELL).astype(np.int64)
-                filled = len(np.unique(cells[:, 0] * 100_003 + cells[:, 1])) * _CELL**2
+                cells = np.floor(beyond / _SURFACE_CELL).astype(np.int64)
+                filled = len(np.unique(cells[:, 0] * 100_003 + cells[:, 1])) * _SURFACE_CELL**2
                 wall[axis, end] = filled > 0.5 * far * (said[1 - axis, 1] - said[1 - axis, 0])
     marks = (drawn - mirror.point) @ mirror.basis[:, :2]
-    clipped = np.column_stack((marks.min(axis=0) - _RIM, marks.max(axis=0) + _RIM))
+    clipped = np.column_stack((marks.min(axis=0) - _PAST_PICKS, marks.max(axis=0) + _PAST_PICKS))
     outer = np.column_stack((np.minimum(extent[:, 0], said[:, 0]), np.maximum(extent[:, 1], said[:, 1])))
     return np.where(wall, clipped, outer), wall
 
@@ -141,7 +141,7 @@ def at_border(
             size = (intrinsics.width, intrinsics.height)[axis]
             known = cut is not None and cut[axis, end]
             if known or not margin[axis] < pixel < size - 1 - margin[axis]:
-                rectangle[axis, end] += (-_BEYOND, _BEYOND)[end]
+                rectangle[axis, end] += (-_PAST_BORDER, _PAST_BORDER)[end]
     return with_outline(replace(mirror, rectangle=rectangle), intrinsics)
 
 
@@ -162,8 +162,8 @@ def glass_corners(mirror: Mirror) -> np.ndarray | None:
     return np.array(((left, top), (right, top), (right, bottom), (left, bottom)))
 
 
-_FRAME = 0.15  # more than a frame is wide [m]
-_RIM = 0.01  # about as far outside of picks on a wall a mirror ends [m]
-_CELL = 0.03  # side of the cells that tell a rim from a surface [m]
-_INSIDE = 0.04  # a side that ends so far inside of picks on the plane is not the frame's [m]
-_BEYOND = 2.0  # how far glass is taken to go on past the image's border [m]
+_FRAME_WIDTH = 0.15  # more than a frame is wide [m]
+_PAST_PICKS = 0.01  # about as far outside of picks on a wall a mirror ends [m]
+_SURFACE_CELL = 0.03  # side of the cells that tell a rim from a surface [m]
+_SHORT_OF_PICKS = 0.04  # a side that ends so far inside of picks on the plane is not the frame's [m]
+_PAST_BORDER = 2.0  # how far glass is taken to go on past the image's border [m]

@@ -18,6 +18,10 @@ from .mirror import Mirror, reflection_matrix
 NEVER = 2.0
 """What :func:`crossing` says of a way that does not pass the glass: more than the whole way, 1."""
 
+NEAREST = 0.3
+"""A point that would be seen nearer than this is not looked up [m]: no depth camera reads there, and which pixel
+sees it is uncertain."""
+
 _ALONG = -1e-6  # a ray that nears a plane by less, a metre of z, runs along it
 
 

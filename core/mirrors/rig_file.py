@@ -18,7 +18,7 @@ from .mirror import Mirror, oriented, plane_mirror
 FORMAT, VERSION = "mirror-scan rig", 1
 MAX_BYTES = 1_000_000
 _LARGEST, _FARTHEST = 1e6, 1e3  # of all numbers, and of places [m]
-_LENS = ("width", "height", "fx", "fy", "cx", "cy")
+_INTRINSICS_KEYS = ("width", "height", "fx", "fy", "cx", "cy")
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ def write_rig(path: str | os.PathLike, rig: RigFile) -> None:
     content = {
         "format": FORMAT,
         "version": VERSION,
-        "intrinsics": {key: getattr(rig.intrinsics, key) for key in _LENS},
+        "intrinsics": {key: getattr(rig.intrinsics, key) for key in _INTRINSICS_KEYS},
         "mirrors": [
             {
                 "name": m.name,
@@ -79,7 +79,7 @@ def read_rig(path: str | os.PathLike) -> RigFile:
     lens, entries = content.get("intrinsics"), content.get("mirrors")
     if not isinstance(lens, dict) or not isinstance(entries, list) or not entries:
         raise MirrorError(f"{path}: holds no camera or no mirrors; calibrate again")
-    values = [_number(path, "intrinsics", lens.get(key)) for key in _LENS]
+    values = [_number(path, "intrinsics", lens.get(key)) for key in _INTRINSICS_KEYS]
     try:
         intrinsics = Intrinsics(int(values[0]), int(values[1]), *values[2:])
     except CaptureError as error:

@@ -13,10 +13,10 @@ from .mirror import Mirror
 
 THICK = 0.01
 """How far a mirror's glass may stand before the wall it hangs on, one standard deviation [m]."""
-_DEEP = 0.035  # farther before the wall than that nobody takes a frame for it [m]
-_STEP = 4.0  # standard deviations by which a frame must stand before the wall to be told from it
-_PARTS = 6  # of each side, asked one by one
-_FEW = 5  # readings of a part that say too little
+_DEEPEST_FRAME = 0.035  # farther before the wall than that nobody takes a frame for it [m]
+_CLEAR_STEP = 4.0  # standard deviations by which a frame must stand before the wall to be told from it
+_SIDE_PARTS = 6  # of each side, asked one by one
+_FEW_READINGS = 5  # readings of a part that say too little
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def part_wall(
     z = float(point[2])
     tolerance = min(max(4.0 * np.hypot(fitted.scale, np.sqrt(fitted.common)), 0.004 / z**2), 0.02 / z)
     plane, rectangle = fitted.coefficients, np.ascontiguousarray(rectangle)
-    limit = _DEEP / z**2
+    limit = _DEEPEST_FRAME / z**2
     inner, outer, _, _ = frame_sides(depth, lens, plane, tolerance, point, basis, rectangle)
     if np.isnan(inner).all():  # the frame may be too far before the plane
         inner, outer, _, _ = frame_sides(depth, lens, plane, limit, point, basis, rectangle)
@@ -74,7 +74,9 @@ def part_wall(
         return Parted(u, v, fitted, 0.0)
     wall = Parted(u, v, fitted, THICK if goes_on.sum() > 1 else 0.0)
     pixel = z / (0.5 * (lens[0] + lens[1]))
-    count, total = _beside_kernel(depth, lens, plane, point, basis, inner, limit, pixel, int(WIDEST / pixel), _PARTS)
+    count, total = _beside_kernel(
+        depth, lens, plane, point, basis, inner, limit, pixel, int(WIDEST / pixel), _SIDE_PARTS
+    )
     below, above = np.cumsum(count, axis=1), np.cumsum(count[:, ::-1], axis=1)[:, ::-1]
     near, far = np.cumsum(total, axis=1), np.cumsum(total[:, ::-1], axis=1)[:, ::-1]
     best, step = 0.0, 0
@@ -83,15 +85,19 @@ def part_wall(
         if few > 0 and many > 0:
             parted = few * many / (few + many) * (near[:, k - 1].sum() / few - far[:, k].sum() / many) ** 2
             best, step = (parted, k) if parted > best else (best, step)
-    told = (below[:, step - 1] > _FEW) & (above[:, step] > _FEW) if step else np.zeros(len(count), np.bool_)
-    if told.sum() < _PARTS:
+    told = (
+        (below[:, step - 1] > _FEW_READINGS) & (above[:, step] > _FEW_READINGS)
+        if step
+        else np.zeros(len(count), np.bool_)
+    )
+    if told.sum() < _SIDE_PARTS:
         return wall
     few, many = below[told, step - 1], above[told, step]
     rise = near[told, step - 1] / few - far[told, step] / many
     weight = few * many / (few + many)
     mean = (weight * rise).sum() / weight.sum()
     error = np.sqrt((weight**2 * (rise - mean) ** 2).sum()) / weight.sum()
-    if mean < _STEP * error:
+    if mean < _CLEAR_STEP * error:
         return wall
     ends = max(step, 2) * pixel  # a pixel less than where it steps
     level = near[told, step - 1].sum() / few.sum()

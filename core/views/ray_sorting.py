@@ -45,6 +45,10 @@ def sort_rays(
     return _sort_kernel(points, glass_of(mirrors), near, limit)
 
 
+_ON_PLANE = 0.01, 0.01  # readings so near to a mirror's plane, times z and [m], are on it: noise
+_FRAME_MARGIN = 0.02  # so far about the glass they are its frame's [m]; farther out they are a wall, seen directly
+
+
 @njit(cache=True, nogil=True, parallel=True)
 def _sort_kernel(points, glass, near, far):
     height, width = points.shape[:2]
@@ -58,7 +62,7 @@ def _sort_kernel(points, glass, near, far):
             placed[v, u, 0], placed[v, u, 1], placed[v, u, 2] = x, y, z
             if z == 0 or z > far or z < near:
                 continue
-            margin = 0.01 * z + 0.01
+            margin = _ON_PLANE[0] * z + _ON_PLANE[1]
             best, which = NEVER, -1
             on_frame = False
             for i in range(count):
@@ -67,7 +71,7 @@ def _sort_kernel(points, glass, near, far):
                     continue
                 if off > -margin:
                     a, b = place_on_plane(glass, i, x, y, z)
-                    on_frame = on_frame or (glass.sides[i] > 0 and in_box(glass.limits[i], a, b, -0.02))
+                    on_frame = on_frame or (glass.sides[i] > 0 and in_box(glass.limits[i], a, b, -_FRAME_MARGIN))
                     continue
                 d = glass.planes[i, 3]
                 if d >= 0:  # the camera is behind it

@@ -10,6 +10,7 @@ from numba import njit
 
 from ..camera import Intrinsics, project
 from ..mirrors import Mirror
+from ..mirrors.glass_kernels import NEAREST
 from ..mirrors.mirror import reflect, reflection_matrix
 
 _SYSTEMATIC = 0.003  # how far apart two views may see one surface, however long the burst [m]
@@ -40,7 +41,7 @@ def views_of(
     """The surfaces that each view shows; of the direct one only what mirrors may show too."""
     shown = [surfaces(depth, seen, view, intrinsics, sigma) for view in range(1, len(mirrors) + 1)]
     laid = np.concatenate([reflect(s.points, m) for s, m in zip(shown, mirrors, strict=True)])
-    pixels = project(laid[laid[:, 2] > 0.3], intrinsics)
+    pixels = project(laid[laid[:, 2] > NEAREST], intrinsics)
     size = np.array((intrinsics.width, intrinsics.height))
     pixels = pixels[((pixels >= 0) & (pixels < size)).all(axis=1)]
     direct = np.full_like(seen, -1)
@@ -299,7 +300,7 @@ def _meet_kernel(
                 turned += flip_by[r, c] * m[c]
             facing -= turned * laid[r]
             length += laid[r] * laid[r]
-        if laid[2] < 0.3:
+        if laid[2] < NEAREST:
             continue
         x, y = int(np.rint(laid[0] / laid[2] * fx + cx)), int(np.rint(laid[1] / laid[2] * fy + cy))
         if 0 <= x < width and 0 <= y < height and seen[y, x] == by and depth[y, x] > 0.0:
