@@ -311,7 +311,7 @@ def _color_on_depth(depth, camera, color, lens, fold, pose, pitch, buffer, out):
                 continue
             u, v, z = _into_color(column, row, filled[column], camera, lens, fold, pose)
             if z > 0 and u > -0.5 and v > -0.5 and u < columns - 0.5 and v < rows - 0.5:
-                # hidden where all four cells are nearer: the footprint's rim alone hides nothing
+                # hidden where all four cells are nearer: the footprint's edge alone hides nothing
                 i, j = _cell(v / pitch), _cell(u / pitch)
                 before = max(buffer[i, j], buffer[i, j + 1], buffer[i + 1, j], buffer[i + 1, j + 1])
                 hidden[column] = before < z * (1 - _SAME_SURFACE) - 0.01

@@ -1,7 +1,7 @@
-"""Mirrors found without a click: straight rims before farther depth (:mod:`.edge_segments`) that prove to be mirrors by
+"""Mirrors found without a click: rectangles of straight depth edges (:mod:`.edge_segments`) that prove to be mirrors by
 what they show.
 
-The readings in a rectangle of rims, flipped over its plane, must make sense: nothing may end up where the camera looks
+The readings in such a rectangle, flipped over its plane, must make sense: nothing may end up where the camera looks
 through, and a part must lie on, or close behind, what is seen directly. A doorway, a table's legs or a window fail
 there.
 
@@ -16,8 +16,8 @@ import numpy as np
 
 from ..camera import Intrinsics
 from ..mirrors import Mirror
-from .edge_segments import DetectionSettings, find_rims
-from .framed_mirrors import depth_without_frames, partly_behind, settled_on_frame, without_overlap
+from .edge_segments import DetectionSettings, find_edge_segments
+from .framed_mirrors import depth_without_frames, mirror_on_frame, partly_behind, without_overlap
 from .frameless_mirrors import find_verified_frameless, overlaps
 from .identical_frames import find_identical_frames
 from .mirror_at_picks import DEFAULTS
@@ -54,7 +54,7 @@ def find_mirrors(
 
     Notes
     -----
-    O(H W) and the square of the number of straight rims; deterministic.
+    O(H W) and the square of the number of straight depth edges; deterministic.
     """
     if color is not None and color.shape[:2] != depth.shape:
         color = None
@@ -80,20 +80,20 @@ def _framed(
 ) -> list[Mirror]:
     """Mirrors with a frame or a wall about them, besides those ``found``: these and the new ones."""
     lenient = replace(settings, max_violation=2.0 * settings.max_violation)
-    proposed = propose(find_rims(depth, intrinsics, settings, color), settings)
+    proposed = propose(find_edge_segments(depth, intrinsics, settings, color), settings)
     guesses = verified_hypotheses(proposed, depth, intrinsics, lenient, color=color)
     bare = depth_without_frames(found, depth, intrinsics, glass_offset)
     while guesses:
         new = []
         for guess in without_overlap(guesses, intrinsics, found)[: settings.max_mirrors - len(found)]:
-            mirror = settled_on_frame(guess, depth, intrinsics, settings, glass_offset, found, color, bare)
+            mirror = mirror_on_frame(guess, depth, intrinsics, settings, glass_offset, found, color, bare)
             if mirror is not None:
                 new.append(mirror)
                 bare = depth_without_frames([mirror], bare, intrinsics, glass_offset)
         found = found + new
         if not new or len(found) == settings.max_mirrors:
             break
-        # a mirror through another one: its rim is not where the other's glass is before it
+        # a mirror through another one: its frame edge is not where the other's glass is before it
         behind = [guess for guess in proposed if partly_behind(guess, found)]
         guesses = verified_hypotheses(behind, depth, intrinsics, lenient, found, color)
     return found + find_identical_frames(proposed, found, depth, intrinsics, settings, glass_offset, color, bare)

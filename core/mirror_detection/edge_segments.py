@@ -1,4 +1,4 @@
-"""Straight rims before farther depth, and the rectangles they span: what may be a mirror.
+"""Straight depth edges before farther depth, and the rectangles they span: what may be a mirror.
 
 A depth camera does not see glass; it sees the frame (or the wall around) at the mirror's plane and, inside, what the
 glass shows, laid straight on behind it. So (1) pixels with a jump to farther readings (or none) at one side are
@@ -18,7 +18,7 @@ from numba import njit
 from ..camera import Intrinsics
 
 LEFT, RIGHT, TOP, BOTTOM = 0, 1, 2, 3
-"""Side of the glass a rim is on; at a LEFT rim it gets farther to the right, and so on."""
+"""Side of the glass a depth edge is on; at a LEFT edge it gets farther to the right, and so on."""
 
 
 @dataclass(frozen=True)
@@ -28,14 +28,14 @@ class DetectionSettings:
     Parameters
     ----------
     jump : float
-        The glass shows depth at least this much farther than its rim [m]; never less than 2 % of z², because
+        The glass shows depth at least this much farther than its frame [m]; never less than 2 % of z², because
         triangulating cameras err with z².
     min_side : float
-        A side of the rim must be seen over this length [m] to count.
+        A side of the frame must be seen over this length [m] to count.
     min_size, max_size : float
         Width and height of a mirror [m].
     straightness : float
-        How far a rim's pixels may stray from a line [px].
+        How far an edge's pixels may stray from a line [px].
     min_shown : float
         A mirror must show at least this share of its readings on or close behind what is seen directly; the floor does
         not count.
@@ -45,7 +45,7 @@ class DetectionSettings:
     max_violation : float
         Share of the readings in the glass that may, flipped, end up where the camera looks through.
     empty_rig : bool
-        Nobody is there: a rim of three sides and a floor that fits are enough. For calibration only.
+        Nobody is there: a frame edge of three sides and a floor that fits are enough. For calibration only.
     max_mirrors : int
         At most so many, the best.
     """
@@ -64,8 +64,8 @@ class DetectionSettings:
 
 @dataclass(frozen=True)
 class Segment:
-    """A straight piece of rim: side, end pixels (2, 2) and end points (2, 3), from the top or left; unit direction and
-    length [m]."""
+    """A straight piece of a depth edge: side, end pixels (2, 2) and end points (2, 3), from the top or left; unit
+    direction and length [m]."""
 
     side: int
     ends: np.ndarray
@@ -75,7 +75,7 @@ class Segment:
 
 
 @njit(cache=True, nogil=True)
-def _rim_kernel(depth, step, jump, rows, columns, disparity):
+def _edge_kernel(depth, step, jump, rows, columns, disparity):
     """Pixels of a row-wise scan with a jump to farther readings (or none) at the side ``step`` (+1 right, -1 left)."""
     height, width = depth.shape
     n = 0
@@ -186,7 +186,7 @@ def _split_kernel(rows, columns, disparity, start, stop, tolerance, minimum, cut
     return found
 
 
-def find_rims(
+def find_edge_segments(
     depth: np.ndarray, intrinsics: Intrinsics, settings: DetectionSettings, color: np.ndarray | None = None
 ) -> list[Segment]:
     """Straight pieces of near-side depth edges of all four sides, broken pieces joined.
@@ -208,7 +208,7 @@ def find_rims(
             side = (TOP if step > 0 else BOTTOM) if turned else (LEFT if step > 0 else RIGHT)
             room = 24 * grid.shape[0]
             rows, columns, disparity = np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room)
-            n = _rim_kernel(grid, step, settings.jump, rows, columns, disparity)
+            n = _edge_kernel(grid, step, settings.jump, rows, columns, disparity)
             if n < 8:
                 continue
             rows, columns, disparity = rows[:n], columns[:n], disparity[:n]
@@ -226,10 +226,7 @@ def find_rims(
     return segments
 
 
-_COLOR_REACH, _COLOR_CHANGE = (
-    2,
-    16,
-)  # px to each side of a line in the colour picture, between which a channel changes by so much
+_COLOR_REACH, _COLOR_CHANGE = 2, 16  # px to each side of a line in the picture, and how much a channel changes there
 _ALONG_COLOR_LINE = 0.8  # of a piece, or of a gap, such a line has to run along
 
 

@@ -11,16 +11,23 @@ from ..camera import Intrinsics, project
 from ..mirrors import Mirror
 from ..mirrors.frame_fit import fit_frame, without_frames
 from ..mirrors.glass_extent import at_border
-from ..mirrors.mirror import behind_glass
 from .edge_segments import BOTTOM, LEFT, RIGHT, TOP, DetectionSettings, Segment
-from .mirror_verification import HIDDEN, lowest_reading, missing_reflection, verify
+from .mirror_verification import floor_drop, hidden_by_mirrors, missing_reflection, verify
 from .rectangle_hypotheses import Hypothesis
 
 
 def depth_without_frames(
     mirrors: list[Mirror], depth: np.ndarray, intrinsics: Intrinsics, glass_offset: float
 ) -> np.ndarray:
-    """The depth without the frames of mirrors."""
+    """The depth without what stands on the frames of mirrors.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    glass_offset : float
+        How far the mirrors' planes lie behind the fronts of their frames [m].
+    """
     frames = [replace(m, point=m.point + glass_offset * m.normal) for m in mirrors]
     return without_frames(depth, frames, intrinsics) if frames else depth
 
@@ -31,11 +38,11 @@ def partly_behind(guess: Hypothesis, mirrors: list[Mirror]) -> bool:
     (left, right), (top, bottom) = guess.rectangle
     x, y = np.meshgrid((left, 0.5 * (left + right), right), (top, 0.5 * (top + bottom), bottom))
     points = guess.point + np.column_stack((x.ravel(), y.ravel())) @ guess.basis[:, :2].T
-    hidden = behind_glass(points, mirrors, *HIDDEN)
+    hidden = hidden_by_mirrors(points, mirrors)
     return bool(hidden.any() and not hidden[4])
 
 
-def settled_on_frame(
+def mirror_on_frame(
     guess: Hypothesis,
     depth: np.ndarray,
     intrinsics: Intrinsics,
@@ -45,16 +52,27 @@ def settled_on_frame(
     color: np.ndarray | None = None,
     bare: np.ndarray | None = None,
 ) -> Mirror | None:
-    """The hypothesis as a mirror on its frame's plane; None when what it shows makes no sense with that plane. ``bare``
-    is the depth without the frames of other mirrors."""
-    fitted = on_its_frame(guess, depth if bare is None else bare, intrinsics)
+    """The hypothesis as a mirror on the plane of its frame; None when what it shows makes no sense with that plane.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    glass_offset : float
+        How far the reflecting glass lies behind the front of the frame [m].
+    known : iterable of Mirror
+        Behind whose glass the frame is hidden.
+    color : np.ndarray [shape=(H, W, 3), dtype=uint8], optional
+        As for :func:`.mirror_verification.frame_edge_share`.
+    bare : np.ndarray [shape=(H, W), dtype=float32], optional
+        The depth without the frames of other mirrors, to fit the plane to; by default ``depth``.
+    """
+    fitted = fit_to_frame(guess, depth if bare is None else bare, intrinsics)
     if fitted is None:
         return None
     final = replace(guess, point=fitted.point, basis=fitted.basis)
-    if (
-        verify(final, depth, intrinsics, lowest_reading(depth, intrinsics, fitted.basis), settings, known, color)
-        is None
-    ):
+    floor = floor_drop(depth, intrinsics, fitted.basis)
+    if verify(final, depth, intrinsics, floor, settings, known, color) is None:
         return None
     if missing_reflection(fitted, depth, intrinsics):
         return None
@@ -62,18 +80,19 @@ def settled_on_frame(
     return at_border(behind, intrinsics, ends_without_edge(guess))
 
 
-def on_its_frame(guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics) -> Mirror | None:
+def fit_to_frame(guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics) -> Mirror | None:
+    """:func:`.frame_fit.fit_frame` of a hypothesis, from its depth edges."""
     mirror = Mirror("", guess.point, guess.basis[:, 2], guess.basis, guess.rectangle, source="found")
     return fit_frame(mirror, depth, intrinsics, seeds=_along(guess.sides.values()))
 
 
 def _along(sides: Iterable[Segment]) -> np.ndarray:
-    """Pixels (K, 2), every few along the rims."""
+    """Pixels (K, 2), every few along the depth edges."""
     return np.concatenate([np.linspace(*s.ends, max(int(np.abs(s.ends[1] - s.ends[0]).max()) // 8, 2)) for s in sides])
 
 
 def ends_without_edge(guess: Hypothesis) -> np.ndarray:
-    """Which ends of the rectangle have no rim, (2, 2): only those may be cut off by the image's border."""
+    """Which ends of the rectangle have no depth edge, (2, 2): only those may be cut off by the image's border."""
     return np.array(
         ((RIGHT not in guess.sides, LEFT not in guess.sides), (TOP not in guess.sides, BOTTOM not in guess.sides))
     )

@@ -24,13 +24,13 @@ from ..numeric.point_products import lay_grid
 from ..views.floor_and_vertical import find_floor
 from .edge_segments import DetectionSettings
 from .glass_outline import with_glass
-from .mirror_verification import count_evidence, lowest_reading, missing_reflection, rim_share
-from .mirrored_person import figure_surfaces, find_figures, fit_reflection, is_one_body, search_plane
+from .mirror_verification import count_evidence, floor_drop, frame_edge_share, missing_reflection
+from .mirrored_person import figure_surfaces, find_figures, fit_mirror_to_skin, is_one_body, search_mirror_plane
 from .rectangle_hypotheses import Hypothesis
 
 _UP = np.array((0.0, -1.0, 0.0))
 _IMAGE_FARTHER = 0.7  # an image is so much farther off than the figure [m]
-_WARN_ERROR = 0.006  # a mirror expected to misplace a person by more is told of [m]
+_WARN_ERROR = 0.006  # a mirror expected to misplace a person by more is warned of [m]
 
 
 def find_frameless(
@@ -64,7 +64,7 @@ def find_frameless(
         return []
     up, floor, _ = ground
     known = list(known)
-    things, figures = find_figures(thin, cloud, up, floor, known)
+    objects, figures = find_figures(thin, cloud, up, floor, known)
     found, beside = [], []
     pairs = [
         (one, image) for one in figures for image in figures
@@ -73,17 +73,17 @@ def find_frameless(
         and (one.cut or image.cut or abs(one.top - image.top) < 0.35)
     ]  # fmt: skip
     if pairs:
-        things = _widened_kernel(depth, thin, things, stride)
+        objects = _widened_kernel(depth, thin, objects, stride)
     pairs.sort(key=lambda pair: -min(pair[0].count, pair[1].count))
     for one, image in pairs[:12]:
         if len(found) == most or behind_glass(image.middle[None], found)[0]:
             continue
-        shown = figure_surfaces(one, image, things, depth, intrinsics)
-        start = search_plane(one, image, shown, things, depth, intrinsics, up)
-        mirror = start and fit_reflection(start, shown, intrinsics)
-        if mirror is None or not is_one_body(one, image, things, depth, intrinsics, mirror):
+        shown = figure_surfaces(one, image, objects, depth, intrinsics)
+        start = search_mirror_plane(one, image, shown, objects, depth, intrinsics, up)
+        mirror = start and fit_mirror_to_skin(start, shown, intrinsics)
+        if mirror is None or not is_one_body(one, image, objects, depth, intrinsics, mirror):
             continue
-        mirror = with_glass(mirror, image, things, depth, intrinsics, np.append(up, floor))
+        mirror = with_glass(mirror, image, objects, depth, intrinsics, np.append(up, floor))
         if mirror is not None:
             found.append(mirror[0])
             beside.append(mirror[1])
@@ -109,8 +109,8 @@ def frameless_notes(mirrors: list[Mirror]) -> tuple[str, ...]:
 
 
 @njit(cache=True, nogil=True)
-def _widened_kernel(depth, thin, things, stride):
-    """The picture of things (H, W) int32 for all pixels: a pixel is part of the thing beside it in like depth."""
+def _widened_kernel(depth, thin, objects, stride):
+    """The picture of objects (H, W) int32 for all pixels: a pixel is part of the object beside it in like depth."""
     height, width = depth.shape
     out = np.zeros((height, width), np.int32)
     for v in range(height):
@@ -119,9 +119,9 @@ def _widened_kernel(depth, thin, things, stride):
             if z == 0:
                 continue
             for k in range(4):
-                i, j = min(v // stride + k // 2, things.shape[0] - 1), min(u // stride + k % 2, things.shape[1] - 1)
-                if things[i, j] and abs(thin[i, j] - z) < 0.02 + 0.005 * z * z:
-                    out[v, u] = things[i, j]
+                i, j = min(v // stride + k // 2, objects.shape[0] - 1), min(u // stride + k % 2, objects.shape[1] - 1)
+                if objects[i, j] and abs(thin[i, j] - z) < 0.02 + 0.005 * z * z:
+                    out[v, u] = objects[i, j]
                     break
     return out
 
@@ -153,9 +153,9 @@ def find_verified_frameless(
                 continue
             mirror = with_outline(framed, intrinsics)
         guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
-        if beside and rim_share(guess, depth, intrinsics, 0.2, known) < settings.min_rim:
+        if beside and frame_edge_share(guess, depth, intrinsics, 0.2, known) < settings.min_rim:
             continue
-        evidence = count_evidence(guess, depth, intrinsics, lowest_reading(depth, intrinsics, mirror.basis))
+        evidence = count_evidence(guess, depth, intrinsics, floor_drop(depth, intrinsics, mirror.basis))
         bad = evidence.violated > settings.max_violation * evidence.judged
         if evidence.shown >= 30 and not bad and not missing_reflection(mirror, depth, intrinsics):
             good.append(mirror)

@@ -27,7 +27,7 @@ _ASKED_HEIGHT = 0.55  # of the image's height, from its top, is asked: floor goe
 def with_glass(
     mirror: Mirror,
     image: Figure,
-    things: np.ndarray,
+    objects: np.ndarray,
     depth: np.ndarray,
     lens: Intrinsics,
     floor: np.ndarray,
@@ -46,14 +46,14 @@ def with_glass(
     corner = np.array((left - _SEARCHED_BESIDE, top - _SEARCHED_BESIDE))
     size = np.ceil((np.array((right + _SEARCHED_BESIDE, bottom)) - corner) / _PLANE_CELL).astype(np.int64)
     upright, lying, seen = _jumps_kernel(
-        depth, _about(things == image.id, 4), lens.lens, glass_of([mirror]), corner, size, _PLANE_CELL
+        depth, _about(objects == image.id, 4), lens.lens, glass_of([mirror]), corner, size, _PLANE_CELL
     )
     rows = slice(
         int((top - corner[1]) / _PLANE_CELL), int((top + _ASKED_HEIGHT * (feet - top) - corner[1]) / _PLANE_CELL) + 1
     )
-    share, told = _covered(upright[rows], seen[rows])
+    share, visible = _covered(upright[rows], seen[rows])
     begin = ((np.array((left + _PAST_GLASS, right - _PAST_GLASS)) - corner[0]) / _PLANE_CELL).astype(int)
-    sides = [_first(share[: begin[0]][::-1], told[: begin[0]][::-1]), _first(share[begin[1] :], told[begin[1] :])]
+    sides = [_first(share[: begin[0]][::-1], visible[: begin[0]][::-1]), _first(share[begin[1] :], visible[begin[1] :])]
     rectangle = np.array(((left, right), (top, bottom)))
     met = 0
     for end, (state, place) in enumerate(sides):
@@ -63,8 +63,8 @@ def with_glass(
             met += 1
             rectangle[0, end] = corner[0] + (begin[end] + (-place if end == 0 else place + 1)) * _PLANE_CELL
     columns = slice(*(np.clip((rectangle[0] - corner[0]) / _PLANE_CELL, 0, size[0]).astype(int) + (2, -2)))
-    share, told = _covered(lying[:, columns].T, seen[:, columns].T)
-    state, place = _first(share[: rows.start][::-1], told[: rows.start][::-1])
+    share, visible = _covered(lying[:, columns].T, seen[:, columns].T)
+    state, place = _first(share[: rows.start][::-1], visible[: rows.start][::-1])
     if state == _EDGE_FOUND:
         met += 1
         rectangle[1, 0] = corner[1] + (rows.start - place) * _PLANE_CELL
@@ -86,7 +86,7 @@ def _stands_beside(mirror: Mirror, rectangle: np.ndarray, met: list[bool], depth
     """Beside the glass, where only the room behind should be seen, something is near the plane: posts of a door."""
     down = np.linspace(rectangle[1, 0], 0.5 * rectangle[1].sum(), 40)
     for end in np.flatnonzero(met):
-        near, told = 0, 0
+        near, visible = 0, 0
         for outward in _POST:
             across = np.full(len(down), rectangle[0, end] + (2 * end - 1) * outward)
             points = mirror.point + np.column_stack((across, down)) @ mirror.basis[:, :2].T
@@ -95,8 +95,8 @@ def _stands_beside(mirror: Mirror, rectangle: np.ndarray, met: list[bool], depth
             read = depth[v[inside].astype(int), u[inside].astype(int)]
             apart = read - points[inside, 2]
             near += int(((read > 0) & (np.abs(apart) < _POST_DEPTH)).sum())
-            told += int((apart > -_POST_DEPTH).sum()) + int((read == 0).sum())
-        if near > 0.3 * max(told, 1):
+            visible += int((apart > -_POST_DEPTH).sum()) + int((read == 0).sum())
+        if near > 0.3 * max(visible, 1):
             return True
     return False
 
@@ -114,13 +114,13 @@ def _covered(jumps: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarra
     near = jumps.copy()
     near[:, 1:] |= jumps[:, :-1]
     near[:, :-1] |= jumps[:, 1:]
-    told = seen.sum(axis=0)
-    return (near & seen).sum(axis=0) / np.maximum(told, 1), told / max(len(seen), 1)
+    visible = seen.sum(axis=0)
+    return (near & seen).sum(axis=0) / np.maximum(visible, 1), visible / max(len(seen), 1)
 
 
-def _first(share: np.ndarray, told: np.ndarray) -> tuple[int, int]:
+def _first(share: np.ndarray, visible: np.ndarray) -> tuple[int, int]:
     """The first line outwards that is a side, at its peak; or, when what is seen ends before, that it is hidden."""
-    clear = told > 0.4
+    clear = visible > 0.4
     strong = np.flatnonzero((share > _JUMP_SHARE) & clear)
     if len(strong):
         first = int(strong[0])

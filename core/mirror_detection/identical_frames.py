@@ -19,15 +19,15 @@ from ..mirrors.frame_sides import frame_sides
 from ..mirrors.glass_extent import at_border
 from ..mirrors.mirror import behind_glass
 from .edge_segments import DetectionSettings
-from .framed_mirrors import depth_without_frames, ends_without_edge, on_its_frame
+from .framed_mirrors import depth_without_frames, ends_without_edge, fit_to_frame
 from .mirror_verification import (
-    FEW_SHOWN,
-    WHOLE,
+    LEAST_SHOWN,
+    WHOLE_EDGE,
     count_evidence,
     doubtful,
-    lowest_of_points,
+    floor_drop_of_points,
+    frame_edge_share,
     missing_reflection,
-    rim_share,
     sampled_points,
 )
 from .rectangle_hypotheses import Hypothesis
@@ -57,12 +57,12 @@ def find_identical_frames(
         )
     asked, points = [], sampled_points(depth, intrinsics) if found else None
     for guess in _uncovered(proposed, found) if found else ():
-        rim, _ = _unopposed(guess, points, depth, intrinsics, found, color)
-        if rim > 0.0:
-            asked.append((len(guess.sides), rim, guess))
+        edge, _ = _unopposed(guess, points, depth, intrinsics, found, color)
+        if edge > 0.0:
+            asked.append((len(guess.sides), edge, guess))
     asked.sort(key=lambda one: one[:2], reverse=True)
     makes = [
-        measures(replace(m, point=m.point + glass_offset * m.normal), depth, intrinsics)
+        measure_frame(replace(m, point=m.point + glass_offset * m.normal), depth, intrinsics)
         for m in (found if asked else ())
         if not doubtful(m, depth, intrinsics)
     ]
@@ -70,13 +70,13 @@ def find_identical_frames(
     for _, _, guess in asked:
         if len(found) + len(new) == settings.max_mirrors or not _uncovered([guess], new):
             continue
-        fitted = on_its_frame(guess, bare, intrinsics)
+        fitted = fit_to_frame(guess, bare, intrinsics)
         if fitted is None or missing_reflection(fitted, depth, intrinsics):
             continue
         final = replace(guess, point=fitted.point, basis=fitted.basis)
-        rim, shown = _unopposed(final, points, depth, intrinsics, found, color)
-        mine = measures(fitted, depth, intrinsics)
-        if rim > 0.0 and any(one_make(mine, make, shown >= min(FEW_SHOWN)) for make in makes):
+        edge, shown = _unopposed(final, points, depth, intrinsics, found, color)
+        mine = measure_frame(fitted, depth, intrinsics)
+        if edge > 0.0 and any(same_make(mine, make, shown >= min(LEAST_SHOWN)) for make in makes):
             behind = replace(fitted, point=fitted.point - glass_offset * fitted.normal)
             new.append(at_border(behind, intrinsics, ends_without_edge(guess)))
             bare = depth_without_frames(new[-1:], bare, intrinsics, glass_offset)
@@ -94,19 +94,19 @@ def _pair(
     points, asked = sampled_points(depth, intrinsics), []
     for guess in proposed:
         if len(guess.sides) == 4 and _unopposed(guess, points, depth, intrinsics, (), color)[0] > 0.0:
-            fitted = on_its_frame(guess, depth, intrinsics)
+            fitted = fit_to_frame(guess, depth, intrinsics)
             if fitted is not None:
                 behind = replace(fitted, point=fitted.point - glass_offset * fitted.normal)
                 asked.append(
                     (
                         guess,
                         at_border(behind, intrinsics, ends_without_edge(guess)),
-                        measures(fitted, depth, intrinsics),
+                        measure_frame(fitted, depth, intrinsics),
                     )
                 )
     for k, (_, one, mine) in enumerate(asked):
         for guess, other, its in asked[:k]:
-            if a_pair(mine, its) and _uncovered([guess], [one]):
+            if is_pair(mine, its) and _uncovered([guess], [one]):
                 return [other, one]
     return []
 
@@ -134,15 +134,15 @@ def _unopposed(
     known: Iterable[Mirror],
     color: np.ndarray | None,
 ) -> tuple[float, float]:
-    """:func:`.mirror_verification.rim_share` where nothing stands in the rectangle's plane but its rim, and nothing it
-    shows would be where the camera looks through, else 0; and how many readings it shows. ``points`` as for
-    :func:`.mirror_verification.lowest_of_points`."""
-    evidence = count_evidence(guess, depth, intrinsics, lowest_of_points(points, guess.basis))
+    """:func:`.mirror_verification.frame_edge_share` where nothing stands in the rectangle's plane but its frame, and
+    nothing it shows would be where the camera looks through, else 0; and how many readings it shows. ``points`` as for
+    :func:`.mirror_verification.floor_drop_of_points`."""
+    evidence = count_evidence(guess, depth, intrinsics, floor_drop_of_points(points, guess.basis))
     glass = evidence.unread + evidence.behind
     if glass < 60 or evidence.on > _NOISE_SHARE * glass or evidence.violated > max(_NOISE_SHARE * evidence.behind, 3.0):
         return 0.0, 0.0
-    rim = rim_share(guess, depth, intrinsics, 0.2, known, color)
-    return (rim if rim > WHOLE else 0.0), evidence.shown
+    edge = frame_edge_share(guess, depth, intrinsics, 0.2, known, color)
+    return (edge if edge > WHOLE_EDGE else 0.0), evidence.shown
 
 
 _BAR_PIXELS = 1.5  # to which bars are known
@@ -154,7 +154,7 @@ _LEVEL_ERROR = 0.005  # share of the distance between two frames by which what i
 
 
 @dataclass(frozen=True)
-class Measures:
+class FrameMeasures:
     """What a frame measures [m]; NaN where that is not seen.
 
     ``size`` (2,): from inner edge to inner edge along the mirror's a and b. ``bars`` (2, 2): their widths, placed as in
@@ -171,7 +171,7 @@ class Measures:
     pixel: float
 
 
-def measures(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> Measures:
+def measure_frame(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> FrameMeasures:
     """The measures of a frame, whose plane is ``mirror``'s and whose ``rectangle`` is about right.
 
     Parameters
@@ -193,10 +193,10 @@ def measures(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> Measu
     cut = ~((project(ends, intrinsics) > 2) & (project(ends, intrinsics) < size - 2)).all(axis=-1)
     across = np.cos(turn) * a + np.sin(turn) * b
     pixel = z / (0.5 * (intrinsics.fx + intrinsics.fy))
-    return Measures(inner[:, 1] - inner[:, 0], np.abs(outer - inner), cut, edges, across, pixel)
+    return FrameMeasures(inner[:, 1] - inner[:, 0], np.abs(outer - inner), cut, edges, across, pixel)
 
 
-def one_make(new: Measures, known: Measures, shows: bool = False) -> bool:
+def same_make(new: FrameMeasures, known: FrameMeasures, shows: bool = False) -> bool:
     """Bars are as wide as each other, but for one, part of which may be hidden; width and height are the same, as far
     as they are seen of both. Where they are not, the frames must stand level, and where neither is, it must be known
     that the new one ``shows`` what a mirror would."""
@@ -215,14 +215,14 @@ def one_make(new: Measures, known: Measures, shows: bool = False) -> bool:
     return bool(seen.all() or ((seen.any() or shows) and _level(new, known, pixel)))
 
 
-def a_pair(one: Measures, other: Measures) -> bool:
+def is_pair(one: FrameMeasures, other: FrameMeasures) -> bool:
     """Frames of one make in every measure that stand level and face different ways, as mirrors of a rig do and windows
     of a wall do not."""
     seen = np.isfinite(one.size) & np.isfinite(other.size)
-    return bool(seen.all()) and one_make(one, other) and _level(one, other, max(one.pixel, other.pixel))
+    return bool(seen.all()) and same_make(one, other) and _level(one, other, max(one.pixel, other.pixel))
 
 
-def _level(one: Measures, other: Measures, pixel: float) -> bool:
+def _level(one: FrameMeasures, other: FrameMeasures, pixel: float) -> bool:
     """Whether tops or bottoms are at one height: across what is level in both planes, however they lean."""
     up = np.cross(one.across, other.across)
     sine = np.linalg.norm(up)

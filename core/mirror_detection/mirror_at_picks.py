@@ -12,9 +12,9 @@ from ..capture import MirrorPicks
 from ..errors import MirrorError
 from ..mirrors import Mirror
 from .edge_segments import DetectionSettings
-from .framed_mirrors import settled_on_frame
+from .framed_mirrors import mirror_on_frame
 from .frameless_mirrors import find_verified_frameless
-from .mirror_verification import circumference, count_evidence, doubtful, hypotheses, lowest_reading
+from .mirror_verification import circumference, count_evidence, doubtful, floor_drop, hypotheses
 from .rectangle_hypotheses import Hypothesis
 
 DEFAULTS = DetectionSettings()
@@ -30,7 +30,7 @@ def find_mirror_at(
     settings: DetectionSettings = DEFAULTS,
     glass_offset: float = 0.0,
 ) -> Mirror:
-    """The mirror whose rim is nearest to one or two picked pixels, too few for a plane of their own.
+    """The mirror whose frame is nearest to one or two picked pixels, too few for a plane of their own.
 
     That a mirror is there is the user's word: it need not show anybody.
 
@@ -42,12 +42,12 @@ def find_mirror_at(
     Raises
     ------
     MirrorError
-        No rim is near.
+        No frame is near.
     """
     trusting = replace(settings, empty_rig=True, max_violation=max(2.0 * settings.max_violation, 0.3))
     pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)
     guesses = hypotheses(depth, intrinsics, trusting)
-    settled = [settled_on_frame(guess, depth, intrinsics, trusting, glass_offset) for guess in guesses]
+    settled = [mirror_on_frame(guess, depth, intrinsics, trusting, glass_offset) for guess in guesses]
     best = _nearest([mirror for mirror in settled if mirror is not None], pixels, 0.5)
     if best is None and (bare := find_frameless_at(picks, depth, intrinsics, settings, 0.5)) is not None:
         return bare
@@ -73,7 +73,7 @@ def find_better_at(
     if mirror is None or contradicted(mirror, depth, intrinsics):
         pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)
         guesses = hypotheses(depth, intrinsics, settings)
-        settled = [settled_on_frame(guess, depth, intrinsics, settings, glass_offset) for guess in guesses]
+        settled = [mirror_on_frame(guess, depth, intrinsics, settings, glass_offset) for guess in guesses]
         better = _nearest([found for found in settled if found is not None], pixels, 0.05)
         if better is not None:
             return replace(better, name=picks.name, source="picked")
@@ -88,14 +88,14 @@ def contradicted(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, know
     if mirror.rectangle is None or mirror.polygon is not None:
         return False
     guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
-    evidence = count_evidence(guess, depth, intrinsics, lowest_reading(depth, intrinsics, mirror.basis))
+    evidence = count_evidence(guess, depth, intrinsics, floor_drop(depth, intrinsics, mirror.basis))
     if evidence.violated > max(_CONTRADICTED * evidence.judged, 50.0):
         return True
-    rims = [
+    shares = [
         circumference(mirror.point, mirror.basis, mirror.rectangle, depth, intrinsics, outward, known)
         for outward in (-0.015, 0.015)
     ]
-    return all(on < _STANDS and on < _MOSTLY * (on + beyond) for on, beyond in rims)
+    return all(on < _STANDS and on < _MOSTLY * (on + beyond) for on, beyond in shares)
 
 
 def find_frameless_at(

@@ -13,26 +13,23 @@ from ..camera import Intrinsics, project
 from ..mirrors import Mirror
 from ..mirrors.glass_kernels import NEAREST, before_plane, glass_of, nearest_pixel, reflected, share_at_glass
 from ..mirrors.mirror import behind_glass
-from .edge_segments import BOTTOM, LEFT, RIGHT, TOP, DetectionSettings, find_rims
+from .edge_segments import BOTTOM, LEFT, RIGHT, TOP, DetectionSettings, find_edge_segments
 from .rectangle_hypotheses import Hypothesis, propose
 
 _OPEN_SHOWN = 0.07  # with a side missing, this share of all readings must lie on or close behind what is seen directly
-_MUCH_SHOWN = 0.15  # a mirror that shows so much needs less of a rim
-WHOLE, FEW_SHOWN = 0.95, (15, 8)  # with so much of a rim on 3 or 4 sides, and nothing against it, so few must show
+_MUCH_SHOWN = 0.15  # a mirror that shows so much needs less of a frame edge
+WHOLE_EDGE = 0.95
+"""Share of a frame's edge that leaves no doubt of the frame."""
+LEAST_SHOWN = (15, 8)
+"""With :data:`WHOLE_EDGE` on three or four sides, and nothing against it, so few readings must be shown."""
 _MISSING_BY_NOISE = 10, 0.005  # readings, and share of them, that noise may make look as if a mirror did not show them
-_HARDLY_READ, _IN_REACH = (
-    0.05,
-    0.8,
-)  # a glass of which less is read must be nearer than this share of the farthest reading
-_LINE_REACH, _LINE_CHANGE = (
-    3,
-    20,
-)  # px to each side between which a line in the colour picture changes a channel by so much
-HIDDEN = 0.03, 1.02  # glass and frame hide what is seen so far around them [m], the plane at most so many times as far
+_HARDLY_READ, _IN_REACH = 0.05, 0.8  # with less of a glass read, how near it must be, of the farthest reading
+_LINE_REACH, _LINE_CHANGE = 3, 20  # px to each side of a line in the picture, and how much a channel changes there
+_HIDING = 0.03, 1.02  # how wide frames are about the glass [m]; how many times as far as a point the plane may be
 _AT_BORDER = 0.02  # sides nearer to the image's border, as a share of its size, are cut off by it
 
 
-def rim_share(
+def frame_edge_share(
     guess: Hypothesis,
     depth: np.ndarray,
     intrinsics: Intrinsics,
@@ -53,6 +50,11 @@ def rim_share(
             on, beyond = circumference(*place, outward, known, color)
         shares.append(on / (on + beyond) if on >= least else 0.0)
     return max(shares)
+
+
+def hidden_by_mirrors(points: np.ndarray, mirrors: Iterable[Mirror]) -> np.ndarray:
+    """Which of some points (N, 3) [m] the glass or frame of a mirror hides from the camera, (N,) bool."""
+    return behind_glass(points, mirrors, *_HIDING)
 
 
 def circumference(
@@ -76,7 +78,7 @@ def circumference(
     points = point + at @ basis[:, :2].T
     u, v = project(points, intrinsics).T
     inside = (u > 0) & (v > 0) & (u < intrinsics.width - 1) & (v < intrinsics.height - 1)  # false where NaN
-    inside[inside] = ~behind_glass(points[inside], known, *HIDDEN)
+    inside[inside] = ~hidden_by_mirrors(points[inside], known)
     read = np.zeros(len(points))
     rows, columns = np.rint(v[inside]).astype(int), np.rint(u[inside]).astype(int)
     read[inside] = depth[rows, columns]
@@ -117,44 +119,44 @@ def verify(
     Every third reading in the rectangle is flipped over the plane. Where it lands nearer than what the camera sees in
     that direction, the camera would have looked through it: a violation. Where it lands on, or up to 0.7 m behind, what
     is seen directly, it is shown. What lies outside the picture says nothing. Behind the glass of mirrors that are
-    ``known`` a rim is hidden. ``color`` as for :func:`rim_share`.
+    ``known`` a frame edge is hidden. ``color`` as for :func:`frame_edge_share`.
     """
     evidence = count_evidence(guess, depth, intrinsics, floor)
     behind, judged, shown, violated = evidence.behind, evidence.judged, evidence.shown, evidence.violated
     glass = behind + evidence.unread
     total = glass + evidence.on
-    if total < 60 or glass < 0.5 * total or behind < min(FEW_SHOWN):
+    if total < 60 or glass < 0.5 * total or behind < min(LEAST_SHOWN):
         return None
     if TOP not in guess.sides and BOTTOM not in guess.sides:
         # two uprights alone, such as legs or door posts, must leave the picture where the lying side would be
         if min(s.ends[0, 1] for s in guess.sides.values()) > 0.04 * intrinsics.height:
             return None
     if behind < _HARDLY_READ * total and guess.point[2] > _IN_REACH * float(depth[::8, ::8].max()):
-        return None  # the end of what the camera reaches looks like a rim, too
+        return None  # the end of what the camera reaches looks like a frame edge, too
     violation = violated / max(judged, 1.0)
     plain = shown > _MUCH_SHOWN * total and violation < 0.02
     if len(guess.sides) == 2 and min(s.length for s in guess.sides.values()) < (0.3 if plain else 0.5):
         return None  # a leg and the edge of its shadow, a table and one of its legs
     least = 0.2 if plain else 0.3
-    rim = rim_share(guess, depth, intrinsics, least, known, color)
-    made = replace(guess, shown=shown, violated=violation, behind=behind / total, score=rim * (1.0 - violation))
-    if rim < settings.min_rim + (0.13 if len(guess.sides) == 2 else 0.0):
+    edge = frame_edge_share(guess, depth, intrinsics, least, known, color)
+    made = replace(guess, shown=shown, violated=violation, behind=behind / total, score=edge * (1.0 - violation))
+    if edge < settings.min_rim + (0.13 if len(guess.sides) == 2 else 0.0):
         return None
     if violation > settings.max_violation:
         return None
     if settings.empty_rig:
         return made if len(guess.sides) >= 3 or shown >= 30.0 else None
-    # a rim of which a side is missing may be a wall's, seen past a mirror that stands before it
-    open_rim = _OPEN_SHOWN * (behind + evidence.on) if _open_sides(guess, intrinsics) else 0.0
-    if rim > WHOLE and violated == 0.0 and (len(guess.sides) >= 3 or known):
-        few = FEW_SHOWN[len(guess.sides) == 4]
-        return made if shown >= max(few, settings.min_shown * judged, open_rim) else None
+    # a frame edge of which a side is missing may be a wall's, seen past a mirror that stands before it
+    open_edge = _OPEN_SHOWN * (behind + evidence.on) if _open_sides(guess, intrinsics) else 0.0
+    if edge > WHOLE_EDGE and violated == 0.0 and (len(guess.sides) >= 3 or known):
+        few = LEAST_SHOWN[len(guess.sides) == 4]
+        return made if shown >= max(few, settings.min_shown * judged, open_edge) else None
     if glass < 0.8 * total:  # something is in its plane, such as somebody right before the glass, or a wall
         return None
     # something stands there, and little is seen beyond: it may be the image in another mirror
     if evidence.before > behind:
         return None
-    return made if shown >= max(30.0, settings.min_shown * behind, open_rim) else None
+    return made if shown >= max(30.0, settings.min_shown * behind, open_edge) else None
 
 
 class Evidence(NamedTuple):
@@ -221,7 +223,7 @@ def count_evidence(guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics,
 
 
 def _open_sides(guess: Hypothesis, intrinsics: Intrinsics) -> int:
-    """How many sides have no rim where the image would show it: its border cuts off the others."""
+    """How many sides have no depth edge where the image would show it: its border cuts off the others."""
     margin = _AT_BORDER * np.array((intrinsics.width, intrinsics.height))
     count = 0
     for side in range(4):
@@ -238,18 +240,13 @@ def _open_sides(guess: Hypothesis, intrinsics: Intrinsics) -> int:
 
 _FRAME_EDGE = 0.015  # so near to the edge of the glass readings may be of its frame, smeared [m]
 _MANY_PIXELS = 9000  # in a rectangle; every third along rows and columns is asked, of fewer every second
-_CLEARLY_BEFORE = (
-    0.97,
-    0.02,
-)  # a reading is before the plane when its z is less than this share of the plane's, less [m]
+_CLEARLY_BEFORE = 0.97, 0.02  # before the plane is what is nearer than this share of the plane's z, less [m]
 _NOT_BEHIND = 1.02, 0.04  # and on it when it is less than this share and [m] more: noise, and the thickness of a board
 _SIDEWAYS = 0.01, 0.003  # a flipped reading at z may be off sideways by this [m] and this times z²
 _IMAGE_MARGIN = 2  # px from the image's border from which what is seen there cannot be looked up
 _LOOK = 3  # steps to each side of a flipped reading's pixel in which the depth seen is looked up
 _NEARER = 0.05, 0.02  # what is so much nearer than what is seen there, [m] and times z, would be looked through
-_CLOSE_BEHIND = (
-    0.7  # the hidden side of a body or a piece of furniture is so far behind what is seen of it, or less [m]
-)
+_CLOSE_BEHIND = 0.7  # the hidden side of a body or of furniture is no farther behind what is seen of it [m]
 _BEFORE, _ON, _UNREAD, _OUTSIDE, _VIOLATED, _SHOWN, _HIDDEN, _GROUND = range(8)  # places in Evidence
 
 
@@ -364,17 +361,25 @@ def _missing_kernel(depth, lens, glass, stride):
 
 
 def doubtful(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> bool:
-    """More of its glass is hidden than shows anything: its rim may be a wall's, seen past mirrors without a frame."""
+    """Whether more of its glass is hidden than shows anything: what was taken for its frame may be the edge of a wall,
+    seen past mirrors without a frame. ``depth`` (H, W) float32 is z [m], 0 = no reading."""
     if mirror.rectangle is None:
         return False
     guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
-    evidence = count_evidence(guess, depth, intrinsics, lowest_reading(depth, intrinsics, mirror.basis))
+    evidence = count_evidence(guess, depth, intrinsics, floor_drop(depth, intrinsics, mirror.basis))
     return evidence.before > evidence.behind
 
 
 def hypotheses(depth: np.ndarray, intrinsics: Intrinsics, settings: DetectionSettings) -> list[Hypothesis]:
-    """Verified rectangles, the best first."""
-    return verified_hypotheses(propose(find_rims(depth, intrinsics, settings), settings), depth, intrinsics, settings)
+    """Rectangles of depth edges that what they show proves to be mirrors, the best first.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    """
+    proposed = propose(find_edge_segments(depth, intrinsics, settings), settings)
+    return verified_hypotheses(proposed, depth, intrinsics, settings)
 
 
 def verified_hypotheses(
@@ -385,30 +390,49 @@ def verified_hypotheses(
     known: Iterable[Mirror] = (),
     color: np.ndarray | None = None,
 ) -> list[Hypothesis]:
+    """Those of ``proposed`` that :func:`verify` lets pass, with their evidence, the best first.
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    known : iterable of Mirror
+        Behind whose glass a frame is hidden.
+    color : np.ndarray [shape=(H, W, 3), dtype=uint8], optional
+        As for :func:`frame_edge_share`.
+    """
     good, points = [], sampled_points(depth, intrinsics) if proposed else None
     for guess in proposed:
-        checked = verify(guess, depth, intrinsics, lowest_of_points(points, guess.basis), settings, known, color)
+        checked = verify(guess, depth, intrinsics, floor_drop_of_points(points, guess.basis), settings, known, color)
         if checked is not None:
             good.append(checked)
     good.sort(key=lambda h: -h.score)
     return good
 
 
-def lowest_reading(depth: np.ndarray, intrinsics: Intrinsics, basis: np.ndarray) -> float:
-    """How far down, along the rectangle, readings may belong to a floor [m]."""
-    return lowest_of_points(sampled_points(depth, intrinsics), basis)
+def floor_drop(depth: np.ndarray, intrinsics: Intrinsics, basis: np.ndarray) -> float:
+    """How far down readings may belong to a floor: their least offset from the camera along a rectangle's b [m].
+
+    Parameters
+    ----------
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    basis : np.ndarray [shape=(3, 3)]
+        The rectangle's, see :class:`.mirror.Mirror`.
+    """
+    return floor_drop_of_points(sampled_points(depth, intrinsics), basis)
 
 
 def sampled_points(depth: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
-    """Every eighth reading along rows and columns as a point, (3, N)."""
+    """Every eighth reading along the rows and columns of ``depth`` (H, W) as points (3, N) [m], camera frame."""
     z = depth[::8, ::8]
     v, u = np.nonzero(z)
     z = z[v, u].astype(np.float64)
     return np.stack(((8.0 * u - intrinsics.cx) / intrinsics.fx * z, (8.0 * v - intrinsics.cy) / intrinsics.fy * z, z))
 
 
-def lowest_of_points(points: np.ndarray, basis: np.ndarray) -> float:
-    """:func:`lowest_reading` of points (3, N)."""
+def floor_drop_of_points(points: np.ndarray, basis: np.ndarray) -> float:
+    """:func:`floor_drop` of points (3, N) [m]; 0 when there is none."""
     drop = basis[:, 1] @ points
     k = int(0.97 * (len(drop) - 1))
     return float(np.partition(drop, k)[k]) - 0.15 if len(drop) else 0.0

@@ -23,7 +23,7 @@ from ..mirrors.mirror import (
 from ..numeric.point_products import dot
 from ..views.view_correspondences import Surfaces, meetings, noise_of, surfaces
 
-_ABOVE_FLOOR = 0.3  # above the floor things begin [m]: a mirror that leans lifts the floor it shows
+_ABOVE_FLOOR = 0.3  # above the floor objects begin [m]: a mirror that leans lifts the floor it shows
 _TALLEST = 2.4  # what is higher above the floor is no figure's [m]
 _LEAST_READINGS = 150  # a figure has at least so many readings of the thinned picture
 _WIDE, _HIGH, _FLAT = 2.2, 0.4, 0.015  # no figure is wider, less high, or flatter (standard deviation) [m]
@@ -46,8 +46,23 @@ _SLOPE_ERROR = 0.002  # slopes that no residual tells [rad]
 
 @dataclass(frozen=True)
 class Figure:
-    """A thing that stands out: ``id`` in the picture of things, ``count`` of its readings, ``points`` (N, 3), some of
-    them [m], ``middle`` (3,), and ``top`` along the vertical [m]; ``cut``: the picture's border cuts its top off."""
+    """An object that may be a person, or a person's image in a mirror.
+
+    Attributes
+    ----------
+    id : int
+        In the picture of objects.
+    count : int
+        Of its readings.
+    points : np.ndarray [shape=(N, 3)]
+        Some of them [m].
+    middle : np.ndarray [shape=(3,)]
+        Median of these [m].
+    top : float
+        Along the vertical [m].
+    cut : bool
+        The image's border cuts its top off.
+    """
 
     id: int
     count: int
@@ -60,11 +75,11 @@ class Figure:
 def find_figures(
     depth: np.ndarray, cloud: np.ndarray, up: np.ndarray, floor: float, known: list[Mirror]
 ) -> tuple[np.ndarray, list[Figure]]:
-    """Picture of things (H, W), 0 = none, and those of them that may be somebody, the largest first; not what is seen
+    """Picture of objects (H, W), 0 = none, and those of them that may be somebody, the largest first; not what is seen
     in mirrors that are ``known``."""
     height = dot(cloud, up) - floor
-    things, count = _things_kernel(depth, (height > _ABOVE_FLOOR) & (height < _TALLEST))
-    sizes = np.bincount(things.ravel(), minlength=count + 1)
+    objects, count = _objects_kernel(depth, (height > _ABOVE_FLOOR) & (height < _TALLEST))
+    sizes = np.bincount(objects.ravel(), minlength=count + 1)
     sizes[0] = 0
     across = np.cross(up, (0.0, 0.0, 1.0))
     across /= np.linalg.norm(across)
@@ -73,7 +88,7 @@ def find_figures(
     for k in np.argsort(-sizes, kind="stable")[:40]:
         if sizes[k] < _LEAST_READINGS or len(out) == _FIGURES:
             break
-        rows, columns = np.nonzero(things == k)
+        rows, columns = np.nonzero(objects == k)
         some = slice(None, None, len(rows) // _FIGURE_SAMPLE + 1)
         points = cloud[rows[some], columns[some]]
         middle = np.median(points, axis=0)
@@ -87,7 +102,7 @@ def find_figures(
         if _thickness(points) < _FLAT:
             continue
         out.append(Figure(int(k), int(sizes[k]), points, middle, float(top[2]), rows.min() < 3))
-    return things, out
+    return objects, out
 
 
 def _thickness(points: np.ndarray) -> float:
@@ -101,8 +116,8 @@ def _thickness(points: np.ndarray) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _things_kernel(depth, stands):
-    """Connected things (H, W) int32, numbered from 1, and how many."""
+def _objects_kernel(depth, stands):
+    """Connected objects (H, W) int32, numbered from 1, and how many."""
     height, width = depth.shape
     label = np.zeros((height, width), np.int32)
     parent = np.zeros(height * width + 1, np.int32)
@@ -143,26 +158,51 @@ def _things_kernel(depth, stands):
 
 
 def figure_surfaces(
-    one: Figure, image: Figure, things: np.ndarray, depth: np.ndarray, lens: Intrinsics
+    one: Figure, image: Figure, objects: np.ndarray, depth: np.ndarray, lens: Intrinsics
 ) -> list[Surfaces]:
-    """What is seen of a figure and of its image as pieces of surface."""
+    """What is seen of a figure and of its image as pieces of surface: of the one, of the other.
+
+    Parameters
+    ----------
+    objects : np.ndarray [shape=(H, W), dtype=int32]
+        Picture of objects, 0 = none.
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    """
     views = np.full(depth.shape, -1, np.int8)
-    views[things == one.id] = 0
-    views[things == image.id] = 1
+    views[objects == one.id] = 0
+    views[objects == image.id] = 1
     sigma = noise_of(depth, views)
     return [surfaces(depth, views, view, lens, sigma, _SURFACE_PIECES) for view in (0, 1)]
 
 
-def search_plane(
+def search_mirror_plane(
     one: Figure,
     image: Figure,
     shown: list[Surfaces],
-    things: np.ndarray,
+    objects: np.ndarray,
     depth: np.ndarray,
     lens: Intrinsics,
     up: np.ndarray,
 ) -> Mirror | None:
-    """The plane between a figure and its image, turned and shifted to where each fits the other's silhouette best."""
+    """The plane between a figure and its image, turned and shifted to where each fits the other's silhouette best.
+
+    Parameters
+    ----------
+    shown : list of Surfaces
+        Of the figure and of its image, see :func:`figure_surfaces`.
+    objects : np.ndarray [shape=(H, W), dtype=int32]
+        Picture of objects, 0 = none.
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    up : np.ndarray [shape=(3,)]
+        The vertical, a unit vector.
+
+    Returns
+    -------
+    Mirror or None
+        Without a rectangle; None when the plane is seen edge-on, or nothing fits.
+    """
     here, there = (f.middle + _SKIN * f.middle / np.linalg.norm(f.middle) for f in (one, image))
     way = here - there
     way = way - (way @ up) * up
@@ -189,7 +229,7 @@ def search_plane(
             s, t = shown[of], shown[by]
             thin = slice(None, None, len(s.points) // _ASKED + 1)
             scores += _score_kernel(
-                s.points[thin], s.normals[thin], flips, lens.lens, things, depth, (one, image)[by].id, by == 0,
+                s.points[thin], s.normals[thin], flips, lens.lens, objects, depth, (one, image)[by].id, by == 0,
                 t.grid, t.stride, t.points, t.normals, slack,
             )  # fmt: skip
         best = tries[np.argmax(scores)]
@@ -207,25 +247,25 @@ def _flips(mirror: Mirror, steps: np.ndarray) -> np.ndarray:
     return out
 
 
-_ASKED = 300  # pieces of a figure's surface that are laid on the other
-# against 1 for a piece that may be where it is laid: for one that may not, and besides for one that meets its like
+_ASKED = 300  # pieces of a figure's surface that are projected on the other
+# against 1 for a piece that may be where it is projected: for one that may not, and besides for one that meets its like
 _LOOKED_THROUGH, _ALIKE = -3.0, 2.0
 
 
 @njit(cache=True, nogil=True)
 def _score_kernel(
-    points, normals, flips, lens, things, depth, other, whole, grid, stride, there, there_normals, slack
+    points, normals, flips, lens, objects, depth, other, whole, grid, stride, there, there_normals, slack
 ):  # fmt: skip
     """How well the pieces of a figure, flipped into the other view, fit what that sees; for every plane (K, 4, 4)."""
     scores = np.zeros(len(flips))
     q, m = np.empty(3), np.empty(3)
     for k in range(len(flips)):
-        total, told = 0.0, 0
+        total, judged = 0.0, 0
         for i in range(len(points)):
-            kind, u, v = _fit_of(points[i], flips[k], lens, things, depth, other, whole, slack)
+            kind, u, v = _fit_of(points[i], flips[k], lens, objects, depth, other, whole, slack)
             if kind == _NOT_JUDGED:
                 continue
-            told += 1
+            judged += 1
             total += _LOOKED_THROUGH if kind == _LOOKED else 1.0
             row, column = (v + stride // 2) // stride, (u + stride // 2) // stride
             if kind != _ON or row >= grid.shape[0] or column >= grid.shape[1] or grid[row, column] < 0:
@@ -241,7 +281,7 @@ def _score_kernel(
                 gap += there_normals[j, r] * (there[j, r] - q[r])
             if alike > 0.7 and abs(gap) < slack:
                 total += _ALIKE
-        scores[k] = total / len(points) if told > 0.3 * len(points) else -3.0
+        scores[k] = total / len(points) if judged > 0.3 * len(points) else -3.0
     return scores
 
 
@@ -253,7 +293,7 @@ _ERROR = 0.0015  # by so much, times z², readings may be off
 
 
 @njit(cache=True, nogil=True)
-def _fit_of(p, flip, lens, things, depth, other, whole, slack):
+def _fit_of(p, flip, lens, objects, depth, other, whole, slack):
     """What becomes of a point flipped into the other view: nothing is said, it is on the other figure, or hidden behind
     it, or the camera looks through it; and its pixel. ``whole``: beside the other figure the room is seen, not what is
     beside the glass."""
@@ -273,14 +313,14 @@ def _fit_of(p, flip, lens, things, depth, other, whole, slack):
     slack += _ERROR * max(z, p[2]) ** 2
     if seen == 0:
         return _NOT_JUDGED, u, v
-    if things[v, u] != other:
+    if objects[v, u] != other:
         if seen < z + slack or not (whole or seen < z + _ROOM):
             return _NOT_JUDGED, u, v
         # silhouettes are ragged: is the other figure beside?
         beside = False
         for dv, du in ((0, -_RAGGED_PIXELS), (0, _RAGGED_PIXELS), (-_RAGGED_PIXELS, 0), (_RAGGED_PIXELS, 0)):
             i, j = min(max(v + dv, 0), depth.shape[0] - 1), min(max(u + du, 0), depth.shape[1] - 1)
-            if things[i, j] == other:
+            if objects[i, j] == other:
                 v, u, seen, beside = i, j, depth[i, j], True
                 break
         if not beside:
@@ -291,16 +331,16 @@ def _fit_of(p, flip, lens, things, depth, other, whole, slack):
 
 
 def is_one_body(
-    one: Figure, image: Figure, things: np.ndarray, depth: np.ndarray, lens: Intrinsics, mirror: Mirror
+    one: Figure, image: Figure, objects: np.ndarray, depth: np.ndarray, lens: Intrinsics, mirror: Mirror
 ) -> bool:
     """Flipped over the mirror the image lies within the figure and the other way round: hardly a reading is where the
     other view looks through, enough are where it says anything, and of the image most lie on the figure or behind."""
     flip = reflection_matrix(mirror)
     for points, other, whole in ((one.points, image.id, False), (image.points, one.id, True)):
-        kinds = _kinds_kernel(np.ascontiguousarray(points), flip, lens.lens, things, depth, other, whole, 0.03)
+        kinds = _kinds_kernel(np.ascontiguousarray(points), flip, lens.lens, objects, depth, other, whole, 0.03)
         counts = np.bincount(kinds, minlength=4)
-        told = len(points) - counts[_NOT_JUDGED]
-        if told < _JUDGED_SHARE * len(points) or counts[_LOOKED] > _LOOKED_SHARE[whole] * told:
+        judged = len(points) - counts[_NOT_JUDGED]
+        if judged < _JUDGED_SHARE * len(points) or counts[_LOOKED] > _LOOKED_SHARE[whole] * judged:
             return False
         if whole and counts[_ON] + counts[_HIDDEN_BEHIND] < _MET_SHARE * len(points):
             return False
@@ -308,15 +348,29 @@ def is_one_body(
 
 
 @njit(cache=True, nogil=True)
-def _kinds_kernel(points, flip, lens, things, depth, other, whole, slack):
+def _kinds_kernel(points, flip, lens, objects, depth, other, whole, slack):
     out = np.empty(len(points), np.int64)
     for i in range(len(points)):
-        out[i] = _fit_of(points[i], flip, lens, things, depth, other, whole, slack)[0]
+        out[i] = _fit_of(points[i], flip, lens, objects, depth, other, whole, slack)[0]
     return out
 
 
-def fit_reflection(mirror: Mirror, shown: list[Surfaces], lens: Intrinsics) -> Mirror | None:
-    """The plane for which the skin that both views show meets, with its covariance; None when it does not."""
+def fit_mirror_to_skin(mirror: Mirror, shown: list[Surfaces], lens: Intrinsics) -> Mirror | None:
+    """The mirror moved to where the skin that both views show coincides.
+
+    Parameters
+    ----------
+    mirror : Mirror
+        Good to some centimetres.
+    shown : list of Surfaces
+        Of the figure and of its image, see :func:`figure_surfaces`.
+
+    Returns
+    -------
+    Mirror or None
+        With its covariance and ``residual`` [m]; None where too little is seen both ways, or two halves of it ask for
+        different planes.
+    """
     if min(_oblique(s) for s in shown) < _OBLIQUE:
         return None  # what both views see is oblique to both: of what is left of it some may be on the wrong side
     prior = np.diag(1.0 / np.array((0.03, 0.02, 0.04)) ** 2)

@@ -14,7 +14,7 @@ class Hypothesis:
     """A rectangle that may be a mirror, and what speaks for it.
 
     ``basis`` columns are right, down and the normal towards the camera; ``rectangle`` ((right min, max), (down min,
-    max)) about ``point`` [m]; ``sides`` the rims by side; ``shown`` and ``violated`` shares of the readings in it.
+    max)) about ``point`` [m]; ``sides`` the edges by side; ``shown`` and ``violated`` shares of the readings in it.
     """
 
     point: np.ndarray
@@ -31,20 +31,20 @@ _OPPOSITE = {LEFT: RIGHT, RIGHT: LEFT, TOP: BOTTOM, BOTTOM: TOP}
 
 
 def propose(segments: list[Segment], settings: DetectionSettings) -> list[Hypothesis]:
-    """Rectangles that two rims span: a standing and a lying one that meet, or two that run side by side."""
+    """Rectangles that two edges span: a standing and a lying one that meet, or two that run side by side."""
     if len(segments) < 2:
         return []
-    rims = _Rims(segments)
+    edges = _Edges(segments)
     place = {id(segment): k for k, segment in enumerate(segments)}
     out, seen = [], set()
-    pairs = _pairs(rims, settings, LEFT, RIGHT) | _pairs(rims, settings, TOP, BOTTOM)
-    together = np.zeros_like(pairs)  # rims that are sides of one rectangle by now
-    for which in (_corners(rims), pairs):
+    pairs = _pairs(edges, settings, LEFT, RIGHT) | _pairs(edges, settings, TOP, BOTTOM)
+    together = np.zeros_like(pairs)  # edges that are sides of one rectangle by now
+    for which in (_corners(edges), pairs):
         for i, j in np.argwhere(which):
             if which is pairs and together[i, j]:
                 continue
             guess = _hypothesis({segments[i].side: segments[i], segments[j].side: segments[j]})
-            guess = guess and _completed(guess, segments, rims, settings)
+            guess = guess and _completed(guess, segments, edges, settings)
             if guess is not None and (key := tuple(sorted(place[id(s)] for s in guess.sides.values()))) not in seen:
                 seen.add(key)  # the same rectangle comes from each of its corners
                 together[np.ix_(key, key)] = True
@@ -52,7 +52,7 @@ def propose(segments: list[Segment], settings: DetectionSettings) -> list[Hypoth
     return out
 
 
-class _Rims:
+class _Edges:
     """Segments as arrays: side (N,), points (N, 2, 3), direction (N, 3), length (N,)."""
 
     def __init__(self, segments: list[Segment]) -> None:
@@ -62,44 +62,44 @@ class _Rims:
         self.length = np.array([s.length for s in segments])
 
 
-def _corners(rims: _Rims) -> np.ndarray:
-    """(N, N): row is a left or right rim, column a top or bottom one, and they meet in space at a right angle."""
-    upright = (rims.side == LEFT) | (rims.side == RIGHT)
-    down, right = rims.direction[:, None], rims.direction[None, :]
-    top = (rims.side == TOP)[None, :]
-    corner = np.where(top[..., None], rims.points[:, None, 0], rims.points[:, None, 1])
-    left = (rims.side == LEFT)[:, None]
-    other = np.where(left[..., None], rims.points[None, :, 0], rims.points[None, :, 1])
+def _corners(edges: _Edges) -> np.ndarray:
+    """(N, N): row is a left or right edge, column a top or bottom one, and they meet in space at a right angle."""
+    upright = (edges.side == LEFT) | (edges.side == RIGHT)
+    down, right = edges.direction[:, None], edges.direction[None, :]
+    top = (edges.side == TOP)[None, :]
+    corner = np.where(top[..., None], edges.points[:, None, 0], edges.points[:, None, 1])
+    left = (edges.side == LEFT)[:, None]
+    other = np.where(left[..., None], edges.points[None, :, 0], edges.points[None, :, 1])
     normal = np.cross(right, down)
     size = np.linalg.norm(normal, axis=2)
     offset = other - corner
     along_down, along_right = (offset * down).sum(axis=2), (offset * right).sum(axis=2)
-    middle = rims.points.mean(axis=1)
+    middle = edges.points.mean(axis=1)
     inside = middle[None, :] - middle[:, None]
     fits = upright[:, None] & ~upright[None, :] & (size > 0.977)
     fits &= ((inside * right).sum(axis=2) > 0) == left
     fits &= ((inside * down).sum(axis=2) < 0) == top
     # the lines pass each other closely; where each ends may be hidden
     fits &= np.abs((normal * offset).sum(axis=2)) < 0.03 * corner[..., 2] * size
-    fits &= np.abs(along_down) < 0.10 + 0.25 * rims.length[:, None]
-    return fits & (np.abs(along_right) < 0.10 + 0.25 * rims.length[None, :])
+    fits &= np.abs(along_down) < 0.10 + 0.25 * edges.length[:, None]
+    return fits & (np.abs(along_right) < 0.10 + 0.25 * edges.length[None, :])
 
 
-def _pairs(rims: _Rims, settings: DetectionSettings, one: int, other: int) -> np.ndarray:
-    """(N, N): row is a rim on side ``one``, column one on the other side, parallel and side by side."""
-    down = rims.direction[:, None] + rims.direction[None, :]
+def _pairs(edges: _Edges, settings: DetectionSettings, one: int, other: int) -> np.ndarray:
+    """(N, N): row is an edge on side ``one``, column one on the other side, parallel and side by side."""
+    down = edges.direction[:, None] + edges.direction[None, :]
     down /= np.maximum(np.linalg.norm(down, axis=2, keepdims=True), 1e-9)
-    middle = rims.points.mean(axis=1)
+    middle = edges.points.mean(axis=1)
     across = middle[None, :] - middle[:, None]
     across = across - (across * down).sum(axis=2, keepdims=True) * down
     width = np.linalg.norm(across, axis=2)
-    start = np.einsum("nc,nmc->nm", rims.points[:, 0], down), np.einsum("mc,nmc->nm", rims.points[:, 0], down)
-    stop = np.einsum("nc,nmc->nm", rims.points[:, 1], down), np.einsum("mc,nmc->nm", rims.points[:, 1], down)
+    start = np.einsum("nc,nmc->nm", edges.points[:, 0], down), np.einsum("mc,nmc->nm", edges.points[:, 0], down)
+    stop = np.einsum("nc,nmc->nm", edges.points[:, 1], down), np.einsum("mc,nmc->nm", edges.points[:, 1], down)
     shared = np.minimum(*stop) - np.maximum(*start)
-    fits = (rims.side == one)[:, None] & (rims.side == other)[None, :]
-    fits &= rims.direction @ rims.direction.T > 0.985
+    fits = (edges.side == one)[:, None] & (edges.side == other)[None, :]
+    fits &= edges.direction @ edges.direction.T > 0.985
     fits &= (settings.min_size < width) & (width < settings.max_size) & (across[..., 0 if one == LEFT else 1] > 0)
-    return fits & (shared > 0.6 * np.maximum(rims.length[:, None], rims.length[None, :]))
+    return fits & (shared > 0.6 * np.maximum(edges.length[:, None], edges.length[None, :]))
 
 
 def _hypothesis(sides: dict[int, Segment]) -> Hypothesis | None:
@@ -122,12 +122,12 @@ def _hypothesis(sides: dict[int, Segment]) -> Hypothesis | None:
 
 
 def _completed(
-    guess: Hypothesis, segments: list[Segment], rims: _Rims, settings: DetectionSettings
+    guess: Hypothesis, segments: list[Segment], edges: _Edges, settings: DetectionSettings
 ) -> Hypothesis | None:
-    """The rectangle with all rims that lie on it, refitted; None when it is no mirror's size."""
+    """The rectangle with all edges that lie on it, refitted; None when it is no mirror's size."""
     for _ in range(2):
         missing = [side for side in range(4) if side not in guess.sides]
-        added = {side: _fourth(side, guess, segments, rims, settings) for side in missing}
+        added = {side: _fourth(side, guess, segments, edges, settings) for side in missing}
         sides = {**guess.sides, **{side: segment for side, segment in added.items() if segment is not None}}
         refitted = _hypothesis(sides)
         if refitted is None:
@@ -151,7 +151,7 @@ def _completed(
 
 
 def _fourth(
-    side: int, guess: Hypothesis, segments: list[Segment], rims: _Rims, settings: DetectionSettings
+    side: int, guess: Hypothesis, segments: list[Segment], edges: _Edges, settings: DetectionSettings
 ) -> Segment | None:
     """The segment on the guessed plane that best ends at the corners with the sides that are known."""
     axis = 0 if side in (LEFT, RIGHT) else 1  # basis column that the side stands across
@@ -160,9 +160,9 @@ def _fourth(
     opposite = guess.sides.get(_OPPOSITE[side])
     across = [guess.sides[k] for k in ((TOP, BOTTOM) if axis == 0 else (LEFT, RIGHT)) if k in guess.sides]
     best, cost = None, np.inf
-    flat = np.abs((rims.points - guess.point) @ guess.basis[:, 2]).max(axis=1) < tolerance
-    along = np.abs(rims.direction @ guess.basis[:, 1 - axis]) > 0.985
-    for k in np.flatnonzero((rims.side == side) & flat & along):
+    flat = np.abs((edges.points - guess.point) @ guess.basis[:, 2]).max(axis=1) < tolerance
+    along = np.abs(edges.direction @ guess.basis[:, 1 - axis]) > 0.985
+    for k in np.flatnonzero((edges.side == side) & flat & along):
         segment = segments[k]
         at = (segment.points - guess.point) @ guess.basis[:, :2]
         place = at[:, axis].mean()

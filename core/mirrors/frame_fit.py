@@ -21,7 +21,7 @@ from .frame_pixels import grow_frame
 from .frame_sides import WIDEST
 from .glass_kernels import glass_of, in_box, place_on_plane
 from .mirror import Mirror, oriented
-from .wall_behind_frame import part_wall
+from .wall_behind_frame import separate_wall
 
 
 def fit_frame(
@@ -84,9 +84,9 @@ def fit_frame(
             break
     if fitted is None:
         return None
-    parted = part_wall(u, v, depth, fitted, intrinsics.lens, mirror.point, mirror.basis, mirror.rectangle)
-    placed = _on_frame(mirror, parted.u, parted.v, depth, parted.fitted, intrinsics, outward)
-    return replace(placed, covariance=placed.covariance + np.diag((0.0, 0.0, parted.unsure**2)))
+    separated = separate_wall(u, v, depth, fitted, intrinsics.lens, mirror.point, mirror.basis, mirror.rectangle)
+    placed = _on_frame(mirror, separated.u, separated.v, depth, separated.fitted, intrinsics, outward)
+    return replace(placed, covariance=placed.covariance + np.diag((0.0, 0.0, separated.depth_error**2)))
 
 
 def without_frames(depth: np.ndarray, mirrors: Iterable[Mirror], intrinsics: Intrinsics) -> np.ndarray:

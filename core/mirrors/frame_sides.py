@@ -64,7 +64,7 @@ def frame_sides(
 
 
 _FRAME_MET, _LEFT_IMAGE = 1, 2
-_SHADOW = 6  # px without a reading beside something that stands before a mirror are that thing's shadow, more the glass
+_SHADOW = 6  # px without a reading beside an object before a mirror are that object's shadow, more are the glass
 
 
 @njit(cache=True, nogil=True)
@@ -76,29 +76,29 @@ def _sides_kernel(depth, lens, plane, tolerance, point, basis, rectangle, widest
     for axis in range(2):
         low, high = rectangle[1 - axis]
         for end in range(2):
-            told, gone = 0, 0
+            met, gone = 0, 0
             for i in range(_LINES):
                 place = low + (0.06 + 0.88 * i / (_LINES - 1)) * (high - low)
                 state, begins, ends = _walk(
                     depth, lens, plane, tolerance, point, basis, axis, end, rectangle[axis], place, widest
                 )
                 if state == _FRAME_MET:
-                    places[told], edges[told, 0], edges[told, 1] = place, begins, ends
-                    told += 1
+                    places[met], edges[met, 0], edges[met, 1] = place, begins, ends
+                    met += 1
                 elif state == _LEFT_IMAGE:
                     gone += 1
-            cut[axis, end] = gone > max(2 * told, _LINES // 6)
-            if told < max(6, gone // 2):
+            cut[axis, end] = gone > max(2 * met, _LINES // 6)
+            if met < max(6, gone // 2):
                 continue
-            x, y = places[:told] - places[:told].mean(), edges[:told, 0]
-            half = told // 2
+            x, y = places[:met] - places[:met].mean(), edges[:met, 0]
+            half = met // 2
             tilt = np.median((y[half : 2 * half] - y[:half]) / (x[half : 2 * half] - x[:half]))
             level = np.median(y - tilt * x)
             near = np.abs(y - tilt * x - level) < _STRAY
-            if near.sum() < max(6.0, 0.4 * told):
+            if near.sum() < max(6.0, 0.4 * met):
                 continue
-            inner[axis, end] = level + tilt * (0.5 * (low + high) - places[:told].mean())
-            width = np.median(np.abs(edges[:told, 1] - y)[near])
+            inner[axis, end] = level + tilt * (0.5 * (low + high) - places[:met].mean())
+            width = np.median(np.abs(edges[:met, 1] - y)[near])
             outer[axis, end] = inner[axis, end] + (2 * end - 1) * width
             # seen along b a side drifts along a by the tangent of the turn, the other way round against it
             share = near.sum() * (x[near].max() - x[near].min()) ** 2

@@ -12,7 +12,7 @@ from .frame_sides import frame_sides
 from .mirror import Mirror, oriented
 
 
-def with_sides(
+def with_measured_sides(
     mirror: Mirror,
     frame: np.ndarray,
     picked: np.ndarray,
@@ -23,6 +23,19 @@ def with_sides(
 ) -> Mirror:
     """The mirror turned as its frame is, with the rectangle that this encloses.
 
+    Parameters
+    ----------
+    frame, picked : np.ndarray [shape=(K, 3)]
+        The frame's points, and the picks that lie on the plane [m].
+    drawn : np.ndarray [shape=(K, 3)]
+        All picks, where their lines of sight meet the plane [m].
+    depth : np.ndarray [shape=(H, W), dtype=float32]
+        z [m], 0 = no reading.
+    fitted : DisparityPlane
+        Of the frame.
+
+    Notes
+    -----
     Each side is where the depth across it says, see :func:`.frame_sides.frame_sides`; the extent of the pixels that
     were grown, which may run on along the floor or a wall, counts only where no evidence is.
     """
@@ -71,7 +84,7 @@ def _extent(frame: np.ndarray, picked: np.ndarray, drawn: np.ndarray, mirror: Mi
             start = sign * said[axis, end] + _FRAME_WIDTH / 2
             far = sign * extent[axis, end] - start
             if far > _FRAME_WIDTH / 2:
-                # a frame that goes on past the picks stays a rim, a wall is a surface
+                # a frame that goes on past the picks stays a narrow band, a wall is a surface
                 beyond = grown[sign * grown[:, axis] > start]
                 cells = np.floor(beyond / _SURFACE_CELL).astype(np.int64)
                 filled = len(np.unique(cells[:, 0] * 100_003 + cells[:, 1])) * _SURFACE_CELL**2
@@ -164,6 +177,6 @@ def glass_corners(mirror: Mirror) -> np.ndarray | None:
 
 _FRAME_WIDTH = 0.15  # more than a frame is wide [m]
 _PAST_PICKS = 0.01  # about as far outside of picks on a wall a mirror ends [m]
-_SURFACE_CELL = 0.03  # side of the cells that tell a rim from a surface [m]
+_SURFACE_CELL = 0.03  # side of the cells that tell a frame from a surface [m]
 _SHORT_OF_PICKS = 0.04  # a side that ends so far inside of picks on the plane is not the frame's [m]
 _PAST_BORDER = 2.0  # how far glass is taken to go on past the image's border [m]

@@ -11,9 +11,9 @@ from ..capture import MirrorPicks
 from ..errors import MirrorError, PicksDisagreeError
 from .disparity_plane import DisparityPlane, disparity_of_plane, fit_core, plane_covariance, plane_of_disparity
 from .frame_pixels import grow_frame
-from .glass_extent import with_rectangle, with_sides
+from .glass_extent import with_measured_sides, with_rectangle
 from .mirror import Mirror, oriented, plane_mirror
-from .wall_behind_frame import part_wall
+from .wall_behind_frame import separate_wall
 
 
 @dataclass(frozen=True)
@@ -205,11 +205,11 @@ def _grow(
         return None
     u, v, fitted = grown
     mirror, core = _on_pixels(u, v, fitted, depth, seeds, cloud, plane, intrinsics)
-    parted = part_wall(u, v, depth, fitted, intrinsics.lens, mirror.point, mirror.basis, mirror.rectangle)
-    if parted.fitted is not fitted:
-        mirror, core = _on_pixels(parted.u, parted.v, parted.fitted, depth, seeds, cloud, plane, intrinsics)
+    separated = separate_wall(u, v, depth, fitted, intrinsics.lens, mirror.point, mirror.basis, mirror.rectangle)
+    if separated.fitted is not fitted:
+        mirror, core = _on_pixels(separated.u, separated.v, separated.fitted, depth, seeds, cloud, plane, intrinsics)
     covariance = plane_covariance(core, intrinsics, mirror.point, mirror.basis)
-    return replace(mirror, covariance=covariance + np.diag((0.0, 0.0, parted.unsure**2)))
+    return replace(mirror, covariance=covariance + np.diag((0.0, 0.0, separated.depth_error**2)))
 
 
 def _on_pixels(
@@ -238,7 +238,7 @@ def _on_pixels(
     # where the lines of sight to all picks meet the plane, whatever was read there
     rays = picked / np.maximum(picked[:, 2:], 1e-9)
     drawn = rays * (d / (rays @ normal))[:, None] if np.abs(rays @ normal).min() > _EDGE_ON else picked
-    mirror = with_sides(
+    mirror = with_measured_sides(
         mirror, points, picked[on_plane] if on_plane.any() else points, drawn, depth, core, intrinsics
     )  # fmt: skip
     return mirror, core

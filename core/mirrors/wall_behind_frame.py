@@ -1,4 +1,4 @@
-"""A frame that hangs on a wall, told from the wall by the step between them."""
+"""A frame that hangs on a wall, separated from the wall by the step between them."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from .mirror import Mirror
 THICK = 0.01
 """How far a mirror's glass may stand before the wall it hangs on, one standard deviation [m]."""
 _DEEPEST_FRAME = 0.035  # farther before the wall than that nobody takes a frame for it [m]
-_CLEAR_STEP = 4.0  # standard deviations by which a frame must stand before the wall to be told from it
+_CLEAR_STEP = 4.0  # standard deviations by which a frame must stand before the wall to be separated from it
 _SIDE_PARTS = 6  # of each side, asked one by one
 _FEW_READINGS = 5  # readings of a part that say too little
 
 
 @dataclass(frozen=True)
-class Parted:
+class SeparatedFrame:
     """A frame without the wall about it: its pixels, their plane, and how far the glass may well be off it, one
     standard deviation [m]: 0 but where the plane is the wall's."""
 
     u: np.ndarray
     v: np.ndarray
     fitted: DisparityPlane
-    unsure: float
+    depth_error: float
 
 
-def part_wall(
+def separate_wall(
     u: np.ndarray,
     v: np.ndarray,
     depth: np.ndarray,
@@ -39,8 +39,8 @@ def part_wall(
     point: np.ndarray,
     basis: np.ndarray,
     rectangle: np.ndarray,
-) -> Parted:
-    """The frame of a mirror that hangs on a wall, told from the wall behind it.
+) -> SeparatedFrame:
+    """The frame of a mirror that hangs on a wall, separated from the wall behind it.
 
     A frame is a few pixels wide, and a wall a centimetre behind it is, pixel by pixel, on its plane. Over the length of
     the sides the step between them shows: readings are sorted by how far outside of the glass they are, the step is
@@ -71,8 +71,8 @@ def part_wall(
         inner, outer, _, _ = frame_sides(depth, lens, plane, limit, point, basis, rectangle)
     goes_on = outer == inner  # false where NaN
     if not goes_on.any():
-        return Parted(u, v, fitted, 0.0)
-    wall = Parted(u, v, fitted, THICK if goes_on.sum() > 1 else 0.0)
+        return SeparatedFrame(u, v, fitted, 0.0)
+    wall = SeparatedFrame(u, v, fitted, THICK if goes_on.sum() > 1 else 0.0)
     pixel = z / (0.5 * (lens[0] + lens[1]))
     count, total = _beside_kernel(
         depth, lens, plane, point, basis, inner, limit, pixel, int(WIDEST / pixel), _SIDE_PARTS
@@ -85,25 +85,25 @@ def part_wall(
         if few > 0 and many > 0:
             parted = few * many / (few + many) * (near[:, k - 1].sum() / few - far[:, k].sum() / many) ** 2
             best, step = (parted, k) if parted > best else (best, step)
-    told = (
+    seen = (
         (below[:, step - 1] > _FEW_READINGS) & (above[:, step] > _FEW_READINGS)
         if step
         else np.zeros(len(count), np.bool_)
     )
-    if told.sum() < _SIDE_PARTS:
+    if seen.sum() < _SIDE_PARTS:
         return wall
-    few, many = below[told, step - 1], above[told, step]
-    rise = near[told, step - 1] / few - far[told, step] / many
+    few, many = below[seen, step - 1], above[seen, step]
+    rise = near[seen, step - 1] / few - far[seen, step] / many
     weight = few * many / (few + many)
     mean = (weight * rise).sum() / weight.sum()
     error = np.sqrt((weight**2 * (rise - mean) ** 2).sum()) / weight.sum()
     if mean < _CLEAR_STEP * error:
         return wall
     ends = max(step, 2) * pixel  # a pixel less than where it steps
-    level = near[told, step - 1].sum() / few.sum()
+    level = near[seen, step - 1].sum() / few.sum()
     mine_u, mine_v = _frame_kernel(depth, lens, plane, point, basis, inner, level, tolerance, ends)
     again = disparity_plane(mine_u, mine_v, depth[mine_v, mine_u]) if len(mine_u) >= 30 else None
-    return wall if again is None else Parted(mine_u, mine_v, again, 0.0)
+    return wall if again is None else SeparatedFrame(mine_u, mine_v, again, 0.0)
 
 
 @njit(cache=True, nogil=True)

@@ -10,7 +10,7 @@ from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mirror_detection.detection import find_mirrors
 from mirror_scan.core.mirror_detection.edge_segments import DetectionSettings
-from mirror_scan.core.mirror_detection.identical_frames import Measures, a_pair, one_make
+from mirror_scan.core.mirror_detection.identical_frames import FrameMeasures, is_pair, same_make
 from mirror_scan.core.mirrors.mirror import person_before, plane_mirror, reflect
 from mirror_scan.core.simulation.props import box, placed, together
 from mirror_scan.core.simulation.rays import PROP
@@ -84,18 +84,18 @@ def test_an_empty_rig_in_which_nothing_is_read(person):
         true = next(m for m in truth.mirrors if m.name == mirror.name)
         assert misplaced(mirror, true, person_before(mirror)) < 0.009
     one = frame((0.8, 1.75), (0.04,) * 4)
-    assert a_pair(one, frame((0.8, 1.75), (0.04,) * 4, turned=0.6))
-    assert not a_pair(one, frame((0.8, 1.75), (0.04,) * 4)), "in one wall"
-    assert not a_pair(one, frame((0.8, NAN), (0.04,) * 4, turned=0.6))
+    assert is_pair(one, frame((0.8, 1.75), (0.04,) * 4, turned=0.6))
+    assert not is_pair(one, frame((0.8, 1.75), (0.04,) * 4)), "in one wall"
+    assert not is_pair(one, frame((0.8, NAN), (0.04,) * 4, turned=0.6))
 
 
-def frame(size, bars, level=0.0, turned=0.0, cut=()) -> Measures:
+def frame(size, bars, level=0.0, turned=0.0, cut=()) -> FrameMeasures:
     """At 3 m, its inner bottom edge at a height."""
     edges = np.array(((0.0, -level - 1.75, 3.0), (0.0, -level, 3.0)))
     bars, at_border = np.array(bars, dtype=float).reshape(2, 2), np.zeros(4, np.bool_)
     at_border[list(cut)] = True
     across = np.array((np.cos(turned), 0.0, np.sin(turned)))
-    return Measures(np.array(size), bars, at_border.reshape(2, 2), edges, across, 0.005)
+    return FrameMeasures(np.array(size), bars, at_border.reshape(2, 2), edges, across, 0.005)
 
 
 @pytest.mark.parametrize(
@@ -117,4 +117,4 @@ def frame(size, bars, level=0.0, turned=0.0, cut=()) -> Measures:
     ],
 )
 def test_one_make(new, shows, same):
-    assert one_make(new, frame((0.8, 1.75), (0.04, 0.042, 0.039, 0.04)), shows) is same
+    assert same_make(new, frame((0.8, 1.75), (0.04, 0.042, 0.039, 0.04)), shows) is same
