@@ -93,16 +93,15 @@ def find_frameless(
 def frameless_notes(mirrors: list[Mirror]) -> tuple[str, ...]:
     """What the user should know of mirrors that were placed without a frame, and are not sure."""
     bare = tuple(
-        f"{m.name}: nothing is seen of its frame; where it stands was told from the figure that it shows, which may be "
-        f"misplaced by {1000.0 * error:.0f} mm; strips of paper or tape, 3 cm wide, along its edges would make that "
-        "surer"
+        f"{m.name}: no frame is visible; its plane was computed from the person it shows, and its reflection may be "
+        f"misplaced by {1000.0 * error:.0f} mm; strips of paper or tape, 3 cm wide, along its edges would reduce that"
         for m in mirrors
         if m.source == "found" and not m.refined and (error := expected_error(m)) > _WARN_ERROR
     )
     return bare + tuple(
-        f"{m.name}: hangs on a wall, and no frame stands out before it: its plane was taken to be the wall's, and what "
-        "it shows is misplaced by twice as much as its glass stands before the wall; strips of paper or tape, 3 cm "
-        "wide, on the edges of the glass would tell where that is"
+        f"{m.name}: hangs on a wall, and no frame projects in front of the wall: the wall's plane was taken for the "
+        "mirror's, and its reflection is misplaced by twice the distance from the wall to the glass; strips of paper "
+        "or tape, 3 cm wide, on the edges of the glass would show where the glass is"
         for m in mirrors
         if m.refined and m.source != "rig file" and on_wall(m)
     )

@@ -117,8 +117,8 @@ def place_mirror(
             mirror = grown
     if abs(mirror.normal @ mirror.point) < _EDGE_ON * np.linalg.norm(mirror.point):
         raise MirrorError(
-            f"{picks.name}: the plane through the picks is seen edge-on, nothing could be seen in it; pick on the "
-            "frame itself, on at least two of its sides, not on the glass or on what stands before it"
+            f"{picks.name}: the plane through the picks is seen edge-on, so that nothing could be seen in it; pick on "
+            "the frame itself, on at least two of its sides, not on the glass or on something in front of it"
         )
     if settings.glass_offset:
         mirror = replace(mirror, point=mirror.point - settings.glass_offset * mirror.normal)
@@ -182,9 +182,8 @@ def _without_outliers(points: np.ndarray, plane: Mirror) -> Mirror:
     if near < 0.6 * count:
         raise PicksDisagreeError(
             f"{plane.name}: only {near} of {count} picked points lie in one plane, the others up to "
-            f"{best.max():.1f} m off it; pick on the frame itself, not on the glass. A mirror without a frame that "
-            "stands clear of the wall shows only by the person in it where it is, and here that is not enough: put "
-            "strips of paper or tape, 3 cm wide, along its edges"
+            f"{best.max():.1f} m off it; pick on the frame itself, not on the glass. If the mirror has no frame "
+            "and does not hang on a wall, put strips of paper or tape, 3 cm wide, along its edges"
         )
     inlier = best <= max(3.0 * np.median(best), 0.02)
     if inlier.sum() < 4:

@@ -65,16 +65,16 @@ def read_rig(path: str | os.PathLike) -> RigFile:
     path = Path(path)
     try:
         if path.stat().st_size > MAX_BYTES:
-            raise MirrorError(f"{path}: is too large for a rig file; make one with “mirror-scan calibrate”")
+            raise MirrorError(f"{path}: is too large to be a rig file; make one with “mirror-scan calibrate”")
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not JSON"
         raise MirrorError(f"{path}: cannot be read as a rig file: {reason}") from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise MirrorError(f"{path}: is no rig file; make one with “mirror-scan calibrate”")
+        raise MirrorError(f"{path}: is not a rig file; make one with “mirror-scan calibrate”")
     if content.get("version") != VERSION:
         raise MirrorError(
-            f"{path}: is of version {content.get('version')}, this program reads {VERSION}; calibrate again"
+            f"{path}: has version {content.get('version')}, this program reads version {VERSION}; calibrate again"
         )
     lens, entries = content.get("intrinsics"), content.get("mirrors")
     if not isinstance(lens, dict) or not isinstance(entries, list) or not entries:
@@ -109,12 +109,14 @@ def _array(path: Path, name: str, entry: dict, key: str, shape: tuple[int, ...])
 
 def _mirror(path: Path, place: int, entry: object, intrinsics: Intrinsics) -> Mirror:
     if not isinstance(entry, dict):
-        raise MirrorError(f"{path}: mirror {place} is no object; calibrate again")
+        raise MirrorError(f"{path}: mirror {place} is not a JSON object; calibrate again")
     name = entry.get("name") if isinstance(entry.get("name"), str) else f"mirror {place}"
     point, normal, down = (_array(path, name, entry, key, (3,)) for key in ("point", "normal", "down"))
     rectangle = _array(path, name, entry, "rectangle", (2, 2))
     if (rectangle[:, 0] >= rectangle[:, 1]).any() or np.linalg.norm(np.cross(normal, down)) < 0.1:
-        raise MirrorError(f"{path}: {name}: has no extent, or its normal points down its own side; calibrate again")
+        raise MirrorError(
+            f"{path}: {name}: its rectangle is empty, or “normal” and “down” are parallel; calibrate again"
+        )
     placed = plane_mirror(name, point, normal)
     normal, basis = oriented(placed.normal, point, down)
     covariance = entry.get("covariance")
@@ -122,7 +124,7 @@ def _mirror(path: Path, place: int, entry: object, intrinsics: Intrinsics) -> Mi
         covariance = _array(path, name, entry, "covariance", (3, 3))
         spread = np.linalg.eigvalsh(0.5 * (covariance + covariance.T))
         if spread[0] < -1e-6 * max(spread[-1], 0.0) or np.abs(covariance - covariance.T).max() > 1e-6 * spread[-1]:
-            raise MirrorError(f"{path}: {name}: “covariance” is none; calibrate again")
+            raise MirrorError(f"{path}: {name}: “covariance” is not a covariance matrix; calibrate again")
     return at_border(
         replace(
             placed,
