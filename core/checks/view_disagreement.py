@@ -13,7 +13,7 @@ from ..mirrors import Mirror
 from ..mirrors.mirror import expected_error
 from ..numeric.point_products import dot
 from ..subject.subject_views import Views
-from ..views.view_correspondences import Meeting, meetings, noise_of, surfaces
+from ..views.view_correspondences import Correspondences, find_correspondences, noise_of, surfaces
 
 _RADIUS = 1.0  # how far from the vertical through the subject it may reach [m]
 _THROUGH = 0.3  # of what one view shows may be looked through by another: silhouettes are ragged
@@ -85,8 +85,8 @@ def disagreements(depth: np.ndarray, views: Views, mirrors: list[Mirror], intrin
     labels = _about_kernel(views.labels, views.seen, views.points, views.up, views.axis, low, high + 0.1)
     sigma = noise_of(depth, labels)
     shown = [surfaces(depth, labels, view, intrinsics, sigma) for view in range(len(mirrors) + 1)]
-    both_ways: dict[tuple[int, int], list[Meeting]] = {}
-    for m in meetings(mirrors, shown, intrinsics, _OTHER_PART, depth, views.seen):
+    both_ways: dict[tuple[int, int], list[Correspondences]] = {}
+    for m in find_correspondences(mirrors, shown, intrinsics, _OTHER_PART, depth, views.seen):
         both_ways.setdefault((min(m.of, m.by), max(m.of, m.by)), []).append(m)
     contradictions = []  # pair, distance, share looked through
     doubt = np.zeros(len(mirrors) + 1)  # how far each mirror contradicts the direct view, be it too little to report
@@ -110,7 +110,7 @@ def disagreements(depth: np.ndarray, views: Views, mirrors: list[Mirror], intrin
     return [worst[k] for k in sorted(worst)]
 
 
-def _distance(found: list[Meeting]) -> float:
+def _distance(found: list[Correspondences]) -> float:
     """Median distance [m] of surfaces that two views both see; 0 when it is no more than noise, or they hardly meet."""
     # what lies far behind what the other view sees there may well be hidden from it
     gaps = [np.abs(m.gaps[m.gaps < _HIDDEN]) for m in found] + [np.full(m.before, _OTHER_PART) for m in found]
@@ -134,7 +134,7 @@ def _blame(pair: tuple[int, int], mirrors: list[Mirror], doubt: np.ndarray, dire
     return guilty, witness, abs(one - other) > _CERTAIN
 
 
-def _looked_through(m: Meeting) -> float:
+def _looked_through(m: Correspondences) -> float:
     """Share of the pieces, where there are enough to go by; of a few most must say so."""
     share = m.through / max(m.judged, 1)
     return share if m.judged >= 100 or (m.judged >= _FEWEST and share > 0.7) else 0.0

@@ -1,4 +1,4 @@
-"""A mirror's plane from all of its frame's pixels, and from what is seen both directly and in it; how sure it is."""
+"""A mirror's plane, and its covariance, from what is seen both directly and in it."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from ..mirrors.glass_kernels import (
     share_at_glass,
 )
 from ..mirrors.mirror import moved, reflect, reflection_moves, with_reason
+from ..notices import Notice
 from ..numeric.threads import each
 from .pose_solver import (
     ALL,
@@ -56,9 +57,9 @@ class JointSettings:
     offset : float
         How far the glass may well lie off the frame's plane, one standard deviation [m].
     max_shift, max_slope : float
-        Bounds of the whole step [m], [rad].
+        Bounds of the whole correction [m], [rad].
     gain : float
-        The step is made only when it brings the distance of surfaces it was not fitted to down to this share.
+        The correction is made only when it brings the distance of surfaces it was not fitted to down to this share.
     min_pairs : int
         Of surface points seen both ways.
     two_sided : bool
@@ -80,11 +81,11 @@ def align_reflections(
 ) -> tuple[list[Mirror], tuple[str, ...]]:
     """Mirrors moved until what they show meets what is seen directly; each stays when that cannot be shown to help.
 
-    A frame may stand proud of its glass, which puts the reflection off by twice as much and which no fit of the frame
-    can tell. Readings in the glass are flipped, laid on the direct readings in the same line of sight, and the
-    distances along these surfaces' normals minimised over two slopes and a shift, with the frame's covariance (and
-    ``offset``) as prior. The pairs are split into two sets of image blocks; both must ask for the same step, and what
-    one asks for must bring the other's pairs together.
+    A frame may project in front of its glass, which displaces the reflection by twice as much and which no fit of the
+    frame can tell. Readings in the glass are reflected, compared with the direct readings in the same line of sight,
+    and the distances along these surfaces' normals minimised over two slopes and a shift, with the frame's covariance
+    (and ``offset``) as prior. The pairs are split into two sets of image blocks; both must ask for the same correction,
+    and what one asks for must bring the other's pairs together.
 
     Parameters
     ----------
@@ -109,12 +110,24 @@ def align_reflections(
     for mirror, better in zip(mirrors, each(aligned, mirrors), strict=True):
         if better is not None:
             shift = 1000.0 * float((better.point - mirror.point) @ mirror.normal)
-            notes.append(
-                f"{mirror.name}: its glass lies {abs(shift):.0f} mm {'behind' if shift < 0 else 'before'} the front of "
-                "its frame, as what is seen both directly and in it shows; the mirror's plane was moved there"
-            )
+            notes.append(_note(mirror, shift))
         out.append(mirror if better is None else with_reason(better, mirror, "reflections"))
     return out, tuple(notes)
+
+
+def _note(mirror: Mirror, shift: float) -> Notice:
+    """What is reported of a shift [mm] towards the camera."""
+    if shift < 0.0:
+        return Notice(
+            "{name}: its glass lies {depth:.0f} mm behind the front of its frame, as surfaces seen both directly and "
+            "in it show; the mirror's plane was moved there",
+            name=mirror.name, depth=-shift, mirrors=[mirror.name],
+        )  # fmt: skip
+    return Notice(
+        "{name}: its glass lies {depth:.0f} mm in front of its frame, as surfaces seen both directly and in it show; "
+        "the mirror's plane was moved there",
+        name=mirror.name, depth=shift, mirrors=[mirror.name],
+    )  # fmt: skip
 
 
 def _aligned(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, settings: JointSettings) -> Mirror | None:
@@ -174,8 +187,8 @@ def _median(parts: list[np.ndarray]) -> float:
 
 
 def _shown(mirror, depth, intrinsics, settings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What the glass shows turned so that the camera might see it directly too: points (N, 3) and normals (N, 3) where
-    they are laid, behind the glass, and halves (N,) by image blocks."""
+    """What the glass shows that faces so that the camera might see it directly too: points (N, 3) and normals (N, 3) as
+    read, behind the glass, and halves (N,) by image blocks."""
     corners = np.array([(x, y) for x in mirror.rectangle[0] for y in mirror.rectangle[1]])
     box = project(mirror.point + corners @ mirror.basis[:, :2].T, intrinsics)
     size = np.array((intrinsics.width, intrinsics.height))
@@ -191,7 +204,7 @@ def _shown(mirror, depth, intrinsics, settings) -> tuple[np.ndarray, np.ndarray,
 
 
 def _pairs(mirror, points, facing, depth, intrinsics, settings, gate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Flipped points (N, 3), normals (N, 3) of the direct surfaces they meet, and distances (N,) along these."""
+    """Reflected points (N, 3), normals (N, 3) of the direct surfaces they meet, and distances (N,) along these."""
     q, normals, gap = np.empty_like(points), np.empty_like(points), np.empty(len(points))
     n = _pairs_kernel(
         depth, intrinsics.lens, glass_of([mirror]), points, facing, gate, settings.two_sided, q, normals, gap
@@ -243,6 +256,7 @@ def _shown_kernel(depth, lens, glass, low, high, two_sided, out_p, out_n, out_ha
             at = share_at_glass(glass, 0, (u - cx) / fx, y, 1.0, _OFF_FRAME)
             if z < at + _BEHIND_GLASS or not _surface(depth, lens, u, v, p, n):
                 continue
+            # surfaces at right angles to the mirror, like the floor, tell nothing of its place
             normal = glass.planes[0]
             if abs(n[0] * normal[0] + n[1] * normal[1] + n[2] * normal[2]) < _ACROSS:
                 continue

@@ -24,6 +24,7 @@ from ..mirrors.mirror import (
     reflection_shift,
     with_reason,
 )
+from ..notices import Notice
 from ..numeric.point_products import transform
 from ..views.view_maps import ViewMaps
 from .pose_solver import (
@@ -87,7 +88,7 @@ _SETTLED = 5e-4  # of slopes [rad] and shifts [m]
 _CHANCE = 0.1  # so few offsets may be larger than their noise: then there is nothing to gain
 _FITS = 1.5  # times their noise: by more the offsets must not be off in the end, else it is not the mirrors
 _EACH_ROUND = 0.6  # of the confidence that a move needs, each round must show
-_IN_FRONT = 0.004  # so far a glass may lie in front of the front of its frame: stuck onto a board [m]
+_IN_FRONT = 0.004  # so far a glass may lie in front of its frame: stuck onto a board [m]
 _MOVED = 1e-6  # at the person, else it is where it was [m]
 _FEWEST = 4  # pieces that can be halved
 _LEAST_DEVIATION, _MOST_DEVIATION = 1e-6, 1.0  # of slopes [rad] and shifts [m], one standard deviation
@@ -287,7 +288,7 @@ def _kept(rig: _Rig, at: list[Mirror]) -> list[Mirror] | None:
     at = list(at)
     certain = rig.doubted | (rig.confidence(at) >= rig.settings.confidence)
     for k, known, shift in zip(rig.free, certain, rig.shifts(at), strict=True):
-        if not known or shift < _MOVED:  # no seam of its view told anything, or not enough
+        if not known or shift < _MOVED:  # no seam of its view says anything, or not enough
             at[k] = rig.mirrors[k]
     return at if any(new is not old for new, old in zip(at, rig.mirrors, strict=True)) else None
 
@@ -298,25 +299,33 @@ def _depth(old: Mirror, new: Mirror) -> float:
     return float((middle - new.point) @ new.normal)
 
 
-def _note(old: Mirror, new: Mirror, distance: float, doubted: bool, glass_offset: float) -> str:
+def _note(old: Mirror, new: Mirror, distance: float, doubted: bool, glass_offset: float) -> Notice:
     """What is reported of a move by ``distance`` [m] at a person; from where the glass was taken to be."""
-    depth = _depth(old, new)
+    depth, values = _depth(old, new), {"name": old.name, "distance": 1000.0 * distance, "mirrors": [old.name]}
     if doubted:
-        return (
-            f"{old.name}: the seams between its reflection and the other views show a step; its plane, which is not "
-            f"known well from what is seen of its frame, was moved by {1000.0 * distance:.0f} mm at the person"
+        return Notice(
+            "{name}: the seams between its reflection and the other views show an offset; its plane, which its frame "
+            "alone leaves uncertain, was moved by {distance:.0f} mm at the person",
+            **values,
         )
     if old.moved_by or 2.0 * abs(depth) < _SHIFTED * distance:  # not where its frame is; or rotated above all
-        return (
-            f"{old.name}: the seams between its reflection and the other views show a step; its plane was moved by "
-            f"{1000.0 * distance:.0f} mm at the person"
+        return Notice(
+            "{name}: the seams between its reflection and the other views show an offset; its plane was moved by "
+            "{distance:.0f} mm at the person",
+            **values,
         )
     depth += glass_offset
-    return (
-        f"{old.name}: the seams between its reflection and the other views show a step; its plane was moved by "
-        f"{1000.0 * distance:.0f} mm at the person, as if its glass lay {1000.0 * abs(depth):.0f} mm "
-        f"{'behind' if depth > 0.0 else 'before'} the front of its frame"
-    )
+    if depth > 0.0:
+        return Notice(
+            "{name}: the seams between its reflection and the other views show an offset; its plane was moved by "
+            "{distance:.0f} mm at the person, as if its glass were {depth:.0f} mm behind the front of its frame",
+            depth=1000.0 * depth, **values,
+        )  # fmt: skip
+    return Notice(
+        "{name}: the seams between its reflection and the other views show an offset; its plane was moved by "
+        "{distance:.0f} mm at the person, as if its glass were {depth:.0f} mm in front of its frame",
+        depth=-1000.0 * depth, **values,
+    )  # fmt: skip
 
 
 def _movable(mirror: Mirror) -> bool:

@@ -14,7 +14,7 @@ from ..camera import Intrinsics, unproject
 from ..mirrors import Mirror
 from ..mirrors.mirror import expected_error, reflection_moves, with_reason
 from ..views.ray_sorting import sort_rays
-from ..views.view_correspondences import Meeting, Surfaces, meetings, noise_of, views_of
+from ..views.view_correspondences import Correspondences, Surfaces, find_correspondences, noise_of, surfaces_of_views
 from .pose_solver import (
     ALL,
     NormalEquations,
@@ -90,7 +90,7 @@ def align_views(
     if not settings.use or not any(expected_error(mirrors[k]) > settings.uncertainty for k in columns):
         return list(mirrors), ()
     seen = sort_rays(unproject(depth, intrinsics), mirrors)[0]
-    shown = views_of(mirrors, depth, seen, intrinsics, noise_of(depth, seen))
+    shown = surfaces_of_views(mirrors, depth, seen, intrinsics, noise_of(depth, seen))
     pairs = _Pairs(mirrors, columns, shown, intrinsics)
     prior = frames_prior([mirrors[k] for k in columns])
     gates = [settings.gate * share for share in _GATES]
@@ -136,7 +136,7 @@ class _Pairs:
         """Normal equations of the pairs of one half, or ``ALL``, about a correction (P,); None of fewer pairs."""
         at = corrected(self.mirrors, self.columns, correction)
         out, count = [], 0
-        for m in meetings(at, self.shown, self.intrinsics, gate):
+        for m in find_correspondences(at, self.shown, self.intrinsics, gate):
             mine = slice(None) if which == ALL else m.half == which
             gaps = m.gaps[mine]
             if not len(gaps):
@@ -154,7 +154,9 @@ class _Pairs:
     def cost(self, correction: np.ndarray, gate: float, half: int) -> float:
         """How unlikely the pairs of a half are after a correction (P,): their negative log likelihood."""
         total = 0.0
-        for m in meetings(corrected(self.mirrors, self.columns, correction), self.shown, self.intrinsics, gate):
+        for m in find_correspondences(
+            corrected(self.mirrors, self.columns, correction), self.shown, self.intrinsics, gate
+        ):
             mine = m.half == half
             total += float(np.log1p(m.gaps[mine] ** 2 / m.variances[mine]).sum()) / self._correlated(m)
             if len(m.variances):  # a pair that is lost to the gate counts as one at it
@@ -162,7 +164,7 @@ class _Pairs:
                 total += m.before / 2 * lost / self._correlated(m)
         return total
 
-    def _correlated(self, m: Meeting) -> float:
+    def _correlated(self, m: Correspondences) -> float:
         """How many neighbouring pieces, which share pixels and errors, count as one."""
         s, t = self.shown[m.of], self.shown[m.by]
         return 2.0 * max((2 * s.radius + 1) / s.stride, (2 * t.radius + 1) / t.stride) ** 2

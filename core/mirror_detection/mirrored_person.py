@@ -21,7 +21,7 @@ from ..mirrors.mirror import (
     reflection_shift,
 )
 from ..numeric.point_products import dot
-from ..views.view_correspondences import Surfaces, meetings, noise_of, surfaces
+from ..views.view_correspondences import Surfaces, find_correspondences, noise_of, surfaces
 
 _ABOVE_FLOOR = 0.3  # above the floor objects begin [m]: a mirror that leans lifts the floor it shows
 _TALLEST = 2.4  # what is higher above the floor is no figure's [m]
@@ -415,7 +415,7 @@ def _equations(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of pieces of skin seen both ways: how their gaps change with the mirror (N, 3), the gaps (N,), and weights."""
     rows, gaps, weights = [], [], []
-    for m in meetings([mirror], shown, lens, gate, facing=facing):
+    for m in find_correspondences([mirror], shown, lens, gate, facing=facing):
         mine = slice(None) if half < 0 else m.half == half
         here = m.here if m.of == 1 else m.there
         moves = np.einsum("nci,nc->ni", reflection_moves(mirror, here[mine]), m.normals[mine])

@@ -8,14 +8,16 @@ from ..camera import Intrinsics, unproject
 from .floor_and_vertical import find_floor
 
 DISTANCE = 2.5
-"""Where a subject is expected before the camera [m]: at the world's origin."""
+"""How far in front of the camera a subject is expected [m]: at the world's origin."""
 
 HEIGHT = 0.9
 """How high the camera is taken to stand where no floor is seen [m]."""
 
+_MOST_READINGS = 20000  # that the floor is searched among
+
 
 def upright_frame(depth: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
-    """Camera frame → a frame with Z up, the floor on z = 0 and the camera looking along +Y, from ``DISTANCE`` before.
+    """Camera frame → a frame with Z up, the floor on z = 0, the camera ``DISTANCE`` from the origin, looking along +Y.
 
     Up is the normal of the floor where one is seen, else the camera is taken to stand level. It is the avatar's frame
     as well as it can be known before the subject is found.
@@ -32,7 +34,7 @@ def upright_frame(depth: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
     """
     up, floor = np.array((0.0, -1.0, 0.0)), -HEIGHT
     points = unproject(depth, intrinsics)[depth > 0]
-    found = find_floor(points[:: len(points) // 20000 + 1], up)
+    found = find_floor(points[:: len(points) // _MOST_READINGS + 1], up)
     if found is not None:
         up, floor, _ = found
     away = np.array((0.0, 0.0, 1.0)) - up[2] * up

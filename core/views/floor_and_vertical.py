@@ -11,7 +11,18 @@ from ..mirrors import Mirror
 from ..numeric.point_products import dot
 
 _CAMERA_UP = np.array((0.0, -1.0, 0.0))
-_ENOUGH = 8000  # readings of a room tell its floor
+_MOST_TILT, _MOST_CAMERA_TILT = 15.0, 25.0  # of the floor from the mirrors' vertical, and from the camera's [degrees]
+_LEAST_CROSS = 0.1  # length of the normals' summed cross products from which they fix the vertical
+_UPRIGHT = 0.5  # part of a normal along the camera's vertical from which a mirror lies on floor or ceiling
+_FEWEST_READINGS = 200  # fewer show no floor
+_SAMPLE, _TRIPLES = 4000, 80  # readings that planes are searched among, and planes that are tried
+_LOWEST = 0.4  # share of the readings, the lowest, of which planes are made
+_LEAST_AREA = 4e-4  # twice that of a triple of readings: smaller ones fix no plane [m²]
+_LEAST_SCORE = 0.02  # share of the readings that a floor must have
+_ON, _UNDER = 0.02, 0.06  # so near a reading is on a plane, so far below it under it [m]
+_UNDER_COST = 3  # readings on a plane that one under it costs
+_FIRST_BAND, _LEAST_BAND, _NOISES = 0.06, 0.015, 4  # about the plane, first and at least [m]; later times the noise
+_MOST_READINGS = 8000  # of a room: they tell its floor
 
 
 @dataclass(frozen=True)
@@ -53,17 +64,17 @@ def find_ground(points: np.ndarray, seen: np.ndarray, mirrors: list[Mirror]) -> 
     for chosen in (np.flatnonzero(flat == 0), np.flatnonzero(flat > 0)):
         if not len(chosen):
             continue
-        some = cloud[chosen[:: len(chosen) // _ENOUGH + 1]]
+        some = cloud[chosen[:: len(chosen) // _MOST_READINGS + 1]]
         found = find_floor(some, rig)
         if found is None and known:  # mirrors that lean would point away from the floor
-            found = find_floor(some, _CAMERA_UP, 25.0)
+            found = find_floor(some, _CAMERA_UP, _MOST_CAMERA_TILT)
         if found is not None:
             break
     if found is None:
         return Ground(rig, None, 0.0, None)
     up, height, noise = found
-    apart = float(np.degrees(np.arccos(np.clip(up @ rig, -1.0, 1.0)))) if known else None
-    return Ground(up, height, noise, apart)
+    angle = float(np.degrees(np.arccos(np.clip(up @ rig, -1.0, 1.0)))) if known else None
+    return Ground(up, height, noise, angle)
 
 
 def vertical(mirrors: list[Mirror]) -> np.ndarray:
@@ -83,10 +94,10 @@ def mirrors_vertical(mirrors: list[Mirror]) -> tuple[np.ndarray, bool]:
             cross = np.cross(a.normal, b.normal)
             up += cross if cross[1] < 0 else -cross
     length = np.linalg.norm(up)
-    if length > 0.1:
+    if length > _LEAST_CROSS:
         return up / length, True
     up = _CAMERA_UP.copy()
-    if mirrors and abs(mirrors[0].normal[1]) < 0.5:  # not on floor or ceiling
+    if mirrors and abs(mirrors[0].normal[1]) < _UPRIGHT:  # not on floor or ceiling
         up -= (up @ mirrors[0].normal) * mirrors[0].normal
         up /= np.linalg.norm(up)
     return up, False
@@ -97,7 +108,9 @@ def leans(mirrors: list[Mirror], up: np.ndarray) -> list[float]:
     return [float(-np.degrees(np.arcsin(np.clip(m.normal @ up, -1.0, 1.0)))) for m in mirrors]
 
 
-def find_floor(points: np.ndarray, up: np.ndarray, tilt_limit: float = 15.0) -> tuple[np.ndarray, float, float] | None:
+def find_floor(
+    points: np.ndarray, up: np.ndarray, tilt_limit: float = _MOST_TILT
+) -> tuple[np.ndarray, float, float] | None:
     """The floor among placed readings: the lowest large plane that is level to within ``tilt_limit`` degrees.
 
     Parameters
@@ -112,29 +125,29 @@ def find_floor(points: np.ndarray, up: np.ndarray, tilt_limit: float = 15.0) -> 
     (up, height, noise) or None
         The floor's normal, its height along it and the standard deviation of its points [m].
     """
-    if len(points) > _ENOUGH:
-        points = points[:: len(points) // _ENOUGH + 1]
-    if len(points) < 200:
+    if len(points) > _MOST_READINGS:
+        points = points[:: len(points) // _MOST_READINGS + 1]
+    if len(points) < _FEWEST_READINGS:
         return None
     rng = np.random.default_rng(0)
-    sample = points[:: len(points) // 4000 + 1]
+    sample = points[:: len(points) // _SAMPLE + 1]
     height = dot(sample, up)
-    low = sample[height <= np.quantile(height, 0.4)]
-    a, b, c = low[rng.integers(0, len(low), (3, 80))]
+    low = sample[height <= np.quantile(height, _LOWEST)]
+    a, b, c = low[rng.integers(0, len(low), (3, _TRIPLES))]
     normals = np.cross(b - a, c - a)
     length = np.linalg.norm(normals, axis=1)
     normals /= np.where(length > 0, length, 1.0)[:, None]
     normals *= np.where(dot(normals, up) < 0, -1.0, 1.0)[:, None]
-    level = (length > 4e-4) & (dot(normals, up) > np.cos(np.radians(tilt_limit)))
+    level = (length > _LEAST_AREA) & (dot(normals, up) > np.cos(np.radians(tilt_limit)))
     if not level.any():
         return None
     normals, offsets = normals[level], np.einsum("ij,ij->i", normals, a)[level]
     score = _floor_scores(sample, normals, offsets)
     winner = int(np.argmax(score))
-    if score[winner] < 0.02 * len(sample):
+    if score[winner] < _LEAST_SCORE * len(sample):
         return None
     n, d = normals[winner], offsets[winner]
-    band = 0.06
+    band = _FIRST_BAND
     for _ in range(5):
         inliers = points[np.abs(dot(points, n) - d) < band]
         center = inliers.mean(axis=0)
@@ -142,7 +155,7 @@ def find_floor(points: np.ndarray, up: np.ndarray, tilt_limit: float = 15.0) -> 
         n = fitted if fitted @ up > 0 else -fitted
         d = n @ center
         noise = 1.4826 * np.median(np.abs(dot(inliers, n) - d))
-        band = max(4 * noise, 0.015)
+        band = max(_NOISES * noise, _LEAST_BAND)
     return (n, float(d), float(noise)) if n @ up > np.cos(np.radians(tilt_limit)) else None
 
 
@@ -155,7 +168,7 @@ def _floor_scores(points, normals, offsets):
         total = 0
         for i in range(len(points)):
             distance = points[i, 0] * x + points[i, 1] * y + points[i, 2] * z - offset
-            total += (abs(distance) < 0.02) - 3 * (distance < -0.06)
+            total += (abs(distance) < _ON) - _UNDER_COST * (distance < -_UNDER)
         score[k] = total
     return score
 

@@ -8,6 +8,9 @@ from ..camera import Intrinsics, project
 from ..mirrors import Mirror
 from ..mirrors.mirror import reflect
 
+_LEVEL = 1e-3  # how much the answer is kept at the camera's height: any height of the vertical line would do
+_GRID = 65  # points each way over a mirror of which a side is beside or behind the camera
+
 
 def rig_axis(mirrors: list[Mirror], up: np.ndarray, intrinsics: Intrinsics) -> np.ndarray | None:
     """A point of the vertical line where the reflected lines of sight meet: where the subject is meant to stand.
@@ -25,7 +28,7 @@ def rig_axis(mirrors: list[Mirror], up: np.ndarray, intrinsics: Intrinsics) -> n
         lines.append((middle, direction / np.linalg.norm(direction)))
     if len(lines) < 2:
         return None
-    A += 1e-3 * np.outer(up, up)
+    A += _LEVEL * np.outer(up, up)
     for origin, direction in lines:
         level = direction - (direction @ up) * up
         level /= np.linalg.norm(level)
@@ -40,7 +43,7 @@ def visible_middle(mirror: Mirror, intrinsics: Intrinsics) -> np.ndarray:
     corners = mirror.outline
     size = np.array((intrinsics.width - 1, intrinsics.height - 1))
     if not np.isfinite(corners).all():  # a side is beside or behind the camera
-        a, b = (np.linspace(*limits, 65) for limits in mirror.rectangle)
+        a, b = (np.linspace(*limits, _GRID) for limits in mirror.rectangle)
         grid = np.stack(np.meshgrid(a, b), axis=-1).reshape(-1, 2)
         pixels = project(mirror.point + grid @ mirror.basis[:, :2].T, intrinsics)
         corners = pixels[((pixels >= 0) & (pixels <= size)).all(axis=1)]

@@ -13,14 +13,18 @@ from ..mirrors import Mirror
 from ..mirrors.glass_kernels import NEAREST
 from ..mirrors.mirror import reflect, reflection_matrix
 
-_SYSTEMATIC = 0.003  # how far apart two views may see one surface, however long the burst [m]
+_SYSTEMATIC = 0.003  # distance at which two views may see one surface, however long the burst [m]
 _FACING = 0.35  # cosine to the line of sight under which a surface is not judged
-_ENOUGH = 1600  # pieces of a view
+_MOST_PIECES = 1600  # of a view: more share their readings
+_COLUMN = 16  # px across the strips of the image by which the direct view is searched
+_BUSY = 0.004  # share of the reflected pieces from which a strip is searched
+_TILT = 0.2  # of a piece by noise: windows are made wide enough that it stays below
+_WIDEST = 6  # px to each side of a piece's window
 
 
 @dataclass(frozen=True)
 class Surfaces:
-    """Pieces of surface a view shows, laid where the camera sees them (behind the glass).
+    """Pieces of surface a view shows, placed where the camera sees them (behind the glass).
 
     ``grid`` (H', W') is the index of the piece at every ``stride``-th pixel or -1; ``points`` and unit ``normals``
     towards the camera (K, 3), ``variances`` (K,) of the place along the normal [m²], ``pixels`` (K, 2).
@@ -35,27 +39,27 @@ class Surfaces:
     radius: int
 
 
-def views_of(
+def surfaces_of_views(
     mirrors: list[Mirror], depth: np.ndarray, seen: np.ndarray, intrinsics: Intrinsics, sigma: float
 ) -> list[Surfaces]:
     """The surfaces that each view shows; of the direct one only what mirrors may show too."""
     shown = [surfaces(depth, seen, view, intrinsics, sigma) for view in range(1, len(mirrors) + 1)]
-    laid = np.concatenate([reflect(s.points, m) for s, m in zip(shown, mirrors, strict=True)])
-    pixels = project(laid[laid[:, 2] > NEAREST], intrinsics)
+    placed = np.concatenate([reflect(s.points, m) for s, m in zip(shown, mirrors, strict=True)])
+    pixels = project(placed[placed[:, 2] > NEAREST], intrinsics)
     size = np.array((intrinsics.width, intrinsics.height))
     pixels = pixels[((pixels >= 0) & (pixels < size)).all(axis=1)]
     direct = np.full_like(seen, -1)
     if len(pixels):
         # by columns: a mirror shows what stands beside it too, and a box about all of that is most of the image
-        columns = np.bincount((pixels[:, 0] // 16).astype(int), minlength=intrinsics.width // 16 + 1)
-        busy = np.repeat(columns > 0.004 * len(pixels), 16)[: intrinsics.width]
+        columns = np.bincount((pixels[:, 0] // _COLUMN).astype(int), minlength=intrinsics.width // _COLUMN + 1)
+        busy = np.repeat(columns > _BUSY * len(pixels), _COLUMN)[: intrinsics.width]
         top, bottom = np.quantile(pixels[:, 1], (0.01, 0.99)).astype(int)
         direct[top : bottom + 1, busy] = np.where(seen == 0, 0, -1)[top : bottom + 1, busy]
     return [surfaces(depth, direct, 0, intrinsics, sigma), *shown]
 
 
 def surfaces(
-    depth: np.ndarray, seen: np.ndarray, view: int, intrinsics: Intrinsics, sigma: float, most: int = _ENOUGH
+    depth: np.ndarray, seen: np.ndarray, view: int, intrinsics: Intrinsics, sigma: float, most: int = _MOST_PIECES
 ) -> Surfaces:
     """The pieces of surface that one view shows, each a plane fitted to a small window.
 
@@ -79,7 +83,9 @@ def surfaces(
         )  # fmt: skip
     # wide enough that noise tilts the plane by less than a fifth
     radius = 2
-    while radius < 6 and sigma * z * intrinsics.fx > 0.2 * (2 * radius + 1) * np.sqrt(radius * (radius + 1) / 3.0):
+    while radius < _WIDEST and sigma * z * intrinsics.fx > _TILT * (2 * radius + 1) * np.sqrt(
+        radius * (radius + 1) / 3.0
+    ):
         radius += 1
     # neighbours share their windows, and some hundred pieces tell as much as thousands
     stride = max(2 if radius < 4 else 3, int(np.ceil(np.sqrt(count / most))))
@@ -90,13 +96,13 @@ def surfaces(
 
 
 @dataclass(frozen=True)
-class Meeting:
+class Correspondences:
     """Surfaces of view ``of`` that view ``by`` sees too: where both place them.
 
     ``here`` and ``there`` (K, 3): the piece and that of the other view's surface in its line of sight, both where the
-    camera lays them; ``normals`` (K, 3) of the latter where it really is, ``gaps`` (K,) along these [m], ``variances``
-    (K,) of the gaps, ``half`` (K,) 0 or 1 by image blocks. ``before``: how many pieces lie before what the other view
-    sees there by more than the gate, where it should see them: it would have to look through them. ``through``, of
+    camera sees them; ``normals`` (K, 3) of the latter where it really is, ``gaps`` (K,) along these [m], ``variances``
+    (K,) of the gaps, ``half`` (K,) 0 or 1 by image blocks. ``before``: how many pieces lie in front of what the other
+    view sees there by more than the gate, where it should see them: free-space violations. ``through``, of
     ``judged``: how many of all pieces, whichever way they face, the other view looks through to something behind,
     subject or not.
     """
@@ -114,7 +120,7 @@ class Meeting:
     judged: int
 
 
-def meetings(
+def find_correspondences(
     mirrors: list[Mirror],
     shown: list[Surfaces],
     intrinsics: Intrinsics,
@@ -122,7 +128,7 @@ def meetings(
     depth: np.ndarray | None = None,
     seen: np.ndarray | None = None,
     facing: float = _FACING,
-) -> list[Meeting]:
+) -> list[Correspondences]:
     """What each pair of views shows of the same surface; with ``depth`` and ``seen`` also what is looked through.
     Surfaces are not judged whose cosine to the line of sight is under ``facing``."""
     if depth is None or seen is None:
@@ -140,7 +146,7 @@ def meetings(
                 s.points, s.normals, s.variances, s.pixels, flips[of], flips[by], plane, intrinsics.lens, t.grid,
                 t.stride, t.points, t.normals, t.variances, gate, depth, seen, by, facing,
             )  # fmt: skip
-            out.append(Meeting(of, by, *met))
+            out.append(Correspondences(of, by, *met))
     return out
 
 
@@ -256,7 +262,7 @@ def _surface_kernel(depth, seen, view, camera, box, stride, radius, sigma):
 
 
 class _Met(NamedTuple):
-    """What :func:`_meet_kernel` finds: the fields of :class:`Meeting` after ``of`` and ``by``."""
+    """What :func:`_meet_kernel` finds: the fields of :class:`Correspondences` after ``of`` and ``by``."""
 
     here: np.ndarray
     there: np.ndarray

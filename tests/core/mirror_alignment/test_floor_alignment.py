@@ -1,4 +1,4 @@
-"""Mirrors that lean otherwise than their frames say: told by the floor, which is one however it is seen."""
+"""Mirrors that lean otherwise than their frames say: shown by the floor, which is one however it is seen."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_a_lean_is_taken_back(simulated, sensor, by):
         np.testing.assert_allclose(m.basis.T @ m.basis, np.eye(3), atol=1e-12)
 
 
-def test_mirrors_that_are_sure_stay(simulated):
+def test_mirrors_that_are_certain_stay(simulated):
     simulation = simulated("azure_kinect")
     frames, depth, lens = placed(simulation)
     assert all(a is b for a, b in zip(align_floor(frames, depth, lens)[0], frames, strict=True))

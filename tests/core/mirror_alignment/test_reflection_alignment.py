@@ -1,4 +1,4 @@
-"""Mirrors moved by what is seen both directly and in them: frames that stand proud of their glass."""
+"""Mirrors moved by what is seen both directly and in them: frames that project in front of their glass."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def placed(simulation):
     return find_mirrors(depth, capture.intrinsics), depth, capture.intrinsics
 
 
-def test_a_proud_frame_is_seen_through(person):
+def test_a_projecting_frame_is_noticed(person):
     simulation = simulate(person, default_rig("azure_kinect", frames=6, frame_depth=0.008, seed=1))
     body = simulation.truth.body.vertices
     before, depth, lens = placed(simulation)

@@ -1,4 +1,4 @@
-"""Seams that show a step: frames that stand proud, frames hardly seen; and mirrors that are where they belong."""
+"""Seams that show an offset: frames that project, frames hardly seen; and mirrors that are where they belong."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def misplaced(mirrors, simulation) -> np.ndarray:
 
 
 @pytest.mark.parametrize("sensor", ["kinect_v1", "azure_kinect"])
-def test_a_proud_frame_shows_in_the_seams(person, sensor):
+def test_a_projecting_frame_shows_in_the_seams(person, sensor):
     simulation = simulate(person, default_rig(sensor, frames=8, frame_depth=0.012, seed=1))
     picks, frames = simulation.capture.mirrors, Settings(alignment=JointSettings(use=False))
     before = reconstruct(simulation.capture, picks, replace(frames, seams=SeamSettings(use=False)))
@@ -88,7 +88,7 @@ def test_a_proud_frame_shows_in_the_seams(person, sensor):
 
 
 @pytest.mark.parametrize("sensor", ["kinect_v1", "ideal"])
-def test_a_flush_frame_beside_a_proud_one_stays(person, sensor):
+def test_a_flush_frame_beside_a_projecting_one_stays(person, sensor):
     """It is not dragged along, and then the other comes nearer than if both had to be solved for."""
     rig = default_rig(sensor, frames=8, seed=3)
     rig = replace(rig, mirrors=(replace(rig.mirrors[0], frame_depth=0.016), rig.mirrors[1]))
@@ -106,23 +106,23 @@ def test_notes_tell_the_depth_of_the_glass_from_the_front_of_the_frame():
     old = plane_mirror("left", np.array((-0.8, 0.0, 3.4)), np.array((0.5, 0.0, -0.85)))
     old = replace(old, source="picked", rectangle=np.array(((-0.1, 0.7), (-0.9, 0.9))))
 
-    def note(step, taken=0.0, unsure=False, old=old):
+    def note(step, taken=0.0, doubted=False, old=old):
         new = moved(old, np.array(step))
-        return _note(old, new, reflection_shift(person_before(old), new, old), unsure, taken)
+        return _note(old, new, reflection_shift(person_before(old), new, old), doubted, taken)
 
-    assert "moved by 30 mm at the person, as if its glass lay 15 mm behind the front" in note((0.0, 0.0, -0.015))
-    assert "lay 15 mm before the front of its frame" in note((0.0, 0.0, 0.015))
-    assert "lay 25 mm behind the front of its frame" in note((0.0, 0.0, -0.015), 0.01)
-    assert "lay 5 mm behind the front of its frame" in note((0.0, 0.0, 0.015), 0.02)
-    assert "lay 0 mm " in note((0.0, 0.0, 0.0152), 0.015)
+    assert "moved by 30 mm at the person, as if its glass were 15 mm behind the front" in note((0.0, 0.0, -0.015))
+    assert "were 15 mm in front of its frame" in note((0.0, 0.0, 0.015))
+    assert "were 25 mm behind the front of its frame" in note((0.0, 0.0, -0.015), 0.01)
+    assert "were 5 mm behind the front of its frame" in note((0.0, 0.0, 0.015), 0.02)
+    assert "were 0 mm " in note((0.0, 0.0, 0.0152), 0.015)
     turned = note((0.004, 0.0, -0.015))  # its middle is 0.3 m aside
-    assert f"lay {1000 * (0.015 - 0.3 * 0.004):.0f} mm behind" in turned
+    assert f"were {1000 * (0.015 - 0.3 * 0.004):.0f} mm behind" in turned
     assert note((0.01, 0.0, -0.001)).endswith("at the person"), "turned above all"
-    assert "not known well" in (text := note((0.0, 0.0, -0.015), unsure=True)) and "as if" not in text
+    assert "leaves uncertain" in (text := note((0.0, 0.0, -0.015), doubted=True)) and "as if" not in text
     assert "as if" not in note((0.0, 0.0, -0.015), old=replace(old, moved_by=("reflections",)))
 
 
-def test_no_glass_lies_clear_before_its_frame(simulated):
+def test_no_glass_lies_clearly_in_front_of_its_frame(simulated):
     """Unless it was taken to lie too far behind."""
     simulation = simulated("ideal")
     placed = scanned(simulation.capture).mirrors
@@ -216,7 +216,7 @@ def test_frames_hardly_seen_are_helped(simulated):
     assert (np.array(right) < 2.5 * np.array(promised)).all() and np.max(promised) < 0.016
 
 
-def test_what_is_sure_or_far_off_stays(simulated):
+def test_what_is_certain_or_far_off_stays(simulated):
     simulation = simulated("kinect_v1")
     placed = scanned(simulation.capture).mirrors
     scan = scanned(simulation.capture, [replace(moved(m, np.array((0, 0, 0.015))), source="rig file") for m in placed])
@@ -254,8 +254,8 @@ def test_moved_views_are_those_of_moved_mirrors(simulated):
         np.testing.assert_allclose(reflect(patch.vertices, n), reflect(old.vertices, m), atol=1e-5)
 
 
-def test_pieces_show_a_shift_as_a_step(simulated):
-    """Patches moved along the pieces' normals: each step grows by as much; in no frame of reference more or less."""
+def test_pieces_show_a_shift_as_an_offset(simulated):
+    """Patches moved along the pieces' normals: each offset grows by as much; in no frame of reference more or less."""
     scan = scanned(simulated("kinect_v1").capture)
     mesh = joined(scan)
     pieces = seam_pieces(mesh, scan.maps)
@@ -263,7 +263,7 @@ def test_pieces_show_a_shift_as_a_step(simulated):
     assert abs(np.median(pieces.offset)) < 0.003 and np.median(np.abs(pieces.offset)) < 0.3 * np.median(pieces.gap)
     np.testing.assert_allclose(np.linalg.norm(pieces.along, axis=1), 1.0, atol=1e-9)
     np.testing.assert_allclose(pieces.gap, np.linalg.norm(pieces.high - pieces.low, axis=1), atol=1e-9)
-    # one view pushed outwards, to the side: what is between it and the direct one steps outwards there
+    # one view pushed outwards, to the side: what is between it and the direct one is offset outwards there
     push = np.eye(4)
     push[0, 3] = 0.006
     shifted = replace(mesh, vertices=mesh.vertices.copy())
@@ -296,8 +296,8 @@ def test_surface_seen_twice_shows_a_moved_mirror(simulated):
     assert grown == pytest.approx(np.median(rows @ step), abs=0.0025) and abs(grown) > 0.002
 
 
-def test_the_step_is_the_least_squares_one():
-    """Against scipy on the same cost; without noise the step that made the seams' steps comes back."""
+def test_the_correction_is_the_least_squares_one():
+    """Against scipy on the same cost; without noise the correction that made the seams' offsets comes back."""
     rng = np.random.default_rng(0)
     count = 120
     mirror = plane_mirror("left", np.array((-0.8, 0.0, 3.4)), np.array((0.5, 0.0, -0.85)))
@@ -315,7 +315,7 @@ def test_the_step_is_the_least_squares_one():
     step = _fit_offsets(exact, rows, loose, np.zeros(3)).correction
     np.testing.assert_allclose(step, true, atol=2e-4)
     np.testing.assert_allclose(_fit_offsets(exact, rows, loose, true).correction, true, atol=2e-4)
-    # the rows are what the pieces' steps really do
+    # the rows are what the pieces' offsets really do
     near = 1e-6 * np.array((1.0, -2.0, 0.5))
     laid = reflect(pieces.high, mirror)
     change = ((reflect(laid, moved(mirror, near)) - pieces.high) * along).sum(axis=1)
