@@ -1,4 +1,4 @@
-"""Mesh and image files: against trimesh, against themselves, and against files that lie."""
+"""Mesh files: against trimesh, against themselves, and against files that lie."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Distances and mesh checks against closed forms, trimesh, MeshLab and the scorer the figures are quoted by."""
+"""Distances and alignment against closed forms, MeshLab and the scorer the figures are quoted by."""
 
 from __future__ import annotations
 
