@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from ..camera import Intrinsics, project
+from ..errors import Notice
 from ..mirrors import Mirror
 from ..mirrors.glass_kernels import (
     NEAREST,
@@ -19,7 +20,6 @@ from ..mirrors.glass_kernels import (
     share_at_glass,
 )
 from ..mirrors.mirror import moved, reflect, reflection_moves, with_reason
-from ..notices import Notice
 from ..numeric.threads import each
 from .pose_solver import (
     ALL,

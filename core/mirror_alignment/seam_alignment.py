@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..errors import Notice
 from ..mesh import Mesh
 from ..mirrors import Mirror
 from ..mirrors.mirror import (
@@ -24,7 +25,6 @@ from ..mirrors.mirror import (
     reflection_shift,
     with_reason,
 )
-from ..notices import Notice
 from ..numeric.point_products import transform
 from ..views.view_maps import ViewMaps
 from .pose_solver import (
