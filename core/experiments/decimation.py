@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -12,7 +13,7 @@ from ..mesh import Mesh
 from ..mesh.half_edges import twins
 from ..mesh.submesh import compact
 
-# --- thinning --------------------------------------------------------------------------------------------------------
+_COSINE_75 = 0.26  # a triangle that turns farther is a fold
 
 
 def decimate(mesh: Mesh, count: int) -> Mesh:
@@ -37,6 +38,22 @@ def decimate(mesh: Mesh, count: int) -> Mesh:
     return compact(replace(mesh, vertices=points, triangles=triangles.astype(np.int32), colors=None, kind=kind))
 
 
+class _Fans(NamedTuple):
+    """What is known of each vertex, and which corners of triangles it has; corner k of triangle t is 3 t + k.
+
+    ``quadric`` (V, 10) sums the squared distances from the planes around, ``border`` (V,) bool says which lie on a
+    boundary. The corners of vertex v begin at ``head[v]``, go on at ``after[corner]`` and end at ``tail[v]``; -1 is
+    none. Corners of triangles that are not ``alive`` (T,) bool do not count.
+    """
+
+    quadric: np.ndarray
+    border: np.ndarray
+    head: np.ndarray
+    tail: np.ndarray
+    after: np.ndarray
+    alive: np.ndarray
+
+
 @njit(cache=True, nogil=True)
 def _add_plane(quadric, v, n, d, weight):
     """Add weight · (n·x + d)² to the quadric of v: six of A, three of b, c."""
@@ -54,11 +71,12 @@ def _add_plane(quadric, v, n, d, weight):
 
 
 @njit(cache=True, nogil=True)
-def _place(points, quadric, border, u, v, out):
+def _place(points, fans, u, v, out):
     """Where the edge's vertex goes, into ``out`` (3,), relative to u; returns what it costs [m⁴].
 
     On the border vertex when there is one, so that inner edges never move a boundary.
     """
+    quadric, border = fans.quadric, fans.border
     base = points[u]
     edge = points[v] - base
     q = quadric[u] + quadric[v]
@@ -90,13 +108,13 @@ def _place(points, quadric, border, u, v, out):
 
 
 @njit(cache=True, nogil=True)
-def _folds(points, triangles, alive, head, after, v, other, to):
+def _folds(points, triangles, fans, v, other, to):
     """Whether a triangle of v that does not hold ``other`` turns by more than 75° when v moves to ``to``."""
-    c = head[v]
+    c = fans.head[v]
     while c >= 0:
         t, k = c // 3, c % 3
-        c = after[c]
-        if not alive[t]:
+        c = fans.after[c]
+        if not fans.alive[t]:
             continue
         i, j = triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]
         if i == other or j == other:
@@ -104,23 +122,18 @@ def _folds(points, triangles, alive, head, after, v, other, to):
         p, q = points[i], points[j]
         old = np.cross(p - points[v], q - points[v])
         new = np.cross(p - to, q - to)
-        if (old * new).sum() <= 0.26 * np.sqrt((old**2).sum() * (new**2).sum()):
+        if (old * new).sum() <= _COSINE_75 * np.sqrt((old**2).sum() * (new**2).sum()):
             return True
     return False
 
 
 @njit(cache=True, nogil=True)
-def _collapse_kernel(points, triangles, twin, count):
-    """Vertices (V, 3), of which not all are used any more, and the triangles left."""
+def _fans_of(points, triangles, twin):
+    """The :class:`_Fans` of a mesh none of whose triangles is gone yet."""
     n, total = len(points), len(triangles)
-    shift = points[0].copy()  # quadrics lose digits far from the origin
-    points -= shift
     quadric = np.zeros((n, 10))
     border = np.zeros(n, np.bool_)
     head, tail, after = np.full(n, -1), np.full(n, -1), np.full(3 * total, -1)
-    alive = np.ones(total, np.bool_)
-    left = 0
-    out = np.empty(3)
     for t in range(total):
         a, b, c = points[triangles[t, 0]], points[triangles[t, 1]], points[triangles[t, 2]]
         normal = np.cross(b - a, c - a)
@@ -141,100 +154,128 @@ def _collapse_kernel(points, triangles, twin, count):
                     _add_plane(quadric, end, side, -(side * points[v]).sum(), length * length / 2)
             if head[v] < 0:
                 head[v] = 3 * t + k
-                left += 1
             else:
                 after[tail[v]] = 3 * t + k
             tail[v] = 3 * t + k
-    stamp = np.zeros(n, np.int64)
+    return _Fans(quadric, border, head, tail, after, np.ones(total, np.bool_))
+
+
+@njit(cache=True, nogil=True)
+def _keeps_topology(triangles, fans, u, v, mark, tick):
+    """The link condition: what both ends of an edge are joined to is just what lies opposite to it.
+
+    Nor may a vertex opposite to it lose its last but one triangle, or an inner one its last but three. ``mark`` (V,)
+    holds nothing from ``tick`` on.
+    """
+    shared = common = 0
+    one = other = u
+    c = fans.head[u]
+    while c >= 0:
+        t, k = c // 3, c % 3
+        c = fans.after[c]
+        if fans.alive[t]:
+            i, j = triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]
+            mark[i] = mark[j] = tick
+            if i == v or j == v:
+                one, other = other, j if i == v else i
+                shared += 1
+    c = fans.head[v]
+    while c >= 0:
+        t, k = c // 3, c % 3
+        c = fans.after[c]
+        if fans.alive[t]:
+            for w in (triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]):
+                if mark[w] == tick:
+                    mark[w] = tick + 1
+                    common += 1
+    if shared < 1 or shared > 2 or common != shared or (shared == 2 and fans.border[u] and fans.border[v]):
+        return False
+    for apex in (one, other):
+        if apex == u:  # there is but one
+            continue
+        left = 0
+        c = fans.head[apex]
+        while c >= 0:
+            left += fans.alive[c // 3]
+            c = fans.after[c]
+        if left <= (1 if fans.border[apex] else 3):
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _join(triangles, fans, u, v):
+    """Make v one with u: v's triangles get the corner u, those of the edge between them die."""
+    fans.quadric[u] += fans.quadric[v]
+    fans.border[u] |= fans.border[v]
+    c = fans.head[v]
+    while c >= 0:
+        t = c // 3
+        if fans.alive[t]:
+            if triangles[t, 0] == u or triangles[t, 1] == u or triangles[t, 2] == u:
+                fans.alive[t] = False
+            else:
+                triangles[t, c % 3] = u
+        c = fans.after[c]
+    fans.after[fans.tail[u]] = fans.head[v]
+    fans.tail[u] = fans.tail[v]
+
+
+@njit(cache=True, nogil=True)
+def _queue_around(points, triangles, fans, u, stamp, mark, tick, heap, out):
+    """Unlink what died around u, and queue the edges there anew; only the corners of u moved."""
+    previous = np.int64(-1)
+    c = fans.head[u]
+    while c >= 0:
+        t, k = c // 3, c % 3
+        if fans.alive[t]:
+            previous = c
+            for w in (triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]):
+                if mark[w] != tick:
+                    mark[w] = tick
+                    heapq.heappush(heap, (_place(points, fans, u, w, out), u, w, stamp[u], stamp[w]))
+        elif previous < 0:
+            fans.head[u] = fans.after[c]
+        else:
+            fans.after[previous] = fans.after[c]
+        c = fans.after[c]
+    fans.tail[u] = previous
+
+
+@njit(cache=True, nogil=True)
+def _collapse_kernel(points, triangles, twin, count):
+    """Vertices (V, 3), of which not all are used any more, and the triangles left."""
+    shift = points[0].copy()  # quadrics lose digits far from the origin
+    points -= shift
+    fans = _fans_of(points, triangles, twin)
+    stamp, mark = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
+    out = np.empty(3)
     heap = [(0.0, np.int64(0), np.int64(0), np.int64(-1), np.int64(-1)) for _ in range(0)]
-    for e in range(3 * total):
+    for e in range(len(twin)):
         if twin[e] < e:
             u, v = triangles[e // 3, e % 3], triangles[e // 3, (e % 3 + 1) % 3]
-            heap.append((_place(points, quadric, border, u, v, out), u, v, stamp[u], stamp[v]))
+            heap.append((_place(points, fans, u, v, out), u, v, stamp[u], stamp[v]))
     heapq.heapify(heap)
-    mark = np.zeros(n, np.int64)
+    left = 0
+    for v in range(len(points)):
+        left += fans.head[v] >= 0
     tick = 0
-    apex = np.empty(2, np.int64)
     while left > count and len(heap):
         _, u, v, stamp_u, stamp_v = heapq.heappop(heap)
         if stamp[u] != stamp_u or stamp[v] != stamp_v:
             continue
-        # link condition: what both ends are joined to is just what lies opposite to the edge
         tick += 2
-        shared = 0
-        c = head[u]
-        while c >= 0:
-            t, k = c // 3, c % 3
-            c = after[c]
-            if alive[t]:
-                i, j = triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]
-                mark[i] = tick
-                mark[j] = tick
-                if i == v or j == v:
-                    if shared < 2:
-                        apex[shared] = j if i == v else i
-                    shared += 1
-        common = 0
-        c = head[v]
-        while c >= 0:
-            t, k = c // 3, c % 3
-            c = after[c]
-            if alive[t]:
-                for w in (triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]):
-                    if mark[w] == tick:
-                        mark[w] = tick + 1
-                        common += 1
-        if shared < 1 or shared > 2 or common != shared or (shared == 2 and border[u] and border[v]):
+        if not _keeps_topology(triangles, fans, u, v, mark, tick):
             continue
-        kept = True
-        for s in range(shared):
-            fan = 0
-            c = head[apex[s]]
-            while c >= 0:
-                fan += alive[c // 3]
-                c = after[c]
-            kept &= fan > (1 if border[apex[s]] else 3)
-        if not kept:
-            continue
-        _place(points, quadric, border, u, v, out)
+        _place(points, fans, u, v, out)
         to = points[u] + out
-        if _folds(points, triangles, alive, head, after, u, v, to) or _folds(
-            points, triangles, alive, head, after, v, u, to
-        ):
+        if _folds(points, triangles, fans, u, v, to) or _folds(points, triangles, fans, v, u, to):
             continue
         points[u] = to
-        quadric[u] += quadric[v]
-        border[u] |= border[v]
-        c = head[v]
-        while c >= 0:
-            t = c // 3
-            if alive[t]:
-                if triangles[t, 0] == u or triangles[t, 1] == u or triangles[t, 2] == u:
-                    alive[t] = False
-                else:
-                    triangles[t, c % 3] = u
-            c = after[c]
-        after[tail[u]] = head[v]
-        tail[u] = tail[v]
+        _join(triangles, fans, u, v)
         stamp[v] = -1
         stamp[u] += 1
         left -= 1
-        # unlink what died, and queue the edges around anew; only the corners of u moved
-        previous = np.int64(-1)
-        c = head[u]
         tick += 2
-        while c >= 0:
-            t, k = c // 3, c % 3
-            if alive[t]:
-                previous = c
-                for w in (triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]):
-                    if mark[w] != tick:
-                        mark[w] = tick
-                        heapq.heappush(heap, (_place(points, quadric, border, u, w, out), u, w, stamp[u], stamp[w]))
-            elif previous < 0:
-                head[u] = after[c]
-            else:
-                after[previous] = after[c]
-            c = after[c]
-        tail[u] = previous
-    return points + shift, triangles[alive]
+        _queue_around(points, triangles, fans, u, stamp, mark, tick, heap, out)
+    return points + shift, triangles[fans.alive]

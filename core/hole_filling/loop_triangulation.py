@@ -145,6 +145,31 @@ def _edges_between(triangles, on_loop, room):
 
 
 @njit(cache=True, nogil=True)
+def _chords(points, vertex, edges, place, free_space):
+    """Which chords i–j, i < j, of a loop of N vertices are edges of the mesh already, bool (N, N); and how many times
+    their weight they count (N, N). ``place`` (V,) holds -1 before and after."""
+    n = len(vertex)
+    head, after, other = edges
+    penalty, blocked = np.ones((n, n)), np.zeros((n, n), np.bool_)
+    for i in range(n):
+        place[vertex[i]] = i
+    for i in range(n):
+        at = head[vertex[i]]
+        while at >= 0:
+            j = place[other[at]]
+            if j >= i + 2 and not (i == 0 and j == n - 1):
+                blocked[i, j] = True
+            at = after[at]
+        if n > _FEW_CORNERS:
+            for j in range(i + 2, n - (i == 0)):
+                if not blocked[i, j] and bridge_is_free(points, i, points, j, free_space):
+                    penalty[i, j] = _EMPTY_PENALTY
+    for i in range(n):
+        place[vertex[i]] = -1
+    return blocked, penalty
+
+
+@njit(cache=True, nogil=True)
 def _fill_kernel(vertices, triangles, flat, starts, rim, largest, free_space):
     count = len(vertices)
     on_loop = np.zeros(count, np.bool_)
@@ -152,7 +177,6 @@ def _fill_kernel(vertices, triangles, flat, starts, rim, largest, free_space):
         on_loop[v] = True
     # edges a chord must not repeat; every triangle of a fill and every cut adds some
     edges = _edges_between(triangles, on_loop, 5 * len(flat))
-    head, after, other = edges
     place = np.full(count, -1, np.int32)  # of each vertex in the piece at hand
     out = np.empty((2 * len(flat), 3), np.int32)
     n_out = 0
@@ -178,29 +202,13 @@ def _fill_kernel(vertices, triangles, flat, starts, rim, largest, free_space):
                     todo.append((piece[i : j + 1].copy(), one_edge))
                     todo.append((np.concatenate((piece[j:], piece[: i + 1])), two_edge))
                     continue
-            points = np.empty((n, 3))
-            normals = np.zeros((n, 3))
+            vertex, points, normals = np.empty(n, np.int32), np.empty((n, 3)), np.zeros((n, 3))
             for k in range(n):
-                points[k] = vertices[flat[piece[k]]]
+                vertex[k] = flat[piece[k]]
+                points[k] = vertices[vertex[k]]
                 if edge[k] >= 0:
                     normals[k] = rim[edge[k]]
-            penalty = np.ones((n, n))
-            blocked = np.zeros((n, n), np.bool_)
-            for i in range(n):
-                place[flat[piece[i]]] = i
-            for i in range(n):
-                at = head[flat[piece[i]]]
-                while at >= 0:
-                    j = place[other[at]]
-                    if j >= i + 2 and not (i == 0 and j == n - 1):
-                        blocked[i, j] = True
-                    at = after[at]
-                if n > _FEW_CORNERS:
-                    for j in range(i + 2, n - (i == 0)):
-                        if not blocked[i, j] and bridge_is_free(points, i, points, j, free_space):
-                            penalty[i, j] = _EMPTY_PENALTY
-            for i in range(n):
-                place[flat[piece[i]]] = -1
+            blocked, penalty = _chords(points, vertex, edges, place, free_space)
             apex = _weight_kernel(points, normals, blocked, penalty)
             if apex[0, n - 1] >= 0:
                 stack = [(0, n - 1)]
@@ -209,21 +217,21 @@ def _fill_kernel(vertices, triangles, flat, starts, rim, largest, free_space):
                     if j - i < 2:
                         continue
                     m = apex[i, j]
-                    out[n_out, 0], out[n_out, 1], out[n_out, 2] = flat[piece[j]], flat[piece[m]], flat[piece[i]]
+                    out[n_out, 0], out[n_out, 1], out[n_out, 2] = vertex[j], vertex[m], vertex[i]
                     n_out += 1
-                    join(flat[piece[i]], flat[piece[m]], *edges)
-                    join(flat[piece[m]], flat[piece[j]], *edges)
+                    join(vertex[i], vertex[m], *edges)
+                    join(vertex[m], vertex[j], *edges)
                     stack.append((i, m))
                     stack.append((m, j))
             else:
                 center = np.zeros(3)
                 for k in range(n):
                     center += points[k] / n
-                    around[n_around] = flat[piece[k]]
+                    around[n_around] = vertex[k]
                     around_of[n_around] = n_centers
                     n_around += 1
-                    out[n_out, 0] = flat[piece[(k + 1) % n]]
-                    out[n_out, 1] = flat[piece[k]]
+                    out[n_out, 0] = vertex[(k + 1) % n]
+                    out[n_out, 1] = vertex[k]
                     out[n_out, 2] = count + n_centers
                     n_out += 1
                 centers[n_centers] = center

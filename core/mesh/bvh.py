@@ -132,8 +132,15 @@ def build_bvh(vertices: np.ndarray, triangles: np.ndarray, quick: bool = False) 
         for k in range(3):
             for axis in range(3):
                 corners[i, k, axis] = vertices[triangles[order[i], k], axis]
-    boxes = np.empty((used, 6))
-    for node in range(used - 1, -1, -1):
+    child, count = child[:used].copy(), count[:used].copy()
+    return Bvh(_fit_boxes(child, count, corners), child, count, order, corners)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fit_boxes(child, count, corners):
+    """Boxes (M, 6) of the nodes: children come after their parents, and so are done before them. O(T)."""
+    boxes = np.empty((len(count), 6))
+    for node in range(len(count) - 1, -1, -1):
         if count[node] == 0:
             left = child[node]
             for axis in range(3):
@@ -147,7 +154,7 @@ def build_bvh(vertices: np.ndarray, triangles: np.ndarray, quick: bool = False) 
                         low = min(low, corners[i, k, axis])
                         high = max(high, corners[i, k, axis])
                 boxes[node, axis], boxes[node, axis + 3] = low, high
-    return Bvh(boxes, child[:used].copy(), count[:used].copy(), order, corners)
+    return boxes
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -262,7 +269,8 @@ def raycast_one(bvh, ox, oy, oz, dx, dy, dz, t_max, stack):
     """First triangle a ray meets, from inside another kernel.
 
     Boxes by robust slabs (Ize 2013), triangles by the watertight test of Woop, Benthin and Wald (2013):
-    a ray cannot slip between two triangles that share an edge.
+    a ray cannot slip between two triangles that share an edge. One piece, as every part of the walk needs most of the
+    twenty numbers that are made of the ray beforehand.
 
     Parameters
     ----------

@@ -107,6 +107,11 @@ def _flush(value):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _solve_kernel(start, columns, values, diagonal, rhs, order):
+    """:func:`solve_squares`: lay out the envelope, fill it with LᵀL + D, factorise, substitute there and back.
+
+    One piece: all four steps walk the same envelope, and with products fused into sums, parts that are compiled on
+    their own may round otherwise.
+    """
     count, width = rhs.shape
     blocks = (count + _SIDE - 1) // _SIDE
     place = np.empty(count, np.int64)

@@ -133,18 +133,21 @@ class _Clipped(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _clip_kernel(vertices, triangles, field, level):
-    count = len(vertices)
-    # vertices close to the line snap to it by sliding along the edge that crosses it
-    n_max = count + 3 * len(triangles)
-    out_v = np.empty((n_max, 3))
-    source = np.empty((n_max, 2), np.int64)
-    share = np.zeros(n_max)
-    out_v[:count] = vertices
-    for i in range(count):
-        source[i, 0] = source[i, 1] = i
-    f = field - level
-    snapped = np.zeros(count, np.bool_)
+def _slide(vertices, i, j, s, out_v, source, share):
+    """Put vertex i at ``s`` of the way to vertex j."""
+    source[i, 1] = j
+    share[i] = s
+    for c in range(3):
+        out_v[i, c] = vertices[i, c] + s * (vertices[j, c] - vertices[i, c])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _snap(vertices, triangles, f, out_v, source, share):
+    """Move vertices close to the line onto it along the edge that crosses it, into ``out_v``, ``source`` and ``share``.
+
+    Returns which were moved (V,); those that come in have 0 in ``f``, the field less the level, then.
+    """
+    snapped = np.zeros(len(vertices), np.bool_)
     for t in range(len(triangles)):  # outer vertices just beyond the line first: they come in
         for k in range(3):
             i, j = triangles[t, k], triangles[t, (k + 1) % 3]
@@ -154,10 +157,7 @@ def _clip_kernel(vertices, triangles, field, level):
             s = f[near] / (f[near] - f[outer])
             if s > 1.0 - _SNAP and not snapped[near]:
                 snapped[outer] = True
-                source[outer, 1] = near
-                share[outer] = 1.0 - s
-                for c in range(3):
-                    out_v[outer, c] = vertices[outer, c] + (1.0 - s) * (vertices[near, c] - vertices[outer, c])
+                _slide(vertices, outer, near, 1.0 - s, out_v, source, share)
                 f[outer] = 0.0
     for t in range(len(triangles)):
         for k in range(3):
@@ -167,16 +167,25 @@ def _clip_kernel(vertices, triangles, field, level):
             s = f[i] / (f[i] - f[j])
             if s < _SNAP and f[i] >= 0 and not snapped[i]:
                 snapped[i] = True
-                source[i, 1] = j
-                share[i] = s
-                for c in range(3):
-                    out_v[i, c] = vertices[i, c] + s * (vertices[j, c] - vertices[i, c])
+                _slide(vertices, i, j, s, out_v, source, share)
             if s > 1.0 - _SNAP and f[j] >= 0 and not snapped[j]:
                 snapped[j] = True
-                source[j, 1] = i
-                share[j] = 1.0 - s
-                for c in range(3):
-                    out_v[j, c] = vertices[j, c] + (1.0 - s) * (vertices[i, c] - vertices[j, c])
+                _slide(vertices, j, i, 1.0 - s, out_v, source, share)
+    return snapped
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _clip_kernel(vertices, triangles, field, level):
+    count = len(vertices)
+    n_max = count + 3 * len(triangles)
+    out_v = np.empty((n_max, 3))
+    source = np.empty((n_max, 2), np.int64)
+    share = np.zeros(n_max)
+    out_v[:count] = vertices
+    for i in range(count):
+        source[i, 0] = source[i, 1] = i
+    f = field - level
+    snapped = _snap(vertices, triangles, f, out_v, source, share)
     n = count
     keys = dict()
     keys[np.int64(-1)] = np.int64(-1)
