@@ -1,9 +1,10 @@
 """Compile the kernels of mirror_scan_addon/signatures.json into numba's cache, shared out among processes.
 
-    NUMBA_CACHE_DIR=.venv/numba_cache python tools/compile_kernels.py
+    [NUMBA_CACHE_DIR=.venv/numba_cache] python tools/compile_kernels.py
 
 ``make test`` does this first: tests in two processes would compile most kernels twice, and one after the other. What
-the list lacks is compiled by the first test that calls it. A file in the cache says when nothing is left to do.
+the list lacks is compiled by the first test that calls it. A file in NUMBA_CACHE_DIR says when nothing is left to do;
+without that variable numba's cache lies beside the modules, and each kernel is looked up in it.
 """
 
 from __future__ import annotations
@@ -32,13 +33,10 @@ def main() -> int:
             for _ in kernel_compilation.compile_steps(sys.argv[1], stage):
                 pass
         return 0
-    if not os.environ.get("NUMBA_CACHE_DIR"):
-        print("set NUMBA_CACHE_DIR, the folder that the kernels are compiled into", file=sys.stderr)
-        return 2
-    stamp = Path(os.environ["NUMBA_CACHE_DIR"]) / "_".join(
-        (*map(kernel_compilation.stamp_name, stages), sys.implementation.cache_tag, importlib.metadata.version("numba"))
-    )
-    if stamp.exists():
+    cache = os.environ.get("NUMBA_CACHE_DIR")
+    names = map(kernel_compilation.stamp_name, stages)
+    name = "_".join((*names, sys.implementation.cache_tag, importlib.metadata.version("numba")))
+    if cache and (Path(cache) / name).exists():
         return 0
     begin = time.perf_counter()
     with tempfile.TemporaryDirectory() as claims:
@@ -47,8 +45,9 @@ def main() -> int:
     print(f"kernels compiled in {time.perf_counter() - begin:.0f} s")
     if any(failed):
         return 1
-    stamp.parent.mkdir(parents=True, exist_ok=True)
-    stamp.touch()
+    if cache:
+        Path(cache).mkdir(parents=True, exist_ok=True)
+        (Path(cache) / name).touch()
     return 0
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,6 +37,13 @@ def addon():
     mirror_scan.register()
     yield mirror_scan
     mirror_scan.unregister()
+
+
+@pytest.fixture(scope="session")
+def compiled():
+    """The kernels of a build in numba's cache, compiled by other processes: compiling leaves memory taken."""
+    tool = Path(__file__).resolve().parents[2] / "tools" / "compile_kernels.py"
+    subprocess.run([sys.executable, str(tool)], check=True, stdout=subprocess.DEVNULL)
 
 
 @pytest.fixture
