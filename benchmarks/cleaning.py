@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from mirror_scan.core.camera import Intrinsics
+from mirror_scan.core.camera import Intrinsics, RgbdImage
 from mirror_scan.core.capture import Capture, ReadOptions, open_capture
 from mirror_scan.core.depth.burst_fusion import fuse_burst
 from mirror_scan.core.depth.clean_views import clean
@@ -109,7 +109,9 @@ def _folder_views(folder: Path) -> list[View]:
     capture = open_capture(folder)
     camera = capture.intrinsics
     depth = one_depth_map(capture)[0]
-    labels = find_subject(depth, camera, [place_mirror(pick, depth, camera) for pick in capture.mirrors]).labels
+    labels = find_subject(
+        RgbdImage(depth, camera), [place_mirror(RgbdImage(depth, camera), pick) for pick in capture.mirrors]
+    ).labels
     planes = json.loads((folder / "truth" / "rig.json").read_text(encoding="utf-8"))["mirrors"]
     body = read_mesh(folder / "truth" / "body.ply")
     tree = build_bvh(np.ascontiguousarray(body.vertices, np.float64), np.ascontiguousarray(body.triangles, np.int32))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from mirror_scan.core.camera import Intrinsics
+from mirror_scan.core.camera import Intrinsics, RgbdImage
 from mirror_scan.core.capture import Capture, MirrorPicks, open_capture
 from mirror_scan.core.checks.view_disagreement import disagreements
 from mirror_scan.core.depth.burst_fusion import fuse_burst
@@ -107,13 +107,13 @@ def measure(sensor: str) -> Errors:
         depth = cleaned(capture)
         for picks in clicks(simulation, rng):
             errors.plain.append(
-                displacement(place_mirror(picks, depth, capture.intrinsics, PLAIN), true[picks.name], body)
+                displacement(place_mirror(RgbdImage(depth, capture.intrinsics), picks, PLAIN), true[picks.name], body)
             )
-            mirror = place_mirror(picks, depth, capture.intrinsics)
+            mirror = place_mirror(RgbdImage(depth, capture.intrinsics), picks)
             errors.picked.append(displacement(mirror, true[picks.name], body))
             errors.expected.append(1000.0 * mirror.displacement(body))
-        find_mirrors(depth, capture.intrinsics, capture.color)  # warm
-        spent, found = milliseconds(lambda c=capture: find_mirrors(cleaned(c), c.intrinsics, c.color))
+        find_mirrors(RgbdImage(depth, capture.intrinsics, capture.color))  # warm
+        spent, found = milliseconds(lambda c=capture: find_mirrors(RgbdImage(cleaned(c), c.intrinsics, c.color)))
         errors.spent.append(spent)
         apart = np.array([[displacement(m, t, body) for t in true.values()] for m in found]).reshape(-1, len(true))
         hit = [float(column.min()) for column in apart.T if len(column) and column.min() < FAR_MM]
@@ -197,14 +197,14 @@ def _frameless() -> tuple[Table, list[Finding]]:
             for others, told in (([wall_behind(m) for m in bare.mirrors], apart), ([], free)):
                 simulation = simulate(subject, bare, others)
                 body = simulation.truth.body.vertices[::5]
-                for m in find_mirrors(cleaned(simulation.capture), simulation.capture.intrinsics):
+                for m in find_mirrors(RgbdImage(cleaned(simulation.capture), simulation.capture.intrinsics)):
                     told.append(min(displacement(m, t, body) for t in simulation.truth.mirrors))
                     if told is free:
                         expected.append(1000.0 * m.displacement(body))
             room = replace(bare, mirrors=(), room=(-4.5, 4.5, -5.0, 6.5, 2.8))
             behind = [placed(open_door(), 1.0, 0.8, -25.0), placed(subject, 1.35, 1.9, 70.0 + 60.0 * k)]
             capture = simulate(subject, room, behind).capture
-            doors += len(find_mirrors(cleaned(capture), capture.intrinsics))
+            doors += len(find_mirrors(RgbdImage(cleaned(capture), capture.intrinsics)))
         hung += sum(a < FAR_MM for a in apart)
         wrong += sum(a >= FAR_MM for a in apart + free) + doors
         if sensor != "kinect_v1":
@@ -245,9 +245,9 @@ def _crossing() -> tuple[Table, list[Finding]]:
             simulation = simulate(subject, rig)
             body, lens, depth = simulation.truth.body.vertices[::5], simulation.capture.intrinsics, cleaned(
                 simulation.capture)  # fmt: skip
-            placed = [place_mirror(picks, depth, lens) for picks in simulation.capture.mirrors]
-            agreed = align_views(placed, depth, lens)[0]
-            alarms += len(disagreements(depth, find_subject(depth, lens, agreed), agreed, lens))
+            placed = [place_mirror(RgbdImage(depth, lens), picks) for picks in simulation.capture.mirrors]
+            agreed = align_views(RgbdImage(depth, lens), placed)[0]
+            alarms += len(disagreements(RgbdImage(depth, lens), find_subject(RgbdImage(depth, lens), agreed), agreed))
             for old, new, true in zip(placed, agreed, simulation.truth.mirrors, strict=True):
                 before.append(displacement(old, true, body))
                 after.append(displacement(new, true, body))
@@ -282,7 +282,7 @@ def _proud() -> tuple[Table, list[Finding]]:
                     replace(m, frame_depth=depth) for m in rig.mirrors
                 )))  # fmt: skip
                 capture, body = simulation.capture, simulation.truth.body.vertices[::5]
-                found = find_mirrors(cleaned(capture), capture.intrinsics, capture.color)
+                found = find_mirrors(RgbdImage(cleaned(capture), capture.intrinsics, capture.color))
                 alone = reconstruct(capture, (), Settings(seams=SeamSettings(use=False))).mirrors
                 whole = reconstruct(capture, ()).mirrors
                 for told, mirrors in zip(apart, (found, alone, whole), strict=True):
@@ -321,7 +321,7 @@ def _bursts() -> Table:
             for k, frames in enumerate(BURSTS):
                 depth = cleaned(simulation.capture, frames)
                 for picks in simulation.capture.mirrors:
-                    mirror = place_mirror(picks, depth, simulation.capture.intrinsics)
+                    mirror = place_mirror(RgbdImage(depth, simulation.capture.intrinsics), picks)
                     if mirror.covariance is not None:
                         made[k].append(displacement(mirror, true[picks.name], body))
                         promised[k].append(1000.0 * mirror.displacement(body))
@@ -344,7 +344,7 @@ def _real() -> tuple[list[Table], list[Finding]]:
     false = []
     for name in REAL:
         capture = open_capture(folder / name)
-        found = find_mirrors(cleaned(capture), capture.intrinsics, capture.color)
+        found = find_mirrors(RgbdImage(cleaned(capture), capture.intrinsics, capture.color))
         table.rows.append((name, "0", str(len(found)), "–", "–"))
         false += [name] * bool(found)
     for name in ("45", "686"):
@@ -353,11 +353,11 @@ def _real() -> tuple[list[Table], list[Finding]]:
             depth.shape[1], depth.shape[0], 519.0, 519.0, depth.shape[1] / 2 - 0.5, depth.shape[0] / 2 - 0.5
         )
         clean = remove_flying_pixels(fuse_burst(depth[None])[0], 1.0 / lens.fx)
-        found = find_mirrors(clean, lens, color)
+        found = find_mirrors(RgbdImage(clean, lens, color))
         for k, mask in enumerate(masks, start=1):
             label = f"nyu_mirrors {name}, mirror {k} of {len(masks)}"
             try:
-                mirror = place_mirror(MirrorPicks(label, _beside(mask)), clean, lens)
+                mirror = place_mirror(RgbdImage(clean, lens), MirrorPicks(label, _beside(mask)))
             except MirrorError as error:
                 table.rows.append((label, "1", str(len(found)), "–", "–"))
                 table.notes.append(str(error))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from statistics import median
 
 import numpy as np
+from mirror_scan.core.camera import RgbdImage
 from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.mesh import Mesh
@@ -86,7 +87,7 @@ def prepared(simulation: Simulation):
     """Depth and mirrors as the pipeline has them when it looks for the subject."""
     lens = simulation.capture.intrinsics
     depth = one_depth_map(simulation.capture)[0]
-    return depth, [place_mirror(m, depth, lens) for m in simulation.capture.mirrors]
+    return depth, [place_mirror(RgbdImage(depth, lens), m) for m in simulation.capture.mirrors]
 
 
 def run() -> Result:
@@ -105,7 +106,9 @@ def run() -> Result:
             depth, mirrors = prepared(simulation)
             lens = simulation.capture.intrinsics
             try:
-                spent, views = medians({"": lambda d=depth, m=mirrors, k=lens, s=settings: find_subject(d, k, m, s)}, 3)
+                spent, views = medians(
+                    {"": lambda d=depth, m=mirrors, k=lens, s=settings: find_subject(RgbdImage(d, k), m, s)}, 3
+                )
             except MirrorScanError as error:
                 failed.append(f"{sensor}, {name}: {error}")
                 table.rows.append((sensor, name, "failed", *["–"] * 5))

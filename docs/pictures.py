@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from mirror_scan.core.avatar.frame import avatar_frame
-from mirror_scan.core.camera import unproject
+from mirror_scan.core.camera import RgbdImage, unproject
 from mirror_scan.core.capture import Capture
 from mirror_scan.core.capture.capture_summary import picture
 from mirror_scan.core.closing.mesh_closing import close_mesh
@@ -64,20 +64,20 @@ def main() -> None:
     save("capture", [picture(capture)], ["depth", "colour"], scale=0.8)
 
     depth, _ = one_depth_map(capture, settings.depth)
-    mirrors = [place_mirror(picks, depth, camera, settings.mirror) for picks in capture.mirrors]
-    views = find_subject(depth, camera, mirrors, settings.views)
+    mirrors = [place_mirror(RgbdImage(depth, camera), picks, settings.mirror) for picks in capture.mirrors]
+    views = find_subject(RgbdImage(depth, camera), mirrors, settings.views)
     labels = views.labels
     save("views", [_views_picture(capture, views.seen), _views_picture(capture, labels)],
          ["which way it is seen", "what is the person"])  # fmt: skip
 
     first = capture.depth[0]
-    depth, views, noise = clean_views(depth, views, len(mirrors), camera, settings.depth)
+    depth, views, noise = clean_views(RgbdImage(depth, camera), views, len(mirrors), settings.depth)
     box = _box(views.labels == 0)
     save("depth", [_relief(first, labels, camera)[box], _relief(depth, views.labels, camera)[box]],
          ["one frame", "burst fused and smoothed"], scale=2)  # fmt: skip
 
     patches = make_patches(depth, views, mirrors, noise, capture, settings.triangulation)
-    maps = view_maps(depth, views.labels, views.seen, camera, mirrors, noise)
+    maps = view_maps(RgbdImage(depth, camera), views.labels, views.seen, mirrors, noise)
     parted = part_overlaps(patches, maps, settings.overlap)
     zipped, _, twin = zip_patches(parted, maps, views.up, views.axis, views.floor, settings.zipper)
     closed, _ = close_mesh(zipped, maps, views.up, views.floor, settings.closing, twin)

@@ -3,5 +3,6 @@
 from __future__ import annotations
 
 from .pinhole import Intrinsics, project, unproject
+from .rgbd_image import RgbdImage
 
-__all__ = ["Intrinsics", "project", "unproject", "image_registration", "noise_models", "pinhole"]
+__all__ = ["Intrinsics", "RgbdImage", "project", "unproject", "image_registration", "noise_models", "pinhole"]

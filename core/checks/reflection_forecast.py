@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..camera import Intrinsics, project
+from ..camera import RgbdImage, project
 from ..mirrors import Mirror
 from ..mirrors.glass_extent import glass_corners
 from ..mirrors.mirror import reflection_matrix
@@ -46,19 +46,19 @@ def thinned(views: Views, which: np.ndarray) -> np.ndarray:
     return views.points.reshape(-1, 3)[mine[:: len(mine) // 4000 + 1]]
 
 
-def foresee(subject: np.ndarray, depth: np.ndarray, views: Views, mirror: Mirror, intrinsics: Intrinsics) -> Reflection:
+def foresee(image: RgbdImage, subject: np.ndarray, views: Views, mirror: Mirror) -> Reflection:
     """Where the mirror ought to show the subject, by points of it that other views show.
 
     Parameters
     ----------
     subject : np.ndarray [shape=(N, 3)]
         These points, N > 0, camera frame [m].
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         z [m], 0 = no reading.
     views : Views
     mirror : Mirror
-    intrinsics : Intrinsics
     """
+    depth, intrinsics = image.depth, image.intrinsics
     k = intrinsics
     reflected, a, b, through = reflections_on_mirror(subject, mirror)
     ahead = reflected[:, 2] > _NEAREST
@@ -103,8 +103,9 @@ def foresee(subject: np.ndarray, depth: np.ndarray, views: Views, mirror: Mirror
     )  # fmt: skip
 
 
-def without_frame(mirror: Mirror, depth: np.ndarray, views: Views, intrinsics: Intrinsics) -> Mirror:
+def without_frame(image: RgbdImage, mirror: Mirror, views: Views) -> Mirror:
     """The mirror whose rectangle ends where its frame begins: up to there readings lie in its plane."""
+    depth, intrinsics = image.depth, image.intrinsics
     if mirror.rectangle is None or mirror.polygon is not None:
         return mirror
     height, width = depth.shape

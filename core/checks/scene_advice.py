@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from ..camera import Intrinsics
+from ..camera import Intrinsics, RgbdImage
 from ..camera.noise_models import NoiseModel
 from ..errors import Notice
 from ..mirrors import Mirror
@@ -74,23 +74,17 @@ _BORDER_PIXELS = 6  # of the subject at the image's border that mean it is cut
 
 
 def check_scene(
-    depth: np.ndarray,
-    views: Views,
-    mirrors: list[Mirror],
-    intrinsics: Intrinsics,
-    model: NoiseModel | None = None,
-    alone: bool = True,
+    image: RgbdImage, views: Views, mirrors: list[Mirror], model: NoiseModel | None = None, alone: bool = True
 ) -> list[str]:
     """Warnings about a scene from which a result is possible, the worst for the result first.
 
     Parameters
     ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         z [m], 0 = no reading.
     views : Views
         Of :func:`.subject_search.find_subject`.
     mirrors : list of Mirror
-    intrinsics : Intrinsics
     model : NoiseModel or None
         Of the camera, where it is known: how far it reads.
     alone : bool
@@ -101,13 +95,14 @@ def check_scene(
     list of str
         Each says what is wrong, where, and what to do. Empty for a good scene.
     """
+    depth, intrinsics = image.depth, image.intrinsics
     warned = _cut_by_image(views, intrinsics)
     subject = thinned(views, views.labels == 0)
     if len(subject):
         # what a mirror shows itself ends where its glass does
         others = [thinned(views, (views.labels >= 0) & (views.labels != k)) for k in range(1, len(mirrors) + 1)]
-        mirrors = [without_frame(m, depth, views, intrinsics) for m in mirrors]
-        found = [foresee(points, depth, views, m, intrinsics) for points, m in zip(others, mirrors, strict=True)]
+        mirrors = [without_frame(image, m, views) for m in mirrors]
+        found = [foresee(image, points, views, m) for points, m in zip(others, mirrors, strict=True)]
         step = _step_aside(subject, views, mirrors, found, intrinsics)
         if step is not None:
             warned.append(step)

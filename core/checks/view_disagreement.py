@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from ..camera import Intrinsics
+from ..camera import RgbdImage
 from ..errors import Notice
 from ..mirrors import Mirror
 from ..mirrors.mirror import expected_error
@@ -55,7 +55,7 @@ class Disagreement:
         return self.sure and (self.distance > _DOUBLED or self.through > _MOSTLY_THROUGH)
 
 
-def disagreements(depth: np.ndarray, views: Views, mirrors: list[Mirror], intrinsics: Intrinsics) -> list[Disagreement]:
+def disagreements(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> list[Disagreement]:
     """Where views of the subject contradict each other, the worst of each mirror.
 
     Compared is what each mirror shows about the subject's place, whether it was taken for the subject or not: a mirror
@@ -63,12 +63,11 @@ def disagreements(depth: np.ndarray, views: Views, mirrors: list[Mirror], intrin
 
     Parameters
     ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         z [m], 0 = no reading.
     views : Views
         Of :func:`.subject_search.find_subject`.
     mirrors : list of Mirror
-    intrinsics : Intrinsics
 
     Returns
     -------
@@ -79,12 +78,13 @@ def disagreements(depth: np.ndarray, views: Views, mirrors: list[Mirror], intrin
     -----
     O(pixels of the subject).
     """
+    depth, intrinsics = image.depth, image.intrinsics
     subject = dot(views.points.reshape(-1, 3)[np.flatnonzero(views.labels == 0)[::5]], views.up)
     low, high = (subject.min(), subject.max()) if len(subject) else (-np.inf, np.inf)
     low = low + 0.1 if views.floor is None else views.floor + 0.1
     labels = _about_kernel(views.labels, views.seen, views.points, views.up, views.axis, low, high + 0.1)
     sigma = noise_of(depth, labels)
-    shown = [surfaces(depth, labels, view, intrinsics, sigma) for view in range(len(mirrors) + 1)]
+    shown = [surfaces(image, labels, view, sigma) for view in range(len(mirrors) + 1)]
     both_ways: dict[tuple[int, int], list[Correspondences]] = {}
     for m in find_correspondences(mirrors, shown, intrinsics, _OTHER_PART, depth, views.seen):
         both_ways.setdefault((min(m.of, m.by), max(m.of, m.by)), []).append(m)
@@ -161,19 +161,16 @@ def _about_kernel(labels, seen, points, up, axis, low, high):
     return out
 
 
-def check_agreement(
-    depth: np.ndarray, views: Views, mirrors: list[Mirror], intrinsics: Intrinsics
-) -> tuple[Views, list[str]]:
+def check_agreement(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> tuple[Views, list[str]]:
     """Mirrors that contradict the other views are reported, and left out where they would double the body.
 
     Parameters
     ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         z [m], 0 = no reading.
     views : Views
         Of :func:`.subject_search.find_subject`.
     mirrors : list of Mirror
-    intrinsics : Intrinsics
 
     Returns
     -------
@@ -183,7 +180,7 @@ def check_agreement(
         Each says which mirror, by how much, and what to do.
     """
     warned, labels = [], views.labels
-    for found in disagreements(depth, views, mirrors, intrinsics):
+    for found in disagreements(image, views, mirrors):
         name = quoted(mirrors[found.mirror])
         other = "the camera" if found.other == 0 else quoted(mirrors[found.other - 1])
         how = f"{100.0 * found.distance:.0f} cm away from where {other} shows it" if found.distance else (

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..camera import unproject
+from ..camera import RgbdImage, unproject
 from ..depth.clean_views import clean
 from ..depth.depth_map import one_depth_map
 from ..depth.noise_estimate import measure_noise
@@ -68,7 +68,9 @@ def patch(made: Simulation, view: int, way: str, readable: np.ndarray | None = N
         depth, labels, noise = clean(depth, labels, 1, camera.fx, settings, model, spread if len(burst) > 1 else None)
     mesh = triangulate_view(depth, labels, 0, unproject(depth, camera), 1.0 / camera.fx, noise[0])
     if view > 0:
-        mirror = place_mirror(truth.mirrors[view - 1], depth, camera)  # its plane is known: nothing is fitted
+        mirror = place_mirror(
+            RgbdImage(depth, camera), truth.mirrors[view - 1]
+        )  # its plane is known: nothing is fitted
         mesh = mesh.transformed(reflection_matrix(mirror))
         mesh = replace(mesh, triangles=np.ascontiguousarray(mesh.triangles[:, ::-1]))
     return mesh.transformed(truth.camera_to_avatar)

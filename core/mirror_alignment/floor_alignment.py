@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from ..camera import Intrinsics
+from ..camera import RgbdImage
 from ..mirrors import Mirror
 from ..mirrors.mirror import (
     expected_error,
@@ -78,7 +78,7 @@ _RISING = 1e-6  # of a ray's fall towards the floor, times the eye's height: les
 
 
 def align_floor(
-    mirrors: list[Mirror], depth: np.ndarray, intrinsics: Intrinsics, settings: FloorSettings | None = None
+    image: RgbdImage, mirrors: list[Mirror], settings: FloorSettings | None = None
 ) -> tuple[list[Mirror], tuple[str, ...]]:
     """Mirrors moved until the floor they show lies in the floor that is seen directly.
 
@@ -89,7 +89,7 @@ def align_floor(
 
     Parameters
     ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         Fused depth, z [m].
 
     Returns
@@ -102,6 +102,7 @@ def align_floor(
     -----
     O(pixels), some 40 ms for 848×480; nothing is done while every frame is certain enough.
     """
+    depth, intrinsics = image.depth, image.intrinsics
     settings = settings or FloorSettings()
     if not settings.use:
         return list(mirrors), ()

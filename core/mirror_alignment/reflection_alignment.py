@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from ..camera import Intrinsics, project
+from ..camera import RgbdImage, project
 from ..errors import Notice
 from ..mirrors import Mirror
 from ..mirrors.glass_kernels import (
@@ -77,7 +77,7 @@ class JointSettings:
 
 
 def align_reflections(
-    mirrors: list[Mirror], depth: np.ndarray, intrinsics: Intrinsics, settings: JointSettings | None = None
+    image: RgbdImage, mirrors: list[Mirror], settings: JointSettings | None = None
 ) -> tuple[list[Mirror], tuple[str, ...]]:
     """Mirrors moved until what they show meets what is seen directly; each stays when that cannot be shown to help.
 
@@ -89,7 +89,7 @@ def align_reflections(
 
     Parameters
     ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         Fused depth, z [m].
 
     Returns
@@ -104,7 +104,7 @@ def align_reflections(
 
     def aligned(mirror: Mirror) -> Mirror | None:
         movable = mirror.covariance is not None and mirror.source in ("picked", "found")
-        return _aligned(mirror, depth, intrinsics, settings) if movable and mirror.rectangle is not None else None
+        return _aligned(image, mirror, settings) if movable and mirror.rectangle is not None else None
 
     out, notes = [], []
     for mirror, better in zip(mirrors, each(aligned, mirrors), strict=True):
@@ -130,7 +130,8 @@ def _note(mirror: Mirror, shift: float) -> Notice:
     )  # fmt: skip
 
 
-def _aligned(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, settings: JointSettings) -> Mirror | None:
+def _aligned(image: RgbdImage, mirror: Mirror, settings: JointSettings) -> Mirror | None:
+    depth, intrinsics = image.depth, image.intrinsics
     points, facing, blocks = _shown(mirror, depth, intrinsics, settings)
     if len(points) < settings.min_pairs:
         return None

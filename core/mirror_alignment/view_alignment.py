@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..camera import Intrinsics, unproject
+from ..camera import Intrinsics, RgbdImage, unproject
 from ..mirrors import Mirror
 from ..mirrors.mirror import expected_error, reflection_moves, with_reason
 from ..views.ray_sorting import sort_rays
@@ -61,7 +61,7 @@ class AgreementSettings:
 
 
 def align_views(
-    mirrors: list[Mirror], depth: np.ndarray, intrinsics: Intrinsics, settings: AgreementSettings | None = None
+    image: RgbdImage, mirrors: list[Mirror], settings: AgreementSettings | None = None
 ) -> tuple[list[Mirror], tuple[str, ...]]:
     """Mirrors moved until the views agree on what they show twice, weighed against what their frames say.
 
@@ -71,7 +71,7 @@ def align_views(
 
     Parameters
     ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         Fused depth, z [m].
 
     Returns
@@ -85,12 +85,13 @@ def align_views(
     -----
     O(pixels behind glass); nothing is done while every frame is certain enough.
     """
+    depth, intrinsics = image.depth, image.intrinsics
     settings = settings or AgreementSettings()
     columns = columns_of(k for k, m in enumerate(mirrors) if _movable(m))
     if not settings.use or not any(expected_error(mirrors[k]) > settings.uncertainty for k in columns):
         return list(mirrors), ()
     seen = sort_rays(unproject(depth, intrinsics), mirrors)[0]
-    shown = surfaces_of_views(mirrors, depth, seen, intrinsics, noise_of(depth, seen))
+    shown = surfaces_of_views(image, mirrors, seen, noise_of(depth, seen))
     pairs = _Pairs(mirrors, columns, shown, intrinsics)
     prior = frames_prior([mirrors[k] for k in columns])
     gates = [settings.gate * share for share in _GATES]

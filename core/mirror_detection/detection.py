@@ -12,9 +12,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
-from ..camera import Intrinsics
+from ..camera import RgbdImage
 from ..mirrors import Mirror
 from .edge_segments import DetectionSettings, find_edge_segments
 from .framed_mirrors import depth_without_frames, mirror_on_frame, partly_behind, without_overlap
@@ -27,21 +25,13 @@ from .rectangle_hypotheses import propose
 _USUAL = 2  # mirrors: where depth alone finds fewer, the colour picture's lines are asked as well
 
 
-def find_mirrors(
-    depth: np.ndarray,
-    intrinsics: Intrinsics,
-    color: np.ndarray | None = None,
-    settings: DetectionSettings = DEFAULTS,
-    glass_offset: float = 0.0,
-) -> list[Mirror]:
+def find_mirrors(image: RgbdImage, settings: DetectionSettings = DEFAULTS, glass_offset: float = 0.0) -> list[Mirror]:
     """All mirrors of a scene, from the left, without a click.
 
     Parameters
     ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         Fused depth, flying pixels removed; z [m], 0 = no reading.
-    intrinsics : Intrinsics
-    color : np.ndarray [shape=(H, W, 3), dtype=uint8], optional
         On the depth's grid. Where depth alone finds fewer than two mirrors, its lines stand for parts of frames that
         give no readings, as black and glossy ones do. Another size is not used.
     glass_offset : float
@@ -56,47 +46,42 @@ def find_mirrors(
     -----
     O(H W) and the square of the number of straight depth edges; deterministic.
     """
+    depth, color = image.depth, image.color
     if color is not None and color.shape[:2] != depth.shape:
         color = None
-    found = _framed([], depth, intrinsics, settings, glass_offset)
+    found = _framed(image.without_color(), [], glass_offset, settings)
     if color is not None and len(found) < _USUAL:
-        found = _framed(found, depth, intrinsics, settings, glass_offset, color)
-    doubt = [doubtful(m, depth, intrinsics) for m in found]
+        found = _framed(image, found, glass_offset, settings)
+    doubt = [doubtful(image, m) for m in found]
     sure = [m for m, doubted in zip(found, doubt, strict=True) if not doubted]
     if len(sure) < settings.max_mirrors and not settings.empty_rig:
-        better = find_verified_frameless(depth, intrinsics, settings, sure)
+        better = find_verified_frameless(image, sure, settings)
         found = [m for m, doubted in zip(found, doubt, strict=True) if not (doubted and overlaps(m, better))] + better
     found.sort(key=lambda m: m.point[0] / m.point[2])
     return [replace(m, name=name) for m, name in zip(found, _names(found), strict=True)]
 
 
-def _framed(
-    found: list[Mirror],
-    depth: np.ndarray,
-    intrinsics: Intrinsics,
-    settings: DetectionSettings,
-    glass_offset: float,
-    color: np.ndarray | None = None,
-) -> list[Mirror]:
+def _framed(image: RgbdImage, found: list[Mirror], glass_offset: float, settings: DetectionSettings) -> list[Mirror]:
     """Mirrors with a frame or a wall about them, besides those ``found``: these and the new ones."""
+    intrinsics = image.intrinsics
     lenient = replace(settings, max_violation=2.0 * settings.max_violation)
-    proposed = propose(find_edge_segments(depth, intrinsics, settings, color), settings)
-    guesses = verified_hypotheses(proposed, depth, intrinsics, lenient, color=color)
-    bare = depth_without_frames(found, depth, intrinsics, glass_offset)
+    proposed = propose(find_edge_segments(image, settings), settings)
+    guesses = verified_hypotheses(image, proposed, lenient)
+    bare = depth_without_frames(image, found, glass_offset)
     while guesses:
         new = []
         for guess in without_overlap(guesses, intrinsics, found)[: settings.max_mirrors - len(found)]:
-            mirror = mirror_on_frame(guess, depth, intrinsics, settings, glass_offset, found, color, bare)
+            mirror = mirror_on_frame(image, guess, glass_offset, settings, found, bare)
             if mirror is not None:
                 new.append(mirror)
-                bare = depth_without_frames([mirror], bare, intrinsics, glass_offset)
+                bare = depth_without_frames(image.with_depth(bare), [mirror], glass_offset)
         found = found + new
         if not new or len(found) == settings.max_mirrors:
             break
         # a mirror through another one: its frame edge is not where the other's glass is before it
         behind = [guess for guess in proposed if partly_behind(guess, found)]
-        guesses = verified_hypotheses(behind, depth, intrinsics, lenient, found, color)
-    return found + find_identical_frames(proposed, found, depth, intrinsics, settings, glass_offset, color, bare)
+        guesses = verified_hypotheses(image, behind, lenient, found)
+    return found + find_identical_frames(image, proposed, found, glass_offset, bare, settings)
 
 
 def _names(mirrors: list[Mirror]) -> list[str]:

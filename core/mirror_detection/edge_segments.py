@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from ..camera import Intrinsics
+from ..camera import RgbdImage
 
 LEFT, RIGHT, TOP, BOTTOM = 0, 1, 2, 3
 """Side of the glass a depth edge is on; at a LEFT edge it gets farther to the right, and so on."""
@@ -186,19 +186,17 @@ def _split_kernel(rows, columns, disparity, start, stop, tolerance, minimum, cut
     return found
 
 
-def find_edge_segments(
-    depth: np.ndarray, intrinsics: Intrinsics, settings: DetectionSettings, color: np.ndarray | None = None
-) -> list[Segment]:
+def find_edge_segments(image: RgbdImage, settings: DetectionSettings) -> list[Segment]:
     """Straight pieces of near-side depth edges of all four sides, broken pieces joined.
 
     Parameters
     ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         z [m], 0 = no reading.
-    color : np.ndarray [shape=(H, W, 3), dtype=uint8], optional
         On the depth's grid. Black and glossy frames are read here and there only: what is read of them counts even
         where it is short, and is joined over wide gaps, along the lines that this picture has.
     """
+    depth, intrinsics, color = image.depth, image.intrinsics, image.color
     segments: list[Segment] = []
     focal = 0.5 * (intrinsics.fx + intrinsics.fy)
     for turned in (False, True):

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..camera import Intrinsics, project
+from ..camera import Intrinsics, RgbdImage, project
 from ..mirrors import Mirror
 from ..mirrors.frame_fit import fit_frame, without_frames
 from ..mirrors.glass_extent import at_border
@@ -16,20 +16,19 @@ from .mirror_verification import floor_drop, hidden_by_mirrors, missing_reflecti
 from .rectangle_hypotheses import Hypothesis
 
 
-def depth_without_frames(
-    mirrors: list[Mirror], depth: np.ndarray, intrinsics: Intrinsics, glass_offset: float
-) -> np.ndarray:
+def depth_without_frames(image: RgbdImage, mirrors: list[Mirror], glass_offset: float) -> np.ndarray:
     """The depth without what stands on the frames of mirrors.
 
     Parameters
     ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         z [m], 0 = no reading.
     glass_offset : float
         How far the mirrors' planes lie behind the fronts of their frames [m].
     """
+    depth = image.depth
     frames = [replace(m, point=m.point + glass_offset * m.normal) for m in mirrors]
-    return without_frames(depth, frames, intrinsics) if frames else depth
+    return without_frames(image, frames) if frames else depth
 
 
 def partly_behind(guess: Hypothesis, mirrors: list[Mirror]) -> bool:
@@ -43,47 +42,45 @@ def partly_behind(guess: Hypothesis, mirrors: list[Mirror]) -> bool:
 
 
 def mirror_on_frame(
+    image: RgbdImage,
     guess: Hypothesis,
-    depth: np.ndarray,
-    intrinsics: Intrinsics,
-    settings: DetectionSettings,
     glass_offset: float,
+    settings: DetectionSettings,
     known: Iterable[Mirror] = (),
-    color: np.ndarray | None = None,
     bare: np.ndarray | None = None,
 ) -> Mirror | None:
     """The hypothesis as a mirror on the plane of its frame; None when what it shows makes no sense with that plane.
 
     Parameters
     ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         z [m], 0 = no reading.
+        As for :func:`.mirror_verification.frame_edge_share`.
     glass_offset : float
         How far the reflecting glass lies behind the front of the frame [m].
     known : iterable of Mirror
         Behind whose glass the frame is hidden.
-    color : np.ndarray [shape=(H, W, 3), dtype=uint8], optional
-        As for :func:`.mirror_verification.frame_edge_share`.
     bare : np.ndarray [shape=(H, W), dtype=float32], optional
         The depth without the frames of other mirrors, to fit the plane to; by default ``depth``.
     """
-    fitted = fit_to_frame(guess, depth if bare is None else bare, intrinsics)
+    depth, intrinsics = image.depth, image.intrinsics
+    fitted = fit_to_frame(image.with_depth(depth if bare is None else bare), guess)
     if fitted is None:
         return None
     final = replace(guess, point=fitted.point, basis=fitted.basis)
-    floor = floor_drop(depth, intrinsics, fitted.basis)
-    if verify(final, depth, intrinsics, floor, settings, known, color) is None:
+    floor = floor_drop(image, fitted.basis)
+    if verify(image, final, floor, settings, known) is None:
         return None
-    if missing_reflection(fitted, depth, intrinsics):
+    if missing_reflection(image, fitted):
         return None
     behind = replace(fitted, point=fitted.point - glass_offset * fitted.normal)
     return at_border(behind, intrinsics, ends_without_edge(guess))
 
 
-def fit_to_frame(guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics) -> Mirror | None:
+def fit_to_frame(image: RgbdImage, guess: Hypothesis) -> Mirror | None:
     """:func:`.frame_fit.fit_frame` of a hypothesis, from its depth edges."""
     mirror = Mirror("", guess.point, guess.basis[:, 2], guess.basis, guess.rectangle, source="found")
-    return fit_frame(mirror, depth, intrinsics, seeds=_along(guess.sides.values()))
+    return fit_frame(image, mirror, seeds=_along(guess.sides.values()))
 
 
 def _along(sides: Iterable[Segment]) -> np.ndarray:

@@ -14,7 +14,7 @@ from collections.abc import Iterable
 import numpy as np
 from numba import njit
 
-from ..camera import Intrinsics
+from ..camera import RgbdImage
 from ..mirrors import Mirror
 from ..mirrors.frame_fit import fit_frame
 from ..mirrors.glass_extent import with_outline
@@ -33,14 +33,12 @@ _IMAGE_FARTHER = 0.7  # an image is so much farther off than the figure [m]
 _WARN_ERROR = 0.006  # a mirror expected to misplace a person by more is warned of [m]
 
 
-def find_frameless(
-    depth: np.ndarray, intrinsics: Intrinsics, known: Iterable[Mirror] = (), most: int = 2
-) -> list[tuple[Mirror, bool]]:
+def find_frameless(image: RgbdImage, known: Iterable[Mirror] = (), most: int = 2) -> list[tuple[Mirror, bool]]:
     """Mirrors that nothing but the figure in them tells of, besides those ``known``.
 
     Parameters
     ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         Fused depth, flying pixels removed; z [m], 0 = no reading.
     most : int
         At most so many.
@@ -55,6 +53,7 @@ def find_frameless(
     -----
     O(H W).
     """
+    depth, intrinsics = image.depth, image.intrinsics
     stride = max(1, round(np.sqrt(depth.size / 80000.0)))
     thin = np.ascontiguousarray(depth[::stride, ::stride])
     cloud = lay_grid(thin, *(x / stride for x in intrinsics.lens))
@@ -78,12 +77,12 @@ def find_frameless(
     for one, image in pairs[:12]:
         if len(found) == most or behind_glass(image.middle[None], found)[0]:
             continue
-        shown = figure_surfaces(one, image, objects, depth, intrinsics)
-        start = search_mirror_plane(one, image, shown, objects, depth, intrinsics, up)
+        shown = figure_surfaces(image, one, image, objects)
+        start = search_mirror_plane(image, one, image, shown, objects, up)
         mirror = start and fit_mirror_to_skin(start, shown, intrinsics)
-        if mirror is None or not is_one_body(one, image, objects, depth, intrinsics, mirror):
+        if mirror is None or not is_one_body(image, one, image, objects, mirror):
             continue
-        mirror = with_glass(mirror, image, objects, depth, intrinsics, np.append(up, floor))
+        mirror = with_glass(image, mirror, image, objects, np.append(up, floor))
         if mirror is not None:
             found.append(mirror[0])
             beside.append(mirror[1])
@@ -136,26 +135,25 @@ def overlaps(mirror: Mirror, others: Iterable[Mirror]) -> bool:
     return False
 
 
-def find_verified_frameless(
-    depth: np.ndarray, intrinsics: Intrinsics, settings: DetectionSettings, known: list[Mirror]
-) -> list[Mirror]:
+def find_verified_frameless(image: RgbdImage, known: list[Mirror], settings: DetectionSettings) -> list[Mirror]:
     """Mirrors that only the figure in them tells of, as far as the rest of what they show may be a reflection too.
 
     Where something stands beside the glass it must be a frame in its plane, which then tells that better.
     """
+    intrinsics = image.intrinsics
     good = []
-    for mirror, beside in find_frameless(depth, intrinsics, known, settings.max_mirrors - len(known)):
+    for mirror, beside in find_frameless(image, known, settings.max_mirrors - len(known)):
         if beside:
-            framed = fit_frame(mirror, depth, intrinsics)
+            framed = fit_frame(image, mirror)
             off = framed and reflection_shift(person_before(mirror), framed, mirror)
             if off is None or off > 3.0 * mirror.displacement(person_before(mirror)):
                 continue
             mirror = with_outline(framed, intrinsics)
         guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
-        if beside and frame_edge_share(guess, depth, intrinsics, 0.2, known) < settings.min_rim:
+        if beside and frame_edge_share(image, guess, 0.2, known) < settings.min_rim:
             continue
-        evidence = count_evidence(guess, depth, intrinsics, floor_drop(depth, intrinsics, mirror.basis))
+        evidence = count_evidence(image, guess, floor_drop(image, mirror.basis))
         bad = evidence.violated > settings.max_violation * evidence.judged
-        if evidence.shown >= 30 and not bad and not missing_reflection(mirror, depth, intrinsics):
+        if evidence.shown >= 30 and not bad and not missing_reflection(image, mirror):
             good.append(mirror)
     return good

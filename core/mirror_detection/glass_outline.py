@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from ..camera import Intrinsics, project
+from ..camera import RgbdImage, project
 from ..mirrors import Mirror
 from ..mirrors.glass_extent import at_border
 from ..mirrors.glass_kernels import glass_of, place_on_plane, share_at_plane
@@ -25,19 +25,15 @@ _ASKED_HEIGHT = 0.55  # of the image's height, from its top, is asked: floor goe
 
 
 def with_glass(
-    mirror: Mirror,
-    image: Figure,
-    objects: np.ndarray,
-    depth: np.ndarray,
-    lens: Intrinsics,
-    floor: np.ndarray,
+    image: RgbdImage, mirror: Mirror, reflection: Figure, objects: np.ndarray, floor: np.ndarray
 ) -> tuple[Mirror, bool] | None:
     """The mirror with its glass: the rectangle about the image whose sides depth jumps along; None when no straight
     line bounds it; and whether something stands beside it. ``floor`` (4,): up and the floor's height."""
+    depth, lens = image.depth, image.intrinsics
     up, height = floor[:3], floor[3]
     a, b, n = mirror.basis.T
     d = float(n @ mirror.point)
-    at = image.points * (d / dot(image.points, n))[:, None] - mirror.point
+    at = reflection.points * (d / dot(reflection.points, n))[:, None] - mirror.point
     left, right = np.quantile(dot(at, a), (0.01, 0.99))
     top, feet = np.quantile(dot(at, b), (0.005, 0.995))
     bottom = (height - up @ mirror.point) / (up @ b)  # where the plane meets the floor
@@ -46,7 +42,7 @@ def with_glass(
     corner = np.array((left - _SEARCHED_BESIDE, top - _SEARCHED_BESIDE))
     size = np.ceil((np.array((right + _SEARCHED_BESIDE, bottom)) - corner) / _PLANE_CELL).astype(np.int64)
     upright, lying, seen = _jumps_kernel(
-        depth, _about(objects == image.id, 4), lens.lens, glass_of([mirror]), corner, size, _PLANE_CELL
+        depth, _about(objects == reflection.id, 4), lens.lens, glass_of([mirror]), corner, size, _PLANE_CELL
     )
     rows = slice(
         int((top - corner[1]) / _PLANE_CELL), int((top + _ASKED_HEIGHT * (feet - top) - corner[1]) / _PLANE_CELL) + 1
@@ -74,7 +70,7 @@ def with_glass(
         rectangle[1, 0] = corner[1] + np.flatnonzero(both)[0] * _PLANE_CELL if both.any() else top
     if met < 2:
         return None
-    beside = _stands_beside(mirror, rectangle, [side[0] == _EDGE_FOUND for side in sides], depth, lens)
+    beside = _stands_beside(image, mirror, rectangle, [side[0] == _EDGE_FOUND for side in sides])
     open_ends = np.array(((sides[0][0] != _EDGE_FOUND, sides[1][0] != _EDGE_FOUND), (state != _EDGE_FOUND, True)))
     return at_border(replace(mirror, rectangle=rectangle), lens, open_ends), beside
 
@@ -82,8 +78,9 @@ def with_glass(
 _NO_EDGE, _EDGE_FOUND, _EDGE_HIDDEN = 0, 1, 2
 
 
-def _stands_beside(mirror: Mirror, rectangle: np.ndarray, met: list[bool], depth: np.ndarray, lens: Intrinsics) -> bool:
+def _stands_beside(image: RgbdImage, mirror: Mirror, rectangle: np.ndarray, met: list[bool]) -> bool:
     """Beside the glass, where only the room behind should be seen, something is near the plane: posts of a door."""
+    depth, lens = image.depth, image.intrinsics
     down = np.linspace(rectangle[1, 0], 0.5 * rectangle[1].sum(), 40)
     for end in np.flatnonzero(met):
         near, visible = 0, 0

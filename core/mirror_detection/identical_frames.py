@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..camera import Intrinsics, project
+from ..camera import RgbdImage, project
 from ..mirrors import Mirror
 from ..mirrors.disparity_plane import disparity_of_plane
 from ..mirrors.frame_sides import frame_sides
@@ -36,72 +36,62 @@ _NOISE_SHARE = 0.02  # of a glass so much may be read in its plane, and of that 
 
 
 def find_identical_frames(
+    image: RgbdImage,
     proposed: list[Hypothesis],
     found: list[Mirror],
-    depth: np.ndarray,
-    intrinsics: Intrinsics,
-    settings: DetectionSettings,
     glass_offset: float,
-    color: np.ndarray | None,
     bare: np.ndarray,
+    settings: DetectionSettings,
 ) -> list[Mirror]:
     """Mirrors that show next to nothing, but stand in frames of the make of those ``found`` (:mod:`.identical_frames`);
     ``bare`` is the depth without the latter."""
+    intrinsics = image.intrinsics
     if not found and settings.empty_rig:
-        found = _pair(proposed, depth, intrinsics, glass_offset, color)
-        bare = depth_without_frames(found, bare, intrinsics, glass_offset)
-        return found + (
-            find_identical_frames(proposed, found, depth, intrinsics, settings, glass_offset, color, bare)
-            if found
-            else []
-        )
-    asked, points = [], sampled_points(depth, intrinsics) if found else None
+        found = _pair(image, proposed, glass_offset)
+        bare = depth_without_frames(image.with_depth(bare), found, glass_offset)
+        return found + (find_identical_frames(image, proposed, found, glass_offset, bare, settings) if found else [])
+    asked, points = [], sampled_points(image) if found else None
     for guess in _uncovered(proposed, found) if found else ():
-        edge, _ = _unopposed(guess, points, depth, intrinsics, found, color)
+        edge, _ = _unopposed(image, guess, points, found)
         if edge > 0.0:
             asked.append((len(guess.sides), edge, guess))
     asked.sort(key=lambda one: one[:2], reverse=True)
     makes = [
-        measure_frame(replace(m, point=m.point + glass_offset * m.normal), depth, intrinsics)
+        measure_frame(image, replace(m, point=m.point + glass_offset * m.normal))
         for m in (found if asked else ())
-        if not doubtful(m, depth, intrinsics)
+        if not doubtful(image, m)
     ]
     new: list[Mirror] = []
     for _, _, guess in asked:
         if len(found) + len(new) == settings.max_mirrors or not _uncovered([guess], new):
             continue
-        fitted = fit_to_frame(guess, bare, intrinsics)
-        if fitted is None or missing_reflection(fitted, depth, intrinsics):
+        fitted = fit_to_frame(image.with_depth(bare), guess)
+        if fitted is None or missing_reflection(image, fitted):
             continue
         final = replace(guess, point=fitted.point, basis=fitted.basis)
-        edge, shown = _unopposed(final, points, depth, intrinsics, found, color)
-        mine = measure_frame(fitted, depth, intrinsics)
+        edge, shown = _unopposed(image, final, points, found)
+        mine = measure_frame(image, fitted)
         if edge > 0.0 and any(same_make(mine, make, shown >= min(LEAST_SHOWN)) for make in makes):
             behind = replace(fitted, point=fitted.point - glass_offset * fitted.normal)
             new.append(at_border(behind, intrinsics, ends_without_edge(guess)))
-            bare = depth_without_frames(new[-1:], bare, intrinsics, glass_offset)
+            bare = depth_without_frames(image.with_depth(bare), new[-1:], glass_offset)
     return new
 
 
-def _pair(
-    proposed: list[Hypothesis],
-    depth: np.ndarray,
-    intrinsics: Intrinsics,
-    glass_offset: float,
-    color: np.ndarray | None,
-) -> list[Mirror]:
+def _pair(image: RgbdImage, proposed: list[Hypothesis], glass_offset: float) -> list[Mirror]:
     """Two mirrors of an empty rig in which nothing is read, proved by each other; or none."""
-    points, asked = sampled_points(depth, intrinsics), []
+    intrinsics = image.intrinsics
+    points, asked = sampled_points(image), []
     for guess in proposed:
-        if len(guess.sides) == 4 and _unopposed(guess, points, depth, intrinsics, (), color)[0] > 0.0:
-            fitted = fit_to_frame(guess, depth, intrinsics)
+        if len(guess.sides) == 4 and _unopposed(image, guess, points, ())[0] > 0.0:
+            fitted = fit_to_frame(image, guess)
             if fitted is not None:
                 behind = replace(fitted, point=fitted.point - glass_offset * fitted.normal)
                 asked.append(
                     (
                         guess,
                         at_border(behind, intrinsics, ends_without_edge(guess)),
-                        measure_frame(fitted, depth, intrinsics),
+                        measure_frame(image, fitted),
                     )
                 )
     for k, (_, one, mine) in enumerate(asked):
@@ -126,22 +116,15 @@ def _uncovered(guesses: list[Hypothesis], mirrors: list[Mirror]) -> list[Hypothe
     return [guess for guess, part in zip(guesses, hidden.mean(axis=1), strict=True) if part <= 0.5]
 
 
-def _unopposed(
-    guess: Hypothesis,
-    points: np.ndarray,
-    depth: np.ndarray,
-    intrinsics: Intrinsics,
-    known: Iterable[Mirror],
-    color: np.ndarray | None,
-) -> tuple[float, float]:
+def _unopposed(image: RgbdImage, guess: Hypothesis, points: np.ndarray, known: Iterable[Mirror]) -> tuple[float, float]:
     """:func:`.mirror_verification.frame_edge_share` where nothing stands in the rectangle's plane but its frame, and
     nothing it shows would be where the camera looks through, else 0; and how many readings it shows. ``points`` as for
     :func:`.mirror_verification.floor_drop_of_points`."""
-    evidence = count_evidence(guess, depth, intrinsics, floor_drop_of_points(points, guess.basis))
+    evidence = count_evidence(image, guess, floor_drop_of_points(points, guess.basis))
     glass = evidence.unread + evidence.behind
     if glass < 60 or evidence.on > _NOISE_SHARE * glass or evidence.violated > max(_NOISE_SHARE * evidence.behind, 3.0):
         return 0.0, 0.0
-    edge = frame_edge_share(guess, depth, intrinsics, 0.2, known, color)
+    edge = frame_edge_share(image, guess, 0.2, known)
     return (edge if edge > WHOLE_EDGE else 0.0), evidence.shown
 
 
@@ -171,14 +154,15 @@ class FrameMeasures:
     pixel: float
 
 
-def measure_frame(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> FrameMeasures:
+def measure_frame(image: RgbdImage, mirror: Mirror) -> FrameMeasures:
     """The measures of a frame, whose plane is ``mirror``'s and whose ``rectangle`` is about right.
 
     Parameters
     ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         z [m], 0 = no reading.
     """
+    depth, intrinsics = image.depth, image.intrinsics
     z = float(mirror.point[2])
     tolerance = min(max(4.0 * mirror.residual, 0.004), 0.02 * z) / z**2
     plane = disparity_of_plane(mirror.normal, float(mirror.normal @ mirror.point), intrinsics)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..camera import Intrinsics
+from ..camera import RgbdImage
 from ..capture import MirrorPicks
 from ..errors import MirrorError
 from ..mirrors import Mirror
@@ -24,11 +24,7 @@ _STANDS, _MOSTLY = 0.6, 0.9  # of its outline, of all and of what can be judged,
 
 
 def find_mirror_at(
-    picks: MirrorPicks,
-    depth: np.ndarray,
-    intrinsics: Intrinsics,
-    settings: DetectionSettings = DEFAULTS,
-    glass_offset: float = 0.0,
+    image: RgbdImage, picks: MirrorPicks, settings: DetectionSettings = DEFAULTS, glass_offset: float = 0.0
 ) -> Mirror:
     """The mirror whose frame is nearest to one or two picked pixels, too few for a plane of their own.
 
@@ -46,10 +42,10 @@ def find_mirror_at(
     """
     trusting = replace(settings, empty_rig=True, max_violation=max(2.0 * settings.max_violation, 0.3))
     pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)
-    guesses = hypotheses(depth, intrinsics, trusting)
-    settled = [mirror_on_frame(guess, depth, intrinsics, trusting, glass_offset) for guess in guesses]
+    guesses = hypotheses(image, trusting)
+    settled = [mirror_on_frame(image, guess, glass_offset, trusting) for guess in guesses]
     best = _nearest([mirror for mirror in settled if mirror is not None], pixels, 0.5)
-    if best is None and (bare := find_frameless_at(picks, depth, intrinsics, settings, 0.5)) is not None:
+    if best is None and (bare := find_frameless_at(image, picks, settings, 0.5)) is not None:
         return bare
     if best is None:
         u, v = pixels[0]
@@ -61,54 +57,49 @@ def find_mirror_at(
 
 
 def find_better_at(
+    image: RgbdImage,
     picks: MirrorPicks,
     mirror: Mirror | None,
-    depth: np.ndarray,
-    intrinsics: Intrinsics,
     settings: DetectionSettings = DEFAULTS,
     glass_offset: float = 0.0,
 ) -> Mirror | None:
     """The mirror that picks mean where that of the plane through them, ``mirror``, cannot be, or there is none: they
     missed its frame, or it has none. Else ``mirror``."""
-    if mirror is None or contradicted(mirror, depth, intrinsics):
+    if mirror is None or contradicted(image, mirror):
         pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)
-        guesses = hypotheses(depth, intrinsics, settings)
-        settled = [mirror_on_frame(guess, depth, intrinsics, settings, glass_offset) for guess in guesses]
+        guesses = hypotheses(image, settings)
+        settled = [mirror_on_frame(image, guess, glass_offset, settings) for guess in guesses]
         better = _nearest([found for found in settled if found is not None], pixels, 0.05)
         if better is not None:
             return replace(better, name=picks.name, source="picked")
-    elif not doubtful(mirror, depth, intrinsics):
+    elif not doubtful(image, mirror):
         return mirror
-    return find_frameless_at(picks, depth, intrinsics, settings) or mirror
+    return find_frameless_at(image, picks, settings) or mirror
 
 
-def contradicted(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, known: Iterable[Mirror] = ()) -> bool:
+def contradicted(image: RgbdImage, mirror: Mirror, known: Iterable[Mirror] = ()) -> bool:
     """Much of what is seen in its glass would, flipped over its plane, stand where the camera looks through; or along
     its outline, as far as other mirrors that are ``known`` do not hide it, hardly anything stands in its plane."""
     if mirror.rectangle is None or mirror.polygon is not None:
         return False
     guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
-    evidence = count_evidence(guess, depth, intrinsics, floor_drop(depth, intrinsics, mirror.basis))
+    evidence = count_evidence(image, guess, floor_drop(image, mirror.basis))
     if evidence.violated > max(_CONTRADICTED * evidence.judged, 50.0):
         return True
     shares = [
-        circumference(mirror.point, mirror.basis, mirror.rectangle, depth, intrinsics, outward, known)
+        circumference(image, mirror.point, mirror.basis, mirror.rectangle, outward, known)
         for outward in (-0.015, 0.015)
     ]
     return all(on < _STANDS and on < _MOSTLY * (on + beyond) for on, beyond in shares)
 
 
 def find_frameless_at(
-    picks: MirrorPicks,
-    depth: np.ndarray,
-    intrinsics: Intrinsics,
-    settings: DetectionSettings = DEFAULTS,
-    reach: float = 0.15,
+    image: RgbdImage, picks: MirrorPicks, settings: DetectionSettings = DEFAULTS, reach: float = 0.15
 ) -> Mirror | None:
     """The mirror without a frame along whose edges picks were made, which no reading there can place; None when there
     is none within ``reach`` of its size. Its ``source`` stays "found": the picks say only which."""
     pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)
-    mirror = _nearest(find_verified_frameless(depth, intrinsics, settings, []), pixels, reach)
+    mirror = _nearest(find_verified_frameless(image, [], settings), pixels, reach)
     return None if mirror is None else replace(mirror, name=picks.name)
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ..camera import Intrinsics, project
+from ..camera import Intrinsics, RgbdImage, project
 from ..mirrors import Mirror
 from ..mirrors.glass_kernels import NEAREST, before_plane, glass_of, nearest_pixel, reflected, share_at_glass
 from ..mirrors.mirror import behind_glass
@@ -29,25 +29,18 @@ _HIDING = 0.03, 1.02  # how wide frames are about the glass [m]; how many times 
 _AT_BORDER = 0.02  # sides nearer to the image's border, as a share of its size, are cut off by it
 
 
-def frame_edge_share(
-    guess: Hypothesis,
-    depth: np.ndarray,
-    intrinsics: Intrinsics,
-    least: float = 0.3,
-    known: Iterable[Mirror] = (),
-    color: np.ndarray | None = None,
-) -> float:
+def frame_edge_share(image: RgbdImage, guess: Hypothesis, least: float = 0.3, known: Iterable[Mirror] = ()) -> float:
     """Share of the rectangle's circumference, as far as nothing hides it, just outside of which something stands in
     the plane: a frame or a wall; 0 when that is less than ``least`` of it all. A thin frame is only seen close by.
 
-    Black and glossy frames give few readings: where half as much as ``least`` is read, lines in the ``color`` picture
-    (H, W, 3) stand for the rest."""
+    Black and glossy frames give few readings: where half as much as ``least`` is read, lines in the colour picture
+    stand for the rest."""
     shares = []
-    place = guess.point, guess.basis, guess.rectangle, depth, intrinsics
+    place = guess.point, guess.basis, guess.rectangle
     for outward in (0.015, 0.007):
-        on, beyond = circumference(*place, outward, known)
-        if color is not None and 0.5 * least <= on < least:
-            on, beyond = circumference(*place, outward, known, color)
+        on, beyond = circumference(image.without_color(), *place, outward, known)
+        if image.color is not None and 0.5 * least <= on < least:
+            on, beyond = circumference(image, *place, outward, known)
         shares.append(on / (on + beyond) if on >= least else 0.0)
     return max(shares)
 
@@ -58,18 +51,17 @@ def hidden_by_mirrors(points: np.ndarray, mirrors: Iterable[Mirror]) -> np.ndarr
 
 
 def circumference(
+    image: RgbdImage,
     point: np.ndarray,
     basis: np.ndarray,
     rectangle: np.ndarray,
-    depth: np.ndarray,
-    intrinsics: Intrinsics,
     outward: float = 0.015,
     known: Iterable[Mirror] = (),
-    color: np.ndarray | None = None,
 ) -> tuple[float, float]:
     """Shares of a mirror's circumference where, ``outward`` of its rectangle [m], something stands in its plane, and
     where the camera sees beyond; of what the glass of ``known`` mirrors hides neither. With a ``color`` picture
     (H, W, 3) something stands also where nothing is read and the picture has a line."""
+    depth, intrinsics, color = image.depth, image.intrinsics, image.color
     (left, right), (top, bottom) = rectangle + np.array((-outward, outward))
     along = np.linspace(0.0, 1.0, 41)[1:-1]
     corners = np.array(((left, top), (right, top), (right, bottom), (left, bottom), (left, top)))
@@ -106,13 +98,7 @@ def _on_line(color: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.nda
 
 
 def verify(
-    guess: Hypothesis,
-    depth: np.ndarray,
-    intrinsics: Intrinsics,
-    floor: float,
-    settings: DetectionSettings,
-    known: Iterable[Mirror] = (),
-    color: np.ndarray | None = None,
+    image: RgbdImage, guess: Hypothesis, floor: float, settings: DetectionSettings, known: Iterable[Mirror] = ()
 ) -> Hypothesis | None:
     """The hypothesis with its evidence, or None when what it shows cannot be a reflection.
 
@@ -121,7 +107,8 @@ def verify(
     is seen directly, it is shown. What lies outside the picture says nothing. Behind the glass of mirrors that are
     ``known`` a frame edge is hidden. ``color`` as for :func:`frame_edge_share`.
     """
-    evidence = count_evidence(guess, depth, intrinsics, floor)
+    depth, intrinsics = image.depth, image.intrinsics
+    evidence = count_evidence(image, guess, floor)
     behind, judged, shown, violated = evidence.behind, evidence.judged, evidence.shown, evidence.violated
     glass = behind + evidence.unread
     total = glass + evidence.on
@@ -138,7 +125,7 @@ def verify(
     if len(guess.sides) == 2 and min(s.length for s in guess.sides.values()) < (0.3 if plain else 0.5):
         return None  # a leg and the edge of its shadow, a table and one of its legs
     least = 0.2 if plain else 0.3
-    edge = frame_edge_share(guess, depth, intrinsics, least, known, color)
+    edge = frame_edge_share(image, guess, least, known)
     made = replace(guess, shown=shown, violated=violation, behind=behind / total, score=edge * (1.0 - violation))
     if edge < settings.min_rim + (0.13 if len(guess.sides) == 2 else 0.0):
         return None
@@ -196,12 +183,12 @@ class Evidence(NamedTuple):
         return self.outside + self.judged
 
 
-def count_evidence(guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics, floor: float) -> Evidence:
+def count_evidence(image: RgbdImage, guess: Hypothesis, floor: float) -> Evidence:
     """What becomes of the readings in a rectangle that are flipped over its plane.
 
     Parameters
     ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         z [m], 0 = no reading.
     floor : float
         How far down along the rectangle readings may belong to a floor [m].
@@ -211,6 +198,7 @@ def count_evidence(guess: Hypothesis, depth: np.ndarray, intrinsics: Intrinsics,
     Evidence
         All 0 when the rectangle reaches behind the camera.
     """
+    depth, intrinsics = image.depth, image.intrinsics
     mirror = Mirror("", guess.point, guess.basis[:, 2], guess.basis, guess.rectangle)
     corners = np.array([(x, y) for x in guess.rectangle[0] for y in guess.rectangle[1]])
     pixels = project(guess.point + corners @ guess.basis[:, :2].T, intrinsics)
@@ -310,8 +298,9 @@ def _verify_kernel(depth, lens, glass, low, high, floor, counts):
                 counts[_HIDDEN] += 1
 
 
-def missing_reflection(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> bool:
+def missing_reflection(image: RgbdImage, mirror: Mirror) -> bool:
     """What stands before the plane would be seen in the glass, and is not: it is a door, whoever stands behind it."""
+    depth, intrinsics = image.depth, image.intrinsics
     missing, there = _missing_kernel(depth, intrinsics.lens, glass_of([mirror]), 3)
     return missing > max(_MISSING_BY_NOISE[0], _MISSING_BY_NOISE[1] * (missing + there))
 
@@ -360,71 +349,66 @@ def _missing_kernel(depth, lens, glass, stride):
     return missing, there
 
 
-def doubtful(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> bool:
+def doubtful(image: RgbdImage, mirror: Mirror) -> bool:
     """Whether more of its glass is hidden than shows anything: what was taken for its frame may be the edge of a wall,
     seen past mirrors without a frame. ``depth`` (H, W) float32 is z [m], 0 = no reading."""
     if mirror.rectangle is None:
         return False
     guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
-    evidence = count_evidence(guess, depth, intrinsics, floor_drop(depth, intrinsics, mirror.basis))
+    evidence = count_evidence(image, guess, floor_drop(image, mirror.basis))
     return evidence.before > evidence.behind
 
 
-def hypotheses(depth: np.ndarray, intrinsics: Intrinsics, settings: DetectionSettings) -> list[Hypothesis]:
+def hypotheses(image: RgbdImage, settings: DetectionSettings) -> list[Hypothesis]:
     """Rectangles of depth edges that what they show proves to be mirrors, the best first.
 
     Parameters
     ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         z [m], 0 = no reading.
     """
-    proposed = propose(find_edge_segments(depth, intrinsics, settings), settings)
-    return verified_hypotheses(proposed, depth, intrinsics, settings)
+    proposed = propose(find_edge_segments(image, settings), settings)
+    return verified_hypotheses(image, proposed, settings)
 
 
 def verified_hypotheses(
-    proposed: list[Hypothesis],
-    depth: np.ndarray,
-    intrinsics: Intrinsics,
-    settings: DetectionSettings,
-    known: Iterable[Mirror] = (),
-    color: np.ndarray | None = None,
+    image: RgbdImage, proposed: list[Hypothesis], settings: DetectionSettings, known: Iterable[Mirror] = ()
 ) -> list[Hypothesis]:
     """Those of ``proposed`` that :func:`verify` lets pass, with their evidence, the best first.
 
     Parameters
     ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         z [m], 0 = no reading.
+        As for :func:`frame_edge_share`.
     known : iterable of Mirror
         Behind whose glass a frame is hidden.
-    color : np.ndarray [shape=(H, W, 3), dtype=uint8], optional
-        As for :func:`frame_edge_share`.
     """
-    good, points = [], sampled_points(depth, intrinsics) if proposed else None
+    good, points = [], sampled_points(image) if proposed else None
     for guess in proposed:
-        checked = verify(guess, depth, intrinsics, floor_drop_of_points(points, guess.basis), settings, known, color)
+        checked = verify(image, guess, floor_drop_of_points(points, guess.basis), settings, known)
         if checked is not None:
             good.append(checked)
     good.sort(key=lambda h: -h.score)
     return good
 
 
-def floor_drop(depth: np.ndarray, intrinsics: Intrinsics, basis: np.ndarray) -> float:
+def floor_drop(image: RgbdImage, basis: np.ndarray) -> float:
     """How far down readings may belong to a floor: their least offset from the camera along a rectangle's b [m].
 
     Parameters
     ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         z [m], 0 = no reading.
     basis : np.ndarray [shape=(3, 3)]
         The rectangle's, see :class:`.mirror.Mirror`.
     """
-    return floor_drop_of_points(sampled_points(depth, intrinsics), basis)
+    return floor_drop_of_points(sampled_points(image), basis)
 
 
-def sampled_points(depth: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
+def sampled_points(image: RgbdImage) -> np.ndarray:
     """Every eighth reading along the rows and columns of ``depth`` (H, W) as points (3, N) [m], camera frame."""
+    depth, intrinsics = image.depth, image.intrinsics
     z = depth[::8, ::8]
     v, u = np.nonzero(z)
     z = z[v, u].astype(np.float64)

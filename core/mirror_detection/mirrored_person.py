@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numba import njit
 
-from ..camera import Intrinsics
+from ..camera import Intrinsics, RgbdImage
 from ..mirrors import Mirror
 from ..mirrors.glass_kernels import NEAREST
 from ..mirrors.mirror import (
@@ -157,33 +157,26 @@ def _objects_kernel(depth, stands):
     return label, count
 
 
-def figure_surfaces(
-    one: Figure, image: Figure, objects: np.ndarray, depth: np.ndarray, lens: Intrinsics
-) -> list[Surfaces]:
+def figure_surfaces(image: RgbdImage, one: Figure, reflection: Figure, objects: np.ndarray) -> list[Surfaces]:
     """What is seen of a figure and of its image as pieces of surface: of the one, of the other.
 
     Parameters
     ----------
     objects : np.ndarray [shape=(H, W), dtype=int32]
         Picture of objects, 0 = none.
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         z [m], 0 = no reading.
     """
+    depth = image.depth
     views = np.full(depth.shape, -1, np.int8)
     views[objects == one.id] = 0
-    views[objects == image.id] = 1
+    views[objects == reflection.id] = 1
     sigma = noise_of(depth, views)
-    return [surfaces(depth, views, view, lens, sigma, _SURFACE_PIECES) for view in (0, 1)]
+    return [surfaces(image, views, view, sigma, _SURFACE_PIECES) for view in (0, 1)]
 
 
 def search_mirror_plane(
-    one: Figure,
-    image: Figure,
-    shown: list[Surfaces],
-    objects: np.ndarray,
-    depth: np.ndarray,
-    lens: Intrinsics,
-    up: np.ndarray,
+    image: RgbdImage, one: Figure, reflection: Figure, shown: list[Surfaces], objects: np.ndarray, up: np.ndarray
 ) -> Mirror | None:
     """The plane between a figure and its image, turned and shifted to where each fits the other's silhouette best.
 
@@ -193,7 +186,7 @@ def search_mirror_plane(
         Of the figure and of its image, see :func:`figure_surfaces`.
     objects : np.ndarray [shape=(H, W), dtype=int32]
         Picture of objects, 0 = none.
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         z [m], 0 = no reading.
     up : np.ndarray [shape=(3,)]
         The vertical, a unit vector.
@@ -203,11 +196,12 @@ def search_mirror_plane(
     Mirror or None
         Without a rectangle; None when the plane is seen edge-on, or nothing fits.
     """
-    here, there = (f.middle + _SKIN * f.middle / np.linalg.norm(f.middle) for f in (one, image))
+    depth, lens = image.depth, image.intrinsics
+    here, there = (f.middle + _SKIN * f.middle / np.linalg.norm(f.middle) for f in (one, reflection))
     way = here - there
     way = way - (way @ up) * up
-    if not (one.cut or image.cut):  # a mirror that leans shows the head higher or lower
-        lean = (one.top - image.top) / np.linalg.norm(way)
+    if not (one.cut or reflection.cut):  # a mirror that leans shows the head higher or lower
+        lean = (one.top - reflection.top) / np.linalg.norm(way)
         way = way + np.clip(lean, -np.tan(_MOST_LEAN), np.tan(_MOST_LEAN)) * np.linalg.norm(way) * up
     middle = 0.5 * (here + there)
     normal, basis = oriented(way, middle, -up)
@@ -229,7 +223,7 @@ def search_mirror_plane(
             s, t = shown[of], shown[by]
             thin = slice(None, None, len(s.points) // _ASKED + 1)
             scores += _score_kernel(
-                s.points[thin], s.normals[thin], flips, lens.lens, objects, depth, (one, image)[by].id, by == 0,
+                s.points[thin], s.normals[thin], flips, lens.lens, objects, depth, (one, reflection)[by].id, by == 0,
                 t.grid, t.stride, t.points, t.normals, slack,
             )  # fmt: skip
         best = tries[np.argmax(scores)]
@@ -330,13 +324,12 @@ def _fit_of(p, flip, lens, objects, depth, other, whole, slack):
     return (_ON if z < seen + 2.0 * slack else _HIDDEN_BEHIND), u, v
 
 
-def is_one_body(
-    one: Figure, image: Figure, objects: np.ndarray, depth: np.ndarray, lens: Intrinsics, mirror: Mirror
-) -> bool:
+def is_one_body(image: RgbdImage, one: Figure, reflection: Figure, objects: np.ndarray, mirror: Mirror) -> bool:
     """Flipped over the mirror the image lies within the figure and the other way round: hardly a reading is where the
     other view looks through, enough are where it says anything, and of the image most lie on the figure or behind."""
+    depth, lens = image.depth, image.intrinsics
     flip = reflection_matrix(mirror)
-    for points, other, whole in ((one.points, image.id, False), (image.points, one.id, True)):
+    for points, other, whole in ((one.points, reflection.id, False), (reflection.points, one.id, True)):
         kinds = _kinds_kernel(np.ascontiguousarray(points), flip, lens.lens, objects, depth, other, whole, 0.03)
         counts = np.bincount(kinds, minlength=4)
         judged = len(points) - counts[_NOT_JUDGED]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from ..camera import Intrinsics, project
+from ..camera import RgbdImage, project
 from .disparity_plane import (
     DisparityPlane,
     disparity_of_plane,
@@ -25,9 +25,8 @@ from .wall_behind_frame import separate_wall
 
 
 def fit_frame(
+    image: RgbdImage,
     mirror: Mirror,
-    depth: np.ndarray,
-    intrinsics: Intrinsics,
     outward: float = 0.12,
     band: float = 0.02,
     inward: float = 0.02,
@@ -39,7 +38,7 @@ def fit_frame(
     ----------
     mirror : Mirror
         With the glass's ``rectangle``; its plane is good to ``band``.
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         z [m], 0 = no reading.
     outward : float
         How far about the rectangle the frame is looked for [m]; half as far below it, where a floor may be.
@@ -56,11 +55,12 @@ def fit_frame(
         The plane turned and moved, its rectangle about the new point and grown to the frame; None when there are fewer
         than 30 pixels or all on one line.
     """
+    depth, intrinsics = image.depth, image.intrinsics
     focal = 0.5 * (intrinsics.fx + intrinsics.fy)
     plane = disparity_of_plane(mirror.normal, float(mirror.normal @ mirror.point), intrinsics)
     fitted = None
     for _ in range(2):
-        ring_u, ring_v = _ring(mirror, plane, depth, intrinsics, outward, band, inward)
+        ring_u, ring_v = _ring(image, mirror, plane, outward, band, inward)
         if len(ring_u) < 30:
             return None
         ring = np.zeros_like(depth)
@@ -85,11 +85,11 @@ def fit_frame(
     if fitted is None:
         return None
     separated = separate_wall(u, v, depth, fitted, intrinsics.lens, mirror.point, mirror.basis, mirror.rectangle)
-    placed = _on_frame(mirror, separated.u, separated.v, depth, separated.fitted, intrinsics, outward)
+    placed = _on_frame(image, mirror, separated.u, separated.v, separated.fitted, outward)
     return replace(placed, covariance=placed.covariance + np.diag((0.0, 0.0, separated.depth_error**2)))
 
 
-def without_frames(depth: np.ndarray, mirrors: Iterable[Mirror], intrinsics: Intrinsics) -> np.ndarray:
+def without_frames(image: RgbdImage, mirrors: Iterable[Mirror]) -> np.ndarray:
     """The depth without what stands in the planes of mirrors about their glass: of a frame that crosses another one
     only its own readings tell its plane.
 
@@ -97,13 +97,14 @@ def without_frames(depth: np.ndarray, mirrors: Iterable[Mirror], intrinsics: Int
     ----------
     mirrors : iterable of Mirror
         On the planes of their frames.
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
     """
+    depth, intrinsics = image.depth, image.intrinsics
     out = depth.copy()
     for mirror in mirrors:
         plane = disparity_of_plane(mirror.normal, float(mirror.normal @ mirror.point), intrinsics)
         band = max(4.0 * mirror.residual, 0.004) / float(mirror.point[2])
-        u, v = _ring(mirror, plane, depth, intrinsics, 0.02, band, WIDEST)
+        u, v = _ring(image, mirror, plane, 0.02, band, WIDEST)
         out[v, u] = 0.0
     return out
 
@@ -122,16 +123,11 @@ def _snapped(seeds: np.ndarray, depth: np.ndarray) -> np.ndarray:
 
 
 def _on_frame(
-    mirror: Mirror,
-    u: np.ndarray,
-    v: np.ndarray,
-    depth: np.ndarray,
-    fitted: DisparityPlane,
-    intrinsics: Intrinsics,
-    outward: float,
+    image: RgbdImage, mirror: Mirror, u: np.ndarray, v: np.ndarray, fitted: DisparityPlane, outward: float
 ) -> Mirror:
     """The mirror on the plane of its frame's pixels, its rectangle reaching as far as they; not on a side where they go
     on as far as was looked, ``outward`` [m]: that is no frame but the wall."""
+    depth, intrinsics = image.depth, image.intrinsics
     kept = fitted.weights > 0.1
     core = fit_core(u, v, depth, fitted)
     normal, d = plane_of_disparity(core.coefficients, intrinsics)
@@ -162,15 +158,10 @@ def _on_frame(
 
 
 def _ring(
-    mirror: Mirror,
-    plane: np.ndarray,
-    depth: np.ndarray,
-    intrinsics: Intrinsics,
-    outward: float,
-    band: float,
-    inward: float,
+    image: RgbdImage, mirror: Mirror, plane: np.ndarray, outward: float, band: float, inward: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pixels u, v within ``band`` of the plane (3,) 1/z = a·u + b·v + c, about the rectangle but not inside."""
+    depth, intrinsics = image.depth, image.intrinsics
     rectangle = mirror.rectangle
     corners = np.array([(x, y) for x in rectangle[0] + (-outward, outward) for y in rectangle[1] + (-outward, outward)])
     box = project(mirror.point + corners @ mirror.basis[:, :2].T, intrinsics)

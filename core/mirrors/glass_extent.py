@@ -6,20 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..camera import Intrinsics, project
+from ..camera import Intrinsics, RgbdImage, project
 from .disparity_plane import DisparityPlane
 from .frame_sides import frame_sides
 from .mirror import Mirror, oriented
 
 
 def with_measured_sides(
-    mirror: Mirror,
-    frame: np.ndarray,
-    picked: np.ndarray,
-    drawn: np.ndarray,
-    depth: np.ndarray,
-    fitted: DisparityPlane,
-    intrinsics: Intrinsics,
+    image: RgbdImage, mirror: Mirror, frame: np.ndarray, picked: np.ndarray, drawn: np.ndarray, fitted: DisparityPlane
 ) -> Mirror:
     """The mirror turned as its frame is, with the rectangle that this encloses.
 
@@ -29,7 +23,7 @@ def with_measured_sides(
         The frame's points, and the picks that lie on the plane [m].
     drawn : np.ndarray [shape=(K, 3)]
         All picks, where their lines of sight meet the plane [m].
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         z [m], 0 = no reading.
     fitted : DisparityPlane
         Of the frame.
@@ -39,6 +33,7 @@ def with_measured_sides(
     Each side is where the depth across it says, see :func:`.frame_sides.frame_sides`; the extent of the pixels that
     were grown, which may run on along the floor or a wall, counts only where no evidence is.
     """
+    depth, intrinsics = image.depth, image.intrinsics
     plane = fitted.coefficients
     # a plane's pixels, but not what a shallow surface beside it has within a hand's breadth
     tolerance = 4.0 * np.hypot(fitted.scale, np.sqrt(fitted.common))

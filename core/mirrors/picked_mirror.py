@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..camera import Intrinsics, unproject
+from ..camera import Intrinsics, RgbdImage, unproject
 from ..capture import MirrorPicks
 from ..errors import MirrorError, PicksDisagreeError
 from .disparity_plane import DisparityPlane, disparity_of_plane, fit_core, plane_covariance, plane_of_disparity
@@ -81,11 +81,7 @@ def fit_plane(points: np.ndarray, name: str = "mirror") -> Mirror:
 
 
 def place_mirror(
-    picks: MirrorPicks,
-    depth: np.ndarray,
-    intrinsics: Intrinsics,
-    settings: MirrorSettings = MirrorSettings(),
-    cloud: np.ndarray | None = None,
+    image: RgbdImage, picks: MirrorPicks, settings: MirrorSettings = MirrorSettings(), cloud: np.ndarray | None = None
 ) -> Mirror:
     """The mirror that picked frame pixels mean: plane from the picks, grown to the frame's pixels, fitted robustly.
 
@@ -93,7 +89,7 @@ def place_mirror(
     ----------
     picks : MirrorPicks
         Pixels on the frame, or a plane that is taken as it is.
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         z [m], 0 = no reading.
     cloud : np.ndarray [shape=(H, W, 3)], optional
         ``depth`` unprojected, where that is at hand.
@@ -103,6 +99,7 @@ def place_mirror(
     MirrorError
         Picks outside the image, on no reading, fewer than three, on one line, or most of them in no common plane.
     """
+    depth, intrinsics = image.depth, image.intrinsics
     if picks.frame_pixels is None:
         return plane_mirror(picks.name, picks.point, picks.normal)
     pixels = _snap_picks(picks, depth, settings.pick_radius)
@@ -237,9 +234,8 @@ def _on_pixels(
     # where the lines of sight to all picks meet the plane, whatever was read there
     rays = picked / np.maximum(picked[:, 2:], 1e-9)
     drawn = rays * (d / (rays @ normal))[:, None] if np.abs(rays @ normal).min() > _EDGE_ON else picked
-    mirror = with_measured_sides(
-        mirror, points, picked[on_plane] if on_plane.any() else points, drawn, depth, core, intrinsics
-    )  # fmt: skip
+    near = picked[on_plane] if on_plane.any() else points
+    mirror = with_measured_sides(RgbdImage(depth, intrinsics), mirror, points, near, drawn, core)
     return mirror, core
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..camera import unproject
+from ..camera import RgbdImage, unproject
 from ..camera.noise_models import SENSORS, NoiseModel
 from ..capture import Capture
 from ..capture.capture_summary import picture, words
@@ -151,7 +151,7 @@ def _effect(capture: Capture, model: NoiseModel | None, settings: Settings) -> t
     lines = []
     try:
         mirrors = _mirrors(capture, kept, settings)
-        found = find_subject(kept, camera, mirrors, settings.views) if mirrors else None
+        found = find_subject(RgbdImage(kept, camera), mirrors, settings.views) if mirrors else None
     except MirrorScanError as error:
         warnings.append(str(error))
         found = None
@@ -199,8 +199,10 @@ def _effect(capture: Capture, model: NoiseModel | None, settings: Settings) -> t
 
 def _mirrors(capture: Capture, depth: np.ndarray, settings: Settings) -> list[Mirror]:
     if capture.mirrors:
-        return [place_mirror(pick, depth, capture.intrinsics, settings.mirror) for pick in capture.mirrors]
-    return find_mirrors(depth, capture.intrinsics, capture.color, settings.detection, settings.mirror.glass_offset)
+        return [place_mirror(RgbdImage(depth, capture.intrinsics), pick, settings.mirror) for pick in capture.mirrors]
+    return find_mirrors(
+        RgbdImage(depth, capture.intrinsics, capture.color), settings.detection, settings.mirror.glass_offset
+    )
 
 
 def _noise_mm(depth: np.ndarray, labels: np.ndarray) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..camera import unproject
+from ..camera import RgbdImage, unproject
 from ..capture import Capture, MirrorPicks
 from ..errors import MirrorError, Notice, PicksDisagreeError
 from ..mirror_alignment.floor_alignment import align_floor
@@ -30,19 +30,19 @@ def place_mirrors(
         if isinstance(one, Mirror):
             return one
         if one.frame_pixels is not None and len(one.frame_pixels) < 3:
-            return find_mirror_at(one, depth, camera, settings.detection, offset)
+            return find_mirror_at(RgbdImage(depth, camera), one, settings.detection, offset)
         mirror, fault = None, None
         try:
-            mirror = place_mirror(one, depth, camera, settings.mirror, cloud)
+            mirror = place_mirror(RgbdImage(depth, camera), one, settings.mirror, cloud)
         except PicksDisagreeError as error:
             fault = error
-        mirror = find_better_at(one, mirror, depth, camera, settings.detection, offset)
+        mirror = find_better_at(RgbdImage(depth, camera), one, mirror, settings.detection, offset)
         if mirror is None:
             raise fault
         return mirror
 
     placed = [place(one) for one in known]
-    warnings = list(moved_warnings([m for m in placed if m.source == "rig file"], depth, camera))
+    warnings = list(moved_warnings(RgbdImage(depth, camera), [m for m in placed if m.source == "rig file"]))
     warnings += [
         Notice(
             "{name}: the plane through its picks does not look like a mirror's: hardly a frame stands in it, or what "
@@ -50,10 +50,10 @@ def place_mirrors(
             name=m.name, mirrors=[m.name],
         )
         for k, m in enumerate(placed)
-        if m.source == "picked" and contradicted(m, depth, camera, placed[:k] + placed[k + 1 :])
+        if m.source == "picked" and contradicted(RgbdImage(depth, camera), m, placed[:k] + placed[k + 1 :])
     ]  # fmt: skip
     if not known:
-        placed = find_mirrors(depth, camera, capture.color, settings.detection, offset)
+        placed = find_mirrors(RgbdImage(depth, camera, capture.color), settings.detection, offset)
     if not placed:
         raise MirrorError(
             "{name}: no mirror was found: none is given, and no straight frame with the person's reflection in it is "

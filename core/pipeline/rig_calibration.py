@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..camera import Intrinsics
+from ..camera import RgbdImage
 from ..capture import Capture, MirrorPicks
 from ..depth.depth_map import one_depth_map
 from ..depth.settings import DepthSettings
@@ -60,15 +60,17 @@ def calibrate(
     known = capture.mirrors if picks is None else tuple(picks)
     fused = one_depth_map(capture, depth)[0]
     if known:
-        placed = [pick if isinstance(pick, Mirror) else place_mirror(pick, fused, lens, mirror) for pick in known]
+        placed = [
+            pick if isinstance(pick, Mirror) else place_mirror(RgbdImage(fused, lens), pick, mirror) for pick in known
+        ]
     else:
-        placed = find_mirrors(fused, lens, capture.color, _EMPTY, mirror.glass_offset)
+        placed = find_mirrors(RgbdImage(fused, lens, capture.color), _EMPTY, mirror.glass_offset)
     if not placed:
         raise MirrorError(
             f"{capture.name}: no mirror was found; see that each mirror's frame is in the picture and stands clear of "
             "walls, or pick points on the frames (option “mirrors”)"
         )
-    placed = align_reflections(placed, fused, lens, _BOARD)[0]
+    placed = align_reflections(RgbdImage(fused, lens), placed, _BOARD)[0]
     for m in placed:
         if m.rectangle is None:
             raise MirrorError(f"{m.name}: a plane alone is no calibration; pick points on this mirror's frame instead")
@@ -90,14 +92,12 @@ class _Change:
         return self.gone or (self.deviations > deviations and self.shift > limit)
 
 
-def moved_warnings(
-    mirrors: Sequence[Mirror], depth: np.ndarray, intrinsics: Intrinsics, limit: float = _TOLD
-) -> list[str]:
+def moved_warnings(image: RgbdImage, mirrors: Sequence[Mirror], limit: float = _TOLD) -> list[str]:
     """:func:`moved_warning` of all mirrors of a rig file; one when all have moved, for then it is the camera.
 
     Where one has surely moved, less will do to say so of the others.
     """
-    changes = [_change(mirror, depth, intrinsics) for mirror in mirrors]
+    changes = [_change(image, mirror) for mirror in mirrors]
     if not any(change.told(_SURE, limit) for change in changes):
         return []
     told = [_in_words(change) for change in changes if change.told(_LIKELY, 0.5 * limit)]
@@ -112,7 +112,7 @@ def moved_warnings(
     ]  # fmt: skip
 
 
-def moved_warning(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, limit: float = _TOLD) -> str | None:
+def moved_warning(image: RgbdImage, mirror: Mirror, limit: float = _TOLD) -> str | None:
     """What to tell the user when a mirror no longer stands where the rig file has it; None when it does, or cannot be
     seen.
 
@@ -124,18 +124,18 @@ def moved_warning(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics, lim
     ----------
     mirror : Mirror
         From a rig file.
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         Fused depth of the snapshot, z [m].
     """
-    change = _change(mirror, depth, intrinsics)
+    change = _change(image, mirror)
     return _in_words(change) if change.told(_SURE, limit) else None
 
 
-def _change(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> _Change:
-    seen = fit_frame(mirror, depth, intrinsics, inward=0.06)
+def _change(image: RgbdImage, mirror: Mirror) -> _Change:
+    seen = fit_frame(image, mirror, inward=0.06)
     if seen is None:
         # is there anything that stands behind the place of the frame, where it should hide it?
-        return _Change(mirror, None, gone=_empty(mirror, depth, intrinsics))
+        return _Change(mirror, None, gone=_empty(image, mirror))
     a, b, normal = mirror.basis.T
     along = seen.normal @ normal
     step = np.array((-(seen.normal @ a), -(seen.normal @ b), seen.normal @ (seen.point - mirror.point))) / along
@@ -173,7 +173,7 @@ def _movement(change: _Change) -> Notice:
     )  # fmt: skip
 
 
-def _empty(mirror: Mirror, depth: np.ndarray, intrinsics: Intrinsics) -> bool:
+def _empty(image: RgbdImage, mirror: Mirror) -> bool:
     """Nothing stands in the frame's place, and what is farther away is seen in much of it."""
-    there, beyond = circumference(mirror.point, mirror.basis, mirror.rectangle, depth, intrinsics, outward=-0.015)
+    there, beyond = circumference(image, mirror.point, mirror.basis, mirror.rectangle, outward=-0.015)
     return beyond > 0.5 or (beyond > 0.25 and there < 0.02)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..camera import Intrinsics, unproject
+from ..camera import RgbdImage, unproject
 from ..camera.noise_models import NoiseModel
 from ..capture import Capture, MirrorPicks
 from ..checks.scene_advice import check_scene
@@ -99,17 +99,17 @@ def scan_steps(
     clock.lap("mirrors")
 
     yield at(0.33), "Finding the subject"
-    views = find_subject(depth, camera, placed, settings.views, meeting)
+    views = find_subject(RgbdImage(depth, camera), placed, settings.views, meeting)
     clock.lap("views")
 
     yield at(0.58), "Smoothing the depth"
     sensor, model = recognise(capture, settings.depth)
-    views, apart = check_agreement(depth, views, placed, camera)
-    faults = [*apart, *check_scene(depth, views, placed, camera, model, alone)]
+    views, apart = check_agreement(RgbdImage(depth, camera), views, placed)
+    faults = [*apart, *check_scene(RgbdImage(depth, camera), views, placed, model, alone)]
     scatter = burst_noise(len(capture.depth), spread, depth, views.labels, len(placed) + 1)
     moved = still_warning(capture.depth, views.labels, camera.fx, settings.depth)
     depth, views, noise = clean_views(
-        depth, views, len(placed), camera, settings.depth, model, spread if len(capture.depth) > 1 else None
+        RgbdImage(depth, camera), views, len(placed), settings.depth, model, spread if len(capture.depth) > 1 else None
     )
     clock.lap("smoothing")
 
@@ -117,7 +117,7 @@ def scan_steps(
     maps, patches = each(
         lambda work: work(),
         (
-            lambda: view_maps(depth, views.labels, views.seen, camera, placed, noise),
+            lambda: view_maps(RgbdImage(depth, camera), views.labels, views.seen, placed, noise),
             lambda: make_patches(depth, views, placed, noise, capture, settings.triangulation),
         ),
     )
@@ -133,15 +133,15 @@ def scan_steps(
 
 
 def clean_views(
-    depth: np.ndarray,
+    image: RgbdImage,
     views: Views,
     mirrors: int,
-    camera: Intrinsics,
     settings: DepthSettings,
     model: NoiseModel | None = None,
     spread: np.ndarray | None = None,
 ) -> tuple[np.ndarray, Views, np.ndarray]:
     """:func:`.clean_views.clean` over all views; returns the noise (N+1,) that was left, relative to z."""
+    depth, camera = image.depth, image.intrinsics
     depth, labels, noise = clean(depth, views.labels, mirrors + 1, camera.fx, settings, model, spread)
     return depth, replace(views, labels=labels), noise
 

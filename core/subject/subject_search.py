@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..camera import Intrinsics, unproject
+from ..camera import RgbdImage, unproject
 from ..errors import Notice, ReconstructionError
 from ..mirrors import Mirror
 from ..views.floor_and_vertical import find_ground
@@ -23,11 +23,7 @@ _CLICK_RADIUS = 6  # px: a click without a reading takes the nearest one
 
 
 def find_subject(
-    depth: np.ndarray,
-    intrinsics: Intrinsics,
-    mirrors: list[Mirror],
-    settings: ViewSettings = DEFAULTS,
-    expected: np.ndarray | None = None,
+    image: RgbdImage, mirrors: list[Mirror], settings: ViewSettings = DEFAULTS, expected: np.ndarray | None = None
 ) -> Views:
     """Sort every pixel into its view and keep the subject: the connected figure above the floor where the rig looks.
 
@@ -37,9 +33,8 @@ def find_subject(
 
     Parameters
     ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
         Fused depth, z [m], 0 = no reading.
-    intrinsics : Intrinsics
     mirrors : list of Mirror
     settings : ViewSettings
     expected : np.ndarray [shape=(3,)], optional
@@ -55,6 +50,7 @@ def find_subject(
     -----
     O(H W); about 80 bytes a pixel.
     """
+    depth, intrinsics = image.depth, image.intrinsics
     seen, points = sort_rays(unproject(depth, intrinsics), mirrors, settings.depth_limit, settings.near)
     ground, views = find_ground(points, seen, mirrors), len(mirrors) + 1
     readings = Readings(depth, seen, points, ground.up, 1.0 / intrinsics.fx)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ..camera import Intrinsics, project
+from ..camera import Intrinsics, RgbdImage, project
 from ..mirrors import Mirror
 from ..mirrors.glass_kernels import NEAREST
 from ..mirrors.mirror import reflect, reflection_matrix
@@ -39,11 +39,10 @@ class Surfaces:
     radius: int
 
 
-def surfaces_of_views(
-    mirrors: list[Mirror], depth: np.ndarray, seen: np.ndarray, intrinsics: Intrinsics, sigma: float
-) -> list[Surfaces]:
+def surfaces_of_views(image: RgbdImage, mirrors: list[Mirror], seen: np.ndarray, sigma: float) -> list[Surfaces]:
     """The surfaces that each view shows; of the direct one only what mirrors may show too."""
-    shown = [surfaces(depth, seen, view, intrinsics, sigma) for view in range(1, len(mirrors) + 1)]
+    intrinsics = image.intrinsics
+    shown = [surfaces(image, seen, view, sigma) for view in range(1, len(mirrors) + 1)]
     placed = np.concatenate([reflect(s.points, m) for s, m in zip(shown, mirrors, strict=True)])
     pixels = project(placed[placed[:, 2] > NEAREST], intrinsics)
     size = np.array((intrinsics.width, intrinsics.height))
@@ -55,17 +54,15 @@ def surfaces_of_views(
         busy = np.repeat(columns > _BUSY * len(pixels), _COLUMN)[: intrinsics.width]
         top, bottom = np.quantile(pixels[:, 1], (0.01, 0.99)).astype(int)
         direct[top : bottom + 1, busy] = np.where(seen == 0, 0, -1)[top : bottom + 1, busy]
-    return [surfaces(depth, direct, 0, intrinsics, sigma), *shown]
+    return [surfaces(image, direct, 0, sigma), *shown]
 
 
-def surfaces(
-    depth: np.ndarray, seen: np.ndarray, view: int, intrinsics: Intrinsics, sigma: float, most: int = _MOST_PIECES
-) -> Surfaces:
+def surfaces(image: RgbdImage, seen: np.ndarray, view: int, sigma: float, most: int = _MOST_PIECES) -> Surfaces:
     """The pieces of surface that one view shows, each a plane fitted to a small window.
 
     Parameters
     ----------
-    depth : np.ndarray [shape=(H, W), dtype=float32]
+    image : RgbdImage
     seen : np.ndarray [shape=(H, W), dtype=int8]
         View of each pixel, or -1.
     view : int
@@ -74,6 +71,7 @@ def surfaces(
     most : int
         About so many pieces at most.
     """
+    depth, intrinsics = image.depth, image.intrinsics
     count, z, *box = _extent_kernel(depth, seen, view)
     size = (depth.shape[0] + 1) // 2, (depth.shape[1] + 1) // 2
     if count == 0:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from ..camera import Intrinsics
+from ..camera import RgbdImage
 from ..mesh import Mesh
 from ..mirrors import Mirror
 from ..mirrors.mirror import reflection_matrix
@@ -55,18 +55,14 @@ NOTHING_SEEN = ViewMaps(
 
 
 def view_maps(
-    depth: np.ndarray,
-    labels: np.ndarray,
-    seen: np.ndarray,
-    intrinsics: Intrinsics,
-    mirrors: list[Mirror],
-    noise: np.ndarray,
+    image: RgbdImage, labels: np.ndarray, seen: np.ndarray, mirrors: list[Mirror], noise: np.ndarray
 ) -> ViewMaps:
     """Normals (real space) and confidence of each subject pixel.
 
     Confidence is cos²(incidence) / path length, less within 3 px of the view's silhouette: nearer, more frontal
     readings are better, and the last pixels of an outline mix foreground with background.
     """
+    depth, intrinsics = image.depth, image.intrinsics
     to_view = np.stack([np.eye(4)] + [reflection_matrix(m) for m in mirrors])
     packed = intrinsics.lens
     normals, confidence = _maps_kernel(depth, labels, packed, to_view, _nearest_first())

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from ...core.camera import Intrinsics
+from ...core.camera import Intrinsics, RgbdImage
 from ...core.errors import CaptureError, MirrorError, MirrorScanError
 from ...core.mesh import Mesh
 from ...core.mirrors import Mirror
@@ -215,7 +215,7 @@ def find_mirrors_steps(
     yield 0.0, FINDING
     from ...core.mirror_detection.detection import find_mirrors
 
-    found = find_mirrors(depth, intrinsics, color, glass_offset=glass_offset)
+    found = find_mirrors(RgbdImage(depth, intrinsics, color), glass_offset=glass_offset)
     yield 0.9, FITTING
     return Fitted([record_of(mirror) for mirror in found], _seen(depth, intrinsics, found) if found else None)
 
@@ -241,7 +241,7 @@ def rig_steps(cloud: Cloud, path: str) -> Steps[Fitted]:
 
     placed, depth = list(mirrors_for(read_rig(path), cloud.intrinsics)), cloud.depth
     yield 0.5, FITTING
-    warnings = tuple(moved_warnings(placed, depth, cloud.intrinsics))
+    warnings = tuple(moved_warnings(RgbdImage(depth, cloud.intrinsics), placed))
     return Fitted([record_of(mirror) for mirror in placed], _seen(depth, cloud.intrinsics, placed), warnings)
 
 
@@ -259,11 +259,11 @@ def _fit(
     for place, record in zip(places or range(len(records)), records, strict=True):
         try:
             if len(record["picks"]) >= ENOUGH:
-                mirror = place_mirror(_picks_of(record), depth, intrinsics, settings)
+                mirror = place_mirror(RgbdImage(depth, intrinsics), _picks_of(record), settings)
             elif record["picks"]:
                 from ...core.mirror_detection.mirror_at_picks import find_mirror_at
 
-                mirror = find_mirror_at(_picks_of(record), depth, intrinsics, glass_offset=glass_offset)
+                mirror = find_mirror_at(RgbdImage(depth, intrinsics), _picks_of(record), glass_offset=glass_offset)
             else:
                 mirror = mirror_of(record)
         except MirrorError as error:
@@ -357,7 +357,7 @@ def find_subject_steps(depth: np.ndarray, intrinsics: Intrinsics, mirrors: list[
 
     settings = ViewSettings(**views)
     placed = [mirror_of(record) for record in mirrors]
-    found = find_subject(depth, intrinsics, placed, settings)
+    found = find_subject(RgbdImage(depth, intrinsics), placed, settings)
     subject = found.points[found.labels >= 0]
     lowest = float((subject @ found.up).min()) if found.floor is None else found.floor
     return Subject(

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mirror_scan.core.camera import RgbdImage
 from mirror_scan.core.camera.noise_models import SENSORS
 from mirror_scan.core.capture import open_capture
 from mirror_scan.core.checks.scene_advice import check_scene, directions
@@ -25,10 +26,10 @@ from mirror_scan.core.subject.subject_search import find_subject
 def checked(capture, model=None):
     lens = capture.intrinsics
     depth = one_depth_map(capture)[0]
-    mirrors = [place_mirror(m, depth, lens) for m in capture.mirrors]
-    views = find_subject(depth, lens, mirrors)
+    mirrors = [place_mirror(RgbdImage(depth, lens), m) for m in capture.mirrors]
+    views = find_subject(RgbdImage(depth, lens), mirrors)
     model = recognise(capture, DepthSettings())[1] if model is None else model
-    told = check_scene(depth, views, mirrors, lens, model)
+    told = check_scene(RgbdImage(depth, lens), views, mirrors, model)
     print("\n" + "\n".join(told))
     return told
 
@@ -192,5 +193,7 @@ def test_directions(simulated):
     simulation = simulated("ideal")
     depth, lens = simulation.capture.depth[0], simulation.capture.intrinsics
     mirrors = [plane_mirror(m.name, m.point, m.normal) for m in simulation.truth.mirrors]
-    views = find_subject(depth, lens, [place_mirror(m, depth, lens) for m in simulation.capture.mirrors])
+    views = find_subject(
+        RgbdImage(depth, lens), [place_mirror(RgbdImage(depth, lens), m) for m in simulation.capture.mirrors]
+    )
     np.testing.assert_allclose(np.abs(directions(views, mirrors)), (0, 120, 120), atol=2.0)

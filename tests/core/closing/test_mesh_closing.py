@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mirror_scan.core.camera import Intrinsics
+from mirror_scan.core.camera import Intrinsics, RgbdImage
 from mirror_scan.core.closing.mesh_closing import ClosingSettings, close_mesh
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.hole_filling.loop_triangulation import fill_loops
@@ -179,7 +179,9 @@ def test_a_cap_stays_out_of_space_seen_to_be_empty(blind_maps):
     pillar = measured(points, np.concatenate((np.column_stack((a, b, c)), np.column_stack((a, c, d)))))
     depth = np.where(np.arange(200)[:, None] < 99.5 - 300 * 0.3 / 1.75, 5.0, 1.75) * np.ones((200, 300))
     seen = np.zeros(depth.shape, np.int8)
-    maps = view_maps(depth.astype(np.float32), np.full(depth.shape, -1, np.int8), seen, lens, [], np.zeros(1))
+    maps = view_maps(
+        RgbdImage(depth.astype(np.float32), lens), np.full(depth.shape, -1, np.int8), seen, [], np.zeros(1)
+    )
     tops = []
     for known in (blind_maps, maps):
         closed, _ = close_mesh(pillar, known, up, None)

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mirror_scan.core.camera import Intrinsics
+from mirror_scan.core.camera import Intrinsics, RgbdImage
 from mirror_scan.core.hole_filling.loop_triangulation import fill_loops
 from mirror_scan.core.mesh import FILL, SURFACE, Mesh
 from mirror_scan.core.mesh.boundary_loops import boundary_loops
@@ -197,7 +197,7 @@ def test_fills_keep_out_of_space_seen_to_be_empty():
     nothing = np.full((200, 200), -1, np.int8)
 
     def middle(depth):
-        maps = view_maps(depth, nothing, np.where(depth > 0, 0, -1).astype(np.int8), lens, [], np.zeros(1))
+        maps = view_maps(RgbdImage(depth, lens), nothing, np.where(depth > 0, 0, -1).astype(np.int8), [], np.zeros(1))
         size = np.linalg.norm(np.ptp(rim, axis=0)) * 1.01
         filled = fill_loops(mesh, maps, diameter=size)
         chosen = filled.vertices[filled.triangles[filled.kind == FILL]].mean(axis=1)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from mirror_scan.core.camera import Intrinsics
+from mirror_scan.core.camera import Intrinsics, RgbdImage
 from mirror_scan.core.closing.mesh_closing import close_mesh
 from mirror_scan.core.hole_filling.delaunay_refinement import edge_length_at_vertices, refine
 from mirror_scan.core.hole_filling.loop_triangulation import fill_loops
@@ -37,7 +37,9 @@ def seen_ball(wall: float):
     hit = root > 0
     depth = np.where(hit, (along - np.sqrt(np.where(hit, root, 0))) / length, wall).astype(np.float32)
     labels = np.where(hit, 0, -1).astype(np.int8)
-    return remove_bowties(compact(patch)), view_maps(depth, labels, np.zeros_like(labels), CAMERA, [], np.zeros(1))
+    return remove_bowties(compact(patch)), view_maps(
+        RgbdImage(depth, CAMERA), labels, np.zeros_like(labels), [], np.zeros(1)
+    )
 
 
 def refined(patch, maps):

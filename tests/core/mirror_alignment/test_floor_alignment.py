@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mirror_scan.core.camera import RgbdImage
 from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.mirror_alignment.floor_alignment import FloorSettings, align_floor
 from mirror_scan.core.mirrors.mirror import expected_error, moved
@@ -17,7 +18,7 @@ UNSURE = 0.005  # of the lean [rad]
 def placed(simulation):
     capture = simulation.capture
     depth = one_depth_map(capture)[0]
-    return [place_mirror(p, depth, capture.intrinsics) for p in capture.mirrors], depth, capture.intrinsics
+    return [place_mirror(RgbdImage(depth, capture.intrinsics), p) for p in capture.mirrors], depth, capture.intrinsics
 
 
 def leaning(mirrors, by):
@@ -40,7 +41,7 @@ def test_a_lean_is_taken_back(simulated, sensor, by):
     simulation = simulated(sensor)
     frames, depth, lens = placed(simulation)
     wrong = leaning(frames, by)
-    right, notes = align_floor(wrong, depth, lens)
+    right, notes = align_floor(RgbdImage(depth, lens), wrong)
     assert notes == ()
     before, after = slopes(wrong, simulation), slopes(right, simulation)
     assert (np.abs(before[:, 1]) > 0.005).all() and (np.abs(after[:, 1]) < 0.0012).all(), (before, after)
@@ -55,13 +56,13 @@ def test_a_lean_is_taken_back(simulated, sensor, by):
 def test_mirrors_that_are_certain_stay(simulated):
     simulation = simulated("azure_kinect")
     frames, depth, lens = placed(simulation)
-    assert all(a is b for a, b in zip(align_floor(frames, depth, lens)[0], frames, strict=True))
+    assert all(a is b for a, b in zip(align_floor(RgbdImage(depth, lens), frames)[0], frames, strict=True))
     doubted = leaning(frames, (0.0, 0.0))  # unsure, though right
-    for m, truth in zip(align_floor(doubted, depth, lens)[0], slopes(doubted, simulation), strict=True):
+    for m, truth in zip(align_floor(RgbdImage(depth, lens), doubted)[0], slopes(doubted, simulation), strict=True):
         assert abs(truth[1]) < 0.0012 and m.moved < 0.004
     wrong = leaning(frames, (0.008, -0.006))
-    assert align_floor(wrong, depth, lens, FloorSettings(use=False)) == (wrong, ())
-    one, other = align_floor([wrong[0], replace(wrong[1], source="rig file")], depth, lens)[0]
+    assert align_floor(RgbdImage(depth, lens), wrong, FloorSettings(use=False)) == (wrong, ())
+    one, other = align_floor(RgbdImage(depth, lens), [wrong[0], replace(wrong[1], source="rig file")])[0]
     assert one.moved_by == ("floor",) and other.moved_by == ()
 
 
@@ -72,6 +73,9 @@ def test_without_a_floor_they_stay(simulated):
     hidden = depth.copy()
     hidden[int(0.55 * len(depth)) :] = 0.0
     for ugly in (np.zeros_like(depth), np.full_like(depth, 3.0), hidden):
-        assert align_floor(wrong, ugly, lens) == (wrong, ())
+        assert align_floor(RgbdImage(ugly, lens), wrong) == (wrong, ())
     given = [replace(m, covariance=None, source="given") for m in wrong]
-    assert align_floor(given, depth, lens) == (given, ()) and align_floor([], depth, lens) == ([], ())
+    assert align_floor(RgbdImage(depth, lens), given) == (given, ()) and align_floor(RgbdImage(depth, lens), []) == (
+        [],
+        (),
+    )

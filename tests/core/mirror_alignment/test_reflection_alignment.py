@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mirror_scan.core.camera import RgbdImage
 from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mirror_alignment.reflection_alignment import JointSettings, align_reflections
@@ -29,37 +30,39 @@ def misplaced(mirrors, simulation, body) -> np.ndarray:
 def placed(simulation):
     capture = simulation.capture
     depth = one_depth_map(capture)[0]
-    return find_mirrors(depth, capture.intrinsics), depth, capture.intrinsics
+    return find_mirrors(RgbdImage(depth, capture.intrinsics)), depth, capture.intrinsics
 
 
 def test_a_projecting_frame_is_noticed(person):
     simulation = simulate(person, default_rig("azure_kinect", frames=6, frame_depth=0.008, seed=1))
     body = simulation.truth.body.vertices
     before, depth, lens = placed(simulation)
-    after, notes = align_reflections(before, depth, lens)
+    after, notes = align_reflections(RgbdImage(depth, lens), before)
     wrong, right = misplaced(before, simulation, body), misplaced(after, simulation, body)
     assert (wrong > 0.014).all() and (right <= wrong + 1e-9).all() and right.min() < 0.003
     moved = [a for a, b in zip(after, before, strict=True) if a is not b]
     assert moved and len(notes) == len(moved) and all("behind the front of its frame" in n for n in notes)
     assert all(m.moved_by == ("reflections",) and m.moved == pytest.approx(0.016, abs=0.004) for m in moved)
     assert all(m.moved_by == () and m.moved == 0.0 for m in before)
-    unused, nothing = align_reflections(before, depth, lens, JointSettings(use=False))
+    unused, nothing = align_reflections(RgbdImage(depth, lens), before, JointSettings(use=False))
     assert unused == before and nothing == ()
 
 
 @pytest.mark.parametrize("sensor", ["azure_kinect", "kinect_v1", "realsense_d455"])
 def test_a_flush_frame_is_left_alone(simulated, sensor):
     before, depth, lens = placed(simulated(sensor))
-    after, notes = align_reflections(before, depth, lens)
+    after, notes = align_reflections(RgbdImage(depth, lens), before)
     assert notes == () and all(a is b for a, b in zip(after, before, strict=True))
 
 
 def test_what_has_no_pairs_stays(simulated):
     before, depth, lens = placed(simulated("azure_kinect"))
     for ugly in (np.zeros_like(depth), np.full_like(depth, 3.0)):
-        assert align_reflections(before, ugly, lens)[0] == before
+        assert align_reflections(RgbdImage(ugly, lens), before)[0] == before
     given = [replace(m, covariance=None) for m in before]
-    assert align_reflections(given, depth, lens)[0] == given and align_reflections([], depth, lens) == ([], ())
+    assert align_reflections(RgbdImage(depth, lens), given)[0] == given and align_reflections(
+        RgbdImage(depth, lens), []
+    ) == ([], ())
 
 
 def board(turn: float, thickness: float = 0.002) -> Mesh:
@@ -105,7 +108,7 @@ def test_a_mirror_on_a_wall(person, sensor, frame_width):
     mirrors, depth, lens = placed(hung)
     assert len(mirrors) == 2
     if frame_width:
-        mirrors += [place_mirror(picks, depth, lens) for picks in hung.capture.mirrors]
+        mirrors += [place_mirror(RgbdImage(depth, lens), picks) for picks in hung.capture.mirrors]
     body = hung.truth.body.vertices
     for mirror, error in zip(mirrors, misplaced(mirrors, hung, body), strict=True):
         promised = mirror.displacement(body)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mirror_scan.core.camera import RgbdImage
 from mirror_scan.core.mirror_alignment.reflection_alignment import JointSettings
 from mirror_scan.core.mirror_alignment.seam_alignment import (
     SeamSettings,
@@ -245,7 +246,11 @@ def test_moved_views_are_those_of_moved_mirrors(simulated):
     np.testing.assert_array_equal(behind, (1, 2))
     patches, maps = move_views(scan.patches, scan.maps, behind, motions)
     anew = view_maps(
-        scan.maps.depth, scan.maps.labels, scan.maps.labels, simulation.capture.intrinsics, new, scan.maps.noise
+        RgbdImage(scan.maps.depth, simulation.capture.intrinsics),
+        scan.maps.labels,
+        scan.maps.labels,
+        new,
+        scan.maps.noise,
     )
     np.testing.assert_allclose(maps.to_view, anew.to_view, atol=1e-9)
     np.testing.assert_allclose(maps.normals, anew.normals, atol=1e-6)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mirror_scan.core.camera import RgbdImage
 from mirror_scan.core.checks.view_disagreement import check_agreement, disagreements
 from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.mirror_alignment.view_alignment import AgreementSettings, align_views
@@ -42,7 +43,7 @@ def crossing(person, request):
     simulation = simulate(person, rig)
     depth = clean(simulation.capture)
     lens = simulation.capture.intrinsics
-    return simulation, depth, [place_mirror(picks, depth, lens) for picks in simulation.capture.mirrors]
+    return simulation, depth, [place_mirror(RgbdImage(depth, lens), picks) for picks in simulation.capture.mirrors]
 
 
 def test_frames_that_cross_are_told_apart(crossing):
@@ -55,7 +56,7 @@ def test_frames_that_cross_are_told_apart(crossing):
 def test_what_is_seen_twice_ties_mirrors_down(crossing):
     simulation, depth, placed = crossing
     lens = simulation.capture.intrinsics
-    together, notes = align_views(placed, depth, lens)
+    together, notes = align_views(RgbdImage(depth, lens), placed)
     assert notes == ()
     before, after = misplaced(placed, simulation), misplaced(together, simulation)
     assert (after < 0.009).all() and np.linalg.norm(after) < np.linalg.norm(before) + 5e-4, (before, after)
@@ -64,22 +65,22 @@ def test_what_is_seen_twice_ties_mirrors_down(crossing):
         assert mirror.moved_by == (("views",) if mirror is not first else ())
         assert mirror.displacement(body) <= first.displacement(body) + 1e-9 and off < 3.5 * mirror.displacement(body)
         np.testing.assert_allclose(mirror.basis.T @ mirror.basis, np.eye(3), atol=1e-12)
-    assert align_views(placed, depth, lens, AgreementSettings(use=False)) == (placed, ())
-    assert align_views(placed, depth, lens, AgreementSettings(uncertainty=1.0)) == (placed, ())
+    assert align_views(RgbdImage(depth, lens), placed, AgreementSettings(use=False)) == (placed, ())
+    assert align_views(RgbdImage(depth, lens), placed, AgreementSettings(uncertainty=1.0)) == (placed, ())
 
 
 def test_nothing_is_asked_of_views_that_show_nothing(crossing):
     simulation, depth, placed = crossing
     lens = simulation.capture.intrinsics
     for ugly in (np.zeros_like(depth), np.full_like(depth, 1.0)):
-        assert align_views(placed, ugly, lens) == (placed, ())
+        assert align_views(RgbdImage(ugly, lens), placed) == (placed, ())
     # one wall right across the image fits no mirror: none is moved by more than its frame leaves open
-    for m, frame in zip(align_views(placed, np.full_like(depth, 5.0), lens)[0], placed, strict=True):
+    for m, frame in zip(align_views(RgbdImage(np.full_like(depth, 5.0), lens), placed)[0], placed, strict=True):
         person = person_before(frame)
         shift = np.linalg.norm(reflect(person, m) - reflect(person, frame), axis=1)
         assert np.median(shift) < 4.0 * expected_error(frame)
     given = [replace(m, covariance=None, source="given") for m in placed]
-    assert align_views(given, depth, lens) == (given, ()) and expected_error(given[0]) == 0.0
+    assert align_views(RgbdImage(depth, lens), given) == (given, ()) and expected_error(given[0]) == 0.0
 
 
 @pytest.mark.parametrize("sensor", ["ideal", "azure_kinect", "realsense_d455", "kinect_v1"])
@@ -87,16 +88,16 @@ def test_a_turned_mirror_is_found_out(simulated, sensor):
     simulation = simulated(sensor)
     lens = simulation.capture.intrinsics
     depth = clean(simulation.capture)
-    placed = [place_mirror(m, depth, lens) for m in simulation.capture.mirrors]
-    good = find_subject(depth, lens, placed)
-    assert disagreements(depth, good, placed, lens) == []
-    assert check_agreement(depth, good, placed, lens)[1] == []
+    placed = [place_mirror(RgbdImage(depth, lens), m) for m in simulation.capture.mirrors]
+    good = find_subject(RgbdImage(depth, lens), placed)
+    assert disagreements(RgbdImage(depth, lens), good, placed) == []
+    assert check_agreement(RgbdImage(depth, lens), good, placed)[1] == []
     for k in (0, 1):
         for degrees in (2.0, -3.0, 6.0):
             wrong = list(placed)
             wrong[k] = moved(placed[k], np.array((np.radians(degrees), 0.0, 0.0)))
-            views = find_subject(depth, lens, wrong)
-            left, told = check_agreement(depth, views, wrong, lens)
+            views = find_subject(RgbdImage(depth, lens), wrong)
+            left, told = check_agreement(RgbdImage(depth, lens), views, wrong)
             name = placed[k].name
             seen = (views.labels == k + 1).any()  # what is too far off is not even taken for the subject
             assert not seen or any(f"“{name}”" in text and "pick points" in text for text in told), (degrees, told)
@@ -112,7 +113,7 @@ def test_a_mirror_left_out_doubles_nothing(simulated):
     """The body is closed without it, and the report says why."""
     capture = simulated("azure_kinect").capture
     depth = clean(capture)
-    right, left = (place_mirror(m, depth, capture.intrinsics) for m in capture.mirrors)
+    right, left = (place_mirror(RgbdImage(depth, capture.intrinsics), m) for m in capture.mirrors)
     wrong = replace(moved(right, np.array((np.radians(2.5), 0.0, 0.0))), covariance=None, source="given")
     made = reconstruct(capture, (wrong, left))
     assert any("“right” is left out" in text for text in made.warnings)

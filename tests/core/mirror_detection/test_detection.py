@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mirror_scan.core.camera import Intrinsics, project
+from mirror_scan.core.camera import Intrinsics, RgbdImage, project
 from mirror_scan.core.capture import MirrorPicks
 from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.errors import MirrorError
@@ -38,7 +38,7 @@ def misplaced(mirror, truth, body) -> float:
 
 def check_found(simulation, limit: float):
     capture, truth = simulation.capture, simulation.truth
-    found = find_mirrors(clean(capture), capture.intrinsics)
+    found = find_mirrors(RgbdImage(clean(capture), capture.intrinsics))
     true = {m.name: m for m in truth.mirrors}
     assert {m.name for m in found} == set(true), "as many as there are, named by their side"
     for mirror in found:
@@ -61,14 +61,14 @@ def test_lines_in_colour_stand_for_frames_that_are_hardly_read(simulated):
     patches = np.random.default_rng(1).random((depth.shape[0] // 8, depth.shape[1] // 8)) < 0.7
     frame = (truth.sight.object == FRAME) & (truth.sight.view == 0)
     depth[frame & np.kron(patches, np.ones((8, 8), bool))] = 0
-    assert not any(m.refined for m in find_mirrors(depth, capture.intrinsics)), "no frame by depth alone"
-    found = find_mirrors(depth, capture.intrinsics, capture.color)
+    assert not any(m.refined for m in find_mirrors(RgbdImage(depth, capture.intrinsics))), "no frame by depth alone"
+    found = find_mirrors(RgbdImage(depth, capture.intrinsics, capture.color))
     true = {m.name: m for m in truth.mirrors}
     assert {m.name for m in found} == set(true) and all(m.refined for m in found)
     for mirror in found:
         assert misplaced(mirror, true[mirror.name], truth.body.vertices) < 0.004
     other_size = capture.color[::2, ::2]
-    assert not any(m.refined for m in find_mirrors(depth, capture.intrinsics, other_size))
+    assert not any(m.refined for m in find_mirrors(RgbdImage(depth, capture.intrinsics, other_size)))
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_lines_in_colour_stand_for_frames_that_are_hardly_read(simulated):
 def test_both_mirrors_are_found(simulated, sensor, limit):
     simulation = simulated(sensor)
     found = check_found(simulation, limit)
-    again = find_mirrors(clean(simulation.capture), simulation.capture.intrinsics)
+    again = find_mirrors(RgbdImage(clean(simulation.capture), simulation.capture.intrinsics))
     for a, b in zip(found, again, strict=True):
         np.testing.assert_array_equal(a.normal, b.normal)
 
@@ -91,7 +91,7 @@ def test_an_avatar_without_a_click(simulated):
 @pytest.mark.parametrize("sensor", ["azure_kinect", "kinect_v1"])
 def test_a_room_without_mirrors(person, sensor):
     simulation = simulate(person, replace(default_rig(sensor, frames=2), mirrors=()))
-    assert find_mirrors(clean(simulation.capture), simulation.capture.intrinsics) == []
+    assert find_mirrors(RgbdImage(clean(simulation.capture), simulation.capture.intrinsics)) == []
 
 
 def test_pictures_that_show_nothing():
@@ -99,7 +99,7 @@ def test_pictures_that_show_nothing():
     shape = (lens.height, lens.width)
     rng = np.random.default_rng(0)
     for depth in (np.zeros(shape), np.full(shape, 2.0), rng.uniform(0.5, 5.0, shape), rng.uniform(0, 1, shape) > 0.999):
-        assert find_mirrors(depth.astype(np.float32), lens) == []
+        assert find_mirrors(RgbdImage(depth.astype(np.float32), lens)) == []
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -109,11 +109,11 @@ def test_one_pick_is_enough_to_say_which(simulated, count):
     depth = clean(capture)
     for picks, true in zip(capture.mirrors, truth.mirrors, strict=True):
         few = replace(picks, frame_pixels=picks.frame_pixels[2 : 2 + count])
-        mirror = find_mirror_at(few, depth, capture.intrinsics)
+        mirror = find_mirror_at(RgbdImage(depth, capture.intrinsics), few)
         assert mirror.name == picks.name and mirror.source == "picked" and mirror.refined
         assert misplaced(mirror, true, truth.body.vertices) < 0.003
     with pytest.raises(MirrorError, match=r"left: no straight frame.*\(320, 60\)"):
-        find_mirror_at(MirrorPicks("left", np.array([(320.0, 60.0)])), depth, capture.intrinsics)
+        find_mirror_at(RgbdImage(depth, capture.intrinsics), MirrorPicks("left", np.array([(320.0, 60.0)])))
 
 
 def test_a_mirror_cut_by_the_picture_and_one_behind_the_person(person):
@@ -123,7 +123,7 @@ def test_a_mirror_cut_by_the_picture_and_one_behind_the_person(person):
     right, left = rig.mirrors
     nearer = replace(left, centre=tuple(np.array(left.centre) + (0.35, 0.1, 0.0)))
     simulation = simulate(person, replace(rig, mirrors=(right, nearer)))
-    found = find_mirrors(clean(simulation.capture), simulation.capture.intrinsics)
+    found = find_mirrors(RgbdImage(clean(simulation.capture), simulation.capture.intrinsics))
     assert [m.name for m in found] == ["left", "right"]
     true = {m.name: m for m in simulation.truth.mirrors}
     for mirror in found:
@@ -135,7 +135,7 @@ def test_a_mirror_cut_by_the_picture_and_one_behind_the_person(person):
 def test_wide_mirrors_that_show_each_other(person, sensor):
     """Cut off by the picture; in each the other's image carries on the lines of its own frame."""
     simulation = simulate(person, default_rig(sensor, frames=4, mirror_size=(1.5, 2.0), view_angle_deg=112.0))
-    found = find_mirrors(clean(simulation.capture), simulation.capture.intrinsics)
+    found = find_mirrors(RgbdImage(clean(simulation.capture), simulation.capture.intrinsics))
     assert [m.name for m in found] == ["left", "right"]
     true = {m.name: m for m in simulation.truth.mirrors}
     for mirror in found:
@@ -146,7 +146,7 @@ def test_wide_mirrors_that_show_each_other(person, sensor):
 def test_mirrors_that_cross(person, angles):
     """Two mirrors through one another, a side of the one hidden by the other, and its other side by the person."""
     simulation = simulate(person, default_rig("azure_kinect", frames=6, mirrors=angles))
-    found = find_mirrors(clean(simulation.capture), simulation.capture.intrinsics)
+    found = find_mirrors(RgbdImage(clean(simulation.capture), simulation.capture.intrinsics))
     assert len(found) == 3
     body = simulation.truth.body.vertices
     for true in simulation.truth.mirrors:
@@ -190,7 +190,7 @@ def test_never_worse_than_the_picks(simulated, how):
             picks = bad_picks(simulation, how, rng)
             mirrors, notes = place_mirrors(tuple(picks), depth, capture, Settings())
             for mirror, one in zip(mirrors, picks, strict=True):
-                plain = place_mirror(one, depth, capture.intrinsics, MirrorSettings(grow=False))
+                plain = place_mirror(RgbdImage(depth, capture.intrinsics), one, MirrorSettings(grow=False))
                 error, before = (misplaced(m, true[one.name], body) for m in (mirror, plain))
                 assert error < before + 1e-3 and mirror.name == one.name
                 told = any(text.startswith(one.name) and "pick again" in text for text in notes)
@@ -231,7 +231,7 @@ def test_what_looks_like_a_mirror():
         frame = (across < 0.45) & (down < 0.8) & ~((across < 0.4) & (down < 0.75))
         floor = 1.0 / np.maximum(rays[..., 1], 1e-6)
         depth = np.minimum(np.where(frame, z, 3.5), floor).astype(np.float32)
-        assert find_mirrors(depth, lens) == []
+        assert find_mirrors(RgbdImage(depth, lens)) == []
 
 
 def test_a_longer_burst_is_surer(person):
@@ -241,7 +241,7 @@ def test_a_longer_burst_is_surer(person):
     promised = []
     for frames in (1, 4, 16, 32):
         depth = clean(replace(capture, depth=capture.depth[:frames]))
-        found = find_mirrors(depth, capture.intrinsics)
+        found = find_mirrors(RgbdImage(depth, capture.intrinsics))
         true = {m.name: m for m in simulation.truth.mirrors}
         promised.append(np.mean([m.displacement(body) for m in found]))
         for mirror in found:
@@ -255,7 +255,7 @@ def test_frameless_mirrors(person, sensor):
     """Hung on a wall, the wall tells their plane."""
     rig = default_rig(sensor, frames=4, frame_width=0.0, seed=4)
     hung = simulate(person, rig, [wall_behind(m) for m in rig.mirrors])
-    found = find_mirrors(clean(hung.capture), hung.capture.intrinsics)
+    found = find_mirrors(RgbdImage(clean(hung.capture), hung.capture.intrinsics))
     assert [m.name for m in found] == ["left", "right"]
     true = {m.name: m for m in hung.truth.mirrors}
     for mirror in found:
@@ -271,7 +271,7 @@ def test_frameless_mirrors(person, sensor):
         return MirrorPicks(glass.name, pixels)
 
     for glass in rig.mirrors:
-        mirror = place_mirror(picked(glass, 0.02), clean(hung.capture), hung.capture.intrinsics)
+        mirror = place_mirror(RgbdImage(clean(hung.capture), hung.capture.intrinsics), picked(glass, 0.02))
         assert misplaced(mirror, true[mirror.name], hung.truth.body.vertices) < 0.008
         assert (np.abs(np.ptp(mirror.rectangle, axis=1) - (0.8, 1.75)) < 0.08).all(), "the wall is no frame"
 
@@ -283,7 +283,7 @@ def test_frameless_mirrors_clear_of_any_wall(person, sensor):
     simulation = simulate(person, default_rig(sensor, frames=6, frame_width=0.0, view_angle_deg=118.0, seed=4))
     capture, truth = simulation.capture, simulation.truth
     depth, true = clean(capture), {m.name: m for m in truth.mirrors}
-    found = find_mirrors(depth, capture.intrinsics)
+    found = find_mirrors(RgbdImage(depth, capture.intrinsics))
     if sensor == "kinect_v1":
         assert found == []
         return
@@ -313,7 +313,7 @@ def test_a_door_in_a_wall_aslant(person, sensor, y, turn, facing):
     rig = replace(default_rig(sensor, frames=2, tilt_deg=3.0), mirrors=(), room=(-4.5, 4.5, -5.0, 6.5, 2.8))
     others = [placed(open_door(), -1.1, y, turn), placed(person, -1.45, y + 1.2, facing)]
     capture = simulate(person, rig, others).capture
-    assert find_mirrors(clean(capture), capture.intrinsics) == []
+    assert find_mirrors(RgbdImage(clean(capture), capture.intrinsics)) == []
 
 
 def project_corners(simulation, name: str) -> np.ndarray:
@@ -335,7 +335,7 @@ def test_a_door_with_somebody_behind(person, sensor, twin):
     for turn in (0.0, 100.0, 190.0):
         behind = placed(other, 1.35, 1.9, turn)
         capture = simulate(person, rig, [placed(open_door(), 1.0, 0.8, -25.0), behind]).capture
-        assert find_mirrors(clean(capture), capture.intrinsics) == []
+        assert find_mirrors(RgbdImage(clean(capture), capture.intrinsics)) == []
 
 
 def test_a_side_beyond_the_picture_is_not_missing():

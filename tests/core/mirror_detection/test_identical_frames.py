@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mirror_scan.core.camera import RgbdImage
 from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mirror_detection.detection import find_mirrors
@@ -37,7 +38,7 @@ def test_a_mirror_in_which_nothing_is_read(person, angles):
     depth = clean(simulation.capture)
     in_third = depth[(truth.labels == 3) & (depth > 0)]
     assert len(in_third) < 0.05 * max((truth.labels == 3).sum(), 1) + 20, "hardly anything of the body is read in it"
-    found = find_mirrors(depth, lens)
+    found = find_mirrors(RgbdImage(depth, lens))
     assert len(found) == 3
     for true in truth.mirrors:
         assert min(misplaced(mirror, true, truth.body.vertices) for mirror in found) < 0.009
@@ -67,7 +68,7 @@ def test_dark_boards_are_none(person, size, bar):
     sight, capture = simulation.truth.sight, simulation.capture
     depth = clean(capture)
     depth[(sight.object == PROP) & (sight.color.max(axis=-1) < 4)] = 0.0
-    assert [m.name for m in find_mirrors(depth, capture.intrinsics)] == ["left"]
+    assert [m.name for m in find_mirrors(RgbdImage(depth, capture.intrinsics))] == ["left"]
 
 
 def test_an_empty_rig_in_which_nothing_is_read(person):
@@ -77,8 +78,8 @@ def test_an_empty_rig_in_which_nothing_is_read(person):
     capture, truth = simulation.capture, simulation.truth
     depth = clean(capture)
     depth[(truth.sight.view > 0) & (truth.sight.bounces > 0)] = 0.0
-    assert find_mirrors(depth, capture.intrinsics) == []
-    found = find_mirrors(depth, capture.intrinsics, settings=DetectionSettings(empty_rig=True))
+    assert find_mirrors(RgbdImage(depth, capture.intrinsics)) == []
+    found = find_mirrors(RgbdImage(depth, capture.intrinsics), settings=DetectionSettings(empty_rig=True))
     assert [m.name for m in found] == ["left", "right"]
     for mirror in found:
         true = next(m for m in truth.mirrors if m.name == mirror.name)

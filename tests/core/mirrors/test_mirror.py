@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from mirror_scan.core.camera import Intrinsics, project, unproject
+from mirror_scan.core.camera import Intrinsics, RgbdImage, project, unproject
 from mirror_scan.core.capture import MirrorPicks
 from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.errors import MirrorError
@@ -157,8 +157,8 @@ def test_growing_to_the_frame_beats_the_picks_alone():
     for seed in range(12):
         depth, frame = scene(noise, seed)
         picks = MirrorPicks("right", clicks(seed))
-        plain.append(misplaced(place_mirror(picks, depth, LENS, MirrorSettings(grow=False))))
-        mirror = place_mirror(picks, depth, LENS)
+        plain.append(misplaced(place_mirror(RgbdImage(depth, LENS), picks, MirrorSettings(grow=False))))
+        mirror = place_mirror(RgbdImage(depth, LENS), picks)
         grown.append(misplaced(mirror))
         assert mirror.refined and mirror.normal @ CENTRE < 0
         assert 0.75 * frame.sum() < mirror.points_used < 1.25 * frame.sum()
@@ -176,8 +176,8 @@ def test_growing_to_the_frame_beats_the_picks_alone():
 
 def test_exact_without_noise():
     depth, _ = scene(0.0)
-    assert misplaced(place_mirror(MirrorPicks("right", clicks()), depth, LENS)) < 1e-4
-    plain = place_mirror(MirrorPicks("right", np.rint(clicks(3))), depth, LENS, MirrorSettings(grow=False))
+    assert misplaced(place_mirror(RgbdImage(depth, LENS), MirrorPicks("right", clicks()))) < 1e-4
+    plain = place_mirror(RgbdImage(depth, LENS), MirrorPicks("right", np.rint(clicks(3))), MirrorSettings(grow=False))
     assert misplaced(plain) < 1e-4 and not plain.refined and plain.points_used == 8 and plain.residual < 1e-5
 
 
@@ -187,7 +187,7 @@ def test_mistaken_picks_are_outvoted():
         depth, _ = scene(0.003, seed)
         pixels = clicks(seed)
         pixels[[1, 6]] = project(CENTRE + np.array([(0.1, 0.2), (-0.2, -0.3)]) @ TRUE.basis[:, :2].T, LENS)
-        assert misplaced(place_mirror(MirrorPicks("right", pixels), depth, LENS)) < 0.02
+        assert misplaced(place_mirror(RgbdImage(depth, LENS), MirrorPicks("right", pixels))) < 0.02
 
 
 def test_picks_beside_a_reading_take_the_nearest():
@@ -195,18 +195,18 @@ def test_picks_beside_a_reading_take_the_nearest():
     pixels = np.rint(clicks()).astype(int)
     for u, v in pixels:
         depth[v, u] = 0
-    assert misplaced(place_mirror(MirrorPicks("right", pixels.astype(float)), depth, LENS)) < 1e-3
+    assert misplaced(place_mirror(RgbdImage(depth, LENS), MirrorPicks("right", pixels.astype(float)))) < 1e-3
 
 
 def test_glass_behind_its_frame():
     depth, _ = scene(0.0)
-    mirror = place_mirror(MirrorPicks("right", clicks()), depth, LENS, MirrorSettings(glass_offset=0.02))
+    mirror = place_mirror(RgbdImage(depth, LENS), MirrorPicks("right", clicks()), MirrorSettings(glass_offset=0.02))
     assert (mirror.point - CENTRE) @ NORMAL == pytest.approx(-0.02, abs=1e-4)
 
 
 def test_a_known_plane_is_taken_as_it_is():
     depth, _ = scene(0.0)
-    mirror = place_mirror(MirrorPicks("right", None, CENTRE, -3 * NORMAL), depth, LENS)
+    mirror = place_mirror(RgbdImage(depth, LENS), MirrorPicks("right", None, CENTRE, -3 * NORMAL))
     np.testing.assert_allclose(mirror.normal, NORMAL)
     np.testing.assert_array_equal(mirror.point, CENTRE)
     assert mirror.residual == 0 and mirror.rectangle is None and mirror.name == "right"
@@ -217,7 +217,7 @@ def test_clicks_that_place_no_mirror():
     good = clicks()
 
     def place(pixels, depth=depth):
-        return place_mirror(MirrorPicks("left one", np.array(pixels, dtype=float)), depth, LENS)
+        return place_mirror(RgbdImage(depth, LENS), MirrorPicks("left one", np.array(pixels, dtype=float)))
 
     with pytest.raises(MirrorError, match="left one.*at least 3"):
         place(good[:2])
@@ -259,7 +259,7 @@ def test_the_expected_error_is_the_one_made():
         made, promised = [], []
         for seed in range(16):
             depth, _ = scene(0.004, seed)
-            mirror = place_mirror(MirrorPicks("right", clicks(seed)), depth, LENS, settings_)
+            mirror = place_mirror(RgbdImage(depth, LENS), MirrorPicks("right", clicks(seed)), settings_)
             made.append(np.linalg.norm(reflect(body, mirror) - reflect(body, TRUE), axis=1) ** 2)
             promised.append(mirror.displacement(body) ** 2)
         ratio = np.sqrt(np.mean(made) / np.mean(promised))
@@ -283,7 +283,7 @@ def test_picked_glass_ends_where_the_frame_does(person, sensor):
     depth = one_depth_map(capture)[0]
     to_avatar, seen = rig.camera_to_avatar, 0
     for picks, true in zip(capture.mirrors, rig.mirrors, strict=True):
-        mirror = place_mirror(picks, depth, capture.intrinsics)
+        mirror = place_mirror(RgbdImage(depth, capture.intrinsics), picks)
         (left, right), (top, bottom) = mirror.rectangle
         corners = np.array(((left, top), (right, top), (right, bottom), (left, bottom)))
         corners = (mirror.point + corners @ mirror.basis[:, :2].T) @ to_avatar[:3, :3].T + to_avatar[:3, 3]

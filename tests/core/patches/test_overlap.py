@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import trimesh
-from mirror_scan.core.camera import Intrinsics, unproject
+from mirror_scan.core.camera import Intrinsics, RgbdImage, unproject
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.boundary_loops import boundary_loops
 from mirror_scan.core.mesh.bvh import build_bvh, raycast
@@ -43,7 +43,7 @@ def two_views(mirrored_radius=RADIUS, noise=0.0, seed=0):
     depth = np.where(labels == 0, direct, np.where(labels == 1, mirrored, 0))
     depth *= 1 + noise * np.random.default_rng(seed).normal(size=depth.shape)
     depth = depth.astype(np.float32)
-    maps = view_maps(depth, labels, labels.copy(), LENS, [MIRROR], np.full(2, max(noise, 1e-6)))
+    maps = view_maps(RgbdImage(depth, LENS), labels, labels.copy(), [MIRROR], np.full(2, max(noise, 1e-6)))
     patches = [triangulate_view(depth, labels, k, unproject(depth, LENS), 1 / LENS.fx, noise) for k in range(2)]
     back = patches[1].transformed(reflection_matrix(MIRROR))
     patches[1] = replace(back, triangles=np.ascontiguousarray(back.triangles[:, ::-1]))
@@ -159,7 +159,7 @@ def test_surfaces_that_do_not_overlap_stay_as_they_are(ball):
         seen_at = inner if k == 0 else reflect(inner, MIRROR)
         u, v = np.rint(seen_at[:, 0] / seen_at[:, 2] * 200 + 99.5), np.rint(seen_at[:, 1] / seen_at[:, 2] * 200 + 79.5)
         labels[v.astype(int), u.astype(int)] = k
-    maps = view_maps(ball.depth, labels, labels, LENS, [MIRROR], np.full(2, 1e-6))
+    maps = view_maps(RgbdImage(ball.depth, LENS), labels, labels, [MIRROR], np.full(2, 1e-6))
     patches = []
     for k in range(2):
         patch = triangulate_view(ball.depth, labels, k, unproject(ball.depth, LENS), 1 / LENS.fx, 0.0)
@@ -176,7 +176,7 @@ def test_surfaces_that_do_not_overlap_stay_as_they_are(ball):
 def test_a_view_that_shows_nothing(ball):
     empty = Mesh(np.empty((0, 3)), np.empty((0, 3), np.int32), None, np.empty(0, np.int8), np.empty(0, np.int8))
     labels = np.where(ball.labels == 0, 0, -1).astype(np.int8)
-    maps = view_maps(ball.depth, labels, labels, LENS, [MIRROR], np.zeros(2))
+    maps = view_maps(RgbdImage(ball.depth, LENS), labels, labels, [MIRROR], np.zeros(2))
     one, none = part_overlaps([ball.patches[0], empty], maps)
     np.testing.assert_array_equal(one.vertices, ball.patches[0].vertices)
     assert len(none.triangles) == 0 and len(merge([one, none]).triangles) == len(one.triangles)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mirror_scan.core.camera import RgbdImage
 from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.mesh import Mesh
@@ -68,12 +69,12 @@ def test_a_rig_that_moved_is_told(rig, simulated, person):
     lens = rig.intrinsics
     for mirror in rig.mirrors:
         file = replace(mirror, source="rig file")
-        assert moved_warning(file, standing, lens) is None
+        assert moved_warning(RgbdImage(standing, lens), file) is None
         pushed = replace(file, point=file.point + 0.015 * file.normal)
-        assert "moved" in moved_warning(pushed, standing, lens)
+        assert "moved" in moved_warning(RgbdImage(standing, lens), pushed)
         away = replace(file, point=file.point + 0.15 * file.normal)
-        assert "not where it was" in moved_warning(away, standing, lens)
-        assert moved_warning(file, np.zeros_like(standing), lens) is None, "what is not seen is not blamed"
+        assert "not where it was" in moved_warning(RgbdImage(standing, lens), away)
+        assert moved_warning(RgbdImage(np.zeros_like(standing), lens), file) is None, "what is not seen is not blamed"
 
 
 @pytest.mark.parametrize(
@@ -98,7 +99,7 @@ def test_a_rig_that_was_knocked(rig, person, what):
         "mirror 1°": replace(base, mirrors=(replace(right, normal=turned), left)),
         "mirror 5 cm": pushed[0.05],
     }[what]
-    told = moved_warnings(rig.mirrors, clean(simulate(person, knocked).capture), rig.intrinsics)
+    told = moved_warnings(RgbdImage(clean(simulate(person, knocked).capture), rig.intrinsics), rig.mirrors)
     print("\n".join(told))
     assert len(told) == (what != "nothing")
     if what.startswith("camera"):
@@ -116,7 +117,7 @@ def test_a_noisy_camera_notices_five_millimetres(person):
     camera = np.array(base.camera)
     for move, told in (((0, 0, 0), 0), ((0.005, 0, 0), 1), ((0, 0.005, 0), 1), ((0, 0, 0.005), 0)):
         knocked = replace(base, camera=tuple(camera + move), seed=12)
-        texts = moved_warnings(rig.mirrors, clean(simulate(person, knocked).capture), rig.intrinsics)
+        texts = moved_warnings(RgbdImage(clean(simulate(person, knocked).capture), rig.intrinsics), rig.mirrors)
         assert len(texts) == told, "up and down, along its own planes, no mirror has moved"
         assert all("most likely it was the camera" in text for text in texts)
 
@@ -126,11 +127,11 @@ def test_a_wall_does_not_hide_a_move(person):
     base = default_rig("azure_kinect", frames=6, frame_width=0.0, seed=13)
     walls = [wall_behind(m) for m in base.mirrors]
     hung = clean(simulate(person, base, walls).capture)
-    mirrors = find_mirrors(hung, base.intrinsics)
+    mirrors = find_mirrors(RgbdImage(hung, base.intrinsics))
     assert len(mirrors) == 2 and all(m.covariance[2, 2] > 0.005**2 for m in mirrors)
-    assert moved_warnings(mirrors, hung, base.intrinsics) == []
+    assert moved_warnings(RgbdImage(hung, base.intrinsics), mirrors) == []
     pushed = [replace(m, point=m.point + 0.006 * m.normal) for m in mirrors]
-    assert len(moved_warnings(pushed, hung, base.intrinsics)) == 1
+    assert len(moved_warnings(RgbdImage(hung, base.intrinsics), pushed)) == 1
 
 
 @pytest.mark.parametrize(

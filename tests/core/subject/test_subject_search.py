@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mirror_scan.core.camera import RgbdImage
 from mirror_scan.core.cli.commands import settings_of
 from mirror_scan.core.cli.parser import build_parser
 from mirror_scan.core.depth.depth_map import one_depth_map
@@ -32,8 +33,8 @@ def sorted_out(simulation, settings=None):
     """Views, and shares: of the subject's pixels in the right view, of what is kept that is not the subject."""
     lens = simulation.capture.intrinsics
     depth = one_depth_map(simulation.capture)[0]
-    mirrors = [place_mirror(m, depth, lens) for m in simulation.capture.mirrors]
-    views = find_subject(depth, lens, mirrors, settings or ViewSettings())
+    mirrors = [place_mirror(RgbdImage(depth, lens), m) for m in simulation.capture.mirrors]
+    views = find_subject(RgbdImage(depth, lens), mirrors, settings or ViewSettings())
     truth, sight = simulation.truth.labels, simulation.truth.sight
     told = np.abs(depth / np.where(sight.depth > 0, sight.depth, np.inf) - 1) < 0.02
     body, kept = told & (truth >= 0), views.labels >= 0
@@ -278,7 +279,7 @@ def test_where_mirrors_look_that_reach_out_of_the_image():
     rig = default_rig("azure_kinect", 1.6, path_length=3.6, camera_height=0.72, tilt_deg=17.0, frames=1)
     simulation = simulate(props.box((-0.15, -0.15, 0), (0.15, 0.15, 0.4)), rig)
     lens, depth = simulation.capture.intrinsics, simulation.capture.depth[0]
-    mirrors = [place_mirror(m, depth, lens) for m in simulation.capture.mirrors]
+    mirrors = [place_mirror(RgbdImage(depth, lens), m) for m in simulation.capture.mirrors]
     assert any(not np.isfinite(m.outline).all() for m in mirrors)
     up = np.linalg.inv(rig.camera_to_avatar)[:3, 2]
     meeting = rig.camera_to_avatar[:3, :3] @ rig_axis(mirrors, up, lens) + rig.camera_to_avatar[:3, 3]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mirror_scan.core.camera import Intrinsics, unproject
+from mirror_scan.core.camera import Intrinsics, RgbdImage, unproject
 from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.errors import ReconstructionError
 from mirror_scan.core.mirrors.mirror import plane_mirror, reflect
@@ -25,7 +25,7 @@ def prepared(simulation):
     """Depth and mirrors as the pipeline has them when it looks for the subject."""
     lens = simulation.capture.intrinsics
     depth = one_depth_map(simulation.capture)[0]
-    return depth, [place_mirror(m, depth, lens) for m in simulation.capture.mirrors]
+    return depth, [place_mirror(RgbdImage(depth, lens), m) for m in simulation.capture.mirrors]
 
 
 def avatar(simulation, vectors):
@@ -36,7 +36,7 @@ def avatar(simulation, vectors):
 def test_labels_of_the_subject(simulated, sensor):
     simulation = simulated(sensor)
     depth, mirrors = prepared(simulation)
-    views = find_subject(depth, simulation.capture.intrinsics, mirrors)
+    views = find_subject(RgbdImage(depth, simulation.capture.intrinsics), mirrors)
     truth, sight = simulation.truth.labels, simulation.truth.sight
     body = (truth >= 0) & (depth > 0)
     # on a silhouette a sensor may read what is behind
@@ -123,9 +123,9 @@ def test_nobody_there(simulated, person):
     assert (simulation.truth.labels < 0).all()
     depth, mirrors = prepared(simulation)
     with pytest.raises(ReconstructionError, match="nobody"):
-        find_subject(depth, rig.intrinsics, mirrors)
+        find_subject(RgbdImage(depth, rig.intrinsics), mirrors)
     with pytest.raises(ReconstructionError, match="nobody"):
-        find_subject(np.zeros_like(depth), rig.intrinsics, mirrors)
+        find_subject(RgbdImage(np.zeros_like(depth), rig.intrinsics), mirrors)
 
 
 def test_a_mirror_that_shows_nobody(person):
@@ -135,7 +135,7 @@ def test_a_mirror_that_shows_nobody(person):
     simulation = simulate(person, replace(rig, mirrors=(right, away)))
     assert (simulation.truth.labels != 2).all()
     depth, mirrors = prepared(simulation)
-    views = find_subject(depth, rig.intrinsics, mirrors)
+    views = find_subject(RgbdImage(depth, rig.intrinsics), mirrors)
     assert len(views.warnings) == 1 and views.warnings[0].startswith("left:") and "nobody" in views.warnings[0]
     assert set(np.unique(views.labels).tolist()) == {-1, 0, 1}
     body = (simulation.truth.labels >= 0) & (depth > 0)

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mirror_scan.core.camera import Intrinsics
+from mirror_scan.core.camera import Intrinsics, RgbdImage
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.hole_filling.loop_triangulation import fill_loops
 from mirror_scan.core.mesh import SURFACE, Mesh
@@ -121,7 +121,9 @@ def test_front_and_two_backs_of_a_tube(blind_maps, way):
     if way == "paper":
         lens = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
         compact = np.where(np.abs(np.arange(64) - 32) < 12, 0, -1).astype(np.int8) * np.ones((48, 1), np.int8)
-        maps = view_maps(np.zeros((48, 64), np.float32), compact, np.full_like(compact, -1), lens, [], np.zeros(1))
+        maps = view_maps(
+            RgbdImage(np.zeros((48, 64), np.float32), lens), compact, np.full_like(compact, -1), [], np.zeros(1)
+        )
         mesh, seams, _ = zip_patches(patches, maps, UP, np.zeros(3), None, ZipperSettings(compactness=0.0))
         assert "coronal and sagittal planes" in {seam.method for seam in seams}
     else:
@@ -150,7 +152,11 @@ def test_no_bridge_through_space_seen_to_be_empty(blind_maps):
 
     def seams(depth, seen):
         maps = view_maps(
-            np.full((200, 300), depth, np.float32), nobody, np.full((200, 300), seen, np.int8), lens, [], np.zeros(1)
+            RgbdImage(np.full((200, 300), depth, np.float32), lens),
+            nobody,
+            np.full((200, 300), seen, np.int8),
+            [],
+            np.zeros(1),
         )
         return zip_patches(patches, maps, np.array((0, -1.0, 0)), np.array((0, 0, 2.0)), None, GENERAL)
 
