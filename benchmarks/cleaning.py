@@ -124,10 +124,10 @@ def _folder_views(folder: Path) -> list[View]:
     return views
 
 
-def _trace(tree, camera: Intrinsics, pixels: np.ndarray, plane: dict | None) -> np.ndarray:
+def _trace(tree, intrinsics: Intrinsics, pixels: np.ndarray, plane: dict | None) -> np.ndarray:
     """True z [m] at ``pixels``, by way of a mirror or directly; 0 beside the body."""
     v, u = np.nonzero(pixels)
-    rays = np.column_stack(((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(len(u))))
+    rays = np.column_stack(((u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy, np.ones(len(u))))
     origins = np.zeros_like(rays)
     if plane is not None:
         normal = np.array(plane["normal"]) / np.linalg.norm(plane["normal"])

@@ -45,21 +45,21 @@ def run() -> Result:
     lengths, times = [], []
     for scale in SCALES:
         rig = default_rig("ideal", frames=1)
-        lens = _scaled(rig.intrinsics, scale)
-        say(f"growth: {lens.width} x {lens.height}")
-        capture = simulate(body, replace(rig, intrinsics=lens)).capture
+        intrinsics = _scaled(rig.intrinsics, scale)
+        say(f"growth: {intrinsics.width} x {intrinsics.height}")
+        capture = simulate(body, replace(rig, intrinsics=intrinsics)).capture
         try:
             reconstruct(capture, frame="camera")
             scans = [reconstruct(capture, frame="camera") for _ in range(RUNS)]
         except MirrorScanError as error:
-            table.notes.append(f"{lens.width} x {lens.height} failed: {error}")
+            table.notes.append(f"{intrinsics.width} x {intrinsics.height} failed: {error}")
             continue
         boundary = sum(len(open_edges(patch.triangles, len(patch.vertices))) for patch in scans[0].patches)
         laps = [median(scan.report["timings_ms"][step] for scan in scans) for step in STEPS]
         lengths.append(boundary)
         times.append(laps)
         cells = [number(value, 1) for value in (*laps, sum(laps), 1000 * sum(laps) / boundary)]
-        table.rows.append((f"{lens.width}x{lens.height}", str(boundary), *cells))
+        table.rows.append((f"{intrinsics.width}x{intrinsics.height}", str(boundary), *cells))
     failed = len(lengths) < len(SCALES)
     fitted = [_exponent(lengths, [lap[k] for lap in times]) for k in range(len(STEPS))]
     together = _exponent(lengths, [sum(lap) for lap in times])
@@ -74,11 +74,12 @@ def run() -> Result:
     return Result([table], findings)
 
 
-def _scaled(lens: Intrinsics, scale: float) -> Intrinsics:
-    width, height = round(lens.width * scale), round(lens.height * scale)
+def _scaled(intrinsics: Intrinsics, scale: float) -> Intrinsics:
+    width, height = round(intrinsics.width * scale), round(intrinsics.height * scale)
     return replace(
-        lens, width=width, height=height, fx=lens.fx * scale, fy=lens.fy * scale,
-        cx=(lens.cx + 0.5) * width / lens.width - 0.5, cy=(lens.cy + 0.5) * height / lens.height - 0.5,
+        intrinsics, width=width, height=height, fx=intrinsics.fx * scale, fy=intrinsics.fy * scale,
+        cx=(intrinsics.cx + 0.5) * width / intrinsics.width - 0.5,
+        cy=(intrinsics.cy + 0.5) * height / intrinsics.height - 0.5,
     )  # fmt: skip
 
 

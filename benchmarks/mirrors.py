@@ -243,11 +243,13 @@ def _crossing() -> tuple[Table, list[Finding]]:
                 "realsense_d455", mirrors=(115.0 + 3 * seed, -118.0 - seed, -150.0 - 2 * seed), frames=frames, seed=seed
             )  # fmt: skip
             simulation = simulate(subject, rig)
-            body, lens, depth = simulation.truth.body.vertices[::5], simulation.capture.intrinsics, cleaned(
+            body, intrinsics, depth = simulation.truth.body.vertices[::5], simulation.capture.intrinsics, cleaned(
                 simulation.capture)  # fmt: skip
-            placed = [place_mirror(RgbdImage(depth, lens), picks) for picks in simulation.capture.mirrors]
-            agreed = align_views(RgbdImage(depth, lens), placed)[0]
-            alarms += len(disagreements(RgbdImage(depth, lens), find_subject(RgbdImage(depth, lens), agreed), agreed))
+            placed = [place_mirror(RgbdImage(depth, intrinsics), picks) for picks in simulation.capture.mirrors]
+            agreed = align_views(RgbdImage(depth, intrinsics), placed)[0]
+            alarms += len(
+                disagreements(RgbdImage(depth, intrinsics), find_subject(RgbdImage(depth, intrinsics), agreed), agreed)
+            )
             for old, new, true in zip(placed, agreed, simulation.truth.mirrors, strict=True):
                 before.append(displacement(old, true, body))
                 after.append(displacement(new, true, body))
@@ -349,15 +351,15 @@ def _real() -> tuple[list[Table], list[Finding]]:
         false += [name] * bool(found)
     for name in ("45", "686"):
         depth, color, masks = _nyu(folder / "nyu_mirrors", name)
-        lens = Intrinsics(
+        intrinsics = Intrinsics(
             depth.shape[1], depth.shape[0], 519.0, 519.0, depth.shape[1] / 2 - 0.5, depth.shape[0] / 2 - 0.5
         )
-        clean = remove_flying_pixels(fuse_burst(depth[None])[0], 1.0 / lens.fx)
-        found = find_mirrors(RgbdImage(clean, lens, color))
+        clean = remove_flying_pixels(fuse_burst(depth[None])[0], 1.0 / intrinsics.fx)
+        found = find_mirrors(RgbdImage(clean, intrinsics, color))
         for k, mask in enumerate(masks, start=1):
             label = f"nyu_mirrors {name}, mirror {k} of {len(masks)}"
             try:
-                mirror = place_mirror(RgbdImage(clean, lens), MirrorPicks(label, _beside(mask)))
+                mirror = place_mirror(RgbdImage(clean, intrinsics), MirrorPicks(label, _beside(mask)))
             except MirrorError as error:
                 table.rows.append((label, "1", str(len(found)), "–", "–"))
                 table.notes.append(str(error))

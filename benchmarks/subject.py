@@ -85,9 +85,9 @@ def rooms(sensor: str, frames: int) -> Iterator[tuple[str, Rig, tuple[Mesh, ...]
 
 def prepared(simulation: Simulation):
     """Depth and mirrors as the pipeline has them when it looks for the subject."""
-    lens = simulation.capture.intrinsics
+    intrinsics = simulation.capture.intrinsics
     depth = one_depth_map(simulation.capture)[0]
-    return depth, [place_mirror(RgbdImage(depth, lens), m) for m in simulation.capture.mirrors]
+    return depth, [place_mirror(RgbdImage(depth, intrinsics), m) for m in simulation.capture.mirrors]
 
 
 def run() -> Result:
@@ -104,10 +104,10 @@ def run() -> Result:
         for name, rig, others, settings in rooms(sensor, frames):
             simulation = simulate(body, rig, others)
             depth, mirrors = prepared(simulation)
-            lens = simulation.capture.intrinsics
+            intrinsics = simulation.capture.intrinsics
             try:
                 spent, views = medians(
-                    {"": lambda d=depth, m=mirrors, k=lens, s=settings: find_subject(RgbdImage(d, k), m, s)}, 3
+                    {"": lambda d=depth, m=mirrors, k=intrinsics, s=settings: find_subject(RgbdImage(d, k), m, s)}, 3
                 )
             except MirrorScanError as error:
                 failed.append(f"{sensor}, {name}: {error}")

@@ -274,7 +274,9 @@ def calibration(fx=0.49, shift=(-0.032, -0.002, 0.004)):
     return {"CalibrationInformation": {"Cameras": [camera("Depth", fx, (0, 0, 0)), camera("PhotoVideo", 0.5, shift)]}}
 
 
-def realsense_bag(frames, color=None, compression="none", unit=0.001, lens=(), model="Brown Conrady", indexed=True):
+def realsense_bag(
+    frames, color=None, compression="none", unit=0.001, intrinsics=(), model="Brown Conrady", indexed=True
+):
     """A ROS 1 bag with the SDK's topics; ``compression`` none, bz2 or lz4."""
     height, width = frames[0].shape
 
@@ -290,7 +292,8 @@ def realsense_bag(frames, color=None, compression="none", unit=0.001, lens=(), m
         k = (f, 0, width / 2, 0, f + 1, height / 2, 0, 0, 1)
         return (
             struct.pack("<III", 0, 0, 0) + text(b"") + struct.pack("<II", height, width) + text(model.encode())
-            + struct.pack("<I", len(lens)) + struct.pack(f"<{len(lens)}d", *lens) + struct.pack("<9d", *k)
+            + struct.pack("<I", len(intrinsics)) + struct.pack(f"<{len(intrinsics)}d", *intrinsics)
+            + struct.pack("<9d", *k)
             + bytes(8 * 21) + bytes(8 + 17)
         )  # fmt: skip
 
@@ -358,8 +361,8 @@ def realsense_db3(path, frames, color=None, unit=0.001):
         write_png(path.with_suffix(".png"), pixels)
         return b"\0\1\0\0" + bytes(40) + path.with_suffix(".png").read_bytes()
 
-    lens = "model=Brown Conrady;coeffs=0,0,0,0,0"
-    info = f"width={width};height={height};fx=60;ppx={width / 2};fy=61;ppy={height / 2};{lens}"
+    intrinsics = "model=Brown Conrady;coeffs=0,0,0,0,0"
+    info = f"width={width};height={height};fx=60;ppx={width / 2};fy=61;ppy={height / 2};{intrinsics}"
     place = "rotation=1,0,0,0,1,0,0,0,1;translation=0,0,0"
     base, paint = "/device_0/sensor_0/Depth_0", "/device_0/sensor_1/Color_0"
     messages = [

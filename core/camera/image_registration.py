@@ -18,8 +18,8 @@ MAX_GROWTH = 2.25  # of the pixel count, when a wide-angle image is straightened
 _SAME_SURFACE = 0.03  # neighbouring readings differ by less than this share of their depth
 
 
-def straightened(camera: Intrinsics) -> Intrinsics:
-    """The pinhole camera an image of ``camera`` is straightened into.
+def straightened(intrinsics: Intrinsics) -> Intrinsics:
+    """The pinhole camera an image of ``intrinsics`` is straightened into.
 
     Focal lengths stay, so the centre keeps its resolution; the image grows to hold what the middle of each edge sees,
     but to no more than ``MAX_GROWTH`` times the pixels: beyond that the focal lengths give way.
@@ -29,13 +29,13 @@ def straightened(camera: Intrinsics) -> Intrinsics:
     CaptureError
         When the lens model does not hold inside the image.
     """
-    middle_u = np.linspace(0.2, 0.8, 25) * (camera.width - 1)
-    middle_v = np.linspace(0.2, 0.8, 25) * (camera.height - 1)
+    middle_u = np.linspace(0.2, 0.8, 25) * (intrinsics.width - 1)
+    middle_v = np.linspace(0.2, 0.8, 25) * (intrinsics.height - 1)
     edges = np.concatenate(
-        [np.column_stack((np.full(25, u), middle_v)) for u in (0, camera.width - 1)]
-        + [np.column_stack((middle_u, np.full(25, v))) for v in (0, camera.height - 1)]
+        [np.column_stack((np.full(25, u), middle_v)) for u in (0, intrinsics.width - 1)]
+        + [np.column_stack((middle_u, np.full(25, v))) for v in (0, intrinsics.height - 1)]
     )
-    rays = undistort((edges - (camera.cx, camera.cy)) / (camera.fx, camera.fy), camera.distortion)
+    rays = undistort((edges - (intrinsics.cx, intrinsics.cy)) / (intrinsics.fx, intrinsics.fy), intrinsics.distortion)
     rays = rays[np.isfinite(rays).all(axis=1)]
     low, high = (rays.min(axis=0), rays.max(axis=0)) if len(rays) else (np.zeros(2), np.zeros(2))
     if len(rays) < 50 or (low >= high).any() or max(-low.min(), high.max()) > 20:
@@ -43,9 +43,9 @@ def straightened(camera: Intrinsics) -> Intrinsics:
             "intrinsics: the distortion coefficients do not describe this image (they fold inside it); "
             "check their order, k1 k2 p1 p2 k3 k4 k5 k6, and that they belong to this resolution"
         )
-    focal = np.array((camera.fx, camera.fy))
+    focal = np.array((intrinsics.fx, intrinsics.fy))
     size = (high - low) * focal + 1
-    scale = min(1.0, math.sqrt(MAX_GROWTH * camera.width * camera.height / size.prod()))
+    scale = min(1.0, math.sqrt(MAX_GROWTH * intrinsics.width * intrinsics.height / size.prod()))
     focal = focal * scale
     width, height = (max(1, math.ceil(n - 1e-6)) for n in (high - low) * focal + 1)
     cx, cy = -low * focal
@@ -53,14 +53,14 @@ def straightened(camera: Intrinsics) -> Intrinsics:
 
 
 def undistort_depth(
-    depth: np.ndarray, camera: Intrinsics, straight: Intrinsics, interpolate: bool = True
+    depth: np.ndarray, intrinsics: Intrinsics, straight: Intrinsics, interpolate: bool = True
 ) -> np.ndarray:
     """Depth maps as the pinhole camera ``straight`` would read them.
 
     Parameters
     ----------
     depth : np.ndarray [shape=(F, H, W), dtype=float32]
-        Read by ``camera`` [m]; 0 = no reading.
+        Read by ``intrinsics`` [m]; 0 = no reading.
     interpolate : bool
         Between four readings of one surface 1/z is interpolated, which is exact on planes; at edges, and everywhere
         when False (for readings whose steps still matter), the nearest reading is taken.
@@ -70,27 +70,27 @@ def undistort_depth(
     np.ndarray [shape=(F, H', W'), dtype=float32]
     """
     out = np.zeros((len(depth), straight.height, straight.width), np.float32)
-    _undistort_depth(np.ascontiguousarray(depth, np.float32), _pack(camera), _pack(straight), interpolate, out)
+    _undistort_depth(np.ascontiguousarray(depth, np.float32), _pack(intrinsics), _pack(straight), interpolate, out)
     return out
 
 
-def undistort_labels(labels: np.ndarray, camera: Intrinsics, straight: Intrinsics) -> np.ndarray:
+def undistort_labels(labels: np.ndarray, intrinsics: Intrinsics, straight: Intrinsics) -> np.ndarray:
     """Nearest labels (F, H', W') uint8 of (F, H, W) uint8 in the pinhole camera ``straight``; 0 outside."""
     out = np.zeros((len(labels), straight.height, straight.width), np.uint8)
-    _undistort_labels(np.ascontiguousarray(labels, np.uint8), _pack(camera), _pack(straight), out)
+    _undistort_labels(np.ascontiguousarray(labels, np.uint8), _pack(intrinsics), _pack(straight), out)
     return out
 
 
-def undistort_color(color: np.ndarray, camera: Intrinsics, straight: Intrinsics) -> np.ndarray:
+def undistort_color(color: np.ndarray, intrinsics: Intrinsics, straight: Intrinsics) -> np.ndarray:
     """Colour image (H', W', 3) uint8 of (H, W, 3) in the pinhole camera ``straight``, bilinear; black outside."""
     out = np.zeros((straight.height, straight.width, 3), np.uint8)
-    _undistort_color(np.ascontiguousarray(color, np.uint8), _pack(camera), _pack(straight), out)
+    _undistort_color(np.ascontiguousarray(color, np.uint8), _pack(intrinsics), _pack(straight), out)
     return out
 
 
 def color_on_depth(
     depth: np.ndarray,
-    camera: Intrinsics,
+    intrinsics: Intrinsics,
     color: np.ndarray,
     color_camera: Intrinsics,
     depth_to_color: np.ndarray,
@@ -103,7 +103,7 @@ def color_on_depth(
     Parameters
     ----------
     depth : np.ndarray [shape=(H, W), dtype=float32]
-        z [m] in ``camera``, a pinhole; 0 = no reading.
+        z [m] in ``intrinsics``, a pinhole; 0 = no reading.
     color : np.ndarray [shape=(Hc, Wc, 3), dtype=uint8]
         Taken by ``color_camera``, distorted or not.
     depth_to_color : np.ndarray [shape=(4, 4)]
@@ -121,14 +121,14 @@ def color_on_depth(
     CaptureError
         Sizes that do not fit their intrinsics, or no rigid ``depth_to_color``.
     """
-    _check_size(depth, camera, "depth map")
+    _check_size(depth, intrinsics, "depth map")
     _check_size(color, color_camera, "colour image")
     out = np.zeros((*depth.shape, 3), np.uint8)
-    pitch = max(color_camera.fx / camera.fx, color_camera.fy / camera.fy, 1.0)
+    pitch = max(color_camera.fx / intrinsics.fx, color_camera.fy / intrinsics.fy, 1.0)
     buffer = np.full((math.ceil(color.shape[0] / pitch) + 3, math.ceil(color.shape[1] / pitch) + 3), np.inf, np.float32)
     inside, readings = _color_on_depth(
         np.ascontiguousarray(depth, np.float32),
-        _pack(camera),
+        _pack(intrinsics),
         np.ascontiguousarray(color, np.uint8),
         _pack(color_camera),
         _fold_radius(color_camera),
@@ -148,10 +148,11 @@ def first_readings(depth: np.ndarray) -> np.ndarray:
     return first
 
 
-def _check_size(image: np.ndarray, camera: Intrinsics, what: str) -> None:
-    if image.shape[:2] != (camera.height, camera.width):
+def _check_size(image: np.ndarray, intrinsics: Intrinsics, what: str) -> None:
+    if image.shape[:2] != (intrinsics.height, intrinsics.width):
         raise CaptureError(
-            f"the {what} is {image.shape[1]}×{image.shape[0]}, its intrinsics are for {camera.width}×{camera.height}; "
+            f"the {what} is {image.shape[1]}×{image.shape[0]}, its intrinsics are for "
+            f"{intrinsics.width}×{intrinsics.height}; "
             "use the intrinsics of this resolution"
         )
 
@@ -170,16 +171,16 @@ def _rigid(pose: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(pose[:3])
 
 
-def _pack(camera: Intrinsics) -> np.ndarray:
+def _pack(intrinsics: Intrinsics) -> np.ndarray:
     """fx, fy, cx, cy and the eight coefficients, for kernels."""
-    return np.array((camera.fx, camera.fy, camera.cx, camera.cy, *padded(camera.distortion)))
+    return np.array((intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, *padded(intrinsics.distortion)))
 
 
-def _fold_radius(camera: Intrinsics) -> float:
+def _fold_radius(intrinsics: Intrinsics) -> float:
     """Squared distance from the axis on the plane z = 1 beyond which the lens model folds back."""
-    if camera.is_pinhole:
+    if intrinsics.is_pinhole:
         return math.inf
-    k1, k2, _, _, k3, k4, k5, k6 = padded(camera.distortion)
+    k1, k2, _, _, k3, k4, k5, k6 = padded(intrinsics.distortion)
     r = np.linspace(0, 6, 6001)
     r2 = r * r
     with np.errstate(all="ignore"):
@@ -189,23 +190,32 @@ def _fold_radius(camera: Intrinsics) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _pixel(x, y, lens):
+def _pixel(x, y, intrinsics):
     """Distorted pixel of the direction (x, y, 1)."""
-    k1, k2, p1, p2, k3, k4, k5, k6 = lens[4], lens[5], lens[6], lens[7], lens[8], lens[9], lens[10], lens[11]
+    k1, k2, p1, p2, k3, k4, k5, k6 = (
+        intrinsics[4],
+        intrinsics[5],
+        intrinsics[6],
+        intrinsics[7],
+        intrinsics[8],
+        intrinsics[9],
+        intrinsics[10],
+        intrinsics[11],
+    )
     r2 = x * x + y * y
     radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
     u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
     v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    return u * lens[0] + lens[2], v * lens[1] + lens[3]
+    return u * intrinsics[0] + intrinsics[2], v * intrinsics[1] + intrinsics[3]
 
 
 @njit(cache=True, nogil=True)
-def _undistort_depth(depth, lens, straight, interpolate, out):
+def _undistort_depth(depth, intrinsics, straight, interpolate, out):
     frames, height, width = depth.shape
     for row in range(out.shape[1]):
         y = (row - straight[3]) / straight[1]
         for column in range(out.shape[2]):
-            u, v = _pixel((column - straight[2]) / straight[0], y, lens)
+            u, v = _pixel((column - straight[2]) / straight[0], y, intrinsics)
             if not (u > -0.5 and v > -0.5 and u < width - 0.5 and v < height - 0.5):
                 continue
             near_u, near_v = int(u + 0.5), int(v + 0.5)
@@ -225,12 +235,12 @@ def _undistort_depth(depth, lens, straight, interpolate, out):
 
 
 @njit(cache=True, nogil=True)
-def _undistort_labels(labels, lens, straight, out):
+def _undistort_labels(labels, intrinsics, straight, out):
     frames, height, width = labels.shape
     for row in range(out.shape[1]):
         y = (row - straight[3]) / straight[1]
         for column in range(out.shape[2]):
-            u, v = _pixel((column - straight[2]) / straight[0], y, lens)
+            u, v = _pixel((column - straight[2]) / straight[0], y, intrinsics)
             if u > -0.5 and v > -0.5 and u < width - 0.5 and v < height - 0.5:
                 for f in range(frames):
                     out[f, row, column] = labels[f, int(v + 0.5), int(u + 0.5)]
@@ -252,18 +262,18 @@ def _sample(color, u, v, out):
 
 
 @njit(cache=True, nogil=True)
-def _undistort_color(color, lens, straight, out):
+def _undistort_color(color, intrinsics, straight, out):
     height, width = color.shape[:2]
     for row in range(out.shape[0]):
         y = (row - straight[3]) / straight[1]
         for column in range(out.shape[1]):
-            u, v = _pixel((column - straight[2]) / straight[0], y, lens)
+            u, v = _pixel((column - straight[2]) / straight[0], y, intrinsics)
             if u > -0.5 and v > -0.5 and u < width - 0.5 and v < height - 0.5:
                 _sample(color, u, v, out[row, column])
 
 
 @njit(cache=True, nogil=True)
-def _into_color(column, row, z, camera, lens, fold, pose):
+def _into_color(column, row, z, camera, intrinsics, fold, pose):
     """Pixel and depth of a reading in the colour camera; depth 0 when it is behind the camera or past the lens."""
     x, y = (column - camera[2]) / camera[0] * z, (row - camera[3]) / camera[1] * z
     depth = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
@@ -275,7 +285,7 @@ def _into_color(column, row, z, camera, lens, fold, pose):
     )
     if x * x + y * y >= fold:
         return 0.0, 0.0, 0.0
-    u, v = _pixel(x, y, lens)
+    u, v = _pixel(x, y, intrinsics)
     return u, v, depth
 
 
@@ -286,7 +296,7 @@ def _cell(position):
 
 
 @njit(cache=True, nogil=True)
-def _color_on_depth(depth, camera, color, lens, fold, pose, pitch, buffer, out):
+def _color_on_depth(depth, camera, color, intrinsics, fold, pose, pitch, buffer, out):
     height, width = depth.shape
     rows, columns = color.shape[:2]
     inside = readings = 0
@@ -294,7 +304,7 @@ def _color_on_depth(depth, camera, color, lens, fold, pose, pitch, buffer, out):
         for column in range(width):
             if depth[row, column] > 0:
                 readings += 1
-                u, v, z = _into_color(column, row, depth[row, column], camera, lens, fold, pose)
+                u, v, z = _into_color(column, row, depth[row, column], camera, intrinsics, fold, pose)
                 if z > 0 and u > -0.5 and v > -0.5 and u < columns - 0.5 and v < rows - 0.5:
                     inside += 1
                     i, j = _cell(v / pitch), _cell(u / pitch)
@@ -309,7 +319,7 @@ def _color_on_depth(depth, camera, color, lens, fold, pose, pitch, buffer, out):
             hidden[column] = False
             if filled[column] <= 0:
                 continue
-            u, v, z = _into_color(column, row, filled[column], camera, lens, fold, pose)
+            u, v, z = _into_color(column, row, filled[column], camera, intrinsics, fold, pose)
             if z > 0 and u > -0.5 and v > -0.5 and u < columns - 0.5 and v < rows - 0.5:
                 # hidden where all four cells are nearer: the footprint's edge alone hides nothing
                 i, j = _cell(v / pitch), _cell(u / pitch)

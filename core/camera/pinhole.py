@@ -55,7 +55,7 @@ class Intrinsics:
             )
 
     @property
-    def lens(self) -> np.ndarray:
+    def packed(self) -> np.ndarray:
         """Focal lengths and image centre fx, fy, cx, cy [px], for kernels."""
         return np.array((self.fx, self.fy, self.cx, self.cy))
 
@@ -200,7 +200,7 @@ def unproject(depth: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
             "use the intrinsics of this resolution"
         )
     if intrinsics.is_pinhole:
-        from ..numeric.point_products import lay_grid  # here: to name a lens must not cost the import of numba
+        from ..numeric.point_products import lay_grid  # here: to name intrinsics must not cost the import of numba
 
         return lay_grid(depth, intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy)
     z = depth.astype(np.float64)

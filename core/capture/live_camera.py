@@ -142,29 +142,31 @@ def open_realsense(size: tuple[int, int] = (848, 480), rate: int = 30, serial: s
         device = profile.get_device()
         name = device.get_info(rs.camera_info.name) if device.supports(rs.camera_info.name) else ""
         scale = device.first_depth_sensor().get_depth_scale()
-        lens = profile.get_stream(rs.stream.depth).as_video_stream_profile().get_intrinsics()
-        yield realsense_stream(lambda: pipeline.wait_for_frames(TIMEOUT_MS), lens, scale, name)
+        intrinsics = profile.get_stream(rs.stream.depth).as_video_stream_profile().get_intrinsics()
+        yield realsense_stream(lambda: pipeline.wait_for_frames(TIMEOUT_MS), intrinsics, scale, name)
     finally:
         pipeline.stop()
 
 
-def realsense_stream(wait: Callable[[], object], lens: object, scale: float, name: str = "") -> Stream:
+def realsense_stream(wait: Callable[[], object], intrinsics: object, scale: float, name: str = "") -> Stream:
     """A :class:`Stream` of what librealsense delivers.
 
     Parameters
     ----------
     wait : callable
         Returns the next ``rs.composite_frame``; raises RuntimeError when none comes.
-    lens : rs.intrinsics
+    intrinsics : rs.intrinsics
         Of the depth stream.
     scale : float
         Metres a unit of depth.
     name : str
         What the camera calls itself.
     """
-    if any(abs(k) > 1e-9 for k in lens.coeffs):
+    if any(abs(k) > 1e-9 for k in intrinsics.coeffs):
         raise CaptureError(f"the depth stream of {name or 'this camera'} is distorted; choose a rectified stream")
-    camera = Intrinsics(lens.width, lens.height, lens.fx, lens.fy, lens.ppx, lens.ppy)
+    camera = Intrinsics(
+        intrinsics.width, intrinsics.height, intrinsics.fx, intrinsics.fy, intrinsics.ppx, intrinsics.ppy
+    )
     return Stream(camera, sensor_named(name), _realsense_frames(wait, scale))
 
 

@@ -130,9 +130,9 @@ def _moved(pick: MirrorPicks, pixels, vector=lambda p: p) -> MirrorPicks:
     return replace(pick, point=vector(pick.point), normal=vector(pick.normal))
 
 
-def _straight_pixels(pixels: np.ndarray, camera: Intrinsics, straight: Intrinsics) -> np.ndarray:
+def _straight_pixels(pixels: np.ndarray, intrinsics: Intrinsics, straight: Intrinsics) -> np.ndarray:
     """Pixels (K, 2) in the straightened image; those beyond the lens's field are left out."""
-    rays = undistort((pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy), camera.distortion)
+    rays = undistort((pixels - (intrinsics.cx, intrinsics.cy)) / (intrinsics.fx, intrinsics.fy), intrinsics.distortion)
     rays = rays[np.isfinite(rays).all(axis=1)]
     if len(rays) < 3:
         raise CaptureError("picks on a mirror's frame lie beyond the field the lens model holds for; pick further in")

@@ -231,9 +231,9 @@ def _reading(options: argparse.Namespace) -> tuple[FrameChoice, ReadOptions]:
     from ..capture import ReadOptions
     from ..capture.folders.rgbd_folder import read_intrinsics
 
-    lens = read_intrinsics(options.intrinsics)[0] if options.intrinsics else None
+    intrinsics = read_intrinsics(options.intrinsics)[0] if options.intrinsics else None
     reading = ReadOptions(
-        intrinsics=lens, depth_unit_m=options.depth_unit, disparity=options.disparity,
+        intrinsics=intrinsics, depth_unit_m=options.depth_unit, disparity=options.disparity,
         kinect_calibration=options.kinect_calibration, turn_degrees=options.turn, mirrored=options.mirrored,
         min_confidence=options.min_confidence, color=not options.no_color,
     )  # fmt: skip

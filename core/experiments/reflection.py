@@ -58,13 +58,13 @@ def rigs(sensor: str, frames: int, seed: int, path: float = PATH) -> tuple[Rig, 
     middle = np.array((0.0, _BEHIND))
     camera = virtual - 2 * ((virtual - middle) @ normal) * normal
     looking = middle - camera
-    lens = find_sensor(sensor).intrinsics
+    intrinsics = find_sensor(sensor).intrinsics
     mirror = FramedMirror("mirror", (0.0, _BEHIND, 1.0), (*normal, 0.0), width=1.4, height=1.9)
     common = {"frames": frames, "sensor": sensor, "interference": False, "tilt_deg": 1.0}
     room = (-4.0, 4.0, -4.0, path + 2.0, 2.8)
-    beside = Rig(lens, (*camera, _HEIGHT), (mirror,), pan_deg=float(np.degrees(np.arctan2(*looking))), room=room,
+    beside = Rig(intrinsics, (*camera, _HEIGHT), (mirror,), pan_deg=float(np.degrees(np.arctan2(*looking))), room=room,
                  seed=seed, **common)  # fmt: skip
-    behind = Rig(lens, (*virtual, _HEIGHT), (), pan_deg=180.0, room=room, seed=seed + 1, **common)
+    behind = Rig(intrinsics, (*virtual, _HEIGHT), (), pan_deg=180.0, room=room, seed=seed + 1, **common)
     return beside, behind
 
 

@@ -118,7 +118,7 @@ def align_floor(
         return list(mirrors), ()
     stride = int(np.ceil(np.sqrt(depth.size / _MOST_PIXELS)))
     thin = np.ascontiguousarray(depth[::stride, ::stride])
-    cloud = lay_grid(thin, *(x / stride for x in intrinsics.lens))
+    cloud = lay_grid(thin, *(x / stride for x in intrinsics.packed))
     seen, placed = sort_rays(cloud, mirrors)
     ground = find_ground(placed, np.where(seen > 0, -1, seen).astype(seen.dtype), mirrors)
     if ground.floor is None or ground.floor > -_LEAST_EYE_HEIGHT:

@@ -199,7 +199,9 @@ def _shown(mirror, depth, intrinsics, settings) -> tuple[np.ndarray, np.ndarray,
     high = np.clip(box.max(axis=0), 3, size - 3).astype(np.int64)
     room = max(int(np.prod(high - low)), 1)
     points, normals, half = np.empty((room, 3)), np.empty((room, 3)), np.empty(room, np.int8)
-    n = _shown_kernel(depth, intrinsics.lens, glass_of([mirror]), low, high, settings.two_sided, points, normals, half)
+    n = _shown_kernel(
+        depth, intrinsics.packed, glass_of([mirror]), low, high, settings.two_sided, points, normals, half
+    )
     thin = slice(0, n, n // _MOST_READINGS + 1)
     return tuple(np.ascontiguousarray(part[thin]) for part in (points, normals, half))
 
@@ -208,7 +210,7 @@ def _pairs(mirror, points, facing, depth, intrinsics, settings, gate) -> tuple[n
     """Reflected points (N, 3), normals (N, 3) of the direct surfaces they meet, and distances (N,) along these."""
     q, normals, gap = np.empty_like(points), np.empty_like(points), np.empty(len(points))
     n = _pairs_kernel(
-        depth, intrinsics.lens, glass_of([mirror]), points, facing, gate, settings.two_sided, q, normals, gap
+        depth, intrinsics.packed, glass_of([mirror]), points, facing, gate, settings.two_sided, q, normals, gap
     )
     return q[:n], normals[:n], gap[:n]
 
@@ -244,8 +246,8 @@ _ALIKE, _OTHER_SIDE = 0.8, -0.9  # cosines between normals of one surface, and o
 
 
 @njit(cache=True, nogil=True)
-def _shown_kernel(depth, lens, glass, low, high, two_sided, out_p, out_n, out_half):
-    fx, fy, cx, cy = lens
+def _shown_kernel(depth, intrinsics, glass, low, high, two_sided, out_p, out_n, out_half):
+    fx, fy, cx, cy = intrinsics
     p, n = np.empty(3), np.empty(3)
     count = 0
     for v in range(low[1], high[1]):
@@ -255,7 +257,7 @@ def _shown_kernel(depth, lens, glass, low, high, two_sided, out_p, out_n, out_ha
             if z == 0:
                 continue
             at = share_at_glass(glass, 0, (u - cx) / fx, y, 1.0, _OFF_FRAME)
-            if z < at + _BEHIND_GLASS or not _surface(depth, lens, u, v, p, n):
+            if z < at + _BEHIND_GLASS or not _surface(depth, intrinsics, u, v, p, n):
                 continue
             # surfaces at right angles to the mirror, like the floor, tell nothing of its place
             normal = glass.planes[0]
@@ -273,7 +275,7 @@ def _shown_kernel(depth, lens, glass, low, high, two_sided, out_p, out_n, out_ha
 
 
 @njit(cache=True, nogil=True)
-def _pairs_kernel(depth, lens, glass, points, facing, gate, two_sided, out_q, out_n, out_gap):
+def _pairs_kernel(depth, intrinsics, glass, points, facing, gate, two_sided, out_q, out_n, out_gap):
     height, width = depth.shape
     q, m, d, e = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     count = 0
@@ -281,8 +283,8 @@ def _pairs_kernel(depth, lens, glass, points, facing, gate, two_sided, out_q, ou
         q[0], q[1], q[2] = reflected(glass, 0, points[i, 0], points[i, 1], points[i, 2])
         if q[2] < NEAREST:
             continue
-        x, y = nearest_pixel(q[0], q[1], q[2], lens)
-        if x < 3 or y < 3 or x >= width - 3 or y >= height - 3 or not _surface(depth, lens, x, y, d, e):
+        x, y = nearest_pixel(q[0], q[1], q[2], intrinsics)
+        if x < 3 or y < 3 or x >= width - 3 or y >= height - 3 or not _surface(depth, intrinsics, x, y, d, e):
             continue
         m[0], m[1], m[2] = reflected_direction(glass, 0, facing[i, 0], facing[i, 1], facing[i, 2])
         alike, gap, far = 0.0, 0.0, 0.0

@@ -56,7 +56,7 @@ def find_frameless(image: RgbdImage, known: Iterable[Mirror] = (), most: int = 2
     depth, intrinsics = image.depth, image.intrinsics
     stride = max(1, round(np.sqrt(depth.size / 80000.0)))
     thin = np.ascontiguousarray(depth[::stride, ::stride])
-    cloud = lay_grid(thin, *(x / stride for x in intrinsics.lens))
+    cloud = lay_grid(thin, *(x / stride for x in intrinsics.packed))
     points = cloud[thin > 0]
     ground = find_floor(points, _UP, 20.0) if len(points) else None
     if ground is None:

@@ -29,7 +29,7 @@ def with_glass(
 ) -> tuple[Mirror, bool] | None:
     """The mirror with its glass: the rectangle about the image whose sides depth jumps along; None when no straight
     line bounds it; and whether something stands beside it. ``floor`` (4,): up and the floor's height."""
-    depth, lens = image.depth, image.intrinsics
+    depth, intrinsics = image.depth, image.intrinsics
     up, height = floor[:3], floor[3]
     a, b, n = mirror.basis.T
     d = float(n @ mirror.point)
@@ -42,7 +42,7 @@ def with_glass(
     corner = np.array((left - _SEARCHED_BESIDE, top - _SEARCHED_BESIDE))
     size = np.ceil((np.array((right + _SEARCHED_BESIDE, bottom)) - corner) / _PLANE_CELL).astype(np.int64)
     upright, lying, seen = _jumps_kernel(
-        depth, _about(objects == reflection.id, 4), lens.lens, glass_of([mirror]), corner, size, _PLANE_CELL
+        depth, _about(objects == reflection.id, 4), intrinsics.packed, glass_of([mirror]), corner, size, _PLANE_CELL
     )
     rows = slice(
         int((top - corner[1]) / _PLANE_CELL), int((top + _ASKED_HEIGHT * (feet - top) - corner[1]) / _PLANE_CELL) + 1
@@ -72,7 +72,7 @@ def with_glass(
         return None
     beside = _stands_beside(image, mirror, rectangle, [side[0] == _EDGE_FOUND for side in sides])
     open_ends = np.array(((sides[0][0] != _EDGE_FOUND, sides[1][0] != _EDGE_FOUND), (state != _EDGE_FOUND, True)))
-    return at_border(replace(mirror, rectangle=rectangle), lens, open_ends), beside
+    return at_border(replace(mirror, rectangle=rectangle), intrinsics, open_ends), beside
 
 
 _NO_EDGE, _EDGE_FOUND, _EDGE_HIDDEN = 0, 1, 2
@@ -80,15 +80,15 @@ _NO_EDGE, _EDGE_FOUND, _EDGE_HIDDEN = 0, 1, 2
 
 def _stands_beside(image: RgbdImage, mirror: Mirror, rectangle: np.ndarray, met: list[bool]) -> bool:
     """Beside the glass, where only the room behind should be seen, something is near the plane: posts of a door."""
-    depth, lens = image.depth, image.intrinsics
+    depth, intrinsics = image.depth, image.intrinsics
     down = np.linspace(rectangle[1, 0], 0.5 * rectangle[1].sum(), 40)
     for end in np.flatnonzero(met):
         near, visible = 0, 0
         for outward in _POST:
             across = np.full(len(down), rectangle[0, end] + (2 * end - 1) * outward)
             points = mirror.point + np.column_stack((across, down)) @ mirror.basis[:, :2].T
-            u, v = np.rint(project(points, lens)).T
-            inside = (u >= 0) & (v >= 0) & (u < lens.width) & (v < lens.height)
+            u, v = np.rint(project(points, intrinsics)).T
+            inside = (u >= 0) & (v >= 0) & (u < intrinsics.width) & (v < intrinsics.height)
             read = depth[v[inside].astype(int), u[inside].astype(int)]
             apart = read - points[inside, 2]
             near += int(((read > 0) & (np.abs(apart) < _POST_DEPTH)).sum())
@@ -126,7 +126,7 @@ def _first(share: np.ndarray, visible: np.ndarray) -> tuple[int, int]:
 
 
 @njit(cache=True, nogil=True)
-def _jumps_kernel(depth, image, lens, glass, corner, size, cell):
+def _jumps_kernel(depth, image, intrinsics, glass, corner, size, cell):
     """Cells (b, a) of the mirror's plane where depth jumps sideways, or up and down, beyond the plane and off the image
     itself; and those that nothing before the plane hides."""
     height, width = depth.shape
@@ -134,9 +134,9 @@ def _jumps_kernel(depth, image, lens, glass, corner, size, cell):
     lying = np.zeros((size[1], size[0]), np.bool_)
     seen = np.zeros((size[1], size[0]), np.bool_)
     for v in range(height - 1):
-        y = (v - lens[3]) / lens[1]
+        y = (v - intrinsics[3]) / intrinsics[1]
         for u in range(width - 1):
-            x = (u - lens[2]) / lens[0]
+            x = (u - intrinsics[2]) / intrinsics[0]
             z = share_at_plane(glass, 0, x, y, 1.0)
             if z == np.inf:
                 continue
@@ -148,7 +148,7 @@ def _jumps_kernel(depth, image, lens, glass, corner, size, cell):
             if here > 0 and here < 0.98 * z - 0.02:
                 continue
             # a pixel may be wider than a cell
-            reach = int(0.5 * z / lens[0] / cell) + 1
+            reach = int(0.5 * z / intrinsics[0] / cell) + 1
             for k in range(max(i - reach, 0), min(i + reach + 1, size[1])):
                 for m in range(max(j - reach, 0), min(j + reach + 1, size[0])):
                     seen[k, m] = True

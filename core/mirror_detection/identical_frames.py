@@ -167,7 +167,7 @@ def measure_frame(image: RgbdImage, mirror: Mirror) -> FrameMeasures:
     tolerance = min(max(4.0 * mirror.residual, 0.004), 0.02 * z) / z**2
     plane = disparity_of_plane(mirror.normal, float(mirror.normal @ mirror.point), intrinsics)
     inner, outer, _, turn = frame_sides(
-        depth, intrinsics.lens, plane, tolerance, mirror.point, mirror.basis, mirror.rectangle
+        depth, intrinsics.packed, plane, tolerance, mirror.point, mirror.basis, mirror.rectangle
     )
     a, b, _ = mirror.basis.T
     middle = mirror.rectangle.mean(axis=1)

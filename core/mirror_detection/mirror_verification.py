@@ -206,7 +206,7 @@ def count_evidence(image: RgbdImage, guess: Hypothesis, floor: float) -> Evidenc
     if np.isfinite(pixels).all():
         low = np.clip(np.floor(pixels.min(axis=0)), 0, None).astype(np.int64)
         high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, (intrinsics.width, intrinsics.height)).astype(np.int64)
-        _verify_kernel(depth, intrinsics.lens, glass_of([mirror]), low, high, floor, counts)
+        _verify_kernel(depth, intrinsics.packed, glass_of([mirror]), low, high, floor, counts)
     return Evidence(*(float(count) for count in counts))
 
 
@@ -239,10 +239,10 @@ _BEFORE, _ON, _UNREAD, _OUTSIDE, _VIOLATED, _SHOWN, _HIDDEN, _GROUND = range(8) 
 
 
 @njit(cache=True, nogil=True)
-def _verify_kernel(depth, lens, glass, low, high, floor, counts):
+def _verify_kernel(depth, intrinsics, glass, low, high, floor, counts):
     """Add to ``counts`` (8,) the sampled pixels, in the order of :class:`Evidence`."""
     height, width = depth.shape
-    fx, fy, cx, cy = lens
+    fx, fy, cx, cy = intrinsics
     axes = glass.axes
     step = 3 if (high[0] - low[0]) * (high[1] - low[1]) > _MANY_PIXELS else 2
     for v in range(low[1], high[1], step):
@@ -266,7 +266,7 @@ def _verify_kernel(depth, lens, glass, low, high, floor, counts):
             if pz < NEAREST:
                 counts[_OUTSIDE] += 1
                 continue
-            column, row = nearest_pixel(px, py, pz, lens)
+            column, row = nearest_pixel(px, py, pz, intrinsics)
             # a reading's error points sideways once it is flipped: look about the place by what noise at z may be
             reach = int(fx * (_SIDEWAYS[0] + _SIDEWAYS[1] * z * z) / pz) + 2
             if (
@@ -301,7 +301,7 @@ def _verify_kernel(depth, lens, glass, low, high, floor, counts):
 def missing_reflection(image: RgbdImage, mirror: Mirror) -> bool:
     """What stands before the plane would be seen in the glass, and is not: it is a door, whoever stands behind it."""
     depth, intrinsics = image.depth, image.intrinsics
-    missing, there = _missing_kernel(depth, intrinsics.lens, glass_of([mirror]), 3)
+    missing, there = _missing_kernel(depth, intrinsics.packed, glass_of([mirror]), 3)
     return missing > max(_MISSING_BY_NOISE[0], _MISSING_BY_NOISE[1] * (missing + there))
 
 
@@ -312,11 +312,11 @@ _AROUND = 3  # px about a reflection's pixel where all must be farther
 
 
 @njit(cache=True, nogil=True)
-def _missing_kernel(depth, lens, glass, stride):
+def _missing_kernel(depth, intrinsics, glass, stride):
     """Of what stands before the plane and, flipped, would be seen in the glass: how much is not, since what is read
     there is farther; and how much is, or may be hidden."""
     height, width = depth.shape
-    fx, fy, cx, cy = lens
+    fx, fy, cx, cy = intrinsics
     missing, there = 0, 0
     for v in range(0, height, stride):
         for u in range(0, width, stride):
@@ -329,7 +329,7 @@ def _missing_kernel(depth, lens, glass, stride):
             px, py, pz = reflected(glass, 0, x, y, z)
             if pz < NEAREST:
                 continue
-            column, row = nearest_pixel(px, py, pz, lens)
+            column, row = nearest_pixel(px, py, pz, intrinsics)
             if column < _AROUND or row < _AROUND or column >= width - _AROUND or row >= height - _AROUND:
                 continue
             if share_at_glass(glass, 0, px, py, pz, _WELL_INSIDE) == np.inf:

@@ -196,7 +196,7 @@ def search_mirror_plane(
     Mirror or None
         Without a rectangle; None when the plane is seen edge-on, or nothing fits.
     """
-    depth, lens = image.depth, image.intrinsics
+    depth, intrinsics = image.depth, image.intrinsics
     here, there = (f.middle + _SKIN * f.middle / np.linalg.norm(f.middle) for f in (one, reflection))
     way = here - there
     way = way - (way @ up) * up
@@ -223,7 +223,8 @@ def search_mirror_plane(
             s, t = shown[of], shown[by]
             thin = slice(None, None, len(s.points) // _ASKED + 1)
             scores += _score_kernel(
-                s.points[thin], s.normals[thin], flips, lens.lens, objects, depth, (one, reflection)[by].id, by == 0,
+                s.points[thin], s.normals[thin], flips, intrinsics.packed, objects, depth,
+                (one, reflection)[by].id, by == 0,
                 t.grid, t.stride, t.points, t.normals, slack,
             )  # fmt: skip
         best = tries[np.argmax(scores)]
@@ -248,7 +249,7 @@ _LOOKED_THROUGH, _ALIKE = -3.0, 2.0
 
 @njit(cache=True, nogil=True)
 def _score_kernel(
-    points, normals, flips, lens, objects, depth, other, whole, grid, stride, there, there_normals, slack
+    points, normals, flips, intrinsics, objects, depth, other, whole, grid, stride, there, there_normals, slack
 ):  # fmt: skip
     """How well the pieces of a figure, flipped into the other view, fit what that sees; for every plane (K, 4, 4)."""
     scores = np.zeros(len(flips))
@@ -256,7 +257,7 @@ def _score_kernel(
     for k in range(len(flips)):
         total, judged = 0.0, 0
         for i in range(len(points)):
-            kind, u, v = _fit_of(points[i], flips[k], lens, objects, depth, other, whole, slack)
+            kind, u, v = _fit_of(points[i], flips[k], intrinsics, objects, depth, other, whole, slack)
             if kind == _NOT_JUDGED:
                 continue
             judged += 1
@@ -287,7 +288,7 @@ _ERROR = 0.0015  # by so much, times z², readings may be off
 
 
 @njit(cache=True, nogil=True)
-def _fit_of(p, flip, lens, objects, depth, other, whole, slack):
+def _fit_of(p, flip, intrinsics, objects, depth, other, whole, slack):
     """What becomes of a point flipped into the other view: nothing is said, it is on the other figure, or hidden behind
     it, or the camera looks through it; and its pixel. ``whole``: beside the other figure the room is seen, not what is
     beside the glass."""
@@ -300,7 +301,7 @@ def _fit_of(p, flip, lens, objects, depth, other, whole, slack):
         z += flip[2, c] * p[c]
     if z < NEAREST:
         return _NOT_JUDGED, 0, 0
-    u, v = int(np.rint(x / z * lens[0] + lens[2])), int(np.rint(y / z * lens[1] + lens[3]))
+    u, v = int(np.rint(x / z * intrinsics[0] + intrinsics[2])), int(np.rint(y / z * intrinsics[1] + intrinsics[3]))
     if u < 0 or v < 0 or v >= depth.shape[0] or u >= depth.shape[1]:
         return _NOT_JUDGED, 0, 0
     seen = depth[v, u]
@@ -327,10 +328,10 @@ def _fit_of(p, flip, lens, objects, depth, other, whole, slack):
 def is_one_body(image: RgbdImage, one: Figure, reflection: Figure, objects: np.ndarray, mirror: Mirror) -> bool:
     """Flipped over the mirror the image lies within the figure and the other way round: hardly a reading is where the
     other view looks through, enough are where it says anything, and of the image most lie on the figure or behind."""
-    depth, lens = image.depth, image.intrinsics
+    depth, intrinsics = image.depth, image.intrinsics
     flip = reflection_matrix(mirror)
     for points, other, whole in ((one.points, reflection.id, False), (reflection.points, one.id, True)):
-        kinds = _kinds_kernel(np.ascontiguousarray(points), flip, lens.lens, objects, depth, other, whole, 0.03)
+        kinds = _kinds_kernel(np.ascontiguousarray(points), flip, intrinsics.packed, objects, depth, other, whole, 0.03)
         counts = np.bincount(kinds, minlength=4)
         judged = len(points) - counts[_NOT_JUDGED]
         if judged < _JUDGED_SHARE * len(points) or counts[_LOOKED] > _LOOKED_SHARE[whole] * judged:
@@ -341,14 +342,14 @@ def is_one_body(image: RgbdImage, one: Figure, reflection: Figure, objects: np.n
 
 
 @njit(cache=True, nogil=True)
-def _kinds_kernel(points, flip, lens, objects, depth, other, whole, slack):
+def _kinds_kernel(points, flip, intrinsics, objects, depth, other, whole, slack):
     out = np.empty(len(points), np.int64)
     for i in range(len(points)):
-        out[i] = _fit_of(points[i], flip, lens, objects, depth, other, whole, slack)[0]
+        out[i] = _fit_of(points[i], flip, intrinsics, objects, depth, other, whole, slack)[0]
     return out
 
 
-def fit_mirror_to_skin(mirror: Mirror, shown: list[Surfaces], lens: Intrinsics) -> Mirror | None:
+def fit_mirror_to_skin(mirror: Mirror, shown: list[Surfaces], intrinsics: Intrinsics) -> Mirror | None:
     """The mirror moved to where the skin that both views show coincides.
 
     Parameters
@@ -372,7 +373,7 @@ def fit_mirror_to_skin(mirror: Mirror, shown: list[Surfaces], lens: Intrinsics) 
         step = np.zeros(3)
         for turn in range(10):
             gate = 0.10 if turn < 4 else 0.05
-            rows, gaps, weights = _equations(moved(mirror, step), shown, lens, gate, half, facing)
+            rows, gaps, weights = _equations(moved(mirror, step), shown, intrinsics, gate, half, facing)
             if len(gaps) < _LEAST_PAIRS // (1 if half < 0 else 3):
                 return None
             information = (rows * weights[:, None]).T @ rows + prior
@@ -404,11 +405,11 @@ def _oblique(shown: Surfaces) -> float:
 
 
 def _equations(
-    mirror: Mirror, shown: list[Surfaces], lens: Intrinsics, gate: float, half: int, facing: float
+    mirror: Mirror, shown: list[Surfaces], intrinsics: Intrinsics, gate: float, half: int, facing: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of pieces of skin seen both ways: how their gaps change with the mirror (N, 3), the gaps (N,), and weights."""
     rows, gaps, weights = [], [], []
-    for m in find_correspondences([mirror], shown, lens, gate, facing=facing):
+    for m in find_correspondences([mirror], shown, intrinsics, gate, facing=facing):
         mine = slice(None) if half < 0 else m.half == half
         here = m.here if m.of == 1 else m.there
         moves = np.einsum("nci,nc->ni", reflection_moves(mirror, here[mine]), m.normals[mine])

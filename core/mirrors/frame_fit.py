@@ -84,7 +84,7 @@ def fit_frame(
             break
     if fitted is None:
         return None
-    separated = separate_wall(u, v, depth, fitted, intrinsics.lens, mirror.point, mirror.basis, mirror.rectangle)
+    separated = separate_wall(u, v, depth, fitted, intrinsics.packed, mirror.point, mirror.basis, mirror.rectangle)
     placed = _on_frame(image, mirror, separated.u, separated.v, separated.fitted, outward)
     return replace(placed, covariance=placed.covariance + np.diag((0.0, 0.0, separated.depth_error**2)))
 
@@ -173,16 +173,16 @@ def _ring(
         low, high = np.zeros(2, np.int64), np.array(size)
     pixels = np.empty((max(int(np.prod(np.maximum(high - low, 0))), 1), 2), np.int32)
     around = rectangle + outward * np.array(((-1.0, 1.0), (-1.0, 0.5)))  # half as far below, where a floor may be
-    n = _ring_kernel(depth, intrinsics.lens, glass_of([mirror]), plane, around, inward, band, low, high, pixels)
+    n = _ring_kernel(depth, intrinsics.packed, glass_of([mirror]), plane, around, inward, band, low, high, pixels)
     u, v = pixels[:n].T.astype(np.int64)
     return u, v
 
 
 @njit(cache=True, nogil=True)
-def _ring_kernel(depth, lens, glass, plane, around, inward, band, low, high, pixels):
+def _ring_kernel(depth, intrinsics, glass, plane, around, inward, band, low, high, pixels):
     """Pixels within ``band``·z of the plane whose place on it is in the box ``around`` the glass, not ``inward`` of its
     edges; how many."""
-    fx, fy, cx, cy = lens
+    fx, fy, cx, cy = intrinsics
     n = 0
     for v in range(low[1], high[1]):
         for u in range(low[0], high[0]):

@@ -18,7 +18,7 @@ _AT_CAMERA = 0.1  # a line that comes so near to the camera ends [m]
 
 def frame_sides(
     depth: np.ndarray,
-    lens: np.ndarray,
+    intrinsics: np.ndarray,
     plane: np.ndarray,
     tolerance: float,
     point: np.ndarray,
@@ -35,7 +35,7 @@ def frame_sides(
     ----------
     depth : np.ndarray [shape=(H, W), dtype=float32]
         z [m], 0 = no reading.
-    lens : np.ndarray [shape=(4,)]
+    intrinsics : np.ndarray [shape=(4,)]
         fx, fy, cx, cy.
     plane : np.ndarray [shape=(3,)]
         1/z = a·u + b·v + c.
@@ -60,7 +60,7 @@ def frame_sides(
     -----
     O(pixels across the frame).
     """
-    return _sides_kernel(depth, lens, plane, tolerance, point, basis, np.ascontiguousarray(rectangle), WIDEST)
+    return _sides_kernel(depth, intrinsics, plane, tolerance, point, basis, np.ascontiguousarray(rectangle), WIDEST)
 
 
 _FRAME_MET, _LEFT_IMAGE = 1, 2
@@ -68,7 +68,7 @@ _SHADOW = 6  # px without a reading beside an object before a mirror are that ob
 
 
 @njit(cache=True, nogil=True)
-def _sides_kernel(depth, lens, plane, tolerance, point, basis, rectangle, widest):
+def _sides_kernel(depth, intrinsics, plane, tolerance, point, basis, rectangle, widest):
     """Inner and outer edges (2, 2), sides that the image cuts off, and the turn."""
     inner, outer, cut = np.full((2, 2), np.nan), np.full((2, 2), np.nan), np.zeros((2, 2), np.bool_)
     slope, weight = 0.0, 0.0
@@ -80,7 +80,7 @@ def _sides_kernel(depth, lens, plane, tolerance, point, basis, rectangle, widest
             for i in range(_LINES):
                 place = low + (0.06 + 0.88 * i / (_LINES - 1)) * (high - low)
                 state, begins, ends = _walk(
-                    depth, lens, plane, tolerance, point, basis, axis, end, rectangle[axis], place, widest
+                    depth, intrinsics, plane, tolerance, point, basis, axis, end, rectangle[axis], place, widest
                 )
                 if state == _FRAME_MET:
                     places[met], edges[met, 0], edges[met, 1] = place, begins, ends
@@ -108,7 +108,7 @@ def _sides_kernel(depth, lens, plane, tolerance, point, basis, rectangle, widest
 
 
 @njit(cache=True, nogil=True)
-def _walk(depth, lens, plane, tolerance, point, basis, axis, end, extent, place, widest):
+def _walk(depth, intrinsics, plane, tolerance, point, basis, axis, end, extent, place, widest):
     """What a line across a side meets, and the frame's inner and outer edge on it along ``axis`` [m]."""
     height, width = depth.shape
     sign = 2.0 * end - 1.0
@@ -121,8 +121,11 @@ def _walk(depth, lens, plane, tolerance, point, basis, axis, end, extent, place,
         z = point[2] + basis[2, axis] * s + basis[2, 1 - axis] * place
         if z < _AT_CAMERA:
             break
-        u, v = int(np.floor(x / z * lens[0] + lens[2] + 0.5)), int(np.floor(y / z * lens[1] + lens[3] + 0.5))
-        step = 0.8 * z / lens[0]
+        u, v = (
+            int(np.floor(x / z * intrinsics[0] + intrinsics[2] + 0.5)),
+            int(np.floor(y / z * intrinsics[1] + intrinsics[3] + 0.5)),
+        )
+        step = 0.8 * z / intrinsics[0]
         if u < 0 or v < 0 or u >= width or v >= height:
             if np.isnan(began):
                 return 0 if before or glass < _IN_GLASS else _LEFT_IMAGE, s, s

@@ -42,7 +42,7 @@ def with_measured_sides(
     rectangle = _extent(thin, picked, drawn, mirror)[0]
     for _ in range(3):
         inner, outer, cut, turn = frame_sides(
-            depth, intrinsics.lens, plane, tolerance, mirror.point, mirror.basis, rectangle
+            depth, intrinsics.packed, plane, tolerance, mirror.point, mirror.basis, rectangle
         )
         # a frame's bars are about as wide as each other: what is wider runs on along the floor or a wall
         width = np.abs(outer - inner)

@@ -187,6 +187,6 @@ def reflected_direction(glass, k, x, y, z):
 
 
 @njit(cache=True, nogil=True)
-def nearest_pixel(x, y, z, lens):
-    """Column and row of the pixel that sees a point in front of the camera; ``lens`` = fx, fy, cx, cy [px]."""
-    return int(np.rint(x / z * lens[0] + lens[2])), int(np.rint(y / z * lens[1] + lens[3]))
+def nearest_pixel(x, y, z, intrinsics):
+    """Column and row of the pixel that sees a point in front of the camera; ``intrinsics`` = fx, fy, cx, cy [px]."""
+    return int(np.rint(x / z * intrinsics[0] + intrinsics[2])), int(np.rint(y / z * intrinsics[1] + intrinsics[3]))

@@ -76,10 +76,10 @@ def read_rig(path: str | os.PathLike) -> RigFile:
         raise MirrorError(
             f"{path}: has version {content.get('version')}, this program reads version {VERSION}; calibrate again"
         )
-    lens, entries = content.get("intrinsics"), content.get("mirrors")
-    if not isinstance(lens, dict) or not isinstance(entries, list) or not entries:
+    stored, entries = content.get("intrinsics"), content.get("mirrors")
+    if not isinstance(stored, dict) or not isinstance(entries, list) or not entries:
         raise MirrorError(f"{path}: holds no camera or no mirrors; calibrate again")
-    values = [_number(path, "intrinsics", lens.get(key)) for key in _INTRINSICS_KEYS]
+    values = [_number(path, "intrinsics", stored.get(key)) for key in _INTRINSICS_KEYS]
     try:
         intrinsics = Intrinsics(int(values[0]), int(values[1]), *values[2:])
     except CaptureError as error:

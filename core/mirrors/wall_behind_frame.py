@@ -35,7 +35,7 @@ def separate_wall(
     v: np.ndarray,
     depth: np.ndarray,
     fitted: DisparityPlane,
-    lens: np.ndarray,
+    intrinsics: np.ndarray,
     point: np.ndarray,
     basis: np.ndarray,
     rectangle: np.ndarray,
@@ -66,16 +66,16 @@ def separate_wall(
     tolerance = min(max(4.0 * np.hypot(fitted.scale, np.sqrt(fitted.common)), 0.004 / z**2), 0.02 / z)
     plane, rectangle = fitted.coefficients, np.ascontiguousarray(rectangle)
     limit = _DEEPEST_FRAME / z**2
-    inner, outer, _, _ = frame_sides(depth, lens, plane, tolerance, point, basis, rectangle)
+    inner, outer, _, _ = frame_sides(depth, intrinsics, plane, tolerance, point, basis, rectangle)
     if np.isnan(inner).all():  # the frame may be too far before the plane
-        inner, outer, _, _ = frame_sides(depth, lens, plane, limit, point, basis, rectangle)
+        inner, outer, _, _ = frame_sides(depth, intrinsics, plane, limit, point, basis, rectangle)
     goes_on = outer == inner  # false where NaN
     if not goes_on.any():
         return SeparatedFrame(u, v, fitted, 0.0)
     wall = SeparatedFrame(u, v, fitted, THICK if goes_on.sum() > 1 else 0.0)
-    pixel = z / (0.5 * (lens[0] + lens[1]))
+    pixel = z / (0.5 * (intrinsics[0] + intrinsics[1]))
     count, total = _beside_kernel(
-        depth, lens, plane, point, basis, inner, limit, pixel, int(WIDEST / pixel), _SIDE_PARTS
+        depth, intrinsics, plane, point, basis, inner, limit, pixel, int(WIDEST / pixel), _SIDE_PARTS
     )
     below, above = np.cumsum(count, axis=1), np.cumsum(count[:, ::-1], axis=1)[:, ::-1]
     near, far = np.cumsum(total, axis=1), np.cumsum(total[:, ::-1], axis=1)[:, ::-1]
@@ -101,21 +101,21 @@ def separate_wall(
         return wall
     ends = max(step, 2) * pixel  # a pixel less than where it steps
     level = near[seen, step - 1].sum() / few.sum()
-    mine_u, mine_v = _frame_kernel(depth, lens, plane, point, basis, inner, level, tolerance, ends)
+    mine_u, mine_v = _frame_kernel(depth, intrinsics, plane, point, basis, inner, level, tolerance, ends)
     again = disparity_plane(mine_u, mine_v, depth[mine_v, mine_u]) if len(mine_u) >= 30 else None
     return wall if again is None else SeparatedFrame(mine_u, mine_v, again, 0.0)
 
 
 @njit(cache=True, nogil=True)
-def _outside(lens, plane, point, basis, inner, u, v, at):
+def _outside(intrinsics, plane, point, basis, inner, u, v, at):
     """How far outside of the sides that are known a pixel lies on the plane [m], -1 inside, and its side; ``at`` (2,)
     is its place."""
     there = plane[0] * u + plane[1] * v + plane[2]
     if there <= 0.0:
         return -1.0, 0
     x, y, z = (
-        (u - lens[2]) / lens[0] / there - point[0],
-        (v - lens[3]) / lens[1] / there - point[1],
+        (u - intrinsics[2]) / intrinsics[0] / there - point[0],
+        (v - intrinsics[3]) / intrinsics[1] / there - point[1],
         1.0 / there - point[2],
     )
     best, side = -1.0, 0
@@ -129,7 +129,7 @@ def _outside(lens, plane, point, basis, inner, u, v, at):
 
 
 @njit(cache=True, nogil=True)
-def _beside_kernel(depth, lens, plane, point, basis, inner, limit, pixel, bins, parts):
+def _beside_kernel(depth, intrinsics, plane, point, basis, inner, limit, pixel, bins, parts):
     """Counts of readings near the plane, and sums of how much nearer they are in 1/z, by part of the sides and by how
     many pixels outside of the sides they are, from 1 on: (4·parts, bins) each."""
     count, total, at = np.zeros((4 * parts, bins)), np.zeros((4 * parts, bins)), np.empty(2)
@@ -141,7 +141,7 @@ def _beside_kernel(depth, lens, plane, point, basis, inner, limit, pixel, bins, 
             apart = 1.0 / z - (plane[0] * u + plane[1] * v + plane[2])
             if abs(apart) > limit:
                 continue
-            outside, side = _outside(lens, plane, point, basis, inner, u, v, at)
+            outside, side = _outside(intrinsics, plane, point, basis, inner, u, v, at)
             k = int(outside / pixel) - 1
             if outside < pixel or k >= bins:
                 continue
@@ -156,7 +156,7 @@ def _beside_kernel(depth, lens, plane, point, basis, inner, limit, pixel, bins, 
 
 
 @njit(cache=True, nogil=True)
-def _frame_kernel(depth, lens, plane, point, basis, inner, level, tolerance, ends):
+def _frame_kernel(depth, intrinsics, plane, point, basis, inner, level, tolerance, ends):
     """Pixels (u, v) up to ``ends`` outside of the sides [m] that are ``level`` nearer than the plane in 1/z."""
     height, width = depth.shape
     columns, rows, at = np.empty(height * width, np.int64), np.empty(height * width, np.int64), np.empty(2)
@@ -166,7 +166,7 @@ def _frame_kernel(depth, lens, plane, point, basis, inner, level, tolerance, end
             z = depth[v, u]
             if z == 0.0 or abs(1.0 / z - (plane[0] * u + plane[1] * v + plane[2]) - level) > tolerance:
                 continue
-            outside, _ = _outside(lens, plane, point, basis, inner, u, v, at)
+            outside, _ = _outside(intrinsics, plane, point, basis, inner, u, v, at)
             if 0.0 <= outside < ends:
                 columns[n], rows[n] = u, v
                 n += 1

@@ -56,25 +56,26 @@ def calibrate(
     CaptureError, MirrorError
         No readings, no mirrors, or picks that place none.
     """
-    lens = capture.intrinsics
+    intrinsics = capture.intrinsics
     known = capture.mirrors if picks is None else tuple(picks)
     fused = one_depth_map(capture, depth)[0]
     if known:
         placed = [
-            pick if isinstance(pick, Mirror) else place_mirror(RgbdImage(fused, lens), pick, mirror) for pick in known
+            pick if isinstance(pick, Mirror) else place_mirror(RgbdImage(fused, intrinsics), pick, mirror)
+            for pick in known
         ]
     else:
-        placed = find_mirrors(RgbdImage(fused, lens, capture.color), _EMPTY, mirror.glass_offset)
+        placed = find_mirrors(RgbdImage(fused, intrinsics, capture.color), _EMPTY, mirror.glass_offset)
     if not placed:
         raise MirrorError(
             f"{capture.name}: no mirror was found; see that each mirror's frame is in the picture and stands clear of "
             "walls, or pick points on the frames (option “mirrors”)"
         )
-    placed = align_reflections(RgbdImage(fused, lens), placed, _BOARD)[0]
+    placed = align_reflections(RgbdImage(fused, intrinsics), placed, _BOARD)[0]
     for m in placed:
         if m.rectangle is None:
             raise MirrorError(f"{m.name}: a plane alone is no calibration; pick points on this mirror's frame instead")
-    return RigFile(lens, tuple(placed))
+    return RigFile(intrinsics, tuple(placed))
 
 
 @dataclass(frozen=True)

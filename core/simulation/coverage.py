@@ -29,7 +29,7 @@ def coverage(simulation: Simulation) -> np.ndarray:
     -----
     O(V · views), no ray is cast.
     """
-    truth, lens = simulation.truth, simulation.capture.intrinsics
+    truth, intrinsics = simulation.truth, simulation.capture.intrinsics
     normals = _normals(truth.body.vertices, truth.body.triangles)
     best = np.full(len(truth.body.vertices), -1, np.int8)
     score = np.zeros(len(best))
@@ -43,9 +43,9 @@ def coverage(simulation: Simulation) -> np.ndarray:
             points, facing = points @ flip[:3, :3].T + flip[:3, 3], facing @ flip[:3, :3].T
         length = np.linalg.norm(points, axis=1)
         tilt = -np.einsum("ij,ij->i", points, facing) / length
-        pixel = project(points, lens)
+        pixel = project(points, intrinsics)
         inside = np.isfinite(pixel).all(axis=1) & (tilt > steepest)
-        inside &= ((pixel > 0.5) & (pixel < (lens.width - 1.5, lens.height - 1.5))).all(axis=1)
+        inside &= ((pixel > 0.5) & (pixel < (intrinsics.width - 1.5, intrinsics.height - 1.5))).all(axis=1)
         chosen = np.flatnonzero(inside)
         u, v = np.floor(pixel[chosen]).astype(int).T
         seen = np.zeros(len(chosen), bool)

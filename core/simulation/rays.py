@@ -53,8 +53,8 @@ def look(subject: Mesh, rig: Rig, props: Sequence[Mesh] = ()) -> tuple[Sight, Bv
     triangles = np.ascontiguousarray(everything.triangles, dtype=np.int32)
     bvh = build_bvh(vertices, triangles)
     colors = everything.colors.astype(np.float64)
-    lens, pose = rig.intrinsics, rig.camera_to_avatar
-    shape = (lens.height, lens.width)
+    intrinsics, pose = rig.intrinsics, rig.camera_to_avatar
+    shape = (intrinsics.height, intrinsics.width)
     depth, color = np.zeros(shape), np.zeros((*shape, 3), dtype=np.uint8)
     kind, index = np.zeros(shape, dtype=np.uint8), np.full(shape, -1, dtype=np.int32)
     view, bounces = np.zeros(shape, dtype=np.int8), np.zeros(shape, dtype=np.uint8)
@@ -62,7 +62,7 @@ def look(subject: Mesh, rig: Rig, props: Sequence[Mesh] = ()) -> tuple[Sight, Bv
     _look(
         bvh, triangles, len(subject.triangles), _vertex_normals(vertices, triangles), colors, _mirror_rows(rig),
         _room_box(rig),
-        pose[:3, 3].copy(), pose[:3, :3].copy(), lens.fx, lens.fy, lens.cx, lens.cy,
+        pose[:3, 3].copy(), pose[:3, :3].copy(), intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy,
         depth, kind, index, view, bounces, incidence, color, point, normal,
     )  # fmt: skip
     return Sight(depth, kind, index, view, bounces, incidence, color, point, normal), bvh
@@ -85,12 +85,14 @@ def lit(sight: Sight, bvh: Bvh, rig: Rig, baseline: float) -> np.ndarray:
         cos / r² by the direct way and by each of the M mirrors once, r along the folded path; 0 = not reached. Ways by
         two mirrors are left out: they are long and weak.
     """
-    lens, pose = rig.intrinsics, rig.camera_to_avatar
+    intrinsics, pose = rig.intrinsics, rig.camera_to_avatar
     light = np.zeros((*sight.depth.shape, 1 + len(rig.mirrors)), dtype=np.float32)
     projector = pose[:3, 3] + baseline * pose[:3, 0]
     # The pattern reaches a little further than the picture.
-    right, down = lens.width - 1 - lens.cx, lens.height - 1 - lens.cy
-    reach = 1.06 * np.array([-lens.cx / lens.fx, right / lens.fx, -lens.cy / lens.fy, down / lens.fy])
+    right, down = intrinsics.width - 1 - intrinsics.cx, intrinsics.height - 1 - intrinsics.cy
+    reach = 1.06 * np.array(
+        [-intrinsics.cx / intrinsics.fx, right / intrinsics.fx, -intrinsics.cy / intrinsics.fy, down / intrinsics.fy]
+    )
     turn = pose[:3, :3].copy()
     _light(bvh, _mirror_rows(rig), projector, turn, reach, sight.object, sight.point, sight.normal, light)
     return light

@@ -114,7 +114,7 @@ def _plane(mirror: FramedMirror, avatar_to_camera: np.ndarray) -> MirrorPicks:
 
 
 def _picks(
-    mirror: FramedMirror, index: int, lens: Intrinsics, avatar_to_camera: np.ndarray, sight: Sight,
+    mirror: FramedMirror, index: int, intrinsics: Intrinsics, avatar_to_camera: np.ndarray, sight: Sight,
     rng: np.random.Generator,
 ) -> MirrorPicks | None:  # fmt: skip
     """Clicks along the middle of the moulding where it is seen directly; None with fewer than 3 to be had."""
@@ -127,11 +127,11 @@ def _picks(
     side = at.astype(int)
     flat = corners[side] + (at - side)[:, None] * (corners[side + 1] - corners[side])
     points = np.array(mirror.centre) + flat[:, :1] * right + flat[:, 1:] * up + mirror.frame_depth * normal
-    pixels = project(points @ avatar_to_camera[:3, :3].T + avatar_to_camera[:3, 3], lens)
+    pixels = project(points @ avatar_to_camera[:3, :3].T + avatar_to_camera[:3, 3], intrinsics)
     pixels = np.round(pixels + rng.uniform(-PICK_JITTER, PICK_JITTER, pixels.shape), 1)
     pixels = pixels[np.isfinite(pixels).all(axis=1)]
     u, v = np.rint(pixels).astype(int).T
-    inside = (u >= 0) & (u < lens.width) & (v >= 0) & (v < lens.height)
+    inside = (u >= 0) & (u < intrinsics.width) & (v >= 0) & (v < intrinsics.height)
     pixels, u, v = pixels[inside], u[inside], v[inside]
     seen = (sight.object[v, u] == FRAME) & (sight.index[v, u] == index) & (sight.bounces[v, u] == 0)
     pixels = pixels[seen]
@@ -161,9 +161,12 @@ def write_simulation(simulation: Simulation, folder: str | os.PathLike) -> None:
     try:
         for sub in ("depth", "color", "truth"):
             (folder / sub).mkdir(parents=True, exist_ok=True)
-        lens = capture.intrinsics
-        matrix = [lens.fx, 0, 0, 0, lens.fy, 0, lens.cx, lens.cy, 1]
-        _write_json(folder / "intrinsic.json", {"width": lens.width, "height": lens.height, "intrinsic_matrix": matrix})
+        intrinsics = capture.intrinsics
+        matrix = [intrinsics.fx, 0, 0, 0, intrinsics.fy, 0, intrinsics.cx, intrinsics.cy, 1]
+        _write_json(
+            folder / "intrinsic.json",
+            {"width": intrinsics.width, "height": intrinsics.height, "intrinsic_matrix": matrix},
+        )
         mirrors = [
             {"name": m.name, "frame_pixels": m.frame_pixels.tolist()}
             if m.frame_pixels is not None

@@ -137,7 +137,7 @@ def _verdicts(
     wide = dilated(labels, int(np.ceil(_OUTLINE * intrinsics.fx / np.median(pieces.depth[labels == 0]))) + 1)
     heights = _height_limits(labels, dot(pieces.points[labels == 0], pieces.up), direct.floor.height)
     return _verdict_kernel(
-        pieces.component, pieces.count, pieces.seen, pieces.points, pieces.depth, labels, others, intrinsics.lens,
+        pieces.component, pieces.count, pieces.seen, pieces.points, pieces.depth, labels, others, intrinsics.packed,
         wide, mirrored.axis, horizontal_projection(pieces.up), mirrored.reach2, pieces.up, heights, mirrored.deepest,
     )  # fmt: skip
 

@@ -71,7 +71,7 @@ def occluded_pieces(
     shown = np.where(component < 0, -1, chosen[component] | (labels > 0)).astype(np.int8)
     flips = np.stack([reflection_matrix(mirror) for mirror in mirrors])
     touches, others, asked = _touch_kernel(
-        pieces.component, candidate, pieces.points, pieces.seen, shown, flips, intrinsics.lens, _SAME_PART
+        pieces.component, candidate, pieces.points, pieces.seen, shown, flips, intrinsics.packed, _SAME_PART
     )
     shared = candidate & (touches >= np.maximum(_FEWEST, _TOUCHED * asked)) & (touches > 2 * others)
     certain = shared & (touches > _CERTAIN * asked) & (others < _OTHER * asked)

@@ -88,7 +88,7 @@ def surfaces(image: RgbdImage, seen: np.ndarray, view: int, sigma: float, most: 
     # neighbours share their windows, and some hundred pieces tell as much as thousands
     stride = max(2 if radius < 4 else 3, int(np.ceil(np.sqrt(count / most))))
     grid, points, normals, variances, pixels = _surface_kernel(
-        depth, seen, view, intrinsics.lens, np.array(box), stride, radius, sigma
+        depth, seen, view, intrinsics.packed, np.array(box), stride, radius, sigma
     )
     return Surfaces(grid, points, normals, variances, pixels, stride, radius)
 
@@ -141,7 +141,7 @@ def find_correspondences(
             plane = np.zeros(4) if by == 0 else np.append(mirrors[by - 1].normal, mirrors[by - 1].normal
                                                           @ mirrors[by - 1].point)  # fmt: skip
             met = _meet_kernel(
-                s.points, s.normals, s.variances, s.pixels, flips[of], flips[by], plane, intrinsics.lens, t.grid,
+                s.points, s.normals, s.variances, s.pixels, flips[of], flips[by], plane, intrinsics.packed, t.grid,
                 t.stride, t.points, t.normals, t.variances, gate, depth, seen, by, facing,
             )  # fmt: skip
             out.append(Correspondences(of, by, *met))

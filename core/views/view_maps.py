@@ -64,7 +64,7 @@ def view_maps(
     """
     depth, intrinsics = image.depth, image.intrinsics
     to_view = np.stack([np.eye(4)] + [reflection_matrix(m) for m in mirrors])
-    packed = intrinsics.lens
+    packed = intrinsics.packed
     normals, confidence = _maps_kernel(depth, labels, packed, to_view, _nearest_first())
     every = np.tile(packed, (len(to_view), 1))
     return ViewMaps(depth, labels, *clear_depth(depth, seen), normals, confidence, to_view, every, noise)

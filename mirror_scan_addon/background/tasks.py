@@ -156,8 +156,8 @@ def _open(path: str, frames: int, mirrors_path: str, reading: dict | None) -> Ca
     from ...core.capture.folders.rgbd_folder import read_intrinsics, read_mirrors
 
     options = dict(reading or {})
-    lens = options.pop("intrinsics", "")
-    options = ReadOptions(intrinsics=read_intrinsics(lens)[0] if lens else None, **options)
+    intrinsics = options.pop("intrinsics", "")
+    options = ReadOptions(intrinsics=read_intrinsics(intrinsics)[0] if intrinsics else None, **options)
     capture = open_capture(path, frames or None, options)
     if mirrors_path:
         capture = dataclasses.replace(capture, mirrors=read_mirrors(mirrors_path, capture.intrinsics))

@@ -30,7 +30,7 @@ _FLIP = np.diag((1.0, -1.0, -1.0, 1.0))  # Blender's camera looks along -z with 
 
 def add_objects(scene: bpy.types.Scene, rig: Rig) -> list[bpy.types.Object]:
     """Camera and mirrors of a rig, in a collection of their own; the camera becomes the scene's."""
-    lens, unit = rig.intrinsics, metres_per_unit(scene)
+    intrinsics, unit = rig.intrinsics, metres_per_unit(scene)
     with discard_on_error() as made:
         collection = bpy.data.collections.new(COLLECTION)
         made.append(collection)
@@ -38,7 +38,7 @@ def add_objects(scene: bpy.types.Scene, rig: Rig) -> list[bpy.types.Object]:
         made += [camera.data, camera]
         camera.data.sensor_width = 36.0
         camera.data.sensor_fit = "HORIZONTAL"
-        camera.data.lens = 36.0 * lens.fx / lens.width
+        camera.data.lens = 36.0 * intrinsics.fx / intrinsics.width
         camera.data.display_size = 0.3 / unit
         camera.data.clip_start, camera.data.clip_end = 0.1 / unit, 100.0 / unit
         camera.matrix_world = _in_units(Matrix((rig.camera_to_avatar @ _FLIP).tolist()), unit)

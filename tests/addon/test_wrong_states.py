@@ -112,8 +112,8 @@ def points_nowhere(bpy, capsule, tmp_path):
     """A cloud whose points somebody moved behind the camera, or to no number."""
     spoiled_cloud(bpy, capsule, tmp_path)
     item = bpy.data.objects["Spoiled"]
-    lens = {"width": 4, "height": 4, "fx": 4.0, "fy": 4.0, "cx": 2.0, "cy": 2.0}
-    item["mirror_scan_capture"] = json.dumps({"name": "x", "format": "y", "intrinsics": lens})
+    intrinsics = {"width": 4, "height": 4, "fx": 4.0, "fy": 4.0, "cx": 2.0, "cy": 2.0}
+    item["mirror_scan_capture"] = json.dumps({"name": "x", "format": "y", "intrinsics": intrinsics})
     item.data.attributes.new("pixel", "INT", "POINT").data.foreach_set("value", [3, 5])
     item.data.vertices.foreach_set("co", [0, 0, -1, 0, 0, float("nan")])
 

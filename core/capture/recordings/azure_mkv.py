@@ -109,13 +109,18 @@ def calibrated(
     if depth_size not in DEPTH_MODES:
         raise ValueError(f"{depth_size[0]}×{depth_size[1]} is no depth mode of the device")
     chip_width, chip_height, left, top = DEPTH_MODES[depth_size]
-    cx, cy, fx, fy, lens = _parameters(cameras["Depth"])
+    cx, cy, fx, fy, intrinsics = _parameters(cameras["Depth"])
     depth_camera = Intrinsics(
-        *depth_size, fx * chip_width, fy * chip_height, cx * chip_width - left - 0.5, cy * chip_height - top - 0.5, lens
+        *depth_size,
+        fx * chip_width,
+        fy * chip_height,
+        cx * chip_width - left - 0.5,
+        cy * chip_height - top - 0.5,
+        intrinsics,
     )
     color_camera = None
     if color_size is not None:
-        cx, cy, fx, fy, lens = _parameters(cameras["PhotoVideo"])
+        cx, cy, fx, fy, intrinsics = _parameters(cameras["PhotoVideo"])
         if cameras["PhotoVideo"]["SensorWidth"] * 9 == cameras["PhotoVideo"]["SensorHeight"] * 16:
             cy, fy = cy * 0.75 + 0.125, fy * 0.75  # early devices are calibrated for the middle of the chip only
         width, height = color_size
@@ -123,7 +128,7 @@ def calibrated(
             raise ValueError(f"a colour image of {width}×{height}")
         whole = width * _COLOR_CHIP[1] / _COLOR_CHIP[0]  # height of the uncut picture at this width
         color_camera = Intrinsics(
-            width, height, fx * width, fy * whole, cx * width - 0.5, cy * whole - (whole - height) / 2 - 0.5, lens
+            width, height, fx * width, fy * whole, cx * width - 0.5, cy * whole - (whole - height) / 2 - 0.5, intrinsics
         )
     # Rt takes points of the depth camera into each camera's frame: it is the identity for depth itself.
     pose = (

@@ -74,13 +74,15 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     return stored_capture(path, FORMAT, depth, color, camera, color_camera, pose, sensor=sensor, notes=notes)
 
 
-def brown_of_inverse(inverse: tuple[float, ...], camera: Intrinsics) -> tuple[float, ...]:
+def brown_of_inverse(inverse: tuple[float, ...], intrinsics: Intrinsics) -> tuple[float, ...]:
     """Brown's coefficients (k1, k2, p1, p2, k3) of a lens whose *inverse* is given so, as RealSense's colour has it.
 
     Least squares over the image; the model is linear in its coefficients.
     """
-    u, v = np.meshgrid(np.linspace(0, camera.width - 1, 33), np.linspace(0, camera.height - 1, 25))
-    distorted = np.stack(((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy), axis=-1).reshape(-1, 2)
+    u, v = np.meshgrid(np.linspace(0, intrinsics.width - 1, 33), np.linspace(0, intrinsics.height - 1, 25))
+    distorted = np.stack(((u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy), axis=-1).reshape(
+        -1, 2
+    )
     ideal = distort(distorted, inverse)
     x, y = ideal.T
     r2 = x * x + y * y
@@ -184,19 +186,19 @@ def _intrinsics(bag: RosBag, topic: Topic | None, path: Path) -> Intrinsics:
     (count,) = struct.unpack_from("<I", message, position)
     if count > 14:
         raise ValueError(f"a lens of {count} coefficients")
-    lens = struct.unpack_from(f"<{count}d", message, position + 4)
+    intrinsics = struct.unpack_from(f"<{count}d", message, position + 4)
     k = struct.unpack_from("<9d", message, position + 4 + 8 * count)
     if (
         not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE)
-        or not np.isfinite(lens).all()
+        or not np.isfinite(intrinsics).all()
         or not np.isfinite(k).all()
     ):
         raise ValueError("the camera info makes no sense")
-    if model.startswith(("ftheta", "kannala", "equidistant", "fisheye")) and any(lens):
+    if model.startswith(("ftheta", "kannala", "equidistant", "fisheye")) and any(intrinsics):
         raise CaptureError(f"{path}: its images are of a fisheye lens ({model}), which is not supported; rectify them")
-    if len(lens) not in (0, 4, 5, 8):
-        lens = lens[:8] if len(lens) > 8 and not any(lens[8:]) else ()
-    camera = Intrinsics(width, height, k[0], k[4], k[2], k[5], tuple(lens) if any(lens) else ())
+    if len(intrinsics) not in (0, 4, 5, 8):
+        intrinsics = intrinsics[:8] if len(intrinsics) > 8 and not any(intrinsics[8:]) else ()
+    camera = Intrinsics(width, height, k[0], k[4], k[2], k[5], tuple(intrinsics) if any(intrinsics) else ())
     if model.startswith("inverse") and not camera.is_pinhole:
         pinhole = camera.pinhole()
         return Intrinsics(width, height, k[0], k[4], k[2], k[5], brown_of_inverse(camera.distortion, pinhole))

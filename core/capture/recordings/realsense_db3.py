@@ -146,14 +146,14 @@ def _intrinsics(text: str) -> Intrinsics:
     width, height = int(pairs["width"]), int(pairs["height"])
     if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE):
         raise ValueError(f"images of {width}×{height}")
-    lens = tuple(float(k) for k in pairs.get("coeffs", "").split(",") if k)
+    intrinsics = tuple(float(k) for k in pairs.get("coeffs", "").split(",") if k)
     model = pairs.get("model", "").lower()
-    if any(lens) and not ("brown" in model or model in ("", "none")):
+    if any(intrinsics) and not ("brown" in model or model in ("", "none")):
         raise CaptureError(f"intrinsics: a fisheye lens ({model[:30]}) is not supported; rectify the images")
     values = [float(pairs[name]) for name in ("fx", "fy", "ppx", "ppy")]
-    camera = Intrinsics(width, height, *values, lens if any(lens) else ())
-    if model.startswith("inverse") and any(lens):
-        return Intrinsics(width, height, *values, brown_of_inverse(lens, camera.pinhole()))
+    camera = Intrinsics(width, height, *values, intrinsics if any(intrinsics) else ())
+    if model.startswith("inverse") and any(intrinsics):
+        return Intrinsics(width, height, *values, brown_of_inverse(intrinsics, camera.pinhole()))
     return camera
 
 

@@ -80,7 +80,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
                 if camera.shape != (6,) or not np.isfinite(camera).all():
                     raise ValueError("camera is not six numbers")
                 width, height = (int(n) for n in camera[:2])
-                lens = Intrinsics(width, height, *(float(v) for v in camera[2:]))
+                intrinsics = Intrinsics(width, height, *(float(v) for v in camera[2:]))
                 stored = _member(archive, path, "depth", ("f4",), 3)
                 if stored.shape[1:] != (height, width):
                     raise ValueError("depth is not of the camera's size")
@@ -103,8 +103,8 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         return Capture(
             depth,
             color,
-            lens,
-            mirrors_from(path, about, lens),
+            intrinsics,
+            mirrors_from(path, about, intrinsics),
             name=str(about["name"])[:200],
             format=FORMAT,
             sensor=str(about["sensor"])[:40],

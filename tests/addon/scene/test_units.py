@@ -80,12 +80,12 @@ def test_a_rig_stands_and_sees_as_one_in_metres_does(bpy, scale):
     def arranged(unit):
         bpy.context.view_layer.update()
         scene = bpy.context.scene
-        lens = scene.camera.data
+        intrinsics = scene.camera.data
         mirrors = [
             {name: value for name, value in mirror.items() if name != "name"}
             for mirror in virtual_rig.mirrors_of(scene)
         ]
-        return [virtual_rig.camera_of(scene.camera, unit), *mirrors, {"angle": lens.angle}]
+        return [virtual_rig.camera_of(scene.camera, unit), *mirrors, {"angle": intrinsics.angle}]
 
     bpy.ops.mirror_scan.add_rig()
     wanted = arranged(1.0)

@@ -57,9 +57,11 @@ def corpus(tmp_path_factory):
         "a.mkv": writers.mkv([small], bytes(32 * 24 * 4), azure, color_size=(32, 24)),
         "mjpg.mkv": writers.mkv([small], jpeg, azure, color_kind=b"MJPG", color_size=(64, 48)),
         "live.mkv": writers.mkv([small, small], calibration=azure, live=True),
-        "a.bag": writers.realsense_bag(frames, color, lens=(0.1, 0.01, 0, 0, 0)),
+        "a.bag": writers.realsense_bag(frames, color, intrinsics=(0.1, 0.01, 0, 0, 0)),
         "bz2.bag": writers.realsense_bag(frames, color, "bz2"),
-        "open.bag": writers.realsense_bag(frames, color, indexed=False, model="Inverse Brown Conrady", lens=(0.1,) * 5),
+        "open.bag": writers.realsense_bag(
+            frames, color, indexed=False, model="Inverse Brown Conrady", intrinsics=(0.1,) * 5
+        ),
         "t.oni": writers.oni(frames, color, b"16zT", properties=[writers.oni_number("xnMirror", 1)]),
         "p.oni": writers.oni(frames, jpeg, b"16zP", color_codec=b"JPEG", old=True),
         "ascii.pcd": writers.pcd(cloud, color, "ascii"),

@@ -90,21 +90,21 @@ class Software:
         for uid, (stream, layout, size) in enumerate(
             ((rs.stream.depth, rs.format.z16, (WIDTH, HEIGHT)), (rs.stream.color, rs.format.rgb8, (96, 72)))
         ):
-            lens = rs.intrinsics()
-            lens.width, lens.height = size
-            lens.fx = lens.fy = 60.0 * size[0] / WIDTH
-            lens.ppx, lens.ppy = size[0] / 2 - 0.5, size[1] / 2 - 0.5
-            lens.model, lens.coeffs = rs.distortion.none, [0.0] * 5
+            intrinsics = rs.intrinsics()
+            intrinsics.width, intrinsics.height = size
+            intrinsics.fx = intrinsics.fy = 60.0 * size[0] / WIDTH
+            intrinsics.ppx, intrinsics.ppy = size[0] / 2 - 0.5, size[1] / 2 - 0.5
+            intrinsics.model, intrinsics.coeffs = rs.distortion.none, [0.0] * 5
             video = rs.video_stream()
             video.type, video.index, video.uid, video.fmt = stream, 0, uid, layout
-            video.width, video.height, video.fps, video.bpp, video.intrinsics = *size, 30, 2 + uid, lens
+            video.width, video.height, video.fps, video.bpp, video.intrinsics = *size, 30, 2 + uid, intrinsics
             sensor = self.device.add_sensor(("Depth", "Color")[uid])
             profile = rs.video_stream_profile(sensor.add_video_stream(video))
             if uid == 0:
                 sensor.add_read_only_option(rs.option.depth_units, depth_units)
             self.sensors.append(sensor)
             self.profiles.append(profile)
-            self.lenses.append(lens)
+            self.lenses.append(intrinsics)
         to_color = rs.extrinsics()
         to_color.rotation, to_color.translation = np.eye(3).ravel().tolist(), [-0.015, 0.0, 0.0]
         self.profiles[0].register_extrinsics_to(self.profiles[1], to_color)

@@ -139,8 +139,8 @@ def test_azure_calibration_meets_the_checked_unit():
 @pytest.mark.parametrize("name", ["45", "686"])
 def test_rooms_with_mirrors(name):
     folder = REAL / "nyu_mirrors" / "raw_sensorD"
-    lens = Intrinsics(608, 456, 519.0, 519.0, 303.5, 227.5)
-    capture = open_capture(folder / f"{name}.png", options=ReadOptions(intrinsics=lens))
+    intrinsics = Intrinsics(608, 456, 519.0, 519.0, 303.5, 227.5)
+    capture = open_capture(folder / f"{name}.png", options=ReadOptions(intrinsics=intrinsics))
     np.testing.assert_array_equal(capture.depth[0], png16(folder / f"{name}.png") / np.float32(1000))
 
 

@@ -54,12 +54,12 @@ def test_lens_model_is_opencv_s_and_is_inverted(camera):
 
 
 def test_no_direction_beyond_the_fold():
-    lens = (-0.4, 0.0, 0.0, 0.0)
+    intrinsics = (-0.4, 0.0, 0.0, 0.0)
     r = np.sqrt(1 / 1.2)  # r (1 - 0.4 r²) turns back here
-    highest = distort(np.array((r, 0.0)), lens)[0]
-    assert np.isnan(undistort(np.array((highest * 1.01, 0.0)), lens)).all()
-    np.testing.assert_allclose(undistort(np.array((highest * 0.98, 0.0)), lens)[0], 0.785, atol=0.05)
-    assert np.isnan(undistort(np.array((np.nan, 0.0)), lens)).all()
+    highest = distort(np.array((r, 0.0)), intrinsics)[0]
+    assert np.isnan(undistort(np.array((highest * 1.01, 0.0)), intrinsics)).all()
+    np.testing.assert_allclose(undistort(np.array((highest * 0.98, 0.0)), intrinsics)[0], 0.785, atol=0.05)
+    assert np.isnan(undistort(np.array((np.nan, 0.0)), intrinsics)).all()
 
 
 @pytest.mark.parametrize("camera", [AZURE, FISHY])

@@ -24,12 +24,12 @@ from mirror_scan.core.subject.subject_search import find_subject
 
 
 def checked(capture, model=None):
-    lens = capture.intrinsics
+    intrinsics = capture.intrinsics
     depth = one_depth_map(capture)[0]
-    mirrors = [place_mirror(RgbdImage(depth, lens), m) for m in capture.mirrors]
-    views = find_subject(RgbdImage(depth, lens), mirrors)
+    mirrors = [place_mirror(RgbdImage(depth, intrinsics), m) for m in capture.mirrors]
+    views = find_subject(RgbdImage(depth, intrinsics), mirrors)
     model = recognise(capture, DepthSettings())[1] if model is None else model
-    told = check_scene(RgbdImage(depth, lens), views, mirrors, model)
+    told = check_scene(RgbdImage(depth, intrinsics), views, mirrors, model)
     print("\n" + "\n".join(told))
     return told
 
@@ -191,9 +191,10 @@ def test_one_mirror_leaves_a_side_unseen(person):
 
 def test_directions(simulated):
     simulation = simulated("ideal")
-    depth, lens = simulation.capture.depth[0], simulation.capture.intrinsics
+    depth, intrinsics = simulation.capture.depth[0], simulation.capture.intrinsics
     mirrors = [plane_mirror(m.name, m.point, m.normal) for m in simulation.truth.mirrors]
     views = find_subject(
-        RgbdImage(depth, lens), [place_mirror(RgbdImage(depth, lens), m) for m in simulation.capture.mirrors]
+        RgbdImage(depth, intrinsics),
+        [place_mirror(RgbdImage(depth, intrinsics), m) for m in simulation.capture.mirrors],
     )
     np.testing.assert_allclose(np.abs(directions(views, mirrors)), (0, 120, 120), atol=2.0)

@@ -169,7 +169,7 @@ def test_closed_already(blind_maps):
 
 def test_a_cap_stays_out_of_space_seen_to_be_empty(blind_maps):
     """A pillar with a sharp rim, looked at from below the rim: the wall is read over it, so no dome can be there."""
-    up, lens = np.array((0.0, -1.0, 0.0)), Intrinsics(300, 200, 300.0, 300.0, 149.5, 99.5)
+    up, intrinsics = np.array((0.0, -1.0, 0.0)), Intrinsics(300, 200, 300.0, 300.0, 149.5, 99.5)
     angle, rows = 2 * np.pi * np.arange(80) / 80, 40
     ring = np.column_stack((0.25 * np.cos(angle), np.zeros(80), 2.0 - 0.25 * np.sin(angle)))
     points = np.concatenate([ring + (0, 0.3 - 0.6 * k / (rows - 1), 0) for k in range(rows)])
@@ -180,7 +180,7 @@ def test_a_cap_stays_out_of_space_seen_to_be_empty(blind_maps):
     depth = np.where(np.arange(200)[:, None] < 99.5 - 300 * 0.3 / 1.75, 5.0, 1.75) * np.ones((200, 300))
     seen = np.zeros(depth.shape, np.int8)
     maps = view_maps(
-        RgbdImage(depth.astype(np.float32), lens), np.full(depth.shape, -1, np.int8), seen, [], np.zeros(1)
+        RgbdImage(depth.astype(np.float32), intrinsics), np.full(depth.shape, -1, np.int8), seen, [], np.zeros(1)
     )
     tops = []
     for known in (blind_maps, maps):

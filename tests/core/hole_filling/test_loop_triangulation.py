@@ -193,11 +193,13 @@ def test_fills_keep_out_of_space_seen_to_be_empty():
     i, j = np.arange(n), (np.arange(n) + 1) % n
     faces = np.concatenate((np.column_stack((i, i + n, j + n)), np.column_stack((i, j + n, j))))
     mesh = measured(np.concatenate((rim, outside)), faces)
-    lens = Intrinsics(200, 200, 400.0, 400.0, 99.5, 99.5)
+    intrinsics = Intrinsics(200, 200, 400.0, 400.0, 99.5, 99.5)
     nothing = np.full((200, 200), -1, np.int8)
 
     def middle(depth):
-        maps = view_maps(RgbdImage(depth, lens), nothing, np.where(depth > 0, 0, -1).astype(np.int8), [], np.zeros(1))
+        maps = view_maps(
+            RgbdImage(depth, intrinsics), nothing, np.where(depth > 0, 0, -1).astype(np.int8), [], np.zeros(1)
+        )
         size = np.linalg.norm(np.ptp(rim, axis=0)) * 1.01
         filled = fill_loops(mesh, maps, diameter=size)
         chosen = filled.vertices[filled.triangles[filled.kind == FILL]].mean(axis=1)

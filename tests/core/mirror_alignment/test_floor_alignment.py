@@ -39,9 +39,9 @@ def slopes(mirrors, simulation) -> np.ndarray:
 @pytest.mark.parametrize("by", [(0.008, -0.006), (-0.007, 0.009)])
 def test_a_lean_is_taken_back(simulated, sensor, by):
     simulation = simulated(sensor)
-    frames, depth, lens = placed(simulation)
+    frames, depth, intrinsics = placed(simulation)
     wrong = leaning(frames, by)
-    right, notes = align_floor(RgbdImage(depth, lens), wrong)
+    right, notes = align_floor(RgbdImage(depth, intrinsics), wrong)
     assert notes == ()
     before, after = slopes(wrong, simulation), slopes(right, simulation)
     assert (np.abs(before[:, 1]) > 0.005).all() and (np.abs(after[:, 1]) < 0.0012).all(), (before, after)
@@ -55,27 +55,31 @@ def test_a_lean_is_taken_back(simulated, sensor, by):
 
 def test_mirrors_that_are_certain_stay(simulated):
     simulation = simulated("azure_kinect")
-    frames, depth, lens = placed(simulation)
-    assert all(a is b for a, b in zip(align_floor(RgbdImage(depth, lens), frames)[0], frames, strict=True))
+    frames, depth, intrinsics = placed(simulation)
+    assert all(a is b for a, b in zip(align_floor(RgbdImage(depth, intrinsics), frames)[0], frames, strict=True))
     doubted = leaning(frames, (0.0, 0.0))  # unsure, though right
-    for m, truth in zip(align_floor(RgbdImage(depth, lens), doubted)[0], slopes(doubted, simulation), strict=True):
+    for m, truth in zip(
+        align_floor(RgbdImage(depth, intrinsics), doubted)[0], slopes(doubted, simulation), strict=True
+    ):
         assert abs(truth[1]) < 0.0012 and m.moved < 0.004
     wrong = leaning(frames, (0.008, -0.006))
-    assert align_floor(RgbdImage(depth, lens), wrong, FloorSettings(use=False)) == (wrong, ())
-    one, other = align_floor(RgbdImage(depth, lens), [wrong[0], replace(wrong[1], source="rig file")])[0]
+    assert align_floor(RgbdImage(depth, intrinsics), wrong, FloorSettings(use=False)) == (wrong, ())
+    one, other = align_floor(RgbdImage(depth, intrinsics), [wrong[0], replace(wrong[1], source="rig file")])[0]
     assert one.moved_by == ("floor",) and other.moved_by == ()
 
 
 def test_without_a_floor_they_stay(simulated):
     simulation = simulated("azure_kinect")
-    frames, depth, lens = placed(simulation)
+    frames, depth, intrinsics = placed(simulation)
     wrong = leaning(frames, (0.008, -0.006))
     hidden = depth.copy()
     hidden[int(0.55 * len(depth)) :] = 0.0
     for ugly in (np.zeros_like(depth), np.full_like(depth, 3.0), hidden):
-        assert align_floor(RgbdImage(ugly, lens), wrong) == (wrong, ())
+        assert align_floor(RgbdImage(ugly, intrinsics), wrong) == (wrong, ())
     given = [replace(m, covariance=None, source="given") for m in wrong]
-    assert align_floor(RgbdImage(depth, lens), given) == (given, ()) and align_floor(RgbdImage(depth, lens), []) == (
+    assert align_floor(RgbdImage(depth, intrinsics), given) == (given, ()) and align_floor(
+        RgbdImage(depth, intrinsics), []
+    ) == (
         [],
         (),
     )

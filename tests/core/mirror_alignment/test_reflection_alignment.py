@@ -36,32 +36,32 @@ def placed(simulation):
 def test_a_projecting_frame_is_noticed(person):
     simulation = simulate(person, default_rig("azure_kinect", frames=6, frame_depth=0.008, seed=1))
     body = simulation.truth.body.vertices
-    before, depth, lens = placed(simulation)
-    after, notes = align_reflections(RgbdImage(depth, lens), before)
+    before, depth, intrinsics = placed(simulation)
+    after, notes = align_reflections(RgbdImage(depth, intrinsics), before)
     wrong, right = misplaced(before, simulation, body), misplaced(after, simulation, body)
     assert (wrong > 0.014).all() and (right <= wrong + 1e-9).all() and right.min() < 0.003
     moved = [a for a, b in zip(after, before, strict=True) if a is not b]
     assert moved and len(notes) == len(moved) and all("behind the front of its frame" in n for n in notes)
     assert all(m.moved_by == ("reflections",) and m.moved == pytest.approx(0.016, abs=0.004) for m in moved)
     assert all(m.moved_by == () and m.moved == 0.0 for m in before)
-    unused, nothing = align_reflections(RgbdImage(depth, lens), before, JointSettings(use=False))
+    unused, nothing = align_reflections(RgbdImage(depth, intrinsics), before, JointSettings(use=False))
     assert unused == before and nothing == ()
 
 
 @pytest.mark.parametrize("sensor", ["azure_kinect", "kinect_v1", "realsense_d455"])
 def test_a_flush_frame_is_left_alone(simulated, sensor):
-    before, depth, lens = placed(simulated(sensor))
-    after, notes = align_reflections(RgbdImage(depth, lens), before)
+    before, depth, intrinsics = placed(simulated(sensor))
+    after, notes = align_reflections(RgbdImage(depth, intrinsics), before)
     assert notes == () and all(a is b for a, b in zip(after, before, strict=True))
 
 
 def test_what_has_no_pairs_stays(simulated):
-    before, depth, lens = placed(simulated("azure_kinect"))
+    before, depth, intrinsics = placed(simulated("azure_kinect"))
     for ugly in (np.zeros_like(depth), np.full_like(depth, 3.0)):
-        assert align_reflections(RgbdImage(ugly, lens), before)[0] == before
+        assert align_reflections(RgbdImage(ugly, intrinsics), before)[0] == before
     given = [replace(m, covariance=None) for m in before]
-    assert align_reflections(RgbdImage(depth, lens), given)[0] == given and align_reflections(
-        RgbdImage(depth, lens), []
+    assert align_reflections(RgbdImage(depth, intrinsics), given)[0] == given and align_reflections(
+        RgbdImage(depth, intrinsics), []
     ) == ([], ())
 
 
@@ -105,10 +105,10 @@ def test_a_mirror_on_a_wall(person, sensor, frame_width):
     there is none the wall is what is known, and that is said."""
     rig = default_rig(sensor, frames=10, frame_width=frame_width, seed=7)
     hung = simulate(person, rig, [wall_behind(m, gap=0.012) for m in rig.mirrors])
-    mirrors, depth, lens = placed(hung)
+    mirrors, depth, intrinsics = placed(hung)
     assert len(mirrors) == 2
     if frame_width:
-        mirrors += [place_mirror(RgbdImage(depth, lens), picks) for picks in hung.capture.mirrors]
+        mirrors += [place_mirror(RgbdImage(depth, intrinsics), picks) for picks in hung.capture.mirrors]
     body = hung.truth.body.vertices
     for mirror, error in zip(mirrors, misplaced(mirrors, hung, body), strict=True):
         promised = mirror.displacement(body)

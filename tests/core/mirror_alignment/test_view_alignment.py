@@ -42,8 +42,12 @@ def crossing(person, request):
     )  # fmt: skip
     simulation = simulate(person, rig)
     depth = clean(simulation.capture)
-    lens = simulation.capture.intrinsics
-    return simulation, depth, [place_mirror(RgbdImage(depth, lens), picks) for picks in simulation.capture.mirrors]
+    intrinsics = simulation.capture.intrinsics
+    return (
+        simulation,
+        depth,
+        [place_mirror(RgbdImage(depth, intrinsics), picks) for picks in simulation.capture.mirrors],
+    )
 
 
 def test_frames_that_cross_are_told_apart(crossing):
@@ -55,8 +59,8 @@ def test_frames_that_cross_are_told_apart(crossing):
 
 def test_what_is_seen_twice_ties_mirrors_down(crossing):
     simulation, depth, placed = crossing
-    lens = simulation.capture.intrinsics
-    together, notes = align_views(RgbdImage(depth, lens), placed)
+    intrinsics = simulation.capture.intrinsics
+    together, notes = align_views(RgbdImage(depth, intrinsics), placed)
     assert notes == ()
     before, after = misplaced(placed, simulation), misplaced(together, simulation)
     assert (after < 0.009).all() and np.linalg.norm(after) < np.linalg.norm(before) + 5e-4, (before, after)
@@ -65,39 +69,39 @@ def test_what_is_seen_twice_ties_mirrors_down(crossing):
         assert mirror.moved_by == (("views",) if mirror is not first else ())
         assert mirror.displacement(body) <= first.displacement(body) + 1e-9 and off < 3.5 * mirror.displacement(body)
         np.testing.assert_allclose(mirror.basis.T @ mirror.basis, np.eye(3), atol=1e-12)
-    assert align_views(RgbdImage(depth, lens), placed, AgreementSettings(use=False)) == (placed, ())
-    assert align_views(RgbdImage(depth, lens), placed, AgreementSettings(uncertainty=1.0)) == (placed, ())
+    assert align_views(RgbdImage(depth, intrinsics), placed, AgreementSettings(use=False)) == (placed, ())
+    assert align_views(RgbdImage(depth, intrinsics), placed, AgreementSettings(uncertainty=1.0)) == (placed, ())
 
 
 def test_nothing_is_asked_of_views_that_show_nothing(crossing):
     simulation, depth, placed = crossing
-    lens = simulation.capture.intrinsics
+    intrinsics = simulation.capture.intrinsics
     for ugly in (np.zeros_like(depth), np.full_like(depth, 1.0)):
-        assert align_views(RgbdImage(ugly, lens), placed) == (placed, ())
+        assert align_views(RgbdImage(ugly, intrinsics), placed) == (placed, ())
     # one wall right across the image fits no mirror: none is moved by more than its frame leaves open
-    for m, frame in zip(align_views(RgbdImage(np.full_like(depth, 5.0), lens), placed)[0], placed, strict=True):
+    for m, frame in zip(align_views(RgbdImage(np.full_like(depth, 5.0), intrinsics), placed)[0], placed, strict=True):
         person = person_before(frame)
         shift = np.linalg.norm(reflect(person, m) - reflect(person, frame), axis=1)
         assert np.median(shift) < 4.0 * expected_error(frame)
     given = [replace(m, covariance=None, source="given") for m in placed]
-    assert align_views(RgbdImage(depth, lens), given) == (given, ()) and expected_error(given[0]) == 0.0
+    assert align_views(RgbdImage(depth, intrinsics), given) == (given, ()) and expected_error(given[0]) == 0.0
 
 
 @pytest.mark.parametrize("sensor", ["ideal", "azure_kinect", "realsense_d455", "kinect_v1"])
 def test_a_turned_mirror_is_found_out(simulated, sensor):
     simulation = simulated(sensor)
-    lens = simulation.capture.intrinsics
+    intrinsics = simulation.capture.intrinsics
     depth = clean(simulation.capture)
-    placed = [place_mirror(RgbdImage(depth, lens), m) for m in simulation.capture.mirrors]
-    good = find_subject(RgbdImage(depth, lens), placed)
-    assert disagreements(RgbdImage(depth, lens), good, placed) == []
-    assert check_agreement(RgbdImage(depth, lens), good, placed)[1] == []
+    placed = [place_mirror(RgbdImage(depth, intrinsics), m) for m in simulation.capture.mirrors]
+    good = find_subject(RgbdImage(depth, intrinsics), placed)
+    assert disagreements(RgbdImage(depth, intrinsics), good, placed) == []
+    assert check_agreement(RgbdImage(depth, intrinsics), good, placed)[1] == []
     for k in (0, 1):
         for degrees in (2.0, -3.0, 6.0):
             wrong = list(placed)
             wrong[k] = moved(placed[k], np.array((np.radians(degrees), 0.0, 0.0)))
-            views = find_subject(RgbdImage(depth, lens), wrong)
-            left, told = check_agreement(RgbdImage(depth, lens), views, wrong)
+            views = find_subject(RgbdImage(depth, intrinsics), wrong)
+            left, told = check_agreement(RgbdImage(depth, intrinsics), views, wrong)
             name = placed[k].name
             seen = (views.labels == k + 1).any()  # what is too far off is not even taken for the subject
             assert not seen or any(f"“{name}”" in text and "pick points" in text for text in told), (degrees, told)

@@ -95,11 +95,11 @@ def test_a_room_without_mirrors(person, sensor):
 
 
 def test_pictures_that_show_nothing():
-    lens = default_rig("ideal").intrinsics
-    shape = (lens.height, lens.width)
+    intrinsics = default_rig("ideal").intrinsics
+    shape = (intrinsics.height, intrinsics.width)
     rng = np.random.default_rng(0)
     for depth in (np.zeros(shape), np.full(shape, 2.0), rng.uniform(0.5, 5.0, shape), rng.uniform(0, 1, shape) > 0.999):
-        assert find_mirrors(RgbdImage(depth.astype(np.float32), lens)) == []
+        assert find_mirrors(RgbdImage(depth.astype(np.float32), intrinsics)) == []
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -220,9 +220,11 @@ def test_picks_on_no_frame_are_told_or_put_right(simulated):
 
 def test_what_looks_like_a_mirror():
     """An empty frame before a wall 1 m behind it: flipped, that wall would hang in the air before the camera."""
-    lens = default_rig("ideal").intrinsics
-    v, u = np.mgrid[: lens.height, : lens.width]
-    rays = np.stack(((u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy, np.ones(u.shape)), axis=-1)
+    intrinsics = default_rig("ideal").intrinsics
+    v, u = np.mgrid[: intrinsics.height, : intrinsics.width]
+    rays = np.stack(
+        ((u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy, np.ones(u.shape)), axis=-1
+    )
     for turn in (0.0, 0.5):
         normal = np.array((np.sin(turn), 0.0, -np.cos(turn)))
         z = normal @ (0, 0, 2.5) / (rays @ normal)
@@ -231,7 +233,7 @@ def test_what_looks_like_a_mirror():
         frame = (across < 0.45) & (down < 0.8) & ~((across < 0.4) & (down < 0.75))
         floor = 1.0 / np.maximum(rays[..., 1], 1e-6)
         depth = np.minimum(np.where(frame, z, 3.5), floor).astype(np.float32)
-        assert find_mirrors(RgbdImage(depth, lens)) == []
+        assert find_mirrors(RgbdImage(depth, intrinsics)) == []
 
 
 def test_a_longer_burst_is_surer(person):
@@ -340,9 +342,9 @@ def test_a_door_with_somebody_behind(person, sensor, twin):
 
 def test_a_side_beyond_the_picture_is_not_missing():
     """Of a rim whose left side is not seen: it may be hidden in the picture, or outside of it."""
-    lens = Intrinsics(640, 480, 580.0, 580.0, 319.5, 239.5)
+    intrinsics = Intrinsics(640, 480, 580.0, 580.0, 319.5, 239.5)
     basis = np.diag((-1.0, 1.0, -1.0))  # left, down, towards the camera
     rectangle, sides = np.array(((-0.4, 0.4), (-0.7, 0.7))), dict.fromkeys((RIGHT, TOP, BOTTOM))
     for left, missing in ((0.0, 1), (-1.1, 1), (-1.35, 0), (-1.6, 0)):
         guess = Hypothesis(np.array((left + 0.4, 0.0, 2.5)), basis, rectangle, sides)
-        assert _open_sides(guess, lens) == missing
+        assert _open_sides(guess, intrinsics) == missing

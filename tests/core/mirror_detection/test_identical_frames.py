@@ -34,11 +34,11 @@ def misplaced(mirror, truth, body) -> float:
 def test_a_mirror_in_which_nothing_is_read(person, angles):
     """Behind the person, who hides his own image; and through another one, with the image beyond the reach."""
     simulation = simulate(person, default_rig("kinect_v1", 2.75, mirrors=angles, path_length=5.0, frames=6))
-    truth, lens = simulation.truth, simulation.capture.intrinsics
+    truth, intrinsics = simulation.truth, simulation.capture.intrinsics
     depth = clean(simulation.capture)
     in_third = depth[(truth.labels == 3) & (depth > 0)]
     assert len(in_third) < 0.05 * max((truth.labels == 3).sum(), 1) + 20, "hardly anything of the body is read in it"
-    found = find_mirrors(RgbdImage(depth, lens))
+    found = find_mirrors(RgbdImage(depth, intrinsics))
     assert len(found) == 3
     for true in truth.mirrors:
         assert min(misplaced(mirror, true, truth.body.vertices) for mirror in found) < 0.009

@@ -66,15 +66,17 @@ def test_used_for_a_later_snapshot(rig, simulated):
 
 def test_a_rig_that_moved_is_told(rig, simulated, person):
     standing = clean(simulated("azure_kinect").capture)
-    lens = rig.intrinsics
+    intrinsics = rig.intrinsics
     for mirror in rig.mirrors:
         file = replace(mirror, source="rig file")
-        assert moved_warning(RgbdImage(standing, lens), file) is None
+        assert moved_warning(RgbdImage(standing, intrinsics), file) is None
         pushed = replace(file, point=file.point + 0.015 * file.normal)
-        assert "moved" in moved_warning(RgbdImage(standing, lens), pushed)
+        assert "moved" in moved_warning(RgbdImage(standing, intrinsics), pushed)
         away = replace(file, point=file.point + 0.15 * file.normal)
-        assert "not where it was" in moved_warning(RgbdImage(standing, lens), away)
-        assert moved_warning(RgbdImage(np.zeros_like(standing), lens), file) is None, "what is not seen is not blamed"
+        assert "not where it was" in moved_warning(RgbdImage(standing, intrinsics), away)
+        assert moved_warning(RgbdImage(np.zeros_like(standing), intrinsics), file) is None, (
+            "what is not seen is not blamed"
+        )
 
 
 @pytest.mark.parametrize(
@@ -173,11 +175,11 @@ def test_files_that_are_none(tmp_path):
 
 
 def test_another_camera(rig):
-    lens = rig.intrinsics
+    intrinsics = rig.intrinsics
     with pytest.raises(MirrorError, match="pixels"):
-        mirrors_for(rig, replace(lens, width=320))
+        mirrors_for(rig, replace(intrinsics, width=320))
     with pytest.raises(MirrorError, match="lens"):
-        mirrors_for(rig, replace(lens, fx=1.02 * lens.fx))
+        mirrors_for(rig, replace(intrinsics, fx=1.02 * intrinsics.fx))
 
 
 def test_a_rig_without_mirrors(simulated, empty):

@@ -37,9 +37,9 @@ def to_camera(rig, points):
     return (np.asarray(points, dtype=float) - rig.camera_to_avatar[:3, 3]) @ rig.camera_to_avatar[:3, :3]
 
 
-def sphere_depth(lens, centre, radius):
+def sphere_depth(intrinsics, centre, radius):
     """z at which each pixel's ray first meets a sphere (camera frame); inf for a miss."""
-    rays = unproject(np.ones((lens.height, lens.width)), lens)
+    rays = unproject(np.ones((intrinsics.height, intrinsics.width)), intrinsics)
     a, b, c = (rays**2).sum(-1), rays @ centre, centre @ centre - radius**2
     root = b**2 - a * c
     return np.where(root > 0, (b - np.sqrt(np.maximum(root, 0))) / a, np.inf)
@@ -237,8 +237,8 @@ def test_stereo_fattens_the_foreground():
 
 def test_projector_shadow_is_as_wide_as_the_disparity_step():
     ball, wall = np.array([0.0, 1.0, 1.0]), 3.0
-    room, lens = (-9, 9, -1, wall, 9), SENSORS["kinect_v1"].intrinsics
-    rig = Rig(lens, (0.0, 0.0, 1.0), (), floor=False, room=room, sensor="kinect_v1", frames=1)
+    room, intrinsics = (-9, 9, -1, wall, 9), SENSORS["kinect_v1"].intrinsics
+    rig = Rig(intrinsics, (0.0, 0.0, 1.0), (), floor=False, room=room, sensor="kinect_v1", frames=1)
     simulation = simulate(sphere(ball, 0.2), rig)
     row = ~simulation.truth.readable[239]
     columns = np.flatnonzero(row)

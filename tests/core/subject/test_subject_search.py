@@ -31,10 +31,10 @@ from mirror_scan.core.views.rig_axis import rig_axis
 
 def sorted_out(simulation, settings=None):
     """Views, and shares: of the subject's pixels in the right view, of what is kept that is not the subject."""
-    lens = simulation.capture.intrinsics
+    intrinsics = simulation.capture.intrinsics
     depth = one_depth_map(simulation.capture)[0]
-    mirrors = [place_mirror(RgbdImage(depth, lens), m) for m in simulation.capture.mirrors]
-    views = find_subject(RgbdImage(depth, lens), mirrors, settings or ViewSettings())
+    mirrors = [place_mirror(RgbdImage(depth, intrinsics), m) for m in simulation.capture.mirrors]
+    views = find_subject(RgbdImage(depth, intrinsics), mirrors, settings or ViewSettings())
     truth, sight = simulation.truth.labels, simulation.truth.sight
     told = np.abs(depth / np.where(sight.depth > 0, sight.depth, np.inf) - 1) < 0.02
     body, kept = told & (truth >= 0), views.labels >= 0
@@ -278,11 +278,11 @@ def test_a_click_keeps_what_a_thing_stands_on():
 def test_where_mirrors_look_that_reach_out_of_the_image():
     rig = default_rig("azure_kinect", 1.6, path_length=3.6, camera_height=0.72, tilt_deg=17.0, frames=1)
     simulation = simulate(props.box((-0.15, -0.15, 0), (0.15, 0.15, 0.4)), rig)
-    lens, depth = simulation.capture.intrinsics, simulation.capture.depth[0]
-    mirrors = [place_mirror(RgbdImage(depth, lens), m) for m in simulation.capture.mirrors]
+    intrinsics, depth = simulation.capture.intrinsics, simulation.capture.depth[0]
+    mirrors = [place_mirror(RgbdImage(depth, intrinsics), m) for m in simulation.capture.mirrors]
     assert any(not np.isfinite(m.outline).all() for m in mirrors)
     up = np.linalg.inv(rig.camera_to_avatar)[:3, 2]
-    meeting = rig.camera_to_avatar[:3, :3] @ rig_axis(mirrors, up, lens) + rig.camera_to_avatar[:3, 3]
+    meeting = rig.camera_to_avatar[:3, :3] @ rig_axis(mirrors, up, intrinsics) + rig.camera_to_avatar[:3, 3]
     assert np.hypot(*meeting[:2]) < 0.25
 
 

@@ -23,9 +23,9 @@ from scipy.ndimage import binary_dilation
 
 def prepared(simulation):
     """Depth and mirrors as the pipeline has them when it looks for the subject."""
-    lens = simulation.capture.intrinsics
+    intrinsics = simulation.capture.intrinsics
     depth = one_depth_map(simulation.capture)[0]
-    return depth, [place_mirror(RgbdImage(depth, lens), m) for m in simulation.capture.mirrors]
+    return depth, [place_mirror(RgbdImage(depth, intrinsics), m) for m in simulation.capture.mirrors]
 
 
 def avatar(simulation, vectors):
@@ -64,20 +64,20 @@ def test_labels_of_the_subject(simulated, sensor):
 def test_rays_are_sorted_and_readings_placed(simulated):
     """On an ideal sensor every reading of the body, through whichever mirror, is put back onto the body."""
     simulation = simulated("ideal")
-    lens = simulation.capture.intrinsics
+    intrinsics = simulation.capture.intrinsics
     depth, mirrors = prepared(simulation)
-    seen, placed = sort_rays(unproject(depth, lens), mirrors, 0.0)
+    seen, placed = sort_rays(unproject(depth, intrinsics), mirrors, 0.0)
     sight = simulation.truth.sight
     once = (depth > 0) & (sight.bounces <= 1) & (sight.object == BODY)
     assert (seen == sight.view)[once].mean() > 0.995
     assert (seen[depth == 0] == -1).all()
-    truth = unproject(sight.depth.astype(np.float32), lens)
+    truth = unproject(sight.depth.astype(np.float32), intrinsics)
     for k, given in enumerate(simulation.truth.mirrors, start=1):
         mine = once & (sight.view == k)
         truth[mine] = reflect(truth[mine], plane_mirror(given.name, given.point, given.normal))
     error = np.linalg.norm(placed - truth, axis=-1)[once & (seen == sight.view)]
     assert np.percentile(error, 99) < 0.004
-    limited, _ = sort_rays(unproject(depth, lens), mirrors, 3.5)
+    limited, _ = sort_rays(unproject(depth, intrinsics), mirrors, 3.5)
     np.testing.assert_array_equal(limited, np.where(depth <= 3.5, seen, -1))
 
 
@@ -99,10 +99,10 @@ def test_the_glass_s_outline_decides():
     """A round glass: rays through it are reflected, those that pass its rectangle's corners see the wall behind."""
     angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     square = replace(plane_mirror("square", (0, 0, 2.0), (0, 0, -1)), rectangle=np.array(((-0.5, 0.5), (-0.5, 0.5))))
-    lens = Intrinsics(201, 201, 200.0, 200.0, 100.0, 100.0)
+    intrinsics = Intrinsics(201, 201, 200.0, 200.0, 100.0, 100.0)
     polygon = 0.5 * np.column_stack((np.cos(angle), np.sin(angle)))
     depth = np.full((201, 201), 4.0, np.float32)
-    points = unproject(depth, lens)
+    points = unproject(depth, intrinsics)
     v, u = np.mgrid[:201, :201] - 100.0
     radius = np.hypot(u, v)
     furthest = np.maximum(abs(u), abs(v))
@@ -112,7 +112,7 @@ def test_the_glass_s_outline_decides():
         np.testing.assert_array_equal((seen == 1)[sure], inside[sure])
     # what stands before the glass is seen directly, wherever the ray would go on to
     near = np.full_like(depth, 1.5)
-    assert (sort_rays(unproject(near, lens), [square])[0] == 0).all()
+    assert (sort_rays(unproject(near, intrinsics), [square])[0] == 0).all()
     assert (sort_rays(points, [square], near=4.5)[0] == -1).all()
 
 

@@ -119,10 +119,10 @@ def test_front_and_two_backs_of_a_tube(blind_maps, way):
         for k, (rows, columns) in enumerate(((60, 30), (33, 17), (41, 20)))
     ]
     if way == "paper":
-        lens = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+        intrinsics = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
         compact = np.where(np.abs(np.arange(64) - 32) < 12, 0, -1).astype(np.int8) * np.ones((48, 1), np.int8)
         maps = view_maps(
-            RgbdImage(np.zeros((48, 64), np.float32), lens), compact, np.full_like(compact, -1), [], np.zeros(1)
+            RgbdImage(np.zeros((48, 64), np.float32), intrinsics), compact, np.full_like(compact, -1), [], np.zeros(1)
         )
         mesh, seams, _ = zip_patches(patches, maps, UP, np.zeros(3), None, ZipperSettings(compactness=0.0))
         assert "coronal and sagittal planes" in {seam.method for seam in seams}
@@ -147,12 +147,12 @@ def plates(gap):
 
 def test_no_bridge_through_space_seen_to_be_empty(blind_maps):
     patches = plates(0.05)
-    lens = Intrinsics(300, 200, 300.0, 300.0, 149.5, 99.5)
+    intrinsics = Intrinsics(300, 200, 300.0, 300.0, 149.5, 99.5)
     nobody = np.full((200, 300), -1, np.int8)
 
     def seams(depth, seen):
         maps = view_maps(
-            RgbdImage(np.full((200, 300), depth, np.float32), lens),
+            RgbdImage(np.full((200, 300), depth, np.float32), intrinsics),
             nobody,
             np.full((200, 300), seen, np.int8),
             [],

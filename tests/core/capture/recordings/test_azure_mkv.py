@@ -45,13 +45,13 @@ def test_azure_mkv_with_calibration_is_straight_and_coloured(tmp_path):
     assert camera.is_pinhole and capture.color.shape == (*capture.depth.shape[1:], 3)
     f = 0.49 * 512
     assert_camera(camera, f, f, camera.cx, camera.cy)
-    lens = (0.05, -0.02, -1e-4, 1e-4, 0.001, 0.01, -0.005, 0.0005)
+    intrinsics = (0.05, -0.02, -1e-4, 1e-4, 0.001, 0.01, -0.005, 0.0005)
     inside = capture.depth[0] > 0
     assert inside.mean() > 0.97
     np.testing.assert_array_equal(capture.depth[0][inside], 1)
     v, u = np.nonzero(inside)
     points = np.column_stack(((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy)) + (-0.032, -0.002)
-    column = distort(points / 1.004, lens)[:, 0] * (0.5 * 320) + 159.5
+    column = distort(points / 1.004, intrinsics)[:, 0] * (0.5 * 320) + 159.5
     seen = (column > 1) & (column < 318) & (capture.color[v, u].any(axis=1))
     assert seen.mean() > 0.6
     np.testing.assert_allclose(capture.color[v, u, 0][seen], column[seen] * 255 / 319, atol=1.1)

@@ -26,13 +26,20 @@ def test_a_recording_by_the_realsense_sdk(tmp_path):
     rs = pytest.importorskip("pyrealsense2", exc_type=ImportError)
     device, profiles = rs.software_device(), {}
     for name, kind, pixel, size, uid in (("Depth", "depth", "z16", 2, 1), ("Color", "color", "rgb8", 3, 2)):
-        lens = rs.intrinsics()
-        lens.width, lens.height, lens.fx, lens.fy, lens.ppx, lens.ppy = 64, 48, 60.0, 61.0, 31.0, 23.0
-        lens.model, lens.coeffs = rs.distortion.brown_conrady, [0.0] * 5
+        intrinsics = rs.intrinsics()
+        intrinsics.width, intrinsics.height, intrinsics.fx, intrinsics.fy, intrinsics.ppx, intrinsics.ppy = (
+            64,
+            48,
+            60.0,
+            61.0,
+            31.0,
+            23.0,
+        )
+        intrinsics.model, intrinsics.coeffs = rs.distortion.brown_conrady, [0.0] * 5
         stream = rs.video_stream()
         stream.type, stream.fmt = getattr(rs.stream, kind), getattr(rs.format, pixel)
         stream.uid, stream.index, stream.width, stream.height, stream.fps, stream.bpp = uid, 0, 64, 48, 30, size
-        stream.intrinsics = lens
+        stream.intrinsics = intrinsics
         sensor = device.add_sensor(name)
         profiles[name] = sensor, sensor.add_video_stream(stream)
     profiles["Depth"][0].add_read_only_option(rs.option.depth_units, 0.001)
