@@ -134,8 +134,11 @@ def without_frame(image: RgbdImage, mirror: Mirror, views: Views) -> Mirror:
 
 
 def reflections_on_mirror(subject: np.ndarray, mirror: Mirror) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Reflections (N, 3) of points; where their lines of sight meet the mirror's plane, along a and b (N,) [m]; and
-    which of them (N,) meet it on their way."""
+    """Reflections (N, 3) of points.
+
+    Where their lines of sight meet the mirror's plane, along a and b (N,) [m]; and which of them (N,) meet it on their
+    way.
+    """
     reflected = transform(subject, reflection_matrix(mirror))
     share = (mirror.normal @ mirror.point) / dot(reflected, mirror.normal)
     on = reflected * share[:, None] - mirror.point

@@ -153,8 +153,10 @@ def _cut_by_image(views: Views, intrinsics: Intrinsics) -> list[str]:
 
 
 def _beyond_image(views: Views, intrinsics: Intrinsics, upwards: bool) -> float:
-    """By what angle head or feet are beyond the image [degrees]: mirrors show how tall the subject is, and the floor
-    where its feet are. NaN where neither is known."""
+    """By what angle head or feet are beyond the image [degrees].
+
+    Mirrors show how tall the subject is, and the floor where its feet are. NaN where neither is known.
+    """
     reflected = dot(views.points[views.labels > 0], views.up)
     if upwards:
         end = np.quantile(reflected, 0.999) if len(reflected) else np.nan
@@ -211,7 +213,8 @@ def _step_aside(
 
 def _turn(mirror: Mirror, views: Views, intrinsics: Intrinsics, outwards: float = 0.0) -> tuple[Mirror, str]:
     """The mirror moved ``outwards`` [m], away from the subject's side, and turned about the vertical so that the
-    subject is in its middle; and how it is turned."""
+    subject is in its middle; and how it is turned.
+    """
     up = views.up
     middle = mirror.point if mirror.outline is None else visible_middle(mirror, intrinsics)
     right = np.cross(up, (0.0, 0.0, -1.0))

@@ -228,7 +228,7 @@ def _add_cleaning(command: argparse.ArgumentParser) -> None:
 
 
 def _whole(low: int, high: int) -> Callable[[str], int]:
-    """argparse type: a whole number within bounds."""
+    """A type for argparse: a whole number within bounds."""
 
     def whole_number(text: str) -> int:
         value = int(text)
@@ -240,7 +240,7 @@ def _whole(low: int, high: int) -> Callable[[str], int]:
 
 
 def _size(text: str) -> tuple[int, int]:
-    """argparse type: width and height, as 848x480."""
+    """A type for argparse: width and height, as 848x480."""
     width, _, height = text.lower().partition("x")
     if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 4096 and 0 < int(height) <= 4096):
         raise argparse.ArgumentTypeError(f"must be as 848x480, not {text}")
@@ -248,7 +248,7 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def _pixel(text: str) -> tuple[float, float]:
-    """argparse type: a pixel as column,row."""
+    """A type for argparse: a pixel as column,row."""
     u, v = (float(part) for part in text.split(","))
     if not math.isfinite(u) or not math.isfinite(v):
         raise argparse.ArgumentTypeError(f"must be two numbers, column,row, not {text}")
@@ -259,7 +259,7 @@ _pixel.__name__ = "pixel as column,row"  # argparse names the type when it canno
 
 
 def _percentages(text: str) -> tuple[float, ...]:
-    """argparse type: percentages from 0 to below 100, separated by commas."""
+    """A type for argparse: percentages from 0 to below 100, separated by commas."""
     values = tuple(float(part) for part in text.split(","))
     if not all(0 <= value < 100 for value in values):
         raise argparse.ArgumentTypeError(f"must be from 0 to below 100, separated by commas, not {text}")

@@ -138,8 +138,9 @@ def close_mesh(
 
 
 def _faired(mesh: Mesh, stiffness: np.ndarray, stretch: np.ndarray, maps: ViewMaps) -> np.ndarray:
-    """The vertices faired; what comes to lie where a view saw nothing is held back on the way there, and the rest
-    faired to it.
+    """The vertices faired.
+
+    What comes to lie where a view saw nothing is held back on the way there, and the rest faired to it.
 
     A cap over a sharp rim would else be drawn out through space that the views look through.
     """

@@ -1,5 +1,7 @@
-"""Self-intersections out: what runs through itself is smoothed until it no longer does, or else cut out and filled
-anew."""
+"""Self-intersections out.
+
+What runs through itself is smoothed until it no longer does, or else cut out and filled anew.
+"""
 
 from __future__ import annotations
 
@@ -71,8 +73,10 @@ def untangle(
 
 
 def _crossing(mesh: Mesh, changed: np.ndarray | None = None) -> np.ndarray:
-    """Triangles that intersect others, ascending, among seams, fills and what touches them; only near the ``changed``
-    points (K, 3), where these are given."""
+    """Triangles that intersect others, ascending, among seams, fills and what touches them.
+
+    Only near the ``changed`` points (K, 3), where these are given.
+    """
     near = made_vertices(mesh)
     if changed is not None:
         near &= _within(mesh.vertices, changed, _COLLISION_REACH)
@@ -152,8 +156,9 @@ def _smooth_apart(mesh: Mesh, crossing: np.ndarray, rounds: int) -> tuple[Mesh, 
 def _fill_anew(
     mesh: Mesh, crossing: np.ndarray, rings: int, maps: ViewMaps, coarseness: float
 ) -> tuple[Mesh, np.ndarray] | None:
-    """The mesh with its ``crossing`` triangles and so many rings around them taken out, and the holes filled; and the
-    points (K, 3) about which that changed it.
+    """The mesh with its ``crossing`` triangles and so many rings around them taken out, and the holes filled.
+
+    And the points (K, 3) about which that changed it.
 
     None where that would cut out a whole piece or much of the mesh, take away a piece of more than 2 % of it, or 6 % in
     all, or cannot be closed.
@@ -196,8 +201,10 @@ def _fill_anew(
 
 @njit(cache=True, nogil=True)
 def _rings_around(triangles, seeds, rings, count):
-    """Of each vertex (V,) the ring around the seeds in which it lies, ``rings + 1`` farther off; and the triangles that
-    reach into these rings, ascending. O(rings · T)."""
+    """Of each vertex (V,) the ring around the seeds in which it lies, ``rings + 1`` farther off.
+
+    And the triangles that reach into these rings, ascending. O(rings · T).
+    """
     ring = np.full(count, rings + 1)
     for v in seeds:
         ring[v] = 0

@@ -325,8 +325,10 @@ def _smooth_kernel(depth, labels, view, noise, sigma, radius, top, bottom):
 
 @njit(cache=True, nogil=True)
 def _taps(sigma, radius):
-    """Window of the robust fit, a column a tap: offset (v, u), Gaussian weight, the quadratic's six terms and their 21
-    products."""
+    """Window of the robust fit, a column a tap.
+
+    Offset (v, u), Gaussian weight, the quadratic's six terms and their 21 products.
+    """
     room = (2 * radius + 1) ** 2
     offset, gauss = np.empty((2, room), np.int64), np.empty(room)
     terms, products = np.empty((6, room)), np.empty((21, room))

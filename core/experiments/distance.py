@@ -27,8 +27,11 @@ PAPER = {3.0: 0.0, 3.5: 3.517e-3, 4.0: 9.170e-3, 4.5: 17.277e-3, 5.0: 33.804e-3}
 
 @dataclass(frozen=True)
 class Capture:
-    """One row: ``way`` the depth was treated, camera to figure [m], the mesh (avatar frame), its distance to the mesh
-    of the nearest capture and to the body."""
+    """One row.
+
+    ``way`` the depth was treated, camera to figure [m], the mesh (avatar frame), its distance to the mesh of the
+    nearest capture and to the body.
+    """
 
     way: str
     distance: float

@@ -33,8 +33,11 @@ _HEIGHT = 0.9
 
 @dataclass(frozen=True)
 class Comparison:
-    """One row: ``way`` the depth was treated, the two meshes (avatar frame), the distance from the mirrored to the
-    direct one, and of each to the body."""
+    """One row.
+
+    ``way`` the depth was treated, the two meshes (avatar frame), the distance from the mirrored to the direct one, and
+    of each to the body.
+    """
 
     way: str
     mirrored: Mesh
@@ -49,8 +52,10 @@ class Comparison:
 
 
 def rigs(sensor: str, frames: int, seed: int, path: float = PATH) -> tuple[Rig, Rig]:
-    """The two set-ups of the paper's figure 10: beside the figure, looking at its back in a mirror; and behind it,
-    where the mirror shows the camera to be."""
+    """The two set-ups of the paper's figure 10.
+
+    Beside the figure, looking at its back in a mirror; and behind it, where the mirror shows the camera to be.
+    """
     if not path > _BEHIND + 0.5:
         raise MirrorScanError(f"reflection experiment: a path of {path:g} m does not reach past the mirror")
     normal = np.array((np.sin(_TURN), -np.cos(_TURN)))

@@ -39,8 +39,11 @@ _HEIGHTS = (0.2, 3.0)  # m: what the widths of gaps in ZipperSettings are made f
 
 @dataclass(frozen=True)
 class Closed:
-    """A closed split: the ``mesh``, its ``report`` of :func:`.soundness.mesh_report`, and the distances ``there``, from
-    it to the original, and ``back``, the other way [m]."""
+    """A closed split.
+
+    The ``mesh``, its ``report`` of :func:`.soundness.mesh_report`, and the distances ``there``, from it to the
+    original, and ``back``, the other way [m].
+    """
 
     mesh: Mesh
     report: dict

@@ -18,8 +18,10 @@ _FLIP_PASSES, _LAST_PASSES = 5, 8  # between splits, where the next ones undo mu
 
 
 def edge_length_at_vertices(mesh: Mesh) -> np.ndarray:
-    """Mean edge length (V,) of the measured triangles around each vertex of a made one [m]; the median of these
-    elsewhere."""
+    """Mean edge length (V,) of the measured triangles around each vertex of a made one [m].
+
+    The median of these elsewhere.
+    """
     total, count = _edge_length_kernel(mesh.vertices, mesh.triangles, mesh.kind, made_vertices(mesh))
     known = count > 0
     mean = total[known] / count[known]

@@ -1,5 +1,6 @@
 """Boundary loops → triangles of least weight (Barequet and Sharir 1995, Liepa 2003), kept out of space seen to be
-empty."""
+empty.
+"""
 
 from __future__ import annotations
 
@@ -146,8 +147,10 @@ def _edges_between(triangles, on_loop, room):
 
 @njit(cache=True, nogil=True)
 def _chords(points, vertex, edges, place, free_space):
-    """Which chords i–j, i < j, of a loop of N vertices are edges of the mesh already, bool (N, N); and how many times
-    their weight they count (N, N). ``place`` (V,) holds -1 before and after."""
+    """Which chords i–j, i < j, of a loop of N vertices are edges of the mesh already, bool (N, N).
+
+    And how many times their weight they count (N, N). ``place`` (V,) holds -1 before and after.
+    """
     n = len(vertex)
     head, after, other = edges
     penalty, blocked = np.ones((n, n)), np.zeros((n, n), np.bool_)

@@ -1,5 +1,7 @@
-"""How far made surface has to bulge: a body goes on round its outline, while a patch that was lost is best bridged
-flat."""
+"""How far made surface has to bulge.
+
+A body goes on round its outline, while a patch that was lost is best bridged flat.
+"""
 
 from __future__ import annotations
 

@@ -91,8 +91,11 @@ def fair(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _surroundings(triangles, free):
-    """What fairing the ``free`` vertices (V,) bool takes: the vertices in use (U,), the triangles in their numbers
-    (K, 3), and which vertices (V,) share a triangle with a free one; their one-rings are complete."""
+    """What fairing the ``free`` vertices (V,) bool takes.
+
+    The vertices in use (U,), the triangles in their numbers (K, 3), and which vertices (V,) share a triangle with a
+    free one; their one-rings are complete.
+    """
     count = len(free)
     near, needed = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
     for t in range(len(triangles)):
@@ -121,8 +124,11 @@ def _surroundings(triangles, free):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _system_kernel(p, start, heads, free, stiffness, rows, stretch, target):
-    """What :func:`.sparse_least_squares.solve_squares` takes to move the ``free`` vertices: their numbers, which of
-    them are neighbours (CSR), and rows of L, stiffness² and right side. Rows of L are those where ``rows`` holds."""
+    """What :func:`.sparse_least_squares.solve_squares` takes to move the ``free`` vertices.
+
+    Their numbers, which of them are neighbours (CSR), and rows of L, stiffness² and right side. Rows of L are those
+    where ``rows`` holds.
+    """
     count = len(p)
     unknown = np.flatnonzero(free)
     number = np.full(count, -1, np.int32)
@@ -169,7 +175,8 @@ def _system_kernel(p, start, heads, free, stiffness, rows, stretch, target):
 @njit(cache=True, nogil=True, error_model="numpy")
 def _meeting(start, heads, rows, unknown, number):
     """Which unknowns are neighbours or, so that none is eliminated long before another it meets in a row, next to each
-    other around a vertex that does not move: CSR arrays (start (N+1,), neighbour (E,))."""
+    other around a vertex that does not move: CSR arrays (start (N+1,), neighbour (E,)).
+    """
     tail, head = np.empty(2 * len(heads), np.int32), np.empty(2 * len(heads), np.int32)
     count = 0
     for v in range(len(number)):

@@ -10,8 +10,10 @@ from ..errors import MirrorScanError
 
 @njit(cache=True, nogil=True)
 def clashing(triangles: np.ndarray, twin: np.ndarray) -> np.ndarray:
-    """Triangles that keep a mesh from being a manifold, bool (T,): with a corner twice, or at an edge of more than two
-    triangles or of two wound against each other."""
+    """Triangles that keep a mesh from being a manifold, bool (T,).
+
+    With a corner twice, or at an edge of more than two triangles or of two wound against each other.
+    """
     out = np.empty(len(triangles), np.bool_)
     for t in range(len(triangles)):
         i, j, k = triangles[t, 0], triangles[t, 1], triangles[t, 2]
@@ -43,8 +45,9 @@ def edge_keys(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def twins(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
-    """The other half of each half-edge: (3·T,) int32, half-edge 3·t + k runs from corner k to corner k + 1 of
-    triangle t.
+    """The other half of each half-edge.
+
+    (3·T,) int32, half-edge 3·t + k runs from corner k to corner k + 1 of triangle t.
 
     -1 where there is none (boundary); -2 where an edge has more than two triangles or two of the same direction.
     Half-edges are bucketed by their smaller vertex, so it takes O(T) time and memory.

@@ -194,8 +194,10 @@ def _by_place(bvh, triangles):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _spread_out(corners, normals, index, inner):
-    """Around which of the ``inner`` vertices (V,) bool the triangles lie side by side, seen along their mean normal:
-    all face that way and together they go round once. So no two of them meet but in what they share."""
+    """Around which of the ``inner`` vertices (V,) bool the triangles lie side by side, seen along their mean normal.
+
+    All face that way and together they go round once. So no two of them meet but in what they share.
+    """
     count = len(inner)
     mean = np.zeros((count, 3))
     for t in range(len(index)):
@@ -243,8 +245,10 @@ def _boxes_meet(boxes, i, j):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _halves(boxes, child, count, a, b, stack, depth):
-    """Push those pairs of nodes whose boxes meet that the pair (a, b), not two leaves, falls into; returns the stack's
-    new depth."""
+    """Push those pairs of nodes whose boxes meet that the pair (a, b), not two leaves, falls into.
+
+    Returns the stack's new depth.
+    """
     if a == b:
         left, right = child[a], child[a] + 1
         stack[depth, 0], stack[depth, 1] = right, right

@@ -163,8 +163,10 @@ def vertex_fans(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _fan_kernel(triangles, twin, vertex_count):
-    """Fan of each corner (T, 3) among its vertex's, and the number of fans a vertex: walk round each vertex by
-    twins."""
+    """Fan of each corner (T, 3) among its vertex's, and the number of fans a vertex.
+
+    Walk round each vertex by twins.
+    """
     fan = np.full(triangles.shape, -1, np.int32)
     fans_of = np.zeros(vertex_count, np.int32)
     for t0 in range(len(triangles)):

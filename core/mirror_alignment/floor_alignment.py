@@ -159,7 +159,8 @@ class _Floor:
 
     def above(self, points: np.ndarray, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far ``points`` (N, 3), reflected by ``matrix``, lie above the floor, and where their rays meet it, not
-        reflected. To first order the height; linear in 1/z, so that noise of 1/z makes no bias."""
+        reflected. To first order the height; linear in 1/z, so that noise of 1/z makes no bias.
+        """
         normal = self.up @ matrix[:3, :3]
         eye = self.height - self.up @ matrix[:3, 3]  # the floor is normal·p = eye
         reach = dot(points, normal)
@@ -168,7 +169,8 @@ class _Floor:
 
     def common(self, placed: np.ndarray, seen: np.ndarray) -> np.ndarray:
         """Which of the readings ``placed`` (H, W, 3), where they are, lie over floor that is seen directly too, clear
-        of what stands on it, such as feet: (H, W)."""
+        of what stands on it, such as feet: (H, W).
+        """
         heights = dot(placed, self.up) - self.height
         cells = np.stack([np.floor(dot(placed, self.level[k]) / _CELL).astype(np.int64) for k in (0, 1)])
         cells = np.clip(cells + _CELLS // 2, 0, _CELLS - 1)
@@ -187,8 +189,11 @@ class _Floor:
         return (floor & ~objects)[cells]
 
     def fit(self, lifts: np.ndarray, feet: np.ndarray, spread: np.ndarray, center: np.ndarray) -> tuple | None:
-        """The plane through ``lifts`` (N,) over ``feet`` (N, 3): height at ``center`` and two slopes, their covariance,
-        what maps values to such three numbers, (3, N), and the noise in units of ``spread`` (N,)."""
+        """The plane through ``lifts`` (N,) over ``feet`` (N, 3).
+
+        Height at ``center`` and two slopes, their covariance, what maps values to such three numbers, (3, N), and the
+        noise in units of ``spread`` (N,).
+        """
         if len(lifts) < _FEWEST_READINGS:
             return None
         x, y = (dot(feet, level) - level @ center for level in self.level)
@@ -205,8 +210,10 @@ class _Floor:
         return three, _CORRELATED * inverse, np.einsum("ij,jn->in", inverse, np.stack((w, w * x, w * y))), noise
 
     def distance(self, mirror: Mirror, readings: np.ndarray, gate: float, which: int) -> tuple | None:
-        """How far the floor that the mirror shows, ``readings`` (N, 3) behind the glass, lies above this one: height
-        and slopes (3,), their covariance, and how they change with the mirror's slopes and shift (3, 3)."""
+        """How far the floor that the mirror shows, ``readings`` (N, 3) behind the glass, lies above this one.
+
+        Height and slopes (3,), their covariance, and how they change with the mirror's slopes and shift (3, 3).
+        """
         if self.fits[which] is None:
             return None
         own, covariance, _, noise = self.fits[which]
@@ -233,8 +240,10 @@ class _Floor:
 
 
 def _lift(mirror: Mirror, up: np.ndarray) -> float:
-    """How far the floor about a person in front of the mirror may be shown too high or too low [m]: its standard
-    deviation."""
+    """How far the floor about a person in front of the mirror may be shown too high or too low [m].
+
+    Its standard deviation.
+    """
     moves = np.einsum("nci,c->ni", reflection_moves(mirror, person_before(mirror)), up)
     return float(np.sqrt(np.einsum("ni,ij,nj->n", moves, mirror.covariance, moves).mean()))
 
@@ -242,8 +251,10 @@ def _lift(mirror: Mirror, up: np.ndarray) -> float:
 def _levelled(
     mirror: Mirror, floor: _Floor, readings: np.ndarray, half: np.ndarray, settings: FloorSettings
 ) -> Mirror | None:
-    """The mirror moved until the floor it shows, ``readings`` (N, 3) as the camera sees them, is ``floor``; None when
-    the ``half`` (N,) that each is of does not confirm the other."""
+    """The mirror moved until the floor it shows, ``readings`` (N, 3) as the camera sees them, is ``floor``.
+
+    None when the ``half`` (N,) that each is of does not confirm the other.
+    """
     prior = frames_prior([mirror])
     parts = {ALL: readings, 0: readings[half == 0], 1: readings[half == 1]}
     gate = float(np.clip(4.0 * _lift(mirror, floor.up) + 0.02, _NEAREST_GATE, _WIDEST_GATE))
@@ -273,7 +284,8 @@ def _levelled(
 @njit(cache=True, nogil=True)
 def _tukey_equations(lifts, x, y, left, noise, w):
     """Normal equations (3, 3) and (3,) of the plane a + b x + c y through ``lifts`` (N,), with Tukey's weights, into
-    ``w`` (N,), of what is ``left``: feet and objects on the floor are no part of it."""
+    ``w`` (N,), of what is ``left``: feet and objects on the floor are no part of it.
+    """
     normal, right = np.zeros((3, 3)), np.zeros(3)
     for i in range(len(lifts)):
         share = 1.0 - (left[i] / (_TUKEY * noise[i])) ** 2

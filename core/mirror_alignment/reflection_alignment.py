@@ -188,8 +188,10 @@ def _median(parts: list[np.ndarray]) -> float:
 
 
 def _shown(mirror, depth, intrinsics, settings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What the glass shows that faces so that the camera might see it directly too: points (N, 3) and normals (N, 3) as
-    read, behind the glass, and halves (N,) by image blocks."""
+    """What the glass shows that faces so that the camera might see it directly too.
+
+    Points (N, 3) and normals (N, 3) as read, behind the glass, and halves (N,) by image blocks.
+    """
     corners = np.array([(x, y) for x in mirror.rectangle[0] for y in mirror.rectangle[1]])
     box = project(mirror.point + corners @ mirror.basis[:, :2].T, intrinsics)
     size = np.array((intrinsics.width, intrinsics.height))

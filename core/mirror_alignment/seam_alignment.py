@@ -226,8 +226,10 @@ def _rig(
 def _settled(
     rig: _Rig, patches: list[Mesh], maps: ViewMaps, mesh: Mesh | None, join: Joiner | None
 ) -> list[Mirror] | None:
-    """The mirrors where all evidence, or without a ``mesh`` only surface that is seen twice, wants them; None when that
-    is not shown to help."""
+    """The mirrors where all evidence, or without a ``mesh`` only surface that is seen twice, wants them.
+
+    None when that is not shown to help.
+    """
     settings = rig.settings
     at, correction, projecting, costs = rig.mirrors, np.zeros(3 * len(rig.free)), rig.framed, []
     for turn in range(settings.rounds):
@@ -267,10 +269,12 @@ def _evidence(mesh: Mesh | None, maps: ViewMaps, settings: SeamSettings) -> Seam
 def _joint_fit(
     rig: _Rig, pieces: SeamPieces, jacobian: np.ndarray, before: np.ndarray, projecting: np.ndarray
 ) -> tuple[PoseFit, np.ndarray, list[Mirror], np.ndarray]:
-    """The further correction of all mirrors, ``before`` (3F,) made already; solved for anew as long as frames that
-    might be ``projecting`` (F,) turn out to be level with their glass.
+    """The further correction of all mirrors, ``before`` (3F,) made already.
 
-    Returns the fit, the whole correction (3F,), the mirrors there, and which frames may still be projecting (F,)."""
+    Solved for anew as long as frames that might be ``projecting`` (F,) turn out to be level with their glass.
+
+    Returns the fit, the whole correction (3F,), the mirrors there, and which frames may still be projecting (F,).
+    """
     while True:
         fit = _fit_offsets(pieces, jacobian, rig.prior(projecting), before)
         moving = rig.doubted | projecting
@@ -385,7 +389,8 @@ def _fit_offsets(
 ) -> PoseFit:
     """The further correction that lessens the (``chosen``) pieces' offsets most, ``before`` (P,) that made so far.
 
-    What the offsets between two views have in common is solved for as well."""
+    What the offsets between two views have in common is solved for as well.
+    """
     if chosen is None:
         chosen = np.ones(len(pieces.gap), np.bool_)
     kinds = np.column_stack((pieces.views, pieces.twice))[chosen]

@@ -176,8 +176,10 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _ends_kernel(points, view, depth, labels, normals, to_view, intrinsics, window):
-    """Unit normals (N, 3), averaged over the readings around each point in its own view, 0 where there are too few; and
-    (N,) whether another view reads the same surface there."""
+    """Unit normals (N, 3), averaged over the readings around each point in its own view, 0 where there are too few.
+
+    And (N,) whether another view reads the same surface there.
+    """
     height, width = depth.shape
     out, twice = np.zeros((len(points), 3)), np.zeros(len(points), np.bool_)
     for i in range(len(points)):
@@ -211,8 +213,11 @@ def _ends_kernel(points, view, depth, labels, normals, to_view, intrinsics, wind
 
 @njit(cache=True, nogil=True)
 def _twice_kernel(depth, labels, normals, to_view, from_view, intrinsics, least):
-    """Means over blocks of pixels of a view and over what a later view reads of the same surface: both places (K, 3),
-    the sums of both normals (K, 3), the latter's offset from the former along these (K,), and the views (K, 2)."""
+    """Means over blocks of pixels of a view and over what a later view reads of the same surface.
+
+    Both places (K, 3), the sums of both normals (K, 3), the latter's offset from the former along these (K,), and the
+    views (K, 2).
+    """
     height, width = depth.shape
     count = len(to_view)
     rows, columns = (height + _BLOCK - 1) // _BLOCK, (width + _BLOCK - 1) // _BLOCK

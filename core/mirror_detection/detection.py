@@ -1,5 +1,6 @@
-"""Mirrors found without a click: rectangles of straight depth edges (:mod:`.edge_segments`) that prove to be mirrors by
-what they show.
+"""Mirrors found without a click.
+
+Rectangles of straight depth edges (:mod:`.edge_segments`) that prove to be mirrors by what they show.
 
 The readings in such a rectangle, flipped over its plane, must make sense: nothing may end up where the camera looks
 through, and a part must lie on, or close behind, what is seen directly. A doorway, a table's legs or a window fail

@@ -64,8 +64,10 @@ class DetectionSettings:
 
 @dataclass(frozen=True)
 class Segment:
-    """A straight piece of a depth edge: side, end pixels (2, 2) and end points (2, 3), from the top or left; unit
-    direction and length [m]."""
+    """A straight piece of a depth edge.
+
+    Side, end pixels (2, 2) and end points (2, 3), from the top or left; unit direction and length [m].
+    """
 
     side: int
     ends: np.ndarray
@@ -275,9 +277,11 @@ def _joined(
     longest: float,
     lines: np.ndarray | None,
 ) -> list:
-    """Pieces of one line, parted by something in front of it, as one; the longest first. Where the camera sees beyond
-    the line between them it ends there, and where together they were longer [m] than a mirror is: images of images
-    continue the lines of frames. Along a line of the colour picture gaps may be wide."""
+    """Pieces of one line, parted by something in front of it, as one; the longest first.
+
+    Where the camera sees beyond the line between them it ends there, and where together they were longer [m] than a
+    mirror is: images of images continue the lines of frames. Along a line of the colour picture gaps may be wide.
+    """
     pieces = sorted(pieces, key=lambda p: -len(p[0]))
     # what a piece is to another: its rows' ends, and the mean place and disparity at its middle
     ends = np.array([(p[0][0], p[0][-1]) for p in pieces]).reshape(-1, 2)
@@ -331,7 +335,7 @@ def _ended(v: np.ndarray, u: np.ndarray, disparity: np.ndarray, depth: np.ndarra
 
 
 def _line(piece) -> tuple[float, float, float, float]:
-    """u = a + b v and disparity = c + e v of a piece."""
+    """U = a + b v and disparity = c + e v of a piece."""
     v, u, d = piece
     center = v.mean()
     w = v - center

@@ -33,7 +33,8 @@ def depth_without_frames(image: RgbdImage, mirrors: list[Mirror], glass_offset: 
 
 def partly_behind(guess: Hypothesis, mirrors: list[Mirror]) -> bool:
     """The glass of known mirrors hides some of the rectangle's corners or the middles of its sides, but not its own
-    middle: there it would be one of them, or an image in one."""
+    middle: there it would be one of them, or an image in one.
+    """
     (left, right), (top, bottom) = guess.rectangle
     x, y = np.meshgrid((left, 0.5 * (left + right), right), (top, 0.5 * (top + bottom), bottom))
     points = guess.point + np.column_stack((x.ravel(), y.ravel())) @ guess.basis[:, :2].T
@@ -96,8 +97,10 @@ def ends_without_edge(guess: Hypothesis) -> np.ndarray:
 
 
 def without_overlap(good: list[Hypothesis], intrinsics: Intrinsics, known: list[Mirror]) -> list[Hypothesis]:
-    """The best of those that share a part of the picture, with each other or a known mirror; images of mirrors in a
-    mirror go."""
+    """The best of those that share a part of the picture, with each other or a known mirror.
+
+    Images of mirrors in a mirror go.
+    """
     taken = [(m.outline.min(axis=0), m.outline.max(axis=0)) for m in known if np.isfinite(m.outline).all()]
     boxes = []
     for h in good:

@@ -27,8 +27,11 @@ _ASKED_HEIGHT = 0.55  # of the image's height, from its top, is asked: floor goe
 def with_glass(
     image: RgbdImage, mirror: Mirror, reflection: Figure, objects: np.ndarray, floor: np.ndarray
 ) -> tuple[Mirror, bool] | None:
-    """The mirror with its glass: the rectangle about the image whose sides depth jumps along; None when no straight
-    line bounds it; and whether something stands beside it. ``floor`` (4,): up and the floor's height."""
+    """The mirror with its glass.
+
+    The rectangle about the image whose sides depth jumps along; None when no straight line bounds it; and whether
+    something stands beside it. ``floor`` (4,): up and the floor's height.
+    """
     depth, intrinsics = image.depth, image.intrinsics
     up, height = floor[:3], floor[3]
     a, b, n = mirror.basis.T
@@ -106,8 +109,10 @@ def _about(mask: np.ndarray, reach: int) -> np.ndarray:
 
 
 def _covered(jumps: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of the lines along axis 0 the share where depth jumps within a cell beside them, of what is seen of them; and
-    how much is seen."""
+    """Of the lines along axis 0 the share where depth jumps within a cell beside them, of what is seen of them.
+
+    And how much is seen.
+    """
     near = jumps.copy()
     near[:, 1:] |= jumps[:, :-1]
     near[:, :-1] |= jumps[:, 1:]
@@ -128,7 +133,8 @@ def _first(share: np.ndarray, visible: np.ndarray) -> tuple[int, int]:
 @njit(cache=True, nogil=True)
 def _jumps_kernel(depth, image, intrinsics, glass, corner, size, cell):
     """Cells (b, a) of the mirror's plane where depth jumps sideways, or up and down, beyond the plane and off the image
-    itself; and those that nothing before the plane hides."""
+    itself; and those that nothing before the plane hides.
+    """
     height, width = depth.shape
     upright = np.zeros((size[1], size[0]), np.bool_)
     lying = np.zeros((size[1], size[0]), np.bool_)

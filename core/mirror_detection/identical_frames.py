@@ -44,7 +44,8 @@ def find_identical_frames(
     settings: DetectionSettings,
 ) -> list[Mirror]:
     """Mirrors that show next to nothing, but stand in frames of the make of those ``found`` (:mod:`.identical_frames`);
-    ``bare`` is the depth without the latter."""
+    ``bare`` is the depth without the latter.
+    """
     intrinsics = image.intrinsics
     if not found and settings.empty_rig:
         found = _pair(image, proposed, glass_offset)
@@ -119,7 +120,8 @@ def _uncovered(guesses: list[Hypothesis], mirrors: list[Mirror]) -> list[Hypothe
 def _unopposed(image: RgbdImage, guess: Hypothesis, points: np.ndarray, known: Iterable[Mirror]) -> tuple[float, float]:
     """:func:`.mirror_verification.frame_edge_share` where nothing stands in the rectangle's plane but its frame, and
     nothing it shows would be where the camera looks through, else 0; and how many readings it shows. ``points`` as for
-    :func:`.mirror_verification.floor_drop_of_points`."""
+    :func:`.mirror_verification.floor_drop_of_points`.
+    """
     evidence = count_evidence(image, guess, floor_drop_of_points(points, guess.basis))
     glass = evidence.unread + evidence.behind
     if glass < 60 or evidence.on > _NOISE_SHARE * glass or evidence.violated > max(_NOISE_SHARE * evidence.behind, 3.0):
@@ -181,9 +183,11 @@ def measure_frame(image: RgbdImage, mirror: Mirror) -> FrameMeasures:
 
 
 def same_make(new: FrameMeasures, known: FrameMeasures, shows: bool = False) -> bool:
-    """Bars are as wide as each other, but for one, part of which may be hidden; width and height are the same, as far
-    as they are seen of both. Where they are not, the frames must stand level, and where neither is, it must be known
-    that the new one ``shows`` what a mirror would."""
+    """Bars are as wide as each other, but for one, part of which may be hidden.
+
+    Width and height are the same, as far as they are seen of both. Where they are not, the frames must stand level, and
+    where neither is, it must be known that the new one ``shows`` what a mirror would.
+    """
     pixel = max(new.pixel, known.pixel)
     bars, whole = np.isfinite(new.bars), (known.bars > _LEAST_BAR) & ~known.cut  # false where NaN
     if not whole.any():
@@ -201,7 +205,8 @@ def same_make(new: FrameMeasures, known: FrameMeasures, shows: bool = False) -> 
 
 def is_pair(one: FrameMeasures, other: FrameMeasures) -> bool:
     """Frames of one make in every measure that stand level and face different ways, as mirrors of a rig do and windows
-    of a wall do not."""
+    of a wall do not.
+    """
     seen = np.isfinite(one.size) & np.isfinite(other.size)
     return bool(seen.all()) and same_make(one, other) and _level(one, other, max(one.pixel, other.pixel))
 

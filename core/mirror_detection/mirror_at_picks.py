@@ -63,8 +63,10 @@ def find_better_at(
     settings: DetectionSettings = DEFAULTS,
     glass_offset: float = 0.0,
 ) -> Mirror | None:
-    """The mirror that picks mean where that of the plane through them, ``mirror``, cannot be, or there is none: they
-    missed its frame, or it has none. Else ``mirror``."""
+    """The mirror that picks mean where that of the plane through them, ``mirror``, cannot be, or there is none.
+
+    They missed its frame, or it has none. Else ``mirror``.
+    """
     if mirror is None or contradicted(image, mirror):
         pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)
         guesses = hypotheses(image, settings)
@@ -78,8 +80,11 @@ def find_better_at(
 
 
 def contradicted(image: RgbdImage, mirror: Mirror, known: Iterable[Mirror] = ()) -> bool:
-    """Much of what is seen in its glass would, flipped over its plane, stand where the camera looks through; or along
-    its outline, as far as other mirrors that are ``known`` do not hide it, hardly anything stands in its plane."""
+    """Much of what is seen in its glass would, flipped over its plane, stand where the camera looks through.
+
+    Or along its outline, as far as other mirrors that are ``known`` do not hide it, hardly anything stands in its
+    plane.
+    """
     if mirror.rectangle is None or mirror.polygon is not None:
         return False
     guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
@@ -96,8 +101,10 @@ def contradicted(image: RgbdImage, mirror: Mirror, known: Iterable[Mirror] = ())
 def find_frameless_at(
     image: RgbdImage, picks: MirrorPicks, settings: DetectionSettings = DEFAULTS, reach: float = 0.15
 ) -> Mirror | None:
-    """The mirror without a frame along whose edges picks were made, which no reading there can place; None when there
-    is none within ``reach`` of its size. Its ``source`` stays "found": the picks say only which."""
+    """The mirror without a frame along whose edges picks were made, which no reading there can place.
+
+    None when there is none within ``reach`` of its size. Its ``source`` stays "found": the picks say only which.
+    """
     pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)
     mirror = _nearest(find_verified_frameless(image, [], settings), pixels, reach)
     return None if mirror is None else replace(mirror, name=picks.name)

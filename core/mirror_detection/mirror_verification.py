@@ -34,7 +34,8 @@ def frame_edge_share(image: RgbdImage, guess: Hypothesis, least: float = 0.3, kn
     the plane: a frame or a wall; 0 when that is less than ``least`` of it all. A thin frame is only seen close by.
 
     Black and glossy frames give few readings: where half as much as ``least`` is read, lines in the colour picture
-    stand for the rest."""
+    stand for the rest.
+    """
     shares = []
     place = guess.point, guess.basis, guess.rectangle
     for outward in (0.015, 0.007):
@@ -60,7 +61,8 @@ def circumference(
 ) -> tuple[float, float]:
     """Shares of a mirror's circumference where, ``outward`` of its rectangle [m], something stands in its plane, and
     where the camera sees beyond; of what the glass of ``known`` mirrors hides neither. With a ``color`` picture
-    (H, W, 3) something stands also where nothing is read and the picture has a line."""
+    (H, W, 3) something stands also where nothing is read and the picture has a line.
+    """
     depth, intrinsics, color = image.depth, image.intrinsics, image.color
     (left, right), (top, bottom) = rectangle + np.array((-outward, outward))
     along = np.linspace(0.0, 1.0, 41)[1:-1]
@@ -313,8 +315,10 @@ _AROUND = 3  # px about a reflection's pixel where all must be farther
 
 @njit(cache=True, nogil=True)
 def _missing_kernel(depth, intrinsics, glass, stride):
-    """Of what stands before the plane and, flipped, would be seen in the glass: how much is not, since what is read
-    there is farther; and how much is, or may be hidden."""
+    """Of what stands before the plane and, flipped, would be seen in the glass.
+
+    How much is not, since what is read there is farther; and how much is, or may be hidden.
+    """
     height, width = depth.shape
     fx, fy, cx, cy = intrinsics
     missing, there = 0, 0
@@ -350,8 +354,11 @@ def _missing_kernel(depth, intrinsics, glass, stride):
 
 
 def doubtful(image: RgbdImage, mirror: Mirror) -> bool:
-    """Whether more of its glass is hidden than shows anything: what was taken for its frame may be the edge of a wall,
-    seen past mirrors without a frame. ``depth`` (H, W) float32 is z [m], 0 = no reading."""
+    """Whether more of its glass is hidden than shows anything.
+
+    What was taken for its frame may be the edge of a wall, seen past mirrors without a frame. ``depth`` (H, W) float32
+    is z [m], 0 = no reading.
+    """
     if mirror.rectangle is None:
         return False
     guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})

@@ -75,8 +75,10 @@ class Figure:
 def find_figures(
     depth: np.ndarray, cloud: np.ndarray, up: np.ndarray, floor: float, known: list[Mirror]
 ) -> tuple[np.ndarray, list[Figure]]:
-    """Picture of objects (H, W), 0 = none, and those of them that may be somebody, the largest first; not what is seen
-    in mirrors that are ``known``."""
+    """Picture of objects (H, W), 0 = none, and those of them that may be somebody, the largest first.
+
+    Not what is seen in mirrors that are ``known``.
+    """
     height = dot(cloud, up) - floor
     objects, count = _objects_kernel(depth, (height > _ABOVE_FLOOR) & (height < _TALLEST))
     sizes = np.bincount(objects.ravel(), minlength=count + 1)
@@ -289,9 +291,11 @@ _ERROR = 0.0015  # by so much, times z², readings may be off
 
 @njit(cache=True, nogil=True)
 def _fit_of(p, flip, intrinsics, objects, depth, other, whole, slack):
-    """What becomes of a point flipped into the other view: nothing is said, it is on the other figure, or hidden behind
-    it, or the camera looks through it; and its pixel. ``whole``: beside the other figure the room is seen, not what is
-    beside the glass."""
+    """What becomes of a point flipped into the other view.
+
+    Nothing is said, it is on the other figure, or hidden behind it, or the camera looks through it; and its pixel.
+    ``whole``: beside the other figure the room is seen, not what is beside the glass.
+    """
     z = flip[2, 3]
     x = flip[0, 3]
     y = flip[1, 3]
@@ -326,8 +330,11 @@ def _fit_of(p, flip, intrinsics, objects, depth, other, whole, slack):
 
 
 def is_one_body(image: RgbdImage, one: Figure, reflection: Figure, objects: np.ndarray, mirror: Mirror) -> bool:
-    """Flipped over the mirror the image lies within the figure and the other way round: hardly a reading is where the
-    other view looks through, enough are where it says anything, and of the image most lie on the figure or behind."""
+    """Flipped over the mirror the image lies within the figure and the other way round.
+
+    Hardly a reading is where the other view looks through, enough are where it says anything, and of the image most lie
+    on the figure or behind.
+    """
     depth, intrinsics = image.depth, image.intrinsics
     flip = reflection_matrix(mirror)
     for points, other, whole in ((one.points, reflection.id, False), (reflection.points, one.id, True)):

@@ -103,8 +103,10 @@ def _pairs(edges: _Edges, settings: DetectionSettings, one: int, other: int) -> 
 
 
 def _hypothesis(sides: dict[int, Segment]) -> Hypothesis | None:
-    """Plane through the sides' ends, each weighing by its length; down is where those that stand point, or across those
-    that lie."""
+    """Plane through the sides' ends, each weighing by its length.
+
+    Down is where those that stand point, or across those that lie.
+    """
     points = np.concatenate([np.linspace(*s.points, max(2, int(20 * s.length))) for s in sides.values()])
     center = points.mean(axis=0)
     normal = np.linalg.svd((points - center).T @ (points - center))[2][2]

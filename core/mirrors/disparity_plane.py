@@ -146,7 +146,8 @@ def _fit_kernel(u, v, d, start, started, block):
 @njit(cache=True, nogil=True)
 def _fit_pixels(u, v, d, start, started, center, scale, weights, residual, normal):
     """Whether the pixels are not on a line, their plane, and the standard deviation about it, re-weighted up to twelve
-    times; ``weights``, ``residual`` and ``normal`` are filled."""
+    times; ``weights``, ``residual`` and ``normal`` are filled.
+    """
     count = len(d)
     row, solution, right = np.ones(3), np.zeros(3), np.zeros(3)
     sigma = 0.0
@@ -199,7 +200,8 @@ def _pool(u, v, center, scale, weights, residual, block):
 @njit(cache=True, nogil=True)
 def _fit_blocks(pooled, sigma, size, trust, deviation, normal):
     """Whether the blocks are not on a line, the plane through their residuals, and the variance that the pixels of a
-    block share, re-weighted up to eight times; ``trust``, ``deviation`` and ``normal`` are filled."""
+    block share, re-weighted up to eight times; ``trust``, ``deviation`` and ``normal`` are filled.
+    """
     n = len(pooled)
     gap, row, right, change = np.empty(n), np.ones(3), np.zeros(3), np.zeros(3)
     common = 0.0
@@ -258,8 +260,10 @@ def _block_scores(pooled, trust, deviation, change, sigma):
 
 @njit(cache=True, nogil=True)
 def _solve_3x3(matrix, right):
-    """Cramer's rule, and whether the determinant is far enough from 0; numba's own solver needs scipy, which Blender
-    has not."""
+    """Cramer's rule, and whether the determinant is far enough from 0.
+
+    Numba's own solver needs scipy, which Blender has not.
+    """
     a, b, c = matrix[0], matrix[1], matrix[2]
     minors = np.empty((3, 3))
     for k in range(3):

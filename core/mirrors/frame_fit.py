@@ -90,8 +90,9 @@ def fit_frame(
 
 
 def without_frames(image: RgbdImage, mirrors: Iterable[Mirror]) -> np.ndarray:
-    """The depth without what stands in the planes of mirrors about their glass: of a frame that crosses another one
-    only its own readings tell its plane.
+    """The depth without what stands in the planes of mirrors about their glass.
+
+    Of a frame that crosses another one only its own readings tell its plane.
 
     Parameters
     ----------
@@ -125,8 +126,10 @@ def _snapped(seeds: np.ndarray, depth: np.ndarray) -> np.ndarray:
 def _on_frame(
     image: RgbdImage, mirror: Mirror, u: np.ndarray, v: np.ndarray, fitted: DisparityPlane, outward: float
 ) -> Mirror:
-    """The mirror on the plane of its frame's pixels, its rectangle reaching as far as they; not on a side where they go
-    on as far as was looked, ``outward`` [m]: that is no frame but the wall."""
+    """The mirror on the plane of its frame's pixels, its rectangle reaching as far as they.
+
+    Not on a side where they go on as far as was looked, ``outward`` [m]: that is no frame but the wall.
+    """
     depth, intrinsics = image.depth, image.intrinsics
     kept = fitted.weights > 0.1
     core = fit_core(u, v, depth, fitted)
@@ -181,7 +184,8 @@ def _ring(
 @njit(cache=True, nogil=True)
 def _ring_kernel(depth, intrinsics, glass, plane, around, inward, band, low, high, pixels):
     """Pixels within ``band``·z of the plane whose place on it is in the box ``around`` the glass, not ``inward`` of its
-    edges; how many."""
+    edges; how many.
+    """
     fx, fy, cx, cy = intrinsics
     n = 0
     for v in range(low[1], high[1]):

@@ -64,8 +64,11 @@ def with_measured_sides(
 
 
 def _extent(frame: np.ndarray, picked: np.ndarray, drawn: np.ndarray, mirror: Mirror) -> tuple[np.ndarray, np.ndarray]:
-    """Extent of the frame along the mirror's right and down axes, about its point: rows (min, max) [m]; and on which
-    sides (2, 2) a wall goes on in its plane: there only the picks, as ``drawn`` on the plane, say how far it goes."""
+    """Extent of the frame along the mirror's right and down axes, about its point.
+
+    Rows (min, max) [m]; and on which sides (2, 2) a wall goes on in its plane: there only the picks, as ``drawn`` on
+    the plane, say how far it goes.
+    """
     grown = (frame - mirror.point) @ mirror.basis[:, :2]
     picks = (picked - mirror.point) @ mirror.basis[:, :2]
     top, bottom = np.quantile(grown[:, 1], (0.002, 0.998))
@@ -110,8 +113,10 @@ def with_rectangle(mirror: Mirror, frame: np.ndarray, picked: np.ndarray, intrin
 def _cut_off(
     frame: np.ndarray, mirror: Mirror, rectangle: np.ndarray, intrinsics: Intrinsics, asked: np.ndarray
 ) -> np.ndarray:
-    """Which sides of the rectangle (2, 2) bool, of those ``asked`` for, the image's border cuts off: the frame reaches
-    the border on that side, and has no bar along it."""
+    """Which sides of the rectangle (2, 2) bool, of those ``asked`` for, the image's border cuts off.
+
+    The frame reaches the border on that side, and has no bar along it.
+    """
     pixels, middle = project(frame, intrinsics), project(mirror.point, intrinsics)
     place = (frame - mirror.point) @ mirror.basis[:, :2]
     size = np.array((intrinsics.width, intrinsics.height)) - 1

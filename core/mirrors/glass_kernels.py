@@ -129,8 +129,10 @@ def in_glass(glass, k, a, b):
 
 @njit(cache=True, nogil=True)
 def share_at_plane(glass, k, x, y, z):
-    """At which share of the way from the camera to (x, y, z), and beyond, the plane of mirror k is met; inf when it is
-    not. Along a pixel's ray (x, y, 1) that is the plane's z [m]."""
+    """At which share of the way from the camera to (x, y, z), and beyond, the plane of mirror k is met.
+
+    Inf when it is not. Along a pixel's ray (x, y, 1) that is the plane's z [m].
+    """
     along = glass.planes[k, 0] * x + glass.planes[k, 1] * y + glass.planes[k, 2] * z
     return glass.planes[k, 3] / along if along < _ALONG else np.inf
 
@@ -148,7 +150,8 @@ def share_at_glass(glass, k, x, y, z, margin):
 @njit(cache=True, nogil=True)
 def crossing(glass, k, origin, target, margin):
     """Share of the way from ``origin`` (3,) to ``target`` (3,), ``margin`` [m] or more behind the plane, at which it
-    passes the glass of mirror k; :data:`NEVER` when it does not."""
+    passes the glass of mirror k; :data:`NEVER` when it does not.
+    """
     start = before_plane(glass, k, origin[0], origin[1], origin[2])
     stop = before_plane(glass, k, target[0], target[1], target[2])
     if start <= 0 or stop >= -margin:

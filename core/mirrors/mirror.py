@@ -1,5 +1,7 @@
-"""A mirror's plane from points on its frame (paper eq. 1), reflection over it (eq. 2–4), and growing picks to the
-whole frame."""
+"""A mirror's plane from points on its frame (paper eq.
+
+1), reflection over it (eq. 2–4), and growing picks to the whole frame.
+"""
 
 from __future__ import annotations
 
@@ -86,8 +88,10 @@ class Mirror:
 
 
 def reflection_moves(mirror: Mirror, points: np.ndarray) -> np.ndarray:
-    """How the reflections of ``points`` (N, 3) move with the mirror: derivatives (N, 3, 3), the last axis over its
-    slopes along a and b and its shift along the normal."""
+    """How the reflections of ``points`` (N, 3) move with the mirror.
+
+    Derivatives (N, 3, 3), the last axis over its slopes along a and b and its shift along the normal.
+    """
     a, b, n = mirror.basis.T
     offset = np.asarray(points, dtype=np.float64).reshape(-1, 3) - mirror.point
     ahead = (offset @ n)[:, None]

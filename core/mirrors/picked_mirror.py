@@ -156,8 +156,11 @@ def _snap_picks(picks: MirrorPicks, depth: np.ndarray, radius: int) -> np.ndarra
 
 
 def _without_outliers(points: np.ndarray, plane: Mirror) -> Mirror:
-    """Plane of the picks that agree: the triple that most are near decides (MSAC; Torr and Zisserman 2000), then SVD of
-    its inliers. The median distance would not do: half of the picks may be on one side of the frame, in a line."""
+    """Plane of the picks that agree.
+
+    The triple that most are near decides (MSAC; Torr and Zisserman 2000), then SVD of its inliers. The median distance
+    would not do: half of the picks may be on one side of the frame, in a line.
+    """
     count = len(points)
     if count < 5:
         return plane

@@ -21,8 +21,11 @@ _FEW_READINGS = 5  # readings of a part that say too little
 
 @dataclass(frozen=True)
 class SeparatedFrame:
-    """A frame without the wall about it: its pixels, their plane, and how far the glass may well be off it, one
-    standard deviation [m]: 0 but where the plane is the wall's."""
+    """A frame without the wall about it.
+
+    Its pixels, their plane, and how far the glass may well be off it, one standard deviation [m]: 0 but where the plane
+    is the wall's.
+    """
 
     u: np.ndarray
     v: np.ndarray
@@ -108,8 +111,10 @@ def separate_wall(
 
 @njit(cache=True, nogil=True)
 def _outside(intrinsics, plane, point, basis, inner, u, v, at):
-    """How far outside of the sides that are known a pixel lies on the plane [m], -1 inside, and its side; ``at`` (2,)
-    is its place."""
+    """How far outside of the sides that are known a pixel lies on the plane [m], -1 inside, and its side.
+
+    ``at`` (2,) is its place.
+    """
     there = plane[0] * u + plane[1] * v + plane[2]
     if there <= 0.0:
         return -1.0, 0
@@ -131,7 +136,8 @@ def _outside(intrinsics, plane, point, basis, inner, u, v, at):
 @njit(cache=True, nogil=True)
 def _beside_kernel(depth, intrinsics, plane, point, basis, inner, limit, pixel, bins, parts):
     """Counts of readings near the plane, and sums of how much nearer they are in 1/z, by part of the sides and by how
-    many pixels outside of the sides they are, from 1 on: (4·parts, bins) each."""
+    many pixels outside of the sides they are, from 1 on: (4·parts, bins) each.
+    """
     count, total, at = np.zeros((4 * parts, bins)), np.zeros((4 * parts, bins)), np.empty(2)
     for v in range(depth.shape[0]):
         for u in range(depth.shape[1]):

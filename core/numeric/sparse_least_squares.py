@@ -1,5 +1,8 @@
-"""Sparse least squares solved outright: unknowns ordered by Cuthill and McKee (1969), reversed, so that those that meet
-lie close together, then the normal equations factorised within that envelope (George and Liu 1981)."""
+"""Sparse least squares solved outright.
+
+Unknowns ordered by Cuthill and McKee (1969), reversed, so that those that meet lie close together, then the normal
+equations factorised within that envelope (George and Liu 1981).
+"""
 
 from __future__ import annotations
 
@@ -100,8 +103,10 @@ def _less_products(lower, at, left, right, blocks):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _flush(value):
-    """Zero for what is next to nothing: far from where anything is asked, numbers fade away into those that the
-    processor takes a hundred times as long for."""
+    """Zero for what is next to nothing.
+
+    Far from where anything is asked, numbers fade away into those that the processor takes a hundred times as long for.
+    """
     return value if abs(value) > 1e-100 else 0.0
 
 

@@ -1,5 +1,7 @@
-"""Depth grid → triangles, a view at a time and before reflection: neighbours in the image are neighbours on the
-surface (paper 4.2.1)."""
+"""Depth grid → triangles, a view at a time and before reflection.
+
+Neighbours in the image are neighbours on the surface (paper 4.2.1).
+"""
 
 from __future__ import annotations
 

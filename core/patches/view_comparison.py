@@ -39,8 +39,10 @@ class OverlapSettings:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sample(v, u, view, depth, labels, normals, confidence, out):
-    """Bilinear disparity, normal and confidence of a view at (v, u); out = (z, nx, ny, nz, confidence). False off the
-    view."""
+    """Bilinear disparity, normal and confidence of a view at (v, u); out = (z, nx, ny, nz, confidence).
+
+    False off the view.
+    """
     y0, x0 = int(v), int(u)
     y1, x1 = min(y0 + 1, depth.shape[0] - 1), min(x0 + 1, depth.shape[1] - 1)
     fy, fx = v - y0, u - x0

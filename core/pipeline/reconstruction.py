@@ -62,8 +62,10 @@ def reconstruction_steps(
     settings: Settings = Settings(),
     frame: str = "avatar",
 ) -> Generator[tuple[float, str], None, Reconstruction]:
-    """:func:`reconstruct` in pieces: yields (fraction done, what comes next), returns the
-    :class:`.surface.Reconstruction`."""
+    """:func:`reconstruct` in pieces.
+
+    Yields (fraction done, what comes next), returns the :class:`.surface.Reconstruction`.
+    """
     check_frame(frame)
     picks = capture.mirrors if mirrors is None else tuple(mirrors)
     clock = Clock()

@@ -80,8 +80,11 @@ def calibrate(
 
 @dataclass(frozen=True)
 class _Change:
-    """A mirror beside its frame as it is seen now, ``seen``: by how much that moves the reflection of a person [m], and
-    how many standard deviations of both fits that is. ``gone``: its frame is not there any more."""
+    """A mirror beside its frame as it is seen now, ``seen``.
+
+    By how much that moves the reflection of a person [m], and how many standard deviations of both fits that is.
+    ``gone``: its frame is not there any more.
+    """
 
     mirror: Mirror
     seen: Mirror | None
@@ -114,8 +117,9 @@ def moved_warnings(image: RgbdImage, mirrors: Sequence[Mirror], limit: float = _
 
 
 def moved_warning(image: RgbdImage, mirror: Mirror, limit: float = _TOLD) -> str | None:
-    """What to tell the user when a mirror no longer stands where the rig file has it; None when it does, or cannot be
-    seen.
+    """What to tell the user when a mirror no longer stands where the rig file has it.
+
+    None when it does, or cannot be seen.
 
     The frame as it is seen now is fitted anew about the stored plane. It has moved when slopes and shift between both
     are more than their covariances allow (Mahalanobis), and change the reflection of a person 1.5 m before the mirror

@@ -233,7 +233,7 @@ def _decode(colors: np.ndarray) -> np.ndarray:
 
 
 def _encode(linear: np.ndarray) -> np.ndarray:
-    """sRGB bytes of linear light, brightest parts cut."""
+    """SRGB bytes of linear light, brightest parts cut."""
     steps = np.clip(linear, 0.0, 1.0) * 4095
     table = np.arange(4096) / 4095
     table = np.where(table <= 0.0031308, table * 12.92, 1.055 * table ** (1 / 2.4) - 0.055)

@@ -20,7 +20,7 @@ PARTS = ("room", "floor", "subject", "too far")
 
 
 def view_colors(view: np.ndarray) -> np.ndarray:
-    """sRGB (V, 3) uint8 of view numbers: 0 direct, 1… through that mirror, negative = no view."""
+    """SRGB (V, 3) uint8 of view numbers: 0 direct, 1… through that mirror, negative = no view."""
     view = np.asarray(view)
     table = np.array(VIEW_PALETTE, np.uint8)
     colors = table[view % len(table)]
@@ -29,17 +29,17 @@ def view_colors(view: np.ndarray) -> np.ndarray:
 
 
 def kind_colors(kind: np.ndarray) -> np.ndarray:
-    """sRGB (T, 3) uint8 of kinds of triangle: 0 surface, 1 seam, 2 fill."""
+    """SRGB (T, 3) uint8 of kinds of triangle: 0 surface, 1 seam, 2 fill."""
     return np.array(KIND_PALETTE, np.uint8)[np.asarray(kind)]
 
 
 def part_colors(part: np.ndarray) -> np.ndarray:
-    """sRGB (N, 3) uint8 of parts of a capture, numbers as in :data:`PARTS`."""
+    """SRGB (N, 3) uint8 of parts of a capture, numbers as in :data:`PARTS`."""
     return np.array(PART_PALETTE, np.uint8)[np.asarray(part)]
 
 
 def depth_colors(depth: np.ndarray) -> np.ndarray:
-    """sRGB (..., 3) uint8 of distances: near yellow, far violet, no reading (0) black.
+    """SRGB (..., 3) uint8 of distances: near yellow, far violet, no reading (0) black.
 
     The range is that of the middle 98 % of the readings.
     """

@@ -1,5 +1,7 @@
-"""How virtual depth cameras err, as data and one function; noise and quantisation are those of
-:mod:`..noise_models`."""
+"""How virtual depth cameras err, as data and one function.
+
+Noise and quantisation are those of :mod:`..noise_models`.
+"""
 
 from __future__ import annotations
 

@@ -241,8 +241,11 @@ def small_pieces(pieces: Pieces, member: np.ndarray, axis: np.ndarray, settings:
 
 
 class _Extents(NamedTuple):
-    """Of each piece: pixels ``within`` (C,) reach of the place, ``score`` (C,) [m²]: how much of it is how near, and
-    its ``box`` (C, 2, 3) [m]."""
+    """Of each piece.
+
+    Pixels ``within`` (C,) reach of the place, ``score`` (C,) [m²]: how much of it is how near, and its ``box`` (C, 2,
+    3) [m].
+    """
 
     within: np.ndarray
     score: np.ndarray

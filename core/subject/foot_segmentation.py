@@ -104,8 +104,11 @@ def standing_pixels(readings: Readings, floor: FloorViews, first: int, highest: 
 
 @njit(cache=True, nogil=True, parallel=True)
 def _above_kernel(points, seen, up, floors, bands, highest, clearance, first):
-    """``seen`` where a point is above its view's floor and below ``highest``; its height above that floor [m]; and
-    which rows have points within ``bands`` of it. The floors are those of the views from ``first`` on."""
+    """``seen`` where a point is above its view's floor and below ``highest``.
+
+    Its height above that floor [m]; and which rows have points within ``bands`` of it. The floors are those of the
+    views from ``first`` on.
+    """
     height, width = seen.shape
     out = np.full(seen.shape, -1, np.int8)
     above = np.empty(seen.shape, np.float32)

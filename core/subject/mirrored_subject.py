@@ -191,8 +191,10 @@ def _beside_figure(
 def _verdict_kernel(
     component, count, seen, points, depth, labels, others, intrinsics, wide, axis, across, reach2, up, heights, deepest
 ):
-    """What the direct view says of each standing pixel of a mirror: 2 the subject's, 1 it hides behind the subject, 0
-    cannot tell, -1 not the subject's; -2 elsewhere. And how many of each (4, C) a component has, 2 first.
+    """What the direct view says of each standing pixel of a mirror.
+
+    2 the subject's, 1 it hides behind the subject, 0 cannot tell, -1 not the subject's; -2 elsewhere. And how many of
+    each (4, C) a component has, 2 first.
 
     ``intrinsics`` (4,): fx, fy, cx, cy; ``wide``: the directly seen outline, grown; ``others``: where somebody or
     something else is seen to stand.
@@ -230,14 +232,17 @@ def _verdict_kernel(
 
 
 def _is_furniture(yes: np.ndarray, no: np.ndarray, total: np.ndarray) -> np.ndarray:
-    """Of what a mirror shows that the direct view confirms hardly anywhere, what it denies in part: the other side of
-    a box that is seen directly, of which all that is deeper is hidden behind its front."""
+    """Of what a mirror shows that the direct view confirms hardly anywhere, what it denies in part.
+
+    The other side of a box that is seen directly, of which all that is deeper is hidden behind its front.
+    """
     return (no >= np.maximum(PIECE, _DENIED * total)) & (yes < _HARDLY * total)
 
 
 def _deny_furniture(pieces: Pieces, mixed: np.ndarray, verdict: np.ndarray) -> None:
     """What is connected with the figure (``mixed`` pieces) across a small jump only is judged by itself, in
-    ``verdict``."""
+    ``verdict``.
+    """
     if not mixed.any():
         return
     inside = np.where(np.append(mixed, False)[pieces.component], pieces.seen, -1).astype(np.int8)

@@ -88,8 +88,10 @@ def occluded_pieces(
 
 @njit(cache=True, nogil=True)
 def _linked_kernel(component, member, candidate, points, depth):
-    """How many border pixels of each ``candidate`` (C,) are beside something nearer; and from how many the figure is
-    met behind what hides what is between."""
+    """How many border pixels of each ``candidate`` (C,) are beside something nearer.
+
+    And from how many the figure is met behind what hides what is between.
+    """
     height, width = component.shape
     beside, count = np.zeros(len(member), np.int64), np.zeros(len(member), np.int64)
     for v in range(1, height):
@@ -135,8 +137,10 @@ def _linked_kernel(component, member, candidate, points, depth):
 
 @njit(cache=True, nogil=True)
 def _touch_kernel(component, candidate, points, seen, shown, flips, intrinsics, reach):
-    """How many pixels of each ``candidate`` (C,) have the figure, as a mirror shows it, right at them; how many
-    something else; and how many were asked."""
+    """How many pixels of each ``candidate`` (C,) have the figure, as a mirror shows it, right at them.
+
+    How many something else; and how many were asked.
+    """
     height, width = component.shape
     touches, others = np.zeros(len(candidate), np.int64), np.zeros(len(candidate), np.int64)
     asked = np.zeros(len(candidate), np.int64)

@@ -128,7 +128,9 @@ def find_correspondences(
     facing: float = _FACING,
 ) -> list[Correspondences]:
     """What each pair of views shows of the same surface; with ``depth`` and ``seen`` also what is looked through.
-    Surfaces are not judged whose cosine to the line of sight is under ``facing``."""
+
+    Surfaces are not judged whose cosine to the line of sight is under ``facing``.
+    """
     if depth is None or seen is None:
         depth, seen = np.zeros((1, 1), np.float32), np.full((1, 1), -1, np.int8)
     flips = [np.eye(4), *(reflection_matrix(m) for m in mirrors)]

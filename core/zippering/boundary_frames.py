@@ -33,8 +33,10 @@ class Boundary:
 
 
 def boundary_of(mesh: Mesh, edges: np.ndarray) -> Boundary:
-    """Boundary loops with the directions that matching needs, from the mesh's :func:`~.half_edges.open_edges`. O(V +
-    T)."""
+    """Boundary loops with the directions that matching needs, from the mesh's :func:`~.half_edges.open_edges`.
+
+    O(V + T).
+    """
     loops = loops_of(edges, len(mesh.vertices))
     start = np.concatenate(([0], np.cumsum([len(loop) for loop in loops]))).astype(np.int64)
     vertex = np.concatenate(loops) if loops else np.empty(0, np.int32)

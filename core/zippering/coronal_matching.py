@@ -1,5 +1,7 @@
-"""The paper's matching (4.2.2): boundary loops split where the coronal and sagittal planes meet, every pairing
-tried."""
+"""The paper's matching (4.2.2).
+
+Boundary loops split where the coronal and sagittal planes meet, every pairing tried.
+"""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ def warp(x, y, skip, memory=1 << 26):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _diagonal(cost, up, left, across, out, step):
-    """out = cost + min of the three predecessors; ties go to the diagonal step, then to the first sequence."""
+    """Out = cost + min of the three predecessors; ties go to the diagonal step, then to the first sequence."""
     for k in range(len(cost)):
         best = across[k]
         which = np.uint8(0)

@@ -1,5 +1,7 @@
-"""Which boundary runs face each other: mutual partners that follow one another, found without trying every pair of
-loops."""
+"""Which boundary runs face each other.
+
+Mutual partners that follow one another, found without trying every pair of loops.
+"""
 
 from __future__ import annotations
 

@@ -59,8 +59,9 @@ def zip_patches(
     floor: float | None,
     settings: ZipperSettings = ZipperSettings(),
 ) -> tuple[Mesh, list[Seam], np.ndarray]:
-    """Zipper the patches: a compact figure first as the paper does, then every pair of boundary runs that face each
-    other.
+    """Zipper the patches.
+
+    A compact figure first as the paper does, then every pair of boundary runs that face each other.
 
     Narrow gaps come before wide ones, well matched runs before badly matched ones.
 

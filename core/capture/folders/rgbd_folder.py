@@ -122,8 +122,10 @@ def mirrors_to(mirrors: tuple[MirrorPicks, ...]) -> list[dict]:
 
 
 def sensor_named(name: object) -> str:
-    """The name of :class:`.capture.Capture.sensor` for what a file or device calls itself; ``unknown`` for anything
-    else."""
+    """The name of :class:`.capture.Capture.sensor` for what a file or device calls itself.
+
+    ``unknown`` for anything else.
+    """
     text = re.sub(r"[^a-z0-9]", "", name.lower()) if isinstance(name, str) else ""
     for sensor, words in SENSOR_WORDS.items():
         if any(word in text for word in words):
