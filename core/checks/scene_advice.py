@@ -95,7 +95,7 @@ def check_scene(
     list of str
         Each says what is wrong, where, and what to do. Empty for a good scene.
     """
-    depth, intrinsics = image.depth, image.intrinsics
+    intrinsics = image.intrinsics
     warned = _cut_by_image(views, intrinsics)
     subject = thinned(views, views.labels == 0)
     if len(subject):
@@ -107,7 +107,7 @@ def check_scene(
         if step is not None:
             warned.append(step)
         for k, (mirror, reflection) in enumerate(zip(mirrors, found, strict=True), start=1):
-            if_moved = partial(foresee, others[k - 1], depth, views, intrinsics=intrinsics)
+            if_moved = partial(foresee, image, others[k - 1], views)
             case = _Case(mirror, k, reflection, if_moved)
             about = _about_mirror(case, views, model, intrinsics, step is not None)
             warned += [Notice.of(text, [mirror.name]) for text in about]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..camera import RgbdImage, unproject
@@ -23,26 +25,26 @@ def place_mirrors(
     known: tuple[MirrorPicks | Mirror, ...], depth: np.ndarray, capture: Capture, settings: Settings
 ) -> tuple[list[Mirror], tuple[str, ...]]:
     """The mirrors that were picked or given, or else those that the depth map shows; and what to warn of."""
-    camera, offset = capture.intrinsics, settings.mirror.glass_offset
-    cloud = unproject(depth, camera)
+    image, offset = RgbdImage(depth, capture.intrinsics), settings.mirror.glass_offset
+    cloud = unproject(depth, capture.intrinsics)
 
     def place(one: MirrorPicks | Mirror) -> Mirror:
         if isinstance(one, Mirror):
             return one
         if one.frame_pixels is not None and len(one.frame_pixels) < 3:
-            return find_mirror_at(RgbdImage(depth, camera), one, settings.detection, offset)
+            return find_mirror_at(image, one, settings.detection, offset)
         mirror, fault = None, None
         try:
-            mirror = place_mirror(RgbdImage(depth, camera), one, settings.mirror, cloud)
+            mirror = place_mirror(image, one, settings.mirror, cloud)
         except PicksDisagreeError as error:
             fault = error
-        mirror = find_better_at(RgbdImage(depth, camera), one, mirror, settings.detection, offset)
+        mirror = find_better_at(image, one, mirror, settings.detection, offset)
         if mirror is None:
             raise fault
         return mirror
 
     placed = [place(one) for one in known]
-    warnings = list(moved_warnings(RgbdImage(depth, camera), [m for m in placed if m.source == "rig file"]))
+    warnings = list(moved_warnings(image, [m for m in placed if m.source == "rig file"]))
     warnings += [
         Notice(
             "{name}: the plane through its picks does not look like a mirror's: hardly a frame stands in it, or what "
@@ -50,10 +52,10 @@ def place_mirrors(
             name=m.name, mirrors=[m.name],
         )
         for k, m in enumerate(placed)
-        if m.source == "picked" and contradicted(RgbdImage(depth, camera), m, placed[:k] + placed[k + 1 :])
+        if m.source == "picked" and contradicted(image, m, placed[:k] + placed[k + 1 :])
     ]  # fmt: skip
     if not known:
-        placed = find_mirrors(RgbdImage(depth, camera, capture.color), settings.detection, offset)
+        placed = find_mirrors(replace(image, color=capture.color), settings.detection, offset)
     if not placed:
         raise MirrorError(
             "{name}: no mirror was found: none is given, and no straight frame with the person's reflection in it is "
@@ -67,6 +69,6 @@ def place_mirrors(
         (align_floor, settings.floor),
         (align_views, settings.agreement),
     ):
-        placed, notes = align(placed, depth, camera, chosen)
+        placed, notes = align(image, placed, chosen)
         warnings += notes
     return placed, (*warnings, *frameless_notes(placed))
