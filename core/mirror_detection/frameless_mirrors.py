@@ -64,29 +64,28 @@ def find_frameless(image: RgbdImage, known: Iterable[Mirror] = (), most: int = 2
     up, floor, _ = ground
     known = list(known)
     objects, figures = find_figures(thin, cloud, up, floor, known)
-    found, beside = [], []
+    found: list[tuple[Mirror, bool]] = []
     pairs = [
-        (one, image) for one in figures for image in figures
-        if image.middle[2] > one.middle[2] + 0.5 * _IMAGE_FARTHER
-        and np.linalg.norm(image.middle) > np.linalg.norm(one.middle) + _IMAGE_FARTHER
-        and (one.cut or image.cut or abs(one.top - image.top) < 0.35)
+        (one, reflection) for one in figures for reflection in figures
+        if reflection.middle[2] > one.middle[2] + 0.5 * _IMAGE_FARTHER
+        and np.linalg.norm(reflection.middle) > np.linalg.norm(one.middle) + _IMAGE_FARTHER
+        and (one.cut or reflection.cut or abs(one.top - reflection.top) < 0.35)
     ]  # fmt: skip
     if pairs:
         objects = _widened_kernel(depth, thin, objects, stride)
     pairs.sort(key=lambda pair: -min(pair[0].count, pair[1].count))
-    for one, image in pairs[:12]:
-        if len(found) == most or behind_glass(image.middle[None], found)[0]:
+    for one, reflection in pairs[:12]:
+        if len(found) == most or behind_glass(reflection.middle[None], [mirror for mirror, _ in found])[0]:
             continue
-        shown = figure_surfaces(image, one, image, objects)
-        start = search_mirror_plane(image, one, image, shown, objects, up)
+        shown = figure_surfaces(image, one, reflection, objects)
+        start = search_mirror_plane(image, one, reflection, shown, objects, up)
         mirror = start and fit_mirror_to_skin(start, shown, intrinsics)
-        if mirror is None or not is_one_body(image, one, image, objects, mirror):
+        if mirror is None or not is_one_body(image, one, reflection, objects, mirror):
             continue
-        mirror = with_glass(image, mirror, image, objects, np.append(up, floor))
-        if mirror is not None:
-            found.append(mirror[0])
-            beside.append(mirror[1])
-    return list(zip(found, beside, strict=True))
+        glass = with_glass(image, mirror, reflection, objects, np.append(up, floor))
+        if glass is not None:
+            found.append(glass)
+    return found
 
 
 def frameless_notes(mirrors: list[Mirror]) -> tuple[str, ...]:
@@ -126,10 +125,12 @@ def _widened_kernel(depth, thin, objects, stride):
 
 def overlaps(mirror: Mirror, others: Iterable[Mirror]) -> bool:
     """Whether it shares more than a quarter of the smaller one's place in the picture with one of the others."""
+    mine = mirror.outline
     for other in others:
-        low = np.maximum(mirror.outline.min(axis=0), other.outline.min(axis=0))
-        size = np.minimum(mirror.outline.max(axis=0), other.outline.max(axis=0)) - low
-        smaller = min(np.prod(np.ptp(m.outline, axis=0)) for m in (mirror, other))
+        its = other.outline
+        assert mine is not None and its is not None
+        size = np.minimum(mine.max(axis=0), its.max(axis=0)) - np.maximum(mine.min(axis=0), its.min(axis=0))
+        smaller = min(np.prod(np.ptp(outline, axis=0)) for outline in (mine, its))
         if size.min() > 0 and np.prod(size) > 0.25 * smaller:
             return True
     return False
@@ -144,11 +145,11 @@ def find_verified_frameless(image: RgbdImage, known: list[Mirror], settings: Det
     good = []
     for mirror, beside in find_frameless(image, known, settings.max_mirrors - len(known)):
         if beside:
-            framed = fit_frame(image, mirror)
-            off = framed and reflection_shift(person_before(mirror), framed, mirror)
-            if off is None or off > 3.0 * mirror.displacement(person_before(mirror)):
+            framed, person = fit_frame(image, mirror), person_before(mirror)
+            if framed is None or reflection_shift(person, framed, mirror) > 3.0 * expected_error(mirror):
                 continue
             mirror = with_outline(framed, intrinsics)
+        assert mirror.rectangle is not None  # that of its glass
         guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
         if beside and frame_edge_share(image, guess, 0.2, known) < settings.min_rim:
             continue
