@@ -175,7 +175,8 @@ class _Floor:
         cells = np.stack([np.floor(dot(placed, self.level[k]) / _CELL).astype(np.int64) for k in (0, 1)])
         cells = np.clip(cells + _CELLS // 2, 0, _CELLS - 1)
         cells = cells[0] * _CELLS + cells[1]
-        noise = self.fits[ALL][3] if self.fits[ALL] is not None else 0.0
+        fitted = self.fits[ALL]
+        noise = fitted[3] if fitted is not None else 0.0
         flat = np.maximum(_NOISES * noise * placed[..., 2], _LEAST_HEIGHT)
 
         def about(chosen: np.ndarray, few: int) -> np.ndarray:
@@ -214,9 +215,10 @@ class _Floor:
 
         Height and slopes (3,), their covariance, and how they change with the mirror's slopes and shift (3, 3).
         """
-        if self.fits[which] is None:
+        fitted = self.fits[which]
+        if fitted is None:
             return None
-        own, covariance, _, noise = self.fits[which]
+        own, covariance, _, noise = fitted
         matrix = reflection_matrix(mirror)
         lifts, feet = self.above(readings, matrix)
         near = np.abs(lifts) < np.maximum(gate, _NOISES * noise * feet[:, 2])
@@ -244,6 +246,7 @@ def _lift(mirror: Mirror, up: np.ndarray) -> float:
 
     Its standard deviation.
     """
+    assert mirror.covariance is not None  # else it is not moved
     moves = np.einsum("nci,c->ni", reflection_moves(mirror, person_before(mirror)), up)
     return float(np.sqrt(np.einsum("ni,ij,nj->n", moves, mirror.covariance, moves).mean()))
 

@@ -77,7 +77,7 @@ def columns_of(free: Iterable[int]) -> dict[int, slice]:
     return {mirror: slice(3 * n, 3 * n + 3) for n, mirror in enumerate(free)}
 
 
-def frames_prior(frames: Sequence[Mirror], glass_offsets: Sequence[float] | None = None) -> np.ndarray:
+def frames_prior(frames: Sequence[Mirror], glass_offsets: Sequence[float] | np.ndarray | None = None) -> np.ndarray:
     """Information matrix (3F, 3F) of what the frames of F mirrors say of their poses.
 
     Parameters
@@ -181,8 +181,8 @@ def confirmed_fit(
         before = judged(judge, np.zeros(len(whole.correction)))
     if promises is not None and not promises(before, judged(judge, whole.correction)):
         return None
-    halves = [fit(half, whole) for half in HALVES]
-    if None in halves:
+    halves = [found for half in HALVES if (found := fit(half, whole)) is not None]
+    if len(halves) < len(HALVES):
         return None
     after = [judge(halves[1 - half].correction, half) for half in HALVES]
     return (whole, halves) if confirms(before, after) else None

@@ -205,7 +205,8 @@ def _shown(mirror, depth, intrinsics, settings) -> tuple[np.ndarray, np.ndarray,
         depth, intrinsics.packed, glass_of([mirror]), low, high, settings.two_sided, points, normals, half
     )
     thin = slice(0, n, n // _MOST_READINGS + 1)
-    return tuple(np.ascontiguousarray(part[thin]) for part in (points, normals, half))
+    points, normals, half = (np.ascontiguousarray(part[thin]) for part in (points, normals, half))
+    return points, normals, half
 
 
 def _pairs(mirror, points, facing, depth, intrinsics, settings, gate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

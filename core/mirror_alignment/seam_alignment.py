@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -207,7 +208,7 @@ class _Rig:
 def _rig(
     mirrors: list[Mirror], free: list[int], behind: np.ndarray, views: int, settings: SeamSettings, glass_offset: float
 ) -> _Rig:
-    frames = [replace(mirrors[k], covariance=_proper(mirrors[k].covariance)) for k in free]
+    frames = [_with_proper_covariance(mirrors[k]) for k in free]
     columns = np.full(views, -1)
     columns[behind[free]] = 3 * np.arange(len(free))
     return _Rig(
@@ -253,7 +254,9 @@ def _settled(
             break
         motions = [reflection_matrix(new) @ reflection_matrix(m) for new, m in zip(at, old, strict=True)]
         patches, maps = move_views(patches, maps, rig.behind, motions)
-        mesh = join(patches, maps) if mesh is not None else None
+        if mesh is not None:
+            assert join is not None  # they are given together
+            mesh = join(patches, maps)
     if costs[-1] >= costs[0] or np.median(left) > _FITS:
         return None
     last = correction - before  # what still changed is not settled
@@ -305,7 +308,8 @@ def _depth(old: Mirror, new: Mirror) -> float:
 
 def _note(old: Mirror, new: Mirror, distance: float, doubted: bool, glass_offset: float) -> Notice:
     """What is reported of a move by ``distance`` [m] at a person; from where the glass was taken to be."""
-    depth, values = _depth(old, new), {"name": old.name, "distance": 1000.0 * distance, "mirrors": [old.name]}
+    depth = _depth(old, new)
+    values: dict[str, Any] = {"name": old.name, "distance": 1000.0 * distance, "mirrors": [old.name]}
     if doubted:
         return Notice(
             "{name}: the seams between its reflection and the other views show an offset; its plane, which its frame "
@@ -342,10 +346,12 @@ def _by_its_frame(mirror: Mirror) -> bool:
     return mirror.refined or mirror.source == "picked"
 
 
-def _proper(covariance: np.ndarray) -> np.ndarray:
-    """The covariance made symmetric, with no direction more certain than a fit can be, nor less than any mirror."""
+def _with_proper_covariance(mirror: Mirror) -> Mirror:
+    """Its covariance made symmetric, with no direction more certain than a fit can be, nor less than any mirror."""
+    covariance = mirror.covariance
+    assert covariance is not None  # else it is not movable
     values, axes = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    return (axes * np.clip(values, _LEAST_DEVIATION**2, _MOST_DEVIATION**2)) @ axes.T
+    return replace(mirror, covariance=(axes * np.clip(values, _LEAST_DEVIATION**2, _MOST_DEVIATION**2)) @ axes.T)
 
 
 def mirrored_views(maps: ViewMaps) -> np.ndarray:
@@ -410,6 +416,7 @@ def _fit_offsets(
 
     made = np.append(before, np.zeros(len(weak) - count))
     fit = solve_pose(observe, weak, (np.inf,) * _WEIGHINGS, linear_after=made)
+    assert fit is not None  # the observations are never too few
     left = float(np.median(np.abs(A @ fit.correction + b)))
     scale = max(1.0, MAD * left)  # some cameras read silhouettes worse than others
     return PoseFit(fit.correction[:count], scale**2 * fit.covariance[:count, :count])

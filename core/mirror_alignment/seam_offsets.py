@@ -65,6 +65,7 @@ def seam_pieces(mesh: Mesh, maps: ViewMaps, piece: float = 0.12) -> SeamPieces:
     -----
     O(seam triangles).
     """
+    assert mesh.view is not None and mesh.kind is not None  # zippering knows both
     seam = mesh.triangles[mesh.kind == SEAM]
     view = mesh.view[seam]
     low, high = view.min(axis=1), view.max(axis=1)

@@ -216,8 +216,9 @@ def find_edge_segments(image: RgbdImage, settings: DetectionSettings) -> list[Se
             _chain_kernel(rows, columns, disparity, 4, chain)
             pieces = _pieces(rows, columns, disparity, chain, settings, focal, lines)
 
-            def placed(piece, side=side, turned=turned) -> Segment | None:
-                return _segment(side, *piece, turned, intrinsics)
+            def placed(piece: tuple[np.ndarray, ...], side=side, turned=turned) -> Segment | None:
+                along, across, d = piece
+                return _segment(side, along, across, d, turned, intrinsics)
 
             for piece in _joined(pieces, settings.straightness, grid, placed, settings.max_size, lines):
                 segment = placed(piece)
@@ -308,7 +309,7 @@ def _joined(
                 between = np.arange(*((high + 1, ends[j, 0]) if ends[j, 0] > high else (ends[j, 1] + 1, low)))
                 if _ended(between, au + bu * between, ad + bd * between, depth):
                     continue
-                if gap[j] >= 0.6 * both[j] and not _on_line(lines, between, au + bu * between):
+                if gap[j] >= 0.6 * both[j] and (lines is None or not _on_line(lines, between, au + bu * between)):
                     continue
                 if np.abs(au + bu * v - u).mean() >= stray[j] * tolerance:
                     continue

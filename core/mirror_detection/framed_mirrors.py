@@ -86,7 +86,9 @@ def fit_to_frame(image: RgbdImage, guess: Hypothesis) -> Mirror | None:
 
 def _along(sides: Iterable[Segment]) -> np.ndarray:
     """Pixels (K, 2), every few along the depth edges."""
-    return np.concatenate([np.linspace(*s.ends, max(int(np.abs(s.ends[1] - s.ends[0]).max()) // 8, 2)) for s in sides])
+    return np.concatenate(
+        [np.linspace(a, b, max(int(np.abs(b - a).max()) // 8, 2)) for a, b in (s.ends for s in sides)]
+    )
 
 
 def ends_without_edge(guess: Hypothesis) -> np.ndarray:
@@ -101,7 +103,8 @@ def without_overlap(good: list[Hypothesis], intrinsics: Intrinsics, known: list[
 
     Images of mirrors in a mirror go.
     """
-    taken = [(m.outline.min(axis=0), m.outline.max(axis=0)) for m in known if np.isfinite(m.outline).all()]
+    outlines = [m.outline for m in known if m.outline is not None and np.isfinite(m.outline).all()]
+    taken = [(outline.min(axis=0), outline.max(axis=0)) for outline in outlines]
     boxes = []
     for h in good:
         corners = np.array([(x, y) for x in h.rectangle[0] for y in h.rectangle[1]])

@@ -51,8 +51,10 @@ def find_identical_frames(
         found = _pair(image, proposed, glass_offset)
         bare = depth_without_frames(image.with_depth(bare), found, glass_offset)
         return found + (find_identical_frames(image, proposed, found, glass_offset, bare, settings) if found else [])
-    asked, points = [], sampled_points(image) if found else None
-    for guess in _uncovered(proposed, found) if found else ():
+    if not found:
+        return []
+    asked, points = [], sampled_points(image)
+    for guess in _uncovered(proposed, found):
         edge, _ = _unopposed(image, guess, points, found)
         if edge > 0.0:
             asked.append((len(guess.sides), edge, guess))
@@ -165,6 +167,7 @@ def measure_frame(image: RgbdImage, mirror: Mirror) -> FrameMeasures:
         z [m], 0 = no reading.
     """
     depth, intrinsics = image.depth, image.intrinsics
+    assert mirror.rectangle is not None
     z = float(mirror.point[2])
     tolerance = min(max(4.0 * mirror.residual, 0.004), 0.02 * z) / z**2
     plane = disparity_of_plane(mirror.normal, float(mirror.normal @ mirror.point), intrinsics)

@@ -114,8 +114,9 @@ def _nearest(mirrors: list[Mirror], pixels: np.ndarray, reach: float) -> Mirror 
     """The mirror whose outline is nearest to the better part of pixels (K, 2), within ``reach`` of its lesser size."""
     best, nearest = None, np.inf
     for mirror in mirrors:
+        assert mirror.outline is not None  # found mirrors have one
         corners = np.nan_to_num(mirror.outline)
-        distance = np.quantile([_to_outline(pixel, corners) for pixel in pixels], _HIT)
+        distance = float(np.quantile([_to_outline(pixel, corners) for pixel in pixels], _HIT))
         if distance < nearest and distance < reach * np.ptp(corners, axis=0).min():
             best, nearest = mirror, distance
     return best

@@ -391,7 +391,9 @@ def verified_hypotheses(
     known : iterable of Mirror
         Behind whose glass a frame is hidden.
     """
-    good, points = [], sampled_points(image) if proposed else None
+    if not proposed:
+        return []
+    good, points = [], sampled_points(image)
     for guess in proposed:
         checked = verify(image, guess, floor_drop_of_points(points, guess.basis), settings, known)
         if checked is not None:

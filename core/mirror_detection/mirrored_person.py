@@ -86,7 +86,7 @@ def find_figures(
     across = np.cross(up, (0.0, 0.0, 1.0))
     across /= np.linalg.norm(across)
     ahead = np.cross(across, up)
-    out = []
+    out: list[Figure] = []
     for k in np.argsort(-sizes, kind="stable")[:40]:
         if sizes[k] < _LEAST_READINGS or len(out) == _FIGURES:
             break
@@ -200,7 +200,7 @@ def search_mirror_plane(
     """
     depth, intrinsics = image.depth, image.intrinsics
     here, there = (f.middle + _SKIN * f.middle / np.linalg.norm(f.middle) for f in (one, reflection))
-    way = here - there
+    way: np.ndarray = here - there
     way = way - (way @ up) * up
     if not (one.cut or reflection.cut):  # a mirror that leans shows the head higher or lower
         lean = (one.top - reflection.top) / np.linalg.norm(way)
@@ -377,30 +377,32 @@ def fit_mirror_to_skin(mirror: Mirror, shown: list[Surfaces], intrinsics: Intrin
     prior = np.diag(1.0 / np.array((0.03, 0.02, 0.04)) ** 2)
 
     def solve(half: int, facing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-        step = np.zeros(3)
-        for turn in range(10):
-            gate = 0.10 if turn < 4 else 0.05
-            rows, gaps, weights = _equations(moved(mirror, step), shown, intrinsics, gate, half, facing)
+        correction = np.zeros(3)
+        for iteration in range(10):
+            gate = 0.10 if iteration < 4 else 0.05
+            rows, gaps, weights = _equations(moved(mirror, correction), shown, intrinsics, gate, half, facing)
             if len(gaps) < _LEAST_PAIRS // (1 if half < 0 else 3):
                 return None
             information = (rows * weights[:, None]).T @ rows + prior
-            change = np.linalg.solve(information, (rows * weights[:, None]).T @ gaps - prior @ step)
-            step = step + change
-            if turn >= 5 and np.abs(change).max() < 1e-4:
+            change = np.linalg.solve(information, (rows * weights[:, None]).T @ gaps - prior @ correction)
+            correction = correction + change
+            if iteration >= 5 and np.abs(change).max() < 1e-4:
                 break
-        return step, np.linalg.inv(information), gaps
+        return correction, np.linalg.inv(information), gaps
 
-    tried = ((wrong, [solve(half, facing) for half in (-1, 0, 1)]) for facing, wrong in _GRAZING)
-    wrong, fits = next(((wrong, fits) for wrong, fits in tried if None not in fits), (0.0, None))
-    if fits is None:
+    for facing, wrong in _GRAZING:
+        whole, first, second = (solve(half, facing) for half in (-1, 0, 1))
+        if whole is not None and first is not None and second is not None:
+            break
+    else:
         return None
-    (step, covariance, gaps), *halves = fits
-    made = moved(mirror, step)
-    apart = reflection_shift(person_before(made), moved(mirror, halves[0][0]), moved(mirror, halves[1][0]))
+    correction, covariance, gaps = whole
+    made = moved(mirror, correction)
+    distance = reflection_shift(person_before(made), moved(mirror, first[0]), moved(mirror, second[0]))
     residual = float(np.sqrt(np.mean(gaps**2)))
     covariance = covariance + np.diag((_SLOPE_ERROR, _SLOPE_ERROR, wrong)) ** 2
     made = replace(made, residual=residual, points_used=len(gaps), covariance=covariance)
-    if apart > _HALVES_APART or residual > _RAGGED_SKIN or expected_error(made) > _MOST_ERROR:
+    if distance > _HALVES_APART or residual > _RAGGED_SKIN or expected_error(made) > _MOST_ERROR:
         return None
     return made
 

@@ -107,7 +107,7 @@ def _hypothesis(sides: dict[int, Segment]) -> Hypothesis | None:
 
     Down is where those that stand point, or across those that lie.
     """
-    points = np.concatenate([np.linspace(*s.points, max(2, int(20 * s.length))) for s in sides.values()])
+    points = np.concatenate([np.linspace(s.points[0], s.points[1], max(2, int(20 * s.length))) for s in sides.values()])
     center = points.mean(axis=0)
     normal = np.linalg.svd((points - center).T @ (points - center))[2][2]
     if normal @ center > 0:

@@ -341,7 +341,7 @@ def plane_of_disparity(coefficients: np.ndarray, intrinsics: Intrinsics) -> tupl
     a, b, c = coefficients
     n = np.array((a * intrinsics.fx, b * intrinsics.fy, a * intrinsics.cx + b * intrinsics.cy + c))
     length = np.linalg.norm(n)
-    return n / length, 1.0 / length
+    return n / length, float(1.0 / length)
 
 
 def disparity_of_plane(normal: np.ndarray, d: float, intrinsics: Intrinsics) -> np.ndarray:

@@ -84,8 +84,10 @@ def fit_frame(
             break
     if fitted is None:
         return None
+    assert mirror.rectangle is not None
     separated = separate_wall(u, v, depth, fitted, intrinsics.packed, mirror.point, mirror.basis, mirror.rectangle)
     placed = _on_frame(image, mirror, separated.u, separated.v, separated.fitted, outward)
+    assert placed.covariance is not None
     return replace(placed, covariance=placed.covariance + np.diag((0.0, 0.0, separated.depth_error**2)))
 
 
@@ -131,6 +133,7 @@ def _on_frame(
     Not on a side where they go on as far as was looked, ``outward`` [m]: that is no frame but the wall.
     """
     depth, intrinsics = image.depth, image.intrinsics
+    assert mirror.rectangle is not None
     kept = fitted.weights > 0.1
     core = fit_core(u, v, depth, fitted)
     normal, d = plane_of_disparity(core.coefficients, intrinsics)
@@ -166,6 +169,7 @@ def _ring(
     """Pixels u, v within ``band`` of the plane (3,) 1/z = a·u + b·v + c, about the rectangle but not inside."""
     depth, intrinsics = image.depth, image.intrinsics
     rectangle = mirror.rectangle
+    assert rectangle is not None
     corners = np.array([(x, y) for x in rectangle[0] + (-outward, outward) for y in rectangle[1] + (-outward, outward)])
     box = project(mirror.point + corners @ mirror.basis[:, :2].T, intrinsics)
     size = (intrinsics.width, intrinsics.height)

@@ -160,6 +160,7 @@ def at_border(
 
 def with_outline(mirror: Mirror, intrinsics: Intrinsics) -> Mirror:
     """The mirror with the corners of its rectangle in pixels."""
+    assert mirror.rectangle is not None
     (left, right), (top, bottom) = mirror.rectangle
     corners = np.array(((left, top), (right, top), (right, bottom), (left, bottom)))
     return replace(mirror, outline=project(mirror.point + corners @ mirror.basis[:, :2].T, intrinsics))

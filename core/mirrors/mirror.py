@@ -15,9 +15,10 @@ from ..errors import MirrorError
 
 def expected_error(mirror: Mirror) -> float:
     """How far the reflection of a person 1.5 m before the mirror is expected to be off [m]; inf when nothing says."""
-    if mirror.covariance is None:
+    error = mirror.displacement(person_before(mirror))
+    if error is None:
         return 0.0 if mirror.source == "given" else np.inf
-    return mirror.displacement(person_before(mirror))
+    return error
 
 
 @dataclass(frozen=True)
@@ -117,8 +118,8 @@ def oriented(normal: np.ndarray, point: np.ndarray, down=(0.0, 1.0, 0.0)) -> tup
     return normal, np.column_stack((np.cross(down, normal), down, normal))
 
 
-def plane_mirror(name: str, point: np.ndarray, normal: np.ndarray) -> Mirror:
-    """A mirror whose plane is known; its glass is taken as unlimited."""
+def plane_mirror(name: str, point: np.ndarray | None, normal: np.ndarray | None) -> Mirror:
+    """A mirror whose plane is known; its glass is taken as unlimited. Raises MirrorError when something is missing."""
     point = np.asarray(point, dtype=np.float64)
     normal = np.asarray(normal, dtype=np.float64)
     if (

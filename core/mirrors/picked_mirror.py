@@ -204,6 +204,7 @@ def _grow(
         return None
     u, v, fitted = grown
     mirror, core = _on_pixels(u, v, fitted, depth, seeds, cloud, plane, intrinsics)
+    assert mirror.rectangle is not None  # it was just set
     separated = separate_wall(u, v, depth, fitted, intrinsics.packed, mirror.point, mirror.basis, mirror.rectangle)
     if separated.fitted is not fitted:
         mirror, core = _on_pixels(separated.u, separated.v, separated.fitted, depth, seeds, cloud, plane, intrinsics)

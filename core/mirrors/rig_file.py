@@ -23,7 +23,7 @@ _INTRINSICS_KEYS = ("width", "height", "fx", "fy", "cx", "cy")
 
 @dataclass(frozen=True)
 class RigFile:
-    """A camera's intrinsics and the mirrors before it."""
+    """A camera's intrinsics and the mirrors in front of it."""
 
     intrinsics: Intrinsics
     mirrors: tuple[Mirror, ...]
@@ -35,23 +35,25 @@ def write_rig(path: str | os.PathLike, rig: RigFile) -> None:
         "format": FORMAT,
         "version": VERSION,
         "intrinsics": {key: getattr(rig.intrinsics, key) for key in _INTRINSICS_KEYS},
-        "mirrors": [
-            {
-                "name": m.name,
-                "point": m.point.tolist(),
-                "normal": m.normal.tolist(),
-                "down": m.basis[:, 1].tolist(),
-                "rectangle": m.rectangle.tolist(),
-                "outline": m.outline.tolist(),
-                "covariance": None if m.covariance is None else m.covariance.tolist(),
-                "residual_mm": 1000.0 * m.residual,
-                "points_used": m.points_used,
-            }
-            for m in rig.mirrors
-        ],
+        "mirrors": [_entry(m) for m in rig.mirrors],
     }
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _entry(m: Mirror) -> dict:
+    assert m.rectangle is not None and m.outline is not None  # calibration takes no others
+    return {
+        "name": m.name,
+        "point": m.point.tolist(),
+        "normal": m.normal.tolist(),
+        "down": m.basis[:, 1].tolist(),
+        "rectangle": m.rectangle.tolist(),
+        "outline": m.outline.tolist(),
+        "covariance": None if m.covariance is None else m.covariance.tolist(),
+        "residual_mm": 1000.0 * m.residual,
+        "points_used": m.points_used,
+    }
 
 
 def read_rig(path: str | os.PathLike) -> RigFile:
@@ -79,9 +81,9 @@ def read_rig(path: str | os.PathLike) -> RigFile:
     stored, entries = content.get("intrinsics"), content.get("mirrors")
     if not isinstance(stored, dict) or not isinstance(entries, list) or not entries:
         raise MirrorError(f"{path}: holds no camera or no mirrors; calibrate again")
-    values = [_number(path, "intrinsics", stored.get(key)) for key in _INTRINSICS_KEYS]
+    width, height, fx, fy, cx, cy = (_number(path, "intrinsics", stored.get(key)) for key in _INTRINSICS_KEYS)
     try:
-        intrinsics = Intrinsics(int(values[0]), int(values[1]), *values[2:])
+        intrinsics = Intrinsics(int(width), int(height), fx, fy, cx, cy)
     except CaptureError as error:
         raise MirrorError(f"{path}: {error}") from error
     return RigFile(intrinsics, tuple(_mirror(path, k, entry, intrinsics) for k, entry in enumerate(entries, start=1)))
@@ -110,7 +112,8 @@ def _array(path: Path, name: str, entry: dict, key: str, shape: tuple[int, ...])
 def _mirror(path: Path, place: int, entry: object, intrinsics: Intrinsics) -> Mirror:
     if not isinstance(entry, dict):
         raise MirrorError(f"{path}: mirror {place} is not a JSON object; calibrate again")
-    name = entry.get("name") if isinstance(entry.get("name"), str) else f"mirror {place}"
+    given = entry.get("name")
+    name = given if isinstance(given, str) else f"mirror {place}"
     point, normal, down = (_array(path, name, entry, key, (3,)) for key in ("point", "normal", "down"))
     rectangle = _array(path, name, entry, "rectangle", (2, 2))
     if (rectangle[:, 0] >= rectangle[:, 1]).any() or np.linalg.norm(np.cross(normal, down)) < 0.1:
@@ -150,8 +153,8 @@ def mirrors_for(rig: RigFile, intrinsics: Intrinsics) -> tuple[Mirror, ...]:
             f"the rig was calibrated at {old.width}×{old.height} pixels, the capture has "
             f"{intrinsics.width}×{intrinsics.height}; calibrate it with the same camera and mode"
         )
-    apart = max(abs(old.fx / intrinsics.fx - 1), abs(old.fy / intrinsics.fy - 1))
-    if apart > 0.005 or max(abs(old.cx - intrinsics.cx), abs(old.cy - intrinsics.cy)) > 2.0:
+    difference = max(abs(old.fx / intrinsics.fx - 1), abs(old.fy / intrinsics.fy - 1))
+    if difference > 0.005 or max(abs(old.cx - intrinsics.cx), abs(old.cy - intrinsics.cy)) > 2.0:
         raise MirrorError(
             "the rig was calibrated with another lens: its focal lengths or centre differ from the capture's; "
             "calibrate it with the same camera and mode"

@@ -89,7 +89,9 @@ def find_person(
     settings : ViewSettings
     """
     found = _person_on(readings, floor, clicked, settings)
-    height = None if found is None or floor.height is None else _raised_height(readings, found, settings)
+    if found is None or floor.height is None:
+        return found
+    height = _raised_height(readings, found, floor.height, settings)
     if height is None:
         return found
     raised = replace(floor, height=height, center=found.middle(), wide=False, outer=ABOUT)
@@ -97,7 +99,7 @@ def find_person(
     found = _person_on(readings, raised, clicked, settings)
     if found is None:
         return None
-    warnings = ()
+    warnings: tuple[str, ...] = ()
     if step > STEP[0]:
         warnings = (f"what the subject stands on, {100.0 * step:.0f} cm above the floor, is cut off",)
     # a mirror shows too little of a low step to separate it from the floor about it
@@ -113,9 +115,8 @@ def _person_on(
     return None if member is None else DirectSubject(pieces, member, floor, rough)
 
 
-def _raised_height(readings: Readings, found: DirectSubject, settings: ViewSettings) -> float | None:
-    """Height of the carpet, mat or step that a person stands on; None when it is the floor itself."""
-    floor = found.floor.height
+def _raised_height(readings: Readings, found: DirectSubject, floor: float, settings: ViewSettings) -> float | None:
+    """Height of the carpet, mat or step that a person stands on; None when it is the ``floor`` itself."""
     height = raised_floor(readings, floor, found.middle(), settings.reach)
     figure = found.pieces.pixels_of(found.member)
     if height is None and is_stepped(dot(readings.points[figure], readings.up) - floor):
@@ -142,7 +143,8 @@ def find_object(
     found = _object_on(readings, floor, clicked, views, settings)
     if found is None:
         return None
-    figure, up, warnings = found.pieces.pixels_of(found.member), readings.up, ()
+    figure, up = found.pieces.pixels_of(found.member), readings.up
+    warnings: tuple[str, ...] = ()
     support = find_support(readings, figure, floor.height, settings.min_pixels)
     if support is not None and clicked is not None and readings.points[clicked] @ up < support:
         support = None  # what is clicked on is meant

@@ -77,7 +77,7 @@ def _touching(piece: np.ndarray, cloud: np.ndarray) -> np.ndarray:
     both, times = np.unique(cell * most + piece, return_counts=True)
     both = both[times >= _FEW]
     cell, piece = both // most, both % most
-    pairs = []
+    found = []
     for x in (0, 1):
         for y in (-1, 0, 1):
             for z in (-1, 0, 1):
@@ -87,8 +87,8 @@ def _touching(piece: np.ndarray, cloud: np.ndarray) -> np.ndarray:
                 start, stop = np.searchsorted(cell, other), np.searchsorted(cell, other, side="right")
                 for k in range(int((stop - start).max(initial=0))):
                     met = np.flatnonzero(start + k < stop)
-                    pairs.append(np.column_stack((piece[met], piece[start[met] + k])))
-    pairs = np.sort(np.concatenate(pairs), axis=1) if pairs else np.zeros((0, 2), np.int64)
+                    found.append(np.column_stack((piece[met], piece[start[met] + k])))
+    pairs = np.sort(np.concatenate(found), axis=1) if found else np.zeros((0, 2), np.int64)
     pairs, times = np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0, return_counts=True)
     return pairs[times >= _FEW]
 

@@ -67,7 +67,7 @@ def find_subject(
     else:
         direct = find_person(readings, floor, clicked, settings)
     if direct is None:
-        raise ReconstructionError(_nobody(settings, clicked))
+        raise ReconstructionError(_nobody(settings))
     labels = direct.labels()
     axis = np.median(points[labels == 0], axis=0)
 
@@ -108,8 +108,8 @@ def _without_empty_views(
     return tuple(warnings)
 
 
-def _nobody(settings: ViewSettings, clicked: tuple[int, int] | None) -> str:
-    if clicked is not None:
+def _nobody(settings: ViewSettings) -> str:
+    if settings.click is not None:
         u, v = settings.click
         return (
             f"nothing that stands on the floor is seen directly at or behind the click ({u:g}, {v:g}); "

@@ -41,9 +41,11 @@ def rig_axis(mirrors: list[Mirror], up: np.ndarray, intrinsics: Intrinsics) -> n
 def visible_middle(mirror: Mirror, intrinsics: Intrinsics) -> np.ndarray:
     """Point of the mirror's plane in the middle of its outline, as far as that is in the image."""
     corners = mirror.outline
+    assert corners is not None
     size = np.array((intrinsics.width - 1, intrinsics.height - 1))
     if not np.isfinite(corners).all():  # a side is beside or behind the camera
-        a, b = (np.linspace(*limits, _GRID) for limits in mirror.rectangle)
+        assert mirror.rectangle is not None  # the outline is its
+        a, b = (np.linspace(low, high, _GRID) for low, high in mirror.rectangle)
         grid = np.stack(np.meshgrid(a, b), axis=-1).reshape(-1, 2)
         pixels = project(mirror.point + grid @ mirror.basis[:, :2].T, intrinsics)
         corners = pixels[((pixels >= 0) & (pixels <= size)).all(axis=1)]
