@@ -38,8 +38,8 @@ def still_warning(depth: np.ndarray, labels: np.ndarray, focal: float, settings:
 
 
 _CELL_PIXELS = 4  # px: the smallest square whose noise is looked at
-_BLOCKS = (2, 4)  # cells: the side of a block that moves as one; the larger where noise asks for it
-_LEAST_MOVE = 0.006  # m: less does no harm that the rest of the job would notice
+_BLOCKS = (2, 4)  # cells: the side of a block that moves as one; the larger one where noise is high
+_LEAST_MOVE = 0.006  # m: less does no noticeable harm later
 _NOT_CHANCE = 3.5  # standard deviations that noise alone does not reach
 _JUMP = 0.04  # of 1/z: more is another surface
 
@@ -106,7 +106,7 @@ def burst_motion(depth: np.ndarray, labels: np.ndarray, pixel_angle: float, leas
 
 
 def _compare(depth: np.ndarray, labels: np.ndarray, a: np.ndarray, b: np.ndarray, pixel_angle: float) -> np.ndarray:
-    """How far each block of the subject went between two groups of frames [m]; 0 where noise would do that too."""
+    """How far each block of the subject moved between two groups of frames [m]; 0 where noise explains it."""
     cells = _cell_kernel(depth, labels, a, b)
     views = cells[0]
     moved = []

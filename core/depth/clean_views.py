@@ -1,4 +1,4 @@
-"""A depth map's view of the subject made clean: which camera it was, intervals, missing readings, noise."""
+"""A depth map's view of the subject made clean: which camera it was, quantisation, missing readings, noise."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .noise_estimate import noise_of_windows, window_variance
 from .outliers_and_dropouts import close_dropouts
 from .settings import DepthSettings
 
-_DITHER = 0.3  # noise below this share of a quantum does not average its steps out
+_DITHER = 0.3  # noise below this share of a quantum does not average its intervals out
 _ROUNDING = 0.001 / 12**0.5  # m: standard deviation that rounding to millimetres leaves
 _RELIEF = (
     1.05,
@@ -28,7 +28,7 @@ def clean(
     model: NoiseModel | None = None,
     spread: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Missing readings filled, steps undone and noise smoothed, a view at a time.
+    """Missing readings filled, quantisation undone and noise smoothed, one view at a time.
 
     Parameters
     ----------
@@ -84,9 +84,9 @@ def clean(
 
 
 def _relief(windows: np.ndarray, noise: float, z: float) -> tuple[float, float]:
-    """Noise that is left for certain in a view's ``windows`` (:func:`.noise_estimate.window_variance`), and how far
-    what is beyond it must be taken for relief [0..1].
+    """Noise that is certainly left in a view, and how far what exceeds it must be taken for relief [0..1].
 
+    ``windows`` as of :func:`.noise_estimate.window_variance`.
     Only readings as good as their millimetres can tell the two apart: a camera's own noise differs from place to place
     by more than relief does.
     """

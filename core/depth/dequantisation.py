@@ -1,4 +1,4 @@
-"""Readings that come in steps: finding the step, and the surface between its intervals.
+"""Quantised readings: finding the quantum, and the smooth surface that fits the intervals.
 
 A Kinect v1 knows disparity to an eighth of a pixel only: at 4.8 m they are 65 mm from each other. Such a reading is not
 a value but an interval, and the surface is the smoothest one that passes through all of them.

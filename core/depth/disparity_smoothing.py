@@ -13,7 +13,7 @@ from numba import njit, prange
 from .settings import DepthSettings
 
 _STRIP = 24  # rows a thread works on at a time: its sums stay in the cache
-_REST = 0.06  # Gaussian weight at the rim of the robust fit's window
+_REST = 0.06  # Gaussian weight at the edge of the robust fit's window
 
 
 def smoothing_sigma(noise: float, z: float, pixel_angle: float, settings: DepthSettings) -> float:

@@ -134,7 +134,7 @@ def burst_noise(
         mine = labels == view
         z = float(np.median(fused[mine])) if mine.any() else 0.0
         known = spread[mine & (spread > 0)]
-        # the median of standard deviations of few is low (Wilson and Hilferty)
+        # the median of standard deviations of few frames is too low (Wilson and Hilferty)
         low = (1.0 - 2.0 / (9.0 * (frames - 1))) ** 1.5 if frames > 1 else 1.0
         frame = float(np.median(known)) * z / low if frames > 1 and len(known) else None
         expected = None if frame is None else frame / math.sqrt(frames)

@@ -158,8 +158,10 @@ class _Floor:
         }
 
     def above(self, points: np.ndarray, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far ``points`` (N, 3), reflected by ``matrix``, lie above the floor, and where their rays meet it, not
-        reflected. To first order the height; linear in 1/z, so that noise of 1/z makes no bias.
+        """How far ``points`` (N, 3), reflected by ``matrix``, lie above the floor, and where their rays meet it.
+
+        Where they meet it is not reflected. The first is the height to first order; it is linear in 1/z, so that noise
+        of 1/z causes no bias.
         """
         normal = self.up @ matrix[:3, :3]
         eye = self.height - self.up @ matrix[:3, 3]  # the floor is normal·p = eye
@@ -168,15 +170,16 @@ class _Floor:
         return eye * (1.0 - ahead), points * np.where(np.isfinite(ahead), ahead, 1.0)[:, None]
 
     def common(self, placed: np.ndarray, seen: np.ndarray) -> np.ndarray:
-        """Which of the readings ``placed`` (H, W, 3), where they are, lie over floor that is seen directly too, clear
-        of what stands on it, such as feet: (H, W).
+        """Which of the readings ``placed`` (H, W, 3) lie over floor that is seen directly too: (H, W).
+
+        They are where they really are. Floor near something that stands on it, such as feet, is left out.
         """
         heights = dot(placed, self.up) - self.height
         cells = np.stack([np.floor(dot(placed, self.level[k]) / _CELL).astype(np.int64) for k in (0, 1)])
         cells = np.clip(cells + _CELLS // 2, 0, _CELLS - 1)
         cells = cells[0] * _CELLS + cells[1]
         fitted = self.fits[ALL]
-        noise = fitted[3] if fitted is not None else 0.0
+        noise = 0.0 if fitted is None else fitted[3]
         flat = np.maximum(_NOISES * noise * placed[..., 2], _LEAST_HEIGHT)
 
         def about(chosen: np.ndarray, few: int) -> np.ndarray:
@@ -242,10 +245,7 @@ class _Floor:
 
 
 def _lift(mirror: Mirror, up: np.ndarray) -> float:
-    """How far the floor about a person in front of the mirror may be shown too high or too low [m].
-
-    Its standard deviation.
-    """
+    """Standard deviation of the height at which the mirror shows the floor about a person in front of it [m]."""
     assert mirror.covariance is not None  # else it is not moved
     moves = np.einsum("nci,c->ni", reflection_moves(mirror, person_before(mirror)), up)
     return float(np.sqrt(np.einsum("ni,ij,nj->n", moves, mirror.covariance, moves).mean()))
@@ -286,8 +286,9 @@ def _levelled(
 
 @njit(cache=True, nogil=True)
 def _tukey_equations(lifts, x, y, left, noise, w):
-    """Normal equations (3, 3) and (3,) of the plane a + b x + c y through ``lifts`` (N,), with Tukey's weights, into
-    ``w`` (N,), of what is ``left``: feet and objects on the floor are no part of it.
+    """Normal equations (3, 3) and (3,) of the plane a + b x + c y through ``lifts`` (N,), with Tukey's weights.
+
+    The weights of the residuals ``left`` (N,) are written into ``w`` (N,); feet and objects on the floor get none.
     """
     normal, right = np.zeros((3, 3)), np.zeros(3)
     for i in range(len(lifts)):

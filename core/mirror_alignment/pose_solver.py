@@ -67,13 +67,13 @@ def cauchy_weights(residuals: np.ndarray, variances: np.ndarray | float, correla
 
 
 def scaled_cauchy_weights(residuals: np.ndarray, least_noise: float, correlated: float) -> np.ndarray:
-    """As :func:`cauchy_weights`, where only the residuals themselves tell the noise; it is at least ``least_noise``."""
+    """As :func:`cauchy_weights`, where the noise is known from the residuals only; it is at least ``least_noise``."""
     noise = max(MAD * float(np.median(np.abs(residuals))), least_noise)
     return 1.0 / (1.0 + (residuals / noise) ** 2) / noise**2 / correlated
 
 
 def columns_of(free: Iterable[int]) -> dict[int, slice]:
-    """Index of each mirror that may move → where its two slopes and its shift stand in a correction."""
+    """Index of each mirror that may move → where its two slopes and its shift are in a correction."""
     return {mirror: slice(3 * n, 3 * n + 3) for n, mirror in enumerate(free)}
 
 

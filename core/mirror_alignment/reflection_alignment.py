@@ -53,7 +53,7 @@ class JointSettings:
     use : bool
         Off leaves the planes where their frames are.
     gate : float
-        Surfaces farther apart than this are not taken for one another [m].
+        Surfaces at a larger distance from each other than this are not paired [m].
     offset : float
         How far the glass may well lie off the frame's plane, one standard deviation [m].
     max_shift, max_slope : float
@@ -79,10 +79,10 @@ class JointSettings:
 def align_reflections(
     image: RgbdImage, mirrors: list[Mirror], settings: JointSettings | None = None
 ) -> tuple[list[Mirror], tuple[str, ...]]:
-    """Mirrors moved until what they show meets what is seen directly; each stays when that cannot be shown to help.
+    """Mirrors moved until what they show coincides with what is seen directly, where that is shown to help.
 
     A frame may project in front of its glass, which displaces the reflection by twice as much and which no fit of the
-    frame can tell. Readings in the glass are reflected, compared with the direct readings in the same line of sight,
+    frame can show. Readings in the glass are reflected, compared with the direct readings in the same line of sight,
     and the distances along these surfaces' normals minimised over two slopes and a shift, with the frame's covariance
     (and ``offset``) as prior. The pairs are split into two sets of image blocks; both must ask for the same correction,
     and what one asks for must bring the other's pairs together.
@@ -159,7 +159,7 @@ def _aligned(image: RgbdImage, mirror: Mirror, settings: JointSettings) -> Mirro
         return np.abs(pairs(correction, settings.gate, half)[3])
 
     def promises(before: list[np.ndarray], after: list[np.ndarray]) -> bool:
-        """False where there are no pairs any more, too."""
+        """Also false where there are no pairs any more."""
         return _median(after) <= settings.gain * _median(before)
 
     def confirms(before: list[np.ndarray], after: list[np.ndarray]) -> bool:
@@ -244,7 +244,7 @@ def _surface(depth, camera, u, v, p, n):
 
 
 _OFF_FRAME, _BEHIND_GLASS, _BEFORE_GLASS = 0.04, 0.15, 0.1  # nearer to them readings may be the frame's or a wall's [m]
-_ACROSS = 0.2  # cosine between normals under which a surface stands across the mirror, and tells nothing of its place
+_ACROSS = 0.2  # cosine between normals under which a surface stands across the mirror, and says nothing of its place
 _ALIKE, _OTHER_SIDE = 0.8, -0.9  # cosines between normals of one surface, and of the two sides of a board
 
 
@@ -262,7 +262,7 @@ def _shown_kernel(depth, intrinsics, glass, low, high, two_sided, out_p, out_n, 
             at = share_at_glass(glass, 0, (u - cx) / fx, y, 1.0, _OFF_FRAME)
             if z < at + _BEHIND_GLASS or not _surface(depth, intrinsics, u, v, p, n):
                 continue
-            # surfaces at right angles to the mirror, like the floor, tell nothing of its place
+            # surfaces at right angles to the mirror, like the floor, say nothing of its place
             normal = glass.planes[0]
             if abs(n[0] * normal[0] + n[1] * normal[1] + n[2] * normal[2]) < _ACROSS:
                 continue

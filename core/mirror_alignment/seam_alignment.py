@@ -1,4 +1,4 @@
-"""Seams tell how well the mirrors fit: across a gap the surface goes on as it ends, or a mirror is off.
+"""Seams show how well the mirrors fit: across a gap the surface continues as it ends, or a mirror is off.
 
 The first Kinect sees no surface twice, so its patches never overlap, and only the seams reveal how far a frame projects
 in front of its glass. Over a gap so narrow that the surface bends evenly, the chord between its two ends makes the same
@@ -126,7 +126,7 @@ def align_seams(
     mirrors : list of Mirror
         In the order of the views that ``maps`` says are reflected.
     patches : list of Mesh
-        One a view, before overlaps are parted; camera frame.
+        One a view, before overlaps are cut; camera frame.
     maps : ViewMaps
     mesh : Mesh
         What ``join`` makes of them.
@@ -138,7 +138,7 @@ def align_seams(
     Returns
     -------
     mirrors : list of Mirror
-        Not moved, too, when several cameras take part: how they stand to each other would show in the seams as well.
+        Not moved, too, when several cameras take part: errors of their poses would show in the seams as well.
     notes : tuple of str
         What was moved, for the user.
     """
@@ -233,12 +233,12 @@ def _settled(
     """
     settings = rig.settings
     at, correction, projecting, costs = rig.mirrors, np.zeros(3 * len(rig.free)), rig.framed, []
-    for turn in range(settings.rounds):
+    for iteration in range(settings.rounds):
         pieces = _evidence(mesh, maps, settings)
         if len(pieces.gap) < max(settings.min_pieces, _FEWEST):
             return None
         left = np.abs(pieces.offset) / _noise(pieces)
-        if turn == 0 and not rig.doubted.any() and np.mean(left > 1.0) < _CHANCE:
+        if iteration == 0 and not rig.doubted.any() and np.mean(left > 1.0) < _CHANCE:
             return None
         costs.append(np.log1p(left**2).mean())
         jacobian = _jacobian(pieces, at, rig.behind, rig.columns, len(correction))
@@ -246,11 +246,11 @@ def _settled(
         fit, correction, at, projecting = _joint_fit(rig, pieces, jacobian, before, projecting)
         if not (rig.doubted | projecting).any():
             return None
-        if turn == 0 and not _confirmed(fit, pieces, jacobian, rig.prior(projecting)):
+        if iteration == 0 and not _confirmed(fit, pieces, jacobian, rig.prior(projecting)):
             return None
         if (np.abs(correction.reshape(-1, 3)) > (settings.max_slope, settings.max_slope, settings.max_shift)).any():
             return None
-        if turn == settings.rounds - 1 or np.abs(correction - before).max() < _SETTLED:
+        if iteration == settings.rounds - 1 or np.abs(correction - before).max() < _SETTLED:
             break
         motions = [reflection_matrix(new) @ reflection_matrix(m) for new, m in zip(at, old, strict=True)]
         patches, maps = move_views(patches, maps, rig.behind, motions)

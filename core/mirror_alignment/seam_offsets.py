@@ -1,4 +1,4 @@
-"""What seams and surface that is seen twice tell of the mirrors: offsets across each seam."""
+"""Offsets across each seam, and between surfaces that are seen twice: what they show of the mirrors."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class SeamPieces:
 def seam_pieces(mesh: Mesh, maps: ViewMaps, piece: float = 0.12) -> SeamPieces:
     """Cut the zippered seams into pieces and measure each.
 
-    Seams between surface that both views see are left out: overlaps were brought to one surface and parted, whatever
+    Seams between surface that both views see are left out: overlaps were brought to one surface and cut, whatever
     the mirrors.
 
     Parameters

@@ -1,7 +1,7 @@
 """Views that show the same surface must agree: mirrors moved until they do.
 
 Neighbouring mirrors show much of a person's back twice, and some of it shows directly too. A mirror whose frame is
-narrow, noisy or half hidden may be known to some centimetres only; what it shows beside another view fixes it.
+narrow, noisy or half hidden may be known to a few centimetres only; what it shares with another view fixes it.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class AgreementSettings:
     uncertainty : float
         Mirrors are only moved when one is expected to misplace a person by more than this [m].
     gate : float
-        Surfaces farther apart than this are not taken for one another [m].
+        Surfaces at a larger distance from each other than this are not paired [m].
     gain : float
         The correction is made only when the log likelihood of pairs it was not fitted to grows by this much.
     min_pairs : int

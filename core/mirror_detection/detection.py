@@ -1,10 +1,8 @@
-"""Mirrors found without a click.
+"""Mirrors found without a click: rectangles of straight depth edges, verified by what they show.
 
-Rectangles of straight depth edges (:mod:`.edge_segments`) that prove to be mirrors by what they show.
-
-The readings in such a rectangle, flipped over its plane, must make sense: nothing may end up where the camera looks
-through, and a part must lie on, or close behind, what is seen directly. A doorway, a table's legs or a window fail
-there.
+The readings in such a rectangle (:mod:`.edge_segments`), flipped over its plane, must make sense: none may be a
+free-space violation, where the camera looks through, and a part must lie on, or close behind, what is seen directly. A
+doorway, a table's legs or a window fail there.
 
 Where a mirror has no frame and no wall about it, see :mod:`.frameless_mirrors`.
 """
@@ -32,9 +30,8 @@ def find_mirrors(image: RgbdImage, settings: DetectionSettings = DEFAULTS, glass
     Parameters
     ----------
     image : RgbdImage
-        Fused depth, flying pixels removed; z [m], 0 = no reading.
-        On the depth's grid. Where depth alone finds fewer than two mirrors, its lines stand for parts of frames that
-        give no readings, as black and glossy ones do. Another size is not used.
+        Fused depth, flying pixels removed; z [m], 0 = no reading. Where depth alone finds fewer than two mirrors, lines
+        of the colour picture stand for parts of frames that give no readings, as black and glossy ones do.
     glass_offset : float
         How far the reflecting glass lies behind the front of the frame [m].
 
@@ -79,7 +76,7 @@ def _framed(image: RgbdImage, found: list[Mirror], glass_offset: float, settings
         found = found + new
         if not new or len(found) == settings.max_mirrors:
             break
-        # a mirror through another one: its frame edge is not where the other's glass is before it
+        # a mirror seen in another one: its frame's edge does not count where the other's glass is in front of it
         behind = [guess for guess in proposed if partly_behind(guess, found)]
         guesses = verified_hypotheses(image, behind, lenient, found)
     return found + find_identical_frames(image, proposed, found, glass_offset, bare, settings)

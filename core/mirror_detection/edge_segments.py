@@ -1,7 +1,7 @@
-"""Straight depth edges before farther depth, and the rectangles they span: what may be a mirror.
+"""Straight depth edges in front of farther depth, and the rectangles they span: what may be a mirror.
 
 A depth camera does not see glass; it sees the frame (or the wall around) at the mirror's plane and, inside, what the
-glass shows, laid straight on behind it. So (1) pixels with a jump to farther readings (or none) at one side are
+glass shows, placed straight behind it. So (1) pixels with a jump to farther readings (or none) at one side are
 collected for each of the four sides, (2) chained and split into straight segments, and (3) a standing and a lying
 segment that meet in space, or two standing ones, span a plane and a rectangle. :mod:`.detection` says which of
 these are mirrors.
@@ -90,7 +90,7 @@ def _edge_kernel(depth, step, jump, rows, columns, disparity):
             x = u + step
             if 0 < depth[v, x] <= limit:
                 continue
-            # beyond: farther, or nothing for four pixels; a drop-out in a surface goes on behind it
+            # beyond: farther, or nothing for four pixels; after a missing reading the surface goes on
             far, near = False, False
             for k in range(1, 5):
                 x = u + k * step
@@ -194,9 +194,8 @@ def find_edge_segments(image: RgbdImage, settings: DetectionSettings) -> list[Se
     Parameters
     ----------
     image : RgbdImage
-        z [m], 0 = no reading.
-        On the depth's grid. Black and glossy frames are read here and there only: what is read of them counts even
-        where it is short, and is joined over wide gaps, along the lines that this picture has.
+        z [m], 0 = no reading. Black and glossy frames are read here and there only: what is read of them counts even
+        where it is short, and is joined over wide gaps, along the lines of the colour picture.
     """
     depth, intrinsics, color = image.depth, image.intrinsics, image.color
     segments: list[Segment] = []
@@ -278,7 +277,7 @@ def _joined(
     longest: float,
     lines: np.ndarray | None,
 ) -> list:
-    """Pieces of one line, parted by something in front of it, as one; the longest first.
+    """Pieces of one line, separated by something in front of it, as one; the longest first.
 
     Where the camera sees beyond the line between them it ends there, and where together they were longer [m] than a
     mirror is: images of images continue the lines of frames. Along a line of the colour picture gaps may be wide.

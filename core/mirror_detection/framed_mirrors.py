@@ -32,8 +32,10 @@ def depth_without_frames(image: RgbdImage, mirrors: list[Mirror], glass_offset: 
 
 
 def partly_behind(guess: Hypothesis, mirrors: list[Mirror]) -> bool:
-    """The glass of known mirrors hides some of the rectangle's corners or the middles of its sides, but not its own
-    middle: there it would be one of them, or an image in one.
+    """Whether the glass of known mirrors hides part of the rectangle's outline, but not its middle.
+
+    Corners and the middles of sides are asked. With a hidden middle it would be one of those mirrors, or an image in
+    one.
     """
     (left, right), (top, bottom) = guess.rectangle
     x, y = np.meshgrid((left, 0.5 * (left + right), right), (top, 0.5 * (top + bottom), bottom))
@@ -55,8 +57,7 @@ def mirror_on_frame(
     Parameters
     ----------
     image : RgbdImage
-        z [m], 0 = no reading.
-        As for :func:`.mirror_verification.frame_edge_share`.
+        Depth in z [m], 0 = no reading; the colour picture as for :func:`.mirror_verification.frame_edge_share`.
     glass_offset : float
         How far the reflecting glass lies behind the front of the frame [m].
     known : iterable of Mirror

@@ -1,10 +1,10 @@
 """Mirrors without a frame that stand clear of any wall: planes from the figure that is seen twice.
 
-Nothing of such a mirror is at its plane, so no depth reading tells where it is. What it shows does: somebody seen
-directly and, farther off and the other way round, in the glass. The plane lies half way between the two, and turning
-and shifting it until the mirrored figure's skin meets that seen directly, each within the other's silhouette, fixes it.
+Nothing of such a mirror is at its plane, so no depth reading shows where it is. What it shows does: somebody seen
+directly and, farther off and the other way round, in the glass. The plane lies half way between the two, and rotating
+and shifting it until the mirrored figure's skin coincides with that seen directly, each within the other's silhouette, fixes it.
 Only then is the glass looked for: on that plane the depth jumps along straight, upright lines on both sides of the
-figure. A door with somebody behind fails, since the two are not one body turned about.
+figure. A door with somebody behind fails, since the two are not one body and its reflection.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _WARN_ERROR = 0.006  # a mirror expected to misplace a person by more is warned 
 
 
 def find_frameless(image: RgbdImage, known: Iterable[Mirror] = (), most: int = 2) -> list[tuple[Mirror, bool]]:
-    """Mirrors that nothing but the figure in them tells of, besides those ``known``.
+    """Mirrors that only the figure in them reveals, besides those ``known``.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def find_frameless(image: RgbdImage, known: Iterable[Mirror] = (), most: int = 2
     Returns
     -------
     list of (Mirror, bool)
-        ``source`` "found", not ``refined``; the covariance says how sure. True: something stands beside the glass near
+        ``source`` "found", not ``refined``; the covariance says how certain the plane is. True: something stands beside the glass near
         its plane. Without a frame there nothing would, so it is its frame, or the post of a door.
 
     Notes
@@ -89,7 +89,7 @@ def find_frameless(image: RgbdImage, known: Iterable[Mirror] = (), most: int = 2
 
 
 def frameless_notes(mirrors: list[Mirror]) -> tuple[str, ...]:
-    """What the user should know of mirrors that were placed without a frame, and are not sure."""
+    """What the user should know of mirrors that were placed without a frame, and are uncertain."""
     bare = tuple(
         f"{m.name}: no frame is visible; its plane was computed from the person it shows, and its reflection may be "
         f"misplaced by {1000.0 * error:.0f} mm; strips of paper or tape, 3 cm wide, along its edges would reduce that"
@@ -137,9 +137,9 @@ def overlaps(mirror: Mirror, others: Iterable[Mirror]) -> bool:
 
 
 def find_verified_frameless(image: RgbdImage, known: list[Mirror], settings: DetectionSettings) -> list[Mirror]:
-    """Mirrors that only the figure in them tells of, as far as the rest of what they show may be a reflection too.
+    """Mirrors that only the figure in them reveals, as far as the rest of what they show may be a reflection too.
 
-    Where something stands beside the glass it must be a frame in its plane, which then tells that better.
+    Where something stands beside the glass it must be a frame in its plane, to which the plane is then fitted.
     """
     intrinsics = image.intrinsics
     good = []

@@ -27,10 +27,10 @@ _ASKED_HEIGHT = 0.55  # of the image's height, from its top, is asked: floor goe
 def with_glass(
     image: RgbdImage, mirror: Mirror, reflection: Figure, objects: np.ndarray, floor: np.ndarray
 ) -> tuple[Mirror, bool] | None:
-    """The mirror with its glass.
+    """The mirror with the rectangle of its glass, and whether something stands beside it; None without straight sides.
 
-    The rectangle about the image whose sides depth jumps along; None when no straight line bounds it; and whether
-    something stands beside it. ``floor`` (4,): up and the floor's height.
+    The glass is the rectangle about the person's image along whose sides depth jumps. ``floor`` (4,): up and the
+    floor's height.
     """
     depth, intrinsics = image.depth, image.intrinsics
     up, height = floor[:3], floor[3]
@@ -109,10 +109,7 @@ def _about(mask: np.ndarray, reach: int) -> np.ndarray:
 
 
 def _covered(jumps: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of the lines along axis 0 the share where depth jumps within a cell beside them, of what is seen of them.
-
-    And how much is seen.
-    """
+    """For each line along axis 0: the share of its visible part where depth jumps within a cell, and how much is visible."""
     near = jumps.copy()
     near[:, 1:] |= jumps[:, :-1]
     near[:, :-1] |= jumps[:, 1:]
@@ -132,8 +129,10 @@ def _first(share: np.ndarray, visible: np.ndarray) -> tuple[int, int]:
 
 @njit(cache=True, nogil=True)
 def _jumps_kernel(depth, image, intrinsics, glass, corner, size, cell):
-    """Cells (b, a) of the mirror's plane where depth jumps sideways, or up and down, beyond the plane and off the image
-    itself; and those that nothing before the plane hides.
+    """Cells (b, a) of the mirror's plane where depth jumps sideways, where it jumps up or down, and which are visible.
+
+    Jumps count beyond the plane and off the person's image itself; a cell is visible when nothing in front of the plane
+    hides it.
     """
     height, width = depth.shape
     upright = np.zeros((size[1], size[0]), np.bool_)

@@ -1,8 +1,9 @@
-"""Mirrors of one make: a frame that measures what that of another mirror does.
+"""Identical frames: a frame with the measures of another mirror's frame is a mirror's, too.
 
-A glass may show next to nothing: what is in it lies beyond the camera's reach, or the person hides his own image. Then
-only the frame can speak for it. Mirrors of a rig are mostly bought together, and a frame that has, to the pixel, the
-size and the bars of one that holds a mirror, and stands as high, is hardly a door's, a window's or a screen's.
+A glass may show next to nothing: what is in it lies beyond the camera's reach, or the person hides their own image.
+Then only the frame is evidence. Mirrors of a rig are mostly bought together, and a frame that has, to the pixel, the
+size and the bars of a known mirror's, and stands at the same height, is unlikely to be a door's, a window's or a
+screen's.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ def find_identical_frames(
     bare: np.ndarray,
     settings: DetectionSettings,
 ) -> list[Mirror]:
-    """Mirrors that show next to nothing, but stand in frames of the make of those ``found`` (:mod:`.identical_frames`);
+    """Mirrors that show next to nothing, but have frames identical to those of the mirrors ``found``.
+
     ``bare`` is the depth without the latter.
     """
     intrinsics = image.intrinsics
@@ -82,7 +84,7 @@ def find_identical_frames(
 
 
 def _pair(image: RgbdImage, proposed: list[Hypothesis], glass_offset: float) -> list[Mirror]:
-    """Two mirrors of an empty rig in which nothing is read, proved by each other; or none."""
+    """Two mirrors of an empty rig in which nothing is read, confirmed by each other; or none."""
     intrinsics = image.intrinsics
     points, asked = sampled_points(image), []
     for guess in proposed:
@@ -120,8 +122,10 @@ def _uncovered(guesses: list[Hypothesis], mirrors: list[Mirror]) -> list[Hypothe
 
 
 def _unopposed(image: RgbdImage, guess: Hypothesis, points: np.ndarray, known: Iterable[Mirror]) -> tuple[float, float]:
-    """:func:`.mirror_verification.frame_edge_share` where nothing stands in the rectangle's plane but its frame, and
-    nothing it shows would be where the camera looks through, else 0; and how many readings it shows. ``points`` as for
+    """Share of the frame's edge that is seen, 0 when something speaks against a mirror; and how many readings it shows.
+
+    Against it speak other objects in the rectangle's plane and free-space violations. The share is that of
+    :func:`.mirror_verification.frame_edge_share`; ``points`` as for
     :func:`.mirror_verification.floor_drop_of_points`.
     """
     evidence = count_evidence(image, guess, floor_drop_of_points(points, guess.basis))
@@ -133,11 +137,11 @@ def _unopposed(image: RgbdImage, guess: Hypothesis, points: np.ndarray, known: I
 
 
 _BAR_PIXELS = 1.5  # to which bars are known
-_SIZE_ERROR = 0.002  # by how much frames of one make may differ, besides a pixel
+_SIZE_ERROR = 0.002  # by how much identical frames may differ, besides a pixel
 _LEAST_BAR = 0.008  # bars are at least so wide [m]
 _BARS_SEEN = 2  # of a frame have to be seen
-_LEAST_SINE = 0.2  # sine of the angle between two frames that tells what is upright
-_LEVEL_ERROR = 0.005  # share of the distance between two frames by which what is upright may err there
+_LEAST_SINE = 0.2  # sine of the angle between two frames from which the vertical is known
+_LEVEL_ERROR = 0.005  # share of the distance between two frames by which the vertical may be off there
 
 
 @dataclass(frozen=True)
@@ -186,7 +190,7 @@ def measure_frame(image: RgbdImage, mirror: Mirror) -> FrameMeasures:
 
 
 def same_make(new: FrameMeasures, known: FrameMeasures, shows: bool = False) -> bool:
-    """Bars are as wide as each other, but for one, part of which may be hidden.
+    """Whether the frames are identical: bars of the same width, except for one, which may be partly hidden.
 
     Width and height are the same, as far as they are seen of both. Where they are not, the frames must stand level, and
     where neither is, it must be known that the new one ``shows`` what a mirror would.
@@ -199,16 +203,17 @@ def same_make(new: FrameMeasures, known: FrameMeasures, shows: bool = False) -> 
     alike = (np.abs(wider) < _BAR_PIXELS * pixel) | (new.cut & (wider < 0.0))
     if (alike & bars).sum() < max(_BARS_SEEN, bars.sum() - 1):
         return False
-    apart = np.abs(new.size - known.size)
-    seen = np.isfinite(apart)
-    if (apart[seen] > _SIZE_ERROR * known.size[seen] + pixel).any():
+    difference = np.abs(new.size - known.size)
+    seen = np.isfinite(difference)
+    if (difference[seen] > _SIZE_ERROR * known.size[seen] + pixel).any():
         return False
     return bool(seen.all() or ((seen.any() or shows) and _level(new, known, pixel)))
 
 
 def is_pair(one: FrameMeasures, other: FrameMeasures) -> bool:
-    """Frames of one make in every measure that stand level and face different ways, as mirrors of a rig do and windows
-    of a wall do not.
+    """Whether two frames are identical in every measure, stand level and face different ways.
+
+    Mirrors of a rig do; windows of a wall do not.
     """
     seen = np.isfinite(one.size) & np.isfinite(other.size)
     return bool(seen.all()) and same_make(one, other) and _level(one, other, max(one.pixel, other.pixel))

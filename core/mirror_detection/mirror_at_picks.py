@@ -18,7 +18,7 @@ from .mirror_verification import circumference, count_evidence, doubtful, floor_
 from .rectangle_hypotheses import Hypothesis
 
 DEFAULTS = DetectionSettings()
-_CONTRADICTED = 0.15  # share of what a mirror shows that nothing but a wrong plane puts before what is seen
+_CONTRADICTED = 0.15  # share of free-space violations in what a mirror shows from which its plane is wrong
 _HIT = 0.35  # share of the picks that say which mirror is meant, where they fit no plane together
 _STANDS, _MOSTLY = 0.6, 0.9  # of its outline, of all and of what can be judged, something must stand in its plane
 
@@ -63,9 +63,9 @@ def find_better_at(
     settings: DetectionSettings = DEFAULTS,
     glass_offset: float = 0.0,
 ) -> Mirror | None:
-    """The mirror that picks mean where that of the plane through them, ``mirror``, cannot be, or there is none.
+    """A better mirror than the one placed through the picks, ``mirror``, where that contradicts the depth or is missing.
 
-    They missed its frame, or it has none. Else ``mirror``.
+    The picks missed its frame, or it has none. Else ``mirror``.
     """
     if mirror is None or contradicted(image, mirror):
         pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)
@@ -80,10 +80,10 @@ def find_better_at(
 
 
 def contradicted(image: RgbdImage, mirror: Mirror, known: Iterable[Mirror] = ()) -> bool:
-    """Much of what is seen in its glass would, flipped over its plane, stand where the camera looks through.
+    """Whether what a mirror shows, or its outline, contradicts its plane.
 
-    Or along its outline, as far as other mirrors that are ``known`` do not hide it, hardly anything stands in its
-    plane.
+    Much of what is seen in its glass is, flipped over the plane, a free-space violation; or almost nothing stands in
+    the plane along its outline, as far as other mirrors that are ``known`` do not hide it.
     """
     if mirror.rectangle is None or mirror.polygon is not None:
         return False

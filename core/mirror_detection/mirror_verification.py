@@ -25,13 +25,14 @@ LEAST_SHOWN = (15, 8)
 _MISSING_BY_NOISE = 10, 0.005  # readings, and share of them, that noise may make look as if a mirror did not show them
 _HARDLY_READ, _IN_REACH = 0.05, 0.8  # with less of a glass read, how near it must be, of the farthest reading
 _LINE_REACH, _LINE_CHANGE = 3, 20  # px to each side of a line in the picture, and how much a channel changes there
-_HIDING = 0.03, 1.02  # how wide frames are about the glass [m]; how many times as far as a point the plane may be
+_HIDING = 0.03, 1.02  # how wide frames are about the glass [m]; how many times as far as a point its plane may be
 _AT_BORDER = 0.02  # sides nearer to the image's border, as a share of its size, are cut off by it
 
 
 def frame_edge_share(image: RgbdImage, guess: Hypothesis, least: float = 0.3, known: Iterable[Mirror] = ()) -> float:
-    """Share of the rectangle's circumference, as far as nothing hides it, just outside of which something stands in
-    the plane: a frame or a wall; 0 when that is less than ``least`` of it all. A thin frame is only seen close by.
+    """Share of the rectangle's visible circumference just outside of which a frame or a wall stands in its plane.
+
+    0 when that is less than ``least`` of the whole circumference. A thin frame is only seen close by.
 
     Black and glossy frames give few readings: where half as much as ``least`` is read, lines in the colour picture
     stand for the rest.
@@ -59,9 +60,10 @@ def circumference(
     outward: float = 0.015,
     known: Iterable[Mirror] = (),
 ) -> tuple[float, float]:
-    """Shares of a mirror's circumference where, ``outward`` of its rectangle [m], something stands in its plane, and
-    where the camera sees beyond; of what the glass of ``known`` mirrors hides neither. With a ``color`` picture
-    (H, W, 3) something stands also where nothing is read and the picture has a line.
+    """Shares of a mirror's circumference where something stands in its plane, and where the camera sees beyond it.
+
+    Looked at ``outward`` [m] outside of its rectangle; what the glass of ``known`` mirrors hides counts as neither.
+    With a colour picture something stands also where nothing is read and the picture has a line.
     """
     depth, intrinsics, color = image.depth, image.intrinsics, image.color
     (left, right), (top, bottom) = rectangle + np.array((-outward, outward))
@@ -105,7 +107,7 @@ def verify(
     """The hypothesis with its evidence, or None when what it shows cannot be a reflection.
 
     Every third reading in the rectangle is flipped over the plane. Where it lands nearer than what the camera sees in
-    that direction, the camera would have looked through it: a violation. Where it lands on, or up to 0.7 m behind, what
+    that direction, the camera would have looked through it: a free-space violation. Where it lands on, or up to 0.7 m behind, what
     is seen directly, it is shown. What lies outside the picture says nothing. Behind the glass of mirrors that are
     ``known`` a frame edge is hidden. ``color`` as for :func:`frame_edge_share`.
     """
@@ -135,12 +137,12 @@ def verify(
         return None
     if settings.empty_rig:
         return made if len(guess.sides) >= 3 or shown >= 30.0 else None
-    # a frame edge of which a side is missing may be a wall's, seen past a mirror that stands before it
+    # a frame edge of which a side is missing may be a wall's, seen past a mirror that stands in front of it
     open_edge = _OPEN_SHOWN * (behind + evidence.on) if _open_sides(guess, intrinsics) else 0.0
     if edge > WHOLE_EDGE and violated == 0.0 and (len(guess.sides) >= 3 or known):
         few = LEAST_SHOWN[len(guess.sides) == 4]
         return made if shown >= max(few, settings.min_shown * judged, open_edge) else None
-    if glass < 0.8 * total:  # something is in its plane, such as somebody right before the glass, or a wall
+    if glass < 0.8 * total:  # something is in its plane, such as somebody right in front of the glass, or a wall
         return None
     # something stands there, and little is seen beyond: it may be the image in another mirror
     if evidence.before > behind:
@@ -154,7 +156,7 @@ class Evidence(NamedTuple):
     Attributes
     ----------
     before, on, unread : float
-        Before the rectangle's plane, on it, and pixels without a reading.
+        In front of the rectangle's plane, on it, and pixels without a reading.
     outside : float
         Behind it, and flipped over it where the camera reads nothing, so that nothing can be said of them.
     violated : float
@@ -230,7 +232,7 @@ def _open_sides(guess: Hypothesis, intrinsics: Intrinsics) -> int:
 
 _FRAME_EDGE = 0.015  # so near to the edge of the glass readings may be of its frame, smeared [m]
 _MANY_PIXELS = 9000  # in a rectangle; every third along rows and columns is asked, of fewer every second
-_CLEARLY_BEFORE = 0.97, 0.02  # before the plane is what is nearer than this share of the plane's z, less [m]
+_CLEARLY_BEFORE = 0.97, 0.02  # in front of the plane is what is nearer than this share of the plane's z, less [m]
 _NOT_BEHIND = 1.02, 0.04  # and on it when it is less than this share and [m] more: noise, and the thickness of a board
 _SIDEWAYS = 0.01, 0.003  # a flipped reading at z may be off sideways by this [m] and this times z²
 _IMAGE_MARGIN = 2  # px from the image's border from which what is seen there cannot be looked up
@@ -301,13 +303,13 @@ def _verify_kernel(depth, intrinsics, glass, low, high, floor, counts):
 
 
 def missing_reflection(image: RgbdImage, mirror: Mirror) -> bool:
-    """What stands before the plane would be seen in the glass, and is not: it is a door, whoever stands behind it."""
+    """Whether what stands in front of the plane would be seen in the glass, and is not: then it is a door."""
     depth, intrinsics = image.depth, image.intrinsics
     missing, there = _missing_kernel(depth, intrinsics.packed, glass_of([mirror]), 3)
     return missing > max(_MISSING_BY_NOISE[0], _MISSING_BY_NOISE[1] * (missing + there))
 
 
-_CLEAR_OF_PLANE = 0.15  # nearer to the plane stands what may be the frame's, or a board's back [m]
+_CLEAR_OF_PLANE = 0.15  # nearer to the plane a reading may be of the frame, or of a board's back [m]
 _WELL_INSIDE = 0.08  # farther than this from the edges of the glass a reflection cannot be hidden by its frame [m]
 _FARTHER = 0.08, 0.01  # by so much, [m] and times z², must what is read be farther than a reflection that is missing
 _AROUND = 3  # px about a reflection's pixel where all must be farther
@@ -315,9 +317,9 @@ _AROUND = 3  # px about a reflection's pixel where all must be farther
 
 @njit(cache=True, nogil=True)
 def _missing_kernel(depth, intrinsics, glass, stride):
-    """Of what stands before the plane and, flipped, would be seen in the glass.
+    """How many reflections that the glass should show are missing, and how many are shown or may be hidden.
 
-    How much is not, since what is read there is farther; and how much is, or may be hidden.
+    Of readings in front of the plane, flipped over it; one is missing where what is read is farther than it.
     """
     height, width = depth.shape
     fx, fy, cx, cy = intrinsics

@@ -29,7 +29,7 @@ _LEAST_READINGS = 150  # a figure has at least so many readings of the thinned p
 _WIDE, _HIGH, _FLAT = 2.2, 0.4, 0.015  # no figure is wider, less high, or flatter (standard deviation) [m]
 _FIGURE_SAMPLE = 1200  # of a figure's readings say where it is
 _FIGURES = 8  # so many are looked at, the largest
-_SKIN = 0.08  # how far before its middle a figure is seen [m]
+_SKIN = 0.08  # how far in front of its middle a figure is seen [m]
 _MOST_LEAN = np.radians(6.0)  # mirrors do not lean more
 _SURFACE_PIECES = 8000  # of a figure's surface
 _LEAST_PAIRS = 42
@@ -39,9 +39,9 @@ _GRAZING = ((0.35, 0.003), (0.25, 0.007), (0.15, 0.012))
 _LOOKED_SHARE, _JUDGED_SHARE, _MET_SHARE = (0.03, 0.05), 0.25, 0.6  # shares of a figure and of its image, see _one_body
 _OBLIQUE = 0.03  # of a rounded body a tenth is seen obliquely; patterns that meet over a mirror put it out
 _RAGGED_SKIN = 0.010  # root mean square of the gaps between skin seen both ways [m]
-_MOST_ERROR = 0.03  # a mirror expected to misplace a person by more tells nothing [m]
-_HALVES_APART = 0.05  # how far apart the two halves of the readings may place a person [m]
-_SLOPE_ERROR = 0.002  # slopes that no residual tells [rad]
+_MOST_ERROR = 0.03  # a mirror expected to misplace a person by more is dropped [m]
+_HALVES_APART = 0.05  # at what distance from each other the two halves of the readings may place a person [m]
+_SLOPE_ERROR = 0.002  # error of the slopes that shows in no residual [rad]
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ def figure_surfaces(image: RgbdImage, one: Figure, reflection: Figure, objects: 
 def search_mirror_plane(
     image: RgbdImage, one: Figure, reflection: Figure, shown: list[Surfaces], objects: np.ndarray, up: np.ndarray
 ) -> Mirror | None:
-    """The plane between a figure and its image, turned and shifted to where each fits the other's silhouette best.
+    """The plane between a figure and its image, rotated and shifted to where each fits the other's silhouette best.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def search_mirror_plane(
         return None
     mirror = Mirror("", middle, normal, basis, source="found")
     best = np.zeros(3)
-    # slopes along a and b, and shift; the first turns about the vertical
+    # slopes along a and b, and shift; the first rotates about the vertical
     for reach, steps, slack in (
         ((0.12, 0.0, 0.15), (13, 1, 11), 0.04),
         ((0.02, 0.03, 0.03), (5, 5, 7), 0.025),
@@ -330,10 +330,10 @@ def _fit_of(p, flip, intrinsics, objects, depth, other, whole, slack):
 
 
 def is_one_body(image: RgbdImage, one: Figure, reflection: Figure, objects: np.ndarray, mirror: Mirror) -> bool:
-    """Flipped over the mirror the image lies within the figure and the other way round.
+    """Whether the image, flipped over the mirror, lies within the figure, and the other way round.
 
-    Hardly a reading is where the other view looks through, enough are where it says anything, and of the image most lie
-    on the figure or behind.
+    Almost no reading is a free-space violation of the other view, enough are where that view says anything, and most of
+    the image lies on the figure or behind it.
     """
     depth, intrinsics = image.depth, image.intrinsics
     flip = reflection_matrix(mirror)
@@ -390,17 +390,18 @@ def fit_mirror_to_skin(mirror: Mirror, shown: list[Surfaces], intrinsics: Intrin
                 break
         return correction, np.linalg.inv(information), gaps
 
-    for facing, wrong in _GRAZING:
-        whole, first, second = (solve(half, facing) for half in (-1, 0, 1))
-        if whole is not None and first is not None and second is not None:
+    for facing, shift_error in _GRAZING:
+        fits = [fit for half in (-1, 0, 1) if (fit := solve(half, facing)) is not None]
+        if len(fits) == 3:
+            deviations = _SLOPE_ERROR, _SLOPE_ERROR, shift_error
             break
     else:
         return None
-    correction, covariance, gaps = whole
+    (correction, covariance, gaps), first, second = fits
     made = moved(mirror, correction)
     distance = reflection_shift(person_before(made), moved(mirror, first[0]), moved(mirror, second[0]))
     residual = float(np.sqrt(np.mean(gaps**2)))
-    covariance = covariance + np.diag((_SLOPE_ERROR, _SLOPE_ERROR, wrong)) ** 2
+    covariance = covariance + np.diag(deviations) ** 2
     made = replace(made, residual=residual, points_used=len(gaps), covariance=covariance)
     if distance > _HALVES_APART or residual > _RAGGED_SKIN or expected_error(made) > _MOST_ERROR:
         return None

@@ -79,7 +79,7 @@ class _Fit(NamedTuple):
     Attributes
     ----------
     found : bool
-        False: the pixels are on a line, or hardly any agree.
+        False: the pixels are on a line, or almost none agree.
     solution : np.ndarray [shape=(3,)]
         1/z over x, y and 1, where (x, y) = ((u, v) - ``center``) / ``scale``.
     normal, scores : np.ndarray [shape=(3, 3)]
@@ -145,8 +145,9 @@ def _fit_kernel(u, v, d, start, started, block):
 
 @njit(cache=True, nogil=True)
 def _fit_pixels(u, v, d, start, started, center, scale, weights, residual, normal):
-    """Whether the pixels are not on a line, their plane, and the standard deviation about it, re-weighted up to twelve
-    times; ``weights``, ``residual`` and ``normal`` are filled.
+    """Whether the pixels are not on a line, their plane, and the standard deviation about it.
+
+    They are re-weighted up to twelve times; ``weights``, ``residual`` and ``normal`` are filled.
     """
     count = len(d)
     row, solution, right = np.ones(3), np.zeros(3), np.zeros(3)
@@ -199,8 +200,10 @@ def _pool(u, v, center, scale, weights, residual, block):
 
 @njit(cache=True, nogil=True)
 def _fit_blocks(pooled, sigma, size, trust, deviation, normal):
-    """Whether the blocks are not on a line, the plane through their residuals, and the variance that the pixels of a
-    block share, re-weighted up to eight times; ``trust``, ``deviation`` and ``normal`` are filled.
+    """Whether the blocks are not on a line, the plane through their residuals, and the variance that a block shares.
+
+    That is what its pixels have in common. They are re-weighted up to eight times; ``trust``, ``deviation`` and
+    ``normal`` are filled.
     """
     n = len(pooled)
     gap, row, right, change = np.empty(n), np.ones(3), np.zeros(3), np.zeros(3)
@@ -285,8 +288,8 @@ def _solve_3x3(matrix, right):
 def fit_core(u: np.ndarray, v: np.ndarray, depth: np.ndarray, fitted: DisparityPlane) -> DisparityPlane:
     """The plane through a frame's pixels without its edges, which cameras smear.
 
-    What leaving one more ring of pixels out, or one fewer, does to the plane tells what edges do to it, and goes into
-    its covariance.
+    How much the plane changes when one more ring of pixels, or one fewer, is left out measures the effect of the edges;
+    it is part of the covariance.
     """
     left, top = u.min(), v.min()
     mask = np.zeros((v.max() - top + 1, u.max() - left + 1), np.bool_)

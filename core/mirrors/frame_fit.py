@@ -52,7 +52,7 @@ def fit_frame(
     Returns
     -------
     Mirror or None
-        The plane turned and moved, its rectangle about the new point and grown to the frame; None when there are fewer
+        The plane rotated and moved, its rectangle about the new point and grown to the frame; None when there are fewer
         than 30 pixels or all on one line.
     """
     depth, intrinsics = image.depth, image.intrinsics
@@ -94,7 +94,7 @@ def fit_frame(
 def without_frames(image: RgbdImage, mirrors: Iterable[Mirror]) -> np.ndarray:
     """The depth without what stands in the planes of mirrors about their glass.
 
-    Of a frame that crosses another one only its own readings tell its plane.
+    For fitting the frame of another mirror that crosses them: only its own readings may decide its plane.
 
     Parameters
     ----------
@@ -128,9 +128,9 @@ def _snapped(seeds: np.ndarray, depth: np.ndarray) -> np.ndarray:
 def _on_frame(
     image: RgbdImage, mirror: Mirror, u: np.ndarray, v: np.ndarray, fitted: DisparityPlane, outward: float
 ) -> Mirror:
-    """The mirror on the plane of its frame's pixels, its rectangle reaching as far as they.
+    """The mirror on the plane of its frame's pixels, its rectangle grown to them.
 
-    Not on a side where they go on as far as was looked, ``outward`` [m]: that is no frame but the wall.
+    It does not grow on a side where they go on as far as was looked, ``outward`` [m]: that is the wall, not a frame.
     """
     depth, intrinsics = image.depth, image.intrinsics
     assert mirror.rectangle is not None
@@ -187,8 +187,9 @@ def _ring(
 
 @njit(cache=True, nogil=True)
 def _ring_kernel(depth, intrinsics, glass, plane, around, inward, band, low, high, pixels):
-    """Pixels within ``band``·z of the plane whose place on it is in the box ``around`` the glass, not ``inward`` of its
-    edges; how many.
+    """Write the pixels of the ring about the glass into ``pixels``; how many they are.
+
+    They are within ``band``·z of the plane, in the box ``around`` the glass, and not ``inward`` of its edges.
     """
     fx, fy, cx, cy = intrinsics
     n = 0

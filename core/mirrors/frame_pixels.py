@@ -1,9 +1,9 @@
-"""The plane of a mirror's frame from its pixels: robust, in inverse depth, sure only of what its noise allows.
+"""The plane of a mirror's frame from its pixels: robust, in inverse depth, as certain as its noise allows.
 
 A frame is a thin band of some thousand noisy pixels; beside it stand walls, floors, the person, and the frames of other
 mirrors that touch or cross it. Neighbouring pixels share errors (edges, quantisation, smoothing inside the camera), so
-they are pooled to blocks: a block's mean is so much surer than a pixel that what belongs to another surface stands out,
-and the scatter of the blocks says how sure the plane is.
+they are pooled to blocks: a block's mean is so much more certain than a pixel that what belongs to another surface
+shows, and the noise of the blocks says how certain the plane is.
 """
 
 from __future__ import annotations

@@ -25,11 +25,11 @@ def frame_sides(
     basis: np.ndarray,
     rectangle: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Where a mirror's frame begins and ends on each side, and how it is turned in its plane.
+    """Where a mirror's frame begins and ends on each side, and how it is rotated in its plane.
 
     Lines run from the middle of the rectangle outwards, across each side. In the glass they meet readings beyond the
-    plane, or none; the first stretch on the plane is the frame, until it is beyond (or before) it again. A line that
-    comes to the frame from something before it, such as a person, tells nothing.
+    plane, or none; the first stretch on the plane is the frame, until it is beyond (or in front of) it again. A line
+    that comes to the frame from something in front of it, such as a person, says nothing.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def frame_sides(
     cut : np.ndarray [shape=(2, 2), dtype=bool]
         Most lines leave the picture through the glass there.
     turn : float
-        By which angle the sides are turned from a towards b [rad].
+        By which angle the sides are rotated from a towards b [rad].
 
     Notes
     -----
@@ -64,12 +64,12 @@ def frame_sides(
 
 
 _FRAME_MET, _LEFT_IMAGE = 1, 2
-_SHADOW = 6  # px without a reading beside an object before a mirror are that object's shadow, more are the glass
+_SHADOW = 6  # px without a reading beside an object in front of a mirror are that object's shadow, more are the glass
 
 
 @njit(cache=True, nogil=True)
 def _sides_kernel(depth, intrinsics, plane, tolerance, point, basis, rectangle, widest):
-    """Inner and outer edges (2, 2), sides that the image cuts off, and the turn."""
+    """Inner and outer edges (2, 2), sides that the image cuts off, and the rotation [rad]."""
     inner, outer, cut = np.full((2, 2), np.nan), np.full((2, 2), np.nan), np.zeros((2, 2), np.bool_)
     slope, weight = 0.0, 0.0
     places, edges = np.empty(_LINES), np.empty((_LINES, 2))
@@ -100,7 +100,7 @@ def _sides_kernel(depth, intrinsics, plane, tolerance, point, basis, rectangle, 
             inner[axis, end] = level + tilt * (0.5 * (low + high) - places[:met].mean())
             width = np.median(np.abs(edges[:met, 1] - y)[near])
             outer[axis, end] = inner[axis, end] + (2 * end - 1) * width
-            # seen along b a side drifts along a by the tangent of the turn, the other way round against it
+            # seen along b a side drifts along a by the tangent of the rotation, the other way round against it
             share = near.sum() * (x[near].max() - x[near].min()) ** 2
             slope += share * (tilt if axis == 1 else -tilt)
             weight += share

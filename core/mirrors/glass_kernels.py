@@ -1,4 +1,4 @@
-"""A ray meets a mirror's glass, and what it shows is reflected: the steps that kernels share.
+"""What kernels share: where a ray meets a mirror's glass, and the reflection of what it shows.
 
 :func:`glass_of` packs mirrors into a :class:`Glass`, a tuple of flat arrays that any kernel may take as an argument;
 the other functions here are called from kernels, with it and a mirror's index.
@@ -16,7 +16,7 @@ from .glass_extent import glass_corners
 from .mirror import Mirror, reflection_matrix
 
 NEVER = 2.0
-"""What :func:`crossing` says of a way that does not pass the glass: more than the whole way, 1."""
+"""What :func:`crossing` returns for a path that does not pass the glass: more than the whole path, 1."""
 
 NEAREST = 0.3
 """A point that would be seen nearer than this is not looked up [m]: no depth camera reads there, and which pixel
@@ -84,7 +84,7 @@ def glass_of(mirrors: Sequence[Mirror]) -> Glass:
 
 @njit(cache=True, nogil=True)
 def before_plane(glass, k, x, y, z):
-    """How far a point is before the plane of mirror k, on the camera's side [m]; negative behind it."""
+    """How far a point is in front of the plane of mirror k, on the camera's side [m]; negative behind it."""
     return glass.planes[k, 0] * x + glass.planes[k, 1] * y + glass.planes[k, 2] * z - glass.planes[k, 3]
 
 
@@ -129,7 +129,7 @@ def in_glass(glass, k, a, b):
 
 @njit(cache=True, nogil=True)
 def share_at_plane(glass, k, x, y, z):
-    """At which share of the way from the camera to (x, y, z), and beyond, the plane of mirror k is met.
+    """At which share of the path from the camera to (x, y, z), and beyond, the plane of mirror k is met.
 
     Inf when it is not. Along a pixel's ray (x, y, 1) that is the plane's z [m].
     """
@@ -149,8 +149,9 @@ def share_at_glass(glass, k, x, y, z, margin):
 
 @njit(cache=True, nogil=True)
 def crossing(glass, k, origin, target, margin):
-    """Share of the way from ``origin`` (3,) to ``target`` (3,), ``margin`` [m] or more behind the plane, at which it
-    passes the glass of mirror k; :data:`NEVER` when it does not.
+    """Share of the path from ``origin`` (3,) to ``target`` (3,) at which it passes the glass of mirror k.
+
+    :data:`NEVER` when it does not, or when the target is less than ``margin`` [m] behind the plane.
     """
     start = before_plane(glass, k, origin[0], origin[1], origin[2])
     stop = before_plane(glass, k, target[0], target[1], target[2])

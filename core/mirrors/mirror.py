@@ -1,7 +1,4 @@
-"""A mirror's plane from points on its frame (paper eq.
-
-1), reflection over it (eq. 2–4), and growing picks to the whole frame.
-"""
+"""A mirror's plane and glass, and reflection over the plane (paper eq. 2–4)."""
 
 from __future__ import annotations
 
@@ -14,7 +11,7 @@ from ..errors import MirrorError
 
 
 def expected_error(mirror: Mirror) -> float:
-    """How far the reflection of a person 1.5 m before the mirror is expected to be off [m]; inf when nothing says."""
+    """Expected error of the reflection of a person 1.5 m in front of the mirror [m]; inf when it is unknown."""
     error = mirror.displacement(person_before(mirror))
     if error is None:
         return 0.0 if mirror.source == "given" else np.inf
@@ -49,15 +46,15 @@ class Mirror:
     source : str
         Where it is from: "picked", "given" (its plane was), "found" (without a click) or "rig file".
     covariance : np.ndarray [shape=(3, 3)] or None
-        How sure the plane is, about ``point``: of its slope along a and along b [rad], and of its shift along the
+        How certain the plane is, about ``point``: of its slope along a and along b [rad], and of its shift along the
         normal [m]. None for a plane that was given.
     polygon : np.ndarray [shape=(K, 2)] or None
         Corners of a glass that is no rectangle, along a and b about ``point`` [m], inside ``rectangle``.
     moved_by : tuple of str
         What moved the plane from where its frame is: "reflections" of what is seen directly too, the "floor" that is
-        seen both ways, "views" that must agree, "seams" that showed a step.
+        seen both ways, "views" that must agree, "seams" that showed an offset.
     moved : float
-        By how much that moves the reflection of somebody 1.5 m before it, root mean square [m].
+        By how much that moves the reflection of somebody 1.5 m in front of it, root mean square [m].
     """
 
     name: str
@@ -89,9 +86,9 @@ class Mirror:
 
 
 def reflection_moves(mirror: Mirror, points: np.ndarray) -> np.ndarray:
-    """How the reflections of ``points`` (N, 3) move with the mirror.
+    """How the reflections of ``points`` (N, 3) move with the mirror: derivatives (N, 3, 3).
 
-    Derivatives (N, 3, 3), the last axis over its slopes along a and b and its shift along the normal.
+    The last axis is over its slopes along a and b and its shift along the normal.
     """
     a, b, n = mirror.basis.T
     offset = np.asarray(points, dtype=np.float64).reshape(-1, 3) - mirror.point
@@ -150,7 +147,7 @@ def reflect(points: np.ndarray, mirror: Mirror) -> np.ndarray:
 def behind_glass(
     points: np.ndarray, mirrors: Iterable[Mirror], margin: float = 0.0, nearest: float = 1.0
 ) -> np.ndarray:
-    """Which of some points (N, 3) the camera sees, or would see, in the rectangle of a mirror that is before them.
+    """Which of some points (N, 3) the camera sees, or would see, in the rectangle of a mirror in front of them.
 
     ``margin`` [m] widens the rectangles; what is nearer than the plane counts, too, when the plane is less than
     ``nearest`` times as far.
@@ -175,7 +172,7 @@ def moved(mirror: Mirror, step: np.ndarray) -> Mirror:
 
 
 def person_before(mirror: Mirror) -> np.ndarray:
-    """Points (6, 3) where a person 1.5 m before the middle of the mirror would be [m]."""
+    """Points (6, 3) where a person 1.5 m in front of the middle of the mirror would be [m]."""
     middle = mirror.point
     if mirror.rectangle is not None:
         middle = middle + mirror.basis[:, :2] @ np.clip(mirror.rectangle, -1.5, 1.5).mean(axis=1)
@@ -184,11 +181,11 @@ def person_before(mirror: Mirror) -> np.ndarray:
 
 
 def reflection_shift(person: np.ndarray, one: Mirror, other: Mirror) -> float:
-    """How far apart two mirrors lay ``person`` (N, 3), root mean square over the points [m]."""
+    """Distance between the reflections of ``person`` (N, 3) in two mirrors, root mean square over the points [m]."""
     return float(np.sqrt(np.mean(np.sum((reflect(person, one) - reflect(person, other)) ** 2, axis=1))))
 
 
 def with_reason(new: Mirror, old: Mirror, reason: str) -> Mirror:
     """``new``, noting that ``reason`` moved it from ``old``, and by how much at a person."""
-    apart = reflection_shift(person_before(old), new, old)
-    return replace(new, moved_by=(*old.moved_by, reason), moved=float(np.hypot(old.moved, apart)))
+    shift = reflection_shift(person_before(old), new, old)
+    return replace(new, moved_by=(*old.moved_by, reason), moved=float(np.hypot(old.moved, shift)))

@@ -175,7 +175,7 @@ def _without_outliers(points: np.ndarray, plane: Mirror) -> Mirror:
         return plane
     normals = normals[usable] / length[usable, None]
     distance = np.abs(normals @ points.T - np.einsum("ij,ij->i", normals, a[usable])[:, None])
-    # picks far apart fix a plane better: ties go to the larger triangle
+    # picks at a large distance fix a plane better: ties go to the larger triangle
     score = np.sqrt((np.minimum(distance, _NO_PICK) ** 2).mean(axis=1)) + 0.002 / length[usable]
     best = distance[np.argmin(score)]
     near = int((best <= _NO_PICK).sum())
@@ -197,7 +197,7 @@ def _without_outliers(points: np.ndarray, plane: Mirror) -> Mirror:
 def _grow(
     depth: np.ndarray, seeds: np.ndarray, cloud: np.ndarray, plane: Mirror, intrinsics: Intrinsics, band: float
 ) -> Mirror | None:
-    """Refit on the frame's pixels around the picks; None when there are hardly any."""
+    """Refit on the frame's pixels around the picks; None when there are almost none."""
     first = disparity_of_plane(plane.normal, float(plane.normal @ plane.point), intrinsics)
     grown = grow_frame(depth, seeds, first, 0.5 * (intrinsics.fx + intrinsics.fy), band)
     if grown is None:

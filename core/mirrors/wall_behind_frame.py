@@ -1,4 +1,4 @@
-"""A frame that hangs on a wall, separated from the wall by the step between them."""
+"""A frame that hangs on a wall, separated from the wall by the difference in depth."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from .frame_sides import WIDEST, frame_sides
 from .mirror import Mirror
 
 THICK = 0.01
-"""How far a mirror's glass may stand before the wall it hangs on, one standard deviation [m]."""
-_DEEPEST_FRAME = 0.035  # farther before the wall than that nobody takes a frame for it [m]
-_CLEAR_STEP = 4.0  # standard deviations by which a frame must stand before the wall to be separated from it
+"""How far a mirror's glass may lie in front of the wall it hangs on, one standard deviation [m]."""
+_DEEPEST_FRAME = 0.035  # a frame that is farther in front of the wall than this is not taken for the wall [m]
+_CLEAR_STEP = 4.0  # standard deviations by which a frame must project in front of the wall to be separated from it
 _SIDE_PARTS = 6  # of each side, asked one by one
 _FEW_READINGS = 5  # readings of a part that say too little
 
@@ -46,9 +46,9 @@ def separate_wall(
     """The frame of a mirror that hangs on a wall, separated from the wall behind it.
 
     A frame is a few pixels wide, and a wall a centimetre behind it is, pixel by pixel, on its plane. Over the length of
-    the sides the step between them shows: readings are sorted by how far outside of the glass they are, the step is
-    where they part best in two, and parts of the sides must agree on it. Where there is none the plane is the wall's
-    (or that of a frame flush with it), and the glass before it by its unknown thickness.
+    the sides the jump in depth between them shows: readings are sorted by how far outside of the glass they are, the
+    jump is where they split best in two, and parts of the sides must agree on it. Where there is none the plane is the
+    wall's (or that of a frame flush with it), and the glass lies in front of it by its unknown thickness.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def separate_wall(
         z [m], 0 = no reading.
     fitted : DisparityPlane
         Of these pixels.
-    lens, point, basis, rectangle
+    intrinsics, point, basis, rectangle
         As for :func:`.frame_sides.frame_sides`; ``point`` and ``basis`` are near the plane.
 
     Notes
@@ -70,7 +70,7 @@ def separate_wall(
     plane, rectangle = fitted.coefficients, np.ascontiguousarray(rectangle)
     limit = _DEEPEST_FRAME / z**2
     inner, outer, _, _ = frame_sides(depth, intrinsics, plane, tolerance, point, basis, rectangle)
-    if np.isnan(inner).all():  # the frame may be too far before the plane
+    if np.isnan(inner).all():  # the frame may be too far in front of the plane
         inner, outer, _, _ = frame_sides(depth, intrinsics, plane, limit, point, basis, rectangle)
     goes_on = outer == inner  # false where NaN
     if not goes_on.any():
@@ -135,8 +135,9 @@ def _outside(intrinsics, plane, point, basis, inner, u, v, at):
 
 @njit(cache=True, nogil=True)
 def _beside_kernel(depth, intrinsics, plane, point, basis, inner, limit, pixel, bins, parts):
-    """Counts of readings near the plane, and sums of how much nearer they are in 1/z, by part of the sides and by how
-    many pixels outside of the sides they are, from 1 on: (4·parts, bins) each.
+    """Counts of readings near the plane, and sums of how much nearer they are in 1/z: (4·parts, bins) each.
+
+    By part of the sides, and by how many pixels outside of the sides they are, from 1 on.
     """
     count, total, at = np.zeros((4 * parts, bins)), np.zeros((4 * parts, bins)), np.empty(2)
     for v in range(depth.shape[0]):
@@ -180,5 +181,5 @@ def _frame_kernel(depth, intrinsics, plane, point, basis, inner, level, toleranc
 
 
 def on_wall(mirror: Mirror) -> bool:
-    """Its plane is that of a wall it hangs on; its glass is before it, nobody knows how far."""
+    """Whether its plane is that of the wall it hangs on; the glass lies an unknown distance in front of it."""
     return mirror.covariance is not None and mirror.covariance[2, 2] > THICK**2

@@ -95,15 +95,15 @@ def find_person(
     if height is None:
         return found
     raised = replace(floor, height=height, center=found.middle(), wide=False, outer=ABOUT)
-    step = height - floor.height
+    rise = height - floor.height
     found = _person_on(readings, raised, clicked, settings)
     if found is None:
         return None
     warnings: tuple[str, ...] = ()
-    if step > STEP[0]:
-        warnings = (f"what the subject stands on, {100.0 * step:.0f} cm above the floor, is cut off",)
+    if rise > STEP[0]:
+        warnings = (f"what the subject stands on, {100.0 * rise:.0f} cm above the floor, is cut off",)
     # a mirror shows too little of a low step to separate it from the floor about it
-    return replace(found, floor=replace(raised, wide=step < LOW), warnings=warnings)
+    return replace(found, floor=replace(raised, wide=rise < LOW), warnings=warnings)
 
 
 def _person_on(
@@ -207,7 +207,7 @@ def _object_pieces(
         best = int(group[component[clicked]])
     else:
         near = np.bincount(group, extents.score, count)
-        # furniture that happens to stand there is hardly seen in every mirror
+        # furniture that happens to stand there is rarely seen in every mirror
         near *= (pixels >= _SHOWN * settings.min_pixels).sum(axis=0) ** 2
         near[pixels[0] < settings.min_pixels] = 0.0
         if not count or near.max() <= 0:
@@ -243,10 +243,10 @@ def small_pieces(pieces: Pieces, member: np.ndarray, axis: np.ndarray, settings:
 
 
 class _Extents(NamedTuple):
-    """Of each piece.
+    """How large each piece is, and how near to where the subject is expected.
 
-    Pixels ``within`` (C,) reach of the place, ``score`` (C,) [m²]: how much of it is how near, and its ``box`` (C, 2,
-    3) [m].
+    ``within`` (C,): pixels within reach of the place; ``score`` (C,) [m²]: its area, weighted by how near it is; its
+    ``box`` (C, 2, 3) [m].
     """
 
     within: np.ndarray

@@ -13,7 +13,7 @@ from .foot_segmentation import NEAR_FLOOR, ROW, FloorViews, share_of_feet, stand
 from .subject_views import ViewSettings
 
 ROUGH = 0.014  # a floor's noise is less [m]
-_UNSEEN = 0.004  # where a floor that a mirror hardly shows is, to within one standard deviation [m]
+_UNSEEN = 0.004  # where a floor is of which a mirror shows almost nothing, one standard deviation [m]
 _FLOOR_SAMPLES = 1000  # readings that a floor is measured with
 _FEWEST, _FEWEST_LEVEL, _FEWEST_RING = 80, 60, 200  # readings: with fewer, on a plane, or in a ring, there is no floor
 _BIN = 0.005  # m: of the histogram of heights that a floor is looked for in
@@ -184,8 +184,9 @@ def floor_of_views(readings: Readings, views: range, floor: Floor, rough: float,
 def _fit_floor(
     sample: np.ndarray, up: np.ndarray, floor: float, center: np.ndarray, rough: float
 ) -> tuple[np.ndarray, float, np.ndarray, float] | None:
-    """Plane n·p = d of the level surface among points near the floor, which points (N,) are its, and their standard
-    deviation; None when there is hardly any, or it is ``rough``: feet, in a mirror that shows no floor.
+    """Plane n·p = d of the level surface among points near the floor, its points (N,), their standard deviation.
+
+    None when there is almost none, or it is ``rough``: feet, in a mirror that shows no floor.
 
     A mirror shows the floor where its plane's error puts it, near the true one: an offset and two slopes are fitted
     with that as prior, for a narrow strip says nothing of its tilt, and a few readings beside feet say little.
@@ -208,7 +209,7 @@ def _fit_floor(
         kept = np.abs(miss) < band
         if kept.sum() < _FEWEST_LEVEL:
             return None
-        # images of images lay a second sheet across the floor: its own spread is that of the closest half
+        # images of images put a second sheet across the floor: its own spread is that of the closest half
         noise = max(_closest_half(miss[kept]), 0.0005)
         matrix, right = _floor_equations(rows, height, miss, band, noise)
         found = np.linalg.solve(np.diag(1.0 / np.square(_FLOOR_PRIOR)) + matrix, right)
@@ -246,10 +247,11 @@ def _closest_half(values: np.ndarray) -> float:
 def _near_floor_kernel(
     points, seen, up, floor, band, center, inner2, outer2, under2, across, first, views, pixel_angle
 ):
-    """Up to ``_FLOOR_SAMPLES`` points of each view from ``first`` on within ``band`` of the floor and in a ring about
-    the subject, evenly taken, and how far the median of each one's row is above it. What stands upright is left out.
+    """Up to ``_FLOOR_SAMPLES`` points of the floor in each view, evenly taken, and how far each one's row is above it.
 
-    And how many there are at each height (views, 120), from -``band`` to ``band``, nearer to the subject.
+    Of the views from ``first`` on, within ``band`` of the floor and in a ring about the subject; of a row its median
+    counts. What stands upright is left out. And how many points there are at each height (views, 120), from -``band``
+    to ``band``, nearer to the subject.
     """
     heights = np.zeros((views, 120), np.int64)
     height, width = seen.shape

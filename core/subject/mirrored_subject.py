@@ -232,17 +232,15 @@ def _verdict_kernel(
 
 
 def _is_furniture(yes: np.ndarray, no: np.ndarray, total: np.ndarray) -> np.ndarray:
-    """Of what a mirror shows that the direct view confirms hardly anywhere, what it denies in part.
+    """Whether a piece that the direct view confirms almost nowhere, and denies in part, is furniture.
 
-    The other side of a box that is seen directly, of which all that is deeper is hidden behind its front.
+    Such as the other side of a box that is seen directly, of which all that is deeper is hidden behind its front.
     """
     return (no >= np.maximum(PIECE, _DENIED * total)) & (yes < _HARDLY * total)
 
 
 def _deny_furniture(pieces: Pieces, mixed: np.ndarray, verdict: np.ndarray) -> None:
-    """What is connected with the figure (``mixed`` pieces) across a small jump only is judged by itself, in
-    ``verdict``.
-    """
+    """Judge by itself, in ``verdict``, what is connected with the figure (``mixed`` pieces) across a small jump only."""
     if not mixed.any():
         return
     inside = np.where(np.append(mixed, False)[pieces.component], pieces.seen, -1).astype(np.int8)

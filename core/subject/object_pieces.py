@@ -1,4 +1,4 @@
-"""An object that is no person: which pieces of it belong together, in all views."""
+"""An object that is not a person: which of its pieces belong together, in all views."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def group_pieces(pieces: Pieces, usable: np.ndarray) -> np.ndarray:
         group[group == group[b]] = group[a]
     first = np.cross(up, (0.0, 0.0, 1.0))
     first /= np.linalg.norm(first)
-    turns = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
-    normals = np.outer(np.cos(turns), first) + np.outer(np.sin(turns), np.cross(up, first))
+    angles = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
+    normals = np.outer(np.cos(angles), first) + np.outer(np.sin(angles), np.cross(up, first))
     front, back, at = _hidden_kernel(component, pieces.depth, usable, points)
     reach = _reach_kernel(piece, cloud, normals, count)
     met = np.unique(piece)

@@ -88,9 +88,9 @@ def occluded_pieces(
 
 @njit(cache=True, nogil=True)
 def _linked_kernel(component, member, candidate, points, depth):
-    """How many border pixels of each ``candidate`` (C,) are beside something nearer.
+    """How many border pixels of each ``candidate`` (C,) are beside something nearer, and how many reach the figure.
 
-    And from how many the figure is met behind what hides what is between.
+    They reach it behind what hides the pixels between.
     """
     height, width = component.shape
     beside, count = np.zeros(len(member), np.int64), np.zeros(len(member), np.int64)
@@ -137,9 +137,9 @@ def _linked_kernel(component, member, candidate, points, depth):
 
 @njit(cache=True, nogil=True)
 def _touch_kernel(component, candidate, points, seen, shown, flips, intrinsics, reach):
-    """How many pixels of each ``candidate`` (C,) have the figure, as a mirror shows it, right at them.
+    """How many pixels of each ``candidate`` (C,) touch the figure, as a mirror shows it; how many something else.
 
-    How many something else; and how many were asked.
+    And how many were asked.
     """
     height, width = component.shape
     touches, others = np.zeros(len(candidate), np.int64), np.zeros(len(candidate), np.int64)

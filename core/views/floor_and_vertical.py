@@ -22,7 +22,7 @@ _LEAST_SCORE = 0.02  # share of the readings that a floor must have
 _ON, _UNDER = 0.02, 0.06  # so near a reading is on a plane, so far below it under it [m]
 _UNDER_COST = 3  # readings on a plane that one under it costs
 _FIRST_BAND, _LEAST_BAND, _NOISES = 0.06, 0.015, 4  # about the plane, first and at least [m]; later times the noise
-_MOST_READINGS = 8000  # of a room: they tell its floor
+_MOST_READINGS = 8000  # of a room: enough to find its floor
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What the views prove empty: a camera that reads a surface through a point has seen that nothing is there."""
+"""Free space: a camera that reads a surface behind a point has seen that nothing is at the point."""
 
 from __future__ import annotations
 
@@ -136,18 +136,18 @@ def bridge_is_free(p, i, q, j, free_space):
     return False
 
 
-_CLEAR_AROUND = 2  # so far around a point a view must have looked through, for what is drawn out to be wrong [px]
-_HALVINGS = 6  # to find where a way becomes empty: to a sixty-fourth of its length
+_CLEAR_AROUND = 2  # so far around a point a view must have looked through it to prove it empty [px]
+_HALVINGS = 6  # to find where a path enters empty space: to a sixty-fourth of its length
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def reach_before_empty(start, end, free_space):
-    """How far each point may go on its straight way before it is where a view saw nothing: share of the way (K,).
+    """How far each point may move on its straight path before it is in empty space: share of the path (K,).
 
     Parameters
     ----------
     start, end : np.ndarray [shape=(K, 3)]
-        Both ends of each way [m].
+        Both ends of each path [m].
     free_space : FreeSpace
 
     Returns

@@ -1,4 +1,4 @@
-"""Which pixel is seen through what: directly, through which mirror, or by way of two."""
+"""Which pixel is seen through what: directly, through which mirror, or by two reflections."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def sort_rays(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Direct or through which mirror: decided by whether a pixel's ray passes a mirror's glass before its reading.
 
-    What stands before a mirror is seen directly; a reading behind the glass is somewhere in the room, and if the way
-    from the glass to there passes another glass, it was seen by two reflections and belongs to no view.
+    What stands in front of a mirror is seen directly; a reading behind the glass is somewhere in the room, and if the
+    path from the glass to there passes another glass, it was seen by two reflections and belongs to no view.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def _sort_kernel(points, glass, near, far):
             on_frame = False
             for i in range(count):
                 off = before_plane(glass, i, x, y, z)
-                if off >= margin:  # before the mirror
+                if off >= margin:  # in front of the mirror
                     continue
                 if off > -margin:
                     a, b = place_on_plane(glass, i, x, y, z)

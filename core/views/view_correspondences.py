@@ -127,7 +127,7 @@ def find_correspondences(
     seen: np.ndarray | None = None,
     facing: float = _FACING,
 ) -> list[Correspondences]:
-    """What each pair of views shows of the same surface; with ``depth`` and ``seen`` also what is looked through.
+    """What each pair of views shows of the same surface; with ``depth`` and ``seen`` also free-space violations.
 
     Surfaces are not judged whose cosine to the line of sight is under ``facing``.
     """
@@ -280,7 +280,7 @@ def _meet_kernel(
     points, normals, variances, pixels, flip, flip_by, plane, camera, grid, stride, there, there_normals,
     there_variances, gate, depth, seen, by, facing_limit,
 ):  # fmt: skip
-    """Pieces of one view laid before another's eye, and what that sees in the same line of sight: :class:`_Met`."""
+    """Pieces of one view projected into another, and what that sees in the same line of sight: :class:`_Met`."""
     fx, fy, cx, cy = camera
     count = len(points)
     here, other, e_out = np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 3))

@@ -117,8 +117,8 @@ def stack_maps(maps: list[ViewMaps], poses: list[np.ndarray]) -> ViewMaps:
 
 
 _BORDER = 3  # so near its silhouette a view's readings are worth less [px]
-_SILHOUETTE_STEP = 0.05  # of z: pixels farther apart than this are not of one surface, even where it is steep
-_NORMAL_STEP = 0.03  # of z: a normal takes no neighbour farther apart; less, as a wrong one tilts it
+_SILHOUETTE_STEP = 0.05  # of z: pixels at a larger distance are not of one surface, even where it is steep
+_NORMAL_STEP = 0.03  # of z: a normal takes no neighbour at a larger distance; less, as a wrong one tilts it
 
 
 def _nearest_first() -> np.ndarray:
@@ -160,7 +160,7 @@ def _maps_kernel(depth, labels, intrinsics, to_view, offsets):
                 below = v + 1
             if left == right or above == below:
                 continue
-            # along the row and down the column, where the camera laid them
+            # along the row and down the column, where the camera projects them
             za, zb = np.float64(depth[v, left]), np.float64(depth[v, right])
             rx = (right - cx) / fx * zb - (left - cx) / fx * za
             ry, rz = (v - cy) / fy * (zb - za), zb - za
@@ -178,14 +178,14 @@ def _maps_kernel(depth, labels, intrinsics, to_view, offsets):
             if cosine <= 0:
                 continue
             confidence[v, u] = cosine * cosine / z * border / _BORDER
-            for r in range(3):  # back from where the view lays it: the inverse of a turn is its transpose
+            for r in range(3):  # back from where the view places it: the inverse of a rotation is its transpose
                 normals[v, u, r] = to_view[k, 0, r] * nx + to_view[k, 1, r] * ny + to_view[k, 2, r] * nz
     return normals, confidence
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def look_at(points, i, to_view, k, image, intrinsics):
-    """Where view k lays points[i]: pixel and z there; (row, column) -1 outside the image or behind the camera."""
+    """Where view k projects points[i]: pixel and z there; (row, column) -1 outside the image or behind the camera."""
     x, y, z = in_view_frame(to_view, k, points[i, 0], points[i, 1], points[i, 2])
     if z <= NEAREST_Z:
         return -1.0, -1.0, z
@@ -196,7 +196,7 @@ def look_at(points, i, to_view, k, image, intrinsics):
 
 
 def reading_noise(mesh: Mesh, maps: ViewMaps) -> np.ndarray:
-    """Noise (V,) of each vertex's reading [m]; 0 for made ones."""
+    """Noise (V,) of each vertex's reading [m]; 0 for those of filled surface."""
     return _noise_kernel(mesh.vertices, mesh.view, maps.to_view, maps.noise)
 
 
