@@ -228,6 +228,11 @@ def _fit_row(sums, low, high, work):
 
 @njit(cache=True, nogil=True, parallel=True, error_model="numpy")
 def _smooth_kernel(depth, labels, view, noise, sigma, radius, top, bottom):
+    """The depth with a view's pixels, in the rows from ``top`` to ``bottom``, smoothed; strips in parallel.
+
+    It stays whole because a strip's sums, both fits and their buffers share some twenty arrays, which a function for
+    part of it would have to be given one by one.
+    """
     height, width = depth.shape
     out = depth.copy()
     offset, gauss, terms, products = _taps(sigma, radius)

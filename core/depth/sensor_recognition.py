@@ -10,7 +10,7 @@ from .settings import DepthSettings
 
 
 def recognise(capture: Capture, settings: DepthSettings) -> tuple[str, NoiseModel | None]:
-    """Name and noise model of the camera: as the settings say, else as the capture says, else by the quantum of its readings.
+    """Name and noise model of the camera: by the settings, else by the capture, else by the quantum of its readings.
 
     A Kinect v1, or another camera of its make, is known by steps of an eighth of a pixel at a baseline of 7.5 cm.
 

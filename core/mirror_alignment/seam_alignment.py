@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -308,31 +307,34 @@ def _depth(old: Mirror, new: Mirror) -> float:
 
 def _note(old: Mirror, new: Mirror, distance: float, doubted: bool, glass_offset: float) -> Notice:
     """What is reported of a move by ``distance`` [m] at a person; from where the glass was taken to be."""
-    depth = _depth(old, new)
-    values: dict[str, Any] = {"name": old.name, "distance": 1000.0 * distance, "mirrors": [old.name]}
+    depth, name, distance_mm, about = _depth(old, new), old.name, 1000.0 * distance, [old.name]
     if doubted:
         return Notice(
             "{name}: the seams between its reflection and the other views show an offset; its plane, which its frame "
             "alone leaves uncertain, was moved by {distance:.0f} mm at the person",
-            **values,
+            name=name,
+            distance=distance_mm,
+            mirrors=about,
         )
     if old.moved_by or 2.0 * abs(depth) < _SHIFTED * distance:  # not where its frame is; or rotated above all
         return Notice(
             "{name}: the seams between its reflection and the other views show an offset; its plane was moved by "
             "{distance:.0f} mm at the person",
-            **values,
+            name=name,
+            distance=distance_mm,
+            mirrors=about,
         )
     depth += glass_offset
     if depth > 0.0:
         return Notice(
             "{name}: the seams between its reflection and the other views show an offset; its plane was moved by "
             "{distance:.0f} mm at the person, as if its glass were {depth:.0f} mm behind the front of its frame",
-            depth=1000.0 * depth, **values,
+            name=name, distance=distance_mm, depth=1000.0 * depth, mirrors=about,
         )  # fmt: skip
     return Notice(
         "{name}: the seams between its reflection and the other views show an offset; its plane was moved by "
         "{distance:.0f} mm at the person, as if its glass were {depth:.0f} mm in front of its frame",
-        depth=-1000.0 * depth, **values,
+        name=name, distance=distance_mm, depth=-1000.0 * depth, mirrors=about,
     )  # fmt: skip
 
 

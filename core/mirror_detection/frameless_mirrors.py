@@ -1,10 +1,10 @@
 """Mirrors without a frame that stand clear of any wall: planes from the figure that is seen twice.
 
 Nothing of such a mirror is at its plane, so no depth reading shows where it is. What it shows does: somebody seen
-directly and, farther off and the other way round, in the glass. The plane lies half way between the two, and rotating
-and shifting it until the mirrored figure's skin coincides with that seen directly, each within the other's silhouette, fixes it.
-Only then is the glass looked for: on that plane the depth jumps along straight, upright lines on both sides of the
-figure. A door with somebody behind fails, since the two are not one body and its reflection.
+directly and, farther off and the other way round, in the glass. The plane lies half way between the two; it is rotated
+and shifted until the mirrored figure's skin coincides with that seen directly, each within the other's silhouette. Only
+then is the glass looked for: on that plane the depth jumps along straight, upright lines on both sides of the figure. A
+door with somebody behind it fails, since the two are not one body and its reflection.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ def find_frameless(image: RgbdImage, known: Iterable[Mirror] = (), most: int = 2
     Returns
     -------
     list of (Mirror, bool)
-        ``source`` "found", not ``refined``; the covariance says how certain the plane is. True: something stands beside the glass near
-        its plane. Without a frame there nothing would, so it is its frame, or the post of a door.
+        ``source`` "found", not ``refined``; the covariance says how certain the plane is. True: something stands beside
+        the glass near its plane. Without a frame there nothing would, so it is its frame, or the post of a door.
 
     Notes
     -----

@@ -109,7 +109,10 @@ def _about(mask: np.ndarray, reach: int) -> np.ndarray:
 
 
 def _covered(jumps: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For each line along axis 0: the share of its visible part where depth jumps within a cell, and how much is visible."""
+    """Of each line along axis 0: the share of its visible part where depth jumps, and how much is visible.
+
+    A jump may be up to a cell beside the line.
+    """
     near = jumps.copy()
     near[:, 1:] |= jumps[:, :-1]
     near[:, :-1] |= jumps[:, 1:]

@@ -63,9 +63,9 @@ def find_better_at(
     settings: DetectionSettings = DEFAULTS,
     glass_offset: float = 0.0,
 ) -> Mirror | None:
-    """A better mirror than the one placed through the picks, ``mirror``, where that contradicts the depth or is missing.
+    """A better mirror than ``mirror``, the one placed through the picks, where that is contradicted or None.
 
-    The picks missed its frame, or it has none. Else ``mirror``.
+    Then the picks missed the frame, or there is none. Else ``mirror``.
     """
     if mirror is None or contradicted(image, mirror):
         pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)

@@ -107,9 +107,9 @@ def verify(
     """The hypothesis with its evidence, or None when what it shows cannot be a reflection.
 
     Every third reading in the rectangle is flipped over the plane. Where it lands nearer than what the camera sees in
-    that direction, the camera would have looked through it: a free-space violation. Where it lands on, or up to 0.7 m behind, what
-    is seen directly, it is shown. What lies outside the picture says nothing. Behind the glass of mirrors that are
-    ``known`` a frame edge is hidden. ``color`` as for :func:`frame_edge_share`.
+    that direction, the camera would have looked through it: a free-space violation. Where it lands on, or up
+    to 0.7 m behind, what is seen directly, it is shown. What lies outside the picture says nothing. Behind the glass of
+    mirrors that are ``known`` a frame edge is hidden. The colour picture as for :func:`frame_edge_share`.
     """
     depth, intrinsics = image.depth, image.intrinsics
     evidence = count_evidence(image, guess, floor)

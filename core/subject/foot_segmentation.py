@@ -15,8 +15,8 @@ _ROWS = 4  # px above and below, as well
 _RISE = 0.8  # what is not floor rises by this share of what an upright surface would
 _SOLE = 0.0035  # height at which a foot begins: its sole is rounded [m]
 _BEGINNINGS = 4  # places of that beginning that are weighed against each other, a pixel
-# an error of the floor right at a sole hardly shows, a lost piece of foot does: it counts so many times; more where noise is that
-# share of a row's rise, for there such pieces are whole feet in few pixels
+# an error of the floor right at a sole is almost invisible, a lost piece of foot is not: it counts so many times; more
+# where noise is that share of a row's rise, for there such pieces are whole feet in few pixels
 _HOLE, _BLURRED_HOLE, _BLURRED = 1.5, 6.0, (0.3, 0.7)
 _SIDE, _OWN = 3, 0.3  # px on either side of a foot's edge; how far from floor to foot a pixel of the floor may read
 _QUIET = 0.0007  # m: the median of a row is never more accurate

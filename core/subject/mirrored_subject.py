@@ -240,7 +240,7 @@ def _is_furniture(yes: np.ndarray, no: np.ndarray, total: np.ndarray) -> np.ndar
 
 
 def _deny_furniture(pieces: Pieces, mixed: np.ndarray, verdict: np.ndarray) -> None:
-    """Judge by itself, in ``verdict``, what is connected with the figure (``mixed`` pieces) across a small jump only."""
+    """Judge what touches the figure (``mixed`` pieces) only across a small jump by itself, in ``verdict``."""
     if not mixed.any():
         return
     inside = np.where(np.append(mixed, False)[pieces.component], pieces.seen, -1).astype(np.int8)
