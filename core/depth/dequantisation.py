@@ -22,8 +22,8 @@ _MILLIMETRE = 0.001  # m: what files are written in
 def find_step(depth: np.ndarray) -> float:
     """Quantum of 1/z [1/m] that the readings of a frame show; 0 when they show none.
 
-    Values that lie evenly spaced in 1/z, with nothing between them, betray a camera that measures disparity in coarse
-    steps. Looked for from 1.5 to 8 m, where a step is wider than the millimetres files are written in.
+    Values that lie evenly spaced in 1/z, with nothing between them, come from a camera that measures disparity in
+    coarse steps. Looked for from 1.5 to 8 m, where a step is wider than the millimetres files are written in.
 
     Parameters
     ----------

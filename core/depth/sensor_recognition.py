@@ -1,4 +1,4 @@
-"""Which sensor took a depth map, by the file or by the steps of its values."""
+"""Which sensor took a depth map, by the file or by the quantum of its values."""
 
 from __future__ import annotations
 
@@ -35,6 +35,6 @@ def recognise(capture: Capture, settings: DepthSettings) -> tuple[str, NoiseMode
     kinect = SENSORS["kinect_v1"].step(capture.intrinsics.fx)
     if (
         step and 0.8 < step / kinect < 1.25
-    ):  # registered to colour its readings keep their steps but not the focal length
+    ):  # registered to colour its readings keep their quantum but not the focal length
         return "kinect_v1", SENSORS["kinect_v1"]
     return "unknown", None

@@ -78,12 +78,12 @@ def circumference(
     read = np.zeros(len(points))
     rows, columns = np.rint(v[inside]).astype(int), np.rint(u[inside]).astype(int)
     read[inside] = depth[rows, columns]
-    apart = read - points[:, 2]
+    behind = read - points[:, 2]
     slack = 0.02 * points[:, 2] + 0.02
-    on = inside & (np.abs(apart) < slack)
+    on = inside & (np.abs(behind) < slack)
     if color is not None:
         on[inside] |= (read[inside] == 0) & _on_line(color, rows, columns)
-    beyond = inside & (read > 0) & (apart >= slack)
+    beyond = inside & (read > 0) & (behind >= slack)
     return float(weight[on].sum() / weight.sum()), float(weight[beyond].sum() / weight.sum())
 
 
@@ -237,7 +237,7 @@ _NOT_BEHIND = 1.02, 0.04  # and on it when it is less than this share and [m] mo
 _SIDEWAYS = 0.01, 0.003  # a flipped reading at z may be off sideways by this [m] and this times z²
 _IMAGE_MARGIN = 2  # px from the image's border from which what is seen there cannot be looked up
 _LOOK = 3  # steps to each side of a flipped reading's pixel in which the depth seen is looked up
-_NEARER = 0.05, 0.02  # what is so much nearer than what is seen there, [m] and times z, would be looked through
+_NEARER = 0.05, 0.02  # what is so much nearer than what is seen there, [m] and times z, is a free-space violation
 _CLOSE_BEHIND = 0.7  # the hidden side of a body or of furniture is no farther behind what is seen of it [m]
 _BEFORE, _ON, _UNREAD, _OUTSIDE, _VIOLATED, _SHOWN, _HIDDEN, _GROUND = range(8)  # places in Evidence
 

@@ -309,8 +309,8 @@ def fit_core(u: np.ndarray, v: np.ndarray, depth: np.ndarray, fitted: DisparityP
     beside = (fitted if edge == 1 else fit(edge - 1)) if edge else fit(1) if count[2] > 100 else None
     if beside is None:
         return core
-    apart = beside.coefficients - core.coefficients
-    return replace(core, covariance=core.covariance + _EDGE_EFFECT * np.outer(apart, apart))
+    change = beside.coefficients - core.coefficients
+    return replace(core, covariance=core.covariance + _EDGE_EFFECT * np.outer(change, change))
 
 
 @njit(cache=True, nogil=True)

@@ -178,6 +178,6 @@ def glass_corners(mirror: Mirror) -> np.ndarray | None:
 
 _FRAME_WIDTH = 0.15  # more than a frame is wide [m]
 _PAST_PICKS = 0.01  # about as far outside of picks on a wall a mirror ends [m]
-_SURFACE_CELL = 0.03  # side of the cells by which a frame is told from a surface [m]
+_SURFACE_CELL = 0.03  # side of the cells by which frames and surfaces are distinguished [m]
 _SHORT_OF_PICKS = 0.04  # a side that ends so far inside of picks on the plane is not the frame's [m]
 _PAST_BORDER = 2.0  # how far glass is taken to go on past the image's border [m]

@@ -82,28 +82,28 @@ def separate_wall(
     )
     below, above = np.cumsum(count, axis=1), np.cumsum(count[:, ::-1], axis=1)[:, ::-1]
     near, far = np.cumsum(total, axis=1), np.cumsum(total[:, ::-1], axis=1)[:, ::-1]
-    best, step = 0.0, 0
+    best, jump = 0.0, 0
     for k in range(1, int(0.6 * WIDEST / pixel)):  # readings at least 1 and less than 1 + k pixels outside, or beyond
         few, many = below[:, k - 1].sum(), above[:, k].sum()
         if few > 0 and many > 0:
-            parted = few * many / (few + many) * (near[:, k - 1].sum() / few - far[:, k].sum() / many) ** 2
-            best, step = (parted, k) if parted > best else (best, step)
+            contrast = few * many / (few + many) * (near[:, k - 1].sum() / few - far[:, k].sum() / many) ** 2
+            best, jump = (contrast, k) if contrast > best else (best, jump)
     seen = (
-        (below[:, step - 1] > _FEW_READINGS) & (above[:, step] > _FEW_READINGS)
-        if step
+        (below[:, jump - 1] > _FEW_READINGS) & (above[:, jump] > _FEW_READINGS)
+        if jump
         else np.zeros(len(count), np.bool_)
     )
     if seen.sum() < _SIDE_PARTS:
         return wall
-    few, many = below[seen, step - 1], above[seen, step]
-    rise = near[seen, step - 1] / few - far[seen, step] / many
+    few, many = below[seen, jump - 1], above[seen, jump]
+    rise = near[seen, jump - 1] / few - far[seen, jump] / many
     weight = few * many / (few + many)
     mean = (weight * rise).sum() / weight.sum()
     error = np.sqrt((weight**2 * (rise - mean) ** 2).sum()) / weight.sum()
     if mean < _CLEAR_STEP * error:
         return wall
-    ends = max(step, 2) * pixel  # a pixel less than where it steps
-    level = near[seen, step - 1].sum() / few.sum()
+    ends = max(jump, 2) * pixel  # a pixel less than where depth jumps
+    level = near[seen, jump - 1].sum() / few.sum()
     mine_u, mine_v = _frame_kernel(depth, intrinsics, plane, point, basis, inner, level, tolerance, ends)
     again = disparity_plane(mine_u, mine_v, depth[mine_v, mine_u]) if len(mine_u) >= 30 else None
     return wall if again is None else SeparatedFrame(mine_u, mine_v, again, 0.0)

@@ -95,15 +95,15 @@ def find_person(
     if height is None:
         return found
     raised = replace(floor, height=height, center=found.middle(), wide=False, outer=ABOUT)
-    rise = height - floor.height
+    step = height - floor.height
     found = _person_on(readings, raised, clicked, settings)
     if found is None:
         return None
     warnings: tuple[str, ...] = ()
-    if rise > STEP[0]:
-        warnings = (f"what the subject stands on, {100.0 * rise:.0f} cm above the floor, is cut off",)
+    if step > STEP[0]:
+        warnings = (f"what the subject stands on, {100.0 * step:.0f} cm above the floor, is cut off",)
     # a mirror shows too little of a low step to separate it from the floor about it
-    return replace(found, floor=replace(raised, wide=rise < LOW), warnings=warnings)
+    return replace(found, floor=replace(raised, wide=step < LOW), warnings=warnings)
 
 
 def _person_on(

@@ -9,7 +9,7 @@ from numba import njit, prange
 
 from .connected_pixels import Readings
 
-NEAR_FLOOR = 0.12  # readings within this of the floor tell how each view sees it [m]
+NEAR_FLOOR = 0.12  # readings within this of the floor show how each view sees it [m]
 ROW = 3  # px to either side that a pixel near the floor is judged by
 _ROWS = 4  # px above and below, as well
 _RISE = 0.8  # what is not floor rises by this share of what an upright surface would
@@ -63,7 +63,7 @@ def share_of_feet(heights: np.ndarray, lift: float, noise: float) -> float:
 def standing_pixels(readings: Readings, floor: FloorViews, first: int, highest: float, clearance: float) -> np.ndarray:
     """``seen`` where it is one of these views and what the pixel shows stands on the floor, else -1.
 
-    Height alone tells a foot from the floor only above the floor's noise, which in a mirror, and in short bursts, is a
+    Height alone separates a foot from the floor only above the floor's noise, which in a mirror, and in short bursts, is a
     centimetre and more. But up a column of the image the floor stays at 0 and what stands on it rises by about a pixel
     a pixel: of all rows in which that may begin, near a pixel, each is as likely as a column of heights that does so
     fits the one that is seen. Median heights of short rows are used, which keeps a foot's sides where they are.

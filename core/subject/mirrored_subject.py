@@ -15,7 +15,7 @@ from .floor_plane import horizontal_projection, standing_pieces
 from .subject_views import ViewSettings
 
 _CONFIRMED = 0.25  # m: what the direct view confirms is no farther from the figure
-_QUANTUM = 0.026  # of z: readings come in steps, a far sensor's pieces may be at so large a distance
+_QUANTUM = 0.026  # of z: readings are quantised, a far sensor's pieces may be at so large a distance
 _TOUCHING = 0.05  # m: at this distance pieces belong together although the direct view confirms none of them
 _THICK = 0.12  # m: what is seen so little behind something else is its other side
 _LOOSE = 0.15  # of what a mirror shows of the subject: a larger piece that the direct view does not show is none

@@ -86,7 +86,7 @@ def mirrors_vertical(mirrors: list[Mirror]) -> tuple[np.ndarray, bool]:
     """Up from the rig: mirrors stand vertically, so the cross product of two normals is vertical (paper 4.2.2).
 
     With one mirror, or parallel ones, the camera is taken to stand upright but for what the mirror says; the second
-    answer tells whether two mirrors fixed it.
+    answer says whether two mirrors fixed it.
     """
     up = np.zeros(3)
     for i, a in enumerate(mirrors):

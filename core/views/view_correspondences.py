@@ -85,7 +85,7 @@ def surfaces(image: RgbdImage, seen: np.ndarray, view: int, sigma: float, most: 
         radius * (radius + 1) / 3.0
     ):
         radius += 1
-    # neighbours share their windows, and some hundred pieces tell as much as thousands
+    # neighbours share their windows, and some hundred pieces say as much as thousands
     stride = max(2 if radius < 4 else 3, int(np.ceil(np.sqrt(count / most))))
     grid, points, normals, variances, pixels = _surface_kernel(
         depth, seen, view, intrinsics.packed, np.array(box), stride, radius, sigma
