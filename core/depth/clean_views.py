@@ -87,6 +87,7 @@ def _relief(windows: np.ndarray, noise: float, z: float) -> tuple[float, float]:
     """Noise that is certainly left in a view, and how far what exceeds it must be taken for relief [0..1].
 
     ``windows`` as of :func:`.noise_estimate.window_variance`.
+
     Only readings as good as their millimetres separate the two: a camera's own noise differs from place to place by
     more than relief does.
     """
