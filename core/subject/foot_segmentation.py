@@ -65,8 +65,8 @@ def standing_pixels(readings: Readings, floor: FloorViews, first: int, highest: 
 
     Height alone separates a foot from the floor only above the floor's noise, which in a mirror, and in short bursts,
     is a centimetre and more. But up a column of the image the floor stays at 0 and what stands on it rises by about a
-    pixel a pixel: of all rows in which that may begin, near a pixel, each is as likely as a column of heights that does so
-    fits the one that is seen. Median heights of short rows are used, which keeps a foot's sides where they are.
+    pixel a pixel: of all rows in which that may begin, near a pixel, each is as likely as a column of heights that does
+    so fits the one that is seen. Median heights of short rows are used, which keeps a foot's sides where they are.
 
     Parameters
     ----------
