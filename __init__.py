@@ -2,12 +2,14 @@
 
 
 def register() -> None:
+    """Register the Blender add-on."""
     from . import mirror_scan_addon
 
     mirror_scan_addon.register()
 
 
 def unregister() -> None:
+    """Unregister the Blender add-on."""
     from . import mirror_scan_addon
 
     mirror_scan_addon.unregister()

@@ -48,8 +48,8 @@ def straightened(intrinsics: Intrinsics) -> Intrinsics:
     scale = min(1.0, math.sqrt(MAX_GROWTH * intrinsics.width * intrinsics.height / size.prod()))
     focal = focal * scale
     width, height = (max(1, math.ceil(n - 1e-6)) for n in (high - low) * focal + 1)
-    cx, cy = -low * focal
-    return Intrinsics(width, height, *(float(v) for v in (*focal, cx, cy)))
+    fx, fy, cx, cy = (float(v) for v in (*focal, *(-low * focal)))
+    return Intrinsics(width, height, fx, fy, cx, cy)
 
 
 def undistort_depth(

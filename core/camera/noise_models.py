@@ -51,8 +51,15 @@ class NoiseModel:
         return np.sqrt(variance)
 
 
-_AZURE = {"min_range": 0.5, "max_range": 3.86, "axial": (0.0012, 0.0003)}  # NFOV unbinned: σ ≤ 17 mm by its maker
-_D4XX = {"min_range": 0.4, "max_range": 6.0, "disparity_noise": 0.08}  # RMS = z² · subpixel / (f · baseline)
+def _azure(title: str) -> NoiseModel:
+    """Azure Kinect's camera, NFOV unbinned: σ ≤ 17 mm by its maker."""
+    return NoiseModel(title, 0.5, 3.86, axial=(0.0012, 0.0003))
+
+
+def _d4xx(title: str, baseline: float) -> NoiseModel:
+    """Active stereo of the D400 family: RMS = z² · subpixel / (f · baseline)."""
+    return NoiseModel(title, 0.4, 6.0, baseline=baseline, disparity_noise=0.08)
+
 
 SENSORS: dict[str, NoiseModel] = {
     # Nguyen, Izadi and Lovell 2012: axial 1.2 mm + 1.9 mm (z - 0.4)², lateral as here. 0.056 px before the 1/8 px
@@ -63,9 +70,9 @@ SENSORS: dict[str, NoiseModel] = {
     ),
     # about 1 to 2 mm up to 3 m (Wasenmüller and Stricker 2016)
     "kinect_v2": NoiseModel("Kinect v2 (time of flight)", 0.5, 4.5, axial=(0.0008, 0.00015)),
-    "azure_kinect": NoiseModel("Azure Kinect DK (time of flight)", **_AZURE),
-    "femto_bolt": NoiseModel("Orbbec Femto Bolt (time of flight)", **_AZURE),
-    "realsense_d415": NoiseModel("RealSense D415 (active stereo)", baseline=0.055, **_D4XX),
-    "realsense_d435": NoiseModel("RealSense D435 (active stereo)", baseline=0.050, **_D4XX),
-    "realsense_d455": NoiseModel("RealSense D455 (active stereo)", baseline=0.095, **_D4XX),
+    "azure_kinect": _azure("Azure Kinect DK (time of flight)"),
+    "femto_bolt": _azure("Orbbec Femto Bolt (time of flight)"),
+    "realsense_d415": _d4xx("RealSense D415 (active stereo)", 0.055),
+    "realsense_d435": _d4xx("RealSense D435 (active stereo)", 0.050),
+    "realsense_d455": _d4xx("RealSense D455 (active stereo)", 0.095),
 }  # fmt: skip

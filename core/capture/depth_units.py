@@ -19,19 +19,17 @@ def metres(values: np.ndarray, unit_m: float | None) -> tuple[np.ndarray, str]:
     """
     if values.dtype.kind not in "uif" or (values.dtype.kind in "ui" and values.dtype.itemsize > 8):
         raise CaptureError(f"depth must be whole or real numbers, not {values.dtype}")
+    note: str = ""
     if values.dtype.kind == "f":
         depth = np.where(np.isfinite(values) & (values > 0) & (values < 1e9), values, 0).astype(np.float32)
         if unit_m is None:
-            read = depth[depth > 0]
-            unit_m = 0.001 if read.size and np.median(read) > 100 else 1.0
+            positive = depth[depth > 0]
+            unit_m = 0.001 if positive.size and np.median(positive) > 100 else 1.0
             unit = "millimetres" if unit_m == 0.001 else "metres"
             note = Notice("real numbers taken for {unit}", unit=unit)
-        else:
-            note = ""
         return (depth if unit_m == 1 else depth * np.float32(unit_m)), note
     values = np.maximum(values, 0)
     read = values[values > 0]
-    note = ""
     if unit_m is None:
         unit_m = 0.001
         if read.size >= _ENOUGH and read.max() > 2000:

@@ -45,6 +45,7 @@ def empty_burst(path: Path, count: int, height: int, width: int) -> np.ndarray:
 
 
 def parse_frames(path: Path, frames: FrameChoice) -> slice:
+    """The choice of frames as a slice; ``path`` is named in errors."""
     if frames is None:
         return slice(None)
     if isinstance(frames, int | np.integer) and not isinstance(frames, bool):

@@ -13,6 +13,7 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -148,7 +149,7 @@ def open_realsense(size: tuple[int, int] = (848, 480), rate: int = 30, serial: s
         pipeline.stop()
 
 
-def realsense_stream(wait: Callable[[], object], intrinsics: object, scale: float, name: str = "") -> Stream:
+def realsense_stream(wait: Callable[[], Any], intrinsics: Any, scale: float, name: str = "") -> Stream:
     """A :class:`Stream` of what librealsense delivers.
 
     Parameters
@@ -170,7 +171,7 @@ def realsense_stream(wait: Callable[[], object], intrinsics: object, scale: floa
     return Stream(camera, sensor_named(name), _realsense_frames(wait, scale))
 
 
-def _realsense_frames(wait: Callable[[], object], scale: float) -> Iterator[tuple[np.ndarray, np.ndarray | None]]:
+def _realsense_frames(wait: Callable[[], Any], scale: float) -> Iterator[tuple[np.ndarray, np.ndarray | None]]:
     rs = realsense()
     align = rs.align(rs.stream.depth)
     while True:

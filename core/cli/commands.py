@@ -25,17 +25,24 @@ from .outputs import (
 from .terminal import advance, complain, distance_lines, progress_bar, say, stage_of, summary_line
 
 if TYPE_CHECKING:
-    from ..capture import Capture, ReadOptions
+    from ..capture import Capture, MirrorPicks, ReadOptions
     from ..capture.frames import FrameChoice
+    from ..mirrors import Mirror
     from ..pipeline import Reconstruction, Settings
 
 
-CLEANING = {"outliers": {"burst_tolerance": math.inf}, "flying": {"support": 0}, "gaps": {"close_gaps": 0},
-            "steps": {"dequantise": False}, "smoothing": {"smoothing": 0.0}}  # fmt: skip
+CLEANING: dict[str, dict[str, float]] = {
+    "outliers": {"burst_tolerance": math.inf},
+    "flying": {"support": 0},
+    "gaps": {"close_gaps": 0},
+    "steps": {"dequantise": False},
+    "smoothing": {"smoothing": 0.0},
+}
 """Steps of cleaning that can be left out, and the :class:`.settings.DepthSettings` that do so."""
 
 
 def run_reconstruct(options: argparse.Namespace, writers: Writers) -> None:
+    """``reconstruct``: make an avatar of one or several captures."""
     outputs = plan_outputs(options.outputs, writers)
     check_targets([*options.outputs, *([options.report] if options.report else [])])
 
@@ -74,7 +81,9 @@ def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
             )
             return result, read_ms
     capture = _open(first, options)
-    mirrors = read_mirrors(options.mirrors, capture.intrinsics) if options.mirrors else None
+    mirrors: tuple[MirrorPicks | Mirror, ...] | None = None
+    if options.mirrors:
+        mirrors = read_mirrors(options.mirrors, capture.intrinsics)
     if options.rig:
         from ..mirrors.rig_file import mirrors_for, read_rig
 
@@ -90,6 +99,7 @@ def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
 
 
 def run_calibrate(options: argparse.Namespace, writers: Writers) -> None:
+    """``calibrate``: place the mirrors of a rig and write a rig file."""
     check_targets([options.rig])
 
     from ..capture import open_capture
@@ -110,6 +120,7 @@ def run_calibrate(options: argparse.Namespace, writers: Writers) -> None:
 
 
 def run_demo(options: argparse.Namespace, writers: Writers) -> None:
+    """``demo``: simulate a scan, reconstruct it and compare the result with the truth."""
     folder: Path = options.folder
     make_folder(folder)
     targets, left_out = [folder / "avatar.ply"], ""
@@ -158,6 +169,7 @@ def run_demo(options: argparse.Namespace, writers: Writers) -> None:
 
 
 def run_simulate(options: argparse.Namespace, writers: Writers) -> None:
+    """``simulate``: write an RGB-D folder of a virtual scan."""
     parent = options.folder.absolute().parent
     if not parent.is_dir():
         raise OutputError(f"{options.folder}: the folder {parent} does not exist; create it first")
@@ -172,6 +184,7 @@ def run_simulate(options: argparse.Namespace, writers: Writers) -> None:
 
 
 def run_inspect(options: argparse.Namespace, writers: Writers) -> None:
+    """``inspect``: report what a capture holds."""
     if options.preview:
         if options.preview.suffix.lower() != ".png":
             raise OutputError(f"{options.preview}: the preview is a PNG; give a name that ends in .png")
@@ -194,6 +207,7 @@ def run_inspect(options: argparse.Namespace, writers: Writers) -> None:
 
 
 def run_convert(options: argparse.Namespace, writers: Writers) -> None:
+    """``convert``: write a capture of any format as an RGB-D folder."""
     from ..capture.rgbd_writer import write_folder
     from ..io.atomic_files import fresh_folder
 
@@ -208,6 +222,7 @@ def run_convert(options: argparse.Namespace, writers: Writers) -> None:
 
 
 def run_record(options: argparse.Namespace, writers: Writers) -> None:
+    """``record``: record a burst of a connected camera."""
     from ..capture.live_camera import DRIVERS, record
 
     with (
@@ -259,6 +274,7 @@ def settings_of(options: argparse.Namespace) -> Settings:
 
 
 def run_evaluate(options: argparse.Namespace, writers: Writers) -> None:
+    """``evaluate``: measure a mesh against the true one."""
     from ..io import read_mesh
     from ..mesh.surface_distance import evaluate
 
@@ -275,6 +291,7 @@ def run_evaluate(options: argparse.Namespace, writers: Writers) -> None:
 
 
 def run_experiment_zippering(options: argparse.Namespace, writers: Writers) -> None:
+    """``experiment zippering``: what zippering costs."""
     make_folder(options.folder)
     check_targets([options.folder / name for name in ("table.csv", "result.png", "plot.png")])
 
@@ -304,6 +321,7 @@ def run_experiment_zippering(options: argparse.Namespace, writers: Writers) -> N
 
 
 def run_experiment_capture(options: argparse.Namespace, writers: Writers) -> None:
+    """``experiment reflection`` and ``experiment distance``."""
     import importlib
 
     make_folder(options.folder)

@@ -46,6 +46,7 @@ def writer_of(path: Path, writers: Writers) -> Callable[[Path, Reconstruction], 
 
 
 def plan_outputs(paths: Iterable[Path], writers: Writers) -> list[tuple[Path, Callable]]:
+    """Each path with what writes it."""
     return [(path, writer_of(path, writers)) for path in paths]
 
 
@@ -97,6 +98,7 @@ def _blaming(path: Path) -> Iterator[None]:
 
 
 def make_folder(folder: Path) -> None:
+    """Make a folder and its parents, where they do not exist yet."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 
 def summary_line(result: Reconstruction) -> str:
+    """Size and soundness of the avatar, in one line."""
     mesh = result.report["mesh"]
     closed = "watertight" if mesh["watertight"] else "NOT watertight"
     return (
@@ -40,6 +41,7 @@ def distance_lines(distances: dict) -> Iterator[str]:
 
 
 def say(text: str) -> None:
+    """One line on stdout."""
     _print(text, sys.stdout)
 
 
@@ -76,6 +78,7 @@ def progress_bar(quiet: bool) -> Iterator[Progress | None]:
 
 
 def advance(progress: Progress | None, fraction: float, message: str) -> None:
+    """Report progress, where there is a progress bar."""
     if progress:
         progress(fraction, message)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from .notices import Notice
 
 
@@ -12,10 +14,12 @@ class MirrorScanError(Exception):
     ----------
     text : str
         A template with ``values``, as of :class:`.notices.Notice`; a plain text or a notice without.
+    mirrors, **values
+        As of :class:`.notices.Notice`.
     """
 
-    def __init__(self, text: str = "", /, **values: object) -> None:
-        super().__init__(Notice(text, **values) if values else Notice.of(text))
+    def __init__(self, text: str = "", /, *, mirrors: Iterable[str] = (), **values: object) -> None:
+        super().__init__(Notice(text, mirrors=mirrors, **values) if values or mirrors else Notice.of(text))
 
     @property
     def notice(self) -> Notice:

@@ -50,10 +50,11 @@ class Notice(str):
     mirrors: tuple[str, ...]
 
     def __new__(cls, template: str, /, *, mirrors: Iterable[str] = (), **values: object) -> Notice:
+        """Format the values into the template."""
         texts: dict[str, str] = {}
         for _, name, spec, conversion in _FORMATTER.parse(template):
             if name is not None:
-                texts[name] = _as_text(values[name], spec, conversion)
+                texts[name] = _as_text(values[name], spec or "", conversion)
         inner = [name for value in texts.values() if isinstance(value, Notice) for name in value.mirrors]
         bare = without_formats(template)
         made = super().__new__(cls, bare.format(**texts))

@@ -1,7 +1,8 @@
 """What a mirror costs (paper 5.1): the same back taken by way of a mirror and directly, over the same path.
 
-The virtual mirror is flat and dims the light; that costs rims, which are seen slantingly. A real one also bends,
-scatters and doubles the image, which is not simulated: the paper's loss of a fifth of the vertices is larger.
+The virtual mirror is flat and dims the light; that costs the edges of the figure, which are seen at a slant. A real
+mirror also bends, scatters and doubles the image, which is not simulated: the paper's loss of a fifth of the vertices
+is larger.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypedDict
 
 import numpy as np
 
@@ -21,11 +23,30 @@ from ..simulation.simulate import Simulation, simulate
 from .results import distance_cells, distance_headings, keep
 from .snapshot import WAYS, distance_picture, patch
 
+
+class _Paper(TypedDict):
+    """What the paper measured: distances [m], and vertices and triangles of both meshes."""
+
+    mean: float
+    max: float
+    mirrored: tuple[int, int]
+    direct: tuple[int, int]
+
+
+class _Common(TypedDict):
+    """What both rigs share; see :class:`.scene.Rig`."""
+
+    frames: int
+    sensor: str
+    interference: bool
+    tilt_deg: float
+
+
 PATH = 3.0
 """Camera to mirror to back [m]: there a Kinect v1 gives about as many vertices as the paper had."""
 REFLECTANCE = 0.85
 """Share of the light that comes back from a household mirror; the reading's own light passes it twice."""
-PAPER = {"mean": 2.083e-3, "max": 12.897e-3, "mirrored": (18097, 34985), "direct": (22755, 44303)}
+PAPER: _Paper = {"mean": 2.083e-3, "max": 12.897e-3, "mirrored": (18097, 34985), "direct": (22755, 44303)}
 
 _BEHIND, _TURN = 1.2, np.radians(25.0)  # the mirror stands 1.2 m behind the figure, turned so that the camera is beside
 _HEIGHT = 0.9
@@ -65,7 +86,7 @@ def rigs(sensor: str, frames: int, seed: int, path: float = PATH) -> tuple[Rig, 
     looking = middle - camera
     intrinsics = find_sensor(sensor).intrinsics
     mirror = FramedMirror("mirror", (0.0, _BEHIND, 1.0), (*normal, 0.0), width=1.4, height=1.9)
-    common = {"frames": frames, "sensor": sensor, "interference": False, "tilt_deg": 1.0}
+    common: _Common = {"frames": frames, "sensor": sensor, "interference": False, "tilt_deg": 1.0}
     room = (-4.0, 4.0, -4.0, path + 2.0, 2.8)
     beside = Rig(intrinsics, (*camera, _HEIGHT), (mirror,), pan_deg=float(np.degrees(np.arctan2(*looking))), room=room,
                  seed=seed, **common)  # fmt: skip

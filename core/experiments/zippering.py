@@ -52,15 +52,17 @@ class Closed:
 
     @property
     def mean(self) -> float:
-        """Mean distance [m], of the two directions the larger; ``rms`` and ``max`` likewise."""
+        """Mean distance [m], the larger of the two directions."""
         return max(self.there.mean, self.back.mean)
 
     @property
     def rms(self) -> float:
+        """Root mean square distance [m], the larger of the two directions."""
         return max(self.there.rms, self.back.rms)
 
     @property
     def max(self) -> float:
+        """Largest distance [m], the larger of the two directions."""
         return max(self.there.max, self.back.max)
 
 
@@ -137,11 +139,11 @@ def run(
         mesh, notes = close_mesh(zipped, NOTHING_SEEN, UP, None, twin=twin)
         other = bridge(merge(thinned)) if bridge else None
         bridged = _compare(other, body, samples) if other is not None else None
-        vertices = tuple(len(part.vertices) for part in thinned)
+        first, second, third = (len(part.vertices) for part in thinned)
         made = _compare(mesh, body, samples)
         done.append(Step(
-            made.mesh, made.report, made.there, made.back, float(percent), vertices, seams, sewn, _method(seams), notes,
-            bridged,
+            made.mesh, made.report, made.there, made.back, float(percent), (first, second, third), seams, sewn,
+            _method(seams), notes, bridged,
         ))  # fmt: skip
     return done
 
@@ -280,9 +282,9 @@ def write_results(steps: Sequence[Step], body: Mesh, folder: Path) -> tuple[list
         x = [s.decimation for s in order]
         axes.plot(x, [1000 * s.there.mean for s in order], "o-", label="result to original")
         axes.plot(x, [1000 * s.back.mean for s in order], "s--", label="original to result")
-        bridged = [s for s in order if s.bridged]
+        bridged = [(s.decimation, s.bridged) for s in order if s.bridged]
         if bridged:
-            at, means = [s.decimation for s in bridged], [1000 * s.bridged.mean for s in bridged]
+            at, means = [percent for percent, _ in bridged], [1000 * other.mean for _, other in bridged]
             axes.plot(at, means, "^:", color="tab:gray", label="Blender's bridge, the larger of both ways")
         axes.set(xlabel="vertices taken from the back parts [%]", ylabel="mean distance [mm]", ylim=(0, None))
         percent = axes.secondary_yaxis("right", functions=(lambda mm: mm / (10 * tall), lambda p: p * 10 * tall))

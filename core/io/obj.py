@@ -14,6 +14,7 @@ from ..mesh.triangle_mesh import triangulate_polygons
 
 
 def write_obj(mesh: Mesh) -> Iterator[bytes]:
+    """The file in pieces."""
     yield b"# Mirror Scan, metres; vertex colours behind the coordinates, 0..1\no Avatar\n"
     table, line = mesh.vertices, "v %.6f %.6f %.6f\n"
     if mesh.colors is not None:
@@ -30,6 +31,7 @@ def _format_rows(line: str, table: np.ndarray, block: int = 20_000) -> Iterator[
 
 
 def read_obj(data: bytes) -> Mesh:
+    """The mesh in the bytes of a file; polygons become triangles."""
     lines = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines()
     vertex_lines = [i for i, line in enumerate(lines) if line.startswith((b"v ", b"v\t"))]
     face_lines = [i for i, line in enumerate(lines) if line.startswith((b"f ", b"f\t"))]

@@ -41,6 +41,7 @@ class _Element:
 
 
 def write_ply(mesh: Mesh) -> Iterator[bytes | memoryview]:
+    """The binary file in pieces."""
     vertex_fields: list[tuple] = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
     if mesh.colors is not None:
         vertex_fields += [("red", "u1"), ("green", "u1"), ("blue", "u1")]
@@ -80,6 +81,7 @@ def write_ply(mesh: Mesh) -> Iterator[bytes | memoryview]:
 
 
 def read_ply(data: bytes) -> Mesh:
+    """The mesh in the bytes of a file; polygons become triangles."""
     layout, elements, start = _parse_ply_header(data)
     vertices = faces = None
     if layout == "ascii":
@@ -107,8 +109,9 @@ def read_ply(data: bytes) -> Mesh:
         if not isinstance(polygons, tuple):
             raise CaptureError("faces have no list property “vertex_indices”")
         triangles, rows = triangulate_polygons(polygons, len(points))
-        if isinstance(faces.get("kind"), np.ndarray):
-            kind = faces["kind"][rows].astype(np.int8)
+        kinds = faces.get("kind")
+        if isinstance(kinds, np.ndarray):
+            kind = kinds[rows].astype(np.int8)
     view = vertices.get("view")
     return Mesh(
         points, triangles, colors=_ply_colors(vertices), kind=kind,
@@ -162,7 +165,8 @@ class _BinaryBody:
 
     def _dtype(self, element: _Element, lengths: tuple[int, ...]) -> np.dtype:
         """Row of ``element`` when its lists have these lengths."""
-        fields, rest = [], iter(lengths)
+        fields: list[tuple] = []
+        rest = iter(lengths)
         for i, prop in enumerate(element.properties):
             if prop.count_type is None:
                 fields.append((f"p{i}", self.order + prop.type))

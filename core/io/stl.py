@@ -17,6 +17,7 @@ _STL_ROW = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attr
 
 
 def write_stl(mesh: Mesh) -> Iterator[bytes]:
+    """The binary file in pieces."""
     corners = mesh.vertices[mesh.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -28,6 +29,7 @@ def write_stl(mesh: Mesh) -> Iterator[bytes]:
 
 
 def read_stl(data: bytes) -> Mesh:
+    """The mesh in the bytes of a file; equal corners become one vertex."""
     count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else -1
     if count >= 0 and len(data) >= 84 + count * _STL_ROW.itemsize and not _is_ascii_stl(data):
         corners = np.frombuffer(data, _STL_ROW, count, 84)["corners"].reshape(-1, 3)

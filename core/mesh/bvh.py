@@ -44,7 +44,7 @@ class Bvh(NamedTuple):
 
     boxes: np.ndarray
     child: np.ndarray
-    count: np.ndarray
+    count: np.ndarray  # type: ignore[assignment]  # tuple has a method of that name
     order: np.ndarray
     corners: np.ndarray
 

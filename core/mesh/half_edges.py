@@ -157,7 +157,7 @@ def extend_open_edges(edges: np.ndarray, triangles: np.ndarray, first: int, vert
                 found[i * vertex_count + j] = np.int64(t)
     out = np.empty((len(found), 3), np.int32)
     n = 0
-    for key, t in found.items():
+    for key, t in found.items():  # type: ignore[assignment]
         if t >= 0:
             out[n, 0], out[n, 1], out[n, 2] = key // vertex_count, key % vertex_count, t
             n += 1

@@ -233,7 +233,6 @@ def _problem(kind: str, points: np.ndarray, crosses: np.ndarray, area: float, co
     normal = crosses.sum(axis=0)
     length = np.linalg.norm(normal)
     normal = normal / length if length > 0 else np.array((0.0, -1.0, 0.0))
-    center = 0.5 * (low + high)
-    return Problem(
-        kind, tuple(map(float, center)), tuple(map(float, normal)), float(np.linalg.norm(high - low)), area, count
-    )
+    x, y, z = map(float, 0.5 * (low + high))
+    nx, ny, nz = map(float, normal)
+    return Problem(kind, (x, y, z), (nx, ny, nz), float(np.linalg.norm(high - low)), area, count)

@@ -111,7 +111,7 @@ def _flush(value):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _solve_kernel(start, columns, values, diagonal, rhs, order):
+def _solve_kernel(start, columns, values, diagonal, rhs, order):  # noqa: C901  # the docstring says why it is one piece
     """:func:`solve_squares`: lay out the envelope, fill it with LᵀL + D, factorise, substitute there and back.
 
     One piece: all four steps walk the same envelope, and with products fused into sums, parts that are compiled on

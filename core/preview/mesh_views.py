@@ -113,7 +113,9 @@ def _render(mesh, colorings, directions, width, height, up=(0.0, 0.0, 1.0)) -> t
         raise MirrorScanError("picture: the mesh has no triangles to show")
     if width < 1 or height < 1 or not len(directions):
         raise MirrorScanError(f"picture: {len(directions)} views of {width}×{height} px make no picture")
-    colorings = [np.tile(np.uint8(NEUTRAL), (len(vertices), 1)) if c is None else np.asarray(c) for c in colorings]
+    colorings = [
+        np.tile(np.array(NEUTRAL, np.uint8), (len(vertices), 1)) if c is None else np.asarray(c) for c in colorings
+    ]
     for colors in colorings:
         if colors.shape not in ((len(vertices), 3), (len(triangles), 3)):
             raise MirrorScanError(
@@ -203,9 +205,9 @@ class _Samples:
     def shade(self, linear: np.ndarray, by_vertex: bool) -> np.ndarray:
         """Linear light (N, 3) float64 that comes from the places, of a surface of ``linear`` colours."""
         result = np.empty((len(self.hit), 3))
-        result[:] = _decode(np.uint8(BACKGROUND))
+        result[:] = _decode(np.array(BACKGROUND, np.uint8))
         albedo = self._blend(linear) if by_vertex else linear[self._at]
-        albedo[self.inner[self.hit]] = _decode(np.uint8(INSIDE))
+        albedo[self.inner[self.hit]] = _decode(np.array(INSIDE, np.uint8))
         result[self.hit] = albedo * self._light
         return result
 

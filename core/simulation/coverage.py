@@ -39,6 +39,7 @@ def coverage(simulation: Simulation) -> np.ndarray:
         points, facing = truth.body.vertices, normals
         if view:
             given = truth.mirrors[view - 1]
+            assert given.point is not None and given.normal is not None  # the truth of a mirror is a plane
             flip = reflection_matrix(plane_mirror(given.name, given.point, given.normal))
             points, facing = points @ flip[:3, :3].T + flip[:3, 3], facing @ flip[:3, :3].T
         length = np.linalg.norm(points, axis=1)

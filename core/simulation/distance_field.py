@@ -55,11 +55,13 @@ class Solid:
         self.names: list[str] = []
 
     def ellipsoid(self, name, centre, radii, blend, axes=None, side=1) -> None:
+        """Add an ellipsoid."""
         axes = np.eye(3) if axes is None else np.asarray(axes, dtype=float)
         extent = np.abs(axes).T @ np.asarray(radii, dtype=float)
         self._add(name, ELLIPSOID, blend, centre, axes, (*radii, 0.0), None, -extent, extent, side)
 
     def capsule(self, name, start, end, radius_start, radius_end, blend, side=1) -> None:
+        """Add a tapered capsule."""
         start, end = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
         axis = end - start
         length = float(np.linalg.norm(axis))
@@ -69,7 +71,10 @@ class Solid:
         self._add(name, CAPSULE, blend, start, frame_along(axis), size, None, low, high, side)
 
     def loft(self, name, start, end, stations, blend, caps, exponent=2.0, axes=None, side=1) -> None:
-        """``stations``: rows (position 0..1, half-width +x, half-width -x, depth -y, depth +y, centre x, centre y)."""
+        """Add a loft.
+
+        ``stations`` are rows (position 0..1, half-width +x, half-width -x, depth -y, depth +y, centre x, centre y).
+        """
         start, end = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
         axes = frame_along(end - start) if axes is None else np.asarray(axes, dtype=float)
         table = smooth_table(np.asarray(stations, dtype=float), TABLE_SAMPLES)
@@ -109,19 +114,20 @@ class Solid:
         return len(self._rows)
 
     def build(self) -> Primitives:
+        """All primitives added so far, as arrays."""
         kind, blend, origin, axes, size, table, low, high = zip(*self._rows, strict=True)
-        blend, origin = np.array(blend, dtype=float), np.array(origin)
-        margin = (np.abs(blend) + 0.03)[:, None]
+        blends, origins = np.array(blend, dtype=float), np.array(origin)
+        margin = (np.abs(blends) + 0.03)[:, None]
         empty = np.zeros((TABLE_SAMPLES, 6))
         return Primitives(
             np.array(kind, dtype=np.int64),
-            blend,
-            origin,
+            blends,
+            origins,
             np.array(axes),
             np.array(size, dtype=float),
             np.array([empty if t is None else t for t in table]),
-            origin + np.array(low) - margin,
-            origin + np.array(high) + margin,
+            origins + np.array(low) - margin,
+            origins + np.array(high) + margin,
         )
 
 
@@ -414,7 +420,7 @@ def _codes(inside: np.ndarray) -> np.ndarray:
 
 
 def _two_sheets() -> np.ndarray:
-    """For each of the 256 cell codes: are the inside or the outside corners unconnected along cell edges?"""
+    """Whether the inside or the outside corners of each of the 256 cell codes are unconnected along cell edges."""
 
     def connected(corners: set[int]) -> bool:
         reached, front = set(), list(corners)[:1]

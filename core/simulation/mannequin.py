@@ -93,12 +93,12 @@ def random_figure(rng: np.random.Generator) -> Figure:
     def color(low, high):
         return tuple(int(c) for c in rng.integers(low, high, 3))
 
-    skin = np.array([238, 196, 166]) * rng.uniform(0.42, 1.0)
+    red, green, blue = (int(c) for c in np.array([238, 196, 166]) * rng.uniform(0.42, 1.0))
     return Figure(
         arm_angle_deg=rng.uniform(35, 68), elbow_bend_deg=rng.uniform(0, 25), leg_spread_deg=rng.uniform(6, 14),
         girth=rng.uniform(0.88, 1.22), shoulder_width=rng.uniform(0.92, 1.08), hip_width=rng.uniform(0.92, 1.1),
         bust=float(rng.choice((0.0, rng.uniform(0.3, 1.0)))), head_turn_deg=rng.uniform(-20, 20),
-        skin=tuple(int(c) for c in skin), hair=color(20, 120), shirt=color(40, 200), stripe=color(200, 256),
+        skin=(red, green, blue), hair=color(20, 120), shirt=color(40, 200), stripe=color(200, 256),
         trousers=color(30, 140), shoes=color(20, 180),
     )  # fmt: skip
 

@@ -13,19 +13,20 @@ STONE = (176, 174, 168)
 
 def box(low: tuple[float, float, float], high: tuple[float, float, float], color=WOOD) -> Mesh:
     """An axis-aligned box; its faces do not share vertices, so that each is shaded flat."""
-    low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
-    vertices, triangles = [], []
+    lower, upper = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+    faces: list[np.ndarray] = []
+    triangles: list[tuple[int, int, int]] = []
     for axis in range(3):
         i, j = (axis + 1) % 3, (axis + 2) % 3
-        for end, order in ((low, (0, 3, 2, 1)), (high, (0, 1, 2, 3))):
+        for end, order in ((lower, (0, 3, 2, 1)), (upper, (0, 1, 2, 3))):
             corners = np.empty((4, 3))
             corners[:, axis] = end[axis]
-            corners[:, i] = (low[i], high[i], high[i], low[i])
-            corners[:, j] = (low[j], low[j], high[j], high[j])
-            first = 4 * len(vertices)
-            vertices.append(corners[list(order)])
+            corners[:, i] = (lower[i], upper[i], upper[i], lower[i])
+            corners[:, j] = (lower[j], lower[j], upper[j], upper[j])
+            first = 4 * len(faces)
+            faces.append(corners[list(order)])
             triangles += [(first, first + 1, first + 2), (first, first + 2, first + 3)]
-    vertices = np.concatenate(vertices)
+    vertices = np.concatenate(faces)
     return Mesh(vertices, np.array(triangles, np.int32), np.tile(np.array(color, np.uint8), (len(vertices), 1)))
 
 

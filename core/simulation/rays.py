@@ -52,6 +52,7 @@ def look(subject: Mesh, rig: Rig, props: Sequence[Mesh] = ()) -> tuple[Sight, Bv
     vertices = np.ascontiguousarray(everything.vertices, dtype=np.float64)
     triangles = np.ascontiguousarray(everything.triangles, dtype=np.int32)
     bvh = build_bvh(vertices, triangles)
+    assert everything.colors is not None  # together gives every mesh its colours
     colors = everything.colors.astype(np.float64)
     intrinsics, pose = rig.intrinsics, rig.camera_to_avatar
     shape = (intrinsics.height, intrinsics.width)

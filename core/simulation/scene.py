@@ -192,7 +192,7 @@ def default_rig(
         angles = list(mirrors)
     leans = np.broadcast_to(lean_deg, len(angles))
     camera = np.array([0.0, -subject_distance, camera_height])
-    framed = []
+    framed: list[FramedMirror] = []
     for angle, lean in zip(angles, leans, strict=True):
         if not 60.0 < abs(angle) <= 180.0 or path_length <= subject_distance:
             raise MirrorScanError(

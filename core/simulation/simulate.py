@@ -170,11 +170,11 @@ def write_simulation(simulation: Simulation, folder: str | os.PathLike) -> None:
         mirrors = [
             {"name": m.name, "frame_pixels": m.frame_pixels.tolist()}
             if m.frame_pixels is not None
-            else {"name": m.name, "plane": {"point": m.point.tolist(), "normal": m.normal.tolist()}}
+            else {"name": m.name, "plane": _plane_entry(m)}
             for m in capture.mirrors
         ]
         _write_json(folder / "mirrors.json", {"mirrors": mirrors})
-        planes = [{"name": m.name, "point": m.point.tolist(), "normal": m.normal.tolist()} for m in truth.mirrors]
+        planes = [{"name": m.name, **_plane_entry(m)} for m in truth.mirrors]
         _write_json(folder / "truth" / "rig.json", {
             "frame": "camera: x right, y down, z forward, metres",
             "mirrors": planes,
@@ -185,9 +185,16 @@ def write_simulation(simulation: Simulation, folder: str | os.PathLike) -> None:
         raise OutputError(f"cannot write into {folder}: {error.strerror}; choose another folder") from error
     for name, frame in zip(names, capture.depth, strict=True):
         write_png(folder / "depth" / name, np.rint(frame * 1000.0).clip(0, 65535).astype(np.uint16))
+    assert capture.color is not None  # simulate always gives a colour image
     write_png(folder / "color" / "000000.png", capture.color)
     write_png(folder / "truth" / "labels.png", (truth.labels + 1).astype(np.uint8))
     write_mesh(folder / "truth" / "body.ply", truth.body)
+
+
+def _plane_entry(mirror: MirrorPicks) -> dict[str, list[float]]:
+    """The known plane of a mirror as ``mirrors.json`` and ``rig.json`` hold it."""
+    assert mirror.point is not None and mirror.normal is not None  # simulate gives a plane where it gives no picks
+    return {"point": mirror.point.tolist(), "normal": mirror.normal.tolist()}
 
 
 def _write_json(path: Path, content: dict) -> None:

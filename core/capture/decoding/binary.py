@@ -9,7 +9,7 @@ import struct
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO
 
 import numpy as np
 
@@ -57,7 +57,7 @@ def blaming(path: Path, what: str) -> Iterator[None]:
         raise CaptureError(f"{path}: is damaged or not {what} ({reason}); copy or record it again") from error
 
 
-def npy_header(file: BinaryIO) -> tuple[tuple[int, ...], np.dtype]:
+def npy_header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype]:
     """Shape and type of an array in numpy's format; the file is then at its first number.
 
     Only plain arrays of numbers in C order; numpy's own parser evaluates the header as Python text.

@@ -73,7 +73,7 @@ class RosBag:
     def message(self, topic: Topic, number: int) -> memoryview:
         """Bytes of one message, valid until the next is asked for."""
         _, chunk, offset = topic.messages[number]
-        raw = memoryview(self._chunk(chunk))
+        raw = memoryview(self._chunk(chunk))  # type: ignore[arg-type]
         for header, first, last in self._records(raw, offset):
             if header["op"][0] == 0x02:
                 return raw[first:last]
@@ -119,7 +119,7 @@ class RosBag:
 
     def _walk(self, number: int, messages: bool) -> None:
         """Connections of a chunk and, where no index tells, its messages."""
-        raw = memoryview(self._chunk(number))
+        raw = memoryview(self._chunk(number))  # type: ignore[arg-type]
         position = 0
         for header, first, last in self._records(raw, 0):
             kind = header["op"][0]

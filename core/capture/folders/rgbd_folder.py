@@ -11,6 +11,7 @@ import os
 import re
 import struct
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -78,7 +79,9 @@ def read(path: Path, frames: FrameChoice = None, options: ReadOptions | None = N
     if intrinsic_file.is_file():
         intrinsics, scale = read_intrinsics(intrinsic_file)
         intrinsics = options.intrinsics or intrinsics
-        sensor = sensor_named(_load_json(intrinsic_file, CaptureError).get("sensor"))
+        content = _load_json(intrinsic_file, CaptureError)
+        assert isinstance(content, dict)  # read_intrinsics refuses others
+        sensor = sensor_named(content.get("sensor"))
     elif options.intrinsics:
         intrinsics, scale = options.intrinsics, DEFAULT_DEPTH_SCALE
     else:
@@ -232,9 +235,11 @@ def _read_depth(files: list[Path], intrinsics: Intrinsics, scale: float) -> np.n
     if header is None or struct.unpack_from(">II", header, 16) != (intrinsics.width, intrinsics.height):
         _depth_frame(files[0], intrinsics, files)  # tells what is wrong before memory is asked for
     depth = empty_burst(files[0].parent, len(files), intrinsics.height, intrinsics.width)
-    decode = None
+    decode: Callable[[bytes, float, np.ndarray], bool] | None = None
     if "numba" in sys.modules:  # to read a folder must not cost the import of numba, which takes longer than that
-        from ..decoding.depth_png import decode_metres as decode
+        from ..decoding.depth_png import decode_metres
+
+        decode = decode_metres
 
     def read(i: int) -> None:
         if not (decode and (data := checked_png(files[i])) and decode(data, scale, depth[i])):
@@ -327,8 +332,12 @@ def _short(value: object) -> str:
 
 def _pinhole(path: Path, value: object) -> tuple[float, float, float, float]:
     """fx, fy, cx, cy of ``intrinsic_matrix`` as it stands in the file."""
-    nested = isinstance(value, list) and len(value) == 3 and all(isinstance(row, list) for row in value)
-    flat = _numbers([v for row in value for v in row] if nested else value, 9)
+    nested = False
+    if isinstance(value, list) and len(value) == 3 and all(isinstance(row, list) for row in value):
+        nested = True
+        flat = _numbers([v for row in value for v in row], 9)
+    else:
+        flat = _numbers(value, 9)
     if flat is None:
         raise CaptureError(
             f"{path}: intrinsic_matrix must be nine finite numbers [fx,0,0, 0,fy,0, cx,cy,1], not {_short(value)}"

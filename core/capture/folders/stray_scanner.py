@@ -49,6 +49,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             if trust.shape != values.shape:
                 raise CaptureError(f"{path / 'confidence'}: frame {number} is not of the size of depth")
             confidence[i] = np.minimum(trust, 2)
+    assert depth is not None  # chosen_frames gives at least one
     height, width = depth.shape[1:]
     camera = options.intrinsics or _intrinsics(path / "camera_matrix.csv").scaled(width, height)
     color, notes = None, []

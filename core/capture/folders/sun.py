@@ -42,6 +42,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             raise CaptureError(f"{files[number]}: must be 16-bit gray and of the size of the first frame")
         unturned = (values >> 3) | (values << 13) if options.depth_unit_m is None else values
         depth[i] = metres(unturned, options.depth_unit_m or 0.001)[0]
+    assert depth is not None  # chosen_frames gives at least one
     height, width = depth.shape[1:]
     camera = options.intrinsics or _intrinsics(path / "intrinsics.txt", width, height)
     color = None

@@ -44,6 +44,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         if values.shape != depth.shape[1:]:
             raise CaptureError(f"{inside(path, listed[number][1])}: is of another size than the first frame")
         depth[i] = metres(values, options.depth_unit_m or UNIT_M)[0]
+    assert depth is not None  # chosen_frames gives at least one
     height, width = depth.shape[1:]
     known = [camera for name, camera in CAMERAS.items() if name in path.resolve().name.lower()]
     camera = options.intrinsics or (known or [DEFAULT])[0]

@@ -189,7 +189,7 @@ def _unit(node: _Node, options: ReadOptions) -> tuple[float, np.ndarray | None]:
         return 0.0, depth_of_disparity(options.disparity)
     if kind is not None and kind not in UNITS:
         raise ValueError(f"depth of pixel format {kind}")
-    return UNITS.get(kind, 0.001), None
+    return (0.001 if kind is None else UNITS[kind]), None
 
 
 def _depth_values(data: bytes, codec: bytes, count: int) -> np.ndarray:
@@ -211,7 +211,7 @@ def _color(data: bytes, node: _Node, path: Path) -> tuple[np.ndarray | None, str
     width, height = _size(node)
     kind = node.number("oniPixelFormat")
     kind = kind if kind is not None else {1: 200, 2: 201, 3: 202, 5: 204}.get(node.number("xnPixelFormat") or 0)
-    size = {200: 3, 201: 2, 205: 2, 202: 1}.get(kind)
+    size = None if kind is None else {200: 3, 201: 2, 205: 2, 202: 1}.get(kind)
     if node.codec in (b"NONE", b"\0\0\0\0") and kind == 204:
         return rgb(image_in(data, path, "a colour frame")), ""
     if node.codec not in (b"NONE", b"\0\0\0\0") or size is None:

@@ -55,6 +55,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             if values.shape != depth.shape[1:]:
                 raise ValueError("depth frames are not of one size")
             depth[i] = metres(values, unit)[0]
+        assert depth is not None  # chosen_frames gives at least one
         camera = options.intrinsics or _intrinsics(bag, _info_topic(bag, depth_topic), path)
         color = color_camera = pose = None
         if options.color:
@@ -70,7 +71,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
                         notes.append("colour is left out: the bag does not say how it lies to depth")
                         color = color_camera = None
         sensor = _sensor(bag)
-        bag = depth_topic = None  # lets go of the mapped file
+        del bag, depth_topic  # lets go of the mapped file
     return stored_capture(path, FORMAT, depth, color, camera, color_camera, pose, sensor=sensor, notes=notes)
 
 

@@ -59,6 +59,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             if values.shape != depth.shape[1:]:
                 raise ValueError("depth frames are not of one size")
             depth[i] = metres(values, unit)[0]
+        assert depth is not None  # chosen_frames gives at least one
         camera = options.intrinsics or _intrinsics(_text(file, topics, f"{base}/camera_info"))
         color = color_camera = pose = None
         notes = []
@@ -71,12 +72,12 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
                 nearest = min(pictures, key=lambda entry: abs(entry[0] - time))
                 color = rgb(image_in(_png(_message(file, nearest[1])), path, "a colour frame", ".png"))
                 color_camera = _intrinsics(_text(file, topics, f"{paint}/camera_info"))
-                places = [_place(file, topics, prefix) for prefix in (base, paint)]
-                if any(place is None for place in places):
+                depth_place, color_place = (_place(file, topics, prefix) for prefix in (base, paint))
+                if depth_place is None or color_place is None:
                     notes.append("colour is left out: the recording does not say how it lies to depth")
                     color = color_camera = None
                 else:
-                    pose = places[1] @ np.linalg.inv(places[0])
+                    pose = color_place @ np.linalg.inv(depth_place)
         sensor = sensor_named(_text(file, topics, "/device_0/info", ""))
     return stored_capture(path, FORMAT, depth, color, camera, color_camera, pose, sensor=sensor, notes=notes)
 
@@ -146,14 +147,14 @@ def _intrinsics(text: str) -> Intrinsics:
     width, height = int(pairs["width"]), int(pairs["height"])
     if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE):
         raise ValueError(f"images of {width}×{height}")
-    intrinsics = tuple(float(k) for k in pairs.get("coeffs", "").split(",") if k)
+    distortion = tuple(float(k) for k in pairs.get("coeffs", "").split(",") if k)
     model = pairs.get("model", "").lower()
-    if any(intrinsics) and not ("brown" in model or model in ("", "none")):
+    if any(distortion) and not ("brown" in model or model in ("", "none")):
         raise CaptureError(f"intrinsics: a fisheye lens ({model[:30]}) is not supported; rectify the images")
-    values = [float(pairs[name]) for name in ("fx", "fy", "ppx", "ppy")]
-    camera = Intrinsics(width, height, *values, intrinsics if any(intrinsics) else ())
-    if model.startswith("inverse") and any(intrinsics):
-        return Intrinsics(width, height, *values, brown_of_inverse(intrinsics, camera.pinhole()))
+    fx, fy, cx, cy = (float(pairs[name]) for name in ("fx", "fy", "ppx", "ppy"))
+    camera = Intrinsics(width, height, fx, fy, cx, cy, distortion if any(distortion) else ())
+    if model.startswith("inverse") and any(distortion):
+        return Intrinsics(width, height, fx, fy, cx, cy, brown_of_inverse(distortion, camera.pinhole()))
     return camera
 
 

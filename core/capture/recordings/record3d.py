@@ -105,13 +105,14 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             np.copyto(depth[i], values, where=np.isfinite(values) & (values > 0))
             if confidence is not None:
                 confidence[i] = _unpacked(files, f"rgbd/{number}.conf", values.size).reshape(values.shape)
+        assert depth is not None  # chosen_frames gives at least one
         if options.depth_unit_m is not None:
             depth *= np.float32(options.depth_unit_m)
         rows, columns = depth.shape[1:]
         camera = options.intrinsics or _intrinsics(about, width, height, chosen[0]).scaled(columns, rows)
         color, notes = None, []
         if options.color:
-            name = next(
+            picture = next(
                 (
                     f"{d}/{chosen[0]}{s}"
                     for d in ("rgbd", "rgb")
@@ -120,7 +121,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
                 ),
                 None,
             )
-            color = rgb(files.image(name)) if name else None
+            color = rgb(files.image(picture)) if picture else None
     color_camera = None
     if color is not None:
         # one camera for both; its picture may be stored at another size than K is for
@@ -168,7 +169,8 @@ def _intrinsics(about: dict, width: int, height: int, frame: int) -> Intrinsics:
     """Of the colour image: the frame's own where the file has them, else those of the first frame."""
     own = about.get("perFrameIntrinsicCoeffs")
     if isinstance(own, list) and frame < len(own) and isinstance(own[frame], list) and len(own[frame]) == 4:
-        return Intrinsics(width, height, *(_real(v) for v in own[frame]))
+        fx, fy, cx, cy = (_real(v) for v in own[frame])
+        return Intrinsics(width, height, fx, fy, cx, cy)
     k = [_real(v) for v in about["K"]]
     if len(k) != 9:
         raise ValueError("K is not nine numbers")

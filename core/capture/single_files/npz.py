@@ -50,7 +50,7 @@ def write_npz(path: str | os.PathLike, capture: Capture) -> None:
     path, camera = Path(path), capture.intrinsics
     if not camera.is_pinhole or capture.color_intrinsics is not None:
         raise OutputError(f"{path}: holds opened captures only; straighten and align this one first")
-    arrays = {
+    arrays: dict[str, np.ndarray | None] = {
         "depth": np.asarray(capture.depth, np.float32),
         "camera": np.array((camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy), np.float64),
         "color": capture.color,
@@ -80,7 +80,8 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
                 if camera.shape != (6,) or not np.isfinite(camera).all():
                     raise ValueError("camera is not six numbers")
                 width, height = (int(n) for n in camera[:2])
-                intrinsics = Intrinsics(width, height, *(float(v) for v in camera[2:]))
+                fx, fy, cx, cy = (float(v) for v in camera[2:])
+                intrinsics = Intrinsics(width, height, fx, fy, cx, cy)
                 stored = _member(archive, path, "depth", ("f4",), 3)
                 if stored.shape[1:] != (height, width):
                     raise ValueError("depth is not of the camera's size")

@@ -75,7 +75,7 @@ def depth_of_cloud(
         raise CaptureError(f"{path}: its points give no focal length a depth camera has ({fx:.0f}, {fy:.0f} px)")
     z = points[..., axes[2]] * sign
     depth = np.where(good & (np.where(good, z, 0) > 0), z, 0).astype(np.float32)
-    notes = [Notice("intrinsics fitted from the points, within {error:.2f} px", error=best[0] / 2)]
+    notes: list[str] = [Notice("intrinsics fitted from the points, within {error:.2f} px", error=best[0] / 2)]
     # The turn from the cloud's axes to right, down, forward: a reflection means somebody exchanged left and right.
     turn = np.zeros((3, 3))
     turn[0, axes[0]], turn[1, axes[1]], turn[2, axes[2]] = np.sign(fx), np.sign(fy), sign

@@ -51,6 +51,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         depth[i] = metres(values, options.depth_unit_m or 0.001)[0]
     first = files[chosen[0]]
     base = first.name.removesuffix(".pclzf").removesuffix("_depth")
+    assert depth is not None  # chosen_frames gives at least one
     height, width = depth.shape[1:]
     camera = options.intrinsics
     if camera is None and (first.parent / f"{base}.xml").is_file():
@@ -112,4 +113,5 @@ def _parameters(path: Path, width: int, height: int) -> Intrinsics | None:
             values.append(float(number[1]) if number else np.nan)
         except ValueError:
             values.append(np.nan)
-    return Intrinsics(width, height, *values)
+    fx, fy, cx, cy = values
+    return Intrinsics(width, height, fx, fy, cx, cy)

@@ -78,7 +78,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             f"{path}: its {len(points)} points lie in no grid of pixels; save the cloud organized, with one vertex for "
             "each pixel (those without a reading as nan or 0 0 0)"
         )
-    problem = None
+    problem: CaptureError | None = None
     for width, height in sizes:
         try:
             depth, camera, notes = depth_of_cloud(path, points.reshape(height, width, 3), options.depth_unit_m)
@@ -88,6 +88,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         if color is not None:
             color = color.reshape(height, width, 3)
         return stored_capture(path, FORMAT, depth, color, options.intrinsics or camera, notes=notes)
+    assert problem is not None  # there is at least one size, and none was returned
     raise problem
 
 
@@ -152,8 +153,8 @@ def _vertices(
     record = np.dtype([(name, order + type_) for name, type_, _ in element.properties])
     if len(data) - start < record.itemsize * element.count:
         raise ValueError("the list of vertices is cut short")
-    rows = np.frombuffer(data, record, element.count, start)
-    return {name: rows[name].astype(record[name].newbyteorder("=")) for name in names}, (
+    records = np.frombuffer(data, record, element.count, start)
+    return {name: records[name].astype(record[name].newbyteorder("=")) for name in names}, (
         start + record.itemsize * element.count
     )
 

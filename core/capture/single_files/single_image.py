@@ -80,9 +80,9 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
                 color = None
             elif color_camera is not None and color.shape[:2] != (color_camera.height, color_camera.width):
                 color_camera = color_camera.scaled(color.shape[1], color.shape[0])
-    return stored_capture(
-        path, FORMAT, depth, color, options.intrinsics or camera, color_camera, pose, sensor=sensor, notes=notes
-    )
+    intrinsics = options.intrinsics or camera
+    assert intrinsics is not None  # either branch above gives a camera or raises
+    return stored_capture(path, FORMAT, depth, color, intrinsics, color_camera, pose, sensor=sensor, notes=notes)
 
 
 def read_values(path: Path, frames: FrameChoice = None) -> np.ndarray:
