@@ -1,4 +1,4 @@
-"""Depth and colour brought onto one upright pinhole grid: undistortion, registration, turns and mirrored streams.
+"""Depth and colour brought onto one upright pinhole grid: undistortion and registration.
 
 A reader yields what the camera wrote; :func:`.upright_grid.align` makes of it what the pipeline expects. Colour is
 looked up for each depth pixel rather than depth moved to the colour image, so that no reading is resampled twice.
@@ -95,10 +95,10 @@ def color_on_depth(
     color_camera: Intrinsics,
     depth_to_color: np.ndarray,
 ) -> tuple[np.ndarray, float]:
-    """Colour of each depth pixel, occlusion between the two cameras heeded by a z-buffer.
+    """Colour of each depth pixel, with occlusion between the two cameras resolved by a z-buffer.
 
     Pixels without a reading take the colour at the depth of the farther neighbour of their row; readings the colour
-    camera cannot see because something stands before them take the nearest seen colour of their own surface.
+    camera cannot see because something is in front of them take the nearest seen colour of their own surface.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How depth cameras err, as data: one :class:`NoiseModel` a camera. Cleaning and simulation read the same table."""
+"""Noise of depth cameras, as data: one :class:`NoiseModel` a camera. Cleaning and simulation read the same table."""
 
 from __future__ import annotations
 

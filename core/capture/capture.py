@@ -48,12 +48,12 @@ class Capture:
     depth_to_color : np.ndarray [shape=(4, 4)] or None
         Takes camera-frame points [m] into the colour camera's frame; None once opened.
     sensor : str
-        What took it, where the file tells: ``kinect_v1``, ``kinect_v2``, ``azure_kinect``, ``realsense_d415``,
-        ``realsense_d435``, ``realsense_d455``, ``phone``, or ``unknown``.
+        The camera that took it, where the file names it: ``kinect_v1``, ``kinect_v2``, ``azure_kinect``,
+        ``realsense_d415``, ``realsense_d435``, ``realsense_d455``, ``phone``, or ``unknown``.
     confidence : np.ndarray [shape=(F, H, W), dtype=uint8] or None
         The camera's own trust in each reading, 0 low to 2 high.
     turn_degrees, mirrored : int, bool
-        What the file says of the stream as stored: the clockwise turn that makes it upright, and whether left and
+        What the file says of the stream as stored: the clockwise rotation that makes it upright, and whether left and
         right are exchanged. 0 and False once opened.
     notes : tuple of str
         What the reader had to assume or leave out, one sentence each, for a person.
@@ -91,7 +91,7 @@ class ReadOptions:
     kinect_calibration : {"factory", "burrus"}
         Calibration of a Kinect v1 whose recording holds none.
     turn_degrees : {0, 90, 180, 270} or None
-        Clockwise turn that makes the picture upright; None takes what the file says, else 0.
+        Clockwise rotation that makes the picture upright; None takes what the file says, else 0.
     mirrored : bool or None
         Whether left and right are exchanged in the stream; None takes what the file says, else False.
     min_confidence : int
@@ -118,7 +118,7 @@ class ReadOptions:
         if self.kinect_calibration not in ("factory", "burrus"):
             raise CaptureError(f"the Kinect calibration is factory or burrus, not {self.kinect_calibration!r}")
         if self.turn_degrees not in (None, 0, 90, 180, 270):
-            raise CaptureError(f"a capture can be turned by 0, 90, 180 or 270 degrees, not {self.turn_degrees}")
+            raise CaptureError(f"a capture can be rotated by 0, 90, 180 or 270 degrees, not {self.turn_degrees}")
         if self.min_confidence not in (0, 1, 2):
             raise CaptureError(f"the least confidence is 0, 1 or 2, not {self.min_confidence}")
 
@@ -146,7 +146,7 @@ def stored_capture(
     color_intrinsics, depth_to_color
         See :class:`Capture`; dropped where there is no colour.
     **fields
-        Further fields of :class:`Capture` that the file tells.
+        Further fields of :class:`Capture` that the file gives.
     """
     return Capture(
         depth,

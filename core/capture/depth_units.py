@@ -1,4 +1,4 @@
-"""Which unit whole numbers are in, told by their pattern: millimetres, TUM's 0.2 mm, or SUN RGB-D's turned bits."""
+"""The unit of whole numbers, recognised by their pattern: millimetres, TUM's 0.2 mm, or SUN RGB-D's rotated bits."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def metres(values: np.ndarray, unit_m: float | None) -> tuple[np.ndarray, str]:
             low = read & 7
             if values.dtype == np.uint16 and (low <= 1).all() and (low == 0).mean() > 0.6:
                 values = (values >> 3) | (values << 13)
-                note = "depth is written with its bits turned by three, as SUN RGB-D does"
+                note = "depth is written with its bits rotated by three, as SUN RGB-D does"
             elif (read % 5 == 0).mean() > 0.99:
                 unit_m = 0.0002
                 note = "depth is taken to be 5000 to a metre, as TUM RGB-D writes it (its values are multiples of 5)"

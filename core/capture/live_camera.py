@@ -64,14 +64,14 @@ def record(
     frames : int
         Depth frames to keep; of colour the last one is kept.
     settle : int
-        Frames to let pass before.
+        Frames to skip before that.
     progress : callable(fraction, message) or None
         Called at each frame; an exception it raises stops the recording, and nothing is written.
 
     Raises
     ------
     CaptureError
-        When the camera stops before, or sees nothing.
+        When the camera stops too early, or no pixel has a reading.
     OutputError
         When the folder cannot be written.
     """

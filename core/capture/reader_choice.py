@@ -1,8 +1,8 @@
 """What a camera wrote, as one data type: :class:`.capture.Capture`. ``open_capture(path)`` picks the reader.
 
 A reader is a module with ``recognises(path) -> bool``, by content, and ``read(path, frames, options) -> Capture``,
-which yields the frames as they are stored; what all formats share (distortion, colour's alignment, turns, mirrored
-streams) is done afterwards, here.
+which yields the frames as they are stored; what all formats share (distortion, colour's alignment, rotation,
+mirrored streams) is done afterwards, here.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def open_capture(path: str | os.PathLike, frames: FrameChoice = None, options: R
             culprit = error.filename if str(path) in str(error.filename) else path
             raise CaptureError(f"{culprit}: cannot be read: {error.strerror or error}") from error
         except MirrorScanError as error:
-            # files may put anything into names that are quoted: one printable line, that names the file
+            # quoted names from a file may hold any characters: keep one printable line that names the file
             text = "".join(c if c.isprintable() else "?" for c in str(error))
             longest = len(str(path)) + MAX_MESSAGE
             text = text if len(text) <= longest else text[: longest - 1] + "…"
@@ -94,7 +94,7 @@ def open_capture(path: str | os.PathLike, frames: FrameChoice = None, options: R
 
 
 def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:
-    """What every format needs after reading: checks, trust, distortion, alignment, turn."""
+    """What every format needs after reading: checks, confidence, distortion, alignment, rotation."""
     camera = options.intrinsics or capture.intrinsics
     height, width = capture.depth.shape[1:]
     if (camera.width, camera.height) != (width, height):
@@ -120,8 +120,8 @@ def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:
             raise CaptureError(f"{path}: no reading is left after straightening; check the distortion coefficients")
     elif color is not None and color.shape[:2] != (height, width):
         raise CaptureError(
-            f"{path}: colour is {color.shape[1]}×{color.shape[0]} pixels, but depth has {width}×{height}, and nothing "
-            "says how they lie to each other; align colour to depth when recording, or go without colour"
+            f"{path}: colour is {color.shape[1]}×{color.shape[0]} pixels, but depth has {width}×{height}; their "
+            "alignment is unknown; align colour to depth when recording, or leave colour out"
         )
     mirrored = capture.mirrored if options.mirrored is None else options.mirrored
     degrees = capture.turn_degrees if options.turn_degrees is None else options.turn_degrees

@@ -40,14 +40,14 @@ def align(capture: Capture) -> Capture:
     Raises
     ------
     CaptureError
-        When the colour image is of another size and nothing says how it lies to the depth map.
+        When the colour image is of another size and its alignment to the depth map is unknown.
     """
     depth, color, camera = capture.depth, capture.color, capture.intrinsics
     notes = capture.notes
     if color is not None and capture.color_intrinsics is None and color.shape[:2] != depth.shape[1:]:
         raise CaptureError(
             f"{capture.name}: colour is {color.shape[1]}×{color.shape[0]} px, depth {camera.width}×{camera.height}; "
-            "nothing says how they lie to each other; align them when recording, or go without colour"
+            "their alignment is unknown; align them when recording, or leave colour out"
         )
     if not camera.is_pinhole:
         straight = straightened(camera)
@@ -67,9 +67,9 @@ def align(capture: Capture) -> Capture:
 
 
 def turned(capture: Capture, degrees: int) -> Capture:
-    """``capture`` turned clockwise by 0, 90, 180 or 270°, as a picture is; the camera frame turns along.
+    """``capture`` rotated clockwise by 0, 90, 180 or 270°, as an image is; the camera frame rotates with it.
 
-    A camera mounted on its side by a quarter turn clockwise (seen from behind) is made upright by 90.
+    A camera mounted on its side, rotated by 90° clockwise (seen from behind), is made upright by 90.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def turned(capture: Capture, degrees: int) -> Capture:
         For any other angle.
     """
     if degrees not in _TURNS:
-        raise CaptureError(f"{capture.name}: a capture can be turned by 0, 90, 180 or 270 degrees, not {degrees}")
+        raise CaptureError(f"{capture.name}: a capture can be rotated by 0, 90, 180 or 270 degrees, not {degrees}")
     for _ in range(_TURNS[degrees]):
         height = capture.intrinsics.height
         old = capture.intrinsics
@@ -100,7 +100,7 @@ def turned(capture: Capture, degrees: int) -> Capture:
 
 
 def unmirrored(capture: Capture) -> Capture:
-    """``capture`` with left and right exchanged: for streams that come as in a looking glass (Kinect v2's SDK)."""
+    """``capture`` with left and right exchanged: for streams that are mirrored (Kinect v2's SDK)."""
     width, old = capture.intrinsics.width, capture.intrinsics
     return replace(
         capture,
@@ -131,9 +131,11 @@ def _moved(pick: MirrorPicks, pixels, vector=lambda p: p) -> MirrorPicks:
 
 
 def _straight_pixels(pixels: np.ndarray, intrinsics: Intrinsics, straight: Intrinsics) -> np.ndarray:
-    """Pixels (K, 2) in the straightened image; those beyond the lens's field are left out."""
+    """Pixels (K, 2) in the straightened image; those outside the lens's field are left out."""
     rays = undistort((pixels - (intrinsics.cx, intrinsics.cy)) / (intrinsics.fx, intrinsics.fy), intrinsics.distortion)
     rays = rays[np.isfinite(rays).all(axis=1)]
     if len(rays) < 3:
-        raise CaptureError("picks on a mirror's frame lie beyond the field the lens model holds for; pick further in")
+        raise CaptureError(
+            "picks on a mirror's frame are outside the field in which the lens model is valid; pick further in"
+        )
     return project(np.column_stack((rays, np.ones(len(rays)))), straight)

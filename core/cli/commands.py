@@ -64,7 +64,7 @@ def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
     first = options.captures[0]
     if options.poses or len(options.captures) > 1 or (first / "poses.json").is_file():
         if options.mirrors or options.rig:
-            raise CaptureError("--mirrors and --rig are for one camera; keep mirrors.json beside the capture it is of")
+            raise CaptureError("--mirrors and --rig are for one camera; keep mirrors.json with its capture")
         if options.subject:
             raise CaptureError("--subject is for one camera; with poses the subject is where the cameras' axes cross")
         from ..capture.camera_poses import open_posed_captures
@@ -90,7 +90,7 @@ def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
         mirrors = mirrors_for(read_rig(options.rig), capture.intrinsics)
     read_ms = (time.perf_counter() - started) * 1e3
 
-    from ..pipeline import reconstruct  # brings numba; a capture that cannot be read is told before that
+    from ..pipeline import reconstruct  # brings numba; a capture that cannot be read is reported before that
 
     for note in capture.notes:
         complain("note", note)
@@ -113,8 +113,8 @@ def run_calibrate(options: argparse.Namespace, writers: Writers) -> None:
     if options.quiet:
         return
     for mirror in rig.mirrors:
-        sure = mirror.displacement(mirror.point + 1.5 * mirror.normal)
-        expected = "" if sure is None else f", expected error {1000.0 * sure:.1f} mm at a person 1.5 m before it"
+        error = mirror.displacement(mirror.point + 1.5 * mirror.normal)
+        expected = "" if error is None else f", expected error {1000.0 * error:.1f} mm at a person 1.5 m in front of it"
         say(f"{mirror.name}: {mirror.source}, residual {1000.0 * mirror.residual:.1f} mm{expected}")
     say(f"  {options.rig}")
 
@@ -316,7 +316,9 @@ def run_experiment_zippering(options: argparse.Namespace, writers: Writers) -> N
         "distances between the surfaces, of both directions the larger; % of the body's height",
     ]
     if bridge is None:
-        lines.append("without Blender's Bridge Edge Loops beside it: bpy cannot be imported here; “pip install bpy”")
+        lines.append(
+            "without Blender's Bridge Edge Loops for comparison: bpy cannot be imported here; “pip install bpy”"
+        )
     _say_results(lines, paths, note)
 
 

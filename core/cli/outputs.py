@@ -1,4 +1,4 @@
-"""Files a command writes: refused before the work where they could not be, in place only when all are whole."""
+"""Files a command writes: checked before the work starts, put in place only when all are complete."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def plan_outputs(paths: Iterable[Path], writers: Writers) -> list[tuple[Path, Ca
 
 
 def check_targets(paths: Sequence[Path]) -> None:
-    """Refuse, before any work is done, what could not be written at its end."""
+    """Refuse targets that cannot be written, before any work is done."""
     seen: dict[str, Path] = {}
     for path in paths:
         parent = path.absolute().parent

@@ -1,4 +1,4 @@
-"""The words of the command line: what each command takes."""
+"""The arguments of each command and their help texts."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
         title="experiments", metavar="EXPERIMENT", required=True
     )
     _add_zippering_experiment(experiments)
-    words = "what a mirror costs: the same back by way of a mirror and directly, over the same path"
+    words = "what a mirror costs: the same back via a mirror and directly, over the same path length"
     _add_capture_experiment(experiments, "reflection", words)
     _add_capture_experiment(experiments, "distance", "what distance costs: the same figure from 3 to 5 m")
     return parser
 
 
 def _add_reconstruct(subparsers: _Commands) -> None:
-    command = subparsers.add_parser("reconstruct", help="make an avatar of a capture")
+    command = subparsers.add_parser("reconstruct", help="make an avatar from a capture")
     command.add_argument(
         "captures", metavar="CAPTURE", type=Path, nargs="+",
         help="folder with intrinsic.json and depth/*.png; several with --poses, or one folder of them with poses.json",
@@ -54,13 +54,17 @@ def _add_reconstruct(subparsers: _Commands) -> None:
         help="file to write, by suffix: .ply .obj .stl, with Blender also .blend .glb .fbx; may be given several times",
     )  # fmt: skip
     command.add_argument("--mirrors", metavar="FILE", type=Path, help="mirrors.json to use instead of the capture's")
-    command.add_argument("--rig", metavar="FILE", type=Path, help="rig file of “calibrate” to take the mirrors from")
-    command.add_argument("--poses", metavar="FILE", type=Path, help="poses.json of several cameras, by capture")
     command.add_argument(
-        "--subject", metavar="U,V", type=_pixel, help="pixel of the depth image on the subject, where another is chosen"
+        "--rig", metavar="FILE", type=Path, help="rig file written by “calibrate”, with the mirrors to use"
     )
-    command.add_argument("--object", action="store_true", help="the subject is any thing: cut off what it stands on")
-    command.add_argument("--keep-islands", action="store_true", help="keep pieces that nothing connects to the body")
+    command.add_argument(
+        "--poses", metavar="FILE", type=Path, help="poses.json with the pose of each camera, by capture"
+    )
+    command.add_argument(
+        "--subject", metavar="U,V", type=_pixel, help="pixel of the depth image on the subject, if another is found"
+    )
+    command.add_argument("--object", action="store_true", help="the subject is any object: cut off what it stands on")
+    command.add_argument("--keep-islands", action="store_true", help="keep pieces that are not connected to the body")
     command.add_argument("--report", metavar="FILE", type=Path, help="write what was found and measured, as JSON")
     command.add_argument("--frame", choices=("avatar", "camera"), default="avatar", help="coordinates (default avatar)")
     command.add_argument("--single-frame", action="store_true", help="use only the first depth frame of a burst")
@@ -72,7 +76,9 @@ def _add_reconstruct(subparsers: _Commands) -> None:
 
 def _add_calibrate(subparsers: _Commands) -> None:
     command = subparsers.add_parser("calibrate", help="place the mirrors of a rig once, for all its later captures")
-    command.add_argument("capture", metavar="CAPTURE", type=Path, help="capture of the rig, best with nobody in it")
+    command.add_argument(
+        "capture", metavar="CAPTURE", type=Path, help="capture of the rig, best without a person in it"
+    )
     command.add_argument(
         "-o", dest="rig", metavar="RIG", type=Path, required=True, help="rig file to write, for “reconstruct --rig”"
     )
@@ -95,8 +101,12 @@ def _add_simulate(subparsers: _Commands) -> None:
     command = subparsers.add_parser("simulate", help="write an RGB-D folder of a virtual scan, with its truth")
     command.add_argument("folder", metavar="DIR", type=Path, help="folder to write; an earlier simulation is replaced")
     command.add_argument("--sensor", choices=SENSORS, default="azure_kinect", help="depth camera, default azure_kinect")
-    command.add_argument("--frames", metavar="N", type=_whole(1, 300), default=10, help="of the burst, default 10")
-    command.add_argument("--seed", metavar="N", type=_whole(0, 2**32 - 1), default=0, help="of the noise, default 0")
+    command.add_argument(
+        "--frames", metavar="N", type=_whole(1, 300), default=10, help="frames in the burst, default 10"
+    )
+    command.add_argument(
+        "--seed", metavar="N", type=_whole(0, 2**32 - 1), default=0, help="seed of the noise, default 0"
+    )
     command.add_argument("--mirrors", metavar="N", type=_whole(1, 8), default=2, help="number of mirrors, default 2")
     command.add_argument("--body", metavar="FILE", type=Path, help="mesh to scan, Z up, in metres; default a mannequin")
     _add_quiet(command)
@@ -104,7 +114,7 @@ def _add_simulate(subparsers: _Commands) -> None:
 
 
 def _add_inspect(subparsers: _Commands) -> None:
-    command = subparsers.add_parser("inspect", help="say what a capture holds, and whether it can be right")
+    command = subparsers.add_parser("inspect", help="report what a capture holds and whether it is plausible")
     command.add_argument("capture", metavar="CAPTURE", type=Path, help="folder or file of a depth camera")
     _add_reading(command)
     _add_cleaning(command)
@@ -124,13 +134,15 @@ def _add_convert(subparsers: _Commands) -> None:
 
 
 def _add_record(subparsers: _Commands) -> None:
-    command = subparsers.add_parser("record", help="record a burst of a camera that is connected")
+    command = subparsers.add_parser("record", help="record a burst with a connected camera")
     command.add_argument("folder", metavar="DIR", type=Path, help="folder to make")
     command.add_argument("--camera", choices=CAMERAS, default=CAMERAS[0], help=f"driver, default {CAMERAS[0]}")
-    command.add_argument("--serial", metavar="NUMBER", help="of the camera, where there are several")
-    command.add_argument("--frames", metavar="N", type=_whole(1, 300), default=30, help="of the burst, default 30")
+    command.add_argument("--serial", metavar="NUMBER", help="serial number of the camera, if several are connected")
     command.add_argument(
-        "--size", metavar="WxH", type=_size, default=(848, 480), help="of the depth picture, default 848x480"
+        "--frames", metavar="N", type=_whole(1, 300), default=30, help="frames in the burst, default 30"
+    )
+    command.add_argument(
+        "--size", metavar="WxH", type=_size, default=(848, 480), help="size of the depth image, default 848x480"
     )
     command.add_argument("--rate", metavar="HZ", type=_whole(1, 120), default=30, help="frames a second, default 30")
     _add_quiet(command)
@@ -146,7 +158,9 @@ def _add_evaluate(subparsers: _Commands) -> None:
 
 
 def _add_zippering_experiment(experiments: _Commands) -> None:
-    command = experiments.add_parser("zippering", help="what zippering costs: cut a body in three, thin its back, sew")
+    command = experiments.add_parser(
+        "zippering", help="what zippering costs: cut a body in three, decimate its back, zipper it again"
+    )
     command.add_argument(
         "mesh", metavar="MESH", type=Path, nargs="?",
         help="closed body, Z up, facing -Y, in metres; default a mannequin",
@@ -154,11 +168,11 @@ def _add_zippering_experiment(experiments: _Commands) -> None:
     _add_result_folder(command, "zippering")
     command.add_argument(
         "--steps", metavar="PERCENT", type=_percentages, default=(0, 10, 20, 30, 40, 50),
-        help="vertices to take from the back, separated by commas (default 0,10,20,30,40,50)",
+        help="vertices to remove from the back, separated by commas (default 0,10,20,30,40,50)",
     )  # fmt: skip
     command.add_argument(
         "--matching", choices=("auto", "planes", "facing"), default="auto",
-        help="begin with the paper's planes, never use them, or let the figure decide (default)",
+        help="start with the paper's planes, never use them, or decide by the figure (default)",
     )  # fmt: skip
     _add_quiet(command)
     command.set_defaults(run=commands.run_experiment_zippering)
@@ -174,9 +188,11 @@ def _add_capture_experiment(experiments: _Commands, name: str, words: str) -> No
         "--sensor", choices=SENSORS, default="kinect_v1", help="depth camera, default the paper's kinect_v1"
     )
     command.add_argument(
-        "--frames", metavar="N", type=_whole(1, 100), default=10, help="of each burst, default the paper's 10"
+        "--frames", metavar="N", type=_whole(1, 100), default=10, help="frames in each burst, default the paper's 10"
     )
-    command.add_argument("--seed", metavar="N", type=_whole(0, 2**32 - 1), default=0, help="of the noise")
+    command.add_argument(
+        "--seed", metavar="N", type=_whole(0, 2**32 - 1), default=0, help="seed of the noise, default 0"
+    )
     _add_quiet(command)
     command.set_defaults(run=commands.run_experiment_capture, experiment=name)
 
@@ -190,16 +206,20 @@ def _add_result_folder(command: argparse.ArgumentParser, name: str) -> None:
 
 
 def _add_quiet(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--quiet", action="store_true", help="say nothing but warnings and errors")
+    command.add_argument("--quiet", action="store_true", help="print only warnings and errors")
 
 
 def _add_reading(command: argparse.ArgumentParser) -> None:
-    """What a file cannot say of itself."""
-    group = command.add_argument_group("reading", "what the file cannot say, or says wrongly")
-    group.add_argument("--frames", metavar="A:B", help="frames to read: 5 the sixth alone, 10: from the eleventh on")
+    """Options for what a file does not say about itself."""
+    group = command.add_argument_group("reading", "what the file does not say, or says wrongly")
+    group.add_argument(
+        "--frames", metavar="A:B", help="frames to read: “5” is the sixth alone, “10:” from the eleventh on"
+    )
     group.add_argument("--intrinsics", metavar="FILE", type=Path, help="intrinsic.json of the depth camera")
     group.add_argument("--depth-unit", metavar="METRES", type=float, help="what one unit of depth means (0.001 = 1 mm)")
-    group.add_argument("--turn", type=int, choices=(0, 90, 180, 270), help="clockwise degrees that make it upright")
+    group.add_argument(
+        "--turn", type=int, choices=(0, 90, 180, 270), help="clockwise rotation that makes the image upright [degrees]"
+    )
     group.add_argument(
         "--mirrored", action=argparse.BooleanOptionalAction, default=None, help="left and right are exchanged, or not"
     )
@@ -208,12 +228,15 @@ def _add_reading(command: argparse.ArgumentParser) -> None:
         help="formula of raw Kinect v1 values (default factory)",
     )  # fmt: skip
     group.add_argument(
-        "--kinect-calibration", choices=("factory", "burrus"), default="factory", help="of a Kinect v1 that brings none"
+        "--kinect-calibration",
+        choices=("factory", "burrus"),
+        default="factory",
+        help="calibration of a Kinect v1 whose recording has none",
     )
     group.add_argument(
-        "--min-confidence", type=int, choices=(0, 1, 2), default=1, help="drop what the camera trusts less, default 1"
+        "--min-confidence", type=int, choices=(0, 1, 2), default=1, help="drop readings of lower confidence, default 1"
     )
-    group.add_argument("--no-color", action="store_true", help="go without colour")
+    group.add_argument("--no-color", action="store_true", help="leave colour out")
 
 
 def _add_cleaning(command: argparse.ArgumentParser) -> None:

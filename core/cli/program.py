@@ -1,6 +1,6 @@
 """Run one command, and turn errors into one line and an exit code: :func:`main`.
 
-Formats that need Blender come in from outside as ``writers``; nothing here knows bpy.
+Formats that need Blender come in from outside as ``writers``; this package does not use bpy.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def main(
     Returns
     -------
     int
-        0 done; 1 the input or the scene is at fault, told in one line on stderr; 2 usage; 130 interrupted; 141 its
+        0 done; 1 the input or the scene is at fault, reported in one line on stderr; 2 usage; 130 interrupted; 141 its
         reader went away.
     """
     try:

@@ -1,4 +1,4 @@
-"""What is said to people when something is wrong or worth knowing: errors and notices."""
+"""Messages for the user: errors and notices."""
 
 from .exceptions import CaptureError, MirrorError, MirrorScanError, OutputError, PicksDisagreeError, ReconstructionError
 from .notices import Notice

@@ -1,4 +1,4 @@
-"""What can go wrong, told in the user's words: what is wrong, where, and what to do."""
+"""What can go wrong, reported in the user's words: what is wrong, where, and what to do."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class MirrorScanError(Exception):
 
     @property
     def notice(self) -> Notice:
-        """Its text, with the parts that it was made of."""
+        """The text with the parts it was made of."""
         return self.args[0]
 
 

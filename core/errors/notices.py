@@ -1,14 +1,14 @@
-"""What is told to people: English sentences that keep the parts they were made of.
+"""Messages to the user: English sentences that keep the parts they were made of.
 
-A :class:`Notice` is a string, so that whoever takes text takes it. Who wants more than text asks it: which mirrors it
-is about, or of which template and values it was made, to say the same in another language.
+A :class:`Notice` is a string and can be used wherever text is expected. It also knows which mirrors it is about, and
+the template and values it was made of, so that it can be shown in another language.
 
 Write a message as ``str.format`` takes it, its values by name::
 
     Notice("{name}: nobody is seen in this mirror", name=mirror.name, mirrors=[mirror.name])
     raise CaptureError("{path}: depth is {width}×{height} pixels", path=path, width=width, height=height)
 
-instead of as an f-string. An f-string still works everywhere: it is a plain text, which the add-on recognises by its
+instead of as an f-string. An f-string still works everywhere: it is plain text, which the add-on recognises by its
 words (``mirror_scan_addon/language/messages.py``).
 """
 
@@ -29,10 +29,10 @@ class Notice(str):
     template : str
         For ``str.format``, with fields by name. A value that is needed in two formats goes by two names.
     mirrors : sequence of str
-        Names of the mirrors it is about, besides those that notices among the values are about.
+        Names of the mirrors it is about, in addition to those of notices among the values.
     **values : object
-        One a field. A notice, or an error that carries one, keeps its parts; anything else is kept as its text, in the
-        field's format.
+        One a field. A notice, or an error that carries one, keeps its parts; other values are kept as their text, in
+        the field's format.
 
     Attributes
     ----------
@@ -82,14 +82,14 @@ class Notice(str):
         return cls(parts["template"], mirrors=parts["mirrors"], **values)
 
     def __setattr__(self, name: str, value: object) -> None:
-        raise AttributeError(name)  # a text does not change, nor does what it was made of
+        raise AttributeError(name)  # neither the text nor its parts can be changed
 
     def __reduce__(self) -> tuple:
         return Notice.of_parts, (self.parts(),)
 
 
 def without_formats(template: str) -> str:
-    """A template whose fields say nothing but their names."""
+    """The template with only the names left in its fields."""
     return "".join(
         literal.replace("{", "{{").replace("}", "}}") + ("" if name is None else f"{{{name}}}")
         for literal, name, *_ in _FORMATTER.parse(template)

@@ -13,7 +13,7 @@ from ..mesh import Mesh
 from ..mesh.half_edges import twins
 from ..mesh.submesh import compact
 
-_COSINE_75 = 0.26  # a triangle that turns farther is a fold
+_COSINE_75 = 0.26  # a triangle that rotates by more is a fold
 
 
 def decimate(mesh: Mesh, count: int) -> Mesh:
@@ -109,7 +109,7 @@ def _place(points, fans, u, v, out):
 
 @njit(cache=True, nogil=True)
 def _folds(points, triangles, fans, v, other, to):
-    """Whether a triangle of v that does not hold ``other`` turns by more than 75° when v moves to ``to``."""
+    """Whether a triangle of v that does not hold ``other`` rotates by more than 75° when v moves to ``to``."""
     c = fans.head[v]
     while c >= 0:
         t, k = c // 3, c % 3

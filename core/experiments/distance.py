@@ -61,7 +61,7 @@ def fit_counts(distances: Sequence[float], counts: Sequence[int]) -> Fit:
     """
     d, n = np.asarray(distances, float), np.asarray(counts, float)
     if len(d) < 3 or (n <= 0).any() or len(np.unique(d)) < 3:
-        raise MirrorScanError("distance experiment: a fit needs three distances and more than nothing at each")
+        raise MirrorScanError("distance experiment: a fit needs three distances with a count above zero at each")
     slope, level = np.polyfit(d, np.log(n), 1)
     a, b = float(np.exp(level)), float(-slope)
     for _ in range(20):

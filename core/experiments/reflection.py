@@ -48,7 +48,10 @@ REFLECTANCE = 0.85
 """Share of the light that comes back from a household mirror; the reading's own light passes it twice."""
 PAPER: _Paper = {"mean": 2.083e-3, "max": 12.897e-3, "mirrored": (18097, 34985), "direct": (22755, 44303)}
 
-_BEHIND, _TURN = 1.2, np.radians(25.0)  # the mirror stands 1.2 m behind the figure, turned so that the camera is beside
+_BEHIND, _TURN = (
+    1.2,
+    np.radians(25.0),
+)  # the mirror stands 1.2 m behind the figure, rotated so that the camera is beside
 _HEIGHT = 0.9
 
 

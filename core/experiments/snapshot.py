@@ -29,7 +29,7 @@ _OWN = 0.3  # m: a reading farther from the body than this is of something else
 
 
 def patch(made: Simulation, view: int, way: str, readable: np.ndarray | None = None) -> Mesh:
-    """The mesh of one view of a simulation, avatar frame; a reflected one is laid where the body is.
+    """The mesh of one view of a simulation, avatar frame; a reflected one is placed where the body is.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def patch(made: Simulation, view: int, way: str, readable: np.ndarray | None = N
     Raises
     ------
     MirrorScanError
-        When nothing of the body is seen there.
+        When no part of the body is seen there.
     """
     capture, truth = made.capture, made.truth
     camera = capture.intrinsics

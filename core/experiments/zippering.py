@@ -106,8 +106,8 @@ def run(
         Points on each surface for the distances.
     progress : function(fraction, message) or None
     bridge : function(mesh) or None
-        Another tool that closes three parts, told apart by ``view``, in its own way, to compare with; it may return
-        None where it cannot.
+        Another tool that closes three parts, distinguished by ``view``, for comparison; it may return None where it
+        cannot.
 
     Returns
     -------
@@ -305,14 +305,14 @@ def _rows(steps: Sequence[Step], tall: float) -> list[list]:
         + [f"blender_{name}" for name in (*flags, *distances)]
     ]
 
-    def told(made: Closed) -> list:
+    def cells(made: Closed) -> list:
         return [made.report[flag] for flag in flags] + distance_cells(made.there, made.back)
 
     for s in steps:
         rows.append(
-            [f"{s.decimation:g}", *s.vertices, s.seam_triangles, s.method, *told(s)]
+            [f"{s.decimation:g}", *s.vertices, s.seam_triangles, s.method, *cells(s)]
             + [f"{100 * value / tall:.6f}" for value in (s.mean, s.rms, s.max)]
-            + (told(s.bridged) if s.bridged else [""] * (len(flags) + len(distances)))
+            + (cells(s.bridged) if s.bridged else [""] * (len(flags) + len(distances)))
         )
     return rows
 

@@ -1,4 +1,4 @@
-"""Files: meshes, images, and writing so that nothing is lost."""
+"""Files: meshes, images, and safe writing."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
         raise OutputError(f"{path}: the folder {target.parent} does not exist; create it first")
     temporary = target.with_name(f".{target.stem[:100]}.{secrets.token_hex(6)}{target.suffix}")
     try:
-        temporary.touch(exist_ok=False)  # asked here, where it can be told in words, not somewhere within a writer
+        temporary.touch(exist_ok=False)  # fails here with a clear message rather than somewhere within a writer
         temporary.unlink()
         yield temporary
         if not temporary.is_file():

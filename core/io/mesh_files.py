@@ -1,7 +1,7 @@
 """Meshes to and from PLY, OBJ and STL files, without Blender.
 
 A file appears under its name only when it is complete (:func:`.atomic_files.replacing`). Whatever is read is taken for
-hostile: a header may promise anything, so counts are held against the bytes that are there before arrays are made.
+hostile: a header may promise any count, so counts are compared with the bytes that are there before arrays are made.
 """
 
 from __future__ import annotations

@@ -312,7 +312,7 @@ def _ply_colors(vertices: dict) -> np.ndarray | None:
     for names in (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b")):
         if all(isinstance(vertices.get(name), np.ndarray) for name in names):
             channels = np.stack([vertices[name] for name in names], axis=1)
-            # Types tell the range; ascii values come as float64 whatever was declared, so look at them.
+            # Types give the range; ascii values come as float64 whatever was declared, so look at them.
             if channels.dtype.kind == "f" and channels.size and np.nanmax(channels) <= 1:
                 channels = channels * 255.0
             elif channels.dtype.itemsize == 2:

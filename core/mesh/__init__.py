@@ -1,4 +1,4 @@
-"""Triangle meshes as plain arrays, and what is asked of them."""
+"""Triangle meshes as plain arrays, and queries on them."""
 
 from __future__ import annotations
 

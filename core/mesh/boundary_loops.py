@@ -11,7 +11,7 @@ from .half_edges import open_edges
 def boundary_loops(triangles: np.ndarray, vertex_count: int) -> list[np.ndarray]:
     """Closed runs of boundary vertices, longest first, each in the direction of its edges (surface on the left).
 
-    Where loops touch in one vertex the walk leaves it by the edge that keeps the loops apart, so that each loop
+    Where loops touch in one vertex the walk leaves it by the edge that keeps the loops separate, so that each loop
     passes a vertex at most once.
 
     Parameters

@@ -138,7 +138,7 @@ def build_bvh(vertices: np.ndarray, triangles: np.ndarray, quick: bool = False) 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fit_boxes(child, count, corners):
-    """Boxes (M, 6) of the nodes: children come after their parents, and so are done before them. O(T)."""
+    """Boxes (M, 6) of the nodes: children come after their parents, so the nodes are done in reverse order. O(T)."""
     boxes = np.empty((len(count), 6))
     for node in range(len(count) - 1, -1, -1):
         if count[node] == 0:

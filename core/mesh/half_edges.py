@@ -1,4 +1,4 @@
-"""Half-edges: the other half of each, open edges, and what keeps triangles from being a sheet."""
+"""Half-edges: the other half of each, open edges, and what keeps triangles from being a manifold."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def check_sheet(triangles: np.ndarray, twin: np.ndarray, what: str) -> None:
     if clashes:
         raise MirrorScanError(
             f"{what}: {clashes} triangles have a corner twice, share an edge with more than one other, or are wound "
-            "against their neighbours; take them out or turn them first"
+            "against their neighbours; remove or flip them first"
         )
 
 

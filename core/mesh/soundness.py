@@ -156,7 +156,7 @@ class Problem:
 
 
 def find_problems(mesh: Mesh, min_guess: float = 0.004, limit: int = 100) -> list[Problem]:
-    """All places where the mesh is open, branches, runs through itself, is in pieces, or was made up over a large area.
+    """All places where the mesh is open, branches, runs through itself, is in pieces, or was filled over a large area.
 
     Parameters
     ----------

@@ -105,7 +105,7 @@ def triangles_touching(triangles: np.ndarray, chosen: np.ndarray) -> np.ndarray:
 
 
 def made_vertices(mesh: Mesh) -> np.ndarray:
-    """Which vertices, bool (V,), are corners of seams or fills: what was made, and the rim of what was measured."""
+    """Which vertices, bool (V,), are corners of seams or fills: filled surface, and the edge of what was measured."""
     out = np.zeros(len(mesh.vertices), np.bool_)
     out[mesh.triangles[mesh.kind != SURFACE]] = True
     return out
@@ -165,7 +165,7 @@ def vertex_fans(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
 def _fan_kernel(triangles, twin, vertex_count):
     """Fan of each corner (T, 3) among its vertex's, and the number of fans a vertex.
 
-    Walk round each vertex by twins.
+    Walk around each vertex along the twins.
     """
     fan = np.full(triangles.shape, -1, np.int32)
     fans_of = np.zeros(vertex_count, np.int32)

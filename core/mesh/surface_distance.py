@@ -1,4 +1,4 @@
-"""How far apart two surfaces are (Metro) and how sound a mesh is.
+"""Distances between two surfaces (Metro) and how sound a mesh is.
 
 Distances follow Cignoni, Rocchini and Scopigno, "Metro: measuring error on simplified surfaces",
 Computer Graphics Forum 17(2), 1998.
@@ -134,7 +134,7 @@ def rigid_alignment(
     iterations: int = 30,
     seed: int = 0,
 ) -> np.ndarray:
-    """Small rigid motion that lays ``source`` on ``target``: trimmed point-to-plane ICP (Chen and Medioni 1992).
+    """Small rigid motion that aligns ``source`` with ``target``: trimmed point-to-plane ICP (Chen and Medioni 1992).
 
     Points of ``source`` farther from ``target`` than the reach take no part, so that what only one of the two
     has does not pull. The meshes must nearly lie on each other already.
@@ -148,7 +148,7 @@ def rigid_alignment(
     reach : tuple of float
         Pairing radii, one a round [m].
     iterations : int
-        At most, each round; a round ends when a step moves the points by less than a micrometre.
+        At most, each round; a round ends when a correction moves the points by less than a micrometre.
     seed : int
         Of the sampling.
 
@@ -179,7 +179,7 @@ def _align(source, target, tree, samples, reach, iterations, seed) -> np.ndarray
             paired = np.isfinite(distance)
             if np.count_nonzero(paired) < 6:
                 raise MirrorScanError(
-                    f"alignment: the meshes lie more than {limit * 1000:.0f} mm apart; "
+                    f"alignment: the distance between the meshes is more than {limit * 1000:.0f} mm; "
                     "bring them into the same frame, or compare them without alignment"
                 )
             middle = moved[:3, :3] @ centre + moved[:3, 3]
@@ -188,12 +188,12 @@ def _align(source, target, tree, samples, reach, iterations, seed) -> np.ndarray
             rows = np.concatenate((np.cross(arm, normal), normal), axis=1)
             gap = np.sum(normal * (nearest[paired] - at[paired]), axis=1)
             # a sphere leaves its rotation free, a plane its sliding: those directions stay where they are
-            step = np.linalg.lstsq(rows.T @ rows, rows.T @ gap, rcond=1e-6)[0]
-            turn = np.eye(4)
-            turn[:3, :3] = _rotation(step[:3] / radius)
-            turn[:3, 3] = middle + step[3:] - turn[:3, :3] @ middle
-            moved = turn @ moved
-            if np.linalg.norm(step) < 1e-6:
+            correction = np.linalg.lstsq(rows.T @ rows, rows.T @ gap, rcond=1e-6)[0]
+            motion = np.eye(4)
+            motion[:3, :3] = _rotation(correction[:3] / radius)
+            motion[:3, 3] = middle + correction[3:] - motion[:3, :3] @ middle
+            moved = motion @ moved
+            if np.linalg.norm(correction) < 1e-6:
                 break
     return moved
 
@@ -236,7 +236,7 @@ def evaluate(mesh: Mesh, truth: Mesh, align: bool = True, samples: int = 100_000
     Raises
     ------
     MirrorScanError
-        When either mesh has no surface or is not finite, or they lie too far apart to be aligned.
+        When either mesh has no surface or is not finite, or they are too far from each other to be aligned.
     """
     tree = _tree(truth)
     moved = _align(mesh, truth, tree, 20_000, ALIGNMENT_REACH, 30, seed) if align else np.eye(4)

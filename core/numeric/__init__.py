@@ -1,3 +1,3 @@
-"""Small numeric tools that know nothing of scans: products, sparse least squares, union-find, threads."""
+"""Small numeric tools, independent of scans: products, sparse least squares, union-find, threads."""
 
 __all__ = ["point_products", "sparse_least_squares", "threads", "union_find"]

@@ -1,4 +1,4 @@
-"""Products of many points with one vector or matrix, and a pinhole's depth grid laid out in space, without BLAS.
+"""Products of many points with one vector or matrix, and a pinhole's depth grid as points, without BLAS.
 
 numpy hands long products to a threaded BLAS, whose idle threads go on spinning for a while and take the cores from
 our own parallel kernels: a stage that follows took up to twice as long.

@@ -1,7 +1,7 @@
-"""Sparse least squares solved outright.
+"""Sparse least squares, solved directly by factorisation.
 
-Unknowns ordered by Cuthill and McKee (1969), reversed, so that those that meet lie close together, then the normal
-equations factorised within that envelope (George and Liu 1981).
+Unknowns ordered by Cuthill and McKee (1969), reversed, so that those in a common row are close together, then the
+normal equations factorised within that envelope (George and Liu 1981).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def solve_squares(
         D.
     rhs : np.ndarray [shape=(N, K)]
     order : np.ndarray [shape=(N,)], optional
-        In which order to eliminate the unknowns: :func:`elimination_order` of whose rows meet.
+        In which order to eliminate the unknowns: :func:`elimination_order` of which unknowns share a row.
 
     Returns
     -------
@@ -103,16 +103,16 @@ def _less_products(lower, at, left, right, blocks):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _flush(value):
-    """Zero for what is next to nothing.
+    """Zero for numbers that are almost zero.
 
-    Far from where anything is asked, numbers fade away into those that the processor takes a hundred times as long for.
+    Far from the right-hand sides numbers decay to denormal ones, which take the processor a hundred times as long.
     """
     return value if abs(value) > 1e-100 else 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _solve_kernel(start, columns, values, diagonal, rhs, order):  # noqa: C901  # the docstring says why it is one piece
-    """:func:`solve_squares`: lay out the envelope, fill it with LᵀL + D, factorise, substitute there and back.
+    """:func:`solve_squares`: allocate the envelope, fill it with LᵀL + D, factorise, substitute forward and back.
 
     One piece: all four steps walk the same envelope, and with products fused into sums, parts that are compiled on
     their own may round otherwise.

@@ -1,4 +1,4 @@
-"""Independent pieces of work at the same time: kernels that release the interpreter lock run beside each other."""
+"""Independent pieces of work at the same time: kernels that release the interpreter lock run in parallel."""
 
 from __future__ import annotations
 

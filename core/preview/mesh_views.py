@@ -175,7 +175,7 @@ def _axes(direction, up) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 class _Samples:
-    """What one ray at each of N picture places meets, with the light that falls there."""
+    """What one ray at each of N places of the picture hits, with the light that falls there."""
 
     def __init__(self, tree: Bvh, triangles, start, view, x, y, pixel, smooth, flat):
         origins = start + pixel * (x[:, None] * view[0] + y[:, None] * view[1])

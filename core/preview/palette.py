@@ -65,8 +65,8 @@ def sort_parts(
 ) -> np.ndarray:
     """What each reading shows, as a number of :data:`PARTS`: room, floor, subject or too far.
 
-    The thresholds of :func:`.views.find_subject` applied to what it found before, at once: for sliders. What is
-    connected with what is not asked again.
+    The thresholds of :func:`.views.find_subject` are applied at once to what it found earlier, for sliders;
+    connectivity is not computed again.
 
     Parameters
     ----------

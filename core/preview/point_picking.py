@@ -32,7 +32,7 @@ def project_to_picture(points: np.ndarray, matrix: np.ndarray, size: tuple[float
 
 
 class Picture:
-    """Points as they appear in one picture, laid out once to be asked often: by every move of the mouse.
+    """Points projected into one picture once, for many queries: one at each move of the mouse.
 
     Parameters
     ----------

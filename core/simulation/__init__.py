@@ -1,6 +1,6 @@
-"""A virtual range camera in a room with mirrors, and somebody to scan: demo, tests and ground truth.
+"""A virtual range camera in a room with mirrors, and a person to scan: demo, tests and ground truth.
 
-``mannequin`` makes the body, ``scene`` describes the rig, ``sensors`` how a depth camera errs, ``rays`` traces the
+``mannequin`` makes the body, ``scene`` describes the rig, ``sensors`` a depth camera's noise, ``rays`` traces the
 light, ``simulate`` puts them together and writes the RGB-D folder.
 """
 

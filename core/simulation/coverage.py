@@ -1,4 +1,4 @@
-"""What of a body a rig sees, vertex by vertex: to plan a rig before anybody buys glass."""
+"""Which part of a body a rig sees, vertex by vertex: to plan a rig before buying mirrors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TOLERANCE = 0.015
 def coverage(simulation: Simulation) -> np.ndarray:
     """The view that sees each vertex of the subject best; -1 where none does.
 
-    Each vertex is laid into each view (over its mirror) and compared with the depth its pixel has there. A surface
+    Each vertex is projected into each view (via its mirror) and compared with the depth its pixel has there. A surface
     tilted more than the triangulation joins counts as not seen. The best view is the one with the most pixels on a
     square of the surface: cos(tilt) / z².
 

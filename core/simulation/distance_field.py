@@ -25,7 +25,7 @@ class Primitives(NamedTuple):
     kind : np.ndarray [shape=(P,), dtype=int64]
         ``ELLIPSOID``, ``CAPSULE`` or ``LOFT``.
     blend : np.ndarray [shape=(P,), dtype=float64]
-        Width of the smooth joint with what came before [m]; negative = carve the primitive out instead.
+        Width of the smooth joint with the primitives before it [m]; negative = carve the primitive out instead.
     origin, axes : np.ndarray [shape=(P, 3)], [shape=(P, 3, 3)]
         Local frame; the rows of ``axes`` are the local x, y, z.
     size : np.ndarray [shape=(P, 4)]
@@ -86,7 +86,7 @@ class Solid:
         self._add(name, LOFT, blend, start, axes, (length, *caps, exponent), table, low, high, side)
 
     def rotate(self, first: int, matrix: np.ndarray, pivot: np.ndarray) -> None:
-        """Turn every primitive added from index ``first`` on, rigidly about ``pivot``."""
+        """Rotate every primitive added from index ``first`` on about ``pivot``."""
         for i in range(first, len(self._rows)):
             kind, blend, origin, axes, size, table, low, high = self._rows[i]
             corners = (low + _CORNERS * (high - low)) @ matrix.T

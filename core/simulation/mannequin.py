@@ -1,4 +1,4 @@
-"""A shop-window mannequin, made from nothing: smooth-blended limbs in an A-pose, with painted clothes.
+"""A shop-window mannequin, made by formulas: smooth-blended limbs in an A-pose, with painted clothes.
 
 The shape is drawn at 1.70 m from eight-heads figure-drawing proportions, posed, meshed by
 :func:`~.distance_field.surface`, painted, and scaled to the height asked for.
@@ -385,7 +385,7 @@ def _paint(f: Figure, names: list[str], primitives: Primitives, points: np.ndarr
     fill(front & (np.abs(z - 1.145) < 0.026), f.stripe)
     fill(front & (np.abs(z - 1.095) < 0.008), f.stripe)
     fill(front & _digit("3", x, z - 1.27, 0.105), f.stripe)
-    # On the back x runs the other way for whoever looks at it.
+    # On the back x runs the other way for the viewer.
     fill(back & (_digit("2", -x + 0.062, z - 1.24, 0.19) | _digit("4", -x - 0.062, z - 1.24, 0.19)), f.stripe)
     cuff = sleeve & lofts & (local[:, 2] > 0.48 * length)
     fill(cuff & left, (60, 190, 110))

@@ -1,4 +1,4 @@
-"""What else may stand in the room: boxes, a chair, a table, a plinth, somebody else. Avatar frame, metres."""
+"""Objects that may stand in the room: boxes, a chair, a table, a plinth, an open door. Avatar frame, metres."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _colors(part: Mesh) -> np.ndarray:
 
 
 def placed(prop: Mesh, x: float, y: float, turn_deg: float = 0.0, z: float = 0.0) -> Mesh:
-    """The prop turned about the vertical, then moved."""
+    """The prop rotated about the vertical, then moved."""
     c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
     matrix = np.eye(4)
     matrix[:2, :2] = (c, -s), (s, c)

@@ -24,7 +24,7 @@ _NUDGE = 5e-4  # metres off a surface before looking back at a light
 class Sight:
     """What each pixel sees; every array is (H, W) or (H, W, 3).
 
-    ``depth`` float64 [m]: z of the point laid straight on behind the mirrors, 0 = nothing. ``object`` uint8:
+    ``depth`` float64 [m]: z of the point along the unfolded ray, behind the mirrors; 0 = nothing. ``object`` uint8:
     ``NOTHING``, ``BODY``, ``FLOOR``, ``WALL``, ``FRAME``, ``PROP``. ``index`` int32: triangle of the body (of what else
     stands there, those of the body counted first), number of the wall
     or, from 0, of the mirror whose frame it is; else -1. ``view`` int8: 0 = direct, n = by way of mirror n first.
@@ -146,7 +146,7 @@ def _box(low, high, o, d, t_max):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _mirror(row, origin, direction, t_max, local_o, local_d, low, high, normal):
-    """First meeting with one framed mirror: (t, 1 glass | 2 frame, inf 0 none); the frame's normal to ``normal``."""
+    """First hit of one framed mirror: (t, 1 glass | 2 frame, inf 0 none); the frame's normal to ``normal``."""
     for a in range(3):
         local_o[a], local_d[a] = 0.0, 0.0
         for k in range(3):

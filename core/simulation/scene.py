@@ -32,7 +32,7 @@ class FramedMirror:
     frame_width : float
         Of the moulding around it [m]; 0 = frameless.
     frame_depth : float
-        How far the moulding stands proud of the glass [m].
+        How far the moulding projects in front of the glass [m].
     """
 
     name: str
@@ -51,7 +51,7 @@ class FramedMirror:
             raise MirrorScanError(f"rig: mirror '{self.name}' has a size or place that is no positive, finite number")
         lengths = np.linalg.norm(self.up) * np.linalg.norm(self.normal)
         if np.linalg.norm(np.cross(self.up, self.normal)) <= 1e-6 * lengths:
-            raise MirrorScanError(f"rig: mirror '{self.name}': up and normal are parallel or zero; turn one of them")
+            raise MirrorScanError(f"rig: mirror '{self.name}': up and normal are parallel or zero; change one of them")
 
     @property
     def axes(self) -> np.ndarray:
@@ -76,7 +76,7 @@ class Rig:
     mirrors : tuple of FramedMirror
         Any number, in any pose.
     pan_deg, tilt_deg, roll_deg : float
-        Camera turned to its right, down, and clockwise about its own axis.
+        Rotation of the camera to its right, down, and clockwise about its own axis.
     floor : bool
         A floor at z = 0.
     room : tuple of float or None
@@ -151,7 +151,7 @@ def default_rig(
     seed: int = 0,
     interference: bool | None = None,
 ) -> Rig:
-    """The paper's arrangement: camera before the subject, mirrors standing behind it on either side.
+    """The paper's arrangement: camera in front of the subject, mirrors behind it on either side.
 
     Each mirror stands so that the subject's axis appears in its middle, seen by a virtual camera ``view_angle_deg``
     around the subject and ``path_length`` away along the folded path.
@@ -181,7 +181,7 @@ def default_rig(
     Raises
     ------
     MirrorScanError
-        When a number cannot be.
+        When a number is outside its range.
     """
     if isinstance(mirrors, int):
         if mirrors < 0:

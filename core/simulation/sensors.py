@@ -1,4 +1,4 @@
-"""How virtual depth cameras err, as data and one function.
+"""Noise of virtual depth cameras, as data and one function.
 
 Noise and quantisation are those of :mod:`..noise_models`.
 """
@@ -24,7 +24,7 @@ class Sensor:
         Of its depth map.
     min_range, max_range : float
         Readings outside are lost [m]. The folded path counts, so the limits are what bright surfaces still give,
-        not the data sheet's promise.
+        not those of the data sheet.
     baseline : float
         Second viewpoint (projector or second camera) to the right of the camera [m]; what it does not see is lost.
     disparity_noise, disparity_step : float
@@ -38,7 +38,7 @@ class Sensor:
     fattening : int
         Foreground grows over its silhouette by up to this many pixels.
     max_incidence_deg : float
-        Surfaces seen more slantingly return too little.
+        Surfaces seen at a larger angle return too little light.
     dropout : float
         Share of readings lost at random.
     interference : bool

@@ -66,10 +66,10 @@ class Simulation:
 
 
 def simulate(subject: Mesh, rig: Rig, props: Sequence[Mesh] = ()) -> Simulation:
-    """Take a virtual snapshot of ``subject`` (avatar frame) with ``rig``; ``props`` stand in the room besides.
+    """Take a virtual snapshot of ``subject`` (avatar frame) with ``rig``; ``props`` stand in the room as well.
 
     The capture's ``mirrors`` are eight picks on each frame, missed by up to 0.7 px like a careful click; a mirror
-    whose frame is hardly in the picture (or that has none) comes with its true plane instead.
+    whose frame is almost outside the picture (or that has no frame) comes with its true plane instead.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def _picks(
     pixels = pixels[seen]
     if len(pixels) < 3:
         return None
-    # Apart from one another, as a person picks: one from each eighth of what is visible of the frame.
+    # At a distance from one another, as a person picks: one from each eighth of what is visible of the frame.
     parts = np.array_split(pixels, min(PICKS, len(pixels)))
     return MirrorPicks(mirror.name, np.array([part[rng.integers(len(part))] for part in parts]))
 

@@ -65,7 +65,7 @@ def npy_header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype]:
     Raises
     ------
     ValueError, struct.error
-        When it is anything else.
+        When it is not such a header.
     """
     magic = file.read(8)
     if magic[:6] != b"\x93NUMPY" or magic[6:] not in (b"\1\0", b"\2\0"):

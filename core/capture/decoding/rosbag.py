@@ -118,7 +118,7 @@ class RosBag:
             topic.messages.append((seconds * 1_000_000_000 + nanoseconds, chunk, offset))
 
     def _walk(self, number: int, messages: bool) -> None:
-        """Connections of a chunk and, where no index tells, its messages."""
+        """Connections of a chunk and, where there is no index, its messages."""
         raw = memoryview(self._chunk(number))  # type: ignore[arg-type]
         position = 0
         for header, first, last in self._records(raw, 0):

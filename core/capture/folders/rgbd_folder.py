@@ -85,7 +85,7 @@ def read(path: Path, frames: FrameChoice = None, options: ReadOptions | None = N
     elif options.intrinsics:
         intrinsics, scale = options.intrinsics, DEFAULT_DEPTH_SCALE
     else:
-        # Redwood's scans come without, all by PrimeSense's cameras; of another camera a guess would falsify every size
+        # Redwood's scans have no such file and are by PrimeSense's cameras; for another camera a guess gives wrong sizes
         redwood = depth_files and (path / "image").is_dir()
         nominal = nominal_camera(*_size(depth_files[0])) if redwood else None
         if nominal is None:
@@ -127,7 +127,7 @@ def mirrors_to(mirrors: tuple[MirrorPicks, ...]) -> list[dict]:
 def sensor_named(name: object) -> str:
     """The name of :class:`.capture.Capture.sensor` for what a file or device calls itself.
 
-    ``unknown`` for anything else.
+    ``unknown`` for all others.
     """
     text = re.sub(r"[^a-z0-9]", "", name.lower()) if isinstance(name, str) else ""
     for sensor, words in SENSOR_WORDS.items():
@@ -198,7 +198,7 @@ def mirrors_from(path: Path, content: object, intrinsics: Intrinsics | None = No
     if not isinstance(entries, list):
         raise MirrorError(f'{path}: must be a JSON object with a list: {{"mirrors": [...]}}')
     if len(entries) > MAX_MIRRORS:
-        raise MirrorError(f"{path}: names {len(entries)} mirrors; at most {MAX_MIRRORS} can be told apart")
+        raise MirrorError(f"{path}: names {len(entries)} mirrors; at most {MAX_MIRRORS} are possible")
     mirrors = tuple(_mirror(path, i, entry, intrinsics) for i, entry in enumerate(entries, start=1))
     names = [mirror.name for mirror in mirrors]
     repeated = sorted({name for name in names if names.count(name) > 1})
@@ -233,7 +233,7 @@ def _read_depth(files: list[Path], intrinsics: Intrinsics, scale: float) -> np.n
     """Frames (F, H, W) float32 [m]."""
     header = checked_png(files[0])
     if header is None or struct.unpack_from(">II", header, 16) != (intrinsics.width, intrinsics.height):
-        _depth_frame(files[0], intrinsics, files)  # tells what is wrong before memory is asked for
+        _depth_frame(files[0], intrinsics, files)  # reports what is wrong before memory is allocated
     depth = empty_burst(files[0].parent, len(files), intrinsics.height, intrinsics.width)
     decode: Callable[[bytes, float, np.ndarray], bool] | None = None
     if "numba" in sys.modules:  # to read a folder must not cost the import of numba, which takes longer than that
@@ -358,7 +358,7 @@ def _pinhole(path: Path, value: object) -> tuple[float, float, float, float]:
 
 
 def _check_plausible(path: Path, width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> None:
-    """Refuse intrinsics in other units or of another resolution: they would bend the avatar without a word."""
+    """Refuse intrinsics in other units or of another resolution: they would distort the avatar without a warning."""
     for axis, focal, length in (("fx", fx, width), ("fy", fy, height)):
         if not 0.1 * length <= focal <= 50 * length:
             raise CaptureError(

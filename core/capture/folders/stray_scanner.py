@@ -1,7 +1,7 @@
 """Stray Scanner (iPhone, iPad): ``depth/``, ``confidence/``, ``camera_matrix.csv``, ``odometry.csv``, ``rgb.mp4``.
 
 The matrix is for the video's 1920 × 1440 pixels and is scaled to the 256 × 192 of depth. Gravity, from the poses,
-tells how the phone was held. Colour needs PyAV, an optional extra.
+shows how the phone was held. Colour needs PyAV, an optional extra.
 """
 
 from __future__ import annotations
@@ -57,10 +57,10 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         color, note = video_frame(path / "rgb.mp4", chosen[0][0])
         notes += [note] if note else []
     color_camera = camera.pinhole().scaled(color.shape[1], color.shape[0]) if color is not None else None
-    turn = _turn(path / "odometry.csv", chosen[0][0])
+    rotation = _turn(path / "odometry.csv", chosen[0][0])
     return stored_capture(
         path, FORMAT, depth, color, camera, color_camera, np.eye(4), sensor="phone", confidence=confidence,
-        turn_degrees=turn, notes=notes,
+        turn_degrees=rotation, notes=notes,
     )  # fmt: skip
 
 
@@ -93,7 +93,7 @@ def _intrinsics(path: Path) -> Intrinsics:
 
 
 def _turn(path: Path, number: int) -> int:
-    """Clockwise turn [degrees] that makes the picture upright; 0 where nothing tells.
+    """Clockwise rotation [degrees] that makes the picture upright; 0 where it is unknown.
 
     The poses take camera-frame points (x right, y down, z forward) into ARKit's world, whose y axis points up.
     """

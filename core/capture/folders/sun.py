@@ -1,4 +1,4 @@
-"""SUN RGB-D: ``intrinsics.txt``, one ``depth*/…png`` with its bits turned by three, one ``image/…jpg``.
+"""SUN RGB-D: ``intrinsics.txt``, one ``depth*/…png`` with its bits rotated by three, one ``image/…jpg``.
 
 Also SUN3D's and Mirror3D's relatives: a folder with ``intrinsics.txt`` of nine numbers, row by row.
 """
@@ -40,8 +40,8 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             depth = empty_burst(path, len(chosen), *values.shape)
         if values.shape != depth.shape[1:] or values.dtype != np.uint16:
             raise CaptureError(f"{files[number]}: must be 16-bit gray and of the size of the first frame")
-        unturned = (values >> 3) | (values << 13) if options.depth_unit_m is None else values
-        depth[i] = metres(unturned, options.depth_unit_m or 0.001)[0]
+        unrotated = (values >> 3) | (values << 13) if options.depth_unit_m is None else values
+        depth[i] = metres(unrotated, options.depth_unit_m or 0.001)[0]
     assert depth is not None  # chosen_frames gives at least one
     height, width = depth.shape[1:]
     camera = options.intrinsics or _intrinsics(path / "intrinsics.txt", width, height)

@@ -49,7 +49,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     known = [camera for name, camera in CAMERAS.items() if name in path.resolve().name.lower()]
     camera = options.intrinsics or (known or [DEFAULT])[0]
     if options.intrinsics is None and (width, height) != (640, 480):
-        raise CaptureError(f"{path}: nothing tells the intrinsics of these {width}×{height} pixels; give them")
+        raise CaptureError(f"{path}: the intrinsics of these {width}×{height} pixels are unknown; give them")
     color, notes = None, []
     if not known and options.intrinsics is None:
         notes.append("no intrinsics in the folder: those the benchmark recommends are used (f 525 px)")

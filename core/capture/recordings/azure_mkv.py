@@ -83,7 +83,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             camera, _, note = nominal
             notes.append(note)
         if color is not None and color_size != (width, height):
-            notes.append("colour is left out: no calibration says how it lies to depth")
+            notes.append("colour is left out: no calibration says how it is aligned to depth")
             color = None
     else:
         with blaming(path, "an Azure Kinect recording"):

@@ -68,10 +68,10 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
                     color_camera = _intrinsics(bag, _info_topic(bag, color_topic), path)
                     pose = _depth_to_color(bag, depth_topic, color_topic)
                     if pose is None:
-                        notes.append("colour is left out: the bag does not say how it lies to depth")
+                        notes.append("colour is left out: the bag does not say how it is aligned to depth")
                         color = color_camera = None
         sensor = _sensor(bag)
-        del bag, depth_topic  # lets go of the mapped file
+        del bag, depth_topic  # releases the mapped file
     return stored_capture(path, FORMAT, depth, color, camera, color_camera, pose, sensor=sensor, notes=notes)
 
 

@@ -74,7 +74,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
                 color_camera = _intrinsics(_text(file, topics, f"{paint}/camera_info"))
                 depth_place, color_place = (_place(file, topics, prefix) for prefix in (base, paint))
                 if depth_place is None or color_place is None:
-                    notes.append("colour is left out: the recording does not say how it lies to depth")
+                    notes.append("colour is left out: the recording does not say how it is aligned to depth")
                     color = color_camera = None
                 else:
                     pose = color_place @ np.linalg.inv(depth_place)
@@ -118,7 +118,7 @@ def _message(file: sqlite3.Connection, row: int) -> bytes:
 
 
 def _png(message: bytes) -> bytes:
-    """The image in a message; ROS puts a header of its own before it."""
+    """The image in a message; ROS puts a header of its own in front of it."""
     start = message.index(b"\x89PNG\r\n\x1a\n")
     return message[start:]
 

@@ -76,10 +76,10 @@ def depth_of_cloud(
     z = points[..., axes[2]] * sign
     depth = np.where(good & (np.where(good, z, 0) > 0), z, 0).astype(np.float32)
     notes: list[str] = [Notice("intrinsics fitted from the points, within {error:.2f} px", error=best[0] / 2)]
-    # The turn from the cloud's axes to right, down, forward: a reflection means somebody exchanged left and right.
-    turn = np.zeros((3, 3))
-    turn[0, axes[0]], turn[1, axes[1]], turn[2, axes[2]] = np.sign(fx), np.sign(fy), sign
-    if np.linalg.det(turn) < 0:
+    # The rotation from the cloud's axes to right, down, forward: a reflection means that left and right are exchanged.
+    rotation = np.zeros((3, 3))
+    rotation[0, axes[0]], rotation[1, axes[1]], rotation[2, axes[2]] = np.sign(fx), np.sign(fy), sign
+    if np.linalg.det(rotation) < 0:
         notes.append("the cloud's axes are left-handed; if left and right are exchanged, set mirrored")
     if unit_m is None:
         unit_m = 0.001 if np.median(depth[depth > 0]) > 100 else 1.0

@@ -89,7 +89,7 @@ def _layout(path: Path, header: dict[str, list[str]]) -> tuple[list[tuple[str, n
     if "POINTS" in header and int(header["POINTS"][0]) != points:
         raise ValueError("POINTS is not WIDTH × HEIGHT")
     if not 0 < points <= MAX_POINTS or int(header["WIDTH"][0]) < 1:
-        raise CaptureError(f"{path}: {points} points are no size a depth camera has")
+        raise CaptureError(f"{path}: no depth camera gives {points} points")
     return fields, points
 
 
@@ -115,7 +115,7 @@ def _ascii(data: bytes, start: int, fields: list, points: int) -> dict[str, np.n
 
 
 def _binary(data: bytes, start: int, fields: list, points: int) -> dict[str, np.ndarray]:
-    # two fields may bear one name (padding is “_” by convention): numpy needs them told apart
+    # two fields may have one name (padding is “_” by convention), which numpy does not allow
     record = np.dtype([(f"{i}", kind, (count,)) for i, (_, kind, count) in enumerate(fields)])
     if len(data) - start < record.itemsize * points:
         raise ValueError("the list of points is cut short")

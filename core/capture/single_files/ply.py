@@ -126,7 +126,7 @@ def _vertices(
     if element is None or element.name != "vertex" or any(counts for *_, counts in element.properties):
         raise ValueError("vertices do not come first")
     if not 0 < element.count <= MAX_POINTS:
-        raise CaptureError(f"{path}: {element.count} points are no size a depth camera has")
+        raise CaptureError(f"{path}: no depth camera gives {element.count} points")
     names = [name for name, *_ in element.properties]
     if not names or len(names) > 64 or len(set(names)) != len(names):
         raise ValueError("vertices have no properties, or one twice")

@@ -59,7 +59,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         nominal = nominal_camera(width, height)
         if options.intrinsics is None and nominal is None:
             raise CaptureError(
-                f"{path}: nothing tells the intrinsics of these {width}×{height} pixels; give them, or put an "
+                f"{path}: the intrinsics of these {width}×{height} pixels are unknown; give them, or put an "
                 f"{INTRINSIC_NAMES[0]} beside the file"
             )
         if options.intrinsics is None and nominal is not None:

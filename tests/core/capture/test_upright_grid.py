@@ -184,7 +184,7 @@ def test_align_moves_picks_with_the_image():
 
 
 def test_what_cannot_be_aligned_is_told():
-    with pytest.raises(CaptureError, match="nothing says how they lie"):
+    with pytest.raises(CaptureError, match="alignment is unknown"):
         align(capture_of(color=np.zeros((10, 10, 3), np.uint8)))
     with pytest.raises(CaptureError, match="rotation and a shift"):
         color_on_depth(np.ones((240, 320), np.float32), WIDE, np.zeros((240, 320, 3), np.uint8), WIDE, 2 * np.eye(4))
