@@ -20,7 +20,7 @@ from .frames import FrameChoice, parse_frames
 
 MAX_MESSAGE = 400  # characters of an error beside the path
 
-# In the order they are asked; the narrow ones first. Imported one by one: some bring numba.
+# In the order they are tried, the most specific first. Imported one by one: some bring numba.
 READERS = (
     "single_files.npz",
     "recordings.azure_mkv",
@@ -61,7 +61,7 @@ def open_capture(path: str | os.PathLike, frames: FrameChoice = None, options: R
     Raises
     ------
     CaptureError, MirrorError
-        When nothing is there, no reader knows it, or its content is at fault.
+        When nothing is there, no reader knows it, or its content is faulty.
     """
     path = Path(path)
     options = options or ReadOptions()

@@ -244,7 +244,7 @@ def _queue_around(points, triangles, fans, u, stamp, mark, tick, heap, out):
 
 @njit(cache=True, nogil=True)
 def _collapse_kernel(points, triangles, twin, count):
-    """Vertices (V, 3), of which not all are used any more, and the triangles left."""
+    """Vertices (V, 3), not all of them still used, and the triangles left."""
     shift = points[0].copy()  # quadrics lose digits far from the origin
     points -= shift
     fans = _fans_of(points, triangles, twin)

@@ -1,4 +1,4 @@
-"""What distance costs (paper 5.2): the same figure from 3 to 5 m, each capture held against the nearest.
+"""What distance costs (paper 5.2): the same figure from 3 to 5 m, each capture compared with the nearest.
 
 The virtual sensor is calibrated: its error is noise and quantisation, which a burst averages. The paper's grows faster
 with distance than either; common formulas for a Kinect's disparity part by 100 mm and more beyond 4 m.
@@ -42,7 +42,7 @@ class Capture:
 
 @dataclass(frozen=True)
 class Fit:
-    """N(d) = a · exp(-b d), as in the paper, and N(d) = c / d², as geometry has it; each with its R²."""
+    """N(d) = a · exp(-b d), as in the paper, and N(d) = c / d², as geometry predicts; each with its R²."""
 
     a: float
     b: float
@@ -83,7 +83,7 @@ def run(
     samples: int = 100_000,
     progress: Callable[[float, str], None] | None = None,
 ) -> list[Capture]:
-    """Take the captures and hold each against the nearest.
+    """Take the captures and compare each with the nearest.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a mirror costs (paper 5.1): the same back taken by way of a mirror and directly, over the same path.
+"""What a mirror costs (paper 5.1): the same back seen via a mirror and directly, over the same path.
 
 The virtual mirror is flat and dims the light; that costs the edges of the figure, which are seen at a slant. A real
 mirror also bends, scatters and doubles the image, which is not simulated: the paper's loss of a fifth of the vertices
@@ -130,7 +130,7 @@ def run(
     """
     beside, behind = rigs(sensor, frames, seed, path)
     if progress:
-        progress(0.0, "scanning by way of the mirror")
+        progress(0.0, "scanning via the mirror")
     reflected = simulate(body, beside)
     if progress:
         progress(0.3, "scanning directly")

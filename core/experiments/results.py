@@ -91,7 +91,7 @@ def _write_csv(path: Path, rows: Iterable[Sequence]) -> None:
 
 
 def _plot(path: Path, size: tuple[float, float], panels: int, draw: Callable) -> str:
-    """``draw(*axes)`` into a PNG of so many inches; returns why there is none, empty when there is."""
+    """``draw(*axes)`` into a PNG of the given size [inch]; returns why there is none, or an empty text."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure

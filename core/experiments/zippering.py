@@ -1,4 +1,4 @@
-"""What zippering costs in accuracy (paper 5.3): a closed body is cut in three, its back thinned, and sewn up again."""
+"""What zippering costs in accuracy (paper 5.3): a closed body is cut in three, its back decimated, and zippered."""
 
 from __future__ import annotations
 
@@ -92,14 +92,14 @@ def run(
     progress: Callable[[float, str], None] | None = None,
     bridge: Callable[[Mesh], Mesh | None] | None = None,
 ) -> list[Step]:
-    """Cut, thin, zipper and close a body once for each step, and measure how far the result is from it.
+    """Cut, decimate, zipper and close a body once for each step, and measure how far the result is from it.
 
     Parameters
     ----------
     body : Mesh
         Closed, outward; Z up, facing along Y [m]. It is not changed.
     steps : sequence of float
-        Vertices to take from the back parts, from 0 to below 100 [%].
+        Vertices to remove from the back parts, from 0 to below 100 [%].
     matching : str
         One of ``MATCHINGS``.
     samples : int

@@ -63,7 +63,7 @@ def fresh_folder(folder: str | os.PathLike, replace: bool = False) -> Iterator[P
     Raises
     ------
     OutputError
-        When ``folder`` is taken, what it is to stand in is missing, or it cannot be written.
+        When ``folder`` exists already, its parent is missing, or it cannot be written.
     """
     folder = Path(folder)
     target = Path(os.path.realpath(folder))

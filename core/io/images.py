@@ -29,7 +29,7 @@ def openimageio() -> ModuleType:
     try:
         import OpenImageIO
     except ImportError as first:
-        # Blender hides the libraries it bundles until asked; only a process that is Blender already may ask.
+        # Blender hides the libraries it bundles until they are requested, which only a Blender process can do.
         bpy = sys.modules.get("bpy")
         expose = getattr(getattr(bpy, "utils", None), "expose_bundled_modules", None)
         try:

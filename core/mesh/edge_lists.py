@@ -1,4 +1,4 @@
-"""Which vertices an edge joins, as a list a vertex: for kernels that ask, add and take away edges as they go.
+"""Which vertices an edge joins, as one list a vertex: for kernels that look up, add and remove edges.
 
 Lists beat a hash table here: a vertex has about six edges. An edge set is three int32 arrays: ``head`` (V,) where each
 vertex's list begins, ``after`` where it goes on, -1 at its end, and ``other`` the vertex at the edge's far end. Entries

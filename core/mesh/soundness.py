@@ -1,4 +1,4 @@
-"""Where a mesh is at fault or guessed: places a person can look at, worst first."""
+"""Where a mesh is faulty or filled: places for a person to look at, worst first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Triangle mesh as plain arrays: edges, boundary loops, components, manifold checks, clean-up."""
+"""Triangle mesh as plain arrays: the data type, polygons into triangles, checks, merging."""
 
 from __future__ import annotations
 

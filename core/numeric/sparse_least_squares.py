@@ -86,7 +86,7 @@ def elimination_order(start: np.ndarray, heads: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract"})
 def _less_products(lower, at, left, right, blocks):
-    """Block ``at`` less the products L · Rᵀ of so many blocks from ``left`` and from ``right`` on."""
+    """Subtract from block ``at`` the products L · Rᵀ of ``blocks`` blocks from ``left`` and from ``right`` on."""
     c00 = c01 = c02 = c03 = c10 = c11 = c12 = c13 = c20 = c21 = c22 = c23 = c30 = c31 = c32 = c33 = 0.0
     for k in range(_SIDE * blocks):
         i, j = left + _SIDE * k, right + _SIDE * k

@@ -117,7 +117,7 @@ def _picks(
     mirror: FramedMirror, index: int, intrinsics: Intrinsics, avatar_to_camera: np.ndarray, sight: Sight,
     rng: np.random.Generator,
 ) -> MirrorPicks | None:  # fmt: skip
-    """Clicks along the middle of the moulding where it is seen directly; None with fewer than 3 to be had."""
+    """Clicks along the middle of the moulding where it is seen directly; None if there are fewer than 3."""
     if mirror.frame_width == 0:
         return None
     right, up, normal = mirror.axes

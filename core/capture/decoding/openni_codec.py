@@ -29,7 +29,7 @@ def decode_16z(data: bytes | memoryview, count: int, table: bool) -> np.ndarray:
             raise ValueError("a depth frame is cut short")
         values = np.frombuffer(data, "<u2", size, 2).astype(np.uint16)
         source = source[2 + 2 * size :]
-    if count > 30 * len(source):  # one byte stands for 28 values at most
+    if count > 30 * len(source):  # one byte codes 28 values at most
         raise ValueError(f"{count} values cannot come from {len(source)} bytes")
     out = np.empty(count, np.uint16)
     if _decode(source, values, table, out) != count:

@@ -71,7 +71,7 @@ class RosBag:
         )
 
     def message(self, topic: Topic, number: int) -> memoryview:
-        """Bytes of one message, valid until the next is asked for."""
+        """Bytes of one message, valid until the next is read."""
         _, chunk, offset = topic.messages[number]
         raw = memoryview(self._chunk(chunk))  # type: ignore[arg-type]
         for header, first, last in self._records(raw, offset):

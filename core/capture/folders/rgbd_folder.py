@@ -59,7 +59,7 @@ def read(path: Path, frames: FrameChoice = None, options: ReadOptions | None = N
     frames : int, str or None
         Which depth frames, as :func:`.reader_choice.open_capture` has it.
     options : ReadOptions or None
-        ``intrinsics`` and ``depth_unit_m`` stand in for those of the folder.
+        ``intrinsics`` and ``depth_unit_m`` replace those of the folder.
 
     Returns
     -------
@@ -85,7 +85,7 @@ def read(path: Path, frames: FrameChoice = None, options: ReadOptions | None = N
     elif options.intrinsics:
         intrinsics, scale = options.intrinsics, DEFAULT_DEPTH_SCALE
     else:
-        # Redwood's scans have no such file and are by PrimeSense's cameras; for another camera a guess gives wrong sizes
+        # Redwood's scans have no such file and are by PrimeSense's cameras; for others a guess gives wrong sizes
         redwood = depth_files and (path / "image").is_dir()
         nominal = nominal_camera(*_size(depth_files[0])) if redwood else None
         if nominal is None:
@@ -180,7 +180,7 @@ def read_intrinsics(path: str | os.PathLike) -> tuple[Intrinsics, float]:
 
 
 def read_mirrors(path: str | os.PathLike, intrinsics: Intrinsics | None = None) -> tuple[MirrorPicks, ...]:
-    """What a ``mirrors.json`` says of the mirrors; with ``intrinsics``, picks are held against the image size.
+    """What a ``mirrors.json`` says of the mirrors; with ``intrinsics``, picks are checked against the image size.
 
     Raises
     ------

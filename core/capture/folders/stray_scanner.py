@@ -108,11 +108,11 @@ def _turn(path: Path, number: int) -> int:
         x, y, z, w = (float(words[names.index(n)]) for n in ("qx", "qy", "qz", "qw"))
     except (ValueError, IndexError) as error:
         raise CaptureError(
-            f"{path}: has no pose qx, qy, qz, qw of frame {number}; remove the file to go without"
+            f"{path}: has no pose qx, qy, qz, qw of frame {number}; remove the file to read without poses"
         ) from error
     length = np.sqrt(x * x + y * y + z * z + w * w)
     if not 0.5 < length < 2:
-        raise CaptureError(f"{path}: the pose of frame {number} is no rotation; remove the file to go without")
+        raise CaptureError(f"{path}: the pose of frame {number} is no rotation; remove the file to read without poses")
     x, y, z, w = (value / length for value in (x, y, z, w))
     down = -np.array((2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)))  # minus the matrix's row y
     if abs(down[2]) > 0.8:  # the phone looked at the floor or the ceiling

@@ -1,3 +1,3 @@
-"""Readers of recordings, a file each; ``reader_choice`` imports them by name, when one is asked."""
+"""Readers of recordings, one module a format; ``reader_choice`` imports them by name when needed."""
 
 __all__: list[str] = []

@@ -168,7 +168,7 @@ def _color(image: _Image, path: Path) -> np.ndarray:
 
 
 def _info_topic(bag: RosBag, topic: Topic) -> Topic | None:
-    """Camera info of an image topic: …/Depth_0/image/data has …/Depth_0/info/camera_info, …/image_raw its sister."""
+    """Camera info of an image topic: …/image/data has …/info/camera_info, …/image_raw has …/camera_info."""
     name = topic.name
     prefix = name.removesuffix("/image/data") + "/info" if name.endswith("/image/data") else name.rpartition("/")[0]
     return bag.find(f"{prefix}/camera_info", CAMERA_INFO)

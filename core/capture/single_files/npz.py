@@ -115,7 +115,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
 
 
 def _member(archive: zipfile.ZipFile, path: Path, name: str, kinds: tuple[str, ...], dimensions: int) -> np.ndarray:
-    """One array, its header held against the size the archive states."""
+    """One array, its header checked against the size the archive states."""
     entry = archive.getinfo(f"{name}.npy")
     if name == "about" and entry.file_size > MAX_TEXT:
         raise CaptureError(f"{path}: {name} is far too large for what it should hold")
