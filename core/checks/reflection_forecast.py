@@ -112,7 +112,8 @@ def without_frame(image: RgbdImage, mirror: Mirror, views: Views) -> Mirror:
     rectangle = np.array(mirror.rectangle, dtype=np.float64)
     steps = np.arange(0.0, _WIDEST_FRAME, 0.004)
     for axis in range(2):
-        along = np.linspace(*np.clip(mirror.rectangle[1 - axis], -2.0, 2.0), 62)[6:-6]
+        low, high = np.clip(mirror.rectangle[1 - axis], -2.0, 2.0)
+        along = np.linspace(low, high, 62)[6:-6]
         for end, way in ((0, 1.0), (1, -1.0)):
             place = np.empty((len(steps), len(along), 2))
             place[..., axis], place[..., 1 - axis] = (mirror.rectangle[axis, end] + way * steps)[:, None], along

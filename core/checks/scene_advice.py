@@ -198,11 +198,11 @@ def _step_aside(
                 return None
     right = np.cross(views.up, (0.0, 0.0, -1.0))
     right /= np.linalg.norm(right)
-    moves = (
+    ways = (
         (step @ right, "to the right", "to the left"),
         (step @ np.cross(views.up, right), "away from the camera", "towards the camera"),
     )
-    moves = [f"{100 * abs(by):.0f} cm {one if by > 0 else other}" for by, one, other in moves if abs(by) > 0.05]
+    moves = [f"{100 * abs(by):.0f} cm {one if by > 0 else other}" for by, one, other in ways if abs(by) > 0.05]
     way = " and ".join(moves)
     names = " and ".join(map(quoted, out))
     return Notice(
@@ -212,8 +212,9 @@ def _step_aside(
 
 
 def _turn(mirror: Mirror, views: Views, intrinsics: Intrinsics, outwards: float = 0.0) -> tuple[Mirror, str]:
-    """The mirror moved ``outwards`` [m], away from the subject's side, and turned about the vertical so that the
-    subject is in its middle; and how it is turned.
+    """The mirror rotated until the subject is in its middle, and in words how it is rotated.
+
+    It is rotated about the vertical, and first moved ``outwards`` [m], away from the subject's side.
     """
     up = views.up
     middle = mirror.point if mirror.outline is None else visible_middle(mirror, intrinsics)
@@ -302,7 +303,7 @@ def _about_glass(case: _Case, glass: dict[str, float], views: Views, intrinsics:
     if case.found.hidden > _MUCH_HIDDEN:  # where a glass ends behind the body is hardly known
         glass = {side: value for side, value in glass.items() if side in ("top", "bottom") or value > _CLEARLY_OVER}
     elif not glass and case.found.out > MAX_CUT:
-        worst = max(over, key=over.get)
+        worst = max(over, key=over.__getitem__)
         glass = {worst: max(over[worst], 0.01)}
     for one, other, what in (("top", "bottom", "shorter"), ("left", "right", "narrower")):
         lacking = over[one] + over[other] + 2.0 * _ROOM
@@ -392,7 +393,7 @@ def _about_hidden(case: _Case, views: Views, intrinsics: Intrinsics) -> str:
 
 def _sides(over: dict[str, float]) -> str:
     names = {"left": "to the left", "right": "to the right", "top": "above", "bottom": "below"}
-    worst = max(over, key=over.get, default=None)
+    worst = max(over, key=over.__getitem__, default=None)
     return "outside" if worst is None else names[worst]
 
 
@@ -410,7 +411,7 @@ def _about_vertical(views: Views, mirrors: list[Mirror]) -> list[str]:
             "no floor is seen, so the camera is taken to be level; let it see the floor around the feet, or level the "
             "camera"
         ]
-    warned = []
+    warned: list[str] = []
     for mirror, lean in zip(mirrors, leans(mirrors, views.up), strict=True):
         if abs(lean) > MAX_LEAN_DEG:
             way = "towards" if lean > 0 else "away from"
@@ -428,7 +429,7 @@ def _about_vertical(views: Views, mirrors: list[Mirror]) -> list[str]:
 
 def _about_directions(views: Views, mirrors: list[Mirror], alone: bool) -> list[str]:
     """Views from nearly the same side, and sides that no view shows."""
-    warned = []
+    warned: list[str] = []
     angles = directions(views, mirrors)
     order = np.argsort(angles)
     names = ["the camera", *map(quoted, mirrors)]

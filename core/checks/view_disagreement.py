@@ -113,8 +113,9 @@ def disagreements(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> list
 def _distance(found: list[Correspondences]) -> float:
     """Median distance [m] of surfaces that two views both see; 0 when it is no more than noise, or they hardly meet."""
     # what lies far behind what the other view sees there may well be hidden from it
-    gaps = [np.abs(m.gaps[m.gaps < _HIDDEN]) for m in found] + [np.full(m.before, _OTHER_PART) for m in found]
-    gaps = np.concatenate(gaps)
+    gaps = np.concatenate(
+        [np.abs(m.gaps[m.gaps < _HIDDEN]) for m in found] + [np.full(m.before, _OTHER_PART) for m in found]
+    )
     variances = np.concatenate([m.variances for m in found])
     if len(gaps) < _FEWEST or not len(variances):
         return 0.0
@@ -179,7 +180,8 @@ def check_agreement(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> tu
     warned : list of str
         Each says which mirror, by how much, and what to do.
     """
-    warned, labels = [], views.labels
+    warned: list[str] = []
+    labels = views.labels
     for found in disagreements(image, views, mirrors):
         name = quoted(mirrors[found.mirror])
         other = "the camera" if found.other == 0 else quoted(mirrors[found.other - 1])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -21,8 +23,8 @@ from ..views.view_maps import ViewMaps, reading_noise
 from .self_intersection_repair import untangle
 from .soles import arch_of_foot, drop_soles
 
-_TIMES_HELD = 4  # what is held back pushes its surroundings
-_HELD = 1.0  # how stiffly, beside the bending of the surface
+_TIMES_HELD = 4  # rounds of holding vertices back: each pushes its surroundings
+_HELD = 1.0  # how stiffly they are held, against the bending of the surface
 _MATTERS = 0.004  # so far into space seen to be empty is not worth another round [m]
 
 
@@ -38,11 +40,11 @@ class ClosingSettings:
         Edges of seams and fills longer than this are split [median edge lengths of the surface around].
     fairness : float
         How stiffly the outermost measured vertices hold their place while seams and fills are faired, where their
-        noise is 1 mm: the surer the reading, the stiffer.
+        noise is 1 mm: the more certain the reading, the stiffer.
     untangle : bool
-        Smooth what runs through itself until it does not.
+        Repair self-intersections.
     floor_reach : float
-        Loops that lie lower than this above the floor are soles: they are let down to it and closed flat [m].
+        Loops that lie lower than this above the floor are soles: they are extended down to it and closed flat [m].
     keep_islands : bool
         Keep pieces that nothing connects to the body, each closed on its own.
     min_island : int
@@ -85,7 +87,7 @@ def close_mesh(
     -------
     mesh : Mesh
     notes : list of str
-        What was dropped or could not be mended, for the user.
+        What was dropped or could not be repaired, for the user.
 
     Raises
     ------
@@ -100,7 +102,7 @@ def close_mesh(
         mesh = keep_triangles(mesh, ~clashes)
         twin = twins(mesh.triangles, len(mesh.vertices))
         notes.append(f"{np.count_nonzero(clashes)} triangles that clash with their neighbours were taken out")
-    mesh = remove_bowties(mesh, twin)  # so that loops touching in a vertex are told apart
+    mesh = remove_bowties(mesh, twin)  # so that loops that touch in a vertex are separate
     edges = open_edges(mesh.triangles, len(mesh.vertices), twin)
     if floor is not None:
         mesh, edges = drop_soles(mesh, edges, up, floor, settings.floor_reach)
@@ -112,13 +114,12 @@ def close_mesh(
     if dropped:
         notes.append(f"{dropped} small piece(s) that nothing connects to the body were left out")
     whole = mesh
-    marks, (mesh, parents) = each(
-        lambda work: work(),
-        (
-            lambda: rim_marks(whole, maps),
-            lambda: refine(whole, edge_length_at_vertices(whole), settings.refine),
-        ),
+    work: tuple[Callable[[], Any], ...] = (
+        lambda: rim_marks(whole, maps),
+        lambda: refine(whole, edge_length_at_vertices(whole), settings.refine),
     )
+    marks, (mesh, parents) = each(lambda make: make(), work)
+    assert mesh.view is not None  # checked above
     made = mesh.view < 0
     flat = np.zeros(len(mesh.vertices), np.bool_)
     if floor is not None:
@@ -138,11 +139,10 @@ def close_mesh(
 
 
 def _faired(mesh: Mesh, stiffness: np.ndarray, stretch: np.ndarray, maps: ViewMaps) -> np.ndarray:
-    """The vertices faired.
+    """The vertices faired, but kept out of space that a view saw to be empty.
 
-    What comes to lie where a view saw nothing is held back on the way there, and the rest faired to it.
-
-    A cap over a sharp rim would else be drawn out through space that the views look through.
+    A vertex that would move into such space stops before it, and the rest is faired to it. Otherwise a cap over a
+    sharp edge would be drawn out through space that the views have seen to be empty.
     """
     start = mesh.vertices
     faired = fair(start, mesh.triangles, stiffness, stretch)
@@ -164,6 +164,6 @@ def _faired(mesh: Mesh, stiffness: np.ndarray, stretch: np.ndarray, maps: ViewMa
 
 
 def _stiffness(mesh: Mesh, maps: ViewMaps, settings: ClosingSettings) -> np.ndarray:
-    """How stiffly each vertex (V,) holds its place: the surer its reading, the stiffer; infinite without noise."""
+    """How stiffly each vertex (V,) holds its place: the more certain its reading, the stiffer; infinite without noise."""
     with np.errstate(divide="ignore"):
         return settings.fairness * (0.001 / reading_noise(mesh, maps))

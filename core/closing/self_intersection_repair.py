@@ -1,6 +1,6 @@
-"""Self-intersections out.
+"""Self-intersection repair.
 
-What runs through itself is smoothed until it no longer does, or else cut out and filled anew.
+Intersecting triangles are smoothed until they no longer intersect, or else cut out and filled anew.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ _MOST_CUT = 0.3  # of all triangles: where more run through each other, nothing 
 def untangle(
     mesh: Mesh, maps: ViewMaps = NOTHING_SEEN, rounds: int = 8, cuts: int = 3, coarseness: float = 2.0
 ) -> tuple[Mesh, int]:
-    """Smooth the surroundings of intersecting triangles until they come apart; cut out and fill anew what does not.
+    """Smooth the surroundings of intersecting triangles until they separate; cut out and fill anew what does not.
 
     Each round relaxes the vertices of the triangles that still intersect, and their neighbours, from the third round on
     two rings of them; all other vertices stay where they are. Where more than a few are left then, they are taken out,
-    a ring more each time, with what hangs on by them alone, and the holes are filled (as Attene 2010 does).
+    a ring more each time, with what is connected by them alone, and the holes are filled (as Attene 2010 does).
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def untangle(
     maps : ViewMaps
         What the views saw, to keep fills out of empty space.
     rounds, cuts : int
-        At most so many; smoothing is given up after four rounds that have loosened next to nothing.
+        At most so many; smoothing stops after four rounds that have removed almost no crossings.
     coarseness : float
         Edges of what is filled anew are split where longer than this [edge lengths around].
 
@@ -58,17 +58,17 @@ def untangle(
     -----
     O(S log S) for S triangles searched; later rounds look at the surroundings of what moved only.
     """
-    mesh, crossing = _smooth_apart(mesh, _crossing(mesh), rounds)
+    mesh, crossing = _smooth_crossings(mesh, _crossing(mesh), rounds)
     for rings in range(cuts):
         if len(crossing) <= _TOLERATED * len(mesh.triangles):  # cutting takes as long for one as for a hundred
             break
-        mended = _fill_anew(mesh, crossing, rings, maps, coarseness)
-        if mended is None:
+        refilled = _fill_anew(mesh, crossing, rings, maps, coarseness)
+        if refilled is None:
             continue
-        mended, changed = mended
-        mended, left = _smooth_apart(mended, _crossing(mended, changed), 2)
+        repaired, changed = refilled
+        repaired, left = _smooth_crossings(repaired, _crossing(repaired, changed), 2)
         if len(left) < len(crossing):
-            mesh, crossing = mended, left
+            mesh, crossing = repaired, left
     return mesh, len(crossing)
 
 
@@ -118,7 +118,7 @@ def _within(vertices, points, reach):
     return out
 
 
-def _smooth_apart(mesh: Mesh, crossing: np.ndarray, rounds: int) -> tuple[Mesh, np.ndarray]:
+def _smooth_crossings(mesh: Mesh, crossing: np.ndarray, rounds: int) -> tuple[Mesh, np.ndarray]:
     """The mesh relaxed around its ``crossing`` triangles, and which still cross."""
     if not len(crossing):
         return mesh, crossing
@@ -129,12 +129,12 @@ def _smooth_apart(mesh: Mesh, crossing: np.ndarray, rounds: int) -> tuple[Mesh, 
     vertices, movable = mesh.vertices[inner], near[inner]
     few, first, before = _TOLERATED * len(mesh.triangles), len(crossing), np.inf
     crossing = np.searchsorted(part, crossing)
-    for turn in range(rounds):
+    for number in range(rounds):
         hopeless, done = len(crossing) >= _HOPELESS * first, len(crossing) <= few and len(crossing) >= before
-        if turn >= _PATIENCE and (hopeless or done):
+        if number >= _PATIENCE and (hopeless or done):
             break
         before = len(crossing)
-        reach = 1 + min(turn, 3) // 2
+        reach = 1 + min(number, 3) // 2
         seeds = triangles[crossing].ravel()
         # what moves, and what it may run into: triangles that reach into its surroundings
         ring, local = _rings_around(triangles, seeds, reach + 3, len(vertices))
@@ -143,7 +143,7 @@ def _smooth_apart(mesh: Mesh, crossing: np.ndarray, rounds: int) -> tuple[Mesh, 
         core = np.flatnonzero(movable[used] & (ring[used] <= reach))
         if not len(core):
             break
-        moved = _relax(vertices[used], core, start, heads, 4 + 2 * min(turn, 3))
+        moved = _relax(vertices[used], core, start, heads, 4 + 2 * min(number, 3))
         vertices[used] = moved
         crossing = local[np.unique(self_intersections(moved, around))]
         if not len(crossing):
@@ -158,7 +158,7 @@ def _fill_anew(
 ) -> tuple[Mesh, np.ndarray] | None:
     """The mesh with its ``crossing`` triangles and so many rings around them taken out, and the holes filled.
 
-    And the points (K, 3) about which that changed it.
+    Also the points (K, 3) around which the mesh was changed.
 
     None where that would cut out a whole piece or much of the mesh, take away a piece of more than 2 % of it, or 6 % in
     all, or cannot be closed.
@@ -173,7 +173,7 @@ def _fill_anew(
     label, count = components_of(twin, int(keep.sum()))
     if count < pieces or keep.sum() < (1.0 - _MOST_CUT) * len(keep):
         return None
-    if count > pieces:  # what hung on by the cut alone goes with it
+    if count > pieces:  # pieces that were connected only by what is cut out go with it
         size = np.bincount(label)
         main = np.argsort(-size, kind="stable")[:pieces]
         lost = np.delete(size, main)
@@ -189,6 +189,7 @@ def _fill_anew(
     if (twin == -1).any():
         return None
     filled = remove_bowties(filled, twin)
+    assert filled.kind is not None  # fill_loops says it
     kind = filled.kind.copy()
     filled.kind[:known] = SURFACE  # only what is new is refined and moved
     filled, parents = refine(filled, edge_length_at_vertices(filled), coarseness)

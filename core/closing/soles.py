@@ -1,4 +1,4 @@
-"""Soles: holes near the floor are let down to it and closed flat, but for the arch of the foot."""
+"""Soles: holes near the floor are extended down to it and closed flat, except for the arch of the foot."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from ..numeric.point_products import dot
 def arch_of_foot(vertices: np.ndarray, flat: np.ndarray, up: np.ndarray) -> np.ndarray:
     """The ``flat`` vertices (V,) bool raised by some hundredths of a millimetre, as a part of one wide arch.
 
-    Triangles in one plane are a matter of rounding to whoever asks whether they cross: MeshLab says yes to many of
-    a flat sole. On an arch each lies clear of the others' planes.
+    Whether triangles in one plane cross is decided by rounding: MeshLab reports many in a flat sole. On an arch each
+    lies clear of the others' planes.
     """
     if not flat.any():
         return vertices
@@ -27,12 +27,13 @@ def arch_of_foot(vertices: np.ndarray, flat: np.ndarray, up: np.ndarray) -> np.n
 
 
 def drop_soles(mesh: Mesh, edges: np.ndarray, up: np.ndarray, floor: float, reach: float) -> tuple[Mesh, np.ndarray]:
-    """Let boundary loops just above the floor down onto it: a vertical skirt, so that the sole is closed flat.
+    """Extend boundary loops just above the floor down to it by a vertical skirt, so that the sole is closed flat.
 
     Takes and returns the mesh with its open edges.
 
     A loop counts when at least three quarters of it lie lower than ``reach`` and none four times as high.
     """
+    assert mesh.view is not None and mesh.kind is not None  # checked by close_mesh
     below = []
     for loop in loops_of(edges, len(mesh.vertices)):
         height = dot(mesh.vertices[loop], up) - floor

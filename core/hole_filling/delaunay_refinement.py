@@ -18,7 +18,7 @@ _FLIP_PASSES, _LAST_PASSES = 5, 8  # between splits, where the next ones undo mu
 
 
 def edge_length_at_vertices(mesh: Mesh) -> np.ndarray:
-    """Mean edge length (V,) of the measured triangles around each vertex of a made one [m].
+    """Mean edge length (V,) of the measured triangles around each vertex of a filled one [m].
 
     The median of these elsewhere.
     """
@@ -48,10 +48,10 @@ def _edge_length_kernel(vertices, triangles, kind, rim):
 
 
 def refine(mesh: Mesh, target: np.ndarray, factor: float, rounds: int = 10) -> tuple[Mesh, np.ndarray]:
-    """Split edges of seams and fills longer than ``factor`` targets, longest first, flipping towards Delaunay in
-    between.
+    """Split long edges of seams and fills, longest first, and flip edges towards Delaunay in between.
 
-    Only edges between two made triangles are split or flipped: the measured surface stays as it is.
+    Edges are long that exceed ``factor`` times the target.
+    Only edges between two filled triangles are split or flipped: the measured surface stays as it is.
 
     Parameters
     ----------
@@ -67,8 +67,9 @@ def refine(mesh: Mesh, target: np.ndarray, factor: float, rounds: int = 10) -> t
 
     Notes
     -----
-    O(M log M) for M made triangles.
+    O(M log M) for M filled triangles.
     """
+    assert mesh.view is not None and mesh.kind is not None
     made = mesh.kind != SURFACE
     if not made.any():
         return mesh, np.empty((0, 2), np.int64)

@@ -1,5 +1,6 @@
-"""Boundary loops → triangles of least weight (Barequet and Sharir 1995, Liepa 2003), kept out of space seen to be
-empty.
+"""Boundary loops → triangles of least weight (Barequet and Sharir 1995, Liepa 2003).
+
+They are kept out of space that a view saw to be empty.
 """
 
 from __future__ import annotations
@@ -68,6 +69,7 @@ def fill_loops(
     loops = loops_of(edges, len(mesh.vertices))
     if not loops:
         return mesh
+    assert mesh.view is not None and mesh.kind is not None
     flat = np.concatenate(loops)
     starts = np.concatenate(([0], np.cumsum([len(loop) for loop in loops])))
     if np.isfinite(diameter):
@@ -87,8 +89,8 @@ def fill_loops(
         vertices = np.concatenate((vertices, centers))
         from_view = np.concatenate((from_view, np.full(len(centers), -1, np.int8)))
         if colors is not None:
-            share = np.stack([np.bincount(around_of, colors[around, c], len(centers)) for c in range(3)], axis=1)
-            share /= np.bincount(around_of, minlength=len(centers))[:, None]
+            total = np.stack([np.bincount(around_of, colors[around, c], len(centers)) for c in range(3)], axis=1)
+            share = total / np.bincount(around_of, minlength=len(centers))[:, None]
             colors = np.concatenate((colors, np.rint(share).astype(np.uint8)))
     return Mesh(
         vertices,

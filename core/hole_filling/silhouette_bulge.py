@@ -28,6 +28,7 @@ def rim_marks(mesh: Mesh, maps: ViewMaps) -> np.ndarray:
     readings were lost or the view was cut. Where nothing is known of the view it counts as one. The noisier its
     readings, the less the last of them tell which way it goes on. Zero at made vertices.
     """
+    assert mesh.view is not None and mesh.kind is not None
     rim = made_vertices(mesh)
     around = (mesh.kind == SURFACE) & triangles_touching(mesh.triangles, rim)
     normals = vertex_normals(mesh.vertices, mesh.triangles[around], rim)
@@ -61,6 +62,7 @@ def bulge(marks: np.ndarray, parents: np.ndarray, mesh: Mesh, rings: int = 8) ->
     np.ndarray [shape=(V,)]
         1 at measured vertices. O(rings · made triangles).
     """
+    assert mesh.view is not None and mesh.kind is not None
     triangles = mesh.triangles[mesh.kind != SURFACE]
     made = mesh.view < 0
     if not len(triangles):

@@ -1,4 +1,4 @@
-"""Thin-plate fairing: made surface continues the tangent planes around it, measured surface holds its place."""
+"""Thin-plate fairing: filled surface continues the tangent planes around it, measured surface holds its place."""
 
 from __future__ import annotations
 
@@ -85,7 +85,8 @@ def fair(
         rest if target is None else target[used],
     )
     out = vertices.copy()
-    out[used[unknown]] += solve_squares(*system, elimination_order(*meets))
+    begin, columns, values, diagonal, rhs = system
+    out[used[unknown]] += solve_squares(begin, columns, values, diagonal, rhs, elimination_order(*meets))
     return out
 
 
@@ -174,8 +175,10 @@ def _system_kernel(p, start, heads, free, stiffness, rows, stretch, target):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _meeting(start, heads, rows, unknown, number):
-    """Which unknowns are neighbours or, so that none is eliminated long before another it meets in a row, next to each
-    other around a vertex that does not move: CSR arrays (start (N+1,), neighbour (E,)).
+    """Which unknowns are neighbours: CSR arrays (start (N+1,), neighbour (E,)).
+
+    Unknowns that follow one another around a vertex that does not move count as neighbours too, so that none is
+    eliminated long before another in the same row.
     """
     tail, head = np.empty(2 * len(heads), np.int32), np.empty(2 * len(heads), np.int32)
     count = 0

@@ -1,4 +1,4 @@
-"""Where views see the same skin: bring them to one surface, keep the better view, leave a clean gap to zipper.
+"""Where views see the same surface: blend them, keep the better view, leave a clean gap to zipper.
 
 Time-of-flight and active-stereo cameras see up to 60° of the body both directly and in a mirror (structured light
 loses what two patterns light, so there the patches do not overlap and this stage changes nothing).
@@ -34,23 +34,23 @@ def part_overlaps(patches: list[Mesh], maps: ViewMaps, settings: OverlapSettings
     """
     seen = [patch.vertices for patch in patches if len(patch.vertices)]
     center = np.concatenate(seen).mean(axis=0) if seen else None
-    parted = each(lambda patch: _cut_back(patch, maps, settings, center), patches)
-    return _strip_doubles(parted, maps, settings)
+    cut = each(lambda patch: _cut_back(patch, maps, settings, center), patches)
+    return _strip_doubles(cut, maps, settings)
 
 
-def _cut_back(patch: Mesh, maps: ViewMaps, settings: OverlapSettings, center: np.ndarray) -> Mesh:
+def _cut_back(patch: Mesh, maps: ViewMaps, settings: OverlapSettings, center: np.ndarray | None) -> Mesh:
     """The patch blended with the other views where they see the same skin, and cut to where it is the better one."""
     if not len(patch.triangles):
         return patch
+    assert patch.view is not None  # each patch says its view
     normals = vertex_normals(patch.vertices, patch.triangles)
     own = own_confidence(patch, maps)
     advantage, shift = compare_views(patch.vertices, patch.view, normals, own, maps, settings, center)
     overlapped = np.isfinite(advantage)
     if not overlapped.any():
         return patch
-    near = _triangles_near(
-        patch.triangles, overlapped, _SMOOTH_ROUNDS
-    )  # all else is left as it is by the smoothing below
+    # all else is left as it is by the smoothing below
+    near = _triangles_near(patch.triangles, overlapped, _SMOOTH_ROUNDS)
     vertices = patch.vertices
     if settings.blend:
         vertices = vertices + smooth_on_mesh(shift, near, _SMOOTH_ROUNDS)
@@ -96,6 +96,7 @@ def _strip_doubles(patches: list[Mesh], maps: ViewMaps, settings: OverlapSetting
         covered = np.zeros(len(patch.vertices), np.bool_)
         covered[over] = True
         left = ~triangles_touching(patch.triangles, covered)
+        assert patch.kind is not None
         patch = replace(patch, triangles=patch.triangles[left], kind=patch.kind[left])  # compacted by what follows
         if covered.sum() > _RAGGED_SHARE * len(covered):  # a ragged outline, not a few teeth
             patch = trim_outline(patch, 0.5)

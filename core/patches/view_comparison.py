@@ -11,20 +11,20 @@ from ..mesh import Mesh
 from ..views.view_maps import ViewMaps, look_at
 
 _SAME_SIDE = 0.2  # cosine between the normals of two views; under it they show two sides of something thin
-_ONE_SURFACE = 0.04  # of z: pixels farther apart are not interpolated between
+_ONE_SURFACE = 0.04  # of z: between pixels at a larger distance nothing is interpolated
 _LEAST_READ = 0.5  # of the weights of the four pixels around, that readings must have
 
 
 @dataclass(frozen=True)
 class OverlapSettings:
-    """How overlapping views are parted.
+    """How overlaps of views are cut.
 
     Parameters
     ----------
     reach : float
         Surfaces of two views nearer than this are the same skin [m]; grows with the views' noise.
     gap : float
-        Gap left between the parted patches [edge lengths of the coarser one].
+        Gap left between the cut patches [edge lengths of the coarser one].
     lean : float
         How much a view gains over another towards its own camera [log confidence per metre].
     blend : bool
@@ -92,7 +92,6 @@ def compare_views(
         The view each vertex is from.
     own : np.ndarray [shape=(V,)]
         Confidence of each vertex in its own view.
-
     center : np.ndarray [shape=(3,)], optional
         Middle of the subject. A view then gains ``settings.lean`` per metre towards its own camera: where two views are
         equally good over a wide flat part, such as a back, that draws one line between them.

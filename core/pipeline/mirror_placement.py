@@ -40,6 +40,7 @@ def place_mirrors(
             fault = error
         mirror = find_better_at(image, one, mirror, settings.detection, offset)
         if mirror is None:
+            assert fault is not None  # a mirror that was placed is kept unless a better one is found
             raise fault
         return mirror
 
@@ -47,8 +48,8 @@ def place_mirrors(
     warnings = list(moved_warnings(image, [m for m in placed if m.source == "rig file"]))
     warnings += [
         Notice(
-            "{name}: the plane through its picks does not look like a mirror's: hardly a frame stands in it, or what "
-            "is seen in it would stand where the camera looks through; pick again, on its frame only",
+            "{name}: the plane through its picks does not look like a mirror's: almost no frame lies in it, or what "
+            "is seen in it would be where the camera sees empty space; pick again, on its frame only",
             name=m.name, mirrors=[m.name],
         )
         for k, m in enumerate(placed)
@@ -60,15 +61,12 @@ def place_mirrors(
         raise MirrorError(
             "{name}: no mirror was found: none is given, and no straight frame with the person's reflection in it is "
             "seen; pick points on each mirror's frame and save them in mirrors.json beside the capture, or elsewhere "
-            "(option “mirrors”); a frame at least 3 cm wide and 10 cm off the wall is found by itself, and a mirror "
-            "without one where the camera sees some of the same skin directly and in it",
+            "(option “mirrors”); a frame at least 3 cm wide and 10 cm off the wall is found automatically, and a "
+            "mirror without one where the camera sees some of the same skin directly and in it",
             name=capture.name,
         )
-    for align, chosen in (
-        (align_reflections, settings.alignment),
-        (align_floor, settings.floor),
-        (align_views, settings.agreement),
-    ):
-        placed, notes = align(image, placed, chosen)
-        warnings += notes
+    placed, by_reflections = align_reflections(image, placed, settings.alignment)
+    placed, by_floor = align_floor(image, placed, settings.floor)
+    placed, by_views = align_views(image, placed, settings.agreement)
+    warnings += (*by_reflections, *by_floor, *by_views)
     return placed, (*warnings, *frameless_notes(placed))

@@ -24,13 +24,13 @@ MAX_VIEWS = 127
 DEFAULTS = Settings()
 
 _SAME_SUBJECT = 0.5
-"""Cameras that place the subject farther apart than this do not see the same one, or their poses are wrong [m]."""
+"""Cameras that place the subject at a larger distance from each other than this do not see the same one, or their poses are wrong [m]."""
 
 _SAME_FLOOR = 0.04
-"""Floors of two cameras that lie farther apart than this under the subject are told [m]."""
+"""Floors of two cameras that differ more than this in height under the subject are reported [m]."""
 
 _SAME_UP = 3.0
-"""Verticals of two cameras that differ more than this are told [degrees]."""
+"""Verticals of two cameras that differ more than this are reported [degrees]."""
 
 
 def reconstruct_views(
@@ -78,7 +78,7 @@ def reconstruction_views_steps(
     to_world = [check_pose(pose, name) for pose, name in zip(poses, names, strict=True)]
     to_first = [np.linalg.inv(to_world[0]) @ pose for pose in to_world]
     known = [
-        tuple(capture.mirrors if mirrors is None or mirrors[k] is None else mirrors[k])
+        tuple(capture.mirrors if mirrors is None or (picks := mirrors[k]) is None else picks)
         for k, capture in enumerate(captures)
     ]
     views = len(captures) + sum(map(len, known))
@@ -162,20 +162,21 @@ def join_scans(scans: Sequence[Scan], poses: Sequence[np.ndarray], names: Sequen
         )
         floor = float(np.average(heights, weights=weights[sure]))
         tilt = np.degrees(np.arccos(np.clip((ups[sure] * up).sum(axis=1), -1, 1)))
-        apart = np.abs(heights - np.median(heights))
-        if tilt.max() > _SAME_UP or apart.max() > _SAME_FLOOR:
-            worst = np.flatnonzero(sure)[int(np.argmax(np.maximum(tilt / _SAME_UP, apart / _SAME_FLOOR)))]
+        height_gap = np.abs(heights - np.median(heights))
+        if tilt.max() > _SAME_UP or height_gap.max() > _SAME_FLOOR:
+            worst = np.flatnonzero(sure)[int(np.argmax(np.maximum(tilt / _SAME_UP, height_gap / _SAME_FLOOR)))]
             warnings.append(
                 Notice(
-                    "{name}: its floor does not agree with the other cameras' (up to {tilt:.1f}° tilted, {apart:.0f} "
+                    "{name}: its floor does not agree with the other cameras' (up to {tilt:.1f}° tilted, {higher:.0f} "
                     "mm higher or lower); seams may show steps: calibrate the poses again",
-                    name=names[worst], tilt=tilt.max(), apart=1e3 * apart.max(),
+                    name=names[worst], tilt=tilt.max(), higher=1e3 * height_gap.max(),
                 )
             )  # fmt: skip
     patches, first = [], 0
     for scan, pose in zip(scans, poses, strict=True):
         for patch in scan.patches:
             moved = patch.transformed(pose)
+            assert moved.view is not None  # each patch says its view
             patches.append(replace(moved, view=(moved.view + first).astype(np.int8)))
         first += len(scan.patches)
     return Scan(
@@ -203,5 +204,5 @@ def _moved(mirror: Mirror, pose: np.ndarray, camera: str) -> Mirror:
 
 
 def _distinct(names: list[str]) -> list[str]:
-    """Names told apart by a number where several are the same."""
+    """Names with a number added where several are the same."""
     return [name if names.count(name) == 1 else f"{name} {names[:k].count(name) + 1}" for k, name in enumerate(names)]

@@ -46,7 +46,7 @@ def reconstruct(
 def finish(
     steps: Generator[tuple[float, str], None, Reconstruction], progress: Progress | None = None
 ) -> Reconstruction:
-    """Run all the pieces of a job, telling ``progress`` of each."""
+    """Run all the pieces of a job, reporting each to ``progress``."""
     while True:
         try:
             fraction, message = next(steps)
@@ -74,5 +74,11 @@ def reconstruction_steps(
 
 
 def check_frame(frame: str) -> None:
+    """Refuse a frame that is neither the avatar's nor the camera's.
+
+    Raises
+    ------
+    ReconstructionError
+    """
     if frame not in ("avatar", "camera"):
         raise ReconstructionError(f'frame must be "avatar" or "camera", got "{frame}"')

@@ -19,6 +19,8 @@ def make_report(
     warnings: tuple[str, ...],
     clock: Clock,
 ) -> dict:
+    """The report as plain Python values, ready for JSON."""
+    assert mesh.kind is not None  # a closed mesh says it
     checked = mesh_report(mesh)
     names = scan.names
     person = np.concatenate([patch.vertices for patch in patches])[::97]
@@ -38,7 +40,7 @@ def make_report(
                 "moved_by": list(m.moved_by),
                 "moved_mm": 1000.0 * m.moved,
                 "covariance": None if m.covariance is None else m.covariance.tolist(),
-                "displacement_mm": None if m.covariance is None else 1000.0 * m.displacement(person),
+                "displacement_mm": None if (error := m.displacement(person)) is None else 1000.0 * error,
             }
             for m in scan.mirrors
         ],

@@ -30,8 +30,11 @@ from ..mirrors.wall_behind_frame import THICK, on_wall
 
 _BOARD = JointSettings(two_sided=True)
 _MIRROR, _DEPTH, _EMPTY = MirrorSettings(), DepthSettings(), DetectionSettings(empty_rig=True)
-_TOLD = 0.003  # what moves the reflection of a person by less is not told [m]
-_SURE, _LIKELY = 5.0, 3.0  # standard deviations by which a mirror has moved; and by which it has, when another one did
+_LEAST_SHIFT = 0.003  # what moves the reflection of a person by less is not reported [m]
+_CERTAIN, _LIKELY = (
+    5.0,
+    3.0,
+)  # standard deviations by which a mirror has moved; and by which it has, when another one did
 
 
 def calibrate(
@@ -40,10 +43,10 @@ def calibrate(
     mirror: MirrorSettings = _MIRROR,
     depth: DepthSettings = _DEPTH,
 ) -> RigFile:
-    """The rig that a snapshot of it shows, with nobody in it or somebody; a long burst makes it surer.
+    """The rig that a snapshot of it shows, with or without a person in it; a longer burst makes it more certain.
 
-    A thin flat board that stands where people will, and is seen directly and in the mirrors, tells where the glass is
-    even when the frames stand proud of it.
+    A thin flat board placed where people will stand, seen directly and in the mirrors, shows where the glass is even
+    when the frames project in front of it.
 
     Parameters
     ----------
@@ -92,21 +95,22 @@ class _Change:
     deviations: float = 0.0
     gone: bool = False
 
-    def told(self, deviations: float, limit: float) -> bool:
+    def moved(self, deviations: float, limit: float) -> bool:
+        """Whether the mirror has moved by more than so many standard deviations, and by more than ``limit`` [m]."""
         return self.gone or (self.deviations > deviations and self.shift > limit)
 
 
-def moved_warnings(image: RgbdImage, mirrors: Sequence[Mirror], limit: float = _TOLD) -> list[str]:
+def moved_warnings(image: RgbdImage, mirrors: Sequence[Mirror], limit: float = _LEAST_SHIFT) -> list[str]:
     """:func:`moved_warning` of all mirrors of a rig file; one when all have moved, for then it is the camera.
 
-    Where one has surely moved, less will do to say so of the others.
+    Where one mirror has certainly moved, weaker evidence is enough to say so of the others.
     """
     changes = [_change(image, mirror) for mirror in mirrors]
-    if not any(change.told(_SURE, limit) for change in changes):
+    if not any(change.moved(_CERTAIN, limit) for change in changes):
         return []
-    told = [_in_words(change) for change in changes if change.told(_LIKELY, 0.5 * limit)]
-    if len(told) < max(2, len(mirrors)):
-        return told
+    warned: list[str] = [_in_words(change) for change in changes if change.moved(_LIKELY, 0.5 * limit)]
+    if len(warned) < max(2, len(mirrors)):
+        return warned
     return [
         Notice(
             "{names}: {first}; all have moved alike, so most likely it was the camera",
@@ -116,14 +120,12 @@ def moved_warnings(image: RgbdImage, mirrors: Sequence[Mirror], limit: float = _
     ]  # fmt: skip
 
 
-def moved_warning(image: RgbdImage, mirror: Mirror, limit: float = _TOLD) -> str | None:
-    """What to tell the user when a mirror no longer stands where the rig file has it.
-
-    None when it does, or cannot be seen.
+def moved_warning(image: RgbdImage, mirror: Mirror, limit: float = _LEAST_SHIFT) -> str | None:
+    """A warning when a mirror is no longer where the rig file says; None when it is, or cannot be seen.
 
     The frame as it is seen now is fitted anew about the stored plane. It has moved when slopes and shift between both
-    are more than their covariances allow (Mahalanobis), and change the reflection of a person 1.5 m before the mirror
-    by more than ``limit`` [m]. What it does not change, a mirror pushed along its own plane, is not told.
+    are more than their covariances allow (Mahalanobis), and change the reflection of a person 1.5 m in front of the mirror
+    by more than ``limit`` [m]. What it does not change, a mirror pushed along its own plane, is not reported.
 
     Parameters
     ----------
@@ -133,7 +135,7 @@ def moved_warning(image: RgbdImage, mirror: Mirror, limit: float = _TOLD) -> str
         Fused depth of the snapshot, z [m].
     """
     change = _change(image, mirror)
-    return _in_words(change) if change.told(_SURE, limit) else None
+    return _in_words(change) if change.moved(_CERTAIN, limit) else None
 
 
 def _change(image: RgbdImage, mirror: Mirror) -> _Change:
@@ -180,5 +182,6 @@ def _movement(change: _Change) -> Notice:
 
 def _empty(image: RgbdImage, mirror: Mirror) -> bool:
     """Nothing stands in the frame's place, and what is farther away is seen in much of it."""
+    assert mirror.rectangle is not None  # every mirror of a rig file has one
     there, beyond = circumference(image, mirror.point, mirror.basis, mirror.rectangle, outward=-0.015)
     return beyond > 0.5 or (beyond > 0.25 and there < 0.02)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -50,7 +51,7 @@ class Scan:
     mirrors : list of Mirror
     sensor : str
     warnings : tuple of str
-        Those that know more than their text are :class:`.notices.Notice`.
+        Those that carry more than their text are :class:`.notices.Notice`.
     limits : np.ndarray [shape=(N+1, 2)]
         Nearest and farthest depth of the subject in each view [m], see :class:`.subject_views.Views`.
     noise : tuple of BurstNoise
@@ -95,7 +96,7 @@ def scan_steps(
     clock.lap("depth")
 
     yield at(0.17), "Fitting the mirrors"
-    placed, told = place_mirrors(picks, depth, capture, settings) if picks or find else ([], ())
+    placed, placement = place_mirrors(picks, depth, capture, settings) if picks or find else ([], ())
     clock.lap("mirrors")
 
     yield at(0.33), "Finding the subject"
@@ -104,9 +105,9 @@ def scan_steps(
 
     yield at(0.58), "Smoothing the depth"
     sensor, model = recognise(capture, settings.depth)
-    views, apart = check_agreement(RgbdImage(depth, camera), views, placed)
-    faults = [*apart, *check_scene(RgbdImage(depth, camera), views, placed, model, alone)]
-    scatter = burst_noise(len(capture.depth), spread, depth, views.labels, len(placed) + 1)
+    views, contradictions = check_agreement(RgbdImage(depth, camera), views, placed)
+    faults = [*contradictions, *check_scene(RgbdImage(depth, camera), views, placed, model, alone)]
+    burst = burst_noise(len(capture.depth), spread, depth, views.labels, len(placed) + 1)
     moved = still_warning(capture.depth, views.labels, camera.fx, settings.depth)
     depth, views, noise = clean_views(
         RgbdImage(depth, camera), views, len(placed), settings.depth, model, spread if len(capture.depth) > 1 else None
@@ -114,21 +115,20 @@ def scan_steps(
     clock.lap("smoothing")
 
     yield at(0.83), "Triangulating the views"
-    maps, patches = each(
-        lambda work: work(),
-        (
-            lambda: view_maps(RgbdImage(depth, camera), views.labels, views.seen, placed, noise),
-            lambda: make_patches(depth, views, placed, noise, capture, settings.triangulation),
-        ),
+    work: tuple[Callable[[], Any], ...] = (
+        lambda: view_maps(RgbdImage(depth, camera), views.labels, views.seen, placed, noise),
+        lambda: make_patches(depth, views, placed, noise, capture, settings.triangulation),
     )
+    maps, patches = each(lambda make: make(), work)
     clock.lap("triangulation")
-    # the reason why a mirror shows nobody is told instead where it is known
+    # where it is known why a mirror shows nobody, that is reported instead
     explained = {name for fault in faults for name in Notice.of(fault).mirrors}
     blind = [text for text in views.warnings if explained.isdisjoint(Notice.of(text).mirrors)]
-    warnings = (*told, *((moved,) if moved else ()), *blind, *faults)
+    warnings = (*placement, *((moved,) if moved else ()), *blind, *faults)
+    assert views.limits is not None  # find_subject gives them
     return Scan(
         patches, maps, views.up, views.axis, views.floor, view_names(placed), placed, sensor, warnings, views.limits,
-        scatter,
+        burst,
     )  # fmt: skip
 
 
@@ -154,7 +154,7 @@ def make_patches(
     capture: Capture,
     settings: TriangulationSettings,
 ) -> list[Mesh]:
-    """Each view triangulated where the camera laid it, then flipped over its mirror: that reverses the winding."""
+    """Each view triangulated in the camera frame, then flipped over its mirror: that reverses the winding."""
     camera = capture.intrinsics
     points = unproject(depth, camera)
 
@@ -183,10 +183,12 @@ class Clock:
         self._last = time.perf_counter()
 
     def lap(self, name: str) -> None:
+        """Add the time since the last lap to the stage ``name``."""
         now = time.perf_counter()
         self.laps[name] = self.laps.get(name, 0.0) + 1000.0 * (now - self._last)
         self._last = now
 
 
 def view_names(mirrors: list[Mirror]) -> list[str]:
+    """Names of the views: the direct one, then the mirrors'."""
     return ["direct"] + [mirror.name for mirror in mirrors]

@@ -36,7 +36,7 @@ class Reconstruction:
     report : dict
         The content of ``report.json``, plain Python values only.
     warnings : tuple of str
-        What the user should know, in plain words; also in ``report``. Those that know more than their text are
+        What the user should know; also in ``report``. Those that carry more than their text are
         :class:`.notices.Notice`.
     patches : tuple of Mesh
         The views' patches as they went to the zipper, camera frame.
@@ -57,7 +57,7 @@ def joining_steps(
     scan: Scan, settings: Settings, frame: str, clock: Clock
 ) -> Generator[tuple[float, str], None, Reconstruction]:
     """Patches → one closed mesh: the second half of the job."""
-    yield 0.6, "Parting overlaps"
+    yield 0.6, "Cutting overlaps"
     patches = part_overlaps(scan.patches, scan.maps, settings.overlap)
     clock.lap("overlap")
 
@@ -88,11 +88,11 @@ def joining_steps(
 
 
 def seams_aligned(scan: Scan, mesh: Mesh, settings: Settings) -> Scan | None:
-    """The scan with its mirrors where the seams of its zippered ``mesh`` want them; None when they stay."""
+    """The scan with its mirrors aligned by the seams of its zippered ``mesh``; None when they stay."""
 
     def join(patches: list[Mesh], maps: ViewMaps) -> Mesh:
-        parted = part_overlaps(patches, maps, settings.overlap)
-        return zip_patches(parted, maps, scan.up, scan.axis, scan.floor, settings.zipper)[0]
+        cut = part_overlaps(patches, maps, settings.overlap)
+        return zip_patches(cut, maps, scan.up, scan.axis, scan.floor, settings.zipper)[0]
 
     mirrors, notes = align_seams(
         scan.mirrors, scan.patches, scan.maps, mesh, join, settings.seams, settings.mirror.glass_offset

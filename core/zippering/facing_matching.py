@@ -67,7 +67,7 @@ def find_partners(
     """
     level = dot(boundary.point, up)
     order = np.argsort(level, kind="stable")  # neighbours in the search are neighbours in memory
-    at, price = _partners_kernel(
+    at, price = _partners_kernel(  # type: ignore[call-arg]  # of a dispatcher, which takes what the kernel takes
         *(
             field[order]
             for field in (

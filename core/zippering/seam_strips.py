@@ -13,7 +13,7 @@ from ..numeric.union_find import root_of
 from .boundary_frames import Boundary
 
 _LONG_SEAM = 12.0  # mean gaps, and
-_LONGEST_CHANCE = 0.08  # [m]: a seam longer than both is no chance meeting, and may make a handle
+_LONGEST_CHANCE = 0.08  # [m]: a seam longer than both does not occur by chance, and may make a handle
 
 
 @dataclass(frozen=True)
@@ -90,6 +90,7 @@ def weave_seams(
     ]
     if not seams:
         return mesh, seams
+    assert mesh.kind is not None  # checked by zip_patches
     new = strips[add_triangles(mesh.triangles, strips, len(mesh.vertices))]
     kind = np.concatenate((mesh.kind, np.full(len(new), SEAM, np.int8)))
     return replace(mesh, triangles=np.concatenate((mesh.triangles, new)), kind=kind), seams

@@ -61,9 +61,9 @@ def zip_patches(
 ) -> tuple[Mesh, list[Seam], np.ndarray]:
     """Zipper the patches.
 
-    A compact figure first as the paper does, then every pair of boundary runs that face each other.
+    A compact figure is first zippered as the paper does, then every pair of boundary runs that face each other.
 
-    Narrow gaps come before wide ones, well matched runs before badly matched ones.
+    Narrow gaps come before wide ones, well matched runs before poorly matched ones.
 
     Parameters
     ----------
@@ -113,6 +113,7 @@ def zip_patches(
     shore = triangles_touching(mesh.triangles, shore)
     whole, measured = mesh, int(shore.sum())
     edges[:, 2] = (np.cumsum(shore) - 1)[edges[:, 2]]
+    assert mesh.kind is not None  # checked above
     mesh = replace(mesh, triangles=mesh.triangles[shore], kind=mesh.kind[shore])
     piece, root = np.zeros(count, np.int64), np.arange(pieces)
     piece[mesh.triangles] = label[shore, None]
@@ -137,6 +138,7 @@ def zip_patches(
         mesh = fill_loops(mesh, maps, diameter=reach, edges=edges)
         # a hole closed round a new vertex never meets a boundary again: its piece does not matter
         piece = np.concatenate((piece, np.zeros(len(mesh.vertices) - len(piece), np.int64)))
+    assert whole.kind is not None and mesh.kind is not None
     triangles = np.concatenate((whole.triangles, mesh.triangles[measured:]))
     twin = extend_twins(twin, triangles, len(mesh.vertices))
     return replace(mesh, triangles=triangles, kind=np.concatenate((whole.kind, mesh.kind[measured:]))), seams, twin
@@ -192,6 +194,7 @@ def _facing_candidates(
     limit = np.full(len(boundary.vertex), reach)
     if floor is not None:
         limit[dot(boundary.point, up) < floor + settings.floor_band] = min(reach, settings.gaps[0])
+    assert mesh.view is not None  # checked by zip_patches
     partner, price = find_partners(boundary, limit, up, mesh.view[boundary.vertex], maps)
     return warp_runs(boundary, partner, price, edge, settings.min_run)
 
