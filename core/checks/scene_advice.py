@@ -63,11 +63,11 @@ MAX_GAP_DEG = 200.0
 """A wider gap between the directions the subject is seen from leaves a side unseen."""
 
 _NOT_SHOWN = 0.15  # of the subject: a mirror that shows less of it shows something else
-_MUCH_HIDDEN = 0.25  # of a reflection: where the glass ends behind that is hardly known
+_MUCH_HIDDEN = 0.25  # of a reflection: where the glass ends behind that is uncertain
 _CURED, _BY_ARMS = 0.3, 0.5  # of MAX_HIDDEN, when a move helps; of what is hidden, when it is the arms that hide it
 _ROOM = 0.02  # added to how much a mirror is too small or too far aside [m]
-_CLEARLY_OVER = 0.1  # m: an edge that is hardly known cuts the subject off for certain
-_LONG_MOVE, _SHORT_STEP = 0.15, 0.1  # m: a mirror is turned rather than moved so far; nobody is asked to step less
+_CLEARLY_OVER = 0.1  # m: so far over, even an uncertain edge certainly cuts the subject off
+_LONG_MOVE, _SHORT_STEP = 0.15, 0.1  # m: a mirror is rotated rather than moved so far; nobody is asked to step less
 _OUTWARDS = np.arange(0.05, 0.85, 0.05)  # by how much a mirror may be asked to be moved [m]
 _SPARE_DEG = 2.5  # between the image's border and the subject: toes point forward, hair stands up
 _BORDER_PIXELS = 6  # of the subject at the image's border that mean it is cut
@@ -211,7 +211,7 @@ def _step_aside(
     )  # fmt: skip
 
 
-def _turn(mirror: Mirror, views: Views, intrinsics: Intrinsics, outwards: float = 0.0) -> tuple[Mirror, str]:
+def _rotated(mirror: Mirror, views: Views, intrinsics: Intrinsics, outwards: float = 0.0) -> tuple[Mirror, str]:
     """The mirror rotated until the subject is in its middle, and in words how it is rotated.
 
     It is rotated about the vertical, and first moved ``outwards`` [m], away from the subject's side.
@@ -231,20 +231,24 @@ def _turn(mirror: Mirror, views: Views, intrinsics: Intrinsics, outwards: float 
     angle = np.arctan2(np.cross(now, wanted) @ up, now @ wanted)
     c, s = np.cos(angle), np.sin(angle)
     cross = np.array(((0.0, -up[2], up[1]), (up[2], 0.0, -up[0]), (-up[1], up[0], 0.0)))
-    turn = c * np.eye(3) + s * cross + (1.0 - c) * np.outer(up, up)
-    turned = replace(
-        mirror, point=moved + turn @ (mirror.point - middle), normal=turn @ mirror.normal, basis=turn @ mirror.basis,
+    rotation = c * np.eye(3) + s * cross + (1.0 - c) * np.outer(up, up)
+    rotated = replace(
+        mirror, point=moved + rotation @ (mirror.point - middle), normal=rotation @ mirror.normal,
+        basis=rotation @ mirror.basis,
         outline=None,
     )  # fmt: skip
     edge = "left" if np.cross(up, -right) @ now * angle > 0 else "right"
-    return turned, f"turn it by {np.degrees(abs(angle)):.0f}° about the vertical, its {edge} edge forward"
+    how = Notice(
+        "turn it by {angle:.0f}° about the vertical, its {edge} edge forward", angle=np.degrees(abs(angle)), edge=edge
+    )
+    return rotated, how
 
 
 @dataclass(frozen=True)
 class _Case:
     """One mirror's reflection to be checked.
 
-    ``view``: the mirror's, 1..N; ``if_moved``: what the mirror would show if it were moved or turned.
+    ``view``: the mirror's, 1..N; ``if_moved``: what the mirror would show if it were moved or rotated.
     """
 
     mirror: Mirror
@@ -269,7 +273,11 @@ def _about_mirror(
         warned.append(_about_hidden(case, views, intrinsics))
     if found.blocked > MAX_HIDDEN:
         warned.append(
-            f"{found.blocked:.0%} of the reflection in {name} is hidden by something in front of it; remove that"
+            Notice(
+                "{share:.0%} of the reflection in {name} is hidden by something in front of it; remove that",
+                share=found.blocked,
+                name=name,
+            )
         )
     return warned
 
@@ -286,21 +294,31 @@ def _about_not_shown(
     name = quoted(case.mirror)
     if not glass:
         return [
-            f"{name} does not show the subject: its reflection lies {_sides(image)} of the image; move the camera "
-            "back, or the mirror inwards, until the camera sees the subject's back in it"
+            Notice(
+                "{name} does not show the subject: its reflection lies {side} of the image; move the camera back, or "
+                "the mirror inwards, until the camera sees the subject's back in it",
+                name=name,
+                side=_sides(image),
+            )
         ]
     if steps:
         return []
     return [
-        f"{name} does not show the subject: its reflection lies {_sides(glass)} of the glass; "
-        f"{_turn(case.mirror, views, intrinsics)[1]}, until the camera sees the subject's back in it"
+        Notice(
+            "{name} does not show the subject: its reflection lies {side} of the glass; {how}, until the camera sees "
+            "the subject's back in it",
+            name=name,
+            side=_sides(glass),
+            how=_rotated(case.mirror, views, intrinsics)[1],
+        )
     ]
 
 
 def _about_glass(case: _Case, glass: dict[str, float], views: Views, intrinsics: Intrinsics, steps: bool) -> list[str]:
     """Edges of the glass that cut the reflection off: the mirror is too small, or in the wrong place."""
-    name, over, warned = quoted(case.mirror), case.found.over_glass, []
-    if case.found.hidden > _MUCH_HIDDEN:  # where a glass ends behind the body is hardly known
+    warned: list[str] = []
+    name, over = quoted(case.mirror), case.found.over_glass
+    if case.found.hidden > _MUCH_HIDDEN:  # where a glass ends behind the body is uncertain
         glass = {side: value for side, value in glass.items() if side in ("top", "bottom") or value > _CLEARLY_OVER}
     elif not glass and case.found.out > MAX_CUT:
         worst = max(over, key=over.__getitem__)
@@ -309,8 +327,13 @@ def _about_glass(case: _Case, glass: dict[str, float], views: Views, intrinsics:
         lacking = over[one] + over[other] + 2.0 * _ROOM
         if (one in glass or other in glass) and lacking > 0.01:
             warned.append(
-                f"{name} is too small: it is {100 * lacking:.0f} cm {what} than the "
-                "reflection of the subject; use a larger mirror, or move it closer to the subject"
+                Notice(
+                    "{name} is too small: it is {lacking:.0f} cm {what} than the reflection of the subject; use a "
+                    "larger mirror, or move it closer to the subject",
+                    name=name,
+                    lacking=100 * lacking,
+                    what=what,
+                )
             )
             glass = {side: value for side, value in glass.items() if side not in (one, other)}
     return warned + [
@@ -326,20 +349,24 @@ def _about_edge(case: _Case, side: str, value: float, views: Views, intrinsics: 
         "top": ("its upper edge", "raise it"), "bottom": ("its lower edge", "lower it"),
         "left": ("its left edge", "move it to the left"), "right": ("its right edge", "move it to the right"),
     }[side]  # fmt: skip
-    cut = f"the subject is partly out of {quoted(case.mirror)}: {what} cuts the reflection off"
-    by = f"{do} by {100 * (value + _ROOM):.0f} cm (as seen by the camera)"
+    cut = Notice(
+        "the subject is partly out of {mirror}: {what} cuts the reflection off", mirror=quoted(case.mirror), what=what
+    )
+    by = Notice("{do} by {distance:.0f} cm (as seen by the camera)", do=do, distance=100 * (value + _ROOM))
     if side not in ("left", "right"):
-        return f"{cut}; {by}"
-    turned, how = _turn(case.mirror, views, intrinsics)
-    there = case.if_moved(turned).over_glass
+        return Notice("{cut}; {by}", cut=cut, by=by)
+    rotated, how = _rotated(case.mirror, views, intrinsics)
+    there = case.if_moved(rotated).over_glass
     if max(there["left"], there["right"]) >= MAX_OVER:
-        return f"{cut}; {by}"
-    return f"{cut}; {how}" if value > _LONG_MOVE else f"{cut}; {by}, or {how}"
+        return Notice("{cut}; {by}", cut=cut, by=by)
+    if value > _LONG_MOVE:
+        return Notice("{cut}; {how}", cut=cut, how=how)
+    return Notice("{cut}; {by}, or {how}", cut=cut, by=by, how=how)
 
 
 def _about_image(name: str, image: dict[str, float]) -> list[str]:
     """Borders of the image that cut the reflection off."""
-    warned = []
+    warned: list[str] = []
     for side, value in image.items():
         what, do = {
             "top": ("upper", "tilt the camera up"), "bottom": ("lower", "tilt the camera down"),
@@ -347,8 +374,14 @@ def _about_image(name: str, image: dict[str, float]) -> list[str]:
             "right": ("right", "turn the mirror or the camera to the right"),
         }[side]  # fmt: skip
         warned.append(
-            f"the reflection in {name} is cut off by the image's {what} border, {100 * value:.0f} cm of the "
-            f"subject; {do}, or move the camera back"
+            Notice(
+                "the reflection in {name} is cut off by the image's {what} border, {over:.0f} cm of the subject; {do}, "
+                "or move the camera back",
+                name=name,
+                what=what,
+                over=100 * value,
+                do=do,
+            )
         )
     return warned
 
@@ -360,15 +393,28 @@ def _about_range(case: _Case, views: Views, model: NoiseModel | None, intrinsics
         unread = found.unread > (MAX_UNREAD_PATTERN if model.disparity_step else MAX_UNREAD)
         if unread or found.distance > MAX_FAR * model.max_range or not (views.labels == case.view).any():
             return [
-                f"the path via {name} is {found.distance:.1f} m, but {model.title} measures well only up to "
-                f"{model.max_range:.1f} m: {found.unread:.0%} of the reflection has no reading, and the rest has "
-                f"{1000.0 * model.sigma(found.distance, intrinsics.fx):.0f} mm of noise; move the mirror and the "
-                f"camera closer to the subject, by {found.distance - model.max_range:.1f} m in total"
+                Notice(
+                    "the path via {name} is {distance:.1f} m, but {camera} measures well only up to {range:.1f} m: "
+                    "{unread:.0%} of the reflection has no reading, and the rest has {noise:.0f} mm of noise; move the "
+                    "mirror and the camera closer to the subject, by {closer:.1f} m in total",
+                    name=name,
+                    distance=found.distance,
+                    camera=model.title,
+                    range=model.max_range,
+                    unread=found.unread,
+                    noise=1000.0 * model.sigma(found.distance, intrinsics.fx),
+                    closer=found.distance - model.max_range,
+                )
             ]
     if found.unread > MAX_UNREAD_PATTERN:
         return [
-            f"{found.unread:.0%} of the reflection in {name} has no reading, on a path of {found.distance:.1f} m; "
-            "move the mirror and the camera closer to the subject, clean the glass, and keep sunlight out"
+            Notice(
+                "{unread:.0%} of the reflection in {name} has no reading, on a path of {distance:.1f} m; move the "
+                "mirror and the camera closer to the subject, clean the glass, and keep sunlight out",
+                unread=found.unread,
+                name=name,
+                distance=found.distance,
+            )
         ]
     return []
 
@@ -376,19 +422,29 @@ def _about_range(case: _Case, views: Views, model: NoiseModel | None, intrinsics
 def _about_hidden(case: _Case, views: Views, intrinsics: Intrinsics) -> str:
     """By how much to move a mirror until the subject does not hide its own reflection, or what else to do."""
     name, found = quoted(case.mirror), case.found
-    do = f"move {name} outwards and turn it so that the subject stays in its middle"
+    do = Notice("move {name} outwards and turn it so that the subject stays in its middle", name=name)
     for outwards in _OUTWARDS:
-        moved, how = _turn(case.mirror, views, intrinsics, outwards)
+        moved, how = _rotated(case.mirror, views, intrinsics, outwards)
         there = case.if_moved(moved)
         if there.hidden < _CURED * MAX_HIDDEN and max(there.over_image.values()) < MAX_OVER:
-            do = f"move {name} outwards by {100 * outwards:.0f} cm and {how}"
+            do = Notice(
+                "move {name} outwards by {distance:.0f} cm and {how}", name=name, distance=100 * outwards, how=how
+            )
             break
     if found.arms > _BY_ARMS:
-        return (
-            f"{found.hidden:.0%} of the reflection in {name} is hidden by the subject's own arms; hold the arms closer "
-            f"to the body, or {do}"
+        return Notice(
+            "{hidden:.0%} of the reflection in {name} is hidden by the subject's own arms; hold the arms closer to the "
+            "body, or {do}",
+            hidden=found.hidden,
+            name=name,
+            do=do,
         )
-    return f"{found.hidden:.0%} of the reflection in {name} is hidden by the subject's own body; {do}"
+    return Notice(
+        "{hidden:.0%} of the reflection in {name} is hidden by the subject's own body; {do}",
+        hidden=found.hidden,
+        name=name,
+        do=do,
+    )
 
 
 def _sides(over: dict[str, float]) -> str:
@@ -438,8 +494,8 @@ def _about_directions(views: Views, mirrors: list[Mirror], alone: bool) -> list[
         if len(angles) > 1 and angle < MIN_ANGLE_DEG:
             warned.append(
                 Notice(
-                    "{one} and {other} show the subject from nearly the same side, {angle:.0f}° apart; turn the "
-                    "mirrors so that the views are about 120° apart",
+                    "{one} and {other} show the subject from nearly the same side, {angle:.0f}° from each other; "
+                    "turn the mirrors so that the views are about 120° from each other",
                     one=names[i],
                     other=names[j],
                     angle=angle,

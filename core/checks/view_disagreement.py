@@ -1,4 +1,4 @@
-"""Mirrors that contradict the other views: what one view shows, another looks through."""
+"""Mirrors that contradict the other views: what one view shows is where another sees empty space."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from ..subject.subject_views import Views
 from ..views.view_correspondences import Correspondences, find_correspondences, noise_of, surfaces
 
 _RADIUS = 1.0  # how far from the vertical through the subject it may reach [m]
-_THROUGH = 0.3  # of what one view shows may be looked through by another: silhouettes are ragged
+_THROUGH = 0.3  # of what one view shows may be where another sees empty space: silhouettes are ragged
 _HIDDEN = 0.03  # surfaces farther behind others are hidden by them [m]
 _OTHER_PART = 0.12  # surfaces of the subject that are at a larger distance are other parts of it [m]
-_DOUBLED, _MOSTLY_THROUGH = 0.03, 0.5  # m, and share looked through, from which on the surface would be doubled
+_DOUBLED, _MOSTLY_THROUGH = 0.03, 0.5  # m, and share in free space, from which on the surface would be doubled
 _FEWEST = 40  # pieces of surface: a median of fewer is chance
-_LEAST = 0.012  # m: two surfaces so close make no step that is seen
+_LEAST = 0.012  # m: two surfaces so close make no visible step
 _CERTAIN = 0.6  # difference of the blame on two mirrors, where 1 is to contradict the direct view
 
 
@@ -36,11 +36,11 @@ class Disagreement:
     other : int
         The view it contradicts, 0 = direct.
     distance : float
-        Median distance of surfaces both see [m]; 0 when that is no more than noise, or they hardly meet.
+        Median distance of surfaces both see [m]; 0 when that is no more than noise, or they hardly overlap.
     through : float
-        Share of what one of them shows that the other looks through.
+        Share of what one of them shows that is where the other sees empty space: free-space violations.
     sure : bool
-        It is this mirror; else it may as well be the other.
+        It is certainly this mirror; else it may as well be the other.
     """
 
     mirror: int
@@ -88,7 +88,7 @@ def disagreements(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> list
     both_ways: dict[tuple[int, int], list[Correspondences]] = {}
     for m in find_correspondences(mirrors, shown, intrinsics, _OTHER_PART, depth, views.seen):
         both_ways.setdefault((min(m.of, m.by), max(m.of, m.by)), []).append(m)
-    contradictions = []  # pair, distance, share looked through
+    contradictions = []  # pair, distance, share of free-space violations
     doubt = np.zeros(len(mirrors) + 1)  # how far each mirror contradicts the direct view, be it too little to report
     for pair, found in both_ways.items():
         distance, through = _distance(found), max(_looked_through(m) for m in found)
@@ -111,7 +111,7 @@ def disagreements(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> list
 
 
 def _distance(found: list[Correspondences]) -> float:
-    """Median distance [m] of surfaces that two views both see; 0 when it is no more than noise, or they hardly meet."""
+    """Median distance [m] of surfaces that two views both see; 0 when it is no more than noise, or they hardly overlap."""
     # what lies far behind what the other view sees there may well be hidden from it
     gaps = np.concatenate(
         [np.abs(m.gaps[m.gaps < _HIDDEN]) for m in found] + [np.full(m.before, _OTHER_PART) for m in found]
@@ -126,7 +126,7 @@ def _distance(found: list[Correspondences]) -> float:
 def _blame(pair: tuple[int, int], mirrors: list[Mirror], doubt: np.ndarray, direct: set[int]) -> tuple[int, int, bool]:
     """Which of two mirrors that contradict each other is wrong, the other one, and whether that is certain.
 
-    By the direct view where it can tell (``direct``: the mirrors that contradict it, ``doubt`` (N+1,): by how much),
+    By the direct view where it decides (``direct``: the mirrors that contradict it, ``doubt`` (N+1,): by how much),
     else by how well their frames give their planes.
     """
     errors = [expected_error(mirrors[k - 1]) + 1e-6 for k in pair]
@@ -185,21 +185,29 @@ def check_agreement(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> tu
     for found in disagreements(image, views, mirrors):
         name = quoted(mirrors[found.mirror])
         other = "the camera" if found.other == 0 else quoted(mirrors[found.other - 1])
-        how = f"{100.0 * found.distance:.0f} cm away from where {other} shows it" if found.distance else (
-            f"where {other} sees empty space, {found.through:.0%} of it")  # fmt: skip
+        if found.distance:
+            how = Notice(
+                "{distance:.0f} cm away from where {other} shows it", distance=100.0 * found.distance, other=other
+            )
+        else:
+            how = Notice("where {other} sees empty space, {share:.0%} of it", other=other, share=found.through)
         who = "its plane is wrong: pick points on all sides of its frame again"
         if not found.sure:
             who = "the plane of one of the two is wrong: pick points on all sides of both frames again"
         if found.hopeless:
             labels = np.where(labels == found.mirror + 1, -1, labels).astype(labels.dtype)
-            what = f"{name} is left out, because it would double the body: it places the subject {how}"
+            what = "{name} is left out, because it would double the body: it places the subject {how}"
         else:
-            what = f"{name} places the subject {how}, which makes the surface uneven there"
-        text = (
-            f"{what}; {who} (on nothing else), check that the mirror is flat and has not moved, or record a "
-            "longer burst"
+            what = "{name} places the subject {how}, which makes the surface uneven there"
+        warned.append(
+            Notice(
+                "{what}; {who} (on nothing else), check that the mirror is flat and has not moved, or record a longer "
+                "burst",
+                what=Notice(what, name=name, how=how),
+                who=who,
+                mirrors=[mirrors[k - 1].name for k in (found.mirror + 1, found.other) if k > 0],
+            )
         )
-        warned.append(Notice.of(text, [mirrors[k - 1].name for k in (found.mirror + 1, found.other) if k > 0]))
     return replace(views, labels=labels), warned
 
 

@@ -90,7 +90,7 @@ def _crossing(mesh: Mesh, changed: np.ndarray | None = None) -> np.ndarray:
 def _within(vertices, points, reach):
     """Which vertices (V,) are in the cells of ``points`` (K, 3), ``reach`` wide, or beside one. O(V + K).
 
-    Cells are wider where the points lie so far apart that there would be too many.
+    Cells are wider where the points are spread so widely that there would be too many.
     """
     low = np.empty(3)
     size = np.empty(3, np.int64)

@@ -1,6 +1,6 @@
-"""How far made surface has to bulge.
+"""Curvature extrapolation: how far filled surface has to be curved.
 
-A body goes on round its outline, while a patch that was lost is best bridged flat.
+A body continues around its outline, while a patch of missing readings is best filled flat.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from ..views.view_maps import ViewMaps, look_at, reading_noise
 
 _OUTLINE_WINDOW = 4  # so far beside the last reading of an outline the next one may be [px]
 _OUTLINE_DROP = 0.05  # farther away than this is something else [m]
-_HOLLOW = 0.25  # of the bulge, where readings were lost: as likely hollow (the back along the spine) as not
-_NOISY = 0.0025  # noise of a reading that tells half as much [m]
+_HOLLOW = 0.25  # of the full curvature, where readings are missing: as likely hollow (the back along the spine) as not
+_NOISY = 0.0025  # noise of a reading that counts half as much [m]
 
 
 def rim_marks(mesh: Mesh, maps: ViewMaps) -> np.ndarray:
-    """What the measured surface says at its rim: normal, and how surely it ends there at an outline, (V, 4).
+    """Normals of the measured surface along its boundary, and the confidence that an outline is there, (V, 4).
 
-    Rows of vertices that are not at the rim mean nothing.
+    Rows of vertices that are not on the boundary mean nothing.
 
-    An outline is where the view reads something farther right beside: there the body goes on, out of sight. Elsewhere
-    readings were lost or the view was cut. Where nothing is known of the view it counts as one. The noisier its
-    readings, the less the last of them tell which way it goes on. Zero at made vertices.
+    At an outline the view reads something farther away right beside it: the body continues there, out of sight.
+    Elsewhere readings are missing or the view was cut. Where nothing is known of the view, an outline is assumed. The
+    noisier the readings, the lower the confidence. Zero at filled vertices.
     """
     assert mesh.view is not None and mesh.kind is not None
     rim = made_vertices(mesh)
@@ -34,17 +34,17 @@ def rim_marks(mesh: Mesh, maps: ViewMaps) -> np.ndarray:
     normals = vertex_normals(mesh.vertices, mesh.triangles[around], rim)
     ends = _outline_kernel(mesh.vertices, np.flatnonzero(rim & (mesh.view >= 0)), mesh.view, maps.to_view, maps.depth,
                            maps.intrinsics)  # fmt: skip
-    sure = 1.0 / (1.0 + (reading_noise(mesh, maps) / _NOISY) ** 2)
-    return np.column_stack((normals, ends * sure))
+    confidence = 1.0 / (1.0 + (reading_noise(mesh, maps) / _NOISY) ** 2)
+    return np.column_stack((normals, ends * confidence))
 
 
 def bulge(marks: np.ndarray, parents: np.ndarray, mesh: Mesh, rings: int = 8) -> np.ndarray:
-    """How many times its flat width the surface between rims is wide (V,), for :func:`.thin_plate_fairing.fair`.
+    """How many times its flat width the surface between two edges is wide (V,), for :func:`.thin_plate_fairing.fair`.
 
-    Between two rims that are turned by α either way from the middle between them, an arc that continues both rises
+    Between two edges that are rotated by α either way from the middle between them, an arc that continues both rises
     tan(α/2)/2 of its chord, a thin plate over the flat chord sin(α)/4: it has to be stretched by 2 / (1 + cos α).
-    cos α is the length of the mean of the normals around. A quarter of that where the rims do not end at an outline:
-    what was lost there is as likely hollow (the back along the spine) as not.
+    cos α is the length of the mean of the normals around. A quarter of that where the edges are no outline:
+    what is missing there is as likely hollow (the back along the spine) as not.
 
     Parameters
     ----------
@@ -55,12 +55,12 @@ def bulge(marks: np.ndarray, parents: np.ndarray, mesh: Mesh, rings: int = 8) ->
     mesh : Mesh
         Refined.
     rings : int
-        How far an outline is felt.
+        How far from an outline it has an effect.
 
     Returns
     -------
     np.ndarray [shape=(V,)]
-        1 at measured vertices. O(rings · made triangles).
+        1 at measured vertices. O(rings · filled triangles).
     """
     assert mesh.view is not None and mesh.kind is not None
     triangles = mesh.triangles[mesh.kind != SURFACE]

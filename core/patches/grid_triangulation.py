@@ -25,7 +25,7 @@ class TriangulationSettings:
     max_slope : float
         Neighbouring pixels are joined when the surface between them is tilted less than this from head-on [degrees].
     jump_floor : float
-        Depth steps below this share of z are always joined, noise allowing.
+        Depth differences below this share of z are always joined, and more where noise is larger.
     min_triangles : int
         Connected pieces with fewer triangles are specks and dropped.
     outline : float
@@ -136,7 +136,7 @@ def _peel_kernel(twin):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _joined(za, zb, slope, floor):
-    # the step in depth against the distance across the line of sight, both relative to z
+    # the depth difference against the distance across the line of sight, both relative to z
     z = min(za, zb)
     return abs(za - zb) <= max(slope * z * 1.42, floor * z)
 
@@ -148,7 +148,7 @@ def _distance2(points, i, j):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _grid_kernel(depth, labels, view, points, slope, floor, box):
-    """Triangles (T, 3) in numbers of vertices, and each vertex's pixel (V,) in the image laid out flat."""
+    """Triangles (T, 3) in numbers of vertices, and each vertex's pixel (V,) in the flattened image."""
     width = depth.shape[1]
     z, label, place = depth.ravel(), labels.ravel(), points.reshape(-1, 3)
     index = np.full(len(z), -1, np.int32)

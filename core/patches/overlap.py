@@ -169,7 +169,7 @@ def _covered_kernel(
                     if kept[y, x] != k:
                         inside = False
                         continue
-                    # beside the other patch: nearer to one of its vertices than its pixels are apart
+                    # beside the other patch: nearer to one of its vertices than the distance of its pixels
                     d = depth[y, x]
                     ex, ey = (x - cx) / fx * d - px * z, (y - cy) / fy * d - py * z
                     if ex * ex + ey * ey + (d - z) ** 2 < (margin * d / fx) ** 2:

@@ -158,7 +158,7 @@ def _compare_kernel(
             agree = out[1] * vertex_normals[i, 0] + out[2] * vertex_normals[i, 1] + out[3] * vertex_normals[i, 2]
             if agree < _SAME_SIDE:
                 continue
-            # the step along the ray seen across the surface: ray direction · normal
+            # the offset along the ray, measured across the surface: ray direction · normal
             px, py = (u - intrinsics[k, 2]) / intrinsics[k, 0], (v - intrinsics[k, 3]) / intrinsics[k, 1]
             rx = to_view[k, 0, 0] * px + to_view[k, 1, 0] * py + to_view[k, 2, 0]
             ry = to_view[k, 0, 1] * px + to_view[k, 1, 1] * py + to_view[k, 2, 1]

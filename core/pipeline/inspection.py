@@ -48,8 +48,8 @@ class Inspection:
 
 
 def inspect_capture(capture: Capture, settings: Settings = Settings()) -> Inspection:  # noqa: B008 - frozen
-    """Look a capture over: contents, sensor, units, stillness, and what each step of cleaning does to it."""
-    lines = list(words(replace(capture, sensor="unknown")))  # more is told of the sensor here
+    """Examine a capture: contents, sensor, units, stillness, and what each step of cleaning does to it."""
+    lines = list(words(replace(capture, sensor="unknown")))  # the sensor has a line of its own here
     warnings: list[str] = []
     sensor, model = recognise(capture, settings.depth)
     lines[1:1] = [_sensor_line(capture, sensor, model, settings.depth)]
@@ -79,7 +79,7 @@ def _sensor_line(capture: Capture, sensor: str, model: NoiseModel | None, settin
     if model is None:
         return f"  sensor   {sensor if sensor != 'unknown' else 'unknown; noise is measured on the readings'}"
     z = float(np.median(capture.depth[0][capture.depth[0] > 0])) if capture.depth[0].any() else 2.0
-    how = "the file says so" if capture.sensor == sensor else "told by its steps"
+    how = "the file says so" if capture.sensor == sensor else "known by its steps"
     how = how if settings.sensor == "auto" else "set"
     sigma = 1e3 * float(model.sigma(z, capture.intrinsics.fx))
     return f"  sensor   {model.title}, {how}; noise at {z:.1f} m should be {sigma:.1f} mm a frame"
@@ -102,12 +102,12 @@ def check_units(capture: Capture) -> tuple[list[str], list[str]]:
         what = f"half of the readings are beyond {median:.3g} m"
         return [], [_unit_warning(what, _mistake(lambda f: _USUAL[0] <= median * f <= _USUAL[1]))]
     step = find_step(depth)
-    told = step * camera.fx * SENSORS["kinect_v1"].baseline / SENSORS["kinect_v1"].disparity_step if step else 0.0
+    expected = step * camera.fx * SENSORS["kinect_v1"].baseline / SENSORS["kinect_v1"].disparity_step if step else 0.0
     points = unproject(depth, camera)[depth > 0]
     floor = find_floor(points, np.array((0.0, -1.0, 0.0)), tilt_limit=35.0)
     lines = []
     if floor is None or floor[2] > 0.03:
-        lines.append("  units    distances are usual; no floor is seen that would tell more")
+        lines.append("  units    distances are usual; no floor is seen that would show more")
     else:
         up, height, noise = floor
         tilt = np.degrees(np.arcsin(np.clip(up[2], -1, 1)))
@@ -120,8 +120,8 @@ def check_units(capture: Capture) -> tuple[list[str], list[str]]:
             return lines, [_unit_warning(f"the camera would be {-height:.2f} m above the floor", factor)]
     if step:
         lines.append(f"  steps    readings come in steps of {1e3 * step * median**2:.0f} mm at {median:.1f} m")
-        if not 0.7 < told < 1.4:  # other cameras have steps of their own, much finer ones
-            lines[-1] += f"; a Kinect v1 would have {1e3 * step / told * median**2:.0f} mm"
+        if not 0.7 < expected < 1.4:  # other cameras have steps of their own, much finer ones
+            lines[-1] += f"; a Kinect v1 would have {1e3 * step / expected * median**2:.0f} mm"
     return lines, []
 
 
@@ -169,7 +169,7 @@ def _effect(capture: Capture, model: NoiseModel | None, settings: Settings) -> t
         lines.append(f"    {frames} frames fused: noise {noise[0]:.2f} to {noise[1]:.2f} mm")
     lines.append(f"    flying pixels dropped: {dropped.sum()} ({dropped.sum() / max((fused > 0).sum(), 1):.1%} of all)")
     closed_depth, closed = close_dropouts(kept, labels, options.close_gaps)
-    lines.append(f"    drop-outs closed: {((closed >= 0) & (labels < 0)).sum()}")
+    lines.append(f"    missing readings filled: {((closed >= 0) & (labels < 0)).sum()}")
     burst = spread if frames > 1 else None
     undone = clean(kept, labels, views, camera.fx, replace(options, smoothing=0.0), model, burst)[0]
     moved = np.abs(undone - closed_depth)[closed >= 0]

@@ -24,7 +24,7 @@ MAX_VIEWS = 127
 DEFAULTS = Settings()
 
 _SAME_SUBJECT = 0.5
-"""Cameras that place the subject at a larger distance from each other than this do not see the same one, or their poses are wrong [m]."""
+"""Where cameras place the subject farther than this from each other, they see two subjects or their poses are wrong [m]."""
 
 _SAME_FLOOR = 0.04
 """Floors of two cameras that differ more than this in height under the subject are reported [m]."""
@@ -135,9 +135,9 @@ def join_scans(scans: Sequence[Scan], poses: Sequence[np.ndarray], names: Sequen
     ]  # fmt: skip
     axes = np.array([transform(scan.axis[None], pose)[0] for scan, pose in zip(scans, poses, strict=True)])
     weights = np.array([float((scan.maps.labels >= 0).sum()) for scan in scans])
-    sure = np.array([scan.floor is not None for scan in scans])
+    floor_known = np.array([scan.floor is not None for scan in scans])
     ups = np.array([pose[:3, :3] @ scan.up for scan, pose in zip(scans, poses, strict=True)])
-    chosen = sure if sure.any() else np.ones(len(scans), np.bool_)
+    chosen = floor_known if floor_known.any() else np.ones(len(scans), np.bool_)
     up = np.average(ups[chosen], axis=0, weights=weights[chosen])
     up /= np.linalg.norm(up)
     axis = np.average(axes, axis=0, weights=weights)
@@ -146,25 +146,26 @@ def join_scans(scans: Sequence[Scan], poses: Sequence[np.ndarray], names: Sequen
     if aside.max() > _SAME_SUBJECT:
         worst = int(np.argmax(aside))
         raise ReconstructionError(
-            f"{names[worst]}: its subject stands {aside[worst]:.2f} m from where the other cameras see theirs; check "
-            "the poses (camera frame → common frame, metres), and that all captures show the same subject standing "
-            "still"
+            "{name}: its subject stands {aside:.2f} m from where the other cameras see theirs; check the poses (camera "
+            "frame → common frame, metres), and that all captures show the same subject standing still",
+            name=names[worst],
+            aside=aside[worst],
         )
     floor = None
-    if sure.any():
+    if floor_known.any():
         # each camera's floor, as high as it is under the subject
         heights = np.array(
             [
                 (axis @ up) - (axis @ u - (scan.floor + u @ pose[:3, 3]))
-                for scan, pose, u, seen in zip(scans, poses, ups, sure, strict=True)
+                for scan, pose, u, seen in zip(scans, poses, ups, floor_known, strict=True)
                 if seen
             ]
         )
-        floor = float(np.average(heights, weights=weights[sure]))
-        tilt = np.degrees(np.arccos(np.clip((ups[sure] * up).sum(axis=1), -1, 1)))
+        floor = float(np.average(heights, weights=weights[floor_known]))
+        tilt = np.degrees(np.arccos(np.clip((ups[floor_known] * up).sum(axis=1), -1, 1)))
         height_gap = np.abs(heights - np.median(heights))
         if tilt.max() > _SAME_UP or height_gap.max() > _SAME_FLOOR:
-            worst = np.flatnonzero(sure)[int(np.argmax(np.maximum(tilt / _SAME_UP, height_gap / _SAME_FLOOR)))]
+            worst = np.flatnonzero(floor_known)[int(np.argmax(np.maximum(tilt / _SAME_UP, height_gap / _SAME_FLOOR)))]
             warnings.append(
                 Notice(
                     "{name}: its floor does not agree with the other cameras' (up to {tilt:.1f}° tilted, {higher:.0f} "

@@ -31,10 +31,7 @@ from ..mirrors.wall_behind_frame import THICK, on_wall
 _BOARD = JointSettings(two_sided=True)
 _MIRROR, _DEPTH, _EMPTY = MirrorSettings(), DepthSettings(), DetectionSettings(empty_rig=True)
 _LEAST_SHIFT = 0.003  # what moves the reflection of a person by less is not reported [m]
-_CERTAIN, _LIKELY = (
-    5.0,
-    3.0,
-)  # standard deviations by which a mirror has moved; and by which it has, when another one did
+_CERTAIN, _LIKELY = 5.0, 3.0  # standard deviations by which a mirror has moved, and by which when another one has
 
 
 def calibrate(
@@ -71,13 +68,16 @@ def calibrate(
         placed = find_mirrors(RgbdImage(fused, intrinsics, capture.color), _EMPTY, mirror.glass_offset)
     if not placed:
         raise MirrorError(
-            f"{capture.name}: no mirror was found; see that each mirror's frame is in the picture and stands clear of "
-            "walls, or pick points on the frames (option “mirrors”)"
+            "{capture}: no mirror was found; see that each mirror's frame is in the picture and stands clear of walls, "
+            "or pick points on the frames (option “mirrors”)",
+            capture=capture.name,
         )
     placed = align_reflections(RgbdImage(fused, intrinsics), placed, _BOARD)[0]
     for m in placed:
         if m.rectangle is None:
-            raise MirrorError(f"{m.name}: a plane alone is no calibration; pick points on this mirror's frame instead")
+            raise MirrorError(
+                "{name}: a plane alone is no calibration; pick points on this mirror's frame instead", name=m.name
+            )
     return RigFile(intrinsics, tuple(placed))
 
 
@@ -124,8 +124,8 @@ def moved_warning(image: RgbdImage, mirror: Mirror, limit: float = _LEAST_SHIFT)
     """A warning when a mirror is no longer where the rig file says; None when it is, or cannot be seen.
 
     The frame as it is seen now is fitted anew about the stored plane. It has moved when slopes and shift between both
-    are more than their covariances allow (Mahalanobis), and change the reflection of a person 1.5 m in front of the mirror
-    by more than ``limit`` [m]. What it does not change, a mirror pushed along its own plane, is not reported.
+    are more than their covariances allow (Mahalanobis), and change the reflection of a person 1.5 m in front of the
+    mirror by more than ``limit`` [m]. What it does not change, a mirror pushed along its own plane, is not reported.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def moved_warning(image: RgbdImage, mirror: Mirror, limit: float = _LEAST_SHIFT)
 def _change(image: RgbdImage, mirror: Mirror) -> _Change:
     seen = fit_frame(image, mirror, inward=0.06)
     if seen is None:
-        # is there anything that stands behind the place of the frame, where it should hide it?
+        # is something seen behind the place of the frame, which the frame should hide?
         return _Change(mirror, None, gone=_empty(image, mirror))
     a, b, normal = mirror.basis.T
     along = seen.normal @ normal

@@ -61,7 +61,7 @@ def _set_unit(out, x, y, z):
 
 @njit(cache=True, nogil=True)
 def _frames_kernel(point, vertex_normal, start):
-    """Directions along each loop, averaged over two neighbours on either side so that teeth do not turn them."""
+    """Directions along each loop, averaged over two neighbours on either side so that teeth do not rotate them."""
     count = len(point)
     t, m = np.empty(3), np.empty(3)
     tangent, normal, outward = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3))

@@ -14,7 +14,7 @@ import numpy as np
 from ..numeric.point_products import dot
 from .dtw import Warping, dtw
 
-_CHAIN_SAMPLE = 120  # vertices of a chain that tell which other it belongs to
+_CHAIN_SAMPLE = 120  # vertices of a chain by which its partner is decided
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def match_chains(points: np.ndarray, chains: list[Chain]) -> list[tuple[Chain, C
 def solidity(labels: np.ndarray, view: int = 0) -> float:
     """Share of a view's silhouette, row by row from its leftmost to its rightmost pixel, that is filled.
 
-    Near 1 for a compact figure; limbs held off the body and parted legs leave gaps in the rows.
+    Near 1 for a compact figure; limbs held off the body and spread legs leave gaps in the rows.
     """
     mine = labels == view
     rows = mine.any(axis=1)

@@ -18,7 +18,7 @@ from .seam_strips import Candidates
 _IN_TURN = 8  # candidates looked at on one side before those on the other
 # What keeps two boundary vertices from being partners; cosines are wide, as the frames at a ragged boundary are rough.
 _MOST_ALONG = 0.3  # cosine between their directions: boundaries that face each other run against each other, -1
-_LEAST_FACING = -0.6  # cosine between their normals, of two views: around a limb's edge these turn far apart
+_LEAST_FACING = -0.6  # cosine between their normals, of two views: around a limb's edge these differ much
 _LEAST_FACING_IN_VIEW = 0.3  # of one view: across a slot in a surface, not from one side of a limb to the other
 _LEAST_ONWARD = -0.35  # cosine between the bridge and the way on of either surface: not back over the surface itself
 _ANY_WAY = 0.01  # bridges shorter than this go any way: so near, the boundary's teeth decide on it [m]
@@ -59,7 +59,7 @@ def find_partners(
     partner : np.ndarray [shape=(B,), dtype=int64]
         -1 where there is none.
     price : np.ndarray [shape=(B,)]
-        Distance weighed by how badly the directions fit [m].
+        Distance weighed by how poorly the directions fit [m].
 
     Notes
     -----
@@ -105,7 +105,7 @@ def warp_runs(boundary: Boundary, partner: np.ndarray, price: np.ndarray, edge: 
 
     Notes
     -----
-    DTW compares position, and direction and normal scaled to centimetres, so that they part equal distances; at either
+    DTW compares position, and direction and normal scaled to centimetres, so that they separate equal distances; at either
     end vertices may stay unmatched, for what they would cost at the run's mean price.
     """
     rows = _runs_kernel(partner, boundary.loop, boundary.start, boundary.point, 2.0 * edge, min_run)

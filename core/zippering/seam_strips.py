@@ -162,8 +162,8 @@ def _distance(points, i, j):
 def _admit(weave, a0, a1, b0, b1, sure):
     """Join a0…a1 with b0…b1 (b against its direction) in the linked boundary, unless that makes a handle.
 
-    A seam between two pieces joins them, one along a single loop parts it in two: both leave a sphere a sphere. One
-    between two loops of the same piece adds a handle (a tunnel), and is taken only where it is ``sure``.
+    A seam between two pieces joins them, one along a single loop splits it in two: both leave a sphere a sphere. One
+    between two loops of the same piece adds a handle (a tunnel), and is taken only where it is certain (``sure``).
     """
     after, loop, piece, root = weave.after, weave.loop, weave.piece, weave.root
     p, q = root_of(root, piece[a0]), root_of(root, piece[b0])

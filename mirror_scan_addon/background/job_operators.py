@@ -1,7 +1,7 @@
 """Long work as a generator, with three drivers: at once for scripts, a second process for people, else a thread.
 
 The generator yields ``(fraction, message)`` between pieces of work and returns its result. It holds arrays, never bpy
-data: the user may undo, delete or switch scenes between two pieces, and beside the window bpy must not be touched.
+data: the user may undo, delete or switch scenes between two pieces, and other threads must not touch bpy.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from ...core.errors import MirrorScanError
 from ..language.texts import say, tell
 from . import numba_setup, second_process
 
-TICK_S = 0.05  # how often the window looks how far the work is
-SHOW_S = 0.25  # how often at most it is drawn: drawing takes its time where there is no graphics card
-LEAVE_S = 20.0  # how long Blender waits for a thread when the add-on goes
+TICK_S = 0.05  # how often the window reads the progress of the work
+SHOW_S = 0.25  # how often at most it is redrawn: drawing is slow without a graphics card
+LEAVE_S = 20.0  # how long Blender waits for a thread when the add-on is unregistered
 
 # Core's parallel kernels may be entered by one thread at a time (numba's “workqueue” layer aborts the process
-# otherwise), and a thread that was told to stop goes on to the end of its piece.
+# otherwise), and a thread that was asked to stop still finishes its piece.
 _kernels = threading.Lock()
-_threads: list[Thread] = []  # those alive; they are no state: a file knows nothing of them
+_threads: list[Thread] = []  # those alive; they belong to the session, not to a file
 
 
 class Task(NamedTuple):
@@ -107,7 +107,7 @@ def begin(task: Task, thread: bool = False) -> second_process.Errand | Thread:
 
 
 def stop_threads() -> None:
-    """Tell all to stop and wait until they have; when the add-on goes."""
+    """Ask all to stop and wait until they have; when the add-on is unregistered."""
     for thread in _threads:
         thread.ask_to_stop()
     for thread in _threads:

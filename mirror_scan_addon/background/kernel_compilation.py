@@ -2,8 +2,8 @@
 
 Called one after the other, the kernels of a first build take two minutes to compile, on one core. Which ones a step of
 the work calls, and with what types, is known: ``signatures.json`` lists them (``tools/signatures.py`` writes it). So a
-few processes share the list out among themselves, each claiming an entry by making a file, and numba's cache hands over
-what they made. What the list lacks is compiled when it is called, as ever.
+few processes share the list: each claims an entry by creating a file, and the results are shared through numba's cache.
+A kernel that is not listed is compiled when it is called, as usual.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ if TYPE_CHECKING:
 
 SIGNATURES = ADDON_FOLDER / "signatures.json"
 STAGES = ("load", "mirrors", "subject", "build")
-"""In the order of the work; each needs what is compiled for those before it too."""
+"""In the order of the work; each also needs the kernels of the stages before it."""
 
 RIG = "rig"
-"""A way of its own, of loading and virtual scanning: most people never go it, so it is compiled only when asked for."""
+"""Loading and virtual scanning: most people never use it, so it is compiled only when asked for."""
 
 STAGE_OF = {
     "load_steps": "load", "record_steps": "load", "find_mirrors_steps": "mirrors", "fit_steps": "mirrors",
     "find_subject_steps": "subject", "build_steps": "build", "check_steps": "build", "simulate_steps": RIG,
 }  # fmt: skip
-"""What a task of :mod:`.tasks` waits for; one that is not here compiles what it needs by itself."""
+"""What a task of :mod:`.tasks` waits for; one that is not listed compiles what it needs when it calls it."""
 
 MESSAGE = "Compiling"
-LOST_S = 90.0  # after which somebody else's claim is taken for given up
-LOOK_S = 0.1  # how often is looked whether the others are done
+LOST_S = 90.0  # after which the claim of another process is taken as abandoned
+LOOK_S = 0.1  # how often it is checked whether the others are done
 
 
 class Entry(NamedTuple):
@@ -71,8 +71,10 @@ def last_of(stage: str) -> str:
 
 @functools.cache
 def stamp_name(stage: str = STAGES[-1]) -> str:
-    """Name of the file that says, beside numba's cache, that everything on the way to the last stage is in it; another
-    one after each update."""
+    """Name of the file, beside numba's cache, that says that everything up to this stage is compiled.
+
+    It changes with each update.
+    """
     import hashlib  # not at Blender's start
 
     files = sorted(

@@ -1,4 +1,4 @@
-"""numba made ready inside Blender, before the first module of core that has kernels is imported."""
+"""Sets up numba inside Blender, before the first module of core with kernels is imported."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ def cache_folder() -> str:
     writable place at all, importing a cached kernel fails.
     """
     if os.environ.get("NUMBA_CACHE_DIR"):
-        return ""  # numba looks there by itself
+        return ""  # numba reads this variable itself
     return _extension_folder()
 
 
 def compiling_text() -> str:
-    """What to tell while kernels are compiled."""
+    """The message shown while kernels are compiled."""
     if _extension_folder.cache_info().currsize and _is_temporary(_extension_folder()):
         return say("Compiling for this session")
     return say("Compiling for this computer, once")
@@ -73,7 +73,7 @@ def _extension_folder() -> str:
     temporary = tempfile.mkdtemp(prefix="mirror_scan_numba_")
     atexit.register(shutil.rmtree, temporary, ignore_errors=True)
     log = logging.getLogger(__name__)
-    log.warning("Mirror Scan compiles again in each session, since its cache has no place: %s", reason)
+    log.warning("Mirror Scan compiles again in each session, since it has nowhere to keep its cache: %s", reason)
     return temporary
 
 

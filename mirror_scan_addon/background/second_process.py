@@ -1,9 +1,11 @@
-"""Long work in a second Python, Blender's own, so that the window waits for nothing: neither for numba to be imported,
-nor for kernels to be compiled (which no thread could do either: Python's lock is held), nor for the work itself.
+"""Long work in a second process of Blender's Python, so that the window never waits.
+
+It waits neither for numba to be imported, nor for kernels to be compiled (a thread would not help, since compiling holds
+Python's lock), nor for the work itself.
 
 The process (:mod:`.worker`) is kept for the next task and ends with Blender, with the add-on, or when a task is
 cancelled. Until everything is compiled, a few more of them do that in the background (:mod:`.kernel_compilation`), and
-a task first helps with what it needs of it.
+a task first helps with the part that it needs.
 """
 
 from __future__ import annotations
@@ -79,7 +81,7 @@ class Worker:
     def begin(self, function: Callable, arguments: tuple, last: bool = False) -> None:
         """Hand over a task: a generator function that a Python without bpy can import, arguments that pickle.
 
-        After the ``last`` one the process ends by itself.
+        After the ``last`` one the process ends.
         """
         import pickle
 
@@ -114,7 +116,7 @@ class Worker:
         return (self.folder / "output").read_text(encoding="utf-8", errors="replace")[-_MESSAGE_TAIL:].strip()
 
     def close(self) -> None:
-        """End the process, whatever it does, and remove its folder."""
+        """End the process, even in the middle of a task, and remove its folder."""
         import shutil
 
         self.process.kill()
@@ -129,9 +131,9 @@ class Worker:
 
 
 class Errand:
-    """A task under way in the second Python; to whoever waits it looks like a thread that runs it.
+    """A task that runs in the second process; it has the same interface as a thread that runs it.
 
-    ``progress`` is where it is, in fraction and words; ``result`` or ``error`` is there when it has ended.
+    ``progress`` is the fraction done and a message; ``result`` or ``error`` is set when it has ended.
 
     Parameters
     ----------
@@ -147,7 +149,7 @@ class Errand:
         self.error: BaseException | None = None
         self._function, self._arguments = function, arguments
         self._worker: Worker | None = None
-        self._compiles = False  # before the task proper
+        self._compiles = False  # before the task itself
         self._ended = False
 
     def start(self) -> None:

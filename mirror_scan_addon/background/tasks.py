@@ -79,8 +79,10 @@ class Loaded:
 
 @dataclass(frozen=True)
 class Fitted:
-    """Mirrors after a fit, through which of them each pixel (H, W) was seen (0 directly, -1 unknown), and what to tell
-    of them."""
+    """Mirrors after a fit, and warnings about them.
+
+    ``seen``: through which of them each pixel (H, W) was seen (0 directly, -1 unknown).
+    """
 
     mirrors: list[dict]
     seen: np.ndarray | None
@@ -274,7 +276,7 @@ def _fit(
             numbers.append(place + 1)
     if not placed:
         return Fitted(answers, None)
-    # a view's number is its mirror's place in the list, whether those before it are placed or not
+    # a view's number is its mirror's place in the list, whether earlier ones are placed or not
     return Fitted(answers, np.array(numbers, np.int8)[_seen(depth, intrinsics, placed) + 1])
 
 
@@ -440,7 +442,7 @@ def _built(result) -> Built:
 
 
 def check_steps(mesh: Mesh) -> Steps[Checked]:
-    """Look a mesh over: closed, in one piece, without crossings; and where it is not."""
+    """Check a mesh: closed, in one piece, without crossings; and where it is not."""
     yield 0.0, "Checking the surface"
     from ...core.mesh.soundness import find_problems, mesh_report
 
@@ -492,5 +494,5 @@ def simulate_steps(body: Mesh | None, rig: dict, mirrors: list[dict] | None, fol
         yield 0.75, "Writing the capture"
         write_simulation(simulation, Path(folder))
     loaded = yield from _loaded(simulation.capture, folder)
-    # The rig stands in the world already: the points belong where it put them.
+    # The rig already has a place in the world: the points stay where it puts them.
     return Simulated(dataclasses.replace(loaded, placement=arranged.camera_to_avatar), view, share)

@@ -1,10 +1,9 @@
-"""Core's messages in other languages: core says them in English and knows nothing of that.
+"""Translates core's messages, which are in English.
 
-A :class:`.notices.Notice` brings its template and values: the template is looked up, and the values are put into what
-it is in the user's language. For a plain text, such as a file keeps or an f-string makes, they are found out first:
-``messages.json`` lists the templates (``tools/messages.py`` writes it from core's code), and what was filled in is
-taken out of the text again. So reports and mirrors keep English in the file, and are read in whatever language Blender
-speaks later.
+A :class:`.notices.Notice` has a template and values: the template is translated, and the values are filled in. For a
+plain text, from a file or an f-string, template and values are recognised first: ``messages.json`` lists the templates
+(``tools/messages.py`` writes it from core's code), and the values are taken from the text. So reports and mirrors are
+kept in English in the file, and shown in the language that Blender has when they are read.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ LIST = ADDON_FOLDER / "messages.json"
 
 @cache
 def templates() -> tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...]:
-    """Each with its own words and the names between them, the one with most words first: it is the surest."""
+    """Each with its words and the names between them, the most words first: these are recognised most reliably."""
     listed = []
     for template in json.loads(LIST.read_text(encoding="utf-8")):
         words, names = [""], []
@@ -37,7 +36,7 @@ def templates() -> tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...]:
 
 
 def recognise(text: str) -> tuple[str, dict[str, str]] | None:
-    """The template that a message was made of, and what was filled in; None for what core did not say."""
+    """The template that a message was made of, and what was filled in; None for a text that is not core's."""
     for template, words, names in templates():
         if not (text.startswith(words[0]) and text.endswith(words[-1]) and all(word in text for word in words)):
             continue  # 500 patterns need not be compiled for one message
@@ -48,7 +47,7 @@ def recognise(text: str) -> tuple[str, dict[str, str]] | None:
 
 
 def translate(text: str, look_up: Callable[[str], str]) -> str:
-    """A message, and those that it quotes, by what ``look_up`` makes of a template."""
+    """A message, and those quoted in it, translated; ``look_up`` translates a template."""
     if isinstance(text, Notice) and text.values:
         return _filled(text.template, text.values, look_up)
     whole = look_up(text)
@@ -56,12 +55,12 @@ def translate(text: str, look_up: Callable[[str], str]) -> str:
         return whole
     found = recognise(text)
     if found is None:
-        name, colon, rest = text.partition(": ")  # whose message it is stands before it
+        name, colon, rest = text.partition(": ")  # the name in front says whose message it is
         return text if not colon else f"{name}: {translate(rest, look_up)}"
     return _filled(*found, look_up)
 
 
 def _filled(template: str, values: Mapping[str, str], look_up: Callable[[str], str]) -> str:
-    told = look_up(template)
+    translated = look_up(template)
     values = {name: translate(value, look_up) if " " in value else value for name, value in values.items()}
-    return told.format(**values)
+    return translated.format(**values)

@@ -1,4 +1,4 @@
-"""Texts for people: the translation context of everything this add-on says, and its look-up."""
+"""Translation of everything that the add-on shows: its context and its look-up."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def translations() -> dict[str, dict[tuple[str, str], str]]:
 
 
 def read_translation(text: str) -> dict[tuple[str, str], str]:
-    """(context, English) → translation of a .po file; what is not translated, or marked as doubtful, is left out."""
+    """(context, English) → translation of a .po file; what is not translated, or marked as fuzzy, is left out."""
     import ast
 
     found = {}
