@@ -1,7 +1,7 @@
-"""The add-on in a real Blender's window: what its start, its clicks and its jobs cost whoever looks at it.
+"""The add-on in a real Blender's window: what its start, its clicks and its jobs cost the user in time.
 
 Run where BLENDER names an installed Blender, or MIRROR_SCAN_CHROOT the folder of
-``tests/blender/make_blender_chroot.sh``; elsewhere only what the bpy module can tell is measured.
+``tests/blender/make_blender_chroot.sh``; elsewhere only what the bpy module can measure is measured.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .machine import installed, medians, say
 from .results import Finding, Result, Table, number, yes
 
 ROOT = Path(__file__).resolve().parents[1]
-LIMITS = {  # name of the figure: (what, unit, limit; None: told, for what the others are worth)
+LIMITS = {  # name of the figure: (what, unit, limit; None: reported only, to put the others in context)
     "enable_ms": ("enabling the add-on, fresh Blender", "ms", 50.0),
     "points_shown_s": ("drop a capture, show its 300 k points", "s", 1.0),
     "points_shown_first_s": ("the same while kernels compile, after installing", "s", None),
@@ -68,7 +68,9 @@ def run() -> Result:
         if limit:
             findings.append(Finding(text, shown, value < limit))
     if "redraw_ms" in figures:
-        table.notes.append("Without a graphics card most of a block is Blender drawing its window, with or without us.")
+        table.notes.append(
+            "Without a graphics card most of a block is Blender drawing its window, with or without the add-on."
+        )
     if "points_shown" in figures:
         table.notes.append(f"The cloud has {figures['points_shown']:,} points, the mesh {figures['mesh_vertices']:,}.")
     if installed("bpy"):
@@ -77,7 +79,7 @@ def run() -> Result:
 
 
 def leaks(findings: list[Finding]) -> str:
-    """Whether registering, building and undoing over and over leaves anything; says what was done."""
+    """Whether registering, building and undoing many times leaves anything behind; says what was done."""
     text = f"{TURNS} registrations and {TURNS} builds with undo: {{}}"
     worker = Worker()
     try:

@@ -13,7 +13,7 @@ _worker = Worker()
 
 
 def blender_bridge(patches: Mesh) -> tuple[Mesh, float] | None:
-    """What Blender makes of patches told apart by ``view``, and the time of its tools alone [ms].
+    """What Blender makes of patches separated by ``view``, and the time of its tools alone [ms].
 
     None where bpy is not installed or cannot be imported, as without the libraries it needs from the system. Raises
     :class:`.isolated.PeerFailed`.

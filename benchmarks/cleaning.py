@@ -1,4 +1,4 @@
-"""What each step of cleaning a depth map brings, on captures whose truth is known; and how fast it is beside Open3D."""
+"""What each step of cleaning a depth map improves, on captures whose truth is known; and its speed against Open3D."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def run() -> Result:
 def _direct(sensor: str, frames: int, body: Mesh) -> View:
     made = simulate(body, default_rig(sensor, subject_distance=DISTANCE, mirrors=0, frames=frames))
     mine = made.truth.labels == 0
-    # beside the body only where nothing stands that its depth does not tell from it
+    # beside the body only where there is nothing at a depth too similar to separate
     sight = made.truth.sight
     floor = (sight.object != BODY) & (sight.object != NOTHING) & _like(sight.depth, mine)
     near = (binary_dilation(mine, iterations=4) & ~binary_dilation(floor, iterations=2)) | mine
@@ -193,7 +193,7 @@ def _outwards(mine: np.ndarray, truth: np.ndarray) -> float:
 
 
 def _speed(body: Mesh) -> tuple[Table, list[Finding]]:
-    """Ten frames of 640 × 480 from a folder to one clean map, beside what Open3D offers for the same."""
+    """Ten frames of 640 × 480 from a folder to one clean map, compared with what Open3D offers for the same."""
     say("cleaning: speed")
     made = simulate(body, default_rig("kinect_v1", frames=10))
     subject = made.truth.labels
@@ -214,12 +214,12 @@ def _speed(body: Mesh) -> tuple[Table, list[Finding]]:
             return clean(kept, labels, 3, focal, settings, model, spread)[0]
 
         calls = {"Mirror Scan": ours}
-        table.notes = ["Warm; the depth PNGs are read from the disk's cache. Open3D filters each frame by itself."]
+        table.notes = ["Warm; the depth PNGs are read from the disk's cache. Open3D filters each frame separately."]
         if installed("open3d"):
             calls |= _open3d_calls(sorted((folder / "depth").glob("*.png")))
         times, _ = medians(calls, RUNS)
     words = {
-        "Mirror Scan": "decode, fuse, flying pixels, drop-outs, steps, smoothing of the subject",
+        "Mirror Scan": "decode, fuse, flying pixels, missing readings, steps, smoothing of the subject",
         "Open3D bilateral": "decode, bilateral filter of each frame",
         "Open3D outliers": "decode, points, statistical outlier removal of each frame",
     }

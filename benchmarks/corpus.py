@@ -1,6 +1,6 @@
-"""A generated corpus through each surface method: how often it holds, how near it comes, and where a peer is nearer.
+"""A generated corpus through each surface method: how often it succeeds, its accuracy, and where a peer is better.
 
-By itself: ``python -m benchmarks.corpus [--scenes 0-9,15] [--quick] [--ours] [--pictures DIR]``.
+On its own: ``python -m benchmarks.corpus [--scenes 0-9,15] [--quick] [--ours] [--pictures DIR]``.
 """
 
 from __future__ import annotations
@@ -143,19 +143,19 @@ def _crossing(mesh: Mesh, sound: dict) -> int:
 def run(
     numbers: tuple[int, ...] | None = None, quick: bool = False, peers: bool = True, pictures: Path | None = None
 ) -> Result:
-    """The scenes numbered, the quick choice, or all; told one by one as they come."""
+    """The scenes numbered, the quick choice, or all; each is reported as it comes."""
     numbers = numbers or (QUICK if quick else tuple(range(SCENES)))
     done: list[tuple[Recipe, Outcomes]] = []
     panels: list[np.ndarray] = []
     tool, name = scorer(SAMPLES)
-    parted: list[float] = []
+    deviations: list[float] = []
     for recipe in recipes(numbers):
         outcomes, scan, truth = measure(recipe, peers)
         done.append((recipe, outcomes))
         say(f"corpus: {recipe}\n        " + "; ".join(_brief(method, found) for method, found in outcomes.items()))
-        if scan is not None and name != CORE and len(parted) < CHECKED:
+        if scan is not None and name != CORE and len(deviations) < CHECKED:
             theirs, ours = tool(scan.mesh, truth), outcomes[OURS].score
-            parted.append(max(abs(ours[key] / theirs[key] - 1) for key in MEANS))
+            deviations.append(max(abs(ours[key] / theirs[key] - 1) for key in MEANS))
         if pictures is not None:
             panels.append(_panel(recipe, scan))
             if len(panels) % SHEET == 0 or len(done) == len(numbers):
@@ -164,8 +164,8 @@ def run(
                 write_png(pictures / f"corpus_{first // SHEET + 1:02d}.png", np.concatenate(panels[first:]))
     tables = [_soundness(done), _distances(done), _by_kind(done), _nearer(done)]
     tables[1].notes += [
-        f"Mean distances within {100 * max(parted):.1f} % of {name}'s in the first {len(parted)} scenes."
-        if parted
+        f"Mean distances within {100 * max(deviations):.1f} % of {name}'s in the first {len(deviations)} scenes."
+        if deviations
         else "No ../shared/tools/score.py to check the distances against."
     ]
     return Result(tables, _findings(done, peers))
@@ -230,8 +230,8 @@ def _soundness(done: Done) -> Table:
         "Virtual snapshots of people, a statue and mannequins in varied proportions and poses (A-pose, arms down, arms "
         "forward, a step), 1.52 to 1.88 m, with each sensor, bursts of 1 to 30, with and without interference, one to "
         "three mirrors at 100 to 130° (a third 32° behind one of them), camera tilted and rolled; seeded.",
-        "Mirrors are told by eight picks on each frame, missed by up to 0.7 px; the true planes are not used.",
-        "Three mirrors come without interference: the back is lit three times over, next to nothing could be read.",
+        "Mirrors are given by eight picks on each frame, off by up to 0.7 px; the true planes are not used.",
+        "Three mirrors come without interference: the back is lit three times, and almost nothing could be read.",
         f"Volume error: of what is watertight, {' and '.join(UPRIGHT)}, one mirror included.",
         "Crossing faces as MeshLab counts them, which takes triangles beside each other in one plane, as on soles, for "
         "crossing; and as core does.",
@@ -253,8 +253,8 @@ def _distances(done: Done) -> Table:
         wins = ["", "", ""] if method == OURS else [_share(w) for w in _wins(done, method)]
         table.rows.append((method, *cells, *wins, number(median(o.milliseconds for _, o in made), 0)))
     table.notes = [
-        "All methods get the same parted, placed patches: Poisson and ball pivoting their points and normals, Blender "
-        "the patches, of which the runs nearest to each other are bridged and the rest is filled.",
+        "All methods get the same patches, with overlaps cut and in place: Poisson and ball pivoting their points and "
+        "normals, Blender the patches, of which the runs nearest to each other are bridged and the rest is filled.",
         f"By core.mesh.surface_distance.evaluate with {SAMPLES} samples, after a small rigid alignment of each.",
         "Ours nearer: share of scenes in which the mean distance is smaller; where a method failed it lost.",
         "ms: the surface step alone, one cold run each; ours is zippering + closing.",

@@ -1,4 +1,4 @@
-"""The generated corpus: bodies of many proportions and poses before many rigs, made from one seed."""
+"""The generated corpus: bodies of many proportions and poses in many rigs, made from one seed."""
 
 from __future__ import annotations
 

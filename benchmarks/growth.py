@@ -1,4 +1,4 @@
-"""How zippering and closing grow with the boundary's length, and what matching two very long boundaries holds.
+"""How zippering and closing grow with the boundary's length, and the memory for matching two very long boundaries.
 
 The memory is measured in a fresh process: ``python -m benchmarks.growth N`` prints it [MB] and the time [s] as JSON.
 """

@@ -1,7 +1,7 @@
 """Peers in a process of their own.
 
-What a scan hands them can crash them or keep them for ever (Open3D's Poisson has ended in a segmentation fault), and
-bpy cannot be loaded beside the libraries of the others. Neither must end the run.
+A scan can crash them or make them run for ever (Open3D's Poisson has ended in a segmentation fault), and bpy cannot be
+loaded together with the libraries of the others. Neither must end the run.
 """
 
 from __future__ import annotations
@@ -65,6 +65,6 @@ def _serve(pipe: Connection) -> None:
             return
         try:
             answer = True, function(*arguments)
-        except Exception as error:  # told where it was called
+        except Exception as error:  # reported where it was called
             answer = False, f"{type(error).__name__}: {error}"
         pipe.send(answer)

@@ -60,5 +60,5 @@ def medians(calls: dict[str, Callable[[], Any]], runs: int) -> tuple[dict[str, f
 
 
 def say(message: str) -> None:
-    """Progress, apart from the tables."""
+    """Print progress, separately from the tables."""
     print(message, file=sys.stderr, flush=True)

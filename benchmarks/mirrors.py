@@ -1,4 +1,4 @@
-"""Mirror planes against true ones: from picks and without any, beside the plain fit of the picks; real captures."""
+"""Mirror planes against true ones: from picks and without, against the plain fit of the picks; real captures."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def run() -> Result:
     table.notes = [
         "Median over the mirrors of the median over the body. Picks are missed by up to 1 px each way.",
         "Plain fit: the paper's plane through the picks alone (eq. 1), on the same fused depth.",
-        "Expected: the median of what the planes' covariances promise, root mean square over the body.",
+        "Expected: the median of what the planes' covariances predict, root mean square over the body.",
         "ms: depth frames in memory to planes without a pick: fusing, finding, refining; median over the rigs.",
     ]
     findings = []
@@ -184,8 +184,8 @@ def _frameless() -> tuple[Table, list[Finding]]:
         ),
     )  # fmt: skip
     table.notes = [
-        "The wall is 1 mm behind the glass: 2 mm of the displacement. Clear of a wall only the figure in it tells of a",
-        "mirror; a first Kinect does not see the skin that would. Doors: open ones, somebody of the same build behind.",
+        "The wall is 1 mm behind the glass: 2 mm of the displacement. Clear of a wall only the person in it shows that",
+        "it is a mirror; a Kinect v1 does not see that surface. Doors: open ones, somebody of the same build behind.",
     ]
     subject = mannequin(resolution=0.012)
     hung, clear, wrong, unsure = 0, 0, 0, []
@@ -228,7 +228,7 @@ def _frameless() -> tuple[Table, list[Finding]]:
 
 
 def _crossing() -> tuple[Table, list[Finding]]:
-    """Three mirrors, two of them through one another: planes from picks, then moved until the views agree."""
+    """Three mirrors, two of them crossing: planes from picks, then moved until the views agree."""
     table = Table(
         "Three mirrors that cross, D455 [mm]",
         ("frames", "mirrors", "from 8 picks", "max", "after agreement", "max", "expected", "false alarms"),
@@ -263,19 +263,20 @@ def _crossing() -> tuple[Table, list[Finding]]:
 
 
 def _proud() -> tuple[Table, list[Finding]]:
-    """Frames that stand proud of their glass: what is seen both ways tells, else the seams do."""
+    """Frames that project in front of their glass: corrected by what is seen twice, or else by the seams."""
     table = Table(
-        "Frames that stand proud of their glass, no picks [mm]",
-        ("sensor", "proud by", "mirrors", "as found", "max", "without the seams", "max", "with them", "max", "moved"),
+        "Frames that project in front of their glass, no picks [mm]",
+        ("sensor", "projects by", "mirrors", "as found", "max", "without the seams", "max", "with them", "max",
+         "moved"),
         left=1,
     )  # fmt: skip
     table.notes = [
         "As found: from the frames alone. Without the seams: moved by what is seen both directly and in the glass, if",
-        "anything. With them: moved also by the steps that seams show. A first Kinect reads no skin twice.",
+        "anything. With them: moved also by the offsets that seams show. A Kinect v1 reads no surface twice.",
     ]
     flush, worse, halved, made = 0, 0, 0, 0
     for sensor in LIMIT_MM:
-        say(f"mirrors: proud frames, {sensor}")
+        say(f"mirrors: projecting frames, {sensor}")
         for depth in (0.0, 0.006, 0.012, 0.018):
             apart, moved = [[], [], []], 0
             for k, rig in enumerate(rigs(sensor)[3:7]):
@@ -302,7 +303,7 @@ def _proud() -> tuple[Table, list[Finding]]:
     return table, [
         Finding("flush frames: none moved by the seams", str(flush), flush == 0),
         Finding("no mirror made worse by the seams", str(worse), worse == 0),
-        Finding("frames proud by 18 mm: errors halved for most", f"{halved} of {made}", halved > 0.75 * made),
+        Finding("frames projecting by 18 mm: errors halved for most", f"{halved} of {made}", halved > 0.75 * made),
     ]
 
 
@@ -368,10 +369,10 @@ def _real() -> tuple[list[Table], list[Finding]]:
             color = _outlined(color, mirror.outline, _beside(mask))
         write_png(drawn / f"nyu_{name}.png", color)
     table.notes += [
-        "nyu_mirrors: no person is before them, so nothing proves them and none is found without a pick;",
+        "nyu_mirrors: no person is in front of them, so nothing proves them and none is found without a pick;",
         "their planes are fitted from 12 points just outside of the published masks. The holes of the published",
-        "depth are filled: most of the glass reads as the wall does, no rim is left, and the residuals are as much",
-        "the filling's as the plane's.",
+        "depth are filled: most of the glass reads as the wall does, no depth edge is left, and the residuals are",
+        "as much the filling's as the plane's.",
     ]
     return [table], [Finding("no false mirror in real captures", ", ".join(false) or f"none in {len(REAL)}", not false)]
 

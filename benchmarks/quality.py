@@ -1,4 +1,4 @@
-"""How near the surface comes to the truth and how sound it is: ours, and the peers' fed our own oriented points."""
+"""How accurate and how sound the surface is: ours, and the peers' from our own oriented points."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def run() -> Result:
     near.notes = [
         f"Scored by {tool}. Accuracy: reconstruction to truth; completeness: truth to reconstruction.",
         f"ms: the surface step alone; ours is zippering + closing (median of {RUNS}), the peers' their call (once).",
-        "The peers get the points and normals of our parted, placed patches, camera frame.",
+        "The peers get the points and normals of our patches, with overlaps cut and in place, camera frame.",
         "Open3D's Poisson as it comes, which the limits compare, and trimmed: without the "
         f"{TRIMMED:.0%} of its vertices of lowest density, as is usual, which opens it.",
         f"Ball pivoting: automatic radius, non-manifold parts repaired, holes of up to {MAX_HOLE_EDGES} edges closed.",

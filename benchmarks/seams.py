@@ -1,4 +1,4 @@
-"""What surface to put into a gap: flat strips, quadratic Bézier strips, or ours, by how far each is from the truth.
+"""Surfaces across a gap: flat strips, quadratic Bézier strips, or ours, by their distance to the truth.
 
 All three span the same rungs, those of our own matching; only what was not measured is looked at.
 """

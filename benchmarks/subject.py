@@ -1,4 +1,4 @@
-"""Whose pixels: views and subject told from floor, walls, furniture and other people, against virtual rigs' truth."""
+"""Pixel labels: subject and views separated from floor, walls, furniture and bystanders, against virtual rigs' truth."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def judge(simulation: Simulation, depth: np.ndarray, views: Views) -> Labels:
 
 
 def rooms(sensor: str, frames: int) -> Iterator[tuple[str, Rig, tuple[Mesh, ...], ViewSettings]]:
-    """Scenes with what there is to be told from the subject."""
+    """Scenes with what has to be separated from the subject."""
     rig = default_rig(sensor, frames=frames)
     other = mannequin(1.78, seed=3, resolution=0.014)
     plain = ViewSettings()
@@ -75,7 +75,7 @@ def rooms(sensor: str, frames: int) -> Iterator[tuple[str, Rig, tuple[Mesh, ...]
     yield "chair beside", rig, (props.placed(props.chair(), 0.62, 0.3, 20),), plain
     yield "chair behind", rig, (props.placed(props.chair(), -0.1, 0.75, 180),), plain
     yield "walls close by", replace(rig, room=(-1.6, 1.6, -3.4, 1.05, 2.4)), (), plain
-    yield "before a mirror", default_rig(sensor, frames=frames, mirrors=(112.0, -112.0, 180.0)), (), plain
+    yield "in front of a mirror", default_rig(sensor, frames=frames, mirrors=(112.0, -112.0, 180.0)), (), plain
     wide = default_rig(sensor, frames=frames, mirror_size=(1.5, 2.0), view_angle_deg=112.0)
     yield "wide mirrors, images of images", wide, (), plain
     yield "camera tilted and rolled", default_rig(sensor, frames=frames, tilt_deg=9.0, roll_deg=-6.0,

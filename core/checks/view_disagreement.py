@@ -111,7 +111,7 @@ def disagreements(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> list
 
 
 def _distance(found: list[Correspondences]) -> float:
-    """Median distance [m] of surfaces that two views both see; 0 when it is no more than noise, or they hardly overlap."""
+    """Median distance [m] of surfaces that two views both see; 0 when it is only noise, or they hardly overlap."""
     # what lies far behind what the other view sees there may well be hidden from it
     gaps = np.concatenate(
         [np.abs(m.gaps[m.gaps < _HIDDEN]) for m in found] + [np.full(m.before, _OTHER_PART) for m in found]
@@ -196,14 +196,16 @@ def check_agreement(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> tu
             who = "the plane of one of the two is wrong: pick points on all sides of both frames again"
         if found.hopeless:
             labels = np.where(labels == found.mirror + 1, -1, labels).astype(labels.dtype)
-            what = "{name} is left out, because it would double the body: it places the subject {how}"
+            what = Notice(
+                "{name} is left out, because it would double the body: it places the subject {how}", name=name, how=how
+            )
         else:
-            what = "{name} places the subject {how}, which makes the surface uneven there"
+            what = Notice("{name} places the subject {how}, which makes the surface uneven there", name=name, how=how)
         warned.append(
             Notice(
                 "{what}; {who} (on nothing else), check that the mirror is flat and has not moved, or record a longer "
                 "burst",
-                what=Notice(what, name=name, how=how),
+                what=what,
                 who=who,
                 mirrors=[mirrors[k - 1].name for k in (found.mirror + 1, found.other) if k > 0],
             )

@@ -164,6 +164,6 @@ def _faired(mesh: Mesh, stiffness: np.ndarray, stretch: np.ndarray, maps: ViewMa
 
 
 def _stiffness(mesh: Mesh, maps: ViewMaps, settings: ClosingSettings) -> np.ndarray:
-    """How stiffly each vertex (V,) holds its place: the more certain its reading, the stiffer; infinite without noise."""
+    """How stiffly each vertex (V,) holds its place: stiffer for a more certain reading, infinite without noise."""
     with np.errstate(divide="ignore"):
         return settings.fairness * (0.001 / reading_noise(mesh, maps))

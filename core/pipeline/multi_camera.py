@@ -24,7 +24,7 @@ MAX_VIEWS = 127
 DEFAULTS = Settings()
 
 _SAME_SUBJECT = 0.5
-"""Where cameras place the subject farther than this from each other, they see two subjects or their poses are wrong [m]."""
+"""Where cameras place the subject farther from each other, they see two subjects or their poses are wrong [m]."""
 
 _SAME_FLOOR = 0.04
 """Floors of two cameras that differ more than this in height under the subject are reported [m]."""

@@ -105,7 +105,7 @@ def warp_runs(boundary: Boundary, partner: np.ndarray, price: np.ndarray, edge: 
 
     Notes
     -----
-    DTW compares position, and direction and normal scaled to centimetres, so that they separate equal distances; at either
+    DTW compares position, and direction and normal scaled to centimetres, so that all have similar weight; at either
     end vertices may stay unmatched, for what they would cost at the run's mean price.
     """
     rows = _runs_kernel(partner, boundary.loop, boundary.start, boundary.point, 2.0 * edge, min_run)

@@ -1,7 +1,7 @@
 """Long work in a second process of Blender's Python, so that the window never waits.
 
-It waits neither for numba to be imported, nor for kernels to be compiled (a thread would not help, since compiling holds
-Python's lock), nor for the work itself.
+It waits neither for numba to be imported, nor for kernels to be compiled (a thread would not help, since compiling
+holds Python's lock), nor for the work itself.
 
 The process (:mod:`.worker`) is kept for the next task and ends with Blender, with the add-on, or when a task is
 cancelled. Until everything is compiled, a few more of them do that in the background (:mod:`.kernel_compilation`), and

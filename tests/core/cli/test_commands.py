@@ -203,7 +203,7 @@ def test_inspect_shows_what_cleaning_does(simulated, tmp_path, capsys):
     write_folder(folder, simulated("kinect_v1").capture)
     assert cli.main(["inspect", str(folder)]) == 0
     out, err = capsys.readouterr()
-    assert re.search(r"Kinect v1 .*told by its steps", out) and "noise averages them out" in out and not err, err
+    assert re.search(r"Kinect v1 .*known by its steps", out) and "noise averages them out" in out and not err, err
     before, fused = map(float, re.search(r"8 frames fused: noise ([\d.]+) to ([\d.]+) mm", out).groups())
     assert 2 < before / fused < 4  # √8
     assert re.search(r"subject  1\.[67]\d m tall", out) and "did not move" in out
