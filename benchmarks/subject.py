@@ -1,4 +1,4 @@
-"""Pixel labels: subject and views separated from floor, walls, furniture and bystanders, against virtual rigs' truth."""
+"""Pixel labels: subject and views separated from floor, walls, furniture and people, against virtual rigs' truth."""
 
 from __future__ import annotations
 
