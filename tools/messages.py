@@ -34,7 +34,7 @@ CONTEXT = "MirrorScan"
 NOT_SAID = {"compile", "execute", "debug", "print"}
 """Functions whose arguments are patterns, queries or the log's."""
 
-without_formats = runpy.run_path(str(ROOT / "core" / "notices.py"))["without_formats"]
+without_formats = runpy.run_path(str(ROOT / "core" / "errors" / "notices.py"))["without_formats"]
 
 SENTENCE = re.compile(r"[A-Za-z’'–-]{2,}[,;:]? +[A-Za-z“(–-]{2,}")
 """Two words: a single one is a key, a format or a file name, not a message."""
