@@ -255,7 +255,7 @@ def _verify_kernel(depth, intrinsics, glass, low, high, floor, counts):
             at = share_at_glass(glass, 0, x, y, 1.0, _FRAME_EDGE)
             if at == np.inf:
                 continue
-            z = depth[v, u]
+            z = np.float64(depth[v, u])
             if z == 0:
                 counts[_UNREAD] += 1
                 continue
@@ -326,7 +326,7 @@ def _missing_kernel(depth, intrinsics, glass, stride):
     missing, there = 0, 0
     for v in range(0, height, stride):
         for u in range(0, width, stride):
-            z = depth[v, u]
+            z = np.float64(depth[v, u])
             if z == 0:
                 continue
             x, y = (u - cx) / fx * z, (v - cy) / fy * z

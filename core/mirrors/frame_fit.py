@@ -195,7 +195,7 @@ def _ring_kernel(depth, intrinsics, glass, plane, around, inward, band, low, hig
     n = 0
     for v in range(low[1], high[1]):
         for u in range(low[0], high[0]):
-            z = depth[v, u]
+            z = np.float64(depth[v, u])
             if z == 0 or abs((plane[0] * u + plane[1] * v + plane[2]) * z - 1.0) > band:
                 continue
             a, b = place_on_plane(glass, 0, (u - cx) / fx * z, (v - cy) / fy * z, z)
