@@ -179,7 +179,7 @@ def _ring(
     else:  # reaches behind the camera
         low, high = np.zeros(2, np.int64), np.array(size)
     pixels = np.empty((max(int(np.prod(np.maximum(high - low, 0))), 1), 2), np.int32)
-    around = rectangle + outward * np.array(((-1.0, 1.0), (-1.0, 0.5)))  # half as far below, where a floor may be
+    around = rectangle + outward * np.array((((-1.0, 1.0), (-1.0, 0.5)),))  # half as far below, where a floor may be
     n = _ring_kernel(depth, intrinsics.packed, glass_of([mirror]), plane, around, inward, band, low, high, pixels)
     u, v = pixels[:n].T.astype(np.int64)
     return u, v
@@ -189,7 +189,7 @@ def _ring(
 def _ring_kernel(depth, intrinsics, glass, plane, around, inward, band, low, high, pixels):
     """Write the pixels of the ring about the glass into ``pixels``; how many they are.
 
-    They are within ``band``·z of the plane, in the box ``around`` the glass, and not ``inward`` of its edges.
+    They are within ``band``·z of the plane, in the box ``around`` (1, 2, 2) the glass, and not ``inward`` of its edges.
     """
     fx, fy, cx, cy = intrinsics
     n = 0
@@ -199,7 +199,7 @@ def _ring_kernel(depth, intrinsics, glass, plane, around, inward, band, low, hig
             if z == 0 or abs((plane[0] * u + plane[1] * v + plane[2]) * z - 1.0) > band:
                 continue
             a, b = place_on_plane(glass, 0, (u - cx) / fx * z, (v - cy) / fy * z, z)
-            if in_box(around, a, b, 0.0) and not in_box(glass.limits[0], a, b, inward):
+            if in_box(around, 0, a, b, 0.0) and not in_box(glass.limits, 0, a, b, inward):
                 pixels[n, 0], pixels[n, 1] = u, v
                 n += 1
     return n

@@ -82,13 +82,13 @@ def glass_of(mirrors: Sequence[Mirror]) -> Glass:
     return glass
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def before_plane(glass, k, x, y, z):
     """How far a point is in front of the plane of mirror k, on the camera's side [m]; negative behind it."""
     return glass.planes[k, 0] * x + glass.planes[k, 1] * y + glass.planes[k, 2] * z - glass.planes[k, 3]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def place_on_plane(glass, k, x, y, z):
     """Where a point on the plane of mirror k is along its a and b, about its point [m]."""
     axes = glass.axes
@@ -97,24 +97,25 @@ def place_on_plane(glass, k, x, y, z):
     return a, b
 
 
-@njit(cache=True, nogil=True)
-def in_box(box, a, b, margin):
-    """Whether a place is in a box ((a_min, a_max), (b_min, b_max)) by ``margin`` [m]; a negative one widens the box."""
+@njit(cache=True, nogil=True, error_model="numpy")
+def in_box(boxes, k, a, b, margin):
+    """Whether a place is in box k of ``boxes`` (M, 2, 2), ((a_min, a_max), (b_min, b_max)), by ``margin`` [m]; a
+    negative one widens the box."""
     return (
-        box[0, 0] + margin <= a
-        and a <= box[0, 1] - margin
-        and box[1, 0] + margin <= b
-        and b <= box[1, 1] - margin
+        boxes[k, 0, 0] + margin <= a
+        and a <= boxes[k, 0, 1] - margin
+        and boxes[k, 1, 0] + margin <= b
+        and b <= boxes[k, 1, 1] - margin
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def in_glass(glass, k, a, b):
     """Whether a place on the plane of mirror k, along its a and b, is on its glass."""
     sides, corners = glass.sides[k], glass.corners
     if sides == 0:
         return True
-    if not in_box(glass.limits[k], a, b, 0.0):
+    if not in_box(glass.limits, k, a, b, 0.0):
         return False
     inside = False
     j = sides - 1
@@ -127,7 +128,7 @@ def in_glass(glass, k, a, b):
     return inside
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def share_at_plane(glass, k, x, y, z):
     """At which share of the path from the camera to (x, y, z), and beyond, the plane of mirror k is met.
 
@@ -137,17 +138,22 @@ def share_at_plane(glass, k, x, y, z):
     return glass.planes[k, 3] / along if along < _ALONG else np.inf
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def share_at_glass(glass, k, x, y, z, margin):
     """:func:`share_at_plane` where that is in the box of the glass by ``margin`` [m]; else inf."""
-    share = share_at_plane(glass, k, x, y, z)
-    if share == np.inf:
-        return share
-    a, b = place_on_plane(glass, k, share * x, share * y, share * z)
-    return share if in_box(glass.limits[k], a, b, margin) else np.inf
+    # share_at_plane and place_on_plane written out: as calls they took kernels that ask every pixel three times as long
+    planes, axes, middles, limits = glass.planes, glass.axes, glass.middles, glass.limits
+    along = planes[k, 0] * x + planes[k, 1] * y + planes[k, 2] * z
+    if along >= _ALONG:
+        return np.inf
+    share = planes[k, 3] / along
+    x, y, z = share * x, share * y, share * z
+    a = axes[k, 0, 0] * x + axes[k, 0, 1] * y + axes[k, 0, 2] * z - middles[k, 0]
+    b = axes[k, 1, 0] * x + axes[k, 1, 1] * y + axes[k, 1, 2] * z - middles[k, 1]
+    return share if in_box(limits, k, a, b, margin) else np.inf
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def crossing(glass, k, origin, target, margin):
     """Share of the path from ``origin`` (3,) to ``target`` (3,) at which it passes the glass of mirror k.
 
@@ -168,7 +174,7 @@ def crossing(glass, k, origin, target, margin):
     return t if in_glass(glass, k, a, b) else NEVER
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def reflected(glass, k, x, y, z):
     """A point over the plane of mirror k: x, y, z [m]."""
     f = glass.flips
@@ -179,7 +185,7 @@ def reflected(glass, k, x, y, z):
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def reflected_direction(glass, k, x, y, z):
     """A direction, such as a normal, over the plane of mirror k."""
     f = glass.flips
@@ -190,7 +196,7 @@ def reflected_direction(glass, k, x, y, z):
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def nearest_pixel(x, y, z, intrinsics):
     """Column and row of the pixel that sees a point in front of the camera; ``intrinsics`` = fx, fy, cx, cy [px]."""
     return int(np.rint(x / z * intrinsics[0] + intrinsics[2])), int(np.rint(y / z * intrinsics[1] + intrinsics[3]))

@@ -71,7 +71,7 @@ def _sort_kernel(points, glass, near, far):
                     continue
                 if off > -margin:
                     a, b = place_on_plane(glass, i, x, y, z)
-                    on_frame = on_frame or (glass.sides[i] > 0 and in_box(glass.limits[i], a, b, -_FRAME_MARGIN))
+                    on_frame = on_frame or (glass.sides[i] > 0 and in_box(glass.limits, i, a, b, -_FRAME_MARGIN))
                     continue
                 d = glass.planes[i, 3]
                 if d >= 0:  # the camera is behind it
