@@ -99,8 +99,10 @@ def place_on_plane(glass, k, x, y, z):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def in_box(boxes, k, a, b, margin):
-    """Whether a place is in box k of ``boxes`` (M, 2, 2), ((a_min, a_max), (b_min, b_max)), by ``margin`` [m]; a
-    negative one widens the box."""
+    """Whether a place is in box k of ``boxes`` (M, 2, 2) by ``margin`` [m]; a negative margin widens the box.
+
+    A box is ((a_min, a_max), (b_min, b_max)).
+    """
     return (
         boxes[k, 0, 0] + margin <= a
         and a <= boxes[k, 0, 1] - margin
