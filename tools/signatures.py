@@ -108,8 +108,7 @@ def walk_rig(compiling) -> list:
     mirrors = [dataclasses.asdict(mirror) for mirror in default_rig().mirrors]
     placed = {"camera": (0.0, -2.5, 1.0), "pan_deg": 0.0, "tilt_deg": 0.0, "roll_deg": 0.0, "room": None}
     for sensor in SENSORS:
-        surface = tasks.Surface(body.vertices, body.triangles, body.colors, None, None)
-        finish(tasks.simulate_steps(surface, usual | placed | {"sensor": sensor}, mirrors))
+        finish(tasks.simulate_steps(body, usual | placed | {"sensor": sensor}, mirrors))
     found: dict[tuple, compiling.Entry] = {}
     gather(compiling, compiling.RIG, found)
     return list(found.values())

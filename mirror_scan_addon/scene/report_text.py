@@ -69,9 +69,14 @@ def _is_number(value: object) -> bool:
 
 
 def set_report(avatar: bpy.types.Object, report: dict) -> None:
-    """Keep a report with an avatar. JSON keeps of a notice among the ``warnings`` only its text, so that the parts go
-    beside them, as ``notices``."""
-    notices = [text.parts() for text in report.get("warnings", ()) if isinstance(text, Notice)]
+    """Keep a report with an avatar.
+
+    Of a notice among the ``warnings`` JSON keeps only its text, so the parts are kept beside them, as ``notices``.
+    """
+    warnings = report.get("warnings")
+    notices = (
+        [text.parts() for text in warnings if isinstance(text, Notice)] if isinstance(warnings, list | tuple) else []
+    )
     avatar[REPORT] = json.dumps(report | ({"notices": notices} if notices else {}), ensure_ascii=False)
 
 
