@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-FACES = ("errors", "notices", "camera", "mesh", "io", "capture", "mirrors", "preview.palette")
+FACES = ("errors", "camera", "mesh", "io", "capture", "mirrors", "preview.palette")
 """Packages whose ``__init__`` hands on plain data and readers, and modules that the add-on imports as it starts."""
 
 

@@ -141,7 +141,11 @@ def test_a_mirror_that_leans(person):
 
 
 @pytest.mark.parametrize(
-    ("tilt", "words", "way"), [(-9.0, "lower border: the feet are", 1), (14.0, "upper border: the head is", -1)]
+    ("tilt", "words", "way"),
+    [
+        (-9.0, "lower border cuts the subject off: the feet are", 1),
+        (14.0, "upper border cuts the subject off: the head is", -1),
+    ],
 )
 def test_cut_by_the_image(person, tilt, words, way):
     """And the tilt that is named mends it."""
