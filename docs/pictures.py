@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from mirror_scan.core.avatar.frame import avatar_frame
+from mirror_scan.core.avatar.coordinate_frame import avatar_frame
 from mirror_scan.core.camera import RgbdImage, unproject
 from mirror_scan.core.capture import Capture
 from mirror_scan.core.capture.capture_summary import picture

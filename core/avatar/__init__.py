@@ -1,3 +1,3 @@
 """The avatar: the closed mesh in its own frame."""
 
-__all__ = ["frame"]
+__all__ = ["coordinate_frame"]

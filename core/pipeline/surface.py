@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..avatar.frame import avatar_frame
+from ..avatar.coordinate_frame import avatar_frame
 from ..closing.mesh_closing import close_mesh
 from ..mesh import Mesh
 from ..mirror_alignment.seam_alignment import align_seams, mirrored_views, move_views

@@ -353,7 +353,7 @@ def _record_of_picks(known) -> dict:
 def find_subject_steps(depth: np.ndarray, intrinsics: Intrinsics, mirrors: list[dict], views: dict) -> Steps[Subject]:
     """Sort every pixel into view and part; ``views`` are the fields of ``core.views.ViewSettings``."""
     yield 0.0, "Finding the person"
-    from ...core.avatar.frame import avatar_frame
+    from ...core.avatar.coordinate_frame import avatar_frame
     from ...core.subject.subject_search import find_subject
     from ...core.subject.subject_views import ViewSettings
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from mirror_scan.core.avatar.frame import avatar_frame
+from mirror_scan.core.avatar.coordinate_frame import avatar_frame
 from mirror_scan.core.capture import Capture, open_capture
 from mirror_scan.core.errors import CaptureError, MirrorError, ReconstructionError
 from mirror_scan.core.io import read_mesh
