@@ -100,17 +100,18 @@ def scan_steps(
     clock.lap("mirrors")
 
     yield at(0.33), "Finding the subject"
-    views = find_subject(RgbdImage(depth, camera), placed, settings.views, meeting)
+    image = RgbdImage(depth, camera)
+    views = find_subject(image, placed, settings.views, meeting)
     clock.lap("views")
 
     yield at(0.58), "Smoothing the depth"
     sensor, model = recognise(capture, settings.depth)
-    views, contradictions = check_agreement(RgbdImage(depth, camera), views, placed)
-    faults = [*contradictions, *check_scene(RgbdImage(depth, camera), views, placed, model, alone)]
+    views, contradictions = check_agreement(image, views, placed)
+    faults = [*contradictions, *check_scene(image, views, placed, model, alone)]
     burst = burst_noise(len(capture.depth), spread, depth, views.labels, len(placed) + 1)
     moved = still_warning(capture.depth, views.labels, camera.fx, settings.depth)
     depth, views, noise = clean_views(
-        RgbdImage(depth, camera), views, len(placed), settings.depth, model, spread if len(capture.depth) > 1 else None
+        image, views, len(placed), settings.depth, model, spread if len(capture.depth) > 1 else None
     )
     clock.lap("smoothing")
 

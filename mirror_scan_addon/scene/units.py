@@ -1,7 +1,7 @@
 """A scene's units: what a Blender unit is in metres, and sizes as the user wants to read them.
 
 core knows metres only. Objects, and properties of ``unit="LENGTH"``, are in Blender units as all of Blender is.
-Errors and residuals are always told in millimetres.
+Errors and residuals are always shown in millimetres.
 """
 
 from __future__ import annotations
