@@ -143,7 +143,10 @@ def run_demo(options: argparse.Namespace, writers: Writers) -> None:
     with progress_bar(options.quiet) as progress:
         advance(progress, 0.0, "making a mannequin and scanning it")
         capture_folder = folder / "capture"
-        write_simulation(capture_folder, sensor="azure_kinect", frames=10, seed=0, mirrors=2, body=None)
+        write_simulation(
+            capture_folder, sensor="azure_kinect", frames=10, seed=0, mirrors=2, body=None,
+            optics=options.optics, frequencies=options.frequencies,
+        )  # fmt: skip
         started = time.perf_counter()
         capture = open_capture(capture_folder)
         read_ms = (time.perf_counter() - started) * 1e3
@@ -177,7 +180,7 @@ def run_simulate(options: argparse.Namespace, writers: Writers) -> None:
         advance(progress, 0.0, "scanning a virtual body")
         write_simulation(
             options.folder, sensor=options.sensor, frames=options.frames, seed=options.seed, mirrors=options.mirrors,
-            body=options.body,
+            body=options.body, optics=options.optics, frequencies=options.frequencies,
         )  # fmt: skip
     if not options.quiet:
         say(f"{options.folder}: {options.sensor}, {options.frames} frames, {options.mirrors} mirrors, truth in truth/")

@@ -105,11 +105,15 @@ def make_folder(folder: Path) -> None:
         raise OutputError(f"{folder}: cannot be made a folder: {error.strerror or error}") from error
 
 
-def write_simulation(folder: Path, *, sensor: str, frames: int, seed: int, mirrors: int, body: Path | None) -> None:
+def write_simulation(
+    folder: Path, *, sensor: str, frames: int, seed: int, mirrors: int, body: Path | None, optics: str = "ideal",
+    frequencies: tuple[float, ...] | None = None,
+) -> None:  # fmt: skip
     """Simulate into a folder beside ``folder``, then swap; only a simulation may be replaced, never a recording."""
     from ..io import read_mesh
     from ..io.atomic_files import fresh_folder
     from ..simulation.mannequin import mannequin
+    from ..simulation.optics import IDEAL, real
     from ..simulation.scene import default_rig
     from ..simulation.simulate import simulate, write_simulation
 
@@ -118,7 +122,9 @@ def write_simulation(folder: Path, *, sensor: str, frames: int, seed: int, mirro
         if entries is None or (entries and not ("truth" in entries and entries <= SIMULATION_ENTRIES)):
             raise OutputError(f"{folder}: exists and is not an earlier simulation; choose another name or remove it")
     subject = stand(read_mesh(body), body) if body else mannequin()
-    simulation = simulate(subject, default_rig(sensor=sensor, mirrors=mirrors, frames=frames, seed=seed))
+    chosen = real(sensor, frequencies) if optics == "real" else IDEAL
+    rig = default_rig(sensor=sensor, mirrors=mirrors, frames=frames, seed=seed, optics=chosen)
+    simulation = simulate(subject, rig)
     with fresh_folder(folder, replace=True) as fresh:
         write_simulation(simulation, fresh)
 

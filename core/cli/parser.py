@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 from . import commands
 
-SENSORS = ("ideal", "kinect_v1", "azure_kinect", "femto_bolt", "realsense_d455")
+SENSORS = ("ideal", "kinect_v1", "kinect_v2", "azure_kinect", "femto_bolt", "realsense_d455", "phone_dtof")
+OPTICS = ("ideal", "real")
 CAMERAS = ("realsense",)
 DEMO_FOLDER = "mirror_scan_demo"
 EXPERIMENT_FOLDER = "{}_experiment"
@@ -93,6 +94,7 @@ def _add_demo(subparsers: _Commands) -> None:
         "folder", metavar="DIR", type=Path, nargs="?", default=Path(DEMO_FOLDER),
         help=f"where to put everything (default {DEMO_FOLDER})",
     )  # fmt: skip
+    _add_optics(command)
     _add_quiet(command)
     command.set_defaults(run=commands.run_demo)
 
@@ -109,8 +111,20 @@ def _add_simulate(subparsers: _Commands) -> None:
     )
     command.add_argument("--mirrors", metavar="N", type=_whole(1, 8), default=2, help="number of mirrors, default 2")
     command.add_argument("--body", metavar="FILE", type=Path, help="mesh to scan, Z up, in metres; default a mannequin")
+    _add_optics(command)
     _add_quiet(command)
     command.set_defaults(run=commands.run_simulate)
+
+
+def _add_optics(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--optics", choices=OPTICS, default="ideal",
+        help="real: light by two ways, and whatever else real glass and cameras do; default ideal: noise only",
+    )  # fmt: skip
+    command.add_argument(
+        "--frequencies", metavar="F,F,F", type=_frequencies,
+        help="modulation [MHz] of a camera that measures phase, with real optics; default 200,180,90",
+    )  # fmt: skip
 
 
 def _add_inspect(subparsers: _Commands) -> None:
@@ -279,6 +293,14 @@ def _pixel(text: str) -> tuple[float, float]:
 
 
 _pixel.__name__ = "pixel as column,row"  # argparse names the type when it cannot be read
+
+
+def _frequencies(text: str) -> tuple[float, ...]:
+    """A type for argparse: frequencies from 1 to 1000 MHz, separated by commas."""
+    values = tuple(float(part) for part in text.split(","))
+    if not all(1 <= value <= 1000 for value in values):
+        raise argparse.ArgumentTypeError(f"must be from 1 to 1000 MHz, separated by commas, not {text}")
+    return values
 
 
 def _percentages(text: str) -> tuple[float, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..camera import Intrinsics
 from ..errors import MirrorScanError
+from .optics import IDEAL, Optics
 from .sensors import find_sensor
 
 BACKING = 0.02
@@ -33,6 +34,9 @@ class FramedMirror:
         Of the moulding around it [m]; 0 = frameless.
     frame_depth : float
         How far the moulding projects in front of the glass [m].
+    reflectivity : float
+        Share of a depth camera's light that one reflection gives back, .7 to .95 over glass in the near infrared. It
+        shows in what :class:`~.optics.Optics` turns on.
     """
 
     name: str
@@ -43,12 +47,17 @@ class FramedMirror:
     height: float = 1.75
     frame_width: float = 0.035
     frame_depth: float = 0.0
+    reflectivity: float = 0.85
 
     def __post_init__(self) -> None:
         sizes = (self.width, self.height, self.frame_width, self.frame_depth)
         finite = np.isfinite((*self.centre, *self.normal, *self.up, *sizes)).all()
         if not finite or min(sizes[:2]) <= 0 or min(sizes[2:]) < 0:
             raise MirrorScanError(f"rig: mirror '{self.name}' has a size or place that is no positive, finite number")
+        if not 0.0 < self.reflectivity <= 1.0:
+            raise MirrorScanError(
+                f"rig: mirror '{self.name}' has a reflectivity of {self.reflectivity}; give a share from 0 to 1"
+            )
         lengths = np.linalg.norm(self.up) * np.linalg.norm(self.normal)
         if np.linalg.norm(np.cross(self.up, self.normal)) <= 1e-6 * lengths:
             raise MirrorScanError(f"rig: mirror '{self.name}': up and normal are parallel or zero; change one of them")
@@ -89,6 +98,8 @@ class Rig:
         Of all noise; same seed, same bytes.
     interference : bool or None
         Readings are lost where the sensor's pattern arrives by two ways; None = as the sensor is.
+    optics : Optics
+        What light, glass and surfaces do besides; :data:`~.optics.IDEAL` = nothing.
     """
 
     intrinsics: Intrinsics
@@ -103,6 +114,7 @@ class Rig:
     frames: int = 10
     seed: int = 0
     interference: bool | None = None
+    optics: Optics = IDEAL
 
     def __post_init__(self) -> None:
         find_sensor(self.sensor)
@@ -150,6 +162,7 @@ def default_rig(
     frames: int = 10,
     seed: int = 0,
     interference: bool | None = None,
+    optics: Optics = IDEAL,
 ) -> Rig:
     """The paper's arrangement: camera in front of the subject, mirrors behind it on either side.
 
@@ -175,7 +188,7 @@ def default_rig(
         See :class:`FramedMirror`.
     lean_deg : float or sequence of float
         Each mirror's top towards the subject.
-    camera_height, tilt_deg, roll_deg, frames, seed, interference
+    camera_height, tilt_deg, roll_deg, frames, seed, interference, optics
         See :class:`Rig`.
 
     Raises
@@ -218,5 +231,5 @@ def default_rig(
     room = (-max(xs), max(xs), -subject_distance - 2.0, max(ys), 2.8)
     return Rig(
         find_sensor(sensor).intrinsics, tuple(camera), tuple(framed), tilt_deg=tilt_deg, roll_deg=roll_deg, room=room,
-        sensor=sensor, frames=frames, seed=seed, interference=interference,
+        sensor=sensor, frames=frames, seed=seed, interference=interference, optics=optics,
     )  # fmt: skip

@@ -43,6 +43,11 @@ class Sensor:
         Share of readings lost at random.
     interference : bool
         Its pattern arriving by two ways spoils the reading.
+    principle : str
+        How it measures: ``"pattern"`` and ``"stereo"`` triangulate, ``"phase"`` and ``"pulse"`` time the light's way;
+        ``"exact"`` = by magic.
+    cell : int
+        Readings are taken this many pixels apart and interpolated between.
     """
 
     intrinsics: Intrinsics
@@ -59,6 +64,8 @@ class Sensor:
     max_incidence_deg: float = 89.9
     dropout: float = 0.0
     interference: bool = False
+    principle: str = "exact"
+    cell: int = 1
 
 
 def _noise(name: str) -> dict:
@@ -75,20 +82,29 @@ def _noise(name: str) -> dict:
 
 _AZURE = Sensor(
     Intrinsics(640, 576, 504.0, 504.0, 319.5, 287.5), 0.5, 6.0,
-    flying=0.2, dropped=0.1, max_incidence_deg=86.0, dropout=0.0005, **_noise("azure_kinect"),
+    flying=0.2, dropped=0.1, max_incidence_deg=86.0, dropout=0.0005, principle="phase", **_noise("azure_kinect"),
 )  # fmt: skip
 
 SENSORS: dict[str, Sensor] = {
     "ideal": Sensor(Intrinsics(640, 480, 585.0, 585.0, 319.5, 239.5), 0.05, 60.0),
     "kinect_v1": Sensor(
         Intrinsics(640, 480, 585.0, 585.0, 319.5, 239.5), 0.5, 6.5, max_incidence_deg=80.0, dropout=0.001,
-        interference=True, **_noise("kinect_v1"),
+        interference=True, principle="pattern", **_noise("kinect_v1"),
+    ),
+    "kinect_v2": Sensor(
+        Intrinsics(512, 424, 365.5, 365.5, 255.5, 211.5), 0.5, 6.0, flying=0.3, dropped=0.1, max_incidence_deg=84.0,
+        dropout=0.001, principle="phase", **_noise("kinect_v2"),
     ),
     "azure_kinect": _AZURE,
     "femto_bolt": _AZURE,
     "realsense_d455": Sensor(
         Intrinsics(848, 480, 428.0, 428.0, 423.5, 239.5), 0.4, 8.0, fattening=2, max_incidence_deg=84.0,
-        dropout=0.002, **_noise("realsense_d455"),
+        dropout=0.002, principle="stereo", **_noise("realsense_d455"),
+    ),
+    # The depth map that ARKit gives of a phone's or tablet's lidar: few spots, interpolated.
+    "phone_dtof": Sensor(
+        Intrinsics(256, 192, 205.0, 205.0, 127.5, 95.5), 0.2, 5.0, axial_noise=(0.002, 0.0004), flying=0.4,
+        max_incidence_deg=84.0, principle="pulse", cell=3,
     ),
 }  # fmt: skip
 
@@ -137,6 +153,7 @@ def measure(
     slant = np.minimum(incidence, np.radians(80.0)).astype(np.float32)
     jitter = sensor.lateral_jitter[0] + sensor.lateral_jitter[1] * slant / (np.float32(np.pi / 2) - slant)
     rows, columns = np.indices(scene.shape, dtype=np.float32)
+    spots = _spots(scene, sensor.cell) if sensor.cell > 1 else None
 
     burst = np.empty((frames, height, width), dtype=np.float32)
     for frame in burst:
@@ -163,9 +180,43 @@ def measure(
             z = scale / np.where(read, disparity, np.float32(1.0))
         if sensor.dropout > 0:
             read &= rng.random(z.shape, dtype=np.float32) >= sensor.dropout
+        if spots is not None:
+            z = _interpolated(np.where(read, z, np.float32(0.0)), *spots)
+            read &= z > 0
         read &= (z >= sensor.min_range) & (z <= sensor.max_range)
         frame[:] = np.where(read, np.rint(z * np.float32(1000.0)) / np.float32(1000.0), np.float32(0.0))
     return burst
+
+
+def _spots(z: np.ndarray, cell: int) -> tuple[np.ndarray, np.ndarray]:
+    """For each pixel the four spots round it, ``cell`` apart: their flat indices and shares (4, H, W).
+
+    Spots on another surface than the pixel's have no share, as interpolation is guided by the colour image.
+    """
+    height, width = z.shape
+    rows, columns = np.indices(z.shape)
+    r, c = (np.arange(size, dtype=np.float32) % cell / cell for size in (height, width))
+    index, share = np.empty((4, height, width), np.intp), np.empty((4, height, width), np.float32)
+    for k in range(4):
+        down, right = divmod(k, 2)
+        at = (
+            np.minimum(rows // cell * cell + down * cell, height - 1),
+            np.minimum(columns // cell * cell + right * cell, width - 1),
+        )
+        index[k] = at[0] * width + at[1]
+        weight = (r if down else 1 - r)[:, None] * (c if right else 1 - c)[None, :]
+        there = z[at]
+        share[k] = np.where((there > 0) & (np.abs(there - z) < 0.03 * z + 0.02), weight, 0.0)
+    return index, share
+
+
+def _interpolated(z: np.ndarray, index: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Readings between spots; a pixel without any spot on its surface keeps its own."""
+    there = z.ravel()[index]
+    weight = np.where(there > 0, share, np.float32(0.0))
+    total = weight.sum(axis=0)
+    mean = np.divide((weight * there).sum(axis=0), total, where=total > 0, out=z.copy())
+    return np.where(z > 0, mean, np.float32(0.0))
 
 
 def _silhouettes(z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,8 @@ from ..errors import OutputError
 from ..io import write_mesh
 from ..io.images import write_png
 from ..mesh import Mesh
+from ..mesh.bvh import Bvh
+from .multipath import by_phase, by_pulse
 from .rays import BODY, FRAME, Sight, lit, look
 from .scene import FramedMirror, Rig
 from .sensors import find_sensor, measure
@@ -90,8 +92,9 @@ def simulate(subject: Mesh, rig: Rig, props: Sequence[Mesh] = ()) -> Simulation:
         readable &= ~once | (own > 0)
         if interference:
             readable &= ~once | (light.sum(axis=-1) - own <= INTERFERENCE_RATIO * own)
+    apparent = _apparent_depth(sight, bvh, rig)
 
-    depth = measure(sensor, np.where(readable, sight.depth, 0.0), sight.incidence, rig.intrinsics.fx, rig.frames, noise)
+    depth = measure(sensor, np.where(readable, apparent, 0.0), sight.incidence, rig.intrinsics.fx, rig.frames, noise)
     color = sight.color + np.rint(1.5 * grain.standard_normal(sight.color.shape, dtype=np.float32))
     color = np.clip(color, 0, 255).astype(np.uint8)
     avatar_to_camera = np.linalg.inv(rig.camera_to_avatar)
@@ -106,6 +109,17 @@ def simulate(subject: Mesh, rig: Rig, props: Sequence[Mesh] = ()) -> Simulation:
         Truth(subject.transformed(avatar_to_camera), planes, rig.camera_to_avatar, labels, readable, sight),
         rig,
     )
+
+
+def _apparent_depth(sight: Sight, bvh: Bvh, rig: Rig) -> np.ndarray:
+    """What z the sensor would read without noise (H, W) [m]; 0 where its optics leave nothing to read."""
+    optics, principle = rig.optics, find_sensor(rig.sensor).principle
+    if not optics.multipath or principle not in ("phase", "pulse"):
+        return sight.depth
+    light = lit(sight, bvh, rig, 0.0)
+    if principle == "phase":
+        return by_phase(sight, light, rig, optics)
+    return by_pulse(sight, light, rig, optics.pulse_length)
 
 
 def _plane(mirror: FramedMirror, avatar_to_camera: np.ndarray) -> MirrorPicks:
@@ -179,7 +193,7 @@ def write_simulation(simulation: Simulation, folder: str | os.PathLike) -> None:
             "frame": "camera: x right, y down, z forward, metres",
             "mirrors": planes,
             "camera_to_avatar": truth.camera_to_avatar.tolist(),
-            "sensor": rig.sensor, "frames": rig.frames, "seed": rig.seed,
+            "sensor": rig.sensor, "frames": rig.frames, "seed": rig.seed, "optics": asdict(rig.optics),
         })  # fmt: skip
     except OSError as error:
         raise OutputError(f"cannot write into {folder}: {error.strerror}; choose another folder") from error
