@@ -113,8 +113,7 @@ def write_simulation(
     from ..io import read_mesh
     from ..io.atomic_files import fresh_folder
     from ..simulation.mannequin import mannequin
-    from ..simulation.optics import IDEAL, real
-    from ..simulation.scene import default_rig
+    from ..simulation.scene import default_rig, with_real_optics
     from ..simulation.simulate import simulate, write_simulation
 
     if folder.exists():
@@ -122,9 +121,8 @@ def write_simulation(
         if entries is None or (entries and not ("truth" in entries and entries <= SIMULATION_ENTRIES)):
             raise OutputError(f"{folder}: exists and is not an earlier simulation; choose another name or remove it")
     subject = stand(read_mesh(body), body) if body else mannequin()
-    chosen = real(sensor, frequencies) if optics == "real" else IDEAL
-    rig = default_rig(sensor=sensor, mirrors=mirrors, frames=frames, seed=seed, optics=chosen)
-    simulation = simulate(subject, rig)
+    rig = default_rig(sensor=sensor, mirrors=mirrors, frames=frames, seed=seed)
+    simulation = simulate(subject, with_real_optics(rig, frequencies) if optics == "real" else rig)
     with fresh_folder(folder, replace=True) as fresh:
         write_simulation(simulation, fresh)
 

@@ -19,7 +19,7 @@ import numpy as np
 from ..camera import Intrinsics
 from .optics import Optics
 from .rays import Sight
-from .scene import Rig
+from .scene import FramedMirror, Rig, apparent_depth, bow, glass_delay
 
 LIGHT = 299_792_458.0
 """Its speed [m/s]."""
@@ -38,7 +38,7 @@ class Paths:
     source : np.ndarray [shape=(N, S), dtype=float64]
         Ways r_s from the light to the point [m].
     back : np.ndarray [shape=(N,), dtype=float64]
-        Way r_v from the point to the camera [m].
+        Way r_v from the point to the camera [m], with what light spent within the surface.
     own : np.ndarray [shape=(N,), dtype=float64]
         Strength of the source that takes the same way as the view.
     """
@@ -49,7 +49,7 @@ class Paths:
     own: np.ndarray
 
 
-def paths(sight: Sight, light: np.ndarray, rig: Rig, at: np.ndarray) -> Paths:
+def paths(sight: Sight, light: np.ndarray, rig: Rig, at: np.ndarray, within: np.ndarray | None = None) -> Paths:
     """The ways by which the pixels ``at`` are lit.
 
     Parameters
@@ -60,6 +60,8 @@ def paths(sight: Sight, light: np.ndarray, rig: Rig, at: np.ndarray) -> Paths:
     rig : Rig
     at : np.ndarray [shape=(H, W), dtype=bool]
         Pixels wanted.
+    within : np.ndarray [shape=(H, W)] or None
+        How far light went into the surface before it returned [m]; the distance is longer by that.
 
     Returns
     -------
@@ -67,21 +69,43 @@ def paths(sight: Sight, light: np.ndarray, rig: Rig, at: np.ndarray) -> Paths:
         With S = M + 2 sources: direct, by each mirror, and the view's own, which is taken out of the others. An image
         of an image is lit by its own way as well as by the direct one and by each mirror.
     """
-    eye = rig.camera_to_avatar[:3, 3]
-    eyes = [eye]
-    for mirror in rig.mirrors:
-        normal = mirror.axes[2]
-        eyes.append(eye - 2.0 * ((eye - np.array(mirror.centre)) @ normal) * normal)
+    eye, point = rig.camera_to_avatar[:3, 3], sight.point[at]
+    source = np.column_stack(
+        [np.linalg.norm(point - eye, axis=1), *(_way_by_mirror(m, eye, point) for m in rig.mirrors)]
+    )
     reflectivity = np.array([1.0, *(m.reflectivity for m in rig.mirrors)])
-    back = sight.depth[at] * ray_lengths(rig.intrinsics)[at]
+    geometric = sight.depth[at] * ray_lengths(rig.intrinsics)[at]
+    there = geometric + sight.delay[at]
+    back = there if within is None else there + 2.0 * within[at]
     view, bounces = sight.view[at].astype(np.intp), sight.bounces[at]
-    source = np.linalg.norm(sight.point[at][:, None, :] - np.array(eyes), axis=-1)
     strength = light[at] * reflectivity
     once = np.flatnonzero(bounces <= 1)
     strength[once, view[once]] = 0.0
     # What the other mirrors of an image of an image give back is taken to be what the first does.
-    own = np.cos(sight.incidence[at].astype(np.float64)) * reflectivity[view] ** bounces / back**2
-    return Paths(np.column_stack((strength, own)), np.column_stack((source, back)), back, own)
+    own = np.cos(sight.incidence[at].astype(np.float64)) * reflectivity[view] ** bounces / geometric**2
+    return Paths(np.column_stack((strength, own)), np.column_stack((source, there)), back, own)
+
+
+def _way_by_mirror(mirror: FramedMirror, eye: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Optical length from ``eye`` by way of a mirror to each point (N,) [m].
+
+    A reflecting surface that lies w in front of the mirror's plane shortens the way by 2 w cos θ, to the first order
+    in w (Fermat: a shift along the surface counts in the second).
+    """
+    right, up, normal = mirror.axes
+    centre = np.array(mirror.centre)
+    height = (eye - centre) @ normal
+    image = eye - 2.0 * height * normal
+    away = point - image
+    length = np.linalg.norm(away, axis=1)
+    if mirror.sag == (0.0, 0.0) and mirror.glass_thickness == 0.0:
+        return length
+    across = away @ normal
+    share = height / np.where(across > 0, across, 1.0)
+    on_glass = image + share[:, None] * away - centre
+    cosine = np.clip(across / length, 0.0, 1.0)
+    front = bow(mirror, on_glass @ right, on_glass @ up) - apparent_depth(mirror.glass_thickness, cosine)
+    return np.where(across > 0, length - 2.0 * front * cosine + glass_delay(mirror.glass_thickness, cosine), length)
 
 
 def ray_lengths(intrinsics: Intrinsics) -> np.ndarray:
@@ -147,17 +171,30 @@ def decode(signal: np.ndarray, frequencies: tuple[float, ...]) -> tuple[np.ndarr
     return distance, best
 
 
-def by_phase(sight: Sight, light: np.ndarray, rig: Rig, optics: Optics) -> np.ndarray:
+def by_one_way(sight: Sight, rig: Rig, within: np.ndarray) -> np.ndarray:
+    """What a camera that times light reads where it comes by one way: later by glass and skin (H, W), z [m]."""
+    late = sight.delay + within
+    return np.where(sight.depth > 0, sight.depth + late / ray_lengths(rig.intrinsics), 0.0)
+
+
+def by_phase(sight: Sight, light: np.ndarray, rig: Rig, optics: Optics, within: np.ndarray | None = None) -> np.ndarray:
     """What a phase-measuring camera reads where light comes by several ways.
+
+    Parameters
+    ----------
+    sight, light, rig, optics
+        ``light`` from :func:`.rays.lit`, for a light at the camera.
+    within : np.ndarray [shape=(H, W)] or None
+        How far light goes into each surface [m].
 
     Returns
     -------
     np.ndarray [shape=(H, W), dtype=float64]
         z [m]; 0 where the pixel is given up. Pixels with one path keep their true depth to the last bit.
     """
-    depth = sight.depth.copy()
+    depth = by_one_way(sight, rig, np.zeros(sight.depth.shape) if within is None else within)
     at = _lit_otherwise(sight, light)
-    ways = paths(sight, light, rig, at)
+    ways = paths(sight, light, rig, at, within)
     distance, spread = decode(
         phasors(ways.strength, ways.source + ways.back[:, None], optics.frequencies), optics.frequencies
     )
@@ -166,7 +203,7 @@ def by_phase(sight: Sight, light: np.ndarray, rig: Rig, optics: Optics) -> np.nd
     return depth
 
 
-def by_pulse(sight: Sight, light: np.ndarray, rig: Rig, width: float) -> np.ndarray:
+def by_pulse(sight: Sight, light: np.ndarray, rig: Rig, width: float, within: np.ndarray | None = None) -> np.ndarray:
     """What a camera reads that times pulses ``width`` [m] long (half the way there and back).
 
     Peaks that are further apart than the pulse is long stay apart and the strongest counts. Nearer ones merge: what
@@ -177,9 +214,9 @@ def by_pulse(sight: Sight, light: np.ndarray, rig: Rig, width: float) -> np.ndar
     np.ndarray [shape=(H, W), dtype=float64]
         z [m]; pixels with one path keep their true depth.
     """
-    depth = sight.depth.copy()
+    depth = by_one_way(sight, rig, np.zeros(sight.depth.shape) if within is None else within)
     at = _lit_otherwise(sight, light)
-    ways = paths(sight, light, rig, at)
+    ways = paths(sight, light, rig, at, within)
     half = (ways.source + ways.back[:, None]) / 2.0
     peak = np.take_along_axis(half, ways.strength.argmax(axis=1)[:, None], axis=1)
     merged = np.where(np.abs(half - peak) <= width, ways.strength, 0.0)

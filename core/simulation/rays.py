@@ -11,7 +11,7 @@ from numba import njit, prange
 from ..mesh import Mesh
 from ..mesh.bvh import STACK, Bvh, build_bvh, raycast_one
 from .props import together
-from .scene import BACKING, Rig
+from .scene import BACKING, GLASS_INDEX, Rig, room_waves
 
 NOTHING, BODY, FLOOR, WALL, FRAME, PROP = 0, 1, 2, 3, 4, 5
 MAX_BOUNCES = 6
@@ -30,6 +30,7 @@ class Sight:
     or, from 0, of the mirror whose frame it is; else -1. ``view`` int8: 0 = direct, n = by way of mirror n first.
     ``bounces`` uint8: reflections on the way; 2 or more are images in images. ``incidence`` float32 [rad]: ray to
     surface normal. ``color`` uint8 sRGB. ``point``, ``normal`` float64: where the light comes from, avatar frame.
+    ``delay`` float64 [m]: by how much the glass on the way is longer for light than geometry says, one way.
     """
 
     depth: np.ndarray
@@ -41,6 +42,7 @@ class Sight:
     color: np.ndarray
     point: np.ndarray
     normal: np.ndarray
+    delay: np.ndarray
 
 
 def look(subject: Mesh, rig: Rig, props: Sequence[Mesh] = ()) -> tuple[Sight, Bvh]:
@@ -60,13 +62,14 @@ def look(subject: Mesh, rig: Rig, props: Sequence[Mesh] = ()) -> tuple[Sight, Bv
     kind, index = np.zeros(shape, dtype=np.uint8), np.full(shape, -1, dtype=np.int32)
     view, bounces = np.zeros(shape, dtype=np.int8), np.zeros(shape, dtype=np.uint8)
     incidence, point, normal = np.zeros(shape, dtype=np.float32), np.zeros((*shape, 3)), np.zeros((*shape, 3))
+    delay = np.zeros(shape)
     _look(
         bvh, triangles, len(subject.triangles), _vertex_normals(vertices, triangles), colors, _mirror_rows(rig),
-        _room_box(rig),
+        _room_box(rig), room_waves(rig),
         pose[:3, 3].copy(), pose[:3, :3].copy(), intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy,
-        depth, kind, index, view, bounces, incidence, color, point, normal,
+        depth, kind, index, view, bounces, incidence, color, point, normal, delay,
     )  # fmt: skip
-    return Sight(depth, kind, index, view, bounces, incidence, color, point, normal), bvh
+    return Sight(depth, kind, index, view, bounces, incidence, color, point, normal, delay), bvh
 
 
 def lit(sight: Sight, bvh: Bvh, rig: Rig, baseline: float) -> np.ndarray:
@@ -111,10 +114,11 @@ def _vertex_normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def _mirror_rows(rig: Rig) -> np.ndarray:
-    """(M, 16): centre, right, up, normal, half width, half height, frame width, frame depth."""
-    rows = np.empty((len(rig.mirrors), 16))
+    """(M, 19): centre, right, up, normal, half width, half height, frame width, frame depth, two sags, thickness."""
+    rows = np.empty((len(rig.mirrors), 19))
     for row, m in zip(rows, rig.mirrors, strict=True):
-        row[:] = (*m.centre, *m.axes.ravel(), m.width / 2, m.height / 2, m.frame_width, m.frame_depth)
+        sizes = (m.width / 2, m.height / 2, m.frame_width, m.frame_depth, *m.sag, m.glass_thickness)
+        row[:] = (*m.centre, *m.axes.ravel(), *sizes)
     return rows
 
 
@@ -145,6 +149,13 @@ def _box(low, high, o, d, t_max):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _bow(row, x, y):
+    """How far a bowed glass stands in front of its mean plane at x, y; see :func:`.scene.bow`."""
+    x, y = x / row[12], y / row[13]
+    return row[16] * (1.0 / 3.0 - x * x) + row[17] * (1.0 / 3.0 - y * y)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _mirror(row, origin, direction, t_max, local_o, local_d, low, high, normal):
     """First hit of one framed mirror: (t, 1 glass | 2 frame, inf 0 none); the frame's normal to ``normal``."""
     for a in range(3):
@@ -155,10 +166,21 @@ def _mirror(row, origin, direction, t_max, local_o, local_d, low, high, normal):
             local_d[a] += axis * direction[k]
     hw, hh, frame, proud = row[12], row[13], row[14], row[15]
     best, what, face = t_max, 0, -1
+    bowed = row[16] != 0.0 or row[17] != 0.0
     if local_o[2] > 0.0 and local_d[2] < 0.0:
         t = -local_o[2] / local_d[2]
+        if bowed:
+            for _ in range(4):  # each step brings it nearer by the slope, some thousandths
+                t = (_bow(row, local_o[0] + t * local_d[0], local_o[1] + t * local_d[1]) - local_o[2]) / local_d[2]
         if 1e-9 < t < best and abs(local_o[0] + t * local_d[0]) <= hw and abs(local_o[1] + t * local_d[1]) <= hh:
             best, what = t, 1
+    if bowed and frame > 0.0:
+        # The frame bends with the glass: boxes are met where the frame stands at the place the ray makes for.
+        t = (proud - local_o[2]) / local_d[2] if local_d[2] != 0.0 else 0.0
+        t = max(t, 0.0)
+        x = min(max(local_o[0] + t * local_d[0], -hw - frame), hw + frame)
+        y = min(max(local_o[1] + t * local_d[1], -hh - frame), hh + frame)
+        local_o[2] -= _bow(row, x, y)
     for part in range(5):
         if part > 0 and frame <= 0.0:
             break
@@ -183,23 +205,76 @@ def _mirror(row, origin, direction, t_max, local_o, local_d, low, high, normal):
     return best, what
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def _tilt(row, origin, direction, t, normal):
+    """Unit normal of a bowed glass where a ray meets it, to ``normal``."""
+    x, y = 0.0, 0.0
+    for a in range(3):
+        at = origin[a] + t * direction[a] - row[a]
+        x += at * row[3 + a]
+        y += at * row[6 + a]
+    x, y = 2.0 * row[16] * x / row[12] ** 2, 2.0 * row[17] * y / row[13] ** 2
+    long = np.sqrt(1.0 + x * x + y * y)
+    for a in range(3):
+        normal[a] = (row[9 + a] + x * row[3 + a] + y * row[6 + a]) / long
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _reflect(row, o, d, t, length, normal):
+    """Reflect a ray that meets a glass at ``t``: (further way before it turns back, delay in the glass)."""
+    for a in range(3):
+        normal[a] = row[9 + a]
+    if row[16] != 0.0 or row[17] != 0.0:
+        _tilt(row, o, d, t, normal)
+    along, more, late = 0.0, 0.0, 0.0
+    for a in range(3):
+        along += d[a] * normal[a]
+    if row[18] > 0.0:
+        # Silver behind glass acts as a mirror that lies shallower: see :func:`.scene.apparent_depth` and `glass_delay`.
+        sine = 1.0 - (along / length) ** 2
+        more = row[18] / np.sqrt(GLASS_INDEX**2 - sine) / length
+        late = 2.0 * row[18] * (GLASS_INDEX - 1.0 / GLASS_INDEX) / np.sqrt(1.0 - sine / GLASS_INDEX**2)
+    for a in range(3):
+        o[a] += (t + more) * d[a]
+        d[a] -= 2.0 * along * normal[a]
+        o[a] += 1e-9 * normal[a]
+    return more, late
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _uneven(waves, what, side, room, o, d, t):
+    """Where a ray meets a floor or wall that is not flat, having met the flat one at ``t``."""
+    a = side % 3
+    b, c = (a + 1) % 3, (a + 2) % 3
+    inward = 1.0 if side < 3 else -1.0
+    height = 3 if what == FLOOR else 4
+    for _ in range(3):
+        rise = 0.0
+        for k in range(waves.shape[0]):
+            turn = waves[k, 0] * (o[b] + t * d[b]) + waves[k, 1] * (o[c] + t * d[c]) + waves[k, 2]
+            rise += waves[k, height] * np.sin(turn)
+        # A ray that grazes is moved no further than a hundred times the rise.
+        slant = d[a] if abs(d[a]) > 0.01 else np.copysign(0.01, d[a])
+        t += (room[side] + inward * rise - (o[a] + t * d[a])) / slant
+    return t
+
+
 @njit(cache=True, nogil=True, parallel=True)
 def _look(
-    bvh, triangles, of_body, vertex_normals, vertex_colors, mirrors, room, eye, turn, fx, fy, cx, cy,
-    depth, kind, index, view, bounces, incidence, color, point, normals,
+    bvh, triangles, of_body, vertex_normals, vertex_colors, mirrors, room, waves, eye, turn, fx, fy, cx, cy,
+    depth, kind, index, view, bounces, incidence, color, point, normals, delay,
 ):  # fmt: skip
     for v in prange(depth.shape[0]):
         _look_row(
-            np.int64(v), bvh, triangles, of_body, vertex_normals, vertex_colors, mirrors, room, eye, turn, fx, fy, cx,
-            cy,
-            depth, kind, index, view, bounces, incidence, color, point, normals,
+            np.int64(v), bvh, triangles, of_body, vertex_normals, vertex_colors, mirrors, room, waves, eye, turn, fx,
+            fy, cx, cy, depth, kind, index, view, bounces, incidence, color, point, normals, delay,
         )  # fmt: skip
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _look_row(
-    v, bvh, triangles, of_body, vertex_normals, vertex_colors, mirrors, room, eye, turn, fx, fy, cx, cy,
-    depth, kind, index, view, bounces, incidence, color, point, normals,
+    v, bvh, triangles, of_body, vertex_normals, vertex_colors, mirrors, room, waves, eye, turn, fx, fy, cx, cy,
+    depth, kind, index, view, bounces, incidence, color, point, normals, delay,
 ):  # fmt: skip
     stack = np.empty(STACK, dtype=np.int32)
     o, d, n, m, shade, tint = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
@@ -211,7 +286,7 @@ def _look_row(
             d[a] = turn[a, 0] * ray_x + turn[a, 1] * ray_y + turn[a, 2]
         # The camera-frame ray has z = 1 and reflection keeps its length, so t along the folded path is depth.
         length = np.sqrt(ray_x * ray_x + ray_y * ray_y + 1.0)
-        travelled, first, bounce = 0.0, 0, 0
+        travelled, late, first, bounce = 0.0, 0.0, 0, 0
         while bounce <= MAX_BOUNCES:
             t, tri, wb, wc = raycast_one(bvh, o[0], o[1], o[2], d[0], d[1], d[2], np.inf, stack)
             what, which = NOTHING, -1
@@ -238,13 +313,9 @@ def _look_row(
             if glass >= 0:
                 if first == 0:
                     first = glass + 1
-                along = 0.0
-                for a in range(3):
-                    o[a] += t * d[a]
-                    along += d[a] * mirrors[glass, 9 + a]
-                for a in range(3):
-                    d[a] -= 2.0 * along * mirrors[glass, 9 + a]
-                    o[a] += 1e-9 * mirrors[glass, 9 + a]
+                more, waited = _reflect(mirrors[glass], o, d, t, length, m)
+                travelled += more
+                late += waited
                 bounce += 1
                 continue
             break
@@ -258,6 +329,10 @@ def _look_row(
                 shade[a] = wa * vertex_normals[i, a] + wb * vertex_normals[j, a] + wc * vertex_normals[k, a]
                 tint[a] = wa * vertex_colors[i, a] + wb * vertex_colors[j, a] + wc * vertex_colors[k, a]
                 n[a] = shade[a]
+        if waves.shape[0] > 0 and (what == FLOOR or what == WALL):
+            more = _uneven(waves, what, which, room, o, d, t) - t
+            t += more
+            travelled += more
         px, py, pz = o[0] + t * d[0], o[1] + t * d[1], o[2] + t * d[2]
         if what == FLOOR:
             light = 0.92 if (int(np.floor(px / 0.6)) + int(np.floor(py / 0.6))) % 2 == 0 else 1.0
@@ -274,7 +349,7 @@ def _look_row(
         key = max(turned * (-0.35 * n[0] - 0.45 * n[1] + 0.82 * n[2]), 0.0)
         bright = (0.42 + 0.30 * key + 0.34 * facing) * SILVER**bounce
         norm = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
-        depth[v, u], kind[v, u], index[v, u] = travelled, what, which
+        depth[v, u], kind[v, u], index[v, u], delay[v, u] = travelled, what, which, late
         incidence[v, u] = np.arccos(min(facing / norm, 1.0))
         point[v, u, 0], point[v, u, 1], point[v, u, 2] = px, py, pz
         for a in range(3):

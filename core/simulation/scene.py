@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..camera import Intrinsics
 from ..errors import MirrorScanError
-from .optics import IDEAL, Optics
+from .optics import IDEAL, Optics, real
 from .sensors import find_sensor
 
 BACKING = 0.02
 """Thickness of a mirror's board behind the glass [m]."""
+GLASS_INDEX = 1.52
+"""Refractive index of float glass."""
 
 
 @dataclass(frozen=True)
 class FramedMirror:
-    """A flat rectangular mirror in a frame.
+    """A rectangular mirror in a frame.
 
     Parameters
     ----------
@@ -37,6 +39,11 @@ class FramedMirror:
     reflectivity : float
         Share of a depth camera's light that one reflection gives back, .7 to .95 over glass in the near infrared. It
         shows in what :class:`~.optics.Optics` turns on.
+    sag : tuple of float
+        How far the middle stands in front of the edges [m], across the width and along the height: the glass is bowed
+        like a parabola, and the frame bends with it. ``centre`` and ``normal`` are its mean plane; negative = hollow.
+    glass_thickness : float
+        Of the glass before the silver [m]; 0 = a front surface mirror. ``centre`` lies on the front.
     """
 
     name: str
@@ -48,6 +55,8 @@ class FramedMirror:
     frame_width: float = 0.035
     frame_depth: float = 0.0
     reflectivity: float = 0.85
+    sag: tuple[float, float] = (0.0, 0.0)
+    glass_thickness: float = 0.0
 
     def __post_init__(self) -> None:
         sizes = (self.width, self.height, self.frame_width, self.frame_depth)
@@ -57,6 +66,14 @@ class FramedMirror:
         if not 0.0 < self.reflectivity <= 1.0:
             raise MirrorScanError(
                 f"rig: mirror '{self.name}' has a reflectivity of {self.reflectivity}; give a share from 0 to 1"
+            )
+        if not (np.abs(self.sag) <= 0.05 * np.array((self.width, self.height))).all():
+            raise MirrorScanError(
+                f"rig: mirror '{self.name}' has a sag of {self.sag} m; at most a twentieth of its size"
+            )
+        if not 0.0 <= self.glass_thickness <= BACKING / 2:
+            raise MirrorScanError(
+                f"rig: mirror '{self.name}' has glass of {self.glass_thickness} m; give 0 to {BACKING / 2:g} m"
             )
         lengths = np.linalg.norm(self.up) * np.linalg.norm(self.normal)
         if np.linalg.norm(np.cross(self.up, self.normal)) <= 1e-6 * lengths:
@@ -70,6 +87,46 @@ class FramedMirror:
         up -= (up @ normal) * normal
         up /= np.linalg.norm(up)
         return np.array([np.cross(up, normal), up, normal])
+
+
+def bow(mirror: FramedMirror, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """How far the glass stands in front of its mean plane at x (right) and y (up) of its centre [m]."""
+    across, along = 2.0 * x / mirror.width, 2.0 * y / mirror.height
+    return mirror.sag[0] * (1.0 / 3.0 - across**2) + mirror.sag[1] * (1.0 / 3.0 - along**2)
+
+
+def apparent_depth(thickness: float, cosine: np.ndarray) -> np.ndarray:
+    """How far behind the front of the glass the thin mirror lies that sends rays the same way.
+
+    ``t cos θ / √(n² - sin² θ)``, for rays that meet the glass at θ, by Snell's law.
+    """
+    return thickness * cosine / np.sqrt(GLASS_INDEX**2 - 1.0 + cosine**2)
+
+
+def glass_delay(thickness: float, cosine: np.ndarray) -> np.ndarray:
+    """By how much one crossing (in, to the silver, out) is longer for light than by that thin mirror [m].
+
+    ``2 t (n - 1/n) / cos θ'``, θ' within the glass.
+    """
+    return 2.0 * thickness * (GLASS_INDEX - 1.0 / GLASS_INDEX) / np.sqrt(1.0 - (1.0 - cosine**2) / GLASS_INDEX**2)
+
+
+def apparent_plane(mirror: FramedMirror, eye: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    """Point and unit normal of the plane that is nearest to where the glass appears to reflect, seen from ``eye``.
+
+    That is the mean plane of bowed glass, and lies within the glass of a mirror that is silvered on its back.
+    """
+    right, up, normal = mirror.axes
+    centre = np.array(mirror.centre, dtype=float)
+    if mirror.sag == (0.0, 0.0) and mirror.glass_thickness == 0.0:
+        return centre, normal
+    x, y = (a.ravel() for a in np.meshgrid(*(np.linspace(-0.5, 0.5, 41) * s for s in (mirror.width, mirror.height))))
+    away = np.array(eye) - centre - x[:, None] * right - y[:, None] * up
+    cosine = np.clip((away @ normal) / np.linalg.norm(away, axis=1), 0.0, 1.0)
+    z = bow(mirror, x, y) - apparent_depth(mirror.glass_thickness, cosine)
+    # x and y are symmetrical about the centre, so the plane's three numbers are independent.
+    tilt = -(x @ z / (x @ x)) * right - (y @ z / (y @ y)) * up + normal
+    return centre + z.mean() * normal, tilt / np.linalg.norm(tilt)
 
 
 @dataclass(frozen=True)
@@ -135,6 +192,39 @@ class Rig:
         matrix[:3, :3] = _turn(2, -self.pan_deg) @ _turn(0, -self.tilt_deg) @ looking @ _turn(2, self.roll_deg)
         matrix[:3, 3] = self.camera
         return matrix
+
+
+def room_waves(rig: Rig) -> np.ndarray:
+    """What makes floor and walls uneven, as sums of sines (K, 5).
+
+    Wave numbers along the two directions of the surface [rad/m], phase, and heights on the floor and on walls [m].
+    """
+    if rig.optics.uneven_floor == 0.0 and rig.optics.uneven_walls == 0.0:
+        return np.zeros((0, 5))
+    rng = np.random.default_rng([rig.seed, 1])
+    length = np.array([0.7, 1.1, 1.7, 2.6, 4.0])
+    bearing, phase = rng.uniform(0, 2 * np.pi, (2, len(length)))
+    # Longer waves are higher; together they rise and fall by about the height asked for.
+    share = length**0.5 / np.linalg.norm(length**0.5)
+    turns = 2 * np.pi / length
+    heights = (rig.optics.uneven_floor * share, rig.optics.uneven_walls * share)
+    return np.column_stack((turns * np.cos(bearing), turns * np.sin(bearing), phase, *heights))
+
+
+def with_real_optics(rig: Rig, frequencies: tuple[float, ...] | None = None) -> Rig:
+    """The rig with everything that applies to its sensor, and with mirrors as they are sold.
+
+    Glass of 4 to 6 mm that gives back 75 to 93 %, its middle up to 2.5 mm in front of or behind the edges of a glass
+    1.75 m high (in proportion to the square of its height), all drawn by the rig's seed.
+    """
+    rng = np.random.default_rng([rig.seed, 2])
+    mirrors = []
+    for mirror in rig.mirrors:
+        reflectivity, thickness = rng.uniform((0.75, 0.004), (0.93, 0.006))
+        across, along = rng.uniform(-1, 1, 2) * (0.0015, 0.0025) * (np.array((mirror.width, mirror.height)) / 1.75) ** 2
+        sag = (float(across), float(along))
+        mirrors.append(replace(mirror, reflectivity=float(reflectivity), glass_thickness=float(thickness), sag=sag))
+    return replace(rig, mirrors=tuple(mirrors), optics=real(rig.sensor, frequencies, rig.seed))
 
 
 def _turn(axis: int, degrees: float) -> np.ndarray:

@@ -48,6 +48,11 @@ class Sensor:
         ``"exact"`` = by magic.
     cell : int
         Readings are taken this many pixels apart and interpolated between.
+    window : int
+        Side of the square over which light is gathered: the matching window of a triangulating camera, otherwise the
+        lens's blur [px]; odd.
+    faintest : float
+        Weakest signal that gives a reading, as albedo · cos(incidence) / distance² [1/m²].
     """
 
     intrinsics: Intrinsics
@@ -66,6 +71,8 @@ class Sensor:
     interference: bool = False
     principle: str = "exact"
     cell: int = 1
+    window: int = 1
+    faintest: float = 0.0
 
 
 def _noise(name: str) -> dict:
@@ -82,29 +89,33 @@ def _noise(name: str) -> dict:
 
 _AZURE = Sensor(
     Intrinsics(640, 576, 504.0, 504.0, 319.5, 287.5), 0.5, 6.0,
-    flying=0.2, dropped=0.1, max_incidence_deg=86.0, dropout=0.0005, principle="phase", **_noise("azure_kinect"),
+    flying=0.2, dropped=0.1, max_incidence_deg=86.0, dropout=0.0005, principle="phase", window=3,
+    faintest=0.003, **_noise("azure_kinect"),
 )  # fmt: skip
 
+# Weakest signals: what the makers' ranges and reflectances (Azure Kinect: 15 % at 3.86 m, with 17 mm of noise) come to,
+# less a factor of 3 to 4, as a camera does not stop there: 15 % at 7 m, 5 % at 4 m. Matching windows: Kinect v1 9 px
+# (Konolige and Mihelich 2011), D400 family 7 px.
 SENSORS: dict[str, Sensor] = {
     "ideal": Sensor(Intrinsics(640, 480, 585.0, 585.0, 319.5, 239.5), 0.05, 60.0),
     "kinect_v1": Sensor(
         Intrinsics(640, 480, 585.0, 585.0, 319.5, 239.5), 0.5, 6.5, max_incidence_deg=80.0, dropout=0.001,
-        interference=True, principle="pattern", **_noise("kinect_v1"),
+        interference=True, principle="pattern", window=9, faintest=0.004, **_noise("kinect_v1"),
     ),
     "kinect_v2": Sensor(
         Intrinsics(512, 424, 365.5, 365.5, 255.5, 211.5), 0.5, 6.0, flying=0.3, dropped=0.1, max_incidence_deg=84.0,
-        dropout=0.001, principle="phase", **_noise("kinect_v2"),
+        dropout=0.001, principle="phase", window=3, faintest=0.002, **_noise("kinect_v2"),
     ),
     "azure_kinect": _AZURE,
     "femto_bolt": _AZURE,
     "realsense_d455": Sensor(
         Intrinsics(848, 480, 428.0, 428.0, 423.5, 239.5), 0.4, 8.0, fattening=2, max_incidence_deg=84.0,
-        dropout=0.002, principle="stereo", **_noise("realsense_d455"),
+        dropout=0.002, principle="stereo", window=7, faintest=0.002, **_noise("realsense_d455"),
     ),
     # The depth map that ARKit gives of a phone's or tablet's lidar: few spots, interpolated.
     "phone_dtof": Sensor(
         Intrinsics(256, 192, 205.0, 205.0, 127.5, 95.5), 0.2, 5.0, axial_noise=(0.002, 0.0004), flying=0.4,
-        max_incidence_deg=84.0, principle="pulse", cell=3,
+        max_incidence_deg=84.0, principle="pulse", cell=3, window=3, faintest=0.004,
     ),
 }  # fmt: skip
 
@@ -117,8 +128,9 @@ def find_sensor(name: str) -> Sensor:
 
 
 def measure(
-    sensor: Sensor, depth: np.ndarray, incidence: np.ndarray, focal: float, frames: int, rng: np.random.Generator
-) -> np.ndarray:
+    sensor: Sensor, depth: np.ndarray, incidence: np.ndarray, focal: float, frames: int, rng: np.random.Generator,
+    *, gain: np.ndarray | None = None, strength: np.ndarray | None = None, fixed: float | None = None,
+) -> np.ndarray:  # fmt: skip
     """What the sensor reads of a scene whose true depth is known.
 
     Noise is drawn anew for each frame; what geometry decides (flying pixels, fattened silhouettes) stays the same
@@ -135,6 +147,13 @@ def measure(
         fx of the depth map [px], for disparity.
     frames : int
     rng : np.random.Generator
+    gain : np.ndarray [shape=(H, W)] or None
+        By how much noise is larger than the sensor's figure.
+    strength : np.ndarray [shape=(H, W)] or None
+        Light that returns, in parts of the weakest that gives a reading; it flickers by a tenth from frame to frame.
+    fixed : float or None
+        Noise is correlated over the sensor's window, and this share of its variance is the same in each frame; None =
+        each pixel and each frame has noise of its own.
 
     Returns
     -------
@@ -154,6 +173,8 @@ def measure(
     jitter = sensor.lateral_jitter[0] + sensor.lateral_jitter[1] * slant / (np.float32(np.pi / 2) - slant)
     rows, columns = np.indices(scene.shape, dtype=np.float32)
     spots = _spots(scene, sensor.cell) if sensor.cell > 1 else None
+    larger = np.float32(1.0) if gain is None else gain.astype(np.float32)
+    same = None if fixed is None else _smooth_noise(scene.shape, sensor.window, rng)
 
     burst = np.empty((frames, height, width), dtype=np.float32)
     for frame in burst:
@@ -168,16 +189,19 @@ def measure(
         read = z > 0
         if sensor.axial_noise != (0.0, 0.0):
             sigma = np.float32(sensor.axial_noise[0]) + np.float32(sensor.axial_noise[1]) * z * z
-            z += sigma * rng.standard_normal(z.shape, dtype=np.float32)
+            z += larger * sigma * _noise_of_frame(z.shape, sensor.window, same, fixed, rng)
         if sensor.disparity_noise > 0 or sensor.disparity_step > 0:
             scale = np.float32(focal * sensor.baseline)
             disparity = scale / np.where(read, z, np.float32(1.0))
             if sensor.disparity_noise > 0:
-                disparity += np.float32(sensor.disparity_noise) * rng.standard_normal(z.shape, dtype=np.float32)
+                noise = _noise_of_frame(z.shape, sensor.window, same, fixed, rng)
+                disparity += larger * np.float32(sensor.disparity_noise) * noise
             if sensor.disparity_step > 0:
                 disparity = np.rint(disparity / np.float32(sensor.disparity_step)) * np.float32(sensor.disparity_step)
             read &= disparity > 0
             z = scale / np.where(read, disparity, np.float32(1.0))
+        if strength is not None:
+            read &= strength * (1 + 0.1 * rng.standard_normal(z.shape, dtype=np.float32)) >= 1.0
         if sensor.dropout > 0:
             read &= rng.random(z.shape, dtype=np.float32) >= sensor.dropout
         if spots is not None:
@@ -186,6 +210,26 @@ def measure(
         read &= (z >= sensor.min_range) & (z <= sensor.max_range)
         frame[:] = np.where(read, np.rint(z * np.float32(1000.0)) / np.float32(1000.0), np.float32(0.0))
     return burst
+
+
+def _noise_of_frame(
+    shape: tuple[int, ...], window: int, same: np.ndarray | None, fixed: float | None, rng: np.random.Generator
+) -> np.ndarray:
+    """Noise of variance 1: of each pixel's own, or smooth and partly the ``same`` as in other frames."""
+    if same is None or fixed is None:
+        return rng.standard_normal(shape, dtype=np.float32)
+    moving = _smooth_noise(shape, window, rng)
+    return np.float32(np.sqrt(fixed)) * same + np.float32(np.sqrt(1 - fixed)) * moving
+
+
+def _smooth_noise(shape: tuple[int, ...], window: int, rng: np.random.Generator) -> np.ndarray:
+    """Gaussian noise of variance 1, correlated as far as windows of ``window`` pixels overlap (float32)."""
+    values = rng.standard_normal((shape[0] + window - 1, shape[1] + window - 1))
+    for axis in (0, 1):
+        total = np.cumsum(np.insert(values, 0, 0.0, axis=axis), axis=axis)
+        size = shape[axis]
+        values = np.take(total, range(window, window + size), axis=axis) - np.take(total, range(size), axis=axis)
+    return (values / window).astype(np.float32)
 
 
 def _spots(z: np.ndarray, cell: int) -> tuple[np.ndarray, np.ndarray]:

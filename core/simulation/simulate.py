@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +17,10 @@ from ..io import write_mesh
 from ..io.images import write_png
 from ..mesh import Mesh
 from ..mesh.bvh import Bvh
-from .multipath import by_phase, by_pulse
+from .multipath import by_one_way, by_phase, by_pulse
 from .rays import BODY, FRAME, Sight, lit, look
-from .scene import FramedMirror, Rig
+from .returned_light import albedo, depth_warp, noise_gain, signal, skin_delay
+from .scene import FramedMirror, Rig, apparent_plane
 from .sensors import find_sensor, measure
 
 PICKS = 8
@@ -40,7 +41,8 @@ class Truth:
     body : Mesh
         The subject.
     mirrors : tuple of MirrorPicks
-        Each glass as ``point`` (its centre) and unit ``normal`` towards the room.
+        Each glass as ``point`` and unit ``normal`` towards the room: the best plane of where it appears to reflect,
+        through the centre of the glass where that is flat and silvered on its front.
     camera_to_avatar : np.ndarray [shape=(4, 4)]
     labels : np.ndarray [shape=(H, W), dtype=int8]
         Body pixels: 0 = seen directly, n = through mirror n; -1 elsewhere and in images of images.
@@ -92,13 +94,21 @@ def simulate(subject: Mesh, rig: Rig, props: Sequence[Mesh] = ()) -> Simulation:
         readable &= ~once | (own > 0)
         if interference:
             readable &= ~once | (light.sum(axis=-1) - own <= INTERFERENCE_RATIO * own)
-    apparent = _apparent_depth(sight, bvh, rig)
-
-    depth = measure(sensor, np.where(readable, apparent, 0.0), sight.incidence, rig.intrinsics.fx, rig.frames, noise)
-    color = sight.color + np.rint(1.5 * grain.standard_normal(sight.color.shape, dtype=np.float32))
+    apparent = _apparent_depth(sight, bvh, rig, subject)
+    strength = gain = None
+    if rig.optics.weakens:
+        returned = signal(sight, rig, sensor, albedo(sight, subject, props, rig.optics))
+        strength, gain = returned / max(sensor.faintest, 1e-12), noise_gain(returned, sight, rig, sensor)
+    fixed = rig.optics.fixed_noise if rig.optics.correlated_noise and sensor.baseline > 0 else None
+    depth = measure(
+        sensor, np.where(readable, apparent, 0.0), sight.incidence, rig.intrinsics.fx, rig.frames, noise,
+        gain=gain, strength=strength, fixed=fixed,
+    )  # fmt: skip
+    color = _color_image(sight, subject, rig, props)
+    color = color + np.rint(1.5 * grain.standard_normal(color.shape, dtype=np.float32))
     color = np.clip(color, 0, 255).astype(np.uint8)
     avatar_to_camera = np.linalg.inv(rig.camera_to_avatar)
-    planes = tuple(_plane(m, avatar_to_camera) for m in rig.mirrors)
+    planes = tuple(_plane(m, rig.camera, avatar_to_camera) for m in rig.mirrors)
     picks = tuple(
         _picks(m, i, rig.intrinsics, avatar_to_camera, sight, clicks) or plane
         for i, (m, plane) in enumerate(zip(rig.mirrors, planes, strict=True))
@@ -111,20 +121,39 @@ def simulate(subject: Mesh, rig: Rig, props: Sequence[Mesh] = ()) -> Simulation:
     )
 
 
-def _apparent_depth(sight: Sight, bvh: Bvh, rig: Rig) -> np.ndarray:
+def _apparent_depth(sight: Sight, bvh: Bvh, rig: Rig, subject: Mesh) -> np.ndarray:
     """What z the sensor would read without noise (H, W) [m]; 0 where its optics leave nothing to read."""
-    optics, principle = rig.optics, find_sensor(rig.sensor).principle
-    if not optics.multipath or principle not in ("phase", "pulse"):
-        return sight.depth
-    light = lit(sight, bvh, rig, 0.0)
-    if principle == "phase":
-        return by_phase(sight, light, rig, optics)
-    return by_pulse(sight, light, rig, optics.pulse_length)
+    optics, sensor = rig.optics, find_sensor(rig.sensor)
+    depth = sight.depth
+    if sensor.principle in ("phase", "pulse"):
+        within = skin_delay(sight, bvh, subject, optics)
+        if not optics.multipath:
+            depth = by_one_way(sight, rig, within)
+        elif sensor.principle == "phase":
+            depth = by_phase(sight, lit(sight, bvh, rig, 0.0), rig, optics, within)
+        else:
+            depth = by_pulse(sight, lit(sight, bvh, rig, 0.0), rig, optics.pulse_length, within)
+    if optics.warp and sensor.principle != "exact":
+        depth = np.where(depth > 0, depth + depth_warp(rig, sensor, depth), 0.0)
+    return depth
 
 
-def _plane(mirror: FramedMirror, avatar_to_camera: np.ndarray) -> MirrorPicks:
+def _color_image(sight: Sight, subject: Mesh, rig: Rig, props: Sequence[Mesh]) -> np.ndarray:
+    """The colour image without its grain: beside the depth map and later, if the optics say so (H, W, 3)."""
+    optics, lens = rig.optics, rig.intrinsics
+    moved = optics.sway * optics.color_delay
+    if moved == 0.0 and optics.color_shift == (0.0, 0.0):
+        return sight.color
+    step = np.eye(4)
+    step[0, 3] = moved
+    beside = replace(lens, cx=lens.cx + optics.color_shift[0], cy=lens.cy + optics.color_shift[1])
+    return look(subject.transformed(step), replace(rig, intrinsics=beside), props)[0].color
+
+
+def _plane(mirror: FramedMirror, eye: Sequence[float], avatar_to_camera: np.ndarray) -> MirrorPicks:
     turn, shift = avatar_to_camera[:3, :3], avatar_to_camera[:3, 3]
-    return MirrorPicks(mirror.name, None, turn @ np.array(mirror.centre) + shift, turn @ mirror.axes[2])
+    point, normal = apparent_plane(mirror, eye)
+    return MirrorPicks(mirror.name, None, turn @ point + shift, turn @ normal)
 
 
 def _picks(
@@ -188,7 +217,13 @@ def write_simulation(simulation: Simulation, folder: str | os.PathLike) -> None:
             for m in capture.mirrors
         ]
         _write_json(folder / "mirrors.json", {"mirrors": mirrors})
-        planes = [{"name": m.name, **_plane_entry(m)} for m in truth.mirrors]
+        planes = [
+            {
+                "name": m.name, **_plane_entry(m), "sag": list(made.sag), "glass_thickness": made.glass_thickness,
+                "reflectivity": made.reflectivity,
+            }
+            for m, made in zip(truth.mirrors, rig.mirrors, strict=True)
+        ]  # fmt: skip
         _write_json(folder / "truth" / "rig.json", {
             "frame": "camera: x right, y down, z forward, metres",
             "mirrors": planes,
