@@ -335,12 +335,14 @@ def run_experiment_capture(options: argparse.Namespace, writers: Writers) -> Non
 
     from ..io import read_mesh
     from ..simulation.mannequin import mannequin
+    from ..simulation.optics import IDEAL, real
 
     with progress_bar(options.quiet) as progress:
         advance(progress, 0.0, "reading the body" if options.mesh else "making a mannequin")
         body = stand(read_mesh(options.mesh), options.mesh) if options.mesh else mannequin()
+        optics = real(options.sensor, options.frequencies, options.seed) if options.optics == "real" else IDEAL
         outcome = experiment.run(
-            body, options.sensor, options.frames, options.seed, progress=stage_of(progress, 0.05, 0.95)
+            body, options.sensor, options.frames, options.seed, optics=optics, progress=stage_of(progress, 0.05, 0.95)
         )
         advance(progress, 0.95, "writing")
         paths, note = experiment.write_results(outcome, options.folder)

@@ -207,6 +207,7 @@ def _add_capture_experiment(experiments: _Commands, name: str, words: str) -> No
     command.add_argument(
         "--seed", metavar="N", type=_whole(0, 2**32 - 1), default=0, help="seed of the noise, default 0"
     )
+    _add_optics(command)
     _add_quiet(command)
     command.set_defaults(run=commands.run_experiment_capture, experiment=name)
 

@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import MirrorScanError
 from ..mesh import Mesh
 from ..mesh.surface_distance import SurfaceDistance, surface_distance
+from ..simulation.optics import IDEAL, Optics
 from ..simulation.scene import default_rig
 from ..simulation.simulate import simulate
 from .results import distance_cells, distance_headings, keep
@@ -81,6 +82,7 @@ def run(
     seed: int = 0,
     distances: Sequence[float] = DISTANCES,
     samples: int = 100_000,
+    optics: Optics = IDEAL,
     progress: Callable[[float, str], None] | None = None,
 ) -> list[Capture]:
     """Take the captures and compare each with the nearest.
@@ -95,6 +97,8 @@ def run(
         Camera to figure [m], the nearest first.
     samples : int
         Points on each surface for the distances.
+    optics : Optics
+        Of all captures.
 
     Returns
     -------
@@ -112,7 +116,10 @@ def run(
     for number, distance in enumerate(distances):
         if progress:
             progress(0.6 * number / len(distances), f"scanning from {distance:g} m")
-        rig = default_rig(sensor, subject_distance=distance, mirrors=0, frames=frames, seed=seed + number, tilt_deg=1.0)
+        rig = default_rig(
+            sensor, subject_distance=distance, mirrors=0, frames=frames, seed=seed + number, tilt_deg=1.0,
+            optics=optics,
+        )  # fmt: skip
         made.append(simulate(body, rig))
     rows = []
     for number, way in enumerate(WAYS):

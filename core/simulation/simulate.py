@@ -98,7 +98,9 @@ def simulate(subject: Mesh, rig: Rig, props: Sequence[Mesh] = ()) -> Simulation:
     strength = gain = None
     if rig.optics.weakens:
         returned = signal(sight, rig, sensor, albedo(sight, subject, props, rig.optics))
-        strength, gain = returned / max(sensor.faintest, 1e-12), noise_gain(returned, sight, rig, sensor)
+        strength = returned / max(sensor.faintest, 1e-12)
+        if sensor.principle != "pattern":  # dots are found or not: how bright they are hardly counts
+            gain = noise_gain(returned, sight, rig, sensor)
     fixed = rig.optics.fixed_noise if rig.optics.correlated_noise and sensor.baseline > 0 else None
     depth = measure(
         sensor, np.where(readable, apparent, 0.0), sight.incidence, rig.intrinsics.fx, rig.frames, noise,
