@@ -113,6 +113,7 @@ def write_simulation(
     from ..io import read_mesh
     from ..io.atomic_files import fresh_folder
     from ..simulation.mannequin import mannequin
+    from ..simulation.optics import EFFECTS
     from ..simulation.scene import default_rig, with_real_optics
     from ..simulation.simulate import simulate, write_simulation
 
@@ -122,7 +123,9 @@ def write_simulation(
             raise OutputError(f"{folder}: exists and is not an earlier simulation; choose another name or remove it")
     subject = stand(read_mesh(body), body) if body else mannequin()
     rig = default_rig(sensor=sensor, mirrors=mirrors, frames=frames, seed=seed)
-    simulation = simulate(subject, with_real_optics(rig, frequencies) if optics == "real" else rig)
+    if optics != "ideal":
+        rig = with_real_optics(rig, frequencies, EFFECTS if optics == "real" else optics.split(","))
+    simulation = simulate(subject, rig)
     with fresh_folder(folder, replace=True) as fresh:
         write_simulation(simulation, fresh)
 

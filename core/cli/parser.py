@@ -12,6 +12,7 @@ from . import commands
 
 SENSORS = ("ideal", "kinect_v1", "kinect_v2", "azure_kinect", "femto_bolt", "realsense_d455", "phone_dtof")
 OPTICS = ("ideal", "real")
+EFFECTS = ("multipath", "glass", "bow", "attenuation", "dark", "skin", "noise", "warp", "color", "uneven")
 CAMERAS = ("realsense",)
 DEMO_FOLDER = "mirror_scan_demo"
 EXPERIMENT_FOLDER = "{}_experiment"
@@ -94,7 +95,7 @@ def _add_demo(subparsers: _Commands) -> None:
         "folder", metavar="DIR", type=Path, nargs="?", default=Path(DEMO_FOLDER),
         help=f"where to put everything (default {DEMO_FOLDER})",
     )  # fmt: skip
-    _add_optics(command)
+    _add_optics(command, one_by_one=True)
     _add_quiet(command)
     command.set_defaults(run=commands.run_demo)
 
@@ -111,16 +112,18 @@ def _add_simulate(subparsers: _Commands) -> None:
     )
     command.add_argument("--mirrors", metavar="N", type=_whole(1, 8), default=2, help="number of mirrors, default 2")
     command.add_argument("--body", metavar="FILE", type=Path, help="mesh to scan, Z up, in metres; default a mannequin")
-    _add_optics(command)
+    _add_optics(command, one_by_one=True)
     _add_quiet(command)
     command.set_defaults(run=commands.run_simulate)
 
 
-def _add_optics(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--optics", choices=OPTICS, default="ideal",
-        help="real: light by two ways, and whatever else real glass and cameras do; default ideal: noise only",
-    )  # fmt: skip
+def _add_optics(command: argparse.ArgumentParser, one_by_one: bool = False) -> None:
+    words = "real: light by two ways, and whatever else real glass and cameras do; default ideal: noise only"
+    if one_by_one:
+        words += f"; or effects separated by commas, of {', '.join(EFFECTS)}"
+        command.add_argument("--optics", metavar="WHICH", type=_optics, default="ideal", help=words)
+    else:
+        command.add_argument("--optics", choices=OPTICS, default="ideal", help=words)
     command.add_argument(
         "--frequencies", metavar="F,F,F", type=_frequencies,
         help="modulation [MHz] of a camera that measures phase, with real optics; default 200,180,90",
@@ -294,6 +297,13 @@ def _pixel(text: str) -> tuple[float, float]:
 
 
 _pixel.__name__ = "pixel as column,row"  # argparse names the type when it cannot be read
+
+
+def _optics(text: str) -> str:
+    """A type for argparse: ideal, real, or effects separated by commas."""
+    if text not in OPTICS and not set(text.split(",")) <= set(EFFECTS):
+        raise argparse.ArgumentTypeError(f"must be ideal, real, or some of {','.join(EFFECTS)}; not {text}")
+    return text
 
 
 def _frequencies(text: str) -> tuple[float, ...]:

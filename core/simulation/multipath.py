@@ -6,8 +6,8 @@ looks at the point: a phase-measuring camera reads the phase of the sum,
     S(f) = Σ_s ρ_s max(cos θ_s, 0) V_s / r_s² · exp(i 2π f (r_s + r_v) / c),
 
 over the sources s at (folded) distances r_s, with the way r_v back to the view. Albedo and the way back are the same
-for all sources and cancel out of the phase. Light by two mirrors or by way of other surfaces is left out. Bhandari et
-al. 2014; Freedman et al. 2014 (SRA).
+for all sources and cancel out of the phase. Light by way of other surfaces is left out, and light by two mirrors:
+it reaches only what the camera sees as an image of an image, too. Bhandari et al. 2014; Freedman et al. 2014 (SRA).
 """
 
 from __future__ import annotations

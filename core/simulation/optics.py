@@ -6,7 +6,8 @@ thickness and reflectivity of its glass) stands in :class:`~.scene.FramedMirror`
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +17,19 @@ from .sensors import find_sensor
 TRIPLES = ((200.0, 180.0, 90.0), (100.0, 80.0, 16.0), (165.0, 140.0, 60.0), (120.0, 80.0, 16.0))
 """Modulation frequencies [MHz] that phase-measuring cameras might use; the last are about the Kinect v2's."""
 
+EFFECTS: dict[str, tuple[str, ...]] = {
+    "multipath": ("multipath",),
+    "glass": (),
+    "bow": (),
+    "attenuation": ("attenuation",),
+    "dark": ("dark",),
+    "skin": ("skin",),
+    "noise": ("correlated_noise", "fixed_noise"),
+    "warp": ("warp",),
+    "color": ("color_shift", "color_delay", "sway"),
+    "uneven": ("uneven_floor", "uneven_walls"),
+}
+"""Names by which effects are turned on one by one, with their fields; glass and bow belong to the mirrors."""
 _FIXED = {"stereo": 0.5, "pattern": 0.05}
 """Share of the noise that a burst does not average out. A Kinect v1 has little of it beside its steps, as the paper's
 means of 10 frames show: 2.1 mm between two captures over 3 m (5.1), a seventh of one frame's noise."""
@@ -111,7 +125,9 @@ IDEAL = Optics()
 """Nothing but geometry and the sensor's noise."""
 
 
-def real(sensor: str, frequencies: tuple[float, ...] | None = None, unit: int = 0) -> Optics:
+def real(
+    sensor: str, frequencies: tuple[float, ...] | None = None, unit: int = 0, effects: Collection[str] = tuple(EFFECTS)
+) -> Optics:
     """Everything that applies to a sensor, in its usual size or a little more.
 
     Parameters
@@ -122,7 +138,17 @@ def real(sensor: str, frequencies: tuple[float, ...] | None = None, unit: int = 
         Of a phase-measuring camera [MHz]; None = some that are near to the sensor's.
     unit : int
         Draws the unit's warp, between 0.3 and 1 of what is allowed, and where its colour image lies.
+    effects : collection of str
+        Names of :data:`EFFECTS` that are turned on, as far as they apply; all by default.
+
+    Raises
+    ------
+    MirrorScanError
+        When a name is not known.
     """
+    for name in effects:
+        if name not in EFFECTS:
+            raise MirrorScanError(f"optics: there is no effect “{name}”; choose of {', '.join(EFFECTS)}")
     principle = find_sensor(sensor).principle
     if principle == "exact":
         return IDEAL
@@ -130,10 +156,12 @@ def real(sensor: str, frequencies: tuple[float, ...] | None = None, unit: int = 
     usual = TRIPLES[3] if sensor == "kinect_v2" else TRIPLES[0]
     rng = np.random.default_rng([unit, 3])
     warp, bearing, shift, sway = rng.uniform((0.3, 0.0, 1.0, -0.1), (1.0, 2 * np.pi, 4.0, 0.1))
-    return Optics(
+    everything = Optics(
         multipath=timed, frequencies=frequencies or usual, attenuation=True, dark=True,
         skin=(0.004, 0.011) if timed else (0.0, 0.0),
         correlated_noise=not timed, fixed_noise=_FIXED.get(principle, 0.0), warp=float(warp), unit=unit,
         color_shift=(float(shift * np.cos(bearing)), float(shift * np.sin(bearing))), color_delay=0.033,
         sway=float(sway), uneven_floor=0.004, uneven_walls=0.008,
     )  # fmt: skip
+    off = [field for name, names in EFFECTS.items() if name not in effects for field in names]
+    return replace(everything, **{field: getattr(IDEAL, field) for field in off})

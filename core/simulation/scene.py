@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..camera import Intrinsics
 from ..errors import MirrorScanError
-from .optics import IDEAL, Optics, real
+from .optics import EFFECTS, IDEAL, Optics, real
 from .sensors import find_sensor
 
 BACKING = 0.02
@@ -211,20 +211,32 @@ def room_waves(rig: Rig) -> np.ndarray:
     return np.column_stack((turns * np.cos(bearing), turns * np.sin(bearing), phase, *heights))
 
 
-def with_real_optics(rig: Rig, frequencies: tuple[float, ...] | None = None) -> Rig:
+def with_real_optics(
+    rig: Rig, frequencies: tuple[float, ...] | None = None, effects: Collection[str] = tuple(EFFECTS)
+) -> Rig:
     """The rig with everything that applies to its sensor, and with mirrors as they are sold.
 
     Glass of 4 to 6 mm that gives back 75 to 93 %, its middle up to 2.5 mm in front of or behind the edges of a glass
     1.75 m high (in proportion to the square of its height), all drawn by the rig's seed.
+
+    Parameters
+    ----------
+    rig : Rig
+    frequencies, effects
+        See :func:`.optics.real`; ``glass`` and ``bow`` are about the mirrors. What is left out changes nothing else.
     """
     rng = np.random.default_rng([rig.seed, 2])
     mirrors = []
     for mirror in rig.mirrors:
         reflectivity, thickness = rng.uniform((0.75, 0.004), (0.93, 0.006))
         across, along = rng.uniform(-1, 1, 2) * (0.0015, 0.0025) * (np.array((mirror.width, mirror.height)) / 1.75) ** 2
-        sag = (float(across), float(along))
-        mirrors.append(replace(mirror, reflectivity=float(reflectivity), glass_thickness=float(thickness), sag=sag))
-    return replace(rig, mirrors=tuple(mirrors), optics=real(rig.sensor, frequencies, rig.seed))
+        made = replace(mirror, reflectivity=float(reflectivity))
+        if "glass" in effects:
+            made = replace(made, glass_thickness=float(thickness))
+        if "bow" in effects:
+            made = replace(made, sag=(float(across), float(along)))
+        mirrors.append(made)
+    return replace(rig, mirrors=tuple(mirrors), optics=real(rig.sensor, frequencies, rig.seed, effects))
 
 
 def _turn(axis: int, degrees: float) -> np.ndarray:

@@ -38,3 +38,10 @@ def test_every_sensor_can_be_asked_for():
     from mirror_scan.core.simulation.sensors import SENSORS
 
     assert set(cli.SENSORS) == set(SENSORS)
+
+
+def test_every_effect_can_be_asked_for():
+    from mirror_scan.core.cli.parser import EFFECTS
+    from mirror_scan.core.simulation import optics
+
+    assert tuple(optics.EFFECTS) == EFFECTS

@@ -12,7 +12,7 @@ from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.multipath import by_one_way, paths, ray_lengths
-from mirror_scan.core.simulation.optics import IDEAL, Optics, real
+from mirror_scan.core.simulation.optics import EFFECTS, IDEAL, Optics, real
 from mirror_scan.core.simulation.props import box
 from mirror_scan.core.simulation.rays import BODY, FLOOR, FRAME, WALL, lit, look
 from mirror_scan.core.simulation.returned_light import albedo, depth_warp, filled, noise_gain, signal, skin_delay
@@ -362,6 +362,26 @@ def test_real_optics(sensor, body, tmp_path):
     timed = SENSORS[sensor].principle in ("phase", "pulse")
     assert made.optics.multipath == timed and (made.optics.skin[0] > 0) == timed
     assert made.optics.correlated_noise == (SENSORS[sensor].baseline > 0)
+
+
+def test_effects_one_by_one():
+    """Each effect changes its own fields only, and all together are the whole."""
+    rig = default_rig("azure_kinect", seed=3)
+    whole, none = with_real_optics(rig), with_real_optics(rig, effects=())
+    assert replace(none.optics, unit=0) == replace(IDEAL, frequencies=whole.optics.frequencies)
+    assert all(m.sag == (0.0, 0.0) and m.glass_thickness == 0.0 for m in none.mirrors)
+    changed = set()
+    for name, names in EFFECTS.items():
+        one = with_real_optics(rig, effects=(name,))
+        for field in fields(Optics):
+            value = getattr(whole.optics if field.name in names else none.optics, field.name)
+            assert getattr(one.optics, field.name) == value
+            changed |= {field.name} if value != getattr(none.optics, field.name) else set()
+        for a, b in zip(one.mirrors, whole.mirrors, strict=True):
+            assert (a.sag == b.sag) == (name == "bow") and (a.glass_thickness == b.glass_thickness) == (name == "glass")
+    assert {"multipath", "attenuation", "dark", "skin", "warp", "color_shift", "uneven_floor"} <= changed
+    with pytest.raises(MirrorScanError, match="no effect “fog”"):
+        real("azure_kinect", effects=("fog",))
 
 
 def test_ideal_is_as_if_there_were_no_optics(body):
