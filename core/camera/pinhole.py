@@ -173,6 +173,26 @@ def _slope(rays: np.ndarray, distortion: tuple[float, ...]) -> tuple[np.ndarray,
     )
 
 
+def brown_of_inverse(inverse: tuple[float, ...], intrinsics: Intrinsics) -> tuple[float, ...]:
+    """Brown's coefficients (k1, k2, p1, p2, k3) of a lens whose *inverse* is given so, as RealSense's colour has it.
+
+    Least squares over the image; the model is linear in its coefficients.
+    """
+    u, v = np.meshgrid(np.linspace(0, intrinsics.width - 1, 33), np.linspace(0, intrinsics.height - 1, 25))
+    distorted = np.stack(((u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy), axis=-1).reshape(
+        -1, 2
+    )
+    ideal = distort(distorted, inverse)
+    x, y = ideal.T
+    r2 = x * x + y * y
+    rows = [
+        np.column_stack((x * r2, x * r2**2, 2 * x * y, r2 + 2 * x * x, x * r2**3)),
+        np.column_stack((y * r2, y * r2**2, r2 + 2 * y * y, 2 * x * y, y * r2**3)),
+    ]
+    solution = np.linalg.lstsq(np.vstack(rows), (distorted - ideal).T.ravel(), rcond=None)[0]
+    return tuple(float(k) for k in solution)
+
+
 def unproject(depth: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
     """Points of a depth map in the camera frame.
 

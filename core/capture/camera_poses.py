@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import CaptureError
+from ..io.json_files import text_of
 from .capture import Capture, ReadOptions
 from .frames import FrameChoice
 from .reader_choice import open_capture
@@ -51,7 +52,7 @@ def read_poses(path: str | os.PathLike) -> dict[str, np.ndarray]:
     """
     path = Path(path)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(text_of(path.read_bytes(), "strict"))
     except OSError as error:
         raise CaptureError(f"{path}: cannot be read: {error.strerror or error}") from error
     except ValueError as error:

@@ -1,57 +1,185 @@
-"""The unit of whole numbers, recognised by their pattern: millimetres, TUM's 0.2 mm, or SUN RGB-D's rotated bits."""
+"""The unit of stored depth, recognised by its pattern where neither an option nor the file states it.
+
+Who decides, everywhere in this package: an option, then what the file or its format states, then the pattern of the
+values (:func:`recognise_unit`), then millimetres for whole and metres for real numbers.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import CaptureError, Notice
-from .kinect_disparity import NO_READING
+from .kinect_disparity import HEIGHT, NO_READING, WIDTH
 
+SCENE_DEPTH_M = 10.0  # what repeats exactly beyond this, far behind all else, is no reading of a depth camera
 _ENOUGH = 500  # readings before a pattern counts as one
+_DISTINCT = 50  # different values before a pattern counts as one: a test card is no camera
+_SAMPLE = 60_000  # readings that a pattern is looked for in
+_FAR = 8000  # whole numbers that do not go beyond are millimetres: no camera here sees farther
+_PLAYER_UNKNOWN = 8191  # millimetres that Kinect's SDK 1 writes where it knows nothing
+
+_ROTATED = "depth is written with its bits rotated by three, as SUN RGB-D does"
+_PLAYER = "depth is written as millimetres above three bits that name the player, as Kinect's SDK 1 does"
+_FIVES = "depth is taken to be 5000 to a metre, as TUM RGB-D writes it (its values are multiples of 5)"
+
+
+@dataclass(frozen=True)
+class DepthUnit:
+    """Metres in one unit, and what precedes the multiplication.
+
+    ``bits`` is "" for plain numbers, ``rotated`` for SUN RGB-D's and ``player`` for millimetres above three bits of
+    player. ``note`` says what was taken for what, for a person; empty where that goes without saying.
+    """
+
+    metres: float
+    bits: str = ""
+    note: str = ""
 
 
 def metres(values: np.ndarray, unit_m: float | None) -> tuple[np.ndarray, str]:
     """Whole or real numbers as depth (…) float32 [m], and a note of what was taken for what.
 
-    Whole numbers are millimetres unless nearly all are multiples of 8 (SUN RGB-D: the low 3 bits hold what 16-bit
-    millimetres have on top, of which up to 16 m use one) or of 5 (TUM RGB-D: 5000 to a metre, from millimetres). Real
-    numbers are metres unless their median is beyond 100: then millimetres, as libfreenect2 has them.
+    Parameters
+    ----------
+    values : np.ndarray [shape=(..., H, W)]
+        As stored; what is not positive or not finite is no reading.
+    unit_m : float or None
+        Metres in a unit, as an option or the file states it; None goes by :func:`recognise_unit`.
     """
-    if values.dtype.kind not in "uif" or (values.dtype.kind in "ui" and values.dtype.itemsize > 8):
-        raise CaptureError(f"depth must be whole or real numbers, not {values.dtype}")
-    note: str = ""
+    unit = DepthUnit(unit_m) if unit_m is not None else recognise_unit(values)
+    return in_metres(values, unit), unit.note
+
+
+def in_metres(values: np.ndarray, unit: DepthUnit) -> np.ndarray:
+    """Depth (…) float32 [m] of numbers in a known unit.
+
+    Raises
+    ------
+    CaptureError
+        When they are neither whole nor real numbers.
+    """
+    _check_type(values)
     if values.dtype.kind == "f":
-        depth = np.where(np.isfinite(values) & (values > 0) & (values < 1e9), values, 0).astype(np.float32)
-        if unit_m is None:
-            positive = depth[depth > 0]
-            unit_m = 0.001 if positive.size and np.median(positive) > 100 else 1.0
-            unit = "millimetres" if unit_m == 0.001 else "metres"
-            note = Notice("real numbers taken for {unit}", unit=unit)
-        return (depth if unit_m == 1 else depth * np.float32(unit_m)), note
+        depth = _readings(values)
+        return depth if unit.metres == 1 else depth * np.float32(unit.metres)
     values = np.maximum(values, 0)
-    read = values[values > 0]
-    if unit_m is None:
-        unit_m = 0.001
-        if read.size >= _ENOUGH and read.max() > 2000:
-            low = read & 7
-            if values.dtype == np.uint16 and (low <= 1).all() and (low == 0).mean() > 0.6:
-                values = (values >> 3) | (values << 13)
-                note = "depth is written with its bits rotated by three, as SUN RGB-D does"
-            elif (read % 5 == 0).mean() > 0.99:
-                unit_m = 0.0002
-                note = "depth is taken to be 5000 to a metre, as TUM RGB-D writes it (its values are multiples of 5)"
-    if unit_m == 0.001:
-        return np.divide(values, 1000, dtype=np.float32), note  # as the folder reader has it, to the last bit
-    if unit_m == 0.0002:
-        return np.divide(values, 5000, dtype=np.float32), note
-    return (values * unit_m).astype(np.float32), note
+    if unit.bits:
+        wide = values.astype(np.uint32)
+        values = wide >> 3
+        values[values == _PLAYER_UNKNOWN] = 0
+        if unit.bits == "rotated":
+            values |= (wide & 7) << 13
+    for units, unit_m in ((1000, 0.001), (5000, 0.0002)):  # divided, as the folder reader does, to the last bit
+        if unit.metres == unit_m:
+            return np.divide(values, units, dtype=np.float32)
+    return (values * unit.metres).astype(np.float32)
+
+
+def recognise_unit(values: np.ndarray) -> DepthUnit:
+    """The unit that the pattern of the values speaks for; the default where none does.
+
+    Real numbers are metres unless their median is beyond 100: then millimetres, as libfreenect2 has them. What
+    renderers write where nothing was hit (:func:`background_limit`) does not count.
+
+    Whole numbers are millimetres unless they would go beyond 8 m, and
+
+    - neighbours nearly always have the same three low bits: millimetres shifted up by three, and the low bits are what
+      16-bit millimetres have on top (SUN RGB-D) or the number of the player (Kinect's SDK 1);
+    - nearly all are multiples of 5, and not of 10: TUM RGB-D's 5000 to a metre, made from millimetres.
+    """
+    _check_type(values)
+    if values.dtype.kind == "f":
+        depth = _readings(values)
+        seen = depth[(depth > 0) & (depth < background_limit(depth))]
+        if seen.size and np.median(seen) > 100:
+            return DepthUnit(0.001, note=Notice("real numbers taken for {unit}", unit="millimetres"))
+        return DepthUnit(1.0, note=Notice("real numbers taken for {unit}", unit="metres"))
+    sample = values[..., :: max(1, min(values.size // _SAMPLE, values.shape[-2] // 16)), :]
+    sample = np.where((sample > 0) & (sample < min(np.iinfo(values.dtype).max, 65535)), sample, 0)
+    read = sample[sample > 0]
+    if read.size < _ENOUGH or np.percentile(read, 99) <= _FAR:
+        return DepthUnit(0.001)
+    left, right = sample[..., :-1], sample[..., 1:]
+    differ = (left > 0) & (right > 0) & (left != right)
+    same = ((left[differ] ^ right[differ]) & 7) == 0
+    if same.size > _DISTINCT and same.mean() > 0.9 and _varied(read):
+        player = _names_players(np.where((values > 0) & (values < 65535), values, 0).astype(np.int32))
+        return DepthUnit(0.001, "player", _PLAYER) if player else DepthUnit(0.001, "rotated", _ROTATED)
+    if (read % 5 == 0).mean() > 0.99 and 0.2 < (read % 10 == 5).mean() < 0.8 and _varied(read):
+        return DepthUnit(0.0002, note=_FIVES)
+    return DepthUnit(0.001)
+
+
+def background_limit(depth: np.ndarray, beyond: float = 0.0) -> float:
+    """The value from which on depth is background that a renderer wrote where nothing was hit; inf where there is none.
+
+    A far plane, the largest half or whole number, 1e10 and their like have three marks: one value that is repeated
+    exactly, all else at less than half of it, and hardly anything in between (edges that were averaged with it).
+
+    Parameters
+    ----------
+    depth : np.ndarray
+        Readings in any unit; 0 where there is none.
+    beyond : float
+        Only what is at least so far counts; a wall that is seen squarely has one value, too.
+    """
+    limit = np.inf
+    for _ in range(4):  # one image may have several of them
+        seen = depth[(depth > 0) & (depth < limit)]
+        top = float(seen.max(initial=0.0))
+        nearer, equal = int((seen < top / 2).sum()), int((seen == seen.dtype.type(top)).sum())
+        between = seen.size - nearer - equal
+        if top < max(beyond, 1e-9) or equal < 5 or between > equal / 4 or nearer < max(20, 0.002 * seen.size):
+            break
+        limit = top / 2
+    return limit
 
 
 def is_raw_disparity(values: np.ndarray) -> bool:
     """Whether an image holds raw 11-bit values of a Kinect v1: none beyond 2047, which stands for no reading."""
-    if values.dtype.kind not in "ui" or not values.size:
+    if values.dtype.kind not in "ui" or not values.size or values.shape[-2:] != (HEIGHT, WIDTH):
         return False
     largest = int(values.max())
     return (
         largest in (NO_READING, NO_READING + 1) and (values == 0).mean() < 0.01 and (values >= NO_READING).mean() > 1e-3
     )
+
+
+def _check_type(values: np.ndarray) -> None:
+    if values.dtype.kind not in "uif" or (values.dtype.kind in "ui" and values.dtype.itemsize > 8):
+        raise CaptureError(f"depth must be whole or real numbers, not {values.dtype}")
+
+
+def _readings(values: np.ndarray) -> np.ndarray:
+    """Real numbers (…) float32, 0 where they are no reading."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        values = values.astype(np.float32, copy=False)  # half floats end at 65504
+        return np.where(np.isfinite(values) & (values > 0) & (values < 1e9), values, np.float32(0))
+
+
+def _varied(read: np.ndarray) -> bool:
+    return len(np.unique(read)) >= _DISTINCT
+
+
+def _names_players(values: np.ndarray) -> bool:
+    """Whether the three low bits name players, and are not the top of distances beyond 8.19 m.
+
+    Where they change from one pixel to the next, one of the two readings makes a continuous surface: a person who
+    stands on the floor, or a room that goes on beyond 8.19 m. Where neither does, distances beyond 8.19 m would begin
+    there, and a person is never nearer than what the camera can see.
+    """
+    near, low = values >> 3, values & 7
+    if not low.any():
+        return False
+    far = near + (low << 13)
+    players = rooms = 0
+    for axis in (-1, -2)[: values.ndim]:
+        a, b = (tuple(np.moveaxis(v, axis, 0)[s] for v in (near, low, far)) for s in (slice(1, None), slice(-1)))
+        change = (a[0] > 0) & (b[0] > 0) & (a[1] != b[1])
+        players += int((np.abs(a[0] - b[0])[change] <= 20 + 0.03 * np.minimum(a[0], b[0])[change]).sum())
+        rooms += int((np.abs(a[2] - b[2])[change] <= 500).sum())
+    if max(players, rooms) >= 3:
+        return players > rooms
+    return bool(np.percentile(near[low > 0], 5) >= 400)

@@ -1,14 +1,19 @@
-"""Which frames of a recording are read, and how many memory should hold."""
+"""Which frames of a recording are read, how many memory should hold, and which colour image goes with them."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from ..errors import CaptureError
+from ..errors import CaptureError, Notice
 
 MAX_BURST_PIXELS = 256_000_000  # 1 GB as float32; about 800 frames of 640 x 480
+MAX_APART_S = 0.1  # between a depth and a colour image of one recording, before it is said
+_KINDS = re.compile(r"depth|colou?r|rgb|image|img|frame", re.IGNORECASE)
+_NUMBER = re.compile(r"\d+(?:\.\d+)?")
 FrameChoice = int | str | None
 
 
@@ -61,3 +66,68 @@ def parse_frames(path: Path, frames: FrameChoice) -> slice:
     if len(parts) in (2, 3) and not (len(parts) == 3 and parts[2] is not None and parts[2] < 1):
         return slice(*parts)
     raise CaptureError(f"{path}: frames are chosen by a count or as “a:b”, “a:b:step” or “a”, not {str(frames)[:40]!r}")
+
+
+def paired_color(depth_files: Sequence[Path], chosen: int, color_files: Sequence[Path]) -> tuple[int, str]:
+    """The colour image of a depth image, and a note where another frame's stands in for it.
+
+    One colour image is for all. Else the number in the names decides, whatever the number of zeros before it, or the
+    time: a whole number or one with decimals that both kinds of names have at one place. Names without numbers are
+    paired by their order.
+
+    Parameters
+    ----------
+    depth_files, color_files : sequence of Path
+        Each in the order of recording.
+    chosen : int
+        Which of the depth images.
+
+    Returns
+    -------
+    index : int
+        In ``color_files``.
+    note : str
+        Empty where it is the same frame's.
+    """
+    if len(color_files) == 1:
+        return 0, ""
+    wanted = depth_files[chosen]
+    bare = [_KINDS.sub("", file.stem).strip("-_. ").lower() for file in color_files]
+    own = _KINDS.sub("", wanted.stem).strip("-_. ").lower()
+    if own and bare.count(own) == 1:
+        return bare.index(own), ""
+    depth_numbers, color_numbers = (_column(files) for files in (depth_files, color_files))
+    if depth_numbers is None or color_numbers is None:
+        if len(color_files) == len(depth_files):
+            return chosen, ""
+        text = "{depth} has no colour image of its own; {color} is taken (no numbers in their names tell them apart)"
+        return 0, Notice(text, depth=wanted.name, color=color_files[0].name)
+    mine = depth_numbers[chosen]
+    distance = np.abs(color_numbers - mine)
+    nearest = int(distance.argmin())
+    if distance[nearest] == 0:
+        return nearest, ""
+    steps = np.diff(np.unique(np.concatenate((depth_numbers, color_numbers))))
+    spacing = [float(np.median(np.diff(np.unique(n)))) for n in (depth_numbers, color_numbers) if len(np.unique(n)) > 1]
+    times = not np.isin(depth_numbers, color_numbers).any() and bool(steps.size)
+    if times and spacing and distance[nearest] <= 0.75 * min(spacing):
+        return nearest, ""  # two clocks that run side by side
+    text = "{depth} has no colour image of its own; {color}, the nearest, is taken"
+    return nearest, Notice(text, depth=wanted.name, color=color_files[nearest].name)
+
+
+def apart_note(seconds: float) -> list[str]:
+    """A note where the colour image nearest in time is of another moment than the depth image."""
+    if not abs(seconds) > MAX_APART_S:
+        return []
+    return [Notice("the nearest colour image is {seconds:.1f} s from the first depth frame", seconds=abs(seconds))]
+
+
+def _column(files: Sequence[Path]) -> np.ndarray | None:
+    """The number in each name that tells the images apart: the first that changes; None where names differ in kind."""
+    rows = [[float(n) for n in _NUMBER.findall(file.stem)] for file in files]
+    if not rows or not rows[0] or len({len(row) for row in rows}) != 1:
+        return None
+    table = np.array(rows)
+    changing = np.flatnonzero((table != table[0]).any(axis=0))
+    return table[:, changing[0] if len(changing) else -1]

@@ -14,8 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import CaptureError, MirrorScanError
+from ..errors import CaptureError, MirrorScanError, Notice
 from .capture import Capture, ReadOptions
+from .depth_units import SCENE_DEPTH_M, background_limit
+from .folders.lens_file import check_principal_point
 from .frames import FrameChoice, parse_frames
 
 MAX_MESSAGE = 400  # characters of an error beside the path
@@ -102,6 +104,9 @@ def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:
             f"{path}: depth is {width}×{height} pixels, the intrinsics are for {camera.width}×{camera.height}; "
             "give the intrinsics of this resolution"
         )
+    if options.intrinsics or not capture.format.startswith("organized"):  # fitted to the points, it is where it is
+        check_principal_point(path, camera)
+    capture = _without_background(capture)
     depth = capture.depth
     if capture.confidence is not None and options.min_confidence > 0:
         depth = np.where(capture.confidence >= options.min_confidence, depth, np.float32(0))
@@ -112,6 +117,7 @@ def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:
         )
     color = capture.color if options.color else None
     capture = replace(capture, depth=depth, color=color, intrinsics=camera)
+    capture = replace(capture, notes=(*options.notes, *capture.notes))
     if not camera.is_pinhole or (color is not None and capture.color_intrinsics is not None):
         from .upright_grid import align  # brings numba, which a plain RGB-D folder does not need
 
@@ -136,3 +142,25 @@ def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:
 
         capture = turned(unmirrored(capture) if mirrored else capture, degrees)
     return replace(capture, color_intrinsics=None, depth_to_color=None, turn_degrees=0, mirrored=False)
+
+
+def _without_background(capture: Capture) -> Capture:
+    """The capture without what renderers write where nothing was hit: a huge number, or their far plane."""
+    depth, dropped, farthest = capture.depth, 0, 0.0
+    for i, frame in enumerate(capture.depth):
+        top = float(frame.max(initial=0.0))
+        if not top >= SCENE_DEPTH_M:
+            continue
+        limit = background_limit(frame, SCENE_DEPTH_M)
+        if np.isfinite(limit):
+            if depth is capture.depth:
+                depth = depth.copy()
+            dropped, farthest = dropped + int((frame >= limit).sum()), max(farthest, top)
+            depth[i][frame >= limit] = 0
+    if not dropped:
+        return capture
+    note = Notice(
+        "{share:.0%} of the pixels hold a distance of {far:.4g} m and nothing lies near it: background, no reading",
+        share=dropped / depth.size, far=farthest,
+    )  # fmt: skip
+    return replace(capture, depth=depth, notes=(*capture.notes, note))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..camera import Intrinsics
-from ..errors import OutputError
+from ..errors import Notice, OutputError
 from ..io.images import write_png
 from .capture import Capture
 from .folders.rgbd_folder import mirrors_to
@@ -28,6 +28,8 @@ class FolderWriter:
         Pinhole of the depth map.
     sensor : str
         As in :class:`.capture.Capture`; left out when unknown.
+    sensor_from : str
+        As in :class:`.capture.Capture`; left out when a file says so.
 
     Raises
     ------
@@ -35,9 +37,11 @@ class FolderWriter:
         When the folder holds frames already, cannot be written, or the camera has distortion.
     """
 
-    def __init__(self, folder: str | os.PathLike, intrinsics: Intrinsics, sensor: str = "unknown") -> None:
+    def __init__(
+        self, folder: str | os.PathLike, intrinsics: Intrinsics, sensor: str = "unknown", sensor_from: str = "file"
+    ) -> None:
         self.folder = Path(folder)
-        self.frames = 0
+        self.frames = self.readings = self.lost = 0
         self._shape = (intrinsics.height, intrinsics.width)
         if not intrinsics.is_pinhole:
             raise OutputError(f"{self.folder}: an RGB-D folder holds straight pictures; undistort them first")
@@ -48,6 +52,7 @@ class FolderWriter:
         content = {"width": intrinsics.width, "height": intrinsics.height, "intrinsic_matrix": matrix}
         if sensor != "unknown":
             content["sensor"] = sensor
+            content |= {} if sensor_from == "file" else {"sensor_from": sensor_from}
         try:
             (self.folder / "depth").mkdir(parents=True, exist_ok=True)
             self.write_json("intrinsic.json", content)
@@ -59,6 +64,8 @@ class FolderWriter:
         if depth.shape != self._shape:
             raise OutputError(f"{self.folder}: frame {self.frames} is {depth.shape}, not {self._shape} as the first")
         known = (depth > 0) & (depth <= MAX_METRES)  # false for NaN
+        self.readings += int(np.count_nonzero(known))
+        self.lost += int((depth > MAX_METRES).sum())
         units = np.rint(np.where(known, depth, 0) * 1000.0).astype(np.uint16)
         write_png(self.folder / "depth" / f"{self.frames:06d}.png", units)
         self.frames += 1
@@ -81,20 +88,36 @@ class FolderWriter:
             raise OutputError(f"{self.folder / name}: cannot be written: {error.strerror or error}") from error
 
 
-def write_folder(folder: str | os.PathLike, capture: Capture) -> None:
+def write_folder(folder: str | os.PathLike, capture: Capture) -> tuple[str, ...]:
     """Write an opened capture as an RGB-D folder.
 
     Depth is rounded to millimetres. Metadata an RGB-D folder has no place for (confidence, notes) is left out.
 
+    Returns
+    -------
+    tuple of str
+        Warnings of what the folder cannot hold.
+
     Raises
     ------
     OutputError
-        See :class:`FolderWriter`.
+        See :class:`FolderWriter`; also when none of the readings can be held.
     """
-    writer = FolderWriter(folder, capture.intrinsics, capture.sensor)
+    writer = FolderWriter(folder, capture.intrinsics, capture.sensor, capture.sensor_from)
     for frame in capture.depth:
         writer.add(frame)
     if capture.color is not None:
         writer.set_color(capture.color)
     if capture.mirrors:
         writer.write_json("mirrors.json", {"mirrors": mirrors_to(capture.mirrors)})
+    if not writer.lost:
+        return ()
+    if not writer.readings:
+        raise OutputError(
+            f"{writer.folder}: all readings lie beyond {MAX_METRES} m, more than 16-bit millimetres hold; "
+            "check the depth unit"
+        )
+    text = (
+        "{share:.1%} of the readings lie beyond {farthest:g} m, more than 16-bit millimetres hold: they were left out"
+    )
+    return (Notice(text, share=writer.lost / (writer.lost + writer.readings), farthest=MAX_METRES),)

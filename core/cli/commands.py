@@ -247,13 +247,13 @@ def _open(path: Path, options: argparse.Namespace) -> Capture:
 def _reading(options: argparse.Namespace) -> tuple[FrameChoice, ReadOptions]:
     """Which frames to read, and what the options of :func:`.parser._add_reading` say of the file."""
     from ..capture import ReadOptions
-    from ..capture.folders.rgbd_folder import read_intrinsics
+    from ..capture.folders.lens_file import lens_options
 
-    intrinsics = read_intrinsics(options.intrinsics)[0] if options.intrinsics else None
+    lens = lens_options(options.intrinsics) if options.intrinsics else {}
     reading = ReadOptions(
-        intrinsics=intrinsics, depth_unit_m=options.depth_unit, disparity=options.disparity,
+        depth_unit_m=options.depth_unit, disparity=options.disparity,
         kinect_calibration=options.kinect_calibration, turn_degrees=options.turn, mirrored=options.mirrored,
-        min_confidence=options.min_confidence, color=not options.no_color,
+        min_confidence=options.min_confidence, color=not options.no_color, **lens,
     )  # fmt: skip
     return (1 if getattr(options, "single_frame", False) else options.frames), reading
 

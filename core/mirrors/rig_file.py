@@ -12,6 +12,7 @@ import numpy as np
 from ..camera import Intrinsics
 from ..errors import CaptureError, MirrorError
 from ..io.atomic_files import replacing
+from ..io.json_files import text_of
 from .glass_extent import at_border
 from .mirror import Mirror, oriented, plane_mirror
 
@@ -68,7 +69,7 @@ def read_rig(path: str | os.PathLike) -> RigFile:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise MirrorError(f"{path}: is too large to be a rig file; make one with “mirror-scan calibrate”")
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(text_of(path.read_bytes(), "strict"))
     except (OSError, ValueError, RecursionError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not JSON"
         raise MirrorError(f"{path}: cannot be read as a rig file: {reason}") from error

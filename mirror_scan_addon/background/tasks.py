@@ -155,11 +155,12 @@ def record_steps(camera: str, folder: str, frames: int) -> Steps[Loaded]:
 
 def _open(path: str, frames: int, mirrors_path: str, reading: dict | None) -> Capture:
     from ...core.capture import ReadOptions, open_capture
-    from ...core.capture.folders.rgbd_folder import read_intrinsics, read_mirrors
+    from ...core.capture.folders.lens_file import lens_options
+    from ...core.capture.folders.rgbd_folder import read_mirrors
 
     options = dict(reading or {})
     intrinsics = options.pop("intrinsics", "")
-    options = ReadOptions(intrinsics=read_intrinsics(intrinsics)[0] if intrinsics else None, **options)
+    options = ReadOptions(**(lens_options(intrinsics) if intrinsics else {}), **options)
     capture = open_capture(path, frames or None, options)
     if mirrors_path:
         capture = dataclasses.replace(capture, mirrors=read_mirrors(mirrors_path, capture.intrinsics))

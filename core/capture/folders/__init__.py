@@ -1,3 +1,3 @@
 """Readers of captures that are folders."""
 
-__all__ = ["rgbd_folder"]
+__all__ = ["lens_file", "rgbd_folder"]

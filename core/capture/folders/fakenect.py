@@ -14,9 +14,10 @@ import numpy as np
 
 from ...camera import Intrinsics
 from ...errors import CaptureError
+from ...io.json_files import text_of
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import read_limited
-from ..frames import FrameChoice, chosen_frames, empty_burst
+from ..frames import FrameChoice, apart_note, chosen_frames, empty_burst
 from ..kinect_disparity import HEIGHT, NO_READING, WIDTH, ZeroPlane, calibration, depth_of_disparity
 from .tum import inside
 
@@ -52,13 +53,16 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     if options.color and color_files:
         time = depth_files[chosen[0]][0]
         nearest = min(color_files, key=lambda entry: abs(entry[0] - time))
+        notes += apart_note(nearest[0] - time)
         color = np.frombuffer(_pixels(inside(path, nearest[1]), b"P6", 3), np.uint8).reshape(HEIGHT, WIDTH, 3)
-    return stored_capture(path, FORMAT, depth, color, camera, color_camera, pose, sensor="kinect_v1", notes=notes)
+    return stored_capture(
+        path, FORMAT, depth, color, camera, color_camera, pose, sensor="kinect_v1", sensor_from="format", notes=notes
+    )
 
 
 def _index(path: Path) -> tuple[list[tuple[float, str]], list[tuple[float, str]]]:
     """Times [s] and names of the depth and of the colour frames."""
-    text = read_limited(path / "INDEX.txt", MAX_INDEX).decode("utf-8", "replace")
+    text = text_of(read_limited(path / "INDEX.txt", MAX_INDEX))
     found: dict[str, list[tuple[float, str]]] = {"d": [], "r": []}
     for line in text.splitlines():
         match = _NAME.match(line.strip())
@@ -96,7 +100,7 @@ def _zero_plane(path: Path) -> tuple[ZeroPlane | None, list[str]]:
     if not file.is_file():
         return None, ["no device.json: the factory's default calibration is used"]
     try:
-        content = json.loads(read_limited(file, 1_000_000))
+        content = json.loads(text_of(read_limited(file, 1_000_000), "strict"))
         section = content["zero_plane_info"] if "zero_plane_info" in content else content["reg_info"]["zero_plane_info"]
         shift = content.get("const_shift", content.get("reg_info", {}).get("const_shift", 200))
         values = [

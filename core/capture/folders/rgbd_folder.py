@@ -5,8 +5,6 @@ Every check answers in one line that names the file, what is wrong with it and w
 
 from __future__ import annotations
 
-import json
-import math
 import os
 import re
 import struct
@@ -17,18 +15,21 @@ from pathlib import Path
 import numpy as np
 
 from ...camera import Intrinsics
-from ...errors import CaptureError, MirrorError, MirrorScanError
+from ...errors import CaptureError, MirrorError
 from ...io.images import checked_png, read_image
+from ...io.json_files import load_json, numbers, short
 from ...numeric.threads import each
 from ..capture import Capture, MirrorPicks, ReadOptions, stored_capture
-from ..frames import FrameChoice, chosen_frames, empty_burst
+from ..depth_units import DepthUnit, in_metres, recognise_unit
+from ..frames import FrameChoice, chosen_frames, empty_burst, paired_color
 from ..nominal_intrinsics import nominal_camera
+from .lens_file import LensFile, read_lens_file
+from .lens_file import read_intrinsics as read_intrinsics
 
 FORMAT = "RGB-D folder"
 INTRINSIC_NAMES = ("intrinsic.json", "camera_intrinsic.json")
 COLOR_FOLDERS = ("color", "rgb", "image", "images")  # Open3D's and RealSense's recorders; Redwood has the others
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg")
-DEFAULT_DEPTH_SCALE = 1000.0  # depth units per metre
 SENSOR_WORDS = {
     "kinect_v2": ("kinectv2", "kinect2", "kinectone", "kinectforwindowsv2"),
     "femto_bolt": ("femto",),
@@ -40,7 +41,6 @@ SENSOR_WORDS = {
     "phone": ("phone", "ipad", "lidar", "truedepth"),
     "ideal": ("ideal",),
 }
-MAX_JSON_BYTES = 16_000_000
 MAX_MIRRORS = 100  # a view is numbered by an int8
 
 
@@ -73,43 +73,29 @@ def read(path: Path, frames: FrameChoice = None, options: ReadOptions | None = N
     """
     options = options or ReadOptions()
     depth_files = _images(path / "depth", (".png",))
-    notes: tuple[str, ...] = ()
-    sensor = "unknown"
-    intrinsic_file = _intrinsic_file(path)
-    if intrinsic_file.is_file():
-        intrinsics, scale = read_intrinsics(intrinsic_file)
-        intrinsics = options.intrinsics or intrinsics
-        content = _load_json(intrinsic_file, CaptureError)
-        assert isinstance(content, dict)  # read_intrinsics refuses others
-        sensor = sensor_named(content.get("sensor"))
-    elif options.intrinsics:
-        intrinsics, scale = options.intrinsics, DEFAULT_DEPTH_SCALE
-    else:
-        # Redwood's scans have no such file and are by PrimeSense's cameras; for others a guess gives wrong sizes
-        redwood = depth_files and (path / "image").is_dir()
-        nominal = nominal_camera(*_size(depth_files[0])) if redwood else None
-        if nominal is None:
-            raise CaptureError(
-                f"{path / INTRINSIC_NAMES[0]}: is missing; it gives width, height and intrinsic_matrix of the depth "
-                "camera; write it, or give a file that holds them (option “intrinsics”)"
-            )
-        intrinsics, sensor, note = nominal
-        scale, notes = DEFAULT_DEPTH_SCALE, (note,)
-    if options.depth_unit_m is not None:
-        scale = 1 / options.depth_unit_m
+    lens = _lens(path, depth_files, options)
+    intrinsics = options.intrinsics or lens.intrinsics
+    assert intrinsics is not None  # one of both was read
+    notes = list(lens.notes)
     if not depth_files:
         raise CaptureError(f"{path / 'depth'}: holds no PNG; put the depth frames there (16 bit, millimetres)")
     chosen = chosen_frames(path / "depth", frames, len(depth_files))
-    depth = _read_depth([depth_files[i] for i in chosen], intrinsics, scale)
+    stated = next((u for u in (options.depth_unit_m, options.lens_unit_m, lens.unit_m) if u is not None), None)
+    depth, note = _read_depth([depth_files[i] for i in chosen], intrinsics, stated)
+    notes += [note] if note else []
     color = None
     if options.color:
         color_files = next(filter(None, (_images(path / name, COLOR_SUFFIXES) for name in COLOR_FOLDERS)), [])
-        # one colour image a frame where both were recorded, else whatever there is
-        matching = chosen[0] if len(color_files) == len(depth_files) else 0
-        color = _read_color(color_files[matching], intrinsics) if color_files else None
+        if color_files:
+            matching, note = paired_color(depth_files, chosen[0], color_files)
+            color = _read_color(color_files[matching], intrinsics)
+            notes += [note] if note else []
     mirror_file = path / "mirrors.json"
     mirrors = read_mirrors(mirror_file, intrinsics) if mirror_file.exists() else ()
-    return stored_capture(path, FORMAT, depth, color, intrinsics, mirrors=mirrors, sensor=sensor, notes=notes)
+    return stored_capture(
+        path, FORMAT, depth, color, intrinsics, mirrors=mirrors, sensor=sensor_named(lens.sensor),
+        sensor_from=lens.sensor_from, notes=notes,
+    )  # fmt: skip
 
 
 def mirrors_to(mirrors: tuple[MirrorPicks, ...]) -> list[dict]:
@@ -136,49 +122,6 @@ def sensor_named(name: object) -> str:
     return "unknown"
 
 
-def read_intrinsics(path: str | os.PathLike) -> tuple[Intrinsics, float]:
-    """Intrinsics and depth units per metre (key ``depth_scale``, default 1000) of an ``intrinsic.json``.
-
-    ``intrinsic_matrix`` is nine numbers column by column, as Open3D writes it, or three rows of three. A
-    ``depth_scale`` below 1 is metres per unit, as RealSense's software means it. ``distortion`` may hold 4, 5 or 8
-    coefficients as :class:`.pinhole.Intrinsics` has them.
-
-    Raises
-    ------
-    CaptureError
-        Unreadable JSON, a missing key, or values no pinhole camera has.
-    """
-    path = Path(path)
-    content = _load_json(path, CaptureError)
-    if not isinstance(content, dict):
-        raise CaptureError(f"{path}: must be a JSON object with width, height and intrinsic_matrix")
-    missing = [key for key in ("width", "height", "intrinsic_matrix") if key not in content]
-    if missing:
-        raise CaptureError(f"{path}: {', '.join(missing)} missing; write the values your camera's software gives")
-    size = []
-    for key in ("width", "height"):
-        value = _number(content[key])
-        if not (value >= 1 and value == int(value)):
-            raise CaptureError(f"{path}: {key} must be a positive whole number of pixels, not {_short(content[key])}")
-        size.append(int(value))
-    fx, fy, cx, cy = _pinhole(path, content["intrinsic_matrix"])
-    _check_plausible(path, size[0], size[1], fx, fy, cx, cy)
-    scale = _number(content.get("depth_scale", DEFAULT_DEPTH_SCALE))
-    if not 0 < scale < math.inf:
-        raise CaptureError(
-            f"{path}: depth_scale must be a positive number of depth units per metre (1000 for millimetres), "
-            f"not {_short(content['depth_scale'])}"
-        )
-    distortion = content.get("distortion", [])
-    coefficients = _numbers(distortion, len(distortion)) if isinstance(distortion, list) else None
-    if coefficients is None or len(coefficients) not in (0, 4, 5, 8):
-        raise CaptureError(
-            f"{path}: distortion must be 4, 5 or 8 finite numbers [k1, k2, p1, p2, k3, k4, k5, k6], "
-            f"not {_short(distortion)}"
-        )
-    return Intrinsics(size[0], size[1], fx, fy, cx, cy, tuple(coefficients)), scale if scale >= 1 else 1 / scale
-
-
 def read_mirrors(path: str | os.PathLike, intrinsics: Intrinsics | None = None) -> tuple[MirrorPicks, ...]:
     """What a ``mirrors.json`` says of the mirrors; with ``intrinsics``, picks are checked against the image size.
 
@@ -189,7 +132,7 @@ def read_mirrors(path: str | os.PathLike, intrinsics: Intrinsics | None = None) 
         mirror, picks outside the image, or a plane without a direction.
     """
     path = Path(path)
-    return mirrors_from(path, _load_json(path, MirrorError), intrinsics)
+    return mirrors_from(path, load_json(path, MirrorError), intrinsics)
 
 
 def mirrors_from(path: Path, content: object, intrinsics: Intrinsics | None = None) -> tuple[MirrorPicks, ...]:
@@ -207,9 +150,23 @@ def mirrors_from(path: Path, content: object, intrinsics: Intrinsics | None = No
     return mirrors
 
 
-def _intrinsic_file(folder: Path) -> Path:
-    """The file with the intrinsics: the first of the known names that is there, or of the known names."""
-    return next((folder / name for name in INTRINSIC_NAMES if (folder / name).is_file()), folder / INTRINSIC_NAMES[0])
+def _lens(path: Path, depth_files: list[Path], options: ReadOptions) -> LensFile:
+    """What the folder says of its camera."""
+    file = next((path / name for name in INTRINSIC_NAMES if (path / name).is_file()), None)
+    if file is not None:
+        return read_lens_file(file, options.intrinsics is None)
+    if options.intrinsics:
+        return LensFile(None)
+    # Redwood's scans have no such file and are by PrimeSense's cameras; for others a guess gives wrong sizes
+    redwood = depth_files and (path / "image").is_dir()
+    nominal = nominal_camera(*_size(depth_files[0])) if redwood else None
+    if nominal is None:
+        raise CaptureError(
+            f"{path / INTRINSIC_NAMES[0]}: is missing; it gives width, height and intrinsic_matrix of the depth "
+            "camera; write it, or give a file that holds them (option “intrinsics”)"
+        )
+    intrinsics, sensor, note = nominal
+    return LensFile(intrinsics, None, sensor, "size", (note,))
 
 
 def _size(file: Path) -> tuple[int, int]:
@@ -229,12 +186,13 @@ def _images(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
     return sorted(files, key=lambda p: [(int(s), "") if s.isdecimal() else (-1, s) for s in re.split(r"(\d+)", p.name)])
 
 
-def _read_depth(files: list[Path], intrinsics: Intrinsics, scale: float) -> np.ndarray:
-    """Frames (F, H, W) float32 [m]."""
+def _read_depth(files: list[Path], intrinsics: Intrinsics, unit_m: float | None) -> tuple[np.ndarray, str]:
+    """Frames (F, H, W) float32 [m], and a note of what was taken for what where ``unit_m`` is None."""
     header = checked_png(files[0])
     if header is None or struct.unpack_from(">II", header, 16) != (intrinsics.width, intrinsics.height):
         _depth_frame(files[0], intrinsics, files)  # reports what is wrong before memory is allocated
     depth = empty_burst(files[0].parent, len(files), intrinsics.height, intrinsics.width)
+    scale = 1000.0 if unit_m is None else 1 / unit_m
     decode: Callable[[bytes, float, np.ndarray], bool] | None = None
     if "numba" in sys.modules:  # to read a folder must not cost the import of numba, which takes longer than that
         from ..decoding.depth_png import decode_metres
@@ -246,12 +204,19 @@ def _read_depth(files: list[Path], intrinsics: Intrinsics, scale: float) -> np.n
             np.divide(_depth_frame(files[i], intrinsics, files), np.float32(scale), out=depth[i])
 
     each(read, range(len(files)))
-    if not any(frame.any() for frame in depth):
+    seen = next((i for i, frame in enumerate(depth) if frame.any()), None)
+    if seen is None:
         raise CaptureError(
             f"{files[0].parent}: no pixel of {len(files)} frame{'s' if len(files) > 1 else ''} has a depth reading; "
             "check that the depth stream was on and record again"
         )
-    return depth
+    unit = DepthUnit(0.001)
+    if unit_m is None and recognise_unit(stored := np.rint(depth[seen] * 1000).astype(np.uint16)).note:
+        if len(files) > 1:  # players may come later
+            stored = np.rint(depth * 1000).astype(np.uint16)
+        unit = recognise_unit(stored)
+        depth = in_metres(np.atleast_3d(stored) if stored.ndim == 3 else stored[None], unit)
+    return depth, unit.note
 
 
 def _depth_frame(file: Path, intrinsics: Intrinsics, files: list[Path]) -> np.ndarray:
@@ -293,92 +258,12 @@ def _read_color(file: Path, intrinsics: Intrinsics) -> np.ndarray:
     return np.ascontiguousarray(color[..., :3])
 
 
-def _load_json(path: Path, error_type: type[MirrorScanError]) -> object:
-    try:
-        if path.stat().st_size > MAX_JSON_BYTES:
-            raise error_type(f"{path}: is far too large for what it should hold; is it the right file?")
-        return json.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise error_type(f"{path}: cannot be read: {error.strerror or error}") from error
-    except json.JSONDecodeError as error:
-        raise error_type(f"{path}: is not valid JSON (line {error.lineno}: {error.msg}); correct that line") from error
-    except (ValueError, RecursionError) as error:  # not UTF-8, endless digits, endless nesting
-        raise error_type(f"{path}: is not valid JSON ({type(error).__name__}); write it again") from error
-
-
-def _number(value: object) -> float:
-    """``value`` as float; NaN for what is no number (JSON's true is none either)."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return math.nan
-    try:
-        number = float(value)
-    except OverflowError:
-        return math.nan
-    return number if math.isfinite(number) else math.nan
-
-
-def _numbers(value: object, count: int) -> np.ndarray | None:
-    """``value`` as ``count`` finite numbers, or None."""
-    if not isinstance(value, list) or len(value) != count:
-        return None
-    numbers = np.array([_number(v) for v in value])
-    return numbers if np.isfinite(numbers).all() else None
-
-
-def _short(value: object) -> str:
-    text = json.dumps(value, ensure_ascii=True)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _pinhole(path: Path, value: object) -> tuple[float, float, float, float]:
-    """fx, fy, cx, cy of ``intrinsic_matrix`` as it stands in the file."""
-    nested = False
-    if isinstance(value, list) and len(value) == 3 and all(isinstance(row, list) for row in value):
-        nested = True
-        flat = _numbers([v for row in value for v in row], 9)
-    else:
-        flat = _numbers(value, 9)
-    if flat is None:
-        raise CaptureError(
-            f"{path}: intrinsic_matrix must be nine finite numbers [fx,0,0, 0,fy,0, cx,cy,1], not {_short(value)}"
-        )
-    matrix = flat.reshape(3, 3) if nested else flat.reshape(3, 3).T
-    if matrix[:2, 2].tolist() == [0, 0] and matrix[2, :2].any():
-        order, wanted = ("column by column", matrix.T.tolist()) if nested else ("row by row", matrix.ravel().tolist())
-        raise CaptureError(f"{path}: intrinsic_matrix is written {order}; write it as {json.dumps(wanted)}")
-    fx, fy, cx, cy = (float(matrix[i]) for i in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    if fx <= 0 or fy <= 0:
-        raise CaptureError(f"{path}: focal lengths must be positive, got fx={fx:g}, fy={fy:g}; enter your camera's")
-    skew = max(abs(matrix[0, 1]), abs(matrix[1, 0]))
-    if skew > 1e-6 * fx or abs(matrix[2] - (0, 0, 1)).max() > 1e-9:
-        raise CaptureError(
-            f"{path}: intrinsic_matrix is not that of a pinhole camera; it must be [fx,0,0, 0,fy,0, cx,cy,1]"
-        )
-    return fx, fy, cx, cy
-
-
-def _check_plausible(path: Path, width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> None:
-    """Refuse intrinsics in other units or of another resolution: they would distort the avatar without a warning."""
-    for axis, focal, length in (("fx", fx, width), ("fy", fy, height)):
-        if not 0.1 * length <= focal <= 50 * length:
-            raise CaptureError(
-                f"{path}: {axis}={focal:g} cannot be for {length} pixels (a field of view of "
-                f"{2 * math.degrees(math.atan2(length, 2 * focal)):.3g}°); focal lengths are in pixels"
-            )
-    for axis, centre, length in (("cx", cx, width), ("cy", cy, height)):
-        if centre == 0 or not -0.5 * length <= centre <= 1.5 * length:
-            raise CaptureError(
-                f"{path}: {axis}={centre:g} cannot be the image centre of {length} pixels; "
-                "it is in pixels, near half the size, for this resolution"
-            )
-
-
 def _mirror(path: Path, index: int, entry: object, intrinsics: Intrinsics | None) -> MirrorPicks:
     if not isinstance(entry, dict):
-        raise MirrorError(f"{path}: mirror {index} must be a JSON object, not {_short(entry)}")
+        raise MirrorError(f"{path}: mirror {index} must be a JSON object, not {short(entry)}")
     name = entry.get("name", f"mirror {index}")
     if not isinstance(name, str) or not name.strip() or len(name) > 64 or not name.isprintable():
-        raise MirrorError(f"{path}: the name of mirror {index} must be a short printable text, not {_short(name)}")
+        raise MirrorError(f"{path}: the name of mirror {index} must be a short printable text, not {short(name)}")
     where = f"{path}: mirror “{name}”"
     if ("frame_pixels" in entry) == ("plane" in entry):
         raise MirrorError(f"{where} needs either frame_pixels or plane, and not both")
@@ -389,8 +274,8 @@ def _mirror(path: Path, index: int, entry: object, intrinsics: Intrinsics | None
 
 def _plane(where: str, plane: object) -> dict[str, np.ndarray]:
     """Point and unit normal."""
-    point = _numbers(plane.get("point"), 3) if isinstance(plane, dict) else None
-    normal = _numbers(plane.get("normal"), 3) if isinstance(plane, dict) else None
+    point = numbers(plane.get("point"), 3) if isinstance(plane, dict) else None
+    normal = numbers(plane.get("normal"), 3) if isinstance(plane, dict) else None
     if point is None or normal is None:
         raise MirrorError(f'{where}: plane must be {{"point": [x,y,z], "normal": [x,y,z]}} with finite numbers')
     longest = np.abs(normal).max()
@@ -402,12 +287,12 @@ def _plane(where: str, plane: object) -> dict[str, np.ndarray]:
 
 def _frame_pixels(where: str, picks: object, intrinsics: Intrinsics | None) -> np.ndarray:
     if not isinstance(picks, list):
-        raise MirrorError(f"{where}: frame_pixels must be a list of [u, v], not {_short(picks)}")
+        raise MirrorError(f"{where}: frame_pixels must be a list of [u, v], not {short(picks)}")
     pixels = np.empty((len(picks), 2))
     for i, pick in enumerate(picks):
-        pixel = _numbers(pick, 2)
+        pixel = numbers(pick, 2)
         if pixel is None:
-            raise MirrorError(f"{where}: pick {i + 1} must be two finite numbers [u, v], not {_short(pick)}")
+            raise MirrorError(f"{where}: pick {i + 1} must be two finite numbers [u, v], not {short(pick)}")
         pixels[i] = pixel
     different = len(np.unique(pixels, axis=0))
     if different < 3:

@@ -14,6 +14,7 @@ import numpy as np
 from ...camera import Intrinsics
 from ...errors import CaptureError, Notice
 from ...io.images import read_image
+from ...io.json_files import text_of
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import read_limited
 from ..depth_units import metres
@@ -43,7 +44,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
                 confidence = np.zeros(depth.shape, np.uint8)
         if values.shape != depth.shape[1:]:
             raise CaptureError(f"{file}: is of another size than the first frame")
-        depth[i] = metres(values, options.depth_unit_m or 0.001)[0]
+        depth[i] = metres(values, options.depth_unit_m or (0.001 if values.dtype.kind in "ui" else None))[0]
         if confidence is not None:
             trust = read_image(path / "confidence" / f"{number:06d}.png")
             if trust.shape != values.shape:
@@ -59,8 +60,8 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     color_camera = camera.pinhole().scaled(color.shape[1], color.shape[0]) if color is not None else None
     rotation = _turn(path / "odometry.csv", chosen[0][0])
     return stored_capture(
-        path, FORMAT, depth, color, camera, color_camera, np.eye(4), sensor="phone", confidence=confidence,
-        turn_degrees=rotation, notes=notes,
+        path, FORMAT, depth, color, camera, color_camera, np.eye(4), sensor="phone", sensor_from="format",
+        confidence=confidence, turn_degrees=rotation, notes=notes,
     )  # fmt: skip
 
 
@@ -82,7 +83,7 @@ def video_frame(path: Path, number: int) -> tuple[np.ndarray | None, str]:
 
 def _intrinsics(path: Path) -> Intrinsics:
     """Of the video, from a matrix of three rows."""
-    text = read_limited(path, 100_000).decode("ascii", "replace")
+    text = text_of(read_limited(path, 100_000))
     try:
         k = [float(word) for word in re.split(r"[,\s]+", text.strip())]
     except ValueError:
@@ -99,7 +100,7 @@ def _turn(path: Path, number: int) -> int:
     """
     if not path.is_file():
         return 0
-    lines = read_limited(path, MAX_CSV).decode("utf-8", "replace").splitlines()
+    lines = text_of(read_limited(path, MAX_CSV)).splitlines()
     if len(lines) < 2:
         return 0
     names = [name.strip() for name in lines[0].split(",")]

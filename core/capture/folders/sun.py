@@ -12,6 +12,7 @@ import numpy as np
 from ...camera import Intrinsics
 from ...errors import CaptureError
 from ...io.images import read_image
+from ...io.json_files import text_of
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import read_limited, rgb
 from ..depth_units import metres
@@ -55,7 +56,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
 
 
 def _intrinsics(path: Path, width: int, height: int) -> Intrinsics:
-    text = read_limited(path, 100_000).decode("ascii", "replace")
+    text = text_of(read_limited(path, 100_000))
     try:
         fx, skew, cx, below, fy, cy, *last = (float(word) for word in text.split()[:9])
     except ValueError:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 from ...camera import Intrinsics
 from ...errors import CaptureError, Notice
 from ...io.images import read_image
+from ...io.json_files import text_of
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import read_limited, rgb
 from ..depth_units import metres
@@ -43,7 +45,8 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             depth = empty_burst(path, len(chosen), *values.shape)
         if values.shape != depth.shape[1:]:
             raise CaptureError(f"{inside(path, listed[number][1])}: is of another size than the first frame")
-        depth[i] = metres(values, options.depth_unit_m or UNIT_M)[0]
+        stated = options.depth_unit_m or (UNIT_M if values.dtype.kind in "ui" else None)  # of 16-bit images
+        depth[i] = metres(values, stated)[0]
     assert depth is not None  # chosen_frames gives at least one
     height, width = depth.shape[1:]
     known = [camera for name, camera in CAMERAS.items() if name in path.resolve().name.lower()]
@@ -60,29 +63,31 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             color = rgb(read_image(inside(path, nearest[1])))
         else:
             notes.append(Notice("no colour image within {seconds:g} s of the first frame", seconds=MAX_APART_S))
-    return stored_capture(path, FORMAT, depth, color, camera, sensor="kinect_v1", notes=notes)
+    return stored_capture(path, FORMAT, depth, color, camera, sensor="kinect_v1", sensor_from="format", notes=notes)
 
 
 def read_list(path: Path) -> list[tuple[float, str]]:
     """Times [s] and file names of a list, in its order."""
     entries = []
-    text = read_limited(path, MAX_LIST).decode("utf-8", "replace")
+    text = text_of(read_limited(path, MAX_LIST))
     for number, line in enumerate(text.splitlines(), start=1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
-        words = line.split(maxsplit=1)
+        words = re.split(r"[\s,;]+", line.strip(), maxsplit=1)
         try:
             time = float(words[0])
         except ValueError:
             time = math.nan
         if len(words) != 2 or not math.isfinite(time):
             raise CaptureError(f"{path}: line {number} must be a time and a file name, not {line[:60]!r}")
-        entries.append((time, words[1].strip()))
+        entries.append((time, words[1].strip().strip('"')))
     return entries
 
 
 def inside(folder: Path, name: str) -> Path:
-    """The file of that name, which must not lead out of the folder."""
+    """The file of that name, as either system writes it, which must not lead out of the folder."""
+    if "\\" in name and "\0" not in name and not (folder / name).exists():
+        name = name.replace("\\", "/")
     if "\0" in name or not (folder / name).resolve().is_relative_to(folder.resolve()):
         raise CaptureError(f"{folder}: names a file outside the folder, {name[:60]!r}")
     return folder / name

@@ -16,7 +16,7 @@ from ...errors import CaptureError
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, image_in, mapped, rgb, starts_with, yuv_to_rgb, yuyv_to_rgb
 from ..decoding.matroska import SIGNATURE, Track, parse
-from ..frames import FrameChoice, chosen_frames, empty_burst
+from ..frames import FrameChoice, apart_note, chosen_frames, empty_burst
 from ..nominal_intrinsics import nominal_camera
 
 FORMAT = "Azure Kinect .mkv"
@@ -69,7 +69,8 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             color_track = next((t for t in content.tracks if t is not depth_track and t.name.upper() == "COLOR"), None)
             if color_track is not None and color_track.frames:
                 time = whole[chosen[0]][0]
-                _, first, last = min(color_track.frames, key=lambda frame: abs(frame[0] - time))
+                shown, first, last = min(color_track.frames, key=lambda frame: abs(frame[0] - time))
+                notes += apart_note((shown - time) * 1e-9)
                 color = decode_color(bytes(data[first:last]), color_track, path)
                 color_size = color.shape[1], color.shape[0]
     camera, color_camera, pose = options.intrinsics, None, None
@@ -89,7 +90,9 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         with blaming(path, "an Azure Kinect recording"):
             own, color_camera, pose = calibrated(calibration, (width, height), color_size)
         camera = camera or own
-    return stored_capture(path, FORMAT, depth, color, camera, color_camera, pose, sensor="azure_kinect", notes=notes)
+    return stored_capture(
+        path, FORMAT, depth, color, camera, color_camera, pose, sensor="azure_kinect", sensor_from="format", notes=notes
+    )
 
 
 def calibrated(

@@ -13,7 +13,7 @@ from ...camera import Intrinsics
 from ...errors import CaptureError, Notice
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, image_in, mapped, rgb, starts_with, yuyv_to_rgb
-from ..frames import FrameChoice, chosen_frames, empty_burst
+from ..frames import FrameChoice, apart_note, chosen_frames, empty_burst
 from ..kinect_disparity import NOMINAL_COLOR, depth_of_disparity
 
 FORMAT = "OpenNI .oni"
@@ -68,7 +68,8 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         image = next((n for n in nodes if n.kind == IMAGE and n.frames), None)
         if options.color and image is not None:
             time = node.frames[chosen[0]][0]
-            _, first, last = min(image.frames, key=lambda frame: abs(frame[0] - time))
+            shown, first, last = min(image.frames, key=lambda frame: abs(frame[0] - time))
+            notes += apart_note((shown - time) * 1e-6)
             color, problem = _color(bytes(data[first:last]), image, path)
             notes += [problem] if problem else []
             if color is not None:
@@ -84,7 +85,17 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
                     notes.append("the recording does not say whether depth is registered to colour; taken so")
         mirrored = bool(node.number("xnMirror"))
     return stored_capture(
-        path, FORMAT, depth, color, camera, color_camera, pose, sensor="kinect_v1", mirrored=mirrored, notes=notes
+        path,
+        FORMAT,
+        depth,
+        color,
+        camera,
+        color_camera,
+        pose,
+        sensor="kinect_v1",
+        sensor_from="format",
+        mirrored=mirrored,
+        notes=notes,
     )
 
 

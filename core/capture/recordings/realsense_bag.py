@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from ...camera import Intrinsics
-from ...camera.pinhole import distort
+from ...camera.pinhole import brown_of_inverse
 from ...errors import CaptureError
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, image_in, mapped, rgb, starts_with, yuyv_to_rgb
 from ..decoding.rosbag import SIGNATURE, RosBag, Topic
 from ..depth_units import metres
 from ..folders.rgbd_folder import sensor_named
-from ..frames import FrameChoice, chosen_frames, empty_burst
+from ..frames import FrameChoice, apart_note, chosen_frames, empty_burst
 
 FORMAT = "RealSense .bag"
 MAX_SIDE = 8192
@@ -63,6 +63,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             if color_topic is not None:
                 time = depth_topic.messages[chosen[0]][0]
                 nearest = min(range(len(color_topic.messages)), key=lambda i: abs(color_topic.messages[i][0] - time))
+                notes += apart_note((color_topic.messages[nearest][0] - time) * 1e-9)
                 color = _color(_image(bag.message(color_topic, nearest)), path)
                 if "aligned_depth_to_color" not in depth_topic.name:
                     color_camera = _intrinsics(bag, _info_topic(bag, color_topic), path)
@@ -73,26 +74,6 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         sensor = _sensor(bag)
         del bag, depth_topic  # releases the mapped file
     return stored_capture(path, FORMAT, depth, color, camera, color_camera, pose, sensor=sensor, notes=notes)
-
-
-def brown_of_inverse(inverse: tuple[float, ...], intrinsics: Intrinsics) -> tuple[float, ...]:
-    """Brown's coefficients (k1, k2, p1, p2, k3) of a lens whose *inverse* is given so, as RealSense's colour has it.
-
-    Least squares over the image; the model is linear in its coefficients.
-    """
-    u, v = np.meshgrid(np.linspace(0, intrinsics.width - 1, 33), np.linspace(0, intrinsics.height - 1, 25))
-    distorted = np.stack(((u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy), axis=-1).reshape(
-        -1, 2
-    )
-    ideal = distort(distorted, inverse)
-    x, y = ideal.T
-    r2 = x * x + y * y
-    rows = [
-        np.column_stack((x * r2, x * r2**2, 2 * x * y, r2 + 2 * x * x, x * r2**3)),
-        np.column_stack((y * r2, y * r2**2, r2 + 2 * y * y, 2 * x * y, y * r2**3)),
-    ]
-    solution = np.linalg.lstsq(np.vstack(rows), (distorted - ideal).T.ravel(), rcond=None)[0]
-    return tuple(float(k) for k in solution)
 
 
 def _depth_topic(bag: RosBag, path: Path) -> Topic:

@@ -19,7 +19,7 @@ from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, image_in, rgb, starts_with
 from ..depth_units import metres
 from ..folders.rgbd_folder import sensor_named
-from ..frames import FrameChoice, chosen_frames, empty_burst
+from ..frames import FrameChoice, apart_note, chosen_frames, empty_burst
 from .realsense_bag import MAX_SIDE, brown_of_inverse
 
 FORMAT = "RealSense .db3"
@@ -70,6 +70,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             if pictures:
                 time = listed[chosen[0]][0]
                 nearest = min(pictures, key=lambda entry: abs(entry[0] - time))
+                notes += apart_note((nearest[0] - time) * 1e-9)
                 color = rgb(image_in(_png(_message(file, nearest[1])), path, "a colour frame", ".png"))
                 color_camera = _intrinsics(_text(file, topics, f"{paint}/camera_info"))
                 depth_place, color_place = (_place(file, topics, prefix) for prefix in (base, paint))

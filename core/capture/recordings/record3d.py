@@ -20,6 +20,7 @@ import numpy as np
 from ...camera import Intrinsics
 from ...errors import CaptureError
 from ...io.images import read_image
+from ...io.json_files import text_of
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, image_in, read_limited, rgb, starts_with
 from ..frames import FrameChoice, chosen_frames, empty_burst
@@ -130,7 +131,17 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             notes.append("colour is left out: it is of another shape than depth")
             color = color_camera = None
     return stored_capture(
-        path, FORMAT, depth, color, camera, color_camera, np.eye(4), sensor="phone", confidence=confidence, notes=notes
+        path,
+        FORMAT,
+        depth,
+        color,
+        camera,
+        color_camera,
+        np.eye(4),
+        sensor="phone",
+        sensor_from="format",
+        confidence=confidence,
+        notes=notes,
     )
 
 
@@ -149,7 +160,7 @@ def _opened(path: Path) -> Iterator[_Files]:
 def _metadata(files: _Files) -> dict:
     name = next(n for n in (*METADATA, "") if n in files.names or not n)
     try:
-        about = json.loads(files.read(name).decode("utf-8"))
+        about = json.loads(text_of(files.read(name), "strict"))
     except (ValueError, RecursionError) as error:
         raise CaptureError(
             f"{files.path}: its metadata is not valid JSON ({type(error).__name__}); export again"

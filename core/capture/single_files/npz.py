@@ -60,6 +60,7 @@ def write_npz(path: str | os.PathLike, capture: Capture) -> None:
         "name": capture.name,
         "format": capture.format,
         "sensor": capture.sensor,
+        "sensor_from": capture.sensor_from,
         "notes": capture.notes,
         "mirrors": mirrors_to(capture.mirrors),
     }
@@ -109,6 +110,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             name=str(about["name"])[:200],
             format=FORMAT,
             sensor=str(about["sensor"])[:40],
+            sensor_from=str(about.get("sensor_from", "file"))[:40],
             confidence=confidence,
             notes=tuple(str(note)[:400] for note in list(about["notes"])[:20]),
         )

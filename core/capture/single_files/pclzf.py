@@ -14,6 +14,7 @@ import numpy as np
 from ...camera import Intrinsics
 from ...errors import CaptureError, Notice
 from ...io.images import MAX_PIXELS
+from ...io.json_files import text_of
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, read_limited, starts_with, yuv_to_rgb
 from ..depth_units import metres
@@ -69,7 +70,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         color = image if image.ndim == 3 else None
         if color is None:
             notes.append(Notice("{name} is left out: {kind} is no colour image", name=rgb_file.name, kind=kind))
-    return stored_capture(path, FORMAT, depth, color, camera, sensor="kinect_v1", notes=notes)
+    return stored_capture(path, FORMAT, depth, color, camera, sensor="kinect_v1", sensor_from="size", notes=notes)
 
 
 def read_pclzf(path: Path) -> tuple[str, np.ndarray]:
@@ -102,7 +103,7 @@ def read_pclzf(path: Path) -> tuple[str, np.ndarray]:
 
 def _parameters(path: Path, width: int, height: int) -> Intrinsics | None:
     """The depth camera of the grabber's XML; read by its four fixed names, so that no entity is ever expanded."""
-    text = read_limited(path, 100_000).decode("utf-8", "replace")
+    text = text_of(read_limited(path, 100_000))
     section = re.search(r"<depth>(.*?)</depth>", text, re.DOTALL)
     if section is None:
         raise CaptureError(f"{path}: has no section <depth> with the camera's parameters")

@@ -17,7 +17,8 @@ from ...io.images import MAX_PIXELS, read_image
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, npy_header, read_limited, rgb, starts_with
 from ..depth_units import is_raw_disparity, metres
-from ..folders.rgbd_folder import INTRINSIC_NAMES, read_intrinsics
+from ..folders.lens_file import read_lens_file
+from ..folders.rgbd_folder import INTRINSIC_NAMES, sensor_named
 from ..frames import MAX_BURST_PIXELS, FrameChoice, chosen_frames
 from ..kinect_disparity import calibration, depth_of_disparity
 from ..nominal_intrinsics import nominal_camera
@@ -38,12 +39,25 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     height, width = values.shape[1:]
     notes: list[str] = []
     raw = is_raw_disparity(values) if options.raw_disparity is None else options.raw_disparity
-    color_camera, pose, sensor, camera = None, None, "unknown", None
-    for name in INTRINSIC_NAMES:
-        if options.intrinsics is None and (path.parent / name).is_file():
-            camera, scale = read_intrinsics(path.parent / name)
-            if (camera.width, camera.height) == (width, height):
-                options = replace(options, intrinsics=camera, depth_unit_m=options.depth_unit_m or 1 / scale)
+    color_camera, pose, sensor, sensor_from, camera = None, None, "unknown", "file", None
+    stated = options.depth_unit_m if options.depth_unit_m is not None else options.lens_unit_m
+    beside = next((path.parent / name for name in INTRINSIC_NAMES if (path.parent / name).is_file()), None)
+    if beside is not None:
+        lens = read_lens_file(beside, options.intrinsics is None)
+        fits = lens.intrinsics is None or (lens.intrinsics.width, lens.intrinsics.height) == (width, height)
+        if fits:
+            options = replace(options, intrinsics=options.intrinsics or lens.intrinsics)
+            stated = lens.unit_m if stated is None else stated
+            sensor, sensor_from = sensor_named(lens.sensor), lens.sensor_from
+            notes += lens.notes
+        elif options.intrinsics is None and lens.intrinsics is not None:
+            notes.append(
+                Notice(
+                    "{name} is for {lens_width}×{lens_height} pixels, depth has {width}×{height}: it was not used",
+                    name=beside.name, lens_width=lens.intrinsics.width, lens_height=lens.intrinsics.height,
+                    width=width, height=height,
+                )
+            )  # fmt: skip
     if raw:
         if values.dtype.kind not in "ui" or (width, height) != (640, 480):
             raise CaptureError(
@@ -51,10 +65,10 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             )
         depth = depth_of_disparity(options.disparity)[np.clip(values, 0, 2047)]
         camera, color_camera, pose = calibration(options.kinect_calibration)
-        sensor = "kinect_v1"
+        sensor, sensor_from = "kinect_v1", "format"
         notes.append(Notice("raw Kinect v1 disparity, by the {formula} formula", formula=options.disparity))
     else:
-        depth, note = metres(values, options.depth_unit_m)
+        depth, note = metres(values, stated)
         notes += [note] if note else []
         nominal = nominal_camera(width, height)
         if options.intrinsics is None and nominal is None:
@@ -64,6 +78,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             )
         if options.intrinsics is None and nominal is not None:
             camera, sensor, note = nominal
+            sensor_from = "size"
             notes.append(note)
     color = None
     if options.color:
@@ -82,7 +97,9 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
                 color_camera = color_camera.scaled(color.shape[1], color.shape[0])
     intrinsics = options.intrinsics or camera
     assert intrinsics is not None  # either branch above gives a camera or raises
-    return stored_capture(path, FORMAT, depth, color, intrinsics, color_camera, pose, sensor=sensor, notes=notes)
+    return stored_capture(
+        path, FORMAT, depth, color, intrinsics, color_camera, pose, sensor=sensor, sensor_from=sensor_from, notes=notes
+    )
 
 
 def read_values(path: Path, frames: FrameChoice = None) -> np.ndarray:
