@@ -17,6 +17,7 @@ from .outputs import (
     make_folder,
     plain,
     plan_outputs,
+    read_surface,
     stand,
     write_outputs,
     write_simulation,
@@ -278,14 +279,9 @@ def settings_of(options: argparse.Namespace) -> Settings:
 
 def run_evaluate(options: argparse.Namespace, writers: Writers) -> None:
     """``evaluate``: measure a mesh against the true one."""
-    from ..io import read_mesh
     from ..mesh.surface_distance import evaluate
 
-    mesh, truth = read_mesh(options.mesh), read_mesh(options.truth)
-    for path, surface in ((options.mesh, mesh), (options.truth, truth)):
-        if not len(surface.triangles):
-            raise CaptureError(f"{path}: holds points but no faces; distances need surfaces")
-    distances = evaluate(mesh, truth)
+    distances = evaluate(read_surface(options.mesh), read_surface(options.truth))
     if options.json:
         say(json.dumps(plain(distances), indent=1))
     else:
@@ -299,12 +295,11 @@ def run_experiment_zippering(options: argparse.Namespace, writers: Writers) -> N
     check_targets([options.folder / name for name in ("table.csv", "result.png", "plot.png")])
 
     from ..experiments.zippering import run, table, write_results
-    from ..io import read_mesh
     from ..simulation.mannequin import mannequin
 
     with progress_bar(options.quiet) as progress:
         advance(progress, 0.0, "reading the body" if options.mesh else "making a mannequin")
-        body = read_mesh(options.mesh) if options.mesh else mannequin()
+        body = read_surface(options.mesh) if options.mesh else mannequin()
         bridge = options.find_bridge() if options.find_bridge else None
         steps = run(body, options.steps, options.matching, progress=stage_of(progress, 0.05, 0.95), bridge=bridge)
         advance(progress, 0.95, "writing")
@@ -333,13 +328,12 @@ def run_experiment_capture(options: argparse.Namespace, writers: Writers) -> Non
     check_targets([options.folder / name for name in ("table.csv", "result.png", "plot.png")])
     experiment = importlib.import_module(f"..experiments.{options.experiment}", __package__)
 
-    from ..io import read_mesh
     from ..simulation.mannequin import mannequin
     from ..simulation.optics import IDEAL, real
 
     with progress_bar(options.quiet) as progress:
         advance(progress, 0.0, "reading the body" if options.mesh else "making a mannequin")
-        body = stand(read_mesh(options.mesh), options.mesh) if options.mesh else mannequin()
+        body = stand(read_surface(options.mesh), options.mesh) if options.mesh else mannequin()
         optics = real(options.sensor, options.frequencies, options.seed) if options.optics == "real" else IDEAL
         outcome = experiment.run(
             body, options.sensor, options.frames, options.seed, optics=optics, progress=stage_of(progress, 0.05, 0.95)

@@ -110,7 +110,6 @@ def write_simulation(
     frequencies: tuple[float, ...] | None = None,
 ) -> None:  # fmt: skip
     """Simulate into a folder beside ``folder``, then swap; only a simulation may be replaced, never a recording."""
-    from ..io import read_mesh
     from ..io.atomic_files import fresh_folder
     from ..simulation.mannequin import mannequin
     from ..simulation.optics import EFFECTS
@@ -121,13 +120,23 @@ def write_simulation(
         entries = {entry.name for entry in folder.iterdir()} if folder.is_dir() else None
         if entries is None or (entries and not ("truth" in entries and entries <= SIMULATION_ENTRIES)):
             raise OutputError(f"{folder}: exists and is not an earlier simulation; choose another name or remove it")
-    subject = stand(read_mesh(body), body) if body else mannequin()
+    subject = stand(read_surface(body), body) if body else mannequin()
     rig = default_rig(sensor=sensor, mirrors=mirrors, frames=frames, seed=seed)
     if optics != "ideal":
         rig = with_real_optics(rig, frequencies, EFFECTS if optics == "real" else optics.split(","))
     simulation = simulate(subject, rig)
     with fresh_folder(folder, replace=True) as fresh:
         write_simulation(simulation, fresh)
+
+
+def read_surface(path: Path) -> Mesh:
+    """A mesh from a file, refused when it has no faces: points have no surface to measure or to scan."""
+    from ..io import read_mesh
+
+    mesh = read_mesh(path)
+    if not len(mesh.triangles):
+        raise CaptureError(f"{path}: holds points but no faces; a surface is needed, save the mesh with its faces")
+    return mesh
 
 
 def stand(subject: Mesh, path: Path) -> Mesh:

@@ -28,6 +28,15 @@ def text_of(data: bytes, errors: str = "replace") -> str:
     return data.decode("utf-8", errors)
 
 
+def plain_text(data: bytes) -> bytes:
+    """Text without a byte order mark, in UTF-8, for parsers of bytes; unchanged where it is so already."""
+    if data.startswith(codecs.BOM_UTF8):
+        return data[len(codecs.BOM_UTF8) :]
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return text_of(data).encode()
+    return data
+
+
 def load_json(path: Path, error_type: type[MirrorScanError]) -> object:
     """Content of a JSON file.
 

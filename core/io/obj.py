@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import CaptureError
 from ..mesh import Mesh
 from ..mesh.triangle_mesh import triangulate_polygons
+from .json_files import plain_text
 
 # --- OBJ -------------------------------------------------------------------------------------------------------------
 
@@ -31,21 +32,29 @@ def _format_rows(line: str, table: np.ndarray, block: int = 20_000) -> Iterator[
 
 
 def read_obj(data: bytes) -> Mesh:
-    """The mesh in the bytes of a file; polygons become triangles."""
-    lines = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines()
+    """The mesh in the bytes of a file; polygons become triangles.
+
+    Spellings that other programs read are read: byte order marks, leading blanks, comments behind values, lines that go
+    on after a backslash, colours of 0 to 1 or 0 to 255.
+    """
+    data = plain_text(data)
+    if b"\\" in data:
+        data = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").replace(b"\\\r", b" ")
+    lines = [line.lstrip() for line in data.splitlines()]
     vertex_lines = [i for i, line in enumerate(lines) if line.startswith((b"v ", b"v\t"))]
     face_lines = [i for i, line in enumerate(lines) if line.startswith((b"f ", b"f\t"))]
-    words = [lines[i].split() for i in vertex_lines]
-    widths = np.array([len(row) - 1 for row in words], dtype=np.int64)
+    words = [_words(lines[i]) for i in vertex_lines]
+    widths = np.array([len(row) for row in words], dtype=np.int64)
     if len(widths) and widths.min() < 3:
         raise CaptureError(f"line {vertex_lines[int(widths.argmin())] + 1}: a vertex needs three coordinates")
     try:
-        points = np.array([float(w) for row in words for w in row[1:4]]).reshape(-1, 3)
+        points = np.array([float(w) for row in words for w in row[:3]]).reshape(-1, 3)
         colors = None
         if len(widths) and widths.min() >= 6:
-            shades = np.array([float(w) for row in words for w in row[4:7]]).reshape(-1, 3)
-            colors = np.rint(np.clip(np.nan_to_num(shades), 0, 1) * 255).astype(np.uint8)
-        corners = [lines[i].split()[1:] for i in face_lines]
+            shades = np.nan_to_num(np.array([float(w) for row in words for w in row[3:6]]).reshape(-1, 3))
+            full = 255 if shades.max() > 1.5 else 1
+            colors = np.rint(np.clip(shades / full, 0, 1) * 255).astype(np.uint8)
+        corners = [_words(lines[i]) for i in face_lines]
         flat = np.array([int(w.partition(b"/")[0]) for row in corners for w in row], dtype=np.int64)
     except (ValueError, OverflowError) as error:
         raise CaptureError("a vertex or face line of the OBJ file holds something that is not a number") from error
@@ -57,3 +66,8 @@ def read_obj(data: bytes) -> Mesh:
     flat = np.where(flat < 0, flat + np.repeat(seen, lengths), np.where(flat == 0, -1, flat - 1))
     groups = [(r := np.flatnonzero(lengths == n), flat[starts[r, None] + np.arange(n)]) for n in np.unique(lengths)]
     return Mesh(points, triangulate_polygons((lengths, groups), len(points))[0], colors=colors)
+
+
+def _words(line: bytes) -> list[bytes]:
+    """What stands behind the line's first word, without a comment."""
+    return (line.partition(b"#")[0] if b"#" in line else line).split()[1:]

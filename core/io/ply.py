@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import CaptureError
 from ..mesh import KIND_NAMES, Mesh
 from ..mesh.triangle_mesh import PolygonLists, triangulate_polygons
+from .json_files import plain_text
 
 MAX_HEADER_BYTES = 1 << 16
 
@@ -21,9 +22,9 @@ MAX_HEADER_BYTES = 1 << 16
 _PLY_TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
     "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
-    "float32": "f4", "float64": "f8",
+    "float32": "f4", "float64": "f8", "int64": "i8", "uint64": "u8",
 }  # fmt: skip
-_STRUCT_CODES = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I"}
+_STRUCT_CODES = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "i8": "q", "u8": "Q"}
 
 
 @dataclass
@@ -81,9 +82,10 @@ def write_ply(mesh: Mesh) -> Iterator[bytes | memoryview]:
 
 
 def read_ply(data: bytes) -> Mesh:
-    """The mesh in the bytes of a file; polygons become triangles."""
+    """The mesh in the bytes of a file; polygons and strips become triangles."""
+    data = plain_text(data)
     layout, elements, start = _parse_ply_header(data)
-    vertices = faces = None
+    vertices = faces = strips = None
     if layout == "ascii":
         source: _AsciiBody | _BinaryBody = _AsciiBody(data[start:])
     else:
@@ -94,6 +96,8 @@ def read_ply(data: bytes) -> Mesh:
             vertices = content
         elif element.name == "face" and faces is None:
             faces = content
+        elif element.name == "tristrips" and strips is None:
+            strips = content
     if vertices is None:
         raise CaptureError("has no element “vertex”; this is not a mesh")
     if not vertices:
@@ -105,13 +109,15 @@ def read_ply(data: bytes) -> Mesh:
 
     triangles, kind = np.empty((0, 3), np.int32), None
     if faces:
-        polygons = faces.get("vertex_indices", faces.get("vertex_index"))
-        if not isinstance(polygons, tuple):
+        polygons = _corner_lists(faces)
+        if polygons is None:
             raise CaptureError("faces have no list property “vertex_indices”")
         triangles, rows = triangulate_polygons(polygons, len(points))
         kinds = faces.get("kind")
         if isinstance(kinds, np.ndarray):
             kind = kinds[rows].astype(np.int8)
+    elif strips and (lists := _corner_lists(strips)) is not None:
+        triangles = _triangles_of_strips(lists, len(points))
     view = vertices.get("view")
     return Mesh(
         points, triangles, colors=_ply_colors(vertices), kind=kind,
@@ -119,12 +125,39 @@ def read_ply(data: bytes) -> Mesh:
     )  # fmt: skip
 
 
+def _corner_lists(element: dict) -> PolygonLists | None:
+    """The lists of corners of faces or strips: under their usual names, or the only list there is."""
+    lists = {name.lower(): content for name, content in element.items() if isinstance(content, tuple)}
+    for name in ("vertex_indices", "vertex_index"):
+        if name in lists:
+            return lists[name]
+    return next(iter(lists.values())) if len(lists) == 1 else None
+
+
+def _triangles_of_strips(strips: PolygonLists, n_vertices: int) -> np.ndarray:
+    """Triangles (T, 3) int32 of strips, as Stanford's range scans have them: -1 ends one, every other is turned."""
+    pieces = [np.empty((0, 3), np.int64)]
+    for _, rows in strips[1]:
+        for row in np.asarray(rows, np.int64):
+            for strip in np.split(row, np.flatnonzero(row < 0)):
+                corners = strip[strip >= 0]
+                if len(corners) >= 3:
+                    triangles = np.stack((corners[:-2], corners[1:-1], corners[2:]), axis=1)
+                    triangles[1::2, :2] = triangles[1::2, 1::-1]
+                    pieces.append(triangles)
+    a, b, c = np.concatenate(pieces).T
+    triangles = np.stack((a, b, c), axis=1)[(a != b) & (b != c) & (c != a)]
+    if triangles.size and triangles.max() >= n_vertices:
+        raise CaptureError(f"a strip names a vertex outside 0…{n_vertices - 1}; the file is damaged")
+    return triangles.astype(np.int32)
+
+
 def _parse_ply_header(data: bytes) -> tuple[str, list[_Element], int]:
     """Layout, elements and where the body starts."""
     head = data[:MAX_HEADER_BYTES]
-    if not re.match(rb"ply[ \t]*\r?\n", head):
+    if not re.match(rb"ply[ \t]*(\r\n|\n|\r)", head):
         raise CaptureError("is not a PLY file: it does not begin with “ply”")
-    end = re.search(rb"\nend_header[ \t]*(\r\n|\n|\r)", head)
+    end = re.search(rb"[\n\r][ \t]*end_header[ \t]*(\r\n|\n|\r)", head)
     if end is None:
         raise CaptureError("PLY header has no “end_header”; the file is truncated or damaged")
     layout, elements = "", []

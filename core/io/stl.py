@@ -10,10 +10,12 @@ import numpy as np
 
 from ..errors import CaptureError
 from ..mesh import Mesh
+from .json_files import plain_text
 
 # --- STL -------------------------------------------------------------------------------------------------------------
 
 _STL_ROW = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_NAMES = re.compile(rb"\b(?:end)?solid\b[^\r\n]*?(?=\bfacet\s+normal\b|[\r\n]|$)")
 
 
 def write_stl(mesh: Mesh) -> Iterator[bytes]:
@@ -29,12 +31,15 @@ def write_stl(mesh: Mesh) -> Iterator[bytes]:
 
 
 def read_stl(data: bytes) -> Mesh:
-    """The mesh in the bytes of a file; equal corners become one vertex."""
+    """The mesh in the bytes of a file; equal corners become one vertex.
+
+    Several solids become one mesh. A binary file may begin with “solid”, as an ASCII file does.
+    """
     count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else -1
-    if count >= 0 and len(data) >= 84 + count * _STL_ROW.itemsize and not _is_ascii_stl(data):
-        corners = np.frombuffer(data, _STL_ROW, count, 84)["corners"].reshape(-1, 3)
-    elif _is_ascii_stl(data):
-        words = data.split()
+    size = 84 + count * _STL_ROW.itemsize
+    text = None if len(data) == size >= 84 else _ascii_stl(data)
+    if text is not None:
+        words = _NAMES.sub(b" ", text).split()
         at = [i for i, word in enumerate(words) if word == b"vertex"]
         try:
             corners = np.array([float(w) for i in at for w in words[i + 1 : i + 4]], np.float32)
@@ -43,6 +48,8 @@ def read_stl(data: bytes) -> Mesh:
         if corners.size != 3 * len(at) or len(at) % 3:
             raise CaptureError("ascii STL ends within a facet; it is truncated or damaged")
         corners = corners.reshape(-1, 3)
+    elif count >= 0 and len(data) >= size:
+        corners = np.frombuffer(data, _STL_ROW, count, 84)["corners"].reshape(-1, 3)
     else:
         raise CaptureError("is no STL file, or it is truncated: its length does not fit the number of triangles in it")
     if not np.isfinite(corners).all():
@@ -54,5 +61,10 @@ def read_stl(data: bytes) -> Mesh:
     return Mesh(corners[first].astype(np.float64), triangles[(a != b) & (b != c) & (c != a)])
 
 
-def _is_ascii_stl(data: bytes) -> bool:
-    return data[:5] == b"solid" and re.search(rb"\bfacet\s+normal\b|\bendsolid\b", data[:4096]) is not None
+def _ascii_stl(data: bytes) -> bytes | None:
+    """Text of an ASCII file in small letters; None for a binary one."""
+    text = plain_text(data)
+    if text[:200].lstrip()[:5].lower() != b"solid":
+        return None
+    text = text.lower()
+    return text if re.search(rb"\bfacet\s+normal\b|\bendsolid\b", text[:65536]) else None
