@@ -45,12 +45,20 @@ def openimageio() -> ModuleType:
     return OpenImageIO
 
 
-def read_image(path: str | os.PathLike) -> np.ndarray:
+def read_image(path: str | os.PathLike, channel: tuple[str, ...] = ()) -> np.ndarray:
     """Pixels of an image file as they are stored: no scaling, no colour conversion.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    channel : tuple of str
+        Names, in small letters, of a channel that is read alone where the file has it among others; of a name with
+        layers, as renderers write it, the last part or the one before it counts.
 
     Returns
     -------
-    np.ndarray [shape=(H, W) or (H, W, C), dtype=uint8, uint16 or float32]
+    np.ndarray [shape=(H, W) or (H, W, C), dtype=uint8, uint16, int16, uint32, int32 or float32]
         (H, W) when there is one channel. Row 0 is the top one. Alpha is not multiplied in.
 
     Raises
@@ -70,12 +78,17 @@ def read_image(path: str | os.PathLike) -> np.ndarray:
         raise CaptureError(f"{path}: is not a readable image ({_reason(oiio.geterror())})")
     try:
         spec = source.spec()
-        width, height, channels = spec.width, spec.height, spec.nchannels
+        width, height, channels, first = spec.width, spec.height, spec.nchannels, 0
+        parts = [set(name.lower().split(".")[-2:]) for name in spec.channelnames] if channels > 1 else []
+        named = next((i for name in channel for i, part in enumerate(parts) if name in part), None)
+        if named is not None:
+            first, channels = named, 1
         if width < 1 or height < 1 or spec.depth > 1 or width * height > MAX_PIXELS or channels > 4:
             raise CaptureError(f"{path}: {width}×{height} with {channels} channels is no size an image here can have")
         kind = spec.format.basetype
-        wanted = kind if kind in (oiio.UINT8, oiio.UINT16) else oiio.FLOAT
-        pixels = source.read_image(0, 0, 0, channels, wanted)
+        whole = (oiio.UINT8, oiio.UINT16, oiio.INT16, oiio.UINT32, oiio.INT32)
+        wanted = kind if kind in whole else oiio.FLOAT  # which would turn whole numbers into parts of the largest
+        pixels = source.read_image(0, 0, first, first + channels, wanted)
         problem = source.geterror()
     finally:
         source.close()

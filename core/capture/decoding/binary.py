@@ -57,10 +57,11 @@ def blaming(path: Path, what: str) -> Iterator[None]:
         raise CaptureError(f"{path}: is damaged or not {what} ({reason}); copy or record it again") from error
 
 
-def npy_header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype]:
-    """Shape and type of an array in numpy's format; the file is then at its first number.
+def npy_header(file: IO[bytes], columns: bool = False) -> tuple[tuple[int, ...], np.dtype, bool]:
+    """Shape, type and order (true: Fortran's) of an array in numpy's format; the file is then at its first number.
 
-    Only plain arrays of numbers in C order; numpy's own parser evaluates the header as Python text.
+    Only plain arrays of numbers, in Fortran's order where ``columns`` allows it; numpy's own parser evaluates the
+    header as Python text.
 
     Raises
     ------
@@ -74,10 +75,10 @@ def npy_header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype]:
     if length > 10_000:
         raise ValueError("the header of an array is too long")
     match = _NPY_HEADER.fullmatch(file.read(length).decode("latin-1"))
-    if match is None or match[2] != "False":
-        raise ValueError("the array is not of plain numbers in C order")
+    if match is None or (match[2] != "False" and not columns):
+        raise ValueError("the array is not of plain numbers" + ("" if columns else " in C order"))
     shape = tuple(int(n) for n in match[3].split(",") if n.strip())
-    return shape, np.dtype(match[1])
+    return shape, np.dtype(match[1]), match[2] == "True"
 
 
 def read_limited(path: Path, limit: int) -> bytes:
@@ -103,6 +104,8 @@ def rgb(image: np.ndarray) -> np.ndarray:
     """Colour (H, W, 3) uint8: gray repeated, alpha dropped, 16 bit cut to 8."""
     if image.dtype == np.uint16:
         image = (image >> 8).astype(np.uint8)
+    elif image.dtype.kind == "i" or image.dtype == np.uint32:
+        image = (np.maximum(image, 0) >> (8 * image.dtype.itemsize - (7 + (image.dtype.kind == "u")))).astype(np.uint8)
     elif image.dtype != np.uint8:
         image = (np.clip(np.nan_to_num(image), 0, 1) * 255 + 0.5).astype(np.uint8)
     if image.ndim == 2 or image.shape[2] < 3:

@@ -124,7 +124,7 @@ def _member(archive: zipfile.ZipFile, path: Path, name: str, kinds: tuple[str, .
     if entry.compress_type != zipfile.ZIP_STORED and entry.file_size > 1100 * max(entry.compress_size, 1):
         raise CaptureError(f"{path}: {name} unpacks to more than it can hold; save it again")
     with archive.open(entry) as file:
-        shape, dtype = npy_header(file)
+        shape, dtype, _ = npy_header(file)
         if dtype.str[1:] not in kinds or len(shape) != dimensions:
             raise ValueError(f"{name} is {dtype} with {len(shape)} dimensions")
         size = math.prod(shape) * dtype.itemsize

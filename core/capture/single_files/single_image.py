@@ -106,10 +106,10 @@ def read_values(path: Path, frames: FrameChoice = None) -> np.ndarray:
     """The numbers of a depth image or array, as they are stored (F, H, W)."""
     if starts_with(path, b"\x93NUMPY"):
         return _read_npy(path, frames)
-    values = _read_pgm(path) if starts_with(path, b"P5") else read_image(path)
+    values = _read_pgm(path) if starts_with(path, b"P5") else read_image(path, ("z", "depth"))
     if values.ndim == 3 and values.dtype == np.float32:
         values = values[..., 0]  # EXR writers repeat gray, or add alpha
-    if values.ndim != 2 or values.dtype == np.uint8:
+    if values.ndim != 2 or values.dtype.itemsize == 1:
         raise CaptureError(
             f"{path}: is an 8-bit or colour picture; depth must be 16-bit gray or floating point. "
             "Save the frame again without converting it"
@@ -121,7 +121,10 @@ def read_values(path: Path, frames: FrameChoice = None) -> np.ndarray:
 def _read_npy(path: Path, frames: FrameChoice) -> np.ndarray:
     with blaming(path, "an array of numpy"):
         with open(path, "rb") as file:
-            shape, dtype = npy_header(file)
+            shape, dtype, columns = npy_header(file, columns=True)
+            stored_shape = shape
+            if len(shape) > 2 and shape[-1] == 1:  # a single channel
+                shape = shape[:-1]
             if len(shape) not in (2, 3) or 0 in shape:
                 raise ValueError(f"{dtype} of shape {shape}")
             start = file.tell()
@@ -131,7 +134,7 @@ def _read_npy(path: Path, frames: FrameChoice) -> np.ndarray:
         chosen = chosen_frames(path, frames, shape[0])
         if len(chosen) * shape[1] * shape[2] > MAX_BURST_PIXELS:
             raise CaptureError(f"{path}: is more than memory should hold; choose fewer frames")
-        stored = np.memmap(path, dtype, "r", start, shape)
+        stored = np.memmap(path, dtype, "r", start, stored_shape, order="F" if columns else "C").reshape(shape)
         return np.array(stored[chosen.start : chosen.stop : chosen.step]).astype(dtype.newbyteorder("="), copy=False)
 
 
