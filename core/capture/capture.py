@@ -50,8 +50,9 @@ class Capture:
     sensor : str
         The camera that took it, where the file names it: ``kinect_v1``, ``kinect_v2``, ``azure_kinect``,
         ``realsense_d415``, ``realsense_d435``, ``realsense_d455``, ``phone``, or ``unknown``.
-    sensor_from : {"file", "format", "size"}
-        Who says so: the file; its format, which only that camera has; or nobody, and the image's size is the sensor's.
+    sensor_from : {"file", "format", "name", "size"}
+        Who says so: the file; its format, which only that camera has; a folder's name; or nobody, and the image has the
+        size of that camera's.
     confidence : np.ndarray [shape=(F, H, W), dtype=uint8] or None
         The camera's own trust in each reading, 0 low to 2 high.
     turn_degrees, mirrored : int, bool

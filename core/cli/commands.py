@@ -217,9 +217,13 @@ def run_convert(options: argparse.Namespace, writers: Writers) -> None:
 
     with fresh_folder(options.folder) as fresh:
         capture = _open(options.capture, options)
-        write_folder(fresh, capture)
+        warnings = list(write_folder(fresh, capture))
+    from ..pipeline.inspection import inspect_capture  # brings numba; what cannot be written is reported before that
+
     for note in capture.notes:
         complain("note", note)
+    for warning in (*warnings, *inspect_capture(capture).warnings):
+        complain("warning", warning)
     if not options.quiet:
         frames = f"{len(capture.depth)} frame{'s' if len(capture.depth) > 1 else ''}"
         say(f"{options.folder}: {frames} of {capture.format}, {capture.intrinsics.width}×{capture.intrinsics.height}")

@@ -34,8 +34,17 @@ _UNITS = (
     ("millimetres taken for metres", 0.001),
     ("metres taken for millimetres", 1000.0),
     ("TUM's 5000 to a metre taken for millimetres", 0.2),
+    ("13 bits of millimetres above three of the player (Kinect's SDK) taken for millimetres", 0.125),
     ("tenths of millimetres taken for millimetres", 0.1),
+    ("centimetres taken for millimetres", 10.0),
+    ("millimetres taken for TUM's 5000 to a metre", 5.0),
 )
+_SAID_BY = {
+    "file": "the file says so",
+    "format": "by the format of the file",
+    "name": "by the name of the folder",
+    "size": "by the size of the image",
+}
 
 
 @dataclass(frozen=True)
@@ -79,7 +88,7 @@ def _sensor_line(capture: Capture, sensor: str, model: NoiseModel | None, settin
     if model is None:
         return f"  sensor   {sensor if sensor != 'unknown' else 'unknown; noise is measured on the readings'}"
     z = float(np.median(capture.depth[0][capture.depth[0] > 0])) if capture.depth[0].any() else 2.0
-    how = "the file says so" if capture.sensor == sensor else "known by its steps"
+    how = _SAID_BY.get(capture.sensor_from, "") if capture.sensor == sensor else "known by its steps"
     how = how if settings.sensor == "auto" else "set"
     sigma = 1e3 * float(model.sigma(z, capture.intrinsics.fx))
     return f"  sensor   {model.title}, {how}; noise at {z:.1f} m should be {sigma:.1f} mm a frame"
@@ -100,7 +109,7 @@ def check_units(capture: Capture) -> tuple[list[str], list[str]]:
     median = float(np.median(depth[depth > 0]))
     if not _USUAL[0] <= median <= _USUAL[1]:
         what = f"half of the readings are beyond {median:.3g} m"
-        return [], [_unit_warning(what, _mistake(lambda f: _USUAL[0] <= median * f <= _USUAL[1]))]
+        return [], [_unit_warning(what, _mistakes(lambda f: _USUAL[0] <= median * f <= _USUAL[1]))]
     step = find_step(depth)
     expected = step * camera.fx * SENSORS["kinect_v1"].baseline / SENSORS["kinect_v1"].disparity_step if step else 0.0
     points = unproject(depth, camera)[depth > 0]
@@ -115,9 +124,11 @@ def check_units(capture: Capture) -> tuple[list[str], list[str]]:
             f"  units    the camera is {-height:.2f} m above the lowest level plane (flat to {1e3 * noise:.0f} mm), "
             f"tilted {abs(tilt):.0f}° {'down' if tilt < 0 else 'up'}"
         )
-        factor = _mistake(lambda f: _CAMERA_HEIGHTS[0] <= -height * f <= _CAMERA_HEIGHTS[1])
-        if not _CAMERA_HEIGHTS[0] <= -height <= _CAMERA_HEIGHTS[1] and factor:  # a table may be the lowest that is seen
-            return lines, [_unit_warning(f"the camera would be {-height:.2f} m above the floor", factor)]
+        mistakes = _mistakes(lambda f: _CAMERA_HEIGHTS[0] <= -height * f <= _CAMERA_HEIGHTS[1])
+        if (
+            not _CAMERA_HEIGHTS[0] <= -height <= _CAMERA_HEIGHTS[1] and mistakes
+        ):  # a table may be the lowest that is seen
+            return lines, [_unit_warning(f"the camera would be {-height:.2f} m above the floor", mistakes)]
     if step:
         lines.append(f"  steps    readings come in steps of {1e3 * step * median**2:.0f} mm at {median:.1f} m")
         if not 0.7 < expected < 1.4:  # other cameras have steps of their own, much finer ones
@@ -125,15 +136,19 @@ def check_units(capture: Capture) -> tuple[list[str], list[str]]:
     return lines, []
 
 
-def _mistake(fits: Callable[[float], bool]) -> tuple[str, float] | None:
-    """The first of the usual mix-ups of units that explains it."""
-    return next(((name, factor) for name, factor in _UNITS if fits(factor)), None)
+def _mistakes(fits: Callable[[float], bool]) -> list[tuple[str, float]]:
+    """Those of the usual mix-ups of units that explain it."""
+    return [(name, factor) for name, factor in _UNITS if fits(factor)]
 
 
-def _unit_warning(what: str, mistake: tuple[str, float] | None) -> str:
-    if mistake is None:
+def _unit_warning(what: str, mistakes: list[tuple[str, float]]) -> str:
+    """What to do about a unit: one cure where one mix-up explains it, else all of them, each with its cause."""
+    if not mistakes:
         return f"{what}: check the depth unit (--depth-unit) and the intrinsics"
-    name, factor = mistake
+    if len(mistakes) > 1:
+        cures = "; ".join(f"by {factor:g} if they are {name}" for name, factor in mistakes)
+        return f"{what}: the readings are in another unit; multiply it (--depth-unit) {cures}"
+    name, factor = mistakes[0]
     return f"{what}: it looks like {name}; multiply the depth unit (--depth-unit) by {factor:g}"
 
 
@@ -187,8 +202,8 @@ def _effect(capture: Capture, model: NoiseModel | None, settings: Settings) -> t
         lines.append(f"  subject  {height:.2f} m tall; {', '.join(str(n) for n in pixels)} px in {views} views")
         if not _PERSON_HEIGHTS[0] <= height <= _PERSON_HEIGHTS[1]:
             what = f"the subject would be {height:.2f} m tall"
-            mistake = _mistake(lambda f: _PERSON_HEIGHTS[0] <= height * f <= _PERSON_HEIGHTS[1])
-            warnings.append(_unit_warning(what, mistake))
+            mistakes = _mistakes(lambda f: _PERSON_HEIGHTS[0] <= height * f <= _PERSON_HEIGHTS[1])
+            warnings.append(_unit_warning(what, mistakes))
     still = still_warning(capture.depth, labels, camera.fx, options)
     if still:
         warnings.append(still)

@@ -126,7 +126,7 @@ def read_lens_file(path: str | os.PathLike, need_intrinsics: bool = True) -> Len
         if need_intrinsics:
             raise
     given = content.get("sensor_from")
-    sensor_from = given if given in ("format", "size") else "file"
+    sensor_from = given if given in ("format", "name", "size") else "file"
     if not need_intrinsics:
         return LensFile(None, unit, content.get("sensor"), sensor_from)
     assert intrinsics is not None  # without an error they were read

@@ -52,7 +52,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         if images:
             color = rgb(read_image(images[0]))
     sensor = next((s for part in path.resolve().parts[::-1] if (s := sensor_named(part)) != "unknown"), "unknown")
-    return stored_capture(path, FORMAT, depth, color, camera, sensor=sensor)
+    return stored_capture(path, FORMAT, depth, color, camera, sensor=sensor, sensor_from="name")
 
 
 def _intrinsics(path: Path, width: int, height: int) -> Intrinsics:

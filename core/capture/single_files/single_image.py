@@ -106,7 +106,7 @@ def read_values(path: Path, frames: FrameChoice = None) -> np.ndarray:
     """The numbers of a depth image or array, as they are stored (F, H, W)."""
     if starts_with(path, b"\x93NUMPY"):
         return _read_npy(path, frames)
-    values = _read_pgm(path) if starts_with(path, b"P5") else read_image(path, ("z", "depth"))
+    values = _read_pgm(path) if starts_with(path, b"P5") else read_image(path, ("depth", "z"))
     if values.ndim == 3 and values.dtype == np.float32:
         values = values[..., 0]  # EXR writers repeat gray, or add alpha
     if values.ndim != 2 or values.dtype.itemsize == 1:
