@@ -36,7 +36,7 @@ _UNITS = (
     ("TUM's 5000 to a metre taken for millimetres", 0.2),
     ("13 bits of millimetres above three of the player (Kinect's SDK) taken for millimetres", 0.125),
     ("tenths of millimetres taken for millimetres", 0.1),
-    ("centimetres taken for millimetres", 10.0),
+    ("centimetres taken for millimetres, or millimetres for tenths of them", 10.0),
     ("millimetres taken for TUM's 5000 to a metre", 5.0),
 )
 _SAID_BY = {
@@ -108,7 +108,8 @@ def check_units(capture: Capture) -> tuple[list[str], list[str]]:
     camera = capture.intrinsics
     median = float(np.median(depth[depth > 0]))
     if not _USUAL[0] <= median <= _USUAL[1]:
-        what = f"half of the readings are beyond {median:.3g} m"
+        side = "nearer than" if median < _USUAL[0] else "beyond"
+        what = f"half of the readings are {side} {median:.3g} m"
         return [], [_unit_warning(what, _mistakes(lambda f: _USUAL[0] <= median * f <= _USUAL[1]))]
     step = find_step(depth)
     expected = step * camera.fx * SENSORS["kinect_v1"].baseline / SENSORS["kinect_v1"].disparity_step if step else 0.0
