@@ -68,7 +68,10 @@ def in_metres(values: np.ndarray, unit: DepthUnit) -> np.ndarray:
     if unit.bits:
         wide = values.astype(np.uint32)
         values = wide >> 3
-        values[values == _PLAYER_UNKNOWN] = 0
+        unknown = (values == _PLAYER_UNKNOWN) & (wide & 7 == 0)
+        beside = int(((values < _PLAYER_UNKNOWN) & (values > _PLAYER_UNKNOWN - 10)).sum())
+        if int(unknown.sum()) > 10 * beside:  # more than a wall at that distance would have
+            values[unknown] = 0
         if unit.bits == "rotated":
             values |= (wide & 7) << 13
     for units, unit_m in ((1000, 0.001), (5000, 0.0002)):  # divided, as the folder reader does, to the last bit

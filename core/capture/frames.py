@@ -110,7 +110,7 @@ def paired_color(depth_files: Sequence[Path], chosen: int, color_files: Sequence
     steps = np.diff(np.unique(np.concatenate((depth_numbers, color_numbers))))
     spacing = [float(np.median(np.diff(np.unique(n)))) for n in (depth_numbers, color_numbers) if len(np.unique(n)) > 1]
     times = not np.isin(depth_numbers, color_numbers).any() and bool(steps.size)
-    if times and spacing and distance[nearest] <= 0.75 * min(spacing):
+    if times and spacing and distance[nearest] <= 0.51 * min(spacing):
         return nearest, ""  # two clocks that run side by side
     text = "{depth} has no colour image of its own; {color}, the nearest, is taken"
     return nearest, Notice(text, depth=wanted.name, color=color_files[nearest].name)

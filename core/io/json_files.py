@@ -33,7 +33,7 @@ def plain_text(data: bytes) -> bytes:
     if data.startswith(codecs.BOM_UTF8):
         return data[len(codecs.BOM_UTF8) :]
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return text_of(data).encode()
+        return text_of(data).lstrip("\ufeff").encode()
     return data
 
 

@@ -126,9 +126,8 @@ def check_units(capture: Capture) -> tuple[list[str], list[str]]:
             f"tilted {abs(tilt):.0f}° {'down' if tilt < 0 else 'up'}"
         )
         mistakes = _mistakes(lambda f: _CAMERA_HEIGHTS[0] <= -height * f <= _CAMERA_HEIGHTS[1])
-        if (
-            not _CAMERA_HEIGHTS[0] <= -height <= _CAMERA_HEIGHTS[1] and mistakes
-        ):  # a table may be the lowest that is seen
+        usual = _CAMERA_HEIGHTS[0] <= -height <= _CAMERA_HEIGHTS[1]
+        if mistakes and not usual:  # a table may be the lowest that is seen
             return lines, [_unit_warning(f"the camera would be {-height:.2f} m above the floor", mistakes)]
     if step:
         lines.append(f"  steps    readings come in steps of {1e3 * step * median**2:.0f} mm at {median:.1f} m")

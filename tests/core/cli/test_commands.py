@@ -252,7 +252,59 @@ def test_simulate_replaces_a_simulation_but_never_a_recording(folder, capsys):
     refused(capsys, arguments, "not an earlier simulation")
 
 
-def test_evaluate_refuses_what_has_no_surface(tmp_path, capsys):
+def test_what_has_no_surface_is_neither_measured_nor_scanned(tmp_path, capsys):
     write_mesh(tmp_path / "a.ply", TETRAHEDRON)
     write_mesh(tmp_path / "points.ply", Mesh(TETRAHEDRON.vertices, np.empty((0, 3), np.int32)))
+    before = listing(tmp_path)
     refused(capsys, ["evaluate", tmp_path / "a.ply", tmp_path / "points.ply"], "no faces")
+    refused(capsys, ["simulate", tmp_path / "virtual", "--body", tmp_path / "points.ply"], "points.ply.*no faces")
+    assert listing(tmp_path) == before
+    refused(capsys, ["experiment", "distance", tmp_path / "points.ply", "-o", tmp_path / "x"], "no faces")
+
+
+@pytest.mark.parametrize("case", ["units", "nobody", "sound"])
+def test_convert_warns_of_what_inspect_warns_of(simulated, tmp_path, capsys, case):
+    made = simulated("azure_kinect").capture
+    if case == "units":
+        made = dataclasses.replace(made, depth=made.depth / 20)
+    elif case == "nobody":
+        made = dataclasses.replace(made, depth=np.full_like(made.depth, 3.0))
+    write_npz(tmp_path / "scan.npz", made)
+
+    def warnings(*arguments):
+        assert cli.main([*arguments, "--frames", "0"]) == 0
+        return [line for line in capsys.readouterr().err.splitlines() if line.startswith("warning")]
+
+    found = warnings("inspect", str(tmp_path / "scan.npz"))
+    assert bool(found) == (case != "sound")
+    assert warnings("convert", str(tmp_path / "scan.npz"), str(tmp_path / "folder")) == found
+
+
+def test_convert_says_what_a_folder_cannot_hold(tmp_path, capsys):
+    lens = {"width": 64, "height": 48, "intrinsic_matrix": [60, 0, 0, 0, 60, 0, 31.5, 23.5, 1]}
+    write_json(tmp_path / "intrinsic.json", lens)
+    depth = np.full((48, 64), 2.0, np.float32)
+    depth[:10] = np.linspace(70, 90, 640).reshape(10, 64)
+    np.save(tmp_path / "depth.npy", depth)
+    assert cli.main(["convert", str(tmp_path / "depth.npy"), str(tmp_path / "folder")]) == 0
+    assert "20.8% of the readings lie beyond 65.535 m" in capsys.readouterr().err
+    before = listing(tmp_path)
+    refused(capsys, ["convert", tmp_path / "depth.npy", tmp_path / "b", "--depth-unit", "100"], "check the depth unit")
+    assert listing(tmp_path) == before
+
+
+@pytest.mark.parametrize(("given", "words"), [("kinect_v1", "the file says so"), (None, "by the size of the image")])
+def test_the_file_says_so_only_of_what_the_file_says(tmp_path, capsys, given, words):
+    rng = np.random.default_rng(0)
+    np.save(tmp_path / "depth.npy", rng.integers(1500, 2500, (480, 640)).astype(np.uint16))
+    if given:
+        matrix = [525, 0, 0, 0, 525, 0, 319.5, 239.5, 1]
+        lens = {"width": 640, "height": 480, "intrinsic_matrix": matrix, "sensor": "Kinect v1"}
+        write_json(tmp_path / "intrinsic.json", lens)
+    assert cli.main(["convert", str(tmp_path / "depth.npy"), str(tmp_path / "folder"), "--quiet"]) == 0
+    write_npz(tmp_path / "scan.npz", open_capture(tmp_path / "depth.npy"))
+    capsys.readouterr()
+    for path in ("depth.npy", "folder", "scan.npz"):
+        assert cli.main(["inspect", str(tmp_path / path)]) == 0
+        line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("  sensor"))
+        assert "Kinect v1" in line and words in line

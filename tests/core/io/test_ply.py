@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from meshes import coloured_sphere
@@ -55,3 +56,61 @@ def test_no_damage_to_a_ply_escapes_as_another_error(tmp_path, place, value, cut
         return
     assert np.isfinite(mesh.vertices).all()
     assert not mesh.triangles.size or 0 <= mesh.triangles.min() <= mesh.triangles.max() < len(mesh.vertices)
+
+
+HEADER = """ply
+format ascii 1.0
+comment made by a test
+element vertex 4
+property float x
+property float y
+property float z
+element face 4
+property list uchar int vertex_indices
+end_header
+"""
+BODY = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3\n"
+PLAIN = HEADER + BODY
+SPELLINGS = {
+    "plain": PLAIN,
+    "without a last line end": PLAIN.rstrip(),
+    "line ends of Windows": PLAIN.replace("\n", "\r\n"),
+    "line ends of old Macs": PLAIN.replace("\n", "\r"),
+    "byte order mark": "\ufeff" + PLAIN,
+    "vertex_index": PLAIN.replace("vertex_indices", "vertex_index"),
+    "a name of its own": PLAIN.replace("vertex_indices", "indices"),
+    "doubles and other types": PLAIN.replace("float", "double").replace("uchar int", "int64 uint64"),
+    "blanks and comments": PLAIN.replace("element face", "comment\n\ncomment a b\nobj_info c\nelement   face"),
+    "capitals": PLAIN.replace("vertex_indices", "Vertex_Indices"),
+    "edges and materials": PLAIN.replace("end_header", "element edge 1\nproperty int a\nend_header") + "0\n",
+    "faces first": PLAIN.replace(HEADER, "\n".join([*HEADER.split("\n")[:3], *HEADER.split("\n")[7:9],
+                                                    *HEADER.split("\n")[3:7], "end_header\n"]))
+    .replace(BODY, "\n".join(BODY.split("\n")[4:8] + BODY.split("\n")[:4]) + "\n"),
+    "colours and normals": PLAIN.replace("property float z\n", "property float z\nproperty float nx\n").replace(
+        BODY, "".join(line + " 0.5\n" if line.count(" ") == 2 else line + "\n" for line in BODY.splitlines())),
+    "strips": HEADER.replace("face 4", "tristrips 1") + BODY[: BODY.index("3 0 2 1")] + "9 0 2 1 3 -1 2 0 3 -1",
+    "strips that turn": HEADER.replace("face 4", "tristrips 1") + BODY[: BODY.index("3 0 2 1")] + "6 0 2 1 3 0 2",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", SPELLINGS)
+def test_spellings_of_one_tetrahedron(tmp_path, case):
+    (tmp_path / "a.ply").write_bytes(SPELLINGS[case].encode())
+    mesh = read_mesh(tmp_path / "a.ply")
+    np.testing.assert_array_equal(mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    turned = [tuple(np.roll(t, -int(np.argmin(t)))) for t in mesh.triangles.tolist()]
+    expected = {(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)}
+    assert set(turned) <= expected and len(turned) == (3 if case == "strips" else 4)
+
+
+def test_binary_strips(tmp_path):
+    """As Stanford's range scans have them: one list, -1 between the strips."""
+    header = HEADER.replace("ascii", "binary_little_endian").replace("face 4", "tristrips 1").replace("uchar", "int")
+    points = np.array(((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)), "<f4").tobytes()
+    strip = np.array((8, 0, 2, 1, 3, 0, 2, -1, -1), "<i4").tobytes()
+    (tmp_path / "a.ply").write_bytes(header.encode() + points + strip)
+    triangles = read_mesh(tmp_path / "a.ply").triangles
+    assert triangles.tolist() == [[0, 2, 1], [1, 2, 3], [1, 3, 0], [0, 3, 2]]
+    (tmp_path / "a.ply").write_bytes(header.encode() + points + strip.replace(b"\3\0\0\0", b"\4\0\0\0"))
+    with pytest.raises(CaptureError, match="outside 0…3"):
+        read_mesh(tmp_path / "a.ply")

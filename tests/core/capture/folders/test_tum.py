@@ -7,6 +7,7 @@ import pytest
 import writers
 from mirror_scan.core.capture import open_capture
 from mirror_scan.core.errors import CaptureError
+from mirror_scan.core.io.images import write_png
 from writers import assert_camera
 
 
@@ -25,3 +26,41 @@ def test_tum(tmp_path):
     (folder / "depth.txt").write_text("1.0 ../../secret.png\n")
     with pytest.raises(CaptureError, match="outside the folder"):
         open_capture(folder)
+
+
+SPELLINGS = {
+    "a byte order mark": ("1.0 depth/1.png\n", "utf-8-sig"),
+    "UTF-16": ("# depth\r\n1.0 depth/1.png\r\n", "utf-16"),
+    "UTF-16 without a mark": ("1.0 depth/1.png\n", "utf-16-le"),
+    "the other UTF-16": ("1.0 depth/1.png\n", "utf-16-be"),
+    "backslashes": ("1.0 depth\\1.png\n", "utf-8"),
+    "from here": ("1.0 .\\depth\\1.png\n", "utf-8"),
+    "line ends of Windows": ("# time name\r\n\r\n1.0 depth/1.png\r\n", "utf-8"),
+    "line ends of old Macs": ("# time name\r1.0 depth/1.png\r", "utf-8"),
+    "tabs": ("\t1.0\tdepth/1.png\t\n", "utf-8"),
+    "commas": ("1.0, depth/1.png\n", "utf-8"),
+    "many blanks, no line end": ("   1.0    depth/1.png   ", "utf-8"),
+    "blanks in the name": ("1.0 depth/a frame 1.png\n", "utf-8"),
+    "quotes": ('1.0 "depth/a frame 1.png"\n', "utf-8"),
+    "exponents": ("1.305e9 depth/1.png\n", "utf-8"),
+}
+
+
+@pytest.mark.parametrize("case", SPELLINGS)
+def test_spellings_of_the_list(tmp_path, case):
+    text, encoding = SPELLINGS[case]
+    (tmp_path / "depth").mkdir()
+    depth = writers.scene(640, 480)[0]
+    for name in ("1.png", "a frame 1.png"):
+        write_png(tmp_path / "depth" / name, depth * np.uint16(5))
+    (tmp_path / "depth.txt").write_bytes(text.encode(encoding))
+    np.testing.assert_allclose(open_capture(tmp_path).depth[0], depth / 1000, rtol=1e-6)
+
+
+def test_a_list_that_is_none(tmp_path):
+    (tmp_path / "depth.txt").write_text("depth/1.png\n")
+    with pytest.raises(CaptureError, match="line 1 must be a time and a file name"):
+        open_capture(tmp_path)
+    (tmp_path / "depth.txt").write_text("1.0 ..\\..\\secret.png\n")
+    with pytest.raises(CaptureError, match="outside the folder"):
+        open_capture(tmp_path)
