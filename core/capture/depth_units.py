@@ -64,7 +64,10 @@ def in_metres(values: np.ndarray, unit: DepthUnit) -> np.ndarray:
     if values.dtype.kind == "f":
         depth = _readings(values)
         return depth if unit.metres == 1 else depth * np.float32(unit.metres)
+    largest = np.iinfo(values.dtype).max
     values = np.maximum(values, 0)
+    if largest * unit.metres < SCENE_DEPTH_M:  # else it is too far to be a reading anyhow
+        values[values == largest] = 0
     if unit.bits:
         wide = values.astype(np.uint32)
         values = wide >> 3
@@ -119,7 +122,8 @@ def background_limit(depth: np.ndarray, beyond: float = 0.0) -> float:
     """The value from which on depth is background that a renderer wrote where nothing was hit; inf where there is none.
 
     A far plane, the largest half or whole number, 1e10 and their like have three marks: one value that is repeated
-    exactly, all else at less than half of it, and hardly anything in between (edges that were averaged with it).
+    exactly, all else at less than half of it, and hardly anything in between (edges that were averaged with it). Of a
+    value that a hundredth of the pixels have, and that counts by its distance, all else may be nearer to it.
 
     Parameters
     ----------
@@ -134,9 +138,14 @@ def background_limit(depth: np.ndarray, beyond: float = 0.0) -> float:
         top = float(seen.max(initial=0.0))
         nearer, equal = int((seen < top / 2).sum()), int((seen == seen.dtype.type(top)).sum())
         between = seen.size - nearer - equal
-        if top < max(beyond, 1e-9) or equal < 5 or between > equal / 4 or nearer < max(20, 0.002 * seen.size):
+        if top < max(beyond, 1e-9) or equal < 5 or nearer < max(20, 0.002 * seen.size):
             break
-        limit = top / 2
+        if between <= equal / 4:
+            limit = top / 2
+        elif beyond and equal > 0.01 * depth.size and int((seen > 0.85 * top).sum()) - equal <= equal / 4:
+            limit = 0.85 * top
+        else:
+            break
     return limit
 
 
@@ -151,6 +160,8 @@ def is_raw_disparity(values: np.ndarray) -> bool:
 
 
 def _check_type(values: np.ndarray) -> None:
+    if values.dtype.kind in "ui" and values.dtype.itemsize == 1:
+        raise CaptureError("depth cannot be numbers of 8 bits; save the frame again without converting it")
     if values.dtype.kind not in "uif" or (values.dtype.kind in "ui" and values.dtype.itemsize > 8):
         raise CaptureError(f"depth must be whole or real numbers, not {values.dtype}")
 

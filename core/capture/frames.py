@@ -96,12 +96,13 @@ def paired_color(depth_files: Sequence[Path], chosen: int, color_files: Sequence
     own = _KINDS.sub("", wanted.stem).strip("-_. ").lower()
     if own and bare.count(own) == 1:
         return bare.index(own), ""
-    depth_numbers, color_numbers = (_column(files) for files in (depth_files, color_files))
-    if depth_numbers is None or color_numbers is None:
+    numbers = _columns(depth_files, color_files)
+    if numbers is None:
         if len(color_files) == len(depth_files):
             return chosen, ""
         text = "{depth} has no colour image of its own; {color} is taken (no numbers in their names tell them apart)"
         return 0, Notice(text, depth=wanted.name, color=color_files[0].name)
+    depth_numbers, color_numbers = numbers
     mine = depth_numbers[chosen]
     distance = np.abs(color_numbers - mine)
     nearest = int(distance.argmin())
@@ -123,11 +124,25 @@ def apart_note(seconds: float) -> list[str]:
     return [Notice("the nearest colour image is {seconds:.1f} s from the first depth frame", seconds=abs(seconds))]
 
 
-def _column(files: Sequence[Path]) -> np.ndarray | None:
-    """The number in each name that tells the images apart: the first that changes; None where names differ in kind."""
-    rows = [[float(n) for n in _NUMBER.findall(file.stem)] for file in files]
-    if not rows or not rows[0] or len({len(row) for row in rows}) != 1:
-        return None
-    table = np.array(rows)
-    changing = np.flatnonzero((table != table[0]).any(axis=0))
-    return table[:, changing[0] if len(changing) else -1]
+def _columns(depth_files: Sequence[Path], color_files: Sequence[Path]) -> tuple[np.ndarray, np.ndarray] | None:
+    """One number for each name, of the same meaning on both sides; None where the names have none.
+
+    The first number that changes tells images apart. Where it does not tell all of them apart, as the seconds of a
+    time with milliseconds behind, those behind it count, too.
+    """
+    tables = []
+    for files in (depth_files, color_files):
+        rows = [[float(n) for n in _NUMBER.findall(file.stem)] for file in files]
+        if not rows[0] or len({len(row) for row in rows}) != 1:
+            return None
+        tables.append(np.array(rows))
+    firsts = [next((k for k, c in enumerate(t.T) if (c != c[0]).any()), t.shape[1] - 1) for t in tables]
+    if tables[0].shape[1] == tables[1].shape[1]:
+        firsts = [min(firsts)] * 2
+        both = np.concatenate(tables)
+        if any(len(np.unique(t[:, firsts[0]])) < len(np.unique(t, axis=0)) for t in tables):
+            spans = np.ptp(both, axis=0) + 1
+            weights = np.append(np.cumprod(spans[:0:-1])[::-1], 1.0)
+            weights[: firsts[0]] = 0
+            return tables[0] @ weights, tables[1] @ weights
+    return tables[0][:, firsts[0]], tables[1][:, firsts[1]]

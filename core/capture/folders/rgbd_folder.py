@@ -20,7 +20,7 @@ from ...io.images import checked_png, read_image
 from ...io.json_files import load_json, numbers, short
 from ...numeric.threads import each
 from ..capture import Capture, MirrorPicks, ReadOptions, stored_capture
-from ..depth_units import DepthUnit, in_metres, recognise_unit
+from ..depth_units import SCENE_DEPTH_M, DepthUnit, in_metres, recognise_unit
 from ..frames import FrameChoice, chosen_frames, empty_burst, paired_color
 from ..nominal_intrinsics import nominal_camera
 from .lens_file import LensFile, read_lens_file
@@ -211,6 +211,8 @@ def _read_depth(files: list[Path], intrinsics: Intrinsics, unit_m: float | None)
             "check that the depth stream was on and record again"
         )
     unit = DepthUnit(0.001)
+    if unit_m is not None and 65535 * unit_m < SCENE_DEPTH_M:  # as :func:`.depth_units.in_metres` has it
+        depth[depth == np.float32(65535) / np.float32(scale)] = 0
     if unit_m is None and recognise_unit(stored := np.rint(depth[seen] * 1000).astype(np.uint16)).note:
         if len(files) > 1:  # players may come later
             stored = np.rint(depth * 1000).astype(np.uint16)
@@ -232,6 +234,11 @@ def _depth_frame(file: Path, intrinsics: Intrinsics, files: list[Path]) -> np.nd
     width, height = intrinsics.width, intrinsics.height
     if frame.shape != (height, width):
         first = file == files[0]
+        if frame.shape == (width, height):
+            raise CaptureError(
+                f"{file}: is {frame.shape[1]}×{frame.shape[0]} pixels, but intrinsic.json says {width}×{height}: width "
+                "and height are exchanged, or the picture was rotated; give the intrinsics of the picture as it is"
+            )
         other = "intrinsic.json says" if first else f"{files[0].name} and intrinsic.json have"
         raise CaptureError(
             f"{file}: is {frame.shape[1]}×{frame.shape[0]} pixels, but {other} {width}×{height}; "

@@ -16,7 +16,7 @@ from ...io.json_files import text_of
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import read_limited, rgb
 from ..depth_units import metres
-from ..frames import FrameChoice, chosen_frames, empty_burst
+from ..frames import FrameChoice, chosen_frames, empty_burst, paired_color
 from ..single_files.single_image import read_values
 from .rgbd_folder import sensor_named
 
@@ -46,13 +46,15 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     assert depth is not None  # chosen_frames gives at least one
     height, width = depth.shape[1:]
     camera = options.intrinsics or _intrinsics(path / "intrinsics.txt", width, height)
-    color = None
+    color, notes = None, []
     if options.color and (path / "image").is_dir():
         images = sorted(p for p in (path / "image").iterdir() if p.suffix.lower() in (".jpg", ".jpeg", ".png"))
         if images:
-            color = rgb(read_image(images[0]))
+            place, note = paired_color(files, chosen[0], images)
+            color = rgb(read_image(images[place]))
+            notes += [note] if note else []
     sensor = next((s for part in path.resolve().parts[::-1] if (s := sensor_named(part)) != "unknown"), "unknown")
-    return stored_capture(path, FORMAT, depth, color, camera, sensor=sensor, sensor_from="name")
+    return stored_capture(path, FORMAT, depth, color, camera, sensor=sensor, sensor_from="name", notes=notes)
 
 
 def _intrinsics(path: Path, width: int, height: int) -> Intrinsics:

@@ -23,7 +23,7 @@ from ...io.images import read_image
 from ...io.json_files import text_of
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, image_in, read_limited, rgb, starts_with
-from ..frames import FrameChoice, chosen_frames, empty_burst
+from ..frames import FrameChoice, chosen_frames, empty_burst, paired_color
 
 FORMAT = "Record3D"
 MAX_MEMBER = 64_000_000
@@ -113,16 +113,12 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         camera = options.intrinsics or _intrinsics(about, width, height, chosen[0]).scaled(columns, rows)
         color, notes = None, []
         if options.color:
-            picture = next(
-                (
-                    f"{d}/{chosen[0]}{s}"
-                    for d in ("rgbd", "rgb")
-                    for s in (".jpg", ".jpeg", ".png")
-                    if f"{d}/{chosen[0]}{s}" in files.names
-                ),
-                None,
-            )
-            color = rgb(files.image(picture)) if picture else None
+            pictures = sorted(n for n in files.names if re.fullmatch(r"(rgbd|rgb)/\d{1,9}\.(jpg|jpeg|png)", n))
+            if pictures:
+                paths = [Path(name) for name in pictures]
+                place, note = paired_color([Path(f"{n}.depth") for n in order], order.index(chosen[0]), paths)
+                color = rgb(files.image(pictures[place]))
+                notes += [note] if note else []
     color_camera = None
     if color is not None:
         # one camera for both; its picture may be stored at another size than K is for

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...camera import Intrinsics
 from ...errors import CaptureError, Notice
+from ..depth_units import background_limit
 
 _SAMPLE = 40_000
 _MIN_POINTS = 200
@@ -82,7 +83,7 @@ def depth_of_cloud(
     if np.linalg.det(rotation) < 0:
         notes.append("the cloud's axes are left-handed; if left and right are exchanged, set mirrored")
     if unit_m is None:
-        unit_m = 0.001 if np.median(depth[depth > 0]) > 100 else 1.0
+        unit_m = 0.001 if np.median(depth[(depth > 0) & (depth < background_limit(depth))]) > 100 else 1.0
         if unit_m == 0.001:
             notes.append("coordinates taken for millimetres")
     depth = depth if unit_m == 1 else depth * np.float32(unit_m)
