@@ -157,6 +157,18 @@ def test_no_kernel_lies_in_a_face():
         assert not [n for n in ast.walk(sources()[package]) if isinstance(n, ast.FunctionDef) and n.decorator_list]
 
 
+def test_kernels_are_made_by_our_njit():
+    """Numba's own raises when its cache is damaged or its disk is full, and ends processes that were forked."""
+    for module, tree in sources().items():
+        if module.startswith("core.") and module != "core.numeric.kernels":
+            for node in ast.walk(tree):
+                if isinstance(node, ast.ImportFrom) and not node.level and (node.module or "").startswith("numba"):
+                    assert not {"njit", "jit", "prange", "*"} & {alias.name for alias in node.names}, module
+                assert not (isinstance(node, ast.Import) and any(a.name.startswith("numba") for a in node.names)), (
+                    module
+                )
+
+
 def test_the_map_is_true():
     """CONTRIBUTING's map names each package and module of core, in the order of ``core.__all__``."""
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")

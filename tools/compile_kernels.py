@@ -23,12 +23,11 @@ PROCESSES = 2
 
 
 def main() -> int:
-    take_turns = runpy.run_path(str(ROOT / "tests" / "conftest.py"))["take_turns_at_numbas_cache"]
+    runpy.run_path(str(ROOT / "tests" / "conftest.py"))  # makes mirror_scan importable
     from mirror_scan.mirror_scan_addon.background import kernel_compilation
 
     stages = (kernel_compilation.STAGES[-1], kernel_compilation.RIG)
     if len(sys.argv) == 2:
-        take_turns()
         for stage in stages:
             for _ in kernel_compilation.compile_steps(sys.argv[1], stage):
                 pass

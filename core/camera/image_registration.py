@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from ..errors import CaptureError
+from ..numeric.kernels import njit
 from .pinhole import Intrinsics, padded, undistort
 
 MAX_GROWTH = 2.25  # of the pixel count, when a wide-angle image is straightened

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from ..camera import RgbdImage
 from ..errors import Notice
 from ..mirrors import Mirror
 from ..mirrors.mirror import expected_error
+from ..numeric.kernels import njit
 from ..numeric.point_products import dot
 from ..subject.subject_views import Views
 from ..views.view_correspondences import Correspondences, find_correspondences, noise_of, surfaces

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
 from ..hole_filling.delaunay_refinement import edge_length_at_vertices, refine
 from ..hole_filling.loop_triangulation import fill_loops
@@ -17,6 +16,7 @@ from ..mesh import FILL, SURFACE, Mesh
 from ..mesh.half_edges import keep_twins, open_edges, twins
 from ..mesh.self_intersections import self_intersections
 from ..mesh.submesh import components_of, keep_triangles, made_vertices, remove_bowties, renumbered, triangles_touching
+from ..numeric.kernels import njit
 from ..views.view_maps import NOTHING_SEEN, ViewMaps
 
 _TOLERATED = 0.0003  # of all triangles: what smoothing leaves of these is left

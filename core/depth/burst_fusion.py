@@ -7,9 +7,9 @@ there, and a plane in space is a linear function of (u, v) there, so local fits 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
 
 from ..errors import CaptureError
+from ..numeric.kernels import njit, prange
 from .settings import DepthSettings
 
 

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
 
+from ..numeric.kernels import njit, prange
 from .settings import DepthSettings
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
+from ..numeric.kernels import njit
 from .disparity_smoothing import smooth_view
 from .settings import DepthSettings
 

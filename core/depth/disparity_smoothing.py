@@ -8,8 +8,8 @@ one.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
 
+from ..numeric.kernels import njit, prange
 from .settings import DepthSettings
 
 _STRIP = 24  # rows a thread works on at a time: its sums stay in the cache

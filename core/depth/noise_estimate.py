@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+
+from ..numeric.kernels import njit, prange
 
 
 def measure_noise(depth: np.ndarray, labels: np.ndarray, views: int) -> np.ndarray:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
 
+from ..numeric.kernels import njit, prange
 from .noise_estimate import residual_kernel
 from .settings import DepthSettings
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..mesh import Mesh
 from ..mesh.half_edges import twins
 from ..mesh.submesh import compact
+from ..numeric.kernels import njit
 
 _COSINE_75 = 0.26  # a triangle that rotates by more is a fold
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..mesh import SURFACE, Mesh
 from ..mesh.edge_lists import empty_edges, join, joined, part
 from ..mesh.half_edges import twins
 from ..mesh.submesh import made_vertices
+from ..numeric.kernels import njit
 
 _FLIP_SLACK = 0.02  # of the sine: nearly cocircular pairs would else be flipped back and forth by rounding
 _FLIP_GROWTH = 1.3  # most area of a flipped pair against before: a fold would add more

@@ -6,13 +6,13 @@ They are kept out of space that a view saw to be empty.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from ..mesh import FILL, Mesh
 from ..mesh.boundary_loops import loops_of
 from ..mesh.edge_lists import empty_edges, join, joined
 from ..mesh.half_edges import check_sheet, open_edges, twins
 from ..mesh.triangle_mesh import check_mesh
+from ..numeric.kernels import njit
 from ..views.free_space import bridge_is_free
 from ..views.view_maps import NOTHING_SEEN, ViewMaps
 

@@ -6,11 +6,11 @@ A body continues around its outline, while a patch of missing readings is best f
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from ..mesh import SURFACE, Mesh
 from ..mesh.normals import vertex_normals
 from ..mesh.submesh import made_vertices, triangles_touching
+from ..numeric.kernels import njit
 from ..views.view_maps import ViewMaps, look_at, reading_noise
 
 _OUTLINE_WINDOW = 4  # so far beside the last reading of an outline the next one may be [px]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ..numeric.kernels import njit
 from ..numeric.sparse_least_squares import elimination_order, solve_squares
 
 

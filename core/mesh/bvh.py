@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
 
 from ..errors import MirrorScanError
+from ..numeric.kernels import njit, prange
 
 STACK = 64
 """Entries a traversal stack needs; :func:`build_bvh` never makes a tree deeper than that."""

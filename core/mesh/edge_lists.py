@@ -9,7 +9,8 @@ list of those that may be used again.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..numeric.kernels import njit
 
 
 @njit(cache=True, nogil=True)

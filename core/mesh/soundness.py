@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from ..numeric.kernels import njit
 from ..numeric.union_find import root_of
 from .boundary_loops import loops_of
 from .half_edges import edge_keys, open_edges

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
+from ..numeric.kernels import njit
 from ..numeric.union_find import root_of
 from .half_edges import twins
 from .triangle_mesh import SURFACE, Mesh

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ..camera import RgbdImage
 from ..mirrors import Mirror
@@ -18,6 +17,7 @@ from ..mirrors.mirror import (
     reflection_moves,
     with_reason,
 )
+from ..numeric.kernels import njit
 from ..numeric.point_products import dot, lay_grid
 from ..views.floor_and_vertical import find_ground, vertical
 from ..views.ray_sorting import sort_rays

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ..camera import RgbdImage, project
 from ..errors import Notice
@@ -20,6 +19,7 @@ from ..mirrors.glass_kernels import (
     share_at_glass,
 )
 from ..mirrors.mirror import moved, reflect, reflection_moves, with_reason
+from ..numeric.kernels import njit
 from ..numeric.threads import each
 from .pose_solver import (
     ALL,

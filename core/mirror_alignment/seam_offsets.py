@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numba import njit
 
 from ..mesh import SEAM, Mesh
+from ..numeric.kernels import njit
 from ..views.view_maps import ViewMaps
 
 _WINDOW = 4  # px to each side over which a normal is averaged

@@ -13,9 +13,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ..camera import RgbdImage
+from ..numeric.kernels import njit
 
 LEFT, RIGHT, TOP, BOTTOM = 0, 1, 2, 3
 """Side of the glass a depth edge is on; at a LEFT edge it gets farther to the right, and so on."""

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numba import njit
 
 from ..camera import RgbdImage
 from ..mirrors import Mirror
@@ -20,6 +19,7 @@ from ..mirrors.frame_fit import fit_frame
 from ..mirrors.glass_extent import with_outline
 from ..mirrors.mirror import behind_glass, expected_error, person_before, reflection_shift
 from ..mirrors.wall_behind_frame import on_wall
+from ..numeric.kernels import njit
 from ..numeric.point_products import lay_grid
 from ..views.floor_and_vertical import find_floor
 from .edge_segments import DetectionSettings

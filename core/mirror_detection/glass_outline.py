@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
 from ..camera import RgbdImage, project
 from ..mirrors import Mirror
 from ..mirrors.glass_extent import at_border
 from ..mirrors.glass_kernels import glass_of, place_on_plane, share_at_plane
+from ..numeric.kernels import njit
 from ..numeric.point_products import dot
 from .mirrored_person import Figure
 

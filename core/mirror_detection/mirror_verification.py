@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..camera import Intrinsics, RgbdImage, project
 from ..mirrors import Mirror
 from ..mirrors.glass_kernels import NEAREST, before_plane, glass_of, nearest_pixel, reflected, share_at_glass
 from ..mirrors.mirror import behind_glass
+from ..numeric.kernels import njit
 from .edge_segments import BOTTOM, LEFT, RIGHT, TOP, DetectionSettings, find_edge_segments
 from .rectangle_hypotheses import Hypothesis, propose
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from ..camera import Intrinsics, RgbdImage
 from ..mirrors import Mirror
@@ -20,6 +19,7 @@ from ..mirrors.mirror import (
     reflection_moves,
     reflection_shift,
 )
+from ..numeric.kernels import njit
 from ..numeric.point_products import dot
 from ..views.view_correspondences import Surfaces, find_correspondences, noise_of, surfaces
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..camera import Intrinsics
+from ..numeric.kernels import njit
 
 BLOCK = 10
 """Side of a block [px]."""

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
 from ..camera import RgbdImage, project
+from ..numeric.kernels import njit
 from .disparity_plane import (
     DisparityPlane,
     disparity_of_plane,

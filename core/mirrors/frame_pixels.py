@@ -9,8 +9,8 @@ shows, and the noise of the blocks says how certain the plane is.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ..numeric.kernels import njit
 from .disparity_plane import BLOCK, DisparityPlane, disparity_plane
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..numeric.kernels import njit
 
 WIDEST = 0.15
 """More than a frame is wide [m]: what goes on in its plane is a wall."""

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ..numeric.kernels import njit
 from .glass_extent import glass_corners
 from .mirror import Mirror, reflection_matrix
 

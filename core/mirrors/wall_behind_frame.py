@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from ..numeric.kernels import njit
 from .disparity_plane import DisparityPlane, disparity_plane
 from .frame_sides import WIDEST, frame_sides
 from .mirror import Mirror

@@ -7,7 +7,8 @@ our own parallel kernels: a stage that follows took up to twice as long.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from .kernels import njit
 
 
 def dot(points: np.ndarray, vector: np.ndarray) -> np.ndarray:

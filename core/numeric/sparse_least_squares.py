@@ -7,7 +7,8 @@ normal equations factorised within that envelope (George and Liu 1981).
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from .kernels import njit
 
 _SIDE = 4  # of the blocks a matrix is kept in: as wide as the processor's registers
 

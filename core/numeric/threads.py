@@ -14,8 +14,8 @@ Answer = TypeVar("Answer")
 def each(function: Callable[[Item], Answer], items: Iterable[Item]) -> list[Answer]:
     """``[function(item) for item in items]``, on as many threads as there are cores; the first error is raised.
 
-    ``function`` must not call kernels compiled with ``parallel=True``: numba's fallback threading layer, the only one
-    on some machines, may be entered by one thread at a time.
+    ``function`` should not call kernels compiled with ``parallel=True``: where numba's threads are its own, those take
+    turns (:mod:`.kernels`).
     """
     items = list(items)
     threads = min(len(items), os.cpu_count() or 1)

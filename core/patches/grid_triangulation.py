@@ -8,11 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ..mesh import SURFACE, Mesh
 from ..mesh.half_edges import keep_twins, twins
 from ..mesh.submesh import components_of, keep_triangles, remove_bowties
+from ..numeric.kernels import njit
 from .outline_clipping import trim_outline
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..mesh import Mesh
 from ..mesh.half_edges import boundary_vertices
 from ..mesh.submesh import compact, keep_triangles
+from ..numeric.kernels import njit
 
 _SNAP = 0.25  # of an edge: a vertex nearer to the line than this is moved onto it, as cutting would leave a sliver
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 
 from ..mesh import Mesh
 from ..mesh.normals import vertex_normals
 from ..mesh.submesh import triangles_touching
+from ..numeric.kernels import njit
 from ..numeric.threads import each
 from ..views.view_maps import ViewMaps, look_at
 from .grid_triangulation import clean_patch

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ..mesh import Mesh
+from ..numeric.kernels import njit
 from ..views.view_maps import ViewMaps, look_at
 
 _SAME_SIDE = 0.2  # cosine between the normals of two views; under it they show two sides of something thin

@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+
+from ..numeric.kernels import njit, prange
 
 ELLIPSOID, CAPSULE, LOFT = 0, 1, 2
 FAR = 1.0

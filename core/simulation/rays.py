@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
 
 from ..mesh import Mesh
 from ..mesh.bvh import STACK, Bvh, build_bvh, raycast_one
+from ..numeric.kernels import njit, prange
 from .props import together
 from .scene import BACKING, GLASS_INDEX, Rig, room_waves
 

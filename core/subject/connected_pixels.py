@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from ..numeric.kernels import njit
 from ..numeric.union_find import root_of
 
 IN_FRONT = 0.05  # m: what is nearer by more than noise is in front of the other

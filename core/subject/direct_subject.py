@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ..numeric.kernels import njit
 from ..numeric.point_products import dot
 from .connected_pixels import IN_FRONT, Pieces, Readings, gap_kernel, label_kernel, member_table
 from .floor_plane import (

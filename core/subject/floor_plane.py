@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
+from ..numeric.kernels import njit
 from ..numeric.point_products import dot
 from .connected_pixels import Pieces, Readings, gather_pixels
 from .foot_segmentation import NEAR_FLOOR, ROW, FloorViews, share_of_feet, standing_pixels

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
 
+from ..numeric.kernels import njit, prange
 from .connected_pixels import Readings
 
 NEAR_FLOOR = 0.12  # readings within this of the floor show how each view sees it [m]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from ..camera import Intrinsics
+from ..numeric.kernels import njit
 from ..numeric.point_products import dot
 from .connected_pixels import IN_FRONT, Pieces, connected_pixels, dilated, gap_kernel, member_table
 from .direct_subject import PIECE, DirectSubject

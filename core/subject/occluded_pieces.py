@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from ..camera import Intrinsics
 from ..mirrors import Mirror
 from ..mirrors.mirror import reflection_matrix
+from ..numeric.kernels import njit
 from .connected_pixels import IN_FRONT
 from .direct_subject import DirectSubject, small_pieces
 from .subject_views import ViewSettings

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ..mirrors import Mirror
+from ..numeric.kernels import njit
 from ..numeric.point_products import dot
 
 _CAMERA_UP = np.array((0.0, -1.0, 0.0))

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from ..numeric.kernels import njit
 
 SLACK = 0.015
 """So much farther than a point, beside noise, must lie what a view reads there to prove the point empty [m]."""

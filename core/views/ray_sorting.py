@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
 
 from ..mirrors import Mirror
 from ..mirrors.glass_kernels import (
@@ -16,6 +15,7 @@ from ..mirrors.glass_kernels import (
     place_on_plane,
     reflected,
 )
+from ..numeric.kernels import njit, prange
 
 
 def sort_rays(

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..camera import Intrinsics, RgbdImage, project
 from ..mirrors import Mirror
 from ..mirrors.glass_kernels import NEAREST
 from ..mirrors.mirror import reflect, reflection_matrix
+from ..numeric.kernels import njit
 
 _SYSTEMATIC = 0.003  # distance at which two views may see one surface, however long the burst [m]
 _FACING = 0.35  # cosine to the line of sight under which a surface is not judged

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ..camera import RgbdImage
 from ..mesh import Mesh
 from ..mirrors import Mirror
 from ..mirrors.mirror import reflection_matrix
+from ..numeric.kernels import njit
 from ..numeric.point_products import transform
 from .free_space import NEAREST_Z, FreeSpace, clear_depth, in_view_frame
 

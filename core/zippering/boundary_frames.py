@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from ..mesh import Mesh
 from ..mesh.boundary_loops import loops_of
 from ..mesh.normals import vertex_normals
+from ..numeric.kernels import njit
 
 
 @dataclass(frozen=True)

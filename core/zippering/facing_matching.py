@@ -6,8 +6,8 @@ Mutual partners that follow one another, found without trying every pair of loop
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
 
+from ..numeric.kernels import njit, prange
 from ..numeric.point_products import dot
 from ..views.free_space import bridge_is_free
 from ..views.view_maps import ViewMaps

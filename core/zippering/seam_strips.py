@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..mesh import SEAM, Mesh
+from ..numeric.kernels import njit
 from ..numeric.union_find import root_of
 from .boundary_frames import Boundary
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from ..errors import MirrorScanError
 from ..hole_filling.loop_triangulation import fill_loops
@@ -13,6 +12,7 @@ from ..mesh import Mesh
 from ..mesh.half_edges import check_sheet, extend_open_edges, extend_twins, open_edges, twins
 from ..mesh.submesh import components_of, triangles_touching
 from ..mesh.triangle_mesh import check_mesh, merge
+from ..numeric.kernels import njit
 from ..numeric.point_products import dot
 from ..views.free_space import bridge_is_free
 from ..views.view_maps import ViewMaps

@@ -10,7 +10,8 @@ import struct
 import zlib
 
 import numpy as np
-from numba import njit
+
+from ...numeric.kernels import njit
 
 _HEADER = struct.Struct(">IIBBBBB")  # width, height, bits, colour type, compression, filter, interlace
 

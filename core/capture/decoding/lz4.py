@@ -5,7 +5,8 @@ from __future__ import annotations
 import struct
 
 import numpy as np
-from numba import njit
+
+from ...numeric.kernels import njit
 
 MAGIC = 0x184D2204
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ...numeric.kernels import njit
 
 
 def lzf_decompress(data: bytes | memoryview, size: int) -> np.ndarray:

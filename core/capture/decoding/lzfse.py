@@ -10,7 +10,8 @@ from __future__ import annotations
 import struct
 
 import numpy as np
-from numba import njit
+
+from ...numeric.kernels import njit
 
 L_STATES, M_STATES, D_STATES, LITERAL_STATES = 64, 64, 256, 1024
 L_SYMBOLS, M_SYMBOLS, D_SYMBOLS, LITERALS = 20, 20, 64, 256

@@ -8,7 +8,8 @@ with its top bit set is a difference plus 192, else it and the next are the valu
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ...numeric.kernels import njit
 
 
 def decode_16z(data: bytes | memoryview, count: int, table: bool) -> np.ndarray:
