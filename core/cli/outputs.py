@@ -85,7 +85,8 @@ def write_outputs(
             timings["write"] = (time.perf_counter() - started) * 1e3
             text = json.dumps(plain({**result.report, "timings_ms": timings}), indent=1, ensure_ascii=False)
             with _blaming(report):
-                report_temporary.write_text(text + "\n", encoding="utf-8")
+                # a file name that is not UTF-8 has characters that JSON can only escape
+                report_temporary.write_text(text + "\n", encoding="utf-8", errors="backslashreplace")
 
 
 @contextlib.contextmanager

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from . import commands
+from .terminal import show
 
 SENSORS = ("ideal", "kinect_v1", "kinect_v2", "azure_kinect", "femto_bolt", "realsense_d455", "phone_dtof")
 OPTICS = ("ideal", "real")
@@ -21,9 +23,16 @@ if TYPE_CHECKING:
     _Commands = argparse._SubParsersAction[argparse.ArgumentParser]
 
 
+class _Parser(argparse.ArgumentParser):
+    """Its help and its complaints are spelled in the characters that the terminal has."""
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        show(message or "", file or sys.stderr)
+
+
 def build_parser(prog: str) -> argparse.ArgumentParser:
     """The parser of all commands; each sets ``run`` to its function."""
-    parser = argparse.ArgumentParser(
+    parser: argparse.ArgumentParser = _Parser(
         prog=prog, description="One depth camera, two mirrors, one snapshot: a closed, coloured avatar."
     )
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)

@@ -5,15 +5,16 @@ Formats that need Blender come in from outside as ``writers``; this package does
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from ..errors import MirrorScanError
+from ..errors import MirrorScanError, OutputError
 from .outputs import Writers
 from .parser import build_parser
-from .terminal import complain
+from .terminal import complain, told_of_kernels
 
 if TYPE_CHECKING:
     from ..mesh import Mesh
@@ -47,19 +48,43 @@ def main(
         reader went away.
     """
     try:
+        return _run(argv, prog, writers or {}, find_bridge)
+    except BrokenPipeError:  # the reader of a pipe had enough
+        return 141
+    except OutputError:  # even the error cannot be told
+        return 1
+    finally:
+        _leave_streams()
+
+
+def _run(argv: Sequence[str] | None, prog: str, writers: Writers, find_bridge: Callable | None) -> int:
+    try:
         options = build_parser(prog).parse_args(argv)
     except SystemExit as stop:  # argparse has said what there is to say
         return stop.code if isinstance(stop.code, int) else 2
+    except OutputError as error:  # the help, into a file on a full disk
+        complain("error", str(error))
+        return 1
     options.find_bridge = find_bridge
     try:
-        options.run(options, writers or {})
+        with told_of_kernels():
+            options.run(options, writers)
     except MirrorScanError as error:
         complain("error", str(error))
         return 1
     except KeyboardInterrupt:
         complain("error", "interrupted; nothing was written")
         return 130
-    except BrokenPipeError:  # the reader of a pipe had enough; keep Python from stumbling over it again at exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
     return 0
+
+
+def _leave_streams() -> None:
+    """Keep Python from stumbling at its exit over streams that cannot be written to."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            with contextlib.suppress(OSError, ValueError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        except AttributeError:  # there is none
+            pass

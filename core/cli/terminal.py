@@ -3,13 +3,32 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
+
+from ..errors import OutputError
 
 if TYPE_CHECKING:
     from ..pipeline import Reconstruction
     from ..pipeline.reconstruction import Progress
+
+_PLAIN = {
+    "“": '"',
+    "”": '"',
+    "‘": "'",
+    "’": "'",
+    "–": "-",
+    "—": "-",
+    "−": "-",
+    "×": "x",
+    "…": "...",
+    "›": ">",
+    "·": "-",
+}
+
+_bars: list = []  # the progress bar that is shown, if one is
 
 
 def summary_line(result: Reconstruction) -> str:
@@ -42,24 +61,67 @@ def distance_lines(distances: dict) -> Iterator[str]:
 
 def say(text: str) -> None:
     """One line on stdout."""
-    _print(text, sys.stdout)
+    show(f"{text}\n", sys.stdout)
 
 
 def complain(kind: str, text: str) -> None:
     """One line on stderr, whatever line breaks the text has."""
-    _print(f"{kind}: {' '.join(text.split())}", sys.stderr)
+    for bar in _bars:
+        bar.clear()  # it draws itself again below the line
+    show(f"{kind}: {' '.join(text.split())}\n", sys.stderr)
 
 
-def _print(text: str, stream) -> None:
-    """Print what the stream's encoding has, and ``?`` for the rest."""
+def show(text: str, stream: TextIO | None) -> None:
+    """Write what the stream's encoding has; nothing where there is no stream.
+
+    Raises
+    ------
+    BrokenPipeError
+        When its reader has gone away.
+    OutputError
+        When it cannot be written to for another reason, as a file on a full disk.
+    """
+    if stream is None:  # started without one, as services and programs without a console are
+        return
+    try:
+        stream.write(spelled(text, stream))
+        stream.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        stream_name = getattr(stream, "name", "the terminal")
+        raise OutputError(
+            "{stream}: cannot be written: {reason}", stream=stream_name, reason=error.strerror or error
+        ) from error
+
+
+def spelled(text: str, stream: TextIO) -> str:
+    """The text in characters that the stream's encoding has: quotes and dashes as ASCII has them, else ``?``."""
     encoding = getattr(stream, "encoding", None) or "utf-8"
-    print(text.encode(encoding, "replace").decode(encoding), file=stream, flush=True)
+    try:
+        text.encode(encoding)
+        return text
+    except UnicodeEncodeError:
+        return "".join(_in_encoding(character, encoding) for character in text)
+    except LookupError:  # a stream of somebody's own
+        return text
+
+
+def _in_encoding(character: str, encoding: str) -> str:
+    for spelling in (character, _PLAIN.get(character, "?")):
+        try:
+            spelling.encode(encoding)
+            return spelling
+        except UnicodeEncodeError:
+            pass
+    return "?"
 
 
 @contextlib.contextmanager
 def progress_bar(quiet: bool) -> Iterator[Progress | None]:
     """A progress bar on a terminal; None elsewhere, or where tqdm is not (Blender's own Python)."""
-    if quiet or not sys.stderr.isatty():
+    stream = sys.stderr
+    if quiet or stream is None or not stream.isatty() or os.environ.get("TERM") == "dumb":
         yield None
         return
     try:
@@ -67,14 +129,39 @@ def progress_bar(quiet: bool) -> Iterator[Progress | None]:
     except ImportError:
         yield None
         return
-    with tqdm(total=100, leave=False, bar_format="{desc:<36.36}|{bar}| {percentage:3.0f} %  {elapsed}") as bar:
+    form = "{desc:<36.36}|{bar}| {percentage:3.0f} %  {elapsed}"
+    with tqdm(total=100, leave=False, bar_format=form, file=stream) as bar:
 
-        def show(fraction: float, message: str) -> None:
-            bar.set_description_str(message, refresh=False)
+        def advance(fraction: float, message: str) -> None:
+            bar.set_description_str(spelled(message, stream), refresh=False)
             bar.n = 100 * min(max(fraction, 0.0), 1.0)
             bar.refresh()
 
-        yield show
+        _bars.append(bar)
+        try:
+            yield advance
+        finally:
+            _bars.remove(bar)
+
+
+@contextlib.contextmanager
+def told_of_kernels() -> Iterator[None]:
+    """Have what goes wrong with the cache of compiled code said as a warning of the command."""
+    import logging
+
+    class Handler(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            complain("warning", record.getMessage())
+
+    log = logging.getLogger(f"{__package__.rpartition('.')[0]}.numeric.kernels")  # importing it would import numba
+    handler, passes_on = Handler(), log.propagate
+    log.addHandler(handler)
+    log.propagate = False
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.propagate = passes_on
 
 
 def advance(progress: Progress | None, fraction: float, message: str) -> None:

@@ -73,7 +73,7 @@ def read_image(path: str | os.PathLike, channel: tuple[str, ...] = ()) -> np.nda
     oiio = openimageio()
     config = oiio.ImageSpec()
     config["oiio:UnassociatedAlpha"] = 1
-    source = oiio.ImageInput.open(str(path), config)
+    source = oiio.ImageInput.open(_name(path), config)
     if source is None:
         raise CaptureError(f"{path}: is not a readable image ({_reason(oiio.geterror())})")
     try:
@@ -126,7 +126,7 @@ def write_png(path: str | os.PathLike, array: np.ndarray) -> None:
         output = oiio.ImageOutput.create("png")
         if output is None:
             raise OutputError(f"{path}: OpenImageIO cannot write PNG here ({_reason(oiio.geterror())})")
-        written = output.open(str(temporary), spec) and output.write_image(array.reshape(height, width, -1))
+        written = output.open(_name(temporary), spec) and output.write_image(array.reshape(height, width, -1))
         if not (output.close() and written):
             raise OutputError(f"{path}: cannot be written ({_reason(output.geterror())})")
 
@@ -160,6 +160,16 @@ def checked_png(path: Path) -> bytes | None:
                 raise CaptureError(f"{path}: {width}×{height} pixels is no size an image here can have")
         position = end + 4
     return data
+
+
+def _name(path: Path) -> str | bytes:
+    """A path as OpenImageIO takes it: one that is not UTF-8, which Linux allows, only as bytes."""
+    name = str(path)
+    try:
+        name.encode()
+        return name
+    except UnicodeEncodeError:
+        return os.fsencode(name)
 
 
 def _reason(text: str) -> str:
