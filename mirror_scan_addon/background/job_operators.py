@@ -42,7 +42,7 @@ class Task(NamedTuple):
     def now(self, progress: Callable[[float], None] = lambda fraction: None) -> object:
         """Its result, in this thread and process."""
         numba_setup.prepare_kernels()
-        with _kernels:
+        with _kernels, numba_setup.listening():
             job = self.function(*self.arguments)
             while True:
                 try:
@@ -70,7 +70,7 @@ class Thread(threading.Thread):
         super().start()
 
     def run(self) -> None:
-        with _kernels:
+        with _kernels, numba_setup.listening():
             job = self._task.function(*self._task.arguments)
             try:
                 while not self._stop_asked.is_set():
@@ -144,6 +144,7 @@ class JobOperator:
         try:
             result = self.start(context).now(lambda fraction: manager.progress_update(round(100 * fraction)))
             self.finish(context, context.scene, result)
+            self._warn()
             return {"FINISHED"}
         except REPORTED as error:
             return self.fail(error)
@@ -219,7 +220,12 @@ class JobOperator:
             self.finish(context, scene, result)
         except REPORTED as error:
             return self.fail(error)
+        self._warn()
         return {"FINISHED"}
+
+    def _warn(self) -> None:
+        while numba_setup.warnings:
+            self.report({"WARNING"}, tell(numba_setup.warnings.pop(0)))
 
     def _show(self, context: bpy.types.Context) -> None:
         if time.monotonic() - self._shown < SHOW_S:

@@ -194,6 +194,8 @@ class Errand:
         elif "fraction" in message:
             text = numba_setup.compiling_text() if self._compiles else message["message"]
             self.progress = message["fraction"], text
+        elif "warning" in message:
+            numba_setup.warnings.append(Notice.of_parts(message["warning"]))
         elif "compiling" in message:
             if not self._compiles:  # what the list of kernels lacks
                 text = say("{compiling} ({kernel})")

@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import json
+import logging
 import os
 import pickle
 import sys
@@ -34,6 +35,7 @@ def main() -> None:
             _make_package(place["package"], place["root"])
             importlib.import_module(place["package"] + ".core.io.images").openimageio()
             _tell_compilations(say)
+            _tell_warnings(say, place["package"])
         except Exception:
             say(unable=traceback.format_exc())
             return
@@ -76,6 +78,16 @@ def _tell_compilations(say: Callable) -> None:
             pass
 
     event.register("numba:compile", Listener())
+
+
+def _tell_warnings(say: Callable, package: str) -> None:
+    """Hand over what is wrong with the cache of compiled code."""
+
+    class Handler(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            say(warning=record.args[0].parts())
+
+    logging.getLogger(package + ".core.numeric.kernels").addHandler(Handler())
 
 
 def _do(task: dict, package: str, folder: Path, say: Callable) -> None:
