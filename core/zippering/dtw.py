@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 
@@ -48,39 +49,75 @@ def dtw(x: np.ndarray, y: np.ndarray, skip: float = np.inf, memory: int = 1 << 2
     Raises
     ------
     MirrorScanError
-        Empty sequences, different D, or values that are not finite.
+        Empty sequences, different D, values that are no finite numbers, or a distance too large for float64.
 
     Notes
     -----
     Sakoe and Chiba 1978, in O(N·M) time. Memory: one byte a cell while that fits ``memory``, else
     O(min(N, M)·√(N + M)): some 40 MB for 20 000 × 20 000 vertices. Cells are visited by anti-diagonals, whose cells do
-    not depend on each other, so that the inner loop
-    vectorises.
+    not depend on each other, so that the inner loop vectorises. Values whose squares float64 does not hold take a
+    slower way.
 
     Examples
     --------
     >>> dtw(np.array([[0.0], [1.0], [2.0]]), np.array([[0.0], [2.0]])).path.tolist()
     [[0, 0], [1, 0], [2, 1]]
     """
-    x = np.ascontiguousarray(x, dtype=np.float64)
-    y = np.ascontiguousarray(y, dtype=np.float64)
+    x, y = _numbers(x), _numbers(y)
     if x.ndim != 2 or y.ndim != 2 or not len(x) or not len(y) or x.shape[1] != y.shape[1]:
         raise MirrorScanError(f"dtw needs two non-empty (N, D) sequences of the same D, got {x.shape} and {y.shape}")
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise MirrorScanError("dtw needs finite values; a sequence holds NaN or infinity")
-    if skip < 0 or np.isnan(skip):
-        raise MirrorScanError(f"dtw: the cost of skipping a vertex must not be negative, got {skip}")
-    path, distance = warp(np.ascontiguousarray(x.T), np.ascontiguousarray(y.T), float(skip), memory)
-    return Warping(path, float(distance))
+    if not isinstance(skip, Real) or not skip >= 0:  # nor NaN
+        raise MirrorScanError(f"dtw: the cost of skipping a vertex must be a number that is not negative, got {skip}")
+    sizes = np.abs(np.concatenate((x.ravel(), y.ravel())))
+    largest, smallest = sizes.max(initial=0.0), sizes.min(where=sizes > 0, initial=np.inf)
+    # differences of two numbers are 0 or not much smaller than the smallest of them
+    careful = largest > _LARGEST or smallest < _SMALLEST
+    shift = _HEADROOM + int(np.log2(x.size + y.size + 1)) if largest > _FAR else 0
+    if shift:  # sums of them must not become infinite
+        x, y, skip = np.ldexp(x, -shift), np.ldexp(y, -shift), float(np.ldexp(float(skip), -shift))
+    memory = int(min(max(memory, 0), 1 << 62))
+    path, distance = warp(np.ascontiguousarray(x.T), np.ascontiguousarray(y.T), float(skip), memory, careful)
+    with np.errstate(over="ignore"):
+        distance = float(np.ldexp(distance, shift))
+    if not np.isfinite(distance):
+        raise MirrorScanError("dtw: the values are so far apart that the distance is too large for float64; scale them")
+    return Warping(path, distance)
+
+
+_LARGEST, _SMALLEST = 1e150, 1e-130  # between these the squares of differences are neither infinite nor rounded to 0
+_FAR = 1e290  # above, sums of distances may be infinite
+_HEADROOM = 3  # bits: a difference of two numbers, and rounding
+
+
+def _numbers(sequence: np.ndarray) -> np.ndarray:
+    """A sequence as float64.
+
+    Raises
+    ------
+    MirrorScanError
+        When that cannot be.
+    """
+    try:
+        if np.iscomplexobj(sequence):
+            raise TypeError("complex numbers have no order here")
+        with np.errstate(over="ignore"):  # becomes infinite, which is refused
+            return np.ascontiguousarray(sequence, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise MirrorScanError(f"dtw needs two sequences of numbers ({error})") from error
 
 
 @njit(cache=True, nogil=True)
-def warp(x, y, skip, memory=1 << 26):
-    """:func:`dtw` from inside another kernel: sequences (D, N) and (D, M), unchecked; path (K, 2) and distance."""
+def warp(x, y, skip, memory=1 << 26, careful=False):
+    """:func:`dtw` from inside another kernel: sequences (D, N) and (D, M), unchecked; path (K, 2) and distance.
+
+    ``careful``: squares of the values may be too large or too small for float64.
+    """
     flip = x.shape[1] > y.shape[1]  # the shorter one indexes the diagonals' cells
     if flip:
         x, y = y, x
-    path, distance = _warp(x, y[:, ::-1].copy(), skip, memory)
+    path, distance = _warp(x, y[:, ::-1].copy(), skip, memory, careful)
     if flip:
         for k in range(len(path)):
             path[k, 0], path[k, 1] = path[k, 1], path[k, 0]
@@ -117,7 +154,17 @@ def _roots(out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _accumulate(x, y_reversed, skip, first, last, before, earlier, steps, best):
+def _lengthen(a, b, out):
+    """Lengths in one dimension more, where no square is exact."""
+    for k in range(len(out)):
+        d = abs(a[k] - b[k])
+        longer, shorter = max(d, out[k]), min(d, out[k])
+        ratio = shorter / longer if longer > 0.0 else 0.0
+        out[k] = longer * np.sqrt(1.0 + ratio * ratio)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _accumulate(x, y_reversed, skip, first, last, before, earlier, steps, best, careful):
     """Accumulated cost by anti-diagonals i + j = d for first ≤ d < last; row d - first of ``steps`` holds their steps.
 
     ``x`` (D, N) is the shorter, ``y_reversed`` (D, M) runs backwards so that a diagonal reads both forwards.
@@ -135,8 +182,12 @@ def _accumulate(x, y_reversed, skip, first, last, before, earlier, steps, best):
         c[:] = 0.0
         shift = m - 1 - d
         for k in range(dims):
-            _add_squares(x[k, lo:hi], y_reversed[k, lo + shift : hi + shift], c)
-        _roots(c)
+            if careful:
+                _lengthen(x[k, lo:hi], y_reversed[k, lo + shift : hi + shift], c)
+            else:
+                _add_squares(x[k, lo:hi], y_reversed[k, lo + shift : hi + shift], c)
+        if not careful:
+            _roots(c)
         row = steps[d - first]
         now[lo] = np.inf
         now[hi + 1] = np.inf
@@ -166,7 +217,7 @@ def _accumulate(x, y_reversed, skip, first, last, before, earlier, steps, best):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _warp(x, y_reversed, skip, memory):
+def _warp(x, y_reversed, skip, memory, careful):
     """Path and distance, by stretches of diagonals; each keeps the two before it, to be done again on the way back."""
     n, m = x.shape[1], y_reversed.shape[1]
     diagonals = n + m - 1
@@ -177,10 +228,11 @@ def _warp(x, y_reversed, skip, memory):
     starts = np.full((count, 2, n + 2), np.inf)
     before, earlier = np.full(n + 2, np.inf), np.full(n + 2, np.inf)
     steps = np.empty((stretch, n), np.uint8)
-    best = np.full(3, np.inf)
+    best = np.array([np.inf, n - 1.0, m - 1.0])  # a path even where every way is infinitely long
     for s in range(count):
         starts[s, 0], starts[s, 1] = before, earlier
-        _accumulate(x, y_reversed, skip, s * stretch, min((s + 1) * stretch, diagonals), before, earlier, steps, best)
+        last = min((s + 1) * stretch, diagonals)
+        _accumulate(x, y_reversed, skip, s * stretch, last, before, earlier, steps, best, careful)
     i, j = int(best[1]), int(best[2])
     path = np.empty((i + j + 1, 2), np.int32)
     k = len(path)
@@ -193,7 +245,7 @@ def _warp(x, y_reversed, skip, memory):
         s = (i + j) // stretch
         if s != held:
             last = min((s + 1) * stretch, diagonals)
-            _accumulate(x, y_reversed, skip, s * stretch, last, starts[s, 0], starts[s, 1], steps, scrap)
+            _accumulate(x, y_reversed, skip, s * stretch, last, starts[s, 0], starts[s, 1], steps, scrap, careful)
             held = s
         step = steps[i + j - s * stretch, i]
         if step == 3 or (i == 0 and j == 0):

@@ -71,6 +71,97 @@ def test_against_dtaidistance():
     assert dtw(x, y).distance == pytest.approx(dtw_ndim.distance(x, y, inner_dist="euclidean"), rel=1e-9)
 
 
+LARGEST, TINIEST = np.finfo(np.float64).max, np.nextafter(0.0, 1.0)
+MAGNITUDES = (0.0, TINIEST, 1e-310, 1e-200, 1e-160, 1e-140, 1e-20, 1.0, 1e20, 1e150, 1e160, 1e200, 1e300, LARGEST)
+
+
+def exact_distance(x, y, skip):
+    """By brute force, in numbers whose exponent has room for squares."""
+    x, y = np.asarray(x, np.longdouble), np.asarray(y, np.longdouble)
+    n, m = len(x), len(y)
+    total = np.full((n, m), np.inf, np.longdouble)
+    best = np.longdouble(np.inf)
+    for i in range(n):
+        for j in range(m):
+            before = [total[a, b] for a, b in ((i - 1, j), (i, j - 1), (i - 1, j - 1)) if a >= 0 and b >= 0]
+            if i == j == 0:
+                before = [np.longdouble(0)]
+            elif np.isfinite(skip) and 0 in (i, j):
+                before.append(np.longdouble(skip) * (i + j))
+            total[i, j] = np.sqrt(((x[i] - y[j]) ** 2).sum()) + min(before)
+            left = n - 1 - i + m - 1 - j
+            if left == 0 or (np.isfinite(skip) and (i == n - 1 or j == m - 1)):
+                best = min(best, total[i, j] + np.longdouble(skip if left else 0) * left)
+    return best
+
+
+wide = pytest.mark.skipif(np.finfo(np.longdouble).maxexp < 5000, reason="longdouble is float64 here")
+
+
+@wide
+@settings(max_examples=300, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1), st.integers(1, 7), st.integers(1, 7), st.integers(1, 3),
+    st.sampled_from([np.inf, 0.0, TINIEST, 1e-150, 0.5, 1e200, LARGEST]), st.sampled_from([1 << 26, 0]),
+)  # fmt: skip
+def test_any_finite_numbers(seed, n, m, dims, skip, memory):
+    """Of all magnitudes at once: the right distance, or words where float64 cannot hold it."""
+    rng = np.random.default_rng(seed)
+    x, y = (
+        rng.choice(MAGNITUDES, (k, dims)) * rng.choice([-1.0, 1.0], (k, dims)) * rng.choice([1.0, 0.7], (k, dims))
+        for k in (n, m)
+    )
+    right = exact_distance(x, y, skip)
+    try:
+        warping = dtw(x, y, skip, memory)
+    except MirrorScanError as error:
+        assert right > 0.999 * LARGEST and "too large" in str(error)
+        return
+    path = warping.path
+    assert abs(warping.distance - right) <= 1e-12 * right + 1e-316
+    steps = np.diff(path, axis=0)
+    assert ((steps >= 0) & (steps <= 1)).all() and (steps.sum(axis=1) >= 1).all()
+    wide_x, wide_y = np.asarray(x, np.longdouble)[path[:, 0]], np.asarray(y, np.longdouble)[path[:, 1]]
+    left = path[0].sum() + n - 1 + m - 1 - path[-1].sum()
+    assert left == 0 or np.isfinite(skip)
+    cost = np.sqrt(((wide_x - wide_y) ** 2).sum(axis=1)).sum() + np.longdouble(skip if left else 0) * left
+    assert abs(cost - right) <= 1e-12 * right + 1e-316
+
+
+@pytest.mark.parametrize("far", [LARGEST, -LARGEST, 1e155, np.finfo(np.float32).max, np.iinfo(np.int64).max])
+def test_a_number_that_stands_for_no_value(far):
+    """What many programs write; the process used to end."""
+    warping = dtw(np.array([[0.0], [1.0], [far]]), np.array([[0.0], [2.0], [3.0]]))
+    assert warping.distance == pytest.approx(abs(float(far)), rel=1e-6)
+    assert warping.path[0].tolist() == [0, 0] and warping.path[-1].tolist() == [2, 2]
+
+
+def test_a_far_vertex_may_be_skipped_and_the_rest_is_exact():
+    x, y = np.array([[0.1], [0.2], [0.4]]), np.array([[0.1], [0.25], [0.4], [1e300]])
+    assert dtw(x, y, skip=0.01).distance == pytest.approx(0.06, rel=1e-9)
+
+
+@pytest.mark.parametrize("dtype", [np.int8, np.int64, np.uint16, np.float16, np.float32, bool, object, np.longdouble])
+def test_numbers_of_any_type(dtype):
+    x, y = np.array([[0], [1], [1]]).astype(dtype), np.array([[0], [1]]).astype(dtype)
+    assert dtw(x, y).distance == 0
+
+
+@pytest.mark.parametrize("x", [[["a"]], [[None]], [[1j]], [[10**400]], [[1.0], [1.0, 2.0]], None, "text", 3.0, [[]]])
+def test_what_is_no_sequence_of_numbers_is_refused(x):
+    with pytest.raises(MirrorScanError, match="dtw"):
+        dtw(x, [[1.0]])
+    if not isinstance(x, float):
+        with pytest.raises(MirrorScanError, match="dtw"):
+            dtw([[1.0]], [[1.0]], skip=x)
+
+
+@pytest.mark.parametrize("memory", [-5, 0, 1, 17, 10**30])
+def test_any_memory(memory):
+    x, y = sequences(4, 60, 50)
+    assert dtw(x, y, memory=memory).path.tolist() == dtw(x, y).path.tolist()
+
+
 @pytest.mark.parametrize("skip", [np.inf, 0.3])
 def test_symmetric_in_its_arguments(skip):
     for n, m in ((30, 20), (20, 30), (25, 25), (1, 9)):
