@@ -31,7 +31,7 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
         raise OutputError(f"{path}: is not a regular file; give the name of a file to write")
     if not target.parent.is_dir():
         raise OutputError(f"{path}: the folder {target.parent} does not exist; create it first")
-    temporary = target.with_name(f".{target.stem[:100]}.{secrets.token_hex(6)}{target.suffix}")
+    temporary = target.with_name(f".{target.stem[:20]}.{secrets.token_hex(6)}{target.suffix}")  # names hold 255 bytes
     try:
         temporary.touch(exist_ok=False)  # fails here with a clear message rather than somewhere within a writer
         temporary.unlink()

@@ -10,7 +10,9 @@ import contextlib
 import io
 import math
 import os
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import addon_utils
@@ -119,12 +121,15 @@ def write_fbx(path: str | os.PathLike, reconstruction: Reconstruction) -> None:
 def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -> None:
     """Write an object of the open file by Blender's own exporter; selection and scene stay as they are.
 
+    What is written is a copy in a scene of its own, so that nothing which hides an object, or keeps it from being
+    selected, keeps it from being written. Faces point outwards in the file whatever mirrors the object.
+
     Parameters
     ----------
     path : path
         With the ending the format has.
     avatar : bpy.types.Object
-        In the context's scene and view layer.
+        A mesh in the context's scene.
     kind : {"GLB", "FBX", "OBJ", "PLY", "STL", "USDC", "ABC", "BLEND"}
 
     Notes
@@ -135,43 +140,81 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -
     Raises
     ------
     OutputError
-        When the file cannot be written, or the exporter is missing or fails.
+        When there is nothing to write, the file cannot be written, or the exporter is missing or fails.
     """
     avatar_scene.check_finite(avatar, np.array(avatar.matrix_world))
     size = 1.0 if kind in ("FBX", "BLEND") else metres_per_unit(bpy.context.scene)
-    with replacing(path) as temporary, _selected(avatar), _scaled(avatar, size), _quiet():
+    with replacing(path) as temporary:
         file = str(temporary)
         try:
-            if kind == "GLB":
-                with _enabled("io_scene_gltf2"):
-                    bpy.ops.export_scene.gltf(
-                        filepath=file, export_format="GLB", use_selection=True, export_yup=True,
-                        export_vertex_color="MATERIAL", export_animations=False, export_extras=False,
-                    )  # fmt: skip
-            elif kind == "FBX":
-                with _enabled("io_scene_fbx"):
-                    bpy.ops.export_scene.fbx(
-                        filepath=file, use_selection=True, apply_scale_options="FBX_SCALE_ALL", colors_type="SRGB",
-                        prioritize_active_color=True, bake_anim=False,
-                    )  # fmt: skip
-            elif kind == "OBJ":
-                bpy.ops.wm.obj_export(
-                    filepath=file, export_selected_objects=True, export_colors=True, export_materials=False
-                )
-            elif kind == "PLY":
-                bpy.ops.wm.ply_export(filepath=file, export_selected_objects=True, export_colors="SRGB")
-            elif kind == "STL":
-                bpy.ops.wm.stl_export(filepath=file, export_selected_objects=True)
-            elif kind == "USDC":
-                bpy.ops.wm.usd_export(filepath=file, selected_objects_only=True)
-            elif kind == "ABC":
-                bpy.ops.wm.alembic_export(filepath=file, selected=True, as_background_job=False)
+            if kind == "BLEND":
+                with _own(avatar) as kept:
+                    bpy.data.libraries.write(file, {kept}, compress=True, fake_user=True)
             else:
-                bpy.data.libraries.write(file, {avatar}, compress=True, fake_user=True)
+                with _copy_alone(avatar, size) as (target, copy), _shown(target), _quiet():
+                    _EXPORTERS[kind](file, copy)
         # What an operator reports reaches scripts as RuntimeError; without the format there is no such operator.
         except (RuntimeError, AttributeError) as error:
             text = say("{path}: Blender cannot write it: {reason}")
             raise OutputError(text.format(path=path, reason=_reason(str(error)))) from error
+        if temporary.is_file() and not _holds_faces(temporary, kind):
+            text = say("{path}: Blender's file would not hold {name}; nothing was written")
+            raise OutputError(text.format(path=path, name=avatar.name))
+
+
+def _write_glb(file: str, copy: bpy.types.Object) -> None:
+    with _enabled("io_scene_gltf2"):
+        bpy.ops.export_scene.gltf(
+            filepath=file, export_format="GLB", use_selection=True, use_active_scene=True, export_yup=True,
+            export_vertex_color="MATERIAL", export_animations=False, export_extras=False,
+            export_apply=copy.data.shape_keys is None,
+        )  # fmt: skip
+
+
+def _write_fbx(file: str, copy: bpy.types.Object) -> None:
+    with _enabled("io_scene_fbx"):
+        bpy.ops.export_scene.fbx(
+            filepath=file, use_selection=True, apply_scale_options="FBX_SCALE_ALL", colors_type="SRGB",
+            prioritize_active_color=True, bake_anim=False,
+        )  # fmt: skip
+
+
+_EXPORTERS: dict[str, Callable[[str, bpy.types.Object], object]] = {
+    "GLB": _write_glb,
+    "FBX": _write_fbx,
+    "OBJ": lambda file, copy: bpy.ops.wm.obj_export(
+        filepath=file, export_selected_objects=True, export_colors=True, export_materials=False
+    ),
+    "PLY": lambda file, copy: bpy.ops.wm.ply_export(filepath=file, export_selected_objects=True, export_colors="SRGB"),
+    "STL": lambda file, copy: bpy.ops.wm.stl_export(filepath=file, export_selected_objects=True),
+    "USDC": lambda file, copy: bpy.ops.wm.usd_export(filepath=file, selected_objects_only=True),
+    "ABC": lambda file, copy: bpy.ops.wm.alembic_export(filepath=file, selected=True, as_background_job=False),
+}
+
+
+def _holds_faces(file: Path, kind: str) -> bool:
+    """Whether a file that Blender wrote has a mesh in it."""
+    with open(file, "rb") as stream:
+        head = stream.read(1 << 16)
+    if kind == "PLY":
+        return re.search(rb"element face [1-9]", head) is not None
+    if kind == "STL":
+        return len(head) > 84 and head[80:84] != bytes(4)
+    if kind == "GLB":
+        with open(file, "rb") as stream:
+            return b'"primitives"' in stream.read(20 + int.from_bytes(head[12:16], "little"))
+    if kind == "OBJ":
+        return b"\nf " in file.read_bytes()
+    if kind == "BLEND":
+        return True
+    content = file.read_bytes()
+    if content.startswith(b"PXR-USDC"):  # its words are packed
+        return len(content) > _USDC_WITHOUT_MESH
+    return {"FBX": b"PolygonVertexIndex", "USDC": b"faceVertexIndices", "ABC": b".faceIndices"}[kind] in content
+
+
+_USDC_WITHOUT_MESH = 1200
+"""Bytes: it is 770 to 940 without any, and 1400 with a triangle."""
 
 
 def _reason(text: str) -> str:
@@ -183,43 +226,102 @@ def _reason(text: str) -> str:
 
 
 @contextlib.contextmanager
-def _selected(avatar: bpy.types.Object) -> Iterator[None]:
-    """Have the object be the only one selected, for exporters that write what is selected."""
-    layer = bpy.context.view_layer
-    selected, active = [item.name for item in layer.objects.selected], layer.objects.active
-    if avatar.name not in layer.objects:
-        text = say("{name}: is not in this view layer, so it cannot be exported")
-        raise OutputError(text.format(name=avatar.name))
-    hidden = avatar.hide_get(view_layer=layer)
-    try:
-        avatar.hide_set(False, view_layer=layer)
-        avatar_scene.select_only(bpy.context, avatar)
-        yield
-    finally:
-        avatar.hide_set(hidden, view_layer=layer)
-        for item in layer.objects:
-            item.select_set(item.name in selected, view_layer=layer)
-        layer.objects.active = active
+def _own(avatar: bpy.types.Object) -> Iterator[bpy.types.Object]:
+    """The object, or one of this file that is as it, where it is linked from another: a link is no copy."""
+    if avatar.library is None and avatar.data.library is None:
+        yield avatar
+        return
+    with _removed_again():
+        own = avatar.copy()
+        own.data = avatar.data.copy()
+        for slot in own.material_slots:
+            if slot.material is not None and slot.material.library is not None:
+                slot.material = slot.material.copy()
+        yield own
 
 
 @contextlib.contextmanager
-def _scaled(avatar: bpy.types.Object, size: float) -> Iterator[None]:
-    """Have the object be ``size`` times as large, seen from the world's origin."""
-    if size == 1.0:
+def _copy_alone(avatar: bpy.types.Object, size: float) -> Iterator[tuple[bpy.types.Scene, bpy.types.Object]]:
+    """A scene with nothing but a copy of the object, selected, ``size`` times as large seen from the world's origin.
+
+    The copy has the object's name, and its modifiers unless it is mirrored or sheared: then it has its final shape.
+    """
+    scene, name = bpy.context.scene, avatar.name
+    with _renamed(avatar), _temporary_scene() as target:
+        for setting in ("system", "scale_length", "length_unit"):
+            setattr(target.unit_settings, setting, getattr(scene.unit_settings, setting))
+        target.frame_set(scene.frame_current, subframe=scene.frame_subframe)
+        copy = avatar.copy()
+        copy.name = name
+        copy.hide_select = copy.hide_viewport = copy.hide_render = False
+        target.collection.objects.link(copy)
+        layer = target.view_layers[0]
+        layer.update()
+        # where its parents and constraints put it, also when it is hidden and Blender has not looked for long
+        placed = Matrix.Scale(size, 4) @ copy.matrix_world
+        avatar_scene.check_finite(avatar, np.array(placed))
+        if placed.determinant() == 0.0:
+            text = say("{name}: has no extent along an axis, since its scale there is 0; change it first")
+            raise OutputError(text.format(name=name))
+        shape = _final_shape(copy, layer) if placed.is_negative or not _is_orthogonal(placed) else None
+        copy.animation_data_clear()
+        copy.parent = None
+        copy.constraints.clear()
+        if shape is None:
+            copy.matrix_world = placed
+        else:
+            shape.transform(placed)
+            if placed.is_negative:
+                shape.flip_normals()
+            copy.modifiers.clear()
+            copy.data = shape
+            copy.matrix_world = Matrix()
+        layer.update()
+        if not copy.evaluated_get(layer.depsgraph).data.polygons:
+            raise OutputError(say("{name}: its modifiers leave no face of it").format(name=name))
+        copy.select_set(True, view_layer=layer)
+        layer.objects.active = copy
+        yield target, copy
+
+
+def _final_shape(copy: bpy.types.Object, layer: bpy.types.ViewLayer) -> bpy.types.Mesh:
+    """The mesh as its modifiers leave it, along its own axes."""
+    graph = layer.depsgraph
+    shape = bpy.data.meshes.new_from_object(copy.evaluated_get(graph), preserve_all_data_layers=True, depsgraph=graph)
+    shape.name = copy.data.name
+    return shape
+
+
+def _is_orthogonal(matrix: Matrix) -> bool:
+    """Whether location, rotation and scale say all of it."""
+    axes = np.array(matrix)[:3, :3]
+    lengths = np.linalg.norm(axes, axis=0)
+    return bool(np.abs(np.triu(axes.T @ axes, 1)).max() <= 1e-5 * lengths.max() ** 2)
+
+
+@contextlib.contextmanager
+def _renamed(avatar: bpy.types.Object) -> Iterator[None]:
+    """Have another object be able to take its name."""
+    name = avatar.name
+    if avatar.library is not None:  # names of another file are no names here
         yield
         return
-    kept = avatar.matrix_basis.copy()
-    wanted = Matrix.Scale(size, 4) @ avatar.matrix_world
     try:
-        avatar.matrix_world = wanted
-        bpy.context.view_layer.update()
-        if not np.allclose(avatar.matrix_world, wanted, rtol=0.0, atol=1e-5 * np.abs(wanted).max()):
-            text = say("{name}: cannot be written in metres while it has constraints; apply them first")
-            raise OutputError(text.format(name=avatar.name))
+        avatar.name = "Mirror Scan exports this"
         yield
     finally:
-        avatar.matrix_basis = kept
-        bpy.context.view_layer.update()
+        avatar.name = name
+
+
+@contextlib.contextmanager
+def _removed_again() -> Iterator[None]:
+    """What is added to the open file meanwhile is removed at the end."""
+    collections = (bpy.data.objects, bpy.data.meshes, bpy.data.materials, bpy.data.cameras, bpy.data.lights)
+    before = {block for blocks in collections for block in blocks}
+    try:
+        yield
+    finally:
+        bpy.data.batch_remove([block for blocks in collections for block in blocks if block not in before])
 
 
 def _add_avatar(target: bpy.types.Scene, reconstruction: Reconstruction) -> bpy.types.Object:
@@ -289,14 +391,12 @@ def _frame_viewport(viewport: bpy.types.SpaceView3D, avatar: bpy.types.Object) -
 @contextlib.contextmanager
 def _temporary_scene() -> Iterator[bpy.types.Scene]:
     """A scene of our own in the open file; it and all that was added meanwhile are removed at the end."""
-    collections = (bpy.data.objects, bpy.data.meshes, bpy.data.materials, bpy.data.cameras, bpy.data.lights)
-    before = {block for blocks in collections for block in blocks}
-    target = bpy.data.scenes.new("Mirror Scan")
-    try:
-        yield target
-    finally:
-        bpy.data.scenes.remove(target)
-        bpy.data.batch_remove([block for blocks in collections for block in blocks if block not in before])
+    with _removed_again():
+        target = bpy.data.scenes.new("Mirror Scan")
+        try:
+            yield target
+        finally:
+            bpy.data.scenes.remove(target)
 
 
 def _export(target: bpy.types.Scene, module: str, operator: str, **options) -> None:

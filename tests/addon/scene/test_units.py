@@ -199,18 +199,19 @@ def test_files_are_in_metres(bpy, capsule, tmp_path, kind):
     np.testing.assert_allclose(found.max(axis=0), wanted.max(axis=0), atol=1e-3)
 
 
-def test_what_constraints_hold_is_told(bpy, capsule, tmp_path):
+def test_what_constraints_hold_is_written_in_metres_too(bpy, capsule, tmp_path):
+    from mirror_scan.core.io import read_mesh
     from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
 
     set_units(bpy, 0.01)
     avatar = create_avatar(capsule, collection=bpy.context.collection, unit=0.01)
-    avatar.constraints.new("LIMIT_SCALE").use_min_x = True
-    avatar.constraints[0].min_x = 1.0
+    avatar.constraints.new("LIMIT_SCALE").use_min_z = True
+    avatar.constraints[0].min_z = 2.0
     select_only(bpy.context, avatar)
     bpy.context.view_layer.update()
-    with pytest.raises(RuntimeError, match="constraints"):
-        bpy.ops.mirror_scan.export_avatar(filepath=str(tmp_path / "a.ply"))
-    assert not list(tmp_path.iterdir()) and tuple(avatar.scale) == (1, 1, 1)
+    assert bpy.ops.mirror_scan.export_avatar(filepath=str(tmp_path / "a.ply")) == {"FINISHED"}
+    assert np.ptp(read_mesh(tmp_path / "a.ply").vertices, axis=0).max() == pytest.approx(3.4, abs=1e-3)
+    assert tuple(avatar.scale) == (1, 1, 1)
 
 
 def test_a_linked_avatar_is_written_in_metres_too(bpy, capsule, tmp_path):
