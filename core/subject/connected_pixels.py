@@ -63,7 +63,15 @@ class Pieces(Readings):
 
     def pixels_of(self, member: np.ndarray) -> np.ndarray:
         """Bool (H, W): pixels of the pieces that are a ``member`` (C,)."""
-        return member[self.component] & (self.component >= 0)
+        return of_pixels(member, self.component)
+
+
+def of_pixels(values: np.ndarray, component: np.ndarray) -> np.ndarray:
+    """What is said of each piece, ``values`` (C,), for each pixel by its ``component`` (H, W); 0 where it has none.
+
+    There may be no piece at all.
+    """
+    return np.append(values, np.zeros(1, values.dtype))[component]  # -1 is the last
 
 
 def gather_pixels(readings: Readings, upright: np.ndarray) -> Pieces:

@@ -132,7 +132,7 @@ def _verdicts(
 ) -> tuple[np.ndarray, np.ndarray]:
     """:func:`_verdict_kernel` of what the mirrors show, by the ``labels`` (H, W) of the direct view."""
     pieces, seen_first = mirrored.pieces, direct.pieces
-    standing = (seen_first.component >= 0) & (seen_first.sizes[seen_first.component] >= settings.min_pixels)
+    standing = seen_first.pixels_of(seen_first.sizes >= settings.min_pixels)
     others = standing & (pieces.seen == 0) & (labels < 0)
     wide = dilated(labels, int(np.ceil(_OUTLINE * intrinsics.fx / np.median(pieces.depth[labels == 0]))) + 1)
     heights = _height_limits(labels, dot(pieces.points[labels == 0], pieces.up), direct.floor.height)
@@ -243,7 +243,7 @@ def _deny_furniture(pieces: Pieces, mixed: np.ndarray, verdict: np.ndarray) -> N
     """Judge what touches the figure (``mixed`` pieces) only across a small jump by itself, in ``verdict``."""
     if not mixed.any():
         return
-    inside = np.where(np.append(mixed, False)[pieces.component], pieces.seen, -1).astype(np.int8)
+    inside = np.where(pieces.pixels_of(mixed), pieces.seen, -1).astype(np.int8)
     part, sizes = connected_pixels(pieces.depth, inside, pieces.pixel_angle, _TIGHT)
     rows, columns = np.nonzero(part >= 0)
     piece, said = part[rows, columns], verdict[rows, columns]

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..numeric.kernels import njit
 from ..numeric.point_products import dot
-from .connected_pixels import Pieces
+from .connected_pixels import Pieces, of_pixels
 
 _TOUCH_CELL = 0.03  # cells in space: pieces in the same one or in neighbours are connected [m]
 _FEW = 2  # readings, and cells: fewer are noise
@@ -39,7 +39,7 @@ def group_pieces(pieces: Pieces, usable: np.ndarray) -> np.ndarray:
     """
     component, count, points, up = pieces.component, pieces.count, pieces.points, pieces.up
     group = np.arange(count)
-    rows, columns = np.nonzero((component >= 0) & usable[component])
+    rows, columns = np.nonzero(of_pixels(usable, component))
     if not len(rows):
         return group
     piece, cloud = component[rows, columns], points[rows, columns]

@@ -8,7 +8,7 @@ from ..camera import Intrinsics
 from ..mirrors import Mirror
 from ..mirrors.mirror import reflection_matrix
 from ..numeric.kernels import njit
-from .connected_pixels import IN_FRONT
+from .connected_pixels import IN_FRONT, of_pixels
 from .direct_subject import DirectSubject, small_pieces
 from .subject_views import ViewSettings
 
@@ -68,7 +68,7 @@ def occluded_pieces(
     if not candidate.any():
         return found
     # of what stands in mirrors: 1 = connected with the figure there, 0 = something else
-    shown = np.where(component < 0, -1, chosen[component] | (labels > 0)).astype(np.int8)
+    shown = np.where(component < 0, -1, of_pixels(chosen, component) | (labels > 0)).astype(np.int8)
     flips = np.stack([reflection_matrix(mirror) for mirror in mirrors])
     touches, others, asked = _touch_kernel(
         pieces.component, candidate, pieces.points, pieces.seen, shown, flips, intrinsics.packed, _SAME_PART

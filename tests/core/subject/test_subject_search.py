@@ -69,6 +69,40 @@ def test_others_and_furniture_are_dropped(person, other, case):
     assert right > 0.995 and left < 0.002 and views.warnings == ()
 
 
+@pytest.mark.parametrize(
+    ("wrists", "mirrors", "object_"),
+    [("both", "dark", False), ("one", "dark", False), ("whole arms", "dark", False), ("none", "dark", False),
+     ("one", "one dark", False), ("both", "one pixel", False), ("none", "one pixel", False),
+     ("both", "hands only", False), ("both", "dark", True), ("one", "one pixel", True)],
+)  # fmt: skip
+def test_dark_cloth_and_dark_mirrors(simulated, wrists, mirrors, object_):
+    """Sleeves without a reading part the hands from the body; mirrors may show nothing at all, or a pixel."""
+    simulation = simulated("ideal")
+    truth, place = simulation.truth.labels, simulation.truth.sight.point
+    aside = np.abs(place[..., 0]) > 0.2
+    sleeve = aside & (place[..., 2] > 0.9 if wrists != "whole arms" else place[..., 2] > 0.6) & (place[..., 2] < 1.45)
+    sleeve &= {"both": True, "one": place[..., 0] > 0, "whole arms": True, "none": False}[wrists]
+    dark = sleeve & (truth == 0)
+    if mirrors == "one pixel":
+        one = np.argwhere(truth == 1)[len(np.argwhere(truth == 1)) // 2]
+        dark |= truth > 0
+        dark[tuple(one)] = False
+    else:
+        dark |= {"dark": truth > 0, "one dark": (truth == 1) | (sleeve & (truth == 2)),
+                 "hands only": (truth > 0) & ~(aside & (place[..., 2] < 0.9))}[mirrors]  # fmt: skip
+    intrinsics = simulation.capture.intrinsics
+    depth = np.where(dark, 0, one_depth_map(simulation.capture)[0]).astype(np.float32)
+    placed = [
+        place_mirror(RgbdImage(one_depth_map(simulation.capture)[0], intrinsics), m) for m in simulation.capture.mirrors
+    ]
+    views = find_subject(RgbdImage(depth, intrinsics), placed, ViewSettings(object=object_))
+    trunk = (truth == 0) & ~aside
+    assert (views.labels == 0)[trunk].mean() > 0.98
+    assert not (views.labels[truth < 0] >= 0).any() or (views.labels >= 0)[truth < 0].mean() < 1e-3
+    blind = [m.name for k, m in enumerate(placed, start=1) if not (views.labels == k).any()]
+    assert [name for name in blind if not any(name in text for text in views.warnings)] == []
+
+
 def test_feet_and_hair_stay_and_the_floor_goes(simulated):
     for sensor in ("ideal", "azure_kinect", "realsense_d455", "kinect_v1"):
         simulation = simulated(sensor)
