@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import writers
-from mirror_scan.core.capture import open_capture
+from mirror_scan.core.capture import ReadOptions, open_capture
 from mirror_scan.core.errors import CaptureError
 from mirror_scan.core.io.images import write_png
 from writers import assert_camera
@@ -55,6 +55,22 @@ def test_spellings_of_the_list(tmp_path, case):
         write_png(tmp_path / "depth" / name, depth * np.uint16(5))
     (tmp_path / "depth.txt").write_bytes(text.encode(encoding))
     np.testing.assert_allclose(open_capture(tmp_path).depth[0], depth / 1000, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1, "millimetres"), (5, ""), (0.9973 * 5, "")])
+def test_millimetres_in_the_same_layout(tmp_path, factor, unit):
+    """As recorders of other cameras write them; rendered depth of 5000 to a metre is no multiple of 5 either."""
+    (tmp_path / "depth").mkdir()
+    stored = np.rint(writers.scene(640, 480)[0].astype(np.float64) * factor).astype(np.uint16)
+    write_png(tmp_path / "depth" / "1.png", stored)
+    (tmp_path / "depth.txt").write_text("1.0 depth/1.png\n")
+    capture = open_capture(tmp_path)
+    np.testing.assert_allclose(capture.depth[0], stored / (1000 if unit else 5000), rtol=1e-6)
+    assert any("millimetres" in note for note in capture.notes) == bool(unit)
+    assert capture.sensor == ("unknown" if unit else "kinect_v1")
+    assert open_capture(tmp_path, options=ReadOptions(depth_unit_m=0.01)).depth.max() == pytest.approx(
+        stored.max() / 100
+    )
 
 
 def test_a_list_that_is_none(tmp_path):
