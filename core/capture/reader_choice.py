@@ -100,9 +100,11 @@ def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:
     camera = options.intrinsics or capture.intrinsics
     height, width = capture.depth.shape[1:]
     if (camera.width, camera.height) != (width, height):
+        exchanged = (camera.height, camera.width) == (width, height)
         raise CaptureError(
             f"{path}: depth is {width}×{height} pixels, the intrinsics are for {camera.width}×{camera.height}; "
-            "give the intrinsics of this resolution"
+            + ("width and height are exchanged, or the picture was rotated; " if exchanged else "")
+            + "give the intrinsics of this resolution"
         )
     if options.intrinsics or not capture.format.startswith("organized"):  # fitted to the points, it is where it is
         check_principal_point(path, camera)

@@ -323,7 +323,7 @@ def _unused(content: dict, used: set[str], prefix: str = "", depth: int = 0) -> 
                 yield from _unused(value, used, f"{prefix}{name[:40]}.", depth + 1)
         elif _looks_like_lens(plain, value) and _says(value):
             yield prefix + name[:40], value
-        elif plain in _UNIT_KEYS or re.search(r"depth.*(scale|unit|factor)", plain):
+        elif plain in _UNIT_KEYS or re.search(r"depth.*(scale|unit|factor|divisor|multipl|tomet)", plain):
             if value not in (None, "", []) and _unit_of(value) != 1 / DEFAULT_DEPTH_SCALE:
                 yield prefix + name[:40], value
         elif plain in _LOOSE_UNIT_KEYS and _unit_of(value) not in (None, 1.0, 1 / DEFAULT_DEPTH_SCALE):

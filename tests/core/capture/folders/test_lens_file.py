@@ -67,7 +67,7 @@ def test_other_names_of_the_unit(tmp_path, key, value, unit):
 NO_EFFECT = {
     "scale": 0.0001, "units": "cm", "depth_units": "0.1 mm", "coeffs": [0.1] * 3, "dist_coeffs": [0.1] * 14,
     "depth": {"coeffs": BROWN}, "lens": {"k1": 0.2}, "camera": {"depth": {"depth_scale": 0.0001}}, "depth_unit": 1,
-    "distortion_center_coeff": 0.3,
+    "distortion_center_coeff": 0.3, "depth_divisor": 5000, "depth_to_meters": 0.0001, "radial_distortion": [0.1, 0.2],
 }  # fmt: skip
 
 
@@ -163,6 +163,17 @@ def test_sound_intrinsics_without_a_word(tmp_path, case):
 def test_one_and_a_half_times_the_size_is_a_doubt(tmp_path):
     capture = open_capture(folder_of(tmp_path, 848, 480, 640, 639.5, 359.5))
     assert len(capture.notes) == 1 and "1272×720" in capture.notes[0]
+
+
+def test_width_and_height_exchanged(tmp_path):
+    folder = folder_of(tmp_path, 640, 480, 525, 319.5, 239.5)
+    matrix = [525, 0, 0, 0, 525, 0, 239.5, 319.5, 1]
+    (folder / "intrinsic.json").write_text(json.dumps({"width": 480, "height": 640, "intrinsic_matrix": matrix}))
+    with pytest.raises(CaptureError, match="width and height are exchanged"):
+        open_capture(folder)
+    wrong = Intrinsics(480, 640, 525, 525, 239.5, 319.5)
+    with pytest.raises(CaptureError, match="width and height are exchanged"):
+        open_capture(folder, options=ReadOptions(wrong))
 
 
 def test_an_option_stands_in_for_a_wrong_file(tmp_path):
