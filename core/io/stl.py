@@ -42,7 +42,8 @@ def read_stl(data: bytes) -> Mesh:
         words = _NAMES.sub(b" ", text).split()
         at = [i for i, word in enumerate(words) if word == b"vertex"]
         try:
-            corners = np.array([float(w) for i in at for w in words[i + 1 : i + 4]], np.float32)
+            with np.errstate(over="ignore"):  # what is too large is not finite, which is said below
+                corners = np.array([float(w) for i in at for w in words[i + 1 : i + 4]]).astype(np.float32)
         except ValueError as error:
             raise CaptureError("a vertex of the ascii STL file holds something that is not a number") from error
         if corners.size != 3 * len(at) or len(at) % 3:

@@ -73,6 +73,7 @@ LIES = {
     "stl count": (".stl", b" " * 80 + struct.pack("<I", 4_000_000_000) + b" " * 50, "no STL"),
     "stl cut": (".stl", b" " * 80, "no STL"),
     "stl ascii cut": (".stl", b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0", "truncated"),
+    "stl too large": (".stl", b"solid a\nfacet normal 0 0 1\nouter loop\n" + 3 * b"vertex 0 1e99 0\n", "finite"),
     "suffix": (".xyz", b"", "unknown mesh format"),
 }  # fmt: skip
 
