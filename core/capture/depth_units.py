@@ -15,6 +15,7 @@ from .kinect_disparity import HEIGHT, NO_READING, WIDTH
 
 SCENE_DEPTH_M = 10.0  # what repeats exactly beyond this, far behind all else, is no reading of a depth camera
 _ENOUGH = 500  # readings before a pattern counts as one
+_USUAL_M = (0.15, 8.0)  # half of a scan's readings lie in between
 _DISTINCT = 50  # different values before a pattern counts as one: a test card is no camera
 _SAMPLE = 60_000  # readings that a pattern is looked for in
 _FAR = 8000  # whole numbers that do not go beyond are millimetres: no camera here sees farther
@@ -104,6 +105,7 @@ def recognise_unit(values: np.ndarray) -> DepthUnit:
         return DepthUnit(1.0, note=Notice("real numbers taken for {unit}", unit="metres"))
     sample = values[..., :: max(1, min(values.size // _SAMPLE, values.shape[-2] // 16)), :]
     sample = np.where((sample > 0) & (sample < min(np.iinfo(values.dtype).max, 65535)), sample, 0)
+    sample[sample >= background_limit(sample)] = 0
     read = sample[sample > 0]
     if read.size < _ENOUGH or np.percentile(read, 99) <= _FAR:
         return DepthUnit(0.001)
@@ -116,6 +118,26 @@ def recognise_unit(values: np.ndarray) -> DepthUnit:
     if (read % 5 == 0).mean() > 0.99 and 0.2 < (read % 10 == 5).mean() < 0.8 and _varied(read):
         return DepthUnit(0.0002, note=_FIVES)
     return DepthUnit(0.001)
+
+
+def doubt(values: np.ndarray, unit_m: float) -> list[str]:
+    """A note where the unit that a file states puts the readings where no scan has them, and their pattern does not."""
+    sample = values.ravel()[:: max(1, values.size // _SAMPLE)]
+    typical = float(np.median(sample[sample > 0])) if (sample > 0).any() else 1 / unit_m
+    if _USUAL_M[0] <= typical * unit_m <= _USUAL_M[1]:
+        return []
+    other = recognise_unit(values)
+    likely_m = other.metres / 8 if other.bits else other.metres
+    if not _USUAL_M[0] <= typical * likely_m <= _USUAL_M[1]:
+        return []
+    return [
+        Notice(
+            "the file states a depth unit of {unit:g} m, which puts half of the readings {side} {distance:.3g} m; by "
+            "their pattern it is {likely:g} m: if so, give that as an option (--depth-unit) or correct the file",
+            unit=unit_m, side="beyond" if typical * unit_m > 1 else "nearer than", distance=typical * unit_m,
+            likely=likely_m,
+        )
+    ]  # fmt: skip
 
 
 def background_limit(depth: np.ndarray, beyond: float = 0.0) -> float:

@@ -20,7 +20,7 @@ from ...io.images import checked_png, read_image
 from ...io.json_files import load_json, numbers, short
 from ...numeric.threads import each
 from ..capture import Capture, MirrorPicks, ReadOptions, stored_capture
-from ..depth_units import SCENE_DEPTH_M, DepthUnit, in_metres, recognise_unit
+from ..depth_units import SCENE_DEPTH_M, DepthUnit, doubt, in_metres, recognise_unit
 from ..frames import FrameChoice, chosen_frames, empty_burst, paired_color
 from ..nominal_intrinsics import nominal_camera
 from .lens_file import LensFile, read_lens_file
@@ -83,6 +83,9 @@ def read(path: Path, frames: FrameChoice = None, options: ReadOptions | None = N
     stated = next((u for u in (options.depth_unit_m, options.lens_unit_m, lens.unit_m) if u is not None), None)
     depth, note = _read_depth([depth_files[i] for i in chosen], intrinsics, stated)
     notes += [note] if note else []
+    if stated is not None and options.depth_unit_m is None:
+        first = next(frame for frame in depth if frame.any())
+        notes += doubt(np.rint(first / np.float32(stated)).clip(0, 65535).astype(np.uint16), stated)
     color = None
     if options.color:
         color_files = next(filter(None, (_images(path / name, COLOR_SUFFIXES) for name in COLOR_FOLDERS)), [])

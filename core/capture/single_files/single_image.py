@@ -16,7 +16,7 @@ from ...errors import CaptureError, Notice
 from ...io.images import MAX_PIXELS, read_image
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, npy_header, read_limited, rgb, starts_with
-from ..depth_units import is_raw_disparity, metres
+from ..depth_units import doubt, is_raw_disparity, metres
 from ..folders.lens_file import read_lens_file
 from ..folders.rgbd_folder import INTRINSIC_NAMES, sensor_named
 from ..frames import MAX_BURST_PIXELS, FrameChoice, chosen_frames
@@ -70,6 +70,8 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     else:
         depth, note = metres(values, stated)
         notes += [note] if note else []
+        if stated is not None and options.depth_unit_m is None:
+            notes += doubt(values, stated)
         nominal = nominal_camera(width, height)
         if options.intrinsics is None and nominal is None:
             raise CaptureError(

@@ -209,5 +209,18 @@ def test_the_same_order_in_folders(tmp_path):
     (tmp_path / "intrinsic.json").write_text(json.dumps(LENS | {"depth_scale": 1000}))
     capture = open_capture(tmp_path)
     assert_depth(capture, 5 * DEPTH)
-    assert capture.notes == ()
+    assert len(capture.notes) == 1 and "by their pattern it is 0.0002 m" in capture.notes[0]
     assert_depth(open_capture(tmp_path, options=ReadOptions(depth_unit_m=0.0002)), DEPTH)
+
+
+@pytest.mark.parametrize(
+    ("values", "scale", "likely"),
+    [((DEPTH / 1000).astype(np.float32), 1000, "1 m"), (shifted(DEPTH, 0), 1000, "0.000125 m"),
+     (DEPTH.astype(np.uint16), 1, "0.001 m"), (DEPTH.astype(np.uint16), 1000, ""), (DEPTH.astype(np.float32), 1000, ""),
+     ((10 * DEPTH).clip(0, 65535).astype(np.uint16), 10_000, ""), ((5 * DEPTH).astype(np.uint16), 5000, "")],
+)  # fmt: skip
+def test_a_unit_in_the_file_that_cannot_be_is_doubted(tmp_path, values, scale, likely):
+    """It is used all the same: the file comes before the pattern."""
+    capture = open_capture(saved(tmp_path, values, LENS | {"depth_scale": scale}))
+    np.testing.assert_allclose(capture.depth[0], values / scale, rtol=1e-6)
+    assert [f"by their pattern it is {likely}" in note for note in capture.notes] == [True] * bool(likely)
