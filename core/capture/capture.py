@@ -50,9 +50,6 @@ class Capture:
     sensor : str
         The camera that took it, where the file names it: ``kinect_v1``, ``kinect_v2``, ``azure_kinect``,
         ``realsense_d415``, ``realsense_d435``, ``realsense_d455``, ``phone``, or ``unknown``.
-    sensor_from : {"file", "format", "name", "size"}
-        Who says so: the file; its format, which only that camera has; a folder's name; or nobody, and the image has the
-        size of that camera's.
     confidence : np.ndarray [shape=(F, H, W), dtype=uint8] or None
         The camera's own trust in each reading, 0 low to 2 high.
     turn_degrees, mirrored : int, bool
@@ -60,6 +57,9 @@ class Capture:
         right are exchanged. 0 and False once opened.
     notes : tuple of str
         What the reader had to assume or leave out, one sentence each, for a person.
+    sensor_from : {"file", "format", "name", "size"}
+        Who says so: the file; its format, which only that camera has; a folder's name; or nobody, and the image has the
+        size of that camera's.
     """
 
     depth: np.ndarray
@@ -71,11 +71,11 @@ class Capture:
     color_intrinsics: Intrinsics | None = None
     depth_to_color: np.ndarray | None = None
     sensor: str = "unknown"
-    sensor_from: str = "file"
     confidence: np.ndarray | None = None
     turn_degrees: int = 0
     mirrored: bool = False
     notes: tuple[str, ...] = ()
+    sensor_from: str = "file"
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,6 @@ class ReadOptions:
         Of the depth map as it is stored, with its distortion, in place of what the file says.
     depth_unit_m : float or None
         Metres that one stored unit means (0.001 for millimetres), in place of what the file says.
-    lens_unit_m : float or None
-        The same, as the file of ``intrinsics`` states it: for formats whose unit such a file may state.
     disparity : {"factory", "linear", "tangent"}
         Formula for the raw 11-bit values of a Kinect v1; see :mod:`.kinect_disparity`.
     raw_disparity : bool or None
@@ -104,13 +102,14 @@ class ReadOptions:
         Readings the camera trusts less are dropped: 0 keeps all, 1 drops the low, 2 the low and medium.
     color : bool
         Whether to read colour.
+    lens_unit_m : float or None
+        Metres that one stored unit means, as the file of ``intrinsics`` states it; for RGB-D folders and lone images.
     notes : tuple of str
         What was found out about these options, to stand among the capture's notes.
     """
 
     intrinsics: Intrinsics | None = None
     depth_unit_m: float | None = None
-    lens_unit_m: float | None = None
     disparity: str = "factory"
     raw_disparity: bool | None = None
     kinect_calibration: str = "factory"
@@ -118,6 +117,7 @@ class ReadOptions:
     mirrored: bool | None = None
     min_confidence: int = 1
     color: bool = True
+    lens_unit_m: float | None = None
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
