@@ -68,4 +68,4 @@ def _ascii_stl(data: bytes) -> bytes | None:
     if text[:200].lstrip()[:5].lower() != b"solid":
         return None
     text = text.lower()
-    return text if re.search(rb"\bfacet\s+normal\b|\bendsolid\b", text[:65536]) else None
+    return text if re.search(rb"\bfacet\s+(?:normal|outer)\b|\bendsolid\b", text[:65536]) else None

@@ -185,7 +185,8 @@ def check_principal_point(where: object, intrinsics: Intrinsics) -> None:
 def _resolution_note(path: Path, intrinsics: Intrinsics) -> list[str]:
     """A doubt where the principal point is off the middle just as that of another usual resolution would be."""
     across, along = (intrinsics.cx + 0.5) / intrinsics.width, (intrinsics.cy + 0.5) / intrinsics.height
-    scale = next((s for s in (1.5, 4 / 3, 0.75, 2 / 3) if max(abs(2 * across - s), abs(2 * along - s)) < 0.02 * s), 0)
+    usual = (1.6, 1.5, 4 / 3, 1.25, 0.8, 0.75, 2 / 3, 0.625)
+    scale = next((s for s in usual if max(abs(2 * across - s), abs(2 * along - s)) < 0.015 * s), 0)
     if not scale or (scale < 1 and intrinsics.fx > 0.6 * intrinsics.width):  # a part cut out has a narrower view
         return []
     return [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 
@@ -107,6 +107,10 @@ def inside(folder: Path, name: str) -> Path:
     """The file of that name, as either system writes it, which must not lead out of the folder."""
     if "\\" in name and "\0" not in name and not (folder / name).exists():
         name = name.replace("\\", "/")
+    if re.match(r"/|[A-Za-z]:/", name) and "\0" not in name and not (folder / name).exists():
+        parts = PurePosixPath(name).parts  # where the folder once was
+        tails = (str(PurePosixPath(*parts[k:])) for k in range(1, len(parts)))
+        name = next((tail for tail in tails if ".." not in tail and (folder / tail).is_file()), name)
     if "\0" in name or not (folder / name).resolve().is_relative_to(folder.resolve()):
         raise CaptureError(f"{folder}: names a file outside the folder, {name[:60]!r}")
     return folder / name

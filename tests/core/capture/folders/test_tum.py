@@ -41,6 +41,8 @@ SPELLINGS = {
     "commas": ("1.0, depth/1.png\n", "utf-8"),
     "many blanks, no line end": ("   1.0    depth/1.png   ", "utf-8"),
     "blanks in the name": ("1.0 depth/a frame 1.png\n", "utf-8"),
+    "another computer's names": ("1.0 C:\\data\\my scan\\depth\\1.png\n", "utf-8"),
+    "names from the root": ("1.0 /home/a/scan/depth/1.png\n", "utf-8"),
     "quotes": ('1.0 "depth/a frame 1.png"\n', "utf-8"),
     "exponents": ("1.305e9 depth/1.png\n", "utf-8"),
 }
@@ -76,6 +78,9 @@ def test_millimetres_in_the_same_layout(tmp_path, factor, unit):
 def test_a_list_that_is_none(tmp_path):
     (tmp_path / "depth.txt").write_text("depth/1.png\n")
     with pytest.raises(CaptureError, match="line 1 must be a time and a file name"):
+        open_capture(tmp_path)
+    (tmp_path / "depth.txt").write_text("1.0 /etc/../../secret.png\n")
+    with pytest.raises(CaptureError, match="outside the folder"):
         open_capture(tmp_path)
     (tmp_path / "depth.txt").write_text("1.0 ..\\..\\secret.png\n")
     with pytest.raises(CaptureError, match="outside the folder"):
