@@ -112,7 +112,8 @@ def recognise_unit(values: np.ndarray) -> DepthUnit:
     left, right = sample[..., :-1], sample[..., 1:]
     differ = (left > 0) & (right > 0) & (left != right)
     same = ((left[differ] ^ right[differ]) & 7) == 0
-    if same.size > _DISTINCT and same.mean() > 0.9 and _varied(read):
+    shifted = (same.size > _DISTINCT and same.mean() > 0.9) or (read & 7).max() <= 1
+    if shifted and _varied(read):
         player = _names_players(np.where((values > 0) & (values < 65535), values, 0).astype(np.int32))
         return DepthUnit(0.001, "player", _PLAYER) if player else DepthUnit(0.001, "rotated", _ROTATED)
     if (read % 5 == 0).mean() > 0.99 and 0.2 < (read % 10 == 5).mean() < 0.8 and _varied(read):
@@ -163,7 +164,7 @@ def background_limit(depth: np.ndarray, beyond: float = 0.0) -> float:
         if top < max(beyond, 1e-9) or equal < 5 or nearer < max(20, 0.002 * seen.size):
             break
         if between <= equal / 4:
-            limit = top / 2
+            limit = max(top / 2, min(beyond, 0.85 * top))
         elif beyond and equal > 0.01 * depth.size and int((seen > 0.85 * top).sum()) - equal <= equal / 4:
             limit = 0.85 * top
         else:

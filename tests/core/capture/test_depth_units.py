@@ -68,6 +68,13 @@ def test_background_behind_millimetres(tmp_path, background, kind):
     assert_depth(capture, HOLLOW)
 
 
+def test_a_far_plane_takes_nothing_with_it(tmp_path):
+    values = np.where(DEPTH > 5300, 10_000, DEPTH)  # some readings lie at more than half of it
+    capture = open_capture(saved(tmp_path, values.astype(np.uint16)))
+    assert_depth(capture, np.where(DEPTH > 5300, 0, DEPTH))
+    assert (capture.depth > 5).any()
+
+
 def test_two_backgrounds_averaged_edges_and_a_small_subject(tmp_path):
     values = np.where(person(), DEPTH / 1000, 65504)
     values[:, :30] = 1e6
@@ -140,6 +147,11 @@ def test_rotated_bits_of_a_large_room(tmp_path, farther):
     capture = open_capture(saved(tmp_path, rotated))
     assert_depth(capture, depth)
     assert any("SUN RGB-D" in note for note in capture.notes)
+
+
+def test_rotated_bits_of_a_wall_where_they_change(tmp_path):
+    depth = 8192 + np.random.default_rng(0).normal(0, 60, (HEIGHT, WIDTH)).astype(np.int64)
+    assert_depth(open_capture(saved(tmp_path, ((depth << 3) | (depth >> 13)).astype(np.uint16))), depth)
 
 
 def test_five_thousand_to_a_metre(tmp_path):
