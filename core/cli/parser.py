@@ -7,7 +7,7 @@ import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from . import commands
 from .terminal import show
@@ -28,6 +28,10 @@ class _Parser(argparse.ArgumentParser):
 
     def _print_message(self, message: str, file: Any = None) -> None:
         show(message or "", file or sys.stderr)
+
+    def error(self, message: str) -> NoReturn:
+        show(self.format_usage(), sys.stderr)  # argparse's own would go to stdout where there is no stderr
+        self.exit(2, f"{self.prog}: error: {message}\n")
 
 
 def build_parser(prog: str) -> argparse.ArgumentParser:

@@ -23,7 +23,8 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
     Raises
     ------
     OutputError
-        When the folder is missing or cannot be written to, ``path`` is not a regular file, or the disk is full.
+        When the folder is missing or cannot be written to, ``path`` is not a regular file, the disk is full, or what
+        was written is empty.
     """
     path = Path(path)
     target = Path(os.path.realpath(path))
@@ -38,6 +39,8 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
         yield temporary
         if not temporary.is_file():
             raise OutputError(f"{path}: its writer made no file")
+        if not temporary.stat().st_size:
+            raise OutputError(f"{path}: its writer made an empty file")
         if target.exists():
             shutil.copymode(target, temporary)
         os.replace(temporary, target)

@@ -28,15 +28,25 @@ def write_mesh(path: str | os.PathLike, mesh: Mesh) -> None:
     Raises
     ------
     OutputError
-        Unknown suffix, coordinates that are not finite, or a file that cannot be written.
+        Unknown suffix, a mesh with nothing to write (no vertices, or no triangles where the format has no points),
+        triangles of vertices that do not exist, coordinates that are not finite or too large for the format, or a file
+        that cannot be written.
     """
     path = Path(path)
     writer = _WRITERS.get(path.suffix.lower())
     if writer is None:
         raise OutputError(f"{path}: unknown mesh format “{path.suffix}”; use one of {', '.join(_WRITERS)}")
-    if not np.isfinite(mesh.vertices).all():
-        bad = int((~np.isfinite(mesh.vertices).all(axis=1)).sum())
-        raise OutputError(f"{path}: {bad} of {len(mesh.vertices)} vertices are not finite; nothing was written")
+    count = len(mesh.vertices)
+    if not count or (writer is write_stl and not len(mesh.triangles)):
+        raise OutputError(f"{path}: the mesh has no {'triangles' if count else 'vertices'}; nothing was written")
+    if len(mesh.triangles) and not 0 <= mesh.triangles.min() <= mesh.triangles.max() < count:
+        raise OutputError(
+            f"{path}: a triangle has a vertex that does not exist (there are {count}); nothing was written"
+        )
+    fit = np.abs(mesh.vertices) < np.finfo(np.float32).max  # false for NaN too
+    if not fit.all():
+        bad = int((~fit.all(axis=1)).sum())
+        raise OutputError(f"{path}: {bad} of {count} vertices are not finite; nothing was written")
     with replacing(path) as temporary, open(temporary, "wb") as file:
         file.writelines(writer(mesh))
 

@@ -90,6 +90,7 @@ def write_glb(path: str | os.PathLike, reconstruction: Reconstruction) -> None:
             export_animations=False,
             export_extras=False,
         )
+        _check_holds_faces(path, temporary, "GLB")
 
 
 def write_fbx(path: str | os.PathLike, reconstruction: Reconstruction) -> None:
@@ -116,6 +117,7 @@ def write_fbx(path: str | os.PathLike, reconstruction: Reconstruction) -> None:
             prioritize_active_color=True,
             bake_anim=False,
         )
+        _check_holds_faces(path, temporary, "FBX")
 
 
 def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -> None:
@@ -157,9 +159,7 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -
         except (RuntimeError, AttributeError) as error:
             text = say("{path}: Blender cannot write it: {reason}")
             raise OutputError(text.format(path=path, reason=_reason(str(error)))) from error
-        if temporary.is_file() and not _holds_faces(temporary, kind):
-            text = say("{path}: Blender's file would not hold {name}; nothing was written")
-            raise OutputError(text.format(path=path, name=avatar.name))
+        _check_holds_faces(path, temporary, kind)
 
 
 def _write_glb(file: str, copy: bpy.types.Object) -> None:
@@ -190,6 +190,12 @@ _EXPORTERS: dict[str, Callable[[str, bpy.types.Object], object]] = {
     "USDC": lambda file, copy: bpy.ops.wm.usd_export(filepath=file, selected_objects_only=True),
     "ABC": lambda file, copy: bpy.ops.wm.alembic_export(filepath=file, selected=True, as_background_job=False),
 }
+
+
+def _check_holds_faces(path: str | os.PathLike, file: Path, kind: str) -> None:
+    """Refuse what an exporter wrote to ``file`` without the avatar; that it wrote none is told by others."""
+    if file.is_file() and not _holds_faces(file, kind):
+        raise OutputError(say("{path}: Blender's file has no mesh in it; it was thrown away").format(path=path))
 
 
 def _holds_faces(file: Path, kind: str) -> bool:

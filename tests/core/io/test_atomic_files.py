@@ -70,3 +70,20 @@ def test_replacing_follows_links_and_keeps_permissions(tmp_path):
     assert (tmp_path / "link.ply").is_symlink()
     assert (tmp_path / "real.ply").read_text() == "new"
     assert (tmp_path / "real.ply").stat().st_mode & 0o777 == 0o640
+
+
+def test_an_empty_file_replaces_nothing(tmp_path):
+    path = tmp_path / "a.glb"
+    path.write_text("old")
+    with pytest.raises(OutputError, match="empty file"), replacing(path) as temporary:
+        temporary.touch()
+    assert contents(tmp_path) == {"a.glb": "old"}
+
+
+@pytest.mark.parametrize("stem", ["人" * 80, "x" * 250, "e\u0301" * 80, "\U0001f9cd" * 60])
+def test_long_names(tmp_path, stem):
+    """A name may have 255 bytes; the temporary one must not need more."""
+    path = tmp_path / f"{stem}.ply"
+    with replacing(path) as temporary:
+        temporary.write_text("new")
+    assert contents(tmp_path) == {path.name: "new"}

@@ -103,3 +103,39 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
     (tmp_path / "b.ply").mkdir()
     with pytest.raises(OutputError, match="not a regular file"):
         write_mesh(tmp_path / "b.ply", coloured_sphere())
+
+
+TRIANGLE = Mesh(np.eye(3), np.array([[0, 1, 2]], np.int32))
+NOTHING = np.empty((0, 3))
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".stl"])
+@pytest.mark.parametrize(
+    "mesh, words",
+    [
+        (Mesh(NOTHING, NOTHING.astype(np.int32)), "no vertices"),
+        (Mesh(np.eye(3), np.array([[0, 1, 3]], np.int32)), "does not exist"),
+        (Mesh(np.eye(3), np.array([[0, 1, -1]], np.int32)), "does not exist"),
+        (Mesh(np.eye(3) * np.nan, TRIANGLE.triangles), "not finite"),
+        (Mesh(np.eye(3) * 1e39, TRIANGLE.triangles), "not finite"),
+    ],
+)
+def test_a_good_file_is_not_replaced_by_a_bad_mesh(tmp_path, suffix, mesh, words):
+    path = tmp_path / f"a{suffix}"
+    write_mesh(path, TRIANGLE)
+    before = path.read_bytes()
+    with pytest.raises(OutputError, match=words):
+        write_mesh(path, mesh)
+    assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
+
+
+def test_points_alone_are_a_file_where_the_format_has_points(tmp_path):
+    points = Mesh(np.eye(3), NOTHING.astype(np.int32))
+    for suffix in (".ply", ".obj"):
+        write_mesh(tmp_path / f"a{suffix}", points)
+        assert len(read_mesh(tmp_path / f"a{suffix}").vertices) == 3
+    write_mesh(tmp_path / "a.stl", TRIANGLE)
+    before = (tmp_path / "a.stl").read_bytes()
+    with pytest.raises(OutputError, match="no triangles"):
+        write_mesh(tmp_path / "a.stl", points)
+    assert (tmp_path / "a.stl").read_bytes() == before
