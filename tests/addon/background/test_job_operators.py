@@ -107,6 +107,20 @@ def test_progress_is_shown_then_the_result_is_delivered(job):
     assert operator.results == [("Scene", "done")] and clean(job)
 
 
+def test_what_is_wrong_with_the_cache_of_compiled_code_is_reported_once(job, monkeypatch):
+    from mirror_scan.core.errors import Notice
+    from mirror_scan.core.numeric import kernels
+    from mirror_scan.mirror_scan_addon.background import numba_setup
+
+    monkeypatch.setattr(numba_setup, "warnings", [])
+    with numba_setup.listening():
+        kernels.LOG.warning("%s", Notice("Compiled code in {folder} is damaged", folder="/x"))
+    assert not kernels.LOG.handlers
+    job.worker.end("done")
+    assert job.operator.modal(job.window, TIMER) == {"FINISHED"}
+    assert job.operator.reports == [("WARNING", "Compiled code in /x is damaged")] and not numba_setup.warnings
+
+
 def test_a_quick_job_is_not_slowed_by_drawing_its_progress(job, monkeypatch):
     from mirror_scan.mirror_scan_addon.background import job_operators
 

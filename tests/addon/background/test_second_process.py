@@ -44,6 +44,15 @@ def warn(share):
     return [Notice("{share:.0%} is seen", share=share), "a plain text"]
 
 
+def damaged_cache():
+    from mirror_scan.core.errors import Notice
+    from mirror_scan.core.numeric import kernels
+
+    yield 0.0, "Compiling"
+    kernels.LOG.warning("%s", Notice("Compiled code in {folder} is damaged", folder="/x"))
+    return "done"
+
+
 def stumble():
     yield 0.0, "Dividing"
     return 1 / 0
@@ -133,6 +142,16 @@ def test_results_come_back_and_the_process_is_kept(errands):
     assert not folder.exists()
     with pytest.raises(ProcessLookupError):
         os.kill(errand.result["process"], 0)
+
+
+def test_what_is_wrong_with_the_cache_of_compiled_code_comes_back(errands, monkeypatch):
+    from mirror_scan.mirror_scan_addon.background import numba_setup
+
+    monkeypatch.setattr(numba_setup, "warnings", [])
+    errand, _ = run(errands.damaged_cache)
+    assert errand.result == "done" and errand.error is None
+    assert numba_setup.warnings == ["Compiled code in /x is damaged"]
+    assert numba_setup.warnings[0].values == {"folder": "/x"}
 
 
 def test_errors_keep_their_kind(errands):
