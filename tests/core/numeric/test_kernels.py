@@ -193,7 +193,10 @@ def test_numba_switched_off(tmp_path):
 
 # --- forks and threads -----------------------------------------------------------------------------------------------
 
-PARALLEL = """
+ROOT = Path(__file__).resolve().parents[3]
+PARALLEL = (
+    f"import runpy\nrunpy.run_path({str(ROOT / 'tests' / 'conftest.py')!r})\n"
+    """
 import concurrent.futures, multiprocessing, os, sys, threading
 import numpy as np
 from mirror_scan.core.numeric.kernels import njit, prange
@@ -209,6 +212,7 @@ def work(n):
     return kernel(np.arange(float(n)))
 
 """
+)
 
 
 def python(folder, text, **environment):
