@@ -220,7 +220,11 @@ def python(folder, text, **environment):
     paths = os.pathsep.join(path for path in (str(Path(p).resolve()) for p in sys.path if p))
     variables = {**os.environ, "PYTHONPATH": paths, "NUMBA_CACHE_DIR": str(folder / "cache"), **environment}
     done = subprocess.run(
-        [sys.executable, folder / "script.py"], env=variables, capture_output=True, text=True, timeout=120
+        [sys.executable, "-W", "ignore::DeprecationWarning", folder / "script.py"],
+        env=variables,
+        capture_output=True,
+        text=True,
+        timeout=120,
     )
     assert done.returncode == 0 and not done.stderr, (done.returncode, done.stderr)
     return done
