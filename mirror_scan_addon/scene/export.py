@@ -237,8 +237,10 @@ def _own(avatar: bpy.types.Object) -> Iterator[bpy.types.Object]:
     if avatar.library is None and avatar.data.library is None:
         yield avatar
         return
-    with _removed_again():
+    name = avatar.name
+    with _renamed(avatar), _removed_again():
         own = avatar.copy()
+        own.name = name
         own.data = avatar.data.copy()
         for slot in own.material_slots:
             if slot.material is not None and slot.material.library is not None:
