@@ -20,6 +20,7 @@ from ..mirrors.glass_extent import glass_corners
 from ..mirrors.mirror import reflection_matrix
 from ..mirrors.wall_behind_frame import on_wall
 from ..numeric.point_products import dot
+from ..subject.image_border import cut_sides
 from ..subject.subject_views import Views
 from ..views.floor_and_vertical import leans
 from ..views.rig_axis import rig_axis, visible_middle
@@ -70,7 +71,6 @@ _CLEARLY_OVER = 0.1  # m: so far over, even an uncertain edge certainly cuts the
 _LONG_MOVE, _SHORT_STEP = 0.15, 0.1  # m: a mirror is rotated rather than moved so far; nobody is asked to step less
 _OUTWARDS = np.arange(0.05, 0.85, 0.05)  # by how much a mirror may be asked to be moved [m]
 _SPARE_DEG = 2.5  # between the image's border and the subject: toes point forward, hair stands up
-_BORDER_PIXELS = 6  # of the subject at the image's border that mean it is cut
 
 
 def check_scene(
@@ -96,7 +96,7 @@ def check_scene(
         Each says what is wrong, where, and what to do. Empty for a good scene.
     """
     intrinsics = image.intrinsics
-    warned = _cut_by_image(views, intrinsics)
+    warned = _cut_by_image(image, views)
     subject = thinned(views, views.labels == 0)
     if len(subject):
         # what a mirror shows itself ends where its glass does
@@ -125,31 +125,39 @@ def check_scene(
     return warned
 
 
-def _cut_by_image(views: Views, intrinsics: Intrinsics) -> list[str]:
-    """The subject, seen directly, at the image's border."""
-    mine = views.labels == 0
-    height, width = mine.shape
-    # the last pixels of an image often have no reading
-    edge, aside = 3, "step to the middle of the image or farther back"
-    cut = {
-        "upper": mine[:edge].any(axis=0).sum(), "lower": mine[height - edge :].any(axis=0).sum(),
-        "left": mine[:, :edge].any(axis=1).sum(), "right": mine[:, width - edge :].any(axis=1).sum(),
-    }  # fmt: skip
-    over, under = _beyond_image(views, intrinsics, True), _beyond_image(views, intrinsics, False)
+def _cut_by_image(image: RgbdImage, views: Views) -> list[str]:
+    """The subject, seen directly, where the picture ends."""
+    cut = cut_sides(image.depth, views.labels == 0)
+    if not cut:
+        return []
+    aside = "step to the middle of the image or farther back"
+    over, under = _beyond_image(views, image.intrinsics, True), _beyond_image(views, image.intrinsics, False)
     advice = {
-        "upper": ("the head is", f"tilt the camera up{_by_tilt(over)} or step back"),
-        "lower": ("the feet are", f"tilt the camera down{_by_tilt(under)} or step back"),
-        "left": ("a side is", aside),
-        "right": ("a side is", aside),
+        "top": ("upper", "the head is", f"tilt the camera up{_by_tilt(over)} or step back"),
+        "bottom": ("lower", "the feet are", f"tilt the camera down{_by_tilt(under)} or step back"),
+        "left": ("left", "a side is", aside),
+        "right": ("right", "a side is", aside),
     }  # fmt: skip
-    both = min(cut["upper"], cut["lower"]) >= _BORDER_PIXELS
-    if both or over + under > -_SPARE_DEG:  # it is too high for the image
-        advice["upper"], advice["lower"] = (("the head is", "step back"), ("the feet are", "step back"))
-    return [
-        f"the image's {side} border cuts the subject off: {what} missing and filled in by guess; {do}"
-        for side, (what, do) in advice.items()
-        if cut[side] >= _BORDER_PIXELS
-    ]
+    if {"top", "bottom"} <= cut.keys() or over + under > -_SPARE_DEG:  # it is too high for the image
+        advice["top"], advice["bottom"] = (
+            ("upper", "the head is", "step back"), ("lower", "the feet are", "step back")
+        )  # fmt: skip
+    warned: list[str] = []
+    for side, margin in cut.items():
+        border, what, do = advice[side]
+        if margin == 0:
+            warned.append(
+                f"the image's {border} border cuts the subject off: {what} missing and filled in by guess; {do}"
+            )
+        else:
+            warned.append(
+                Notice(
+                    "the {border} end of what the camera reads, {margin} px inside of the image, cuts the subject off: "
+                    "{what} missing and filled in by guess; {do}",
+                    border=border, margin=margin, what=what, do=do,
+                )
+            )  # fmt: skip
+    return warned
 
 
 def _beyond_image(views: Views, intrinsics: Intrinsics, upwards: bool) -> float:

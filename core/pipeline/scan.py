@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import RgbdImage, unproject
+from ..camera import Intrinsics, RgbdImage, unproject
 from ..camera.noise_models import NoiseModel
 from ..capture import Capture, MirrorPicks
 from ..checks.scene_advice import check_scene
@@ -26,6 +26,7 @@ from ..mirrors import Mirror
 from ..mirrors.mirror import reflection_matrix
 from ..numeric.threads import each
 from ..patches.grid_triangulation import TriangulationSettings, triangulate_view
+from ..subject.image_border import cut_sides
 from ..subject.subject_search import find_subject
 from ..subject.subject_views import Views
 from ..views.view_maps import ViewMaps, view_maps
@@ -56,6 +57,10 @@ class Scan:
         Nearest and farthest depth of the subject in each view [m], see :class:`.subject_views.Views`.
     noise : tuple of BurstNoise
         Of each view's readings, before smoothing.
+    lenses : tuple of Intrinsics
+        Of the cameras.
+    cut : tuple of str
+        Sides on which the picture ends at the subject, see :func:`.image_border.cut_sides`.
     """
 
     patches: list[Mesh]
@@ -69,6 +74,8 @@ class Scan:
     warnings: tuple[str, ...]
     limits: np.ndarray
     noise: tuple[BurstNoise, ...]
+    lenses: tuple[Intrinsics, ...] = ()
+    cut: tuple[str, ...] = ()
 
 
 def scan_steps(
@@ -110,6 +117,7 @@ def scan_steps(
     faults = [*contradictions, *check_scene(image, views, placed, model, alone)]
     burst = burst_noise(len(capture.depth), spread, depth, views.labels, len(placed) + 1)
     moved = still_warning(capture.depth, views.labels, camera.fx, settings.depth)
+    cut = tuple(cut_sides(depth, views.labels == 0))
     depth, views, noise = clean_views(
         image, views, len(placed), settings.depth, model, spread if len(capture.depth) > 1 else None
     )
@@ -129,7 +137,7 @@ def scan_steps(
     assert views.limits is not None  # find_subject gives them
     return Scan(
         patches, maps, views.up, views.axis, views.floor, view_names(placed), placed, sensor, warnings, views.limits,
-        burst,
+        burst, (camera,), cut,
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from ..numeric.point_products import dot
 from .connected_pixels import IN_FRONT, Pieces, connected_pixels, dilated, gap_kernel, member_table
 from .direct_subject import PIECE, DirectSubject
 from .floor_plane import horizontal_projection, standing_pieces
+from .image_border import cut_sides
 from .subject_views import ViewSettings
 
 _CONFIRMED = 0.25  # m: what the direct view confirms is no farther from the figure
@@ -135,21 +136,24 @@ def _verdicts(
     standing = seen_first.pixels_of(seen_first.sizes >= settings.min_pixels)
     others = standing & (pieces.seen == 0) & (labels < 0)
     wide = dilated(labels, int(np.ceil(_OUTLINE * intrinsics.fx / np.median(pieces.depth[labels == 0]))) + 1)
-    heights = _height_limits(labels, dot(pieces.points[labels == 0], pieces.up), direct.floor.height)
+    heights = _height_limits(pieces.depth, labels, dot(pieces.points[labels == 0], pieces.up), direct.floor.height)
     return _verdict_kernel(
         pieces.component, pieces.count, pieces.seen, pieces.points, pieces.depth, labels, others, intrinsics.packed,
         wide, mirrored.axis, horizontal_projection(pieces.up), mirrored.reach2, pieces.up, heights, mirrored.deepest,
     )  # fmt: skip
 
 
-def _height_limits(labels: np.ndarray, height: np.ndarray, floor: float | None) -> tuple[float, float]:
+def _height_limits(
+    depth: np.ndarray, labels: np.ndarray, height: np.ndarray, floor: float | None
+) -> tuple[float, float]:
     """Between which heights [m] a mirror may show the subject, by the heights (N,) at which it is seen directly.
 
-    Where the image's border cuts it off, or something in front of it hides its feet, a mirror may show more of it.
+    Where the picture's border cuts it off, or something in front of it hides its feet, a mirror may show more of it.
     """
     low, high = height.min(), height.max()
-    cut = (labels[-3:] == 0).any() or (floor is not None and low > floor + _STANDS)
-    return -np.inf if cut else low - _TALLER, np.inf if (labels[:3] == 0).any() else high + _TALLER
+    sides = cut_sides(depth, labels == 0)
+    cut = "bottom" in sides or (floor is not None and low > floor + _STANDS)
+    return -np.inf if cut else low - _TALLER, np.inf if "top" in sides else high + _TALLER
 
 
 def _confirmed(votes: np.ndarray) -> np.ndarray:
