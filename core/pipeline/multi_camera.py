@@ -9,10 +9,12 @@ import numpy as np
 
 from ..capture import Capture, MirrorPicks
 from ..capture.camera_poses import check_pose
+from ..checks.camera_contradictions import check_cameras
 from ..errors import CaptureError, Notice, ReconstructionError
 from ..mirrors import Mirror
 from ..numeric.point_products import transform
 from ..views.view_maps import stack_maps
+from .lines_of_sight import Figures, check_meeting_point, check_way_round, meeting_point_of
 from .reconstruction import Progress, check_frame, finish
 from .scan import Clock, Scan, scan_steps
 from .settings import Settings
@@ -22,9 +24,6 @@ MAX_VIEWS = 127
 """Views are numbered in one signed byte."""
 
 DEFAULTS = Settings()
-
-_SAME_SUBJECT = 0.5
-"""Where cameras place the subject farther from each other, they see two subjects or their poses are wrong [m]."""
 
 _SAME_FLOOR = 0.04
 """Floors of two cameras that differ more than this in height under the subject are reported [m]."""
@@ -85,31 +84,29 @@ def reconstruction_views_steps(
     if views > MAX_VIEWS:
         raise CaptureError(f"{views} views are more than the {MAX_VIEWS} that can be joined; leave some captures out")
     clock = Clock()
-    crossing = lines_of_sight_crossing(to_first)
+    figures = Figures(captures, known, settings)
+    meeting_point = meeting_point_of(to_first, figures, settings)
     scans = []
     for k, (capture, pose) in enumerate(zip(captures, to_first, strict=True)):
-        meeting = None if crossing is None else transform(crossing[None], np.linalg.inv(pose))[0]
+        meeting = None if meeting_point is None else transform(meeting_point[None], np.linalg.inv(pose))[0]
         part = (0.6 * k / len(captures), 0.6 * (k + 1) / len(captures))
         alone = len(captures) == 1
-        scan = yield from scan_steps(capture, known[k], settings, clock, part, meeting, find=False, alone=alone)
+        try:
+            scan = yield from scan_steps(capture, known[k], settings, clock, part, meeting, find=False, alone=alone)
+        except ReconstructionError as error:
+            if meeting_point is not None:
+                check_way_round(to_world, figures)
+                check_meeting_point(meeting_point, to_first, figures, names)
+            raise (
+                ReconstructionError("{camera}: {error}", camera=names[k], error=error) if not alone else error
+            ) from None
         scans.append(scan)
-    return (yield from joining_steps(join_scans(scans, to_first, names), settings, frame, clock))
-
-
-def lines_of_sight_crossing(poses: Sequence[np.ndarray]) -> np.ndarray | None:
-    """The point nearest to all cameras' optical axes; None for one camera, or for parallel axes.
-
-    Parameters
-    ----------
-    poses : sequence of np.ndarray [shape=(4, 4)]
-        Camera frame → the frame of the answer.
-    """
-    A, b = np.zeros((3, 3)), np.zeros(3)
-    for pose in poses:
-        P = np.eye(3) - np.outer(pose[:3, 2], pose[:3, 2])
-        A += P
-        b += P @ pose[:3, 3]
-    return np.linalg.solve(A, b) if np.linalg.eigvalsh(A)[0] > 1e-2 else None
+    try:
+        joined = join_scans(scans, to_first, names)
+    except ReconstructionError:
+        check_way_round(to_world, figures)
+        raise
+    return (yield from joining_steps(joined, settings, frame, clock))
 
 
 def join_scans(scans: Sequence[Scan], poses: Sequence[np.ndarray], names: Sequence[str]) -> Scan:
@@ -141,16 +138,9 @@ def join_scans(scans: Sequence[Scan], poses: Sequence[np.ndarray], names: Sequen
     up = np.average(ups[chosen], axis=0, weights=weights[chosen])
     up /= np.linalg.norm(up)
     axis = np.average(axes, axis=0, weights=weights)
-    offset = axes - axis
-    aside = np.linalg.norm(offset - np.outer((offset * up).sum(axis=1), up), axis=1)
-    if aside.max() > _SAME_SUBJECT:
-        worst = int(np.argmax(aside))
-        raise ReconstructionError(
-            "{name}: its subject stands {aside:.2f} m from where the other cameras see theirs; check the poses (camera "
-            "frame → common frame, metres), and that all captures show the same subject standing still",
-            name=names[worst],
-            aside=aside[worst],
-        )
+    warnings += check_cameras(
+        [scan.patches for scan in scans], [scan.maps for scan in scans], poses, names, axes - np.outer(axes @ up, up)
+    )
     floor = None
     if floor_known.any():
         # each camera's floor, as high as it is under the subject
@@ -194,6 +184,8 @@ def join_scans(scans: Sequence[Scan], poses: Sequence[np.ndarray], names: Sequen
         tuple(warnings),
         np.concatenate([scan.limits for scan in scans]),
         tuple(noise for scan in scans for noise in scan.noise),
+        tuple(lens for scan in scans for lens in scan.lenses),
+        tuple({side: None for scan in scans for side in scan.cut}),
     )  # fmt: skip
 
 

@@ -223,6 +223,31 @@ def _object_pieces(
     return mine | _joined(np.flatnonzero(direct), alone, extents)
 
 
+def figure_areas(pieces: Pieces, places: np.ndarray, settings: ViewSettings) -> np.ndarray:
+    """How large the figure is that stands at each of some places (K, 3), camera frame [m]; weighted by how near it is.
+
+    What reaches from one side of the image to the other is a room's wall or floor, and no figure.
+
+    Returns
+    -------
+    np.ndarray [shape=(K,)]
+        [m²]; 0 where nothing stands.
+    """
+    component, figure = pieces.component, pieces.sizes >= settings.min_pixels
+    columns = np.flatnonzero((component >= 0).any(axis=0))
+    if not len(columns):
+        return np.zeros(len(places))
+    for side in ((columns[0], columns[-1]), (0, component.shape[1] - 1)):
+        left, right = (np.unique(component[:, max(u - 2, 0) : u + 3]) for u in side)
+        both = np.intersect1d(left, right)
+        figure[both[both >= 0]] = False
+    areas = []
+    for place in places:
+        extents = _extents(pieces, place, _AXIS_SPREAD, settings)
+        areas.append(extents.score[figure & (extents.within >= settings.min_pixels)].max(initial=0.0))
+    return np.array(areas)
+
+
 def small_pieces(pieces: Pieces, member: np.ndarray, axis: np.ndarray, settings: ViewSettings) -> np.ndarray:
     """Bool (C,): what else stands about the subject, on the vertical through ``axis`` (3,) [m], and is small beside it.
 

@@ -11,8 +11,8 @@ from ..views.floor_and_vertical import find_ground
 from ..views.ray_sorting import sort_rays
 from ..views.rig_axis import rig_axis
 from .connected_pixels import Readings, label_kernel
-from .direct_subject import find_object, find_person
-from .floor_plane import Floor
+from .direct_subject import figure_areas, find_object, find_person
+from .floor_plane import ROUGH, Floor, standing_pieces
 from .mirrored_subject import label_mirrored_subject, mirrored_pieces
 from .occluded_pieces import occluded_pieces
 from .subject_views import Views, ViewSettings
@@ -88,6 +88,25 @@ def find_subject(
         labels, seen, points, ground.up, direct.floor.height, ground.noise, axis, warnings,
         _limits(depth, labels, views), ground.disagreement_deg,
     )  # fmt: skip
+
+
+def figures_at(
+    image: RgbdImage, mirrors: list[Mirror], places: np.ndarray, settings: ViewSettings = DEFAULTS
+) -> np.ndarray:
+    """How large the figure is that the camera sees directly at each of some places (K, 3), camera frame [m].
+
+    Returns
+    -------
+    np.ndarray [shape=(K,)]
+        [m²]; 0 where nothing stands.
+    """
+    depth, intrinsics = image.depth, image.intrinsics
+    seen, points = sort_rays(unproject(depth, intrinsics), mirrors, settings.depth_limit, settings.near)
+    ground = find_ground(points, seen, mirrors)
+    readings = Readings(depth, seen, points, ground.up, 1.0 / intrinsics.fx)
+    floor = Floor(ground.floor, None, True, 0.9 * settings.reach, np.inf)
+    pieces, _ = standing_pieces(readings, range(1), floor, ROUGH, settings)
+    return figure_areas(pieces, places, settings)
 
 
 def _without_empty_views(

@@ -8,12 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mirror_scan.core import cli
+from mirror_scan.core.camera import Intrinsics
+from mirror_scan.core.camera.pinhole import rays_of_pixels
+from mirror_scan.core.capture import Capture
 from mirror_scan.core.capture.camera_poses import check_pose, open_posed_captures, read_poses
 from mirror_scan.core.errors import CaptureError, ReconstructionError
 from mirror_scan.core.io import read_mesh
 from mirror_scan.core.mesh.surface_distance import evaluate, surface_distance
+from mirror_scan.core.numeric.point_products import transform
 from mirror_scan.core.pipeline import reconstruct
-from mirror_scan.core.pipeline.multi_camera import lines_of_sight_crossing, reconstruct_views
+from mirror_scan.core.pipeline.lines_of_sight import lines_of_sight_crossing
+from mirror_scan.core.pipeline.multi_camera import reconstruct_views
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate, write_simulation
 
@@ -110,6 +115,109 @@ def test_poses_that_cannot_be(around):
     tilted[:3, :3] = [[1, 0, 0], [0, c, -s], [0, s, c]] @ tilted[:3, :3]
     made = reconstruct_views(captures[::2], [poses[0], tilted])
     assert made.report["mesh"]["watertight"] and any("floor" in text and "calibrate" in text for text in made.warnings)
+
+
+COLUMN = (0.2, 1.2)
+"""Radius and height of a column [m]; its middle is the common frame's origin, y is down."""
+
+
+def camera_at(place, target=(0.0, 0.0, 0.0)):
+    """A level camera's pose."""
+    away = np.subtract(target, place) / np.linalg.norm(np.subtract(target, place))
+    right = np.cross((0.0, 1.0, 0.0), away)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = np.column_stack((right, np.cross(away, right), away)), place
+    return pose
+
+
+def turned_about_column(degrees, distance=1.7):
+    a = np.radians(degrees)
+    return camera_at((distance * np.sin(a), 0.0, -distance * np.cos(a)))
+
+
+def of_column(pose, name, walls=2.4):
+    """What a camera sees of the column in a room, four walls that far from its middle, by intersecting rays."""
+    intrinsics = Intrinsics(160, 200, 180.0, 180.0, 79.5, 99.5)
+    rays = np.append(rays_of_pixels(intrinsics), np.ones((200, 160, 1)), axis=-1)
+    ray, eye = rays @ pose[:3, :3].T, pose[:3, 3]
+    radius, height = COLUMN
+    with np.errstate(all="ignore"):
+        hits = [(sign * walls - eye[c]) / ray[..., c] for c in (0, 2) for sign in (-1.0, 1.0)]
+        depth = np.min([np.where(z > 0, z, np.inf) for z in hits], axis=0)
+        a, b = ray[..., 0] ** 2 + ray[..., 2] ** 2, ray[..., 0] * eye[0] + ray[..., 2] * eye[2]
+        near = (-b - np.sqrt(b * b - a * (eye[0] ** 2 + eye[2] ** 2 - radius**2))) / a
+        on = (near > 0) & (np.abs(eye[1] + near * ray[..., 1]) < height / 2)
+    depth = np.where(on, near, depth) + np.random.default_rng(0).normal(0, 0.001, depth.shape)
+    return Capture(depth=depth.astype(np.float32)[None], color=None, intrinsics=intrinsics, name=name)
+
+
+LINES = {
+    "face to face": [turned_about_column(0), turned_about_column(180)],
+    "nearly face to face": [turned_about_column(0), turned_about_column(176)],
+    "face to face, beside the middle": [camera_at((0.2, 0, -1.7), (0.2, 0, 0)), camera_at((0.2, 0, 1.6), (0.2, 0, 0))],
+    "face to face, of different distance": [turned_about_column(0, 1.5), turned_about_column(180, 2.2)],
+    "face to face, from above": [camera_at((0, -0.5, -1.7)), camera_at((0, -0.5, 1.7))],
+    "side by side": [camera_at((x, 0, -1.7), (x, 0, 0)) for x in (-0.25, 0.25)],
+    "above each other": [camera_at((0, y, -1.7), (0, y, 0)) for y in (-0.1, 0.1)],
+    "behind each other": [turned_about_column(0, 1.6), turned_about_column(0, 2.2)],
+    "three in a row": [camera_at((x, 0, -1.7), (x, 0, 0)) for x in (-0.3, 0.0, 0.3)],
+    "two in front, one behind": [*(camera_at((x, 0, -1.7), (x, 0, 0)) for x in (-0.2, 0.2)), turned_about_column(180)],
+    "from four sides": [turned_about_column(a) for a in (0, 90, 180, 270)],
+}
+"""Cameras that look along one line, and across."""
+
+
+@pytest.mark.parametrize("case", LINES)
+def test_cameras_that_look_along_one_line(case):
+    poses = LINES[case]
+    made = reconstruct_views([of_column(pose, f"camera {k}") for k, pose in enumerate(poses)], poses, frame="camera")
+    report = made.report["mesh"]
+    assert report["watertight"] and report["components"] == 1
+    seen = transform(made.mesh.vertices[made.mesh.view >= 0], poses[0])
+    off = np.hypot(seen[:, 0], seen[:, 2]) - COLUMN[0]
+    assert np.quantile(np.abs(off), 0.95) < 0.01 and np.abs(seen[:, 1]).max() < COLUMN[1] / 2 + 0.01
+    assert len(np.unique(made.mesh.view[made.mesh.view >= 0])) > 1
+    assert not [text for text in made.warnings if "poses" in text]
+
+
+def moved(pose, by=(0.0, 0.0, 0.0), turn=0.0):
+    """The pose with an error: turned where it stands, about the vertical [degrees], and moved [m]."""
+    c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    out = pose.copy()
+    out[:3, :3] = np.array(((c, 0, s), (0, 1, 0), (-s, 0, c))) @ pose[:3, :3]
+    out[:3, 3] += by
+    return out
+
+
+@pytest.mark.parametrize(
+    ("angles", "wrong", "by", "turn", "words"),
+    [
+        ((0, 120, 240), 1, (0.4, 0, 0.1), 0, "^camera 1: "),
+        ((0, 120, 240), 0, (0.9, 0, 0), 0, "^camera 0: "),
+        ((0, 120, 240), 2, (0, 0, 0), 15, "^camera 2: "),
+        ((0, 120, 240), 1, (1.3, 0, 0), 0, "^camera 1: "),
+        ((0, 90, 180, 270), 2, (0, 0, 1.1), 0, "^camera 2: "),
+        ((0, 90, 180, 270), 3, (0, 0, 0.6), 0, "^camera 3: "),
+        ((0, 180), 1, (0.4, 0, 0), 0, "^camera 0 and camera 1"),
+        ((0, 90), 1, (0, 0, 0), 40, "camera 0 and camera 1"),
+    ],
+)
+def test_a_pose_that_contradicts_the_captures_is_named(angles, wrong, by, turn, words):
+    true = [turned_about_column(angle) for angle in angles]
+    captures = [of_column(pose, f"camera {k}") for k, pose in enumerate(true)]
+    poses = [moved(pose, by, turn) if k == wrong else pose for k, pose in enumerate(true)]
+    with pytest.raises(ReconstructionError, match=words) as caught:
+        reconstruct_views(captures, poses)
+    assert "check th" in str(caught.value)
+
+
+def test_poses_the_wrong_way_round():
+    true = [moved(turned_about_column(angle), (0.3, 0.2, 0.5)) for angle in (0, 90, 180, 270)]
+    captures = [of_column(turned_about_column(angle), f"camera {k}") for k, angle in enumerate((0, 90, 180, 270))]
+    assert reconstruct_views(captures, true).report["mesh"]["watertight"]
+    with pytest.raises(ReconstructionError, match="wrong way round"):
+        reconstruct_views(captures, [np.linalg.inv(pose) for pose in true])
 
 
 def test_where_lines_of_sight_cross():
