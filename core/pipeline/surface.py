@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..avatar.coordinate_frame import avatar_frame
+from ..checks.plausibility import ScanFacts, check_avatar
 from ..closing.mesh_closing import close_mesh
 from ..mesh import Mesh
 from ..mirror_alignment.seam_alignment import align_seams, mirrored_views, move_views
@@ -82,8 +83,26 @@ def joining_steps(
     mesh = closed.transformed(to_avatar)
     warnings = (*scan.warnings, *notes)
     report = make_report(mesh, to_avatar, scan, patches, seams, warnings, clock)
+    litres = report["mesh"]["volume_l"]
+    check_avatar(mesh, None if litres is None else 1e-3 * litres, _facts(scan, settings), settings.views.object)
     return Reconstruction(
         mesh if frame == "avatar" else closed, frame, to_avatar, report, warnings, tuple(patches), tuple(scan.mirrors)
+    )
+
+
+def _facts(scan: Scan, settings: Settings) -> ScanFacts:
+    """What a result is judged by."""
+    shown = set(np.unique(scan.maps.labels).tolist())
+    return ScanFacts(
+        # several cameras see a trunk, or anything else, as well
+        stands=scan.floor is not None and len(scan.lenses) == 1,
+        cut=scan.cut,
+        distance=float(np.nanmin(scan.limits[:, 0])),
+        highest=np.inf if scan.floor is None else settings.views.max_height,
+        lenses=scan.lenses,
+        mirrors=scan.mirrors,
+        blind=[name for k, name in enumerate(scan.names) if k not in shown],
+        warnings=scan.warnings,
     )
 
 
