@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,6 +39,7 @@ _NEAR_TOP, _USUAL_NEAR_TOP = (
 )  # of the volume, and of the height of a slim body, below which that much of it is
 _USUAL_HEIGHT = 1.6  # m: of several mistakes the one that makes the subject about so tall
 _TOO_NEAR = 0.8  # m: nearer than that no camera sees a whole person
+_ARMS_UP = 0.88  # of the height: below which that much of the volume is when a slim body holds its arms up
 _OFF_CENTRE = 0.25  # of the image: a principal point is no farther from the middle
 _FOCAL = (0.3, 6.0)  # of the image's larger side: a lens of 120° to one of 9°
 _DISPLACED, _ROUGH = 0.012, 0.008  # m: a mirror that displaces the subject so much, or whose frame fits so badly
@@ -99,7 +100,7 @@ def check_avatar(mesh: Mesh, volume: float | None, facts: ScanFacts, any_object:
     if height <= 0.0 or (volume is not None and volume <= 0.0):
         raise ReconstructionError(
             "the result has no inside: {volume:.1f} l at a height of {height:.2f} m; {cause}",
-            volume=1e3 * (volume or 0.0), height=height, cause=_likely_cause(mesh, facts),
+            volume=1e3 * (volume or 0.0), height=height, cause=_likely_cause(mesh, replace(facts, cut=())),
         )  # fmt: skip
     if any_object:
         return
@@ -135,7 +136,8 @@ def check_avatar(mesh: Mesh, volume: float | None, facts: ScanFacts, any_object:
 def _usual_volumes(mesh: Mesh, height: float, facts: ScanFacts) -> tuple[float, float]:
     """Least and largest volume of a person of this height [m³]."""
     # arms held up make somebody taller, and hardly larger
-    least = VOLUMES[0] * (height * min(1.0, _most_below(mesh) / _USUAL_NEAR_TOP)) ** 3
+    below = _most_below(mesh)
+    least = VOLUMES[0] * (height * (below / _USUAL_NEAR_TOP if below < _ARMS_UP else 1.0)) ** 3
     if not facts.stands or "bottom" in facts.cut:
         return least, np.inf  # a trunk has much volume for its height
     # as bent knees make somebody deeper

@@ -49,7 +49,7 @@ _AS_FAR = 0.9  # of the largest change: frames that differ hardly less are as fa
 _WHOLE, _ALIKE_MOVES = 0.15, 0.5  # share of the subject's lines that move, and by how much half of them may differ
 _MISMATCHED = 3.0  # of the usual motion: a line that tells of more took one thing for another
 _BOTH = 0.4  # rows and columns tell of a slanting motion when neither tell of so much less
-_THINNED = 3  # rows and columns between those that frames are compared by
+_THINNED = 5  # rows and columns between those that frames are compared by
 _FEWEST_LINES, _LINES = 12, 0.06  # rows or columns, and the share of the subject's, that must tell of a motion
 
 

@@ -12,8 +12,7 @@ from mirror_scan.core.checks.plausibility import VOLUMES, ScanFacts, check_avata
 from mirror_scan.core.errors import ReconstructionError
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.soundness import mesh_report
-from mirror_scan.core.pipeline import Settings, reconstruct
-from mirror_scan.core.subject.subject_views import ViewSettings
+from mirror_scan.core.pipeline import reconstruct
 
 
 def stretched(mesh, x=1.0, y=1.0, z=1.0):
@@ -114,7 +113,3 @@ def test_a_capture_in_a_wrong_unit_gives_no_avatar(simulated):
         wrong = replace(capture, depth=(factor * capture.depth).astype(np.float32))
         with pytest.raises(ReconstructionError, match=words):
             reconstruct(wrong)
-    small = replace(capture, depth=(0.25 * capture.depth).astype(np.float32))
-    with pytest.raises(ReconstructionError, match="--object"):
-        reconstruct(small)
-    assert reconstruct(small, settings=Settings(views=ViewSettings(object=True))).report["mesh"]["height_m"] < 0.5
