@@ -18,6 +18,7 @@ __all__ = [
     "mirror_detection",
     "mirror_alignment",
     "subject",
+    "light",
     "patches",
     "hole_filling",
     "zippering",

@@ -12,7 +12,8 @@ PICTURE = ROOT / "docs" / "images" / "architecture.svg"
 STAGES = (
     ("Ground floor: knows nothing of scans", ("errors", "numeric", "camera", "mesh", "io")),
     ("Read and clean", ("capture", "depth")),
-    ("Mirrors and views", ("mirrors", "views", "mirror_detection", "mirror_alignment", "subject")),
+    ("Mirrors and views", ("mirrors", "views", "mirror_detection", "mirror_alignment")),
+    ("Subject and light", ("subject", "light")),
     ("Surface", ("patches", "hole_filling", "zippering", "closing")),
     ("Result", ("checks", "avatar", "preview")),
     ("The whole job", ("pipeline",)),

@@ -27,6 +27,8 @@ class NoiseModel:
         Standard deviation and quantum of that disparity [px].
     lateral : tuple of float
         s, t: standard deviation s + t · θ / (π/2 - θ) [px] of the place a reading is taken from; θ = incidence.
+    phase : bool
+        It measures the phase of modulated light: light that comes two ways falsifies it (see :mod:`..light`).
     """
 
     title: str
@@ -37,6 +39,7 @@ class NoiseModel:
     disparity_noise: float = 0.0
     disparity_step: float = 0.0
     lateral: tuple[float, float] = (0.0, 0.0)
+    phase: bool = False
 
     def step(self, focal: float) -> float:
         """Quantum of 1/z [1/m] at ``focal`` [px]; 0 when it is finer than the noise."""
@@ -53,7 +56,7 @@ class NoiseModel:
 
 def _azure(title: str) -> NoiseModel:
     """Azure Kinect's camera, NFOV unbinned: σ ≤ 17 mm by its maker."""
-    return NoiseModel(title, 0.5, 3.86, axial=(0.0012, 0.0003))
+    return NoiseModel(title, 0.5, 3.86, axial=(0.0012, 0.0003), phase=True)
 
 
 def _d4xx(title: str, baseline: float) -> NoiseModel:
@@ -69,7 +72,7 @@ SENSORS: dict[str, NoiseModel] = {
         lateral=(0.8, 0.035),
     ),
     # about 1 to 2 mm up to 3 m (Wasenmüller and Stricker 2016)
-    "kinect_v2": NoiseModel("Kinect v2 (time of flight)", 0.5, 4.5, axial=(0.0008, 0.00015)),
+    "kinect_v2": NoiseModel("Kinect v2 (time of flight)", 0.5, 4.5, axial=(0.0008, 0.00015), phase=True),
     "azure_kinect": _azure("Azure Kinect DK (time of flight)"),
     "femto_bolt": _azure("Orbbec Femto Bolt (time of flight)"),
     "realsense_d415": _d4xx("RealSense D415 (active stereo)", 0.055),

@@ -25,6 +25,20 @@ def place_mirrors(
     known: tuple[MirrorPicks | Mirror, ...], depth: np.ndarray, capture: Capture, settings: Settings
 ) -> tuple[list[Mirror], tuple[str, ...]]:
     """The mirrors that were picked or given, or else those that the depth map shows; and what to warn of."""
+    first = first_mirrors(known, depth, capture, settings)
+    return align_mirrors(first, RgbdImage(depth, capture.intrinsics), settings)
+
+
+def first_mirrors(
+    known: tuple[MirrorPicks | Mirror, ...], depth: np.ndarray, capture: Capture, settings: Settings
+) -> list[Mirror]:
+    """The mirrors where their frames are: picked, given, or found in the depth map.
+
+    Raises
+    ------
+    MirrorError
+        There is none, or one cannot be placed.
+    """
     image, offset = RgbdImage(depth, capture.intrinsics), settings.mirror.glass_offset
     cloud = unproject(depth, capture.intrinsics)
 
@@ -45,16 +59,6 @@ def place_mirrors(
         return mirror
 
     placed = [place(one) for one in known]
-    warnings = list(moved_warnings(image, [m for m in placed if m.source == "rig file"]))
-    warnings += [
-        Notice(
-            "{name}: the plane through its picks does not look like a mirror's: almost no frame lies in it, or what "
-            "is seen in it would be where the camera sees empty space; pick again, on its frame only",
-            name=m.name, mirrors=[m.name],
-        )
-        for k, m in enumerate(placed)
-        if m.source == "picked" and contradicted(image, m, placed[:k] + placed[k + 1 :])
-    ]  # fmt: skip
     if not known:
         placed = find_mirrors(replace(image, color=capture.color), settings.detection, offset)
     if not placed:
@@ -65,7 +69,22 @@ def place_mirrors(
             "mirror without one where the camera sees some of the same skin directly and in it",
             name=capture.name,
         )
-    placed, by_reflections = align_reflections(image, placed, settings.alignment)
+    return placed
+
+
+def align_mirrors(first: list[Mirror], image: RgbdImage, settings: Settings) -> tuple[list[Mirror], tuple[str, ...]]:
+    """The mirrors corrected until frames, floor and views fit together; and what to warn of."""
+    warnings = list(moved_warnings(image, [m for m in first if m.source == "rig file"]))
+    warnings += [
+        Notice(
+            "{name}: the plane through its picks does not look like a mirror's: almost no frame lies in it, or what "
+            "is seen in it would be where the camera sees empty space; pick again, on its frame only",
+            name=m.name, mirrors=[m.name],
+        )
+        for k, m in enumerate(first)
+        if m.source == "picked" and contradicted(image, m, first[:k] + first[k + 1 :])
+    ]  # fmt: skip
+    placed, by_reflections = align_reflections(image, first, settings.alignment)
     placed, by_floor = align_floor(image, placed, settings.floor)
     placed, by_views = align_views(image, placed, settings.agreement)
     warnings += (*by_reflections, *by_floor, *by_views)

@@ -21,6 +21,7 @@ from ..depth.noise_estimate import BurstNoise, burst_noise
 from ..depth.sensor_recognition import recognise
 from ..depth.settings import DepthSettings
 from ..errors import Notice, ReconstructionError
+from ..light.two_way_light import LightSettings, TwoWayLight, find_two_way_light, without_spoiled
 from ..mesh import Mesh
 from ..mirrors import Mirror
 from ..mirrors.mirror import reflection_matrix
@@ -30,7 +31,7 @@ from ..subject.image_border import cut_sides
 from ..subject.subject_search import find_subject
 from ..subject.subject_views import Views
 from ..views.view_maps import ViewMaps, view_maps
-from .mirror_placement import place_mirrors
+from .mirror_placement import align_mirrors, first_mirrors
 from .settings import Settings
 
 
@@ -103,16 +104,26 @@ def scan_steps(
     clock.lap("depth")
 
     yield at(0.17), "Fitting the mirrors"
-    placed, placement = place_mirrors(picks, depth, capture, settings) if picks or find else ([], ())
+    first = first_mirrors(picks, depth, capture, settings) if picks or find else []
+    image = RgbdImage(depth, camera)
+    placed, placement = align_mirrors(first, image, settings) if first else ([], ())
     clock.lap("mirrors")
 
     yield at(0.33), "Finding the subject"
-    image = RgbdImage(depth, camera)
+    sensor, model = recognise(capture, settings.depth)
     views = find_subject(image, placed, settings.views, meeting)
     clock.lap("views")
+    light = two_way_light(image, views, placed, sensor, model, settings.light)
+    if light is not None:
+        yield 0.45, "Undoing light that comes two ways"
+        image = image.with_depth(np.where(light.spoiled, np.float32(0.0), light.depth))
+        placed, placement = align_mirrors(first, image, settings)
+        views = find_subject(image.with_depth(light.depth), placed, settings.views, meeting)
+        views = without_spoiled(views, light.spoiled)
+        depth = image.depth
+    clock.lap("light")
 
     yield at(0.58), "Smoothing the depth"
-    sensor, model = recognise(capture, settings.depth)
     views, contradictions = check_agreement(image, views, placed)
     faults = [*contradictions, *check_scene(image, views, placed, model, alone)]
     burst = burst_noise(len(capture.depth), spread, depth, views.labels, len(placed) + 1)
@@ -139,6 +150,21 @@ def scan_steps(
         patches, maps, views.up, views.axis, views.floor, view_names(placed), placed, sensor, warnings, views.limits,
         burst, (camera,), cut,
     )  # fmt: skip
+
+
+def two_way_light(
+    image: RgbdImage,
+    views: Views,
+    mirrors: list[Mirror],
+    sensor: str,
+    model: NoiseModel | None,
+    settings: LightSettings,
+) -> TwoWayLight | None:
+    """:func:`.two_way_light.find_two_way_light` where the camera measures phase, or may, or is said to."""
+    phase = model is not None and model.phase
+    if settings.two_ways == "auto" and not (phase or sensor == "unknown"):
+        return None
+    return find_two_way_light(image, views, mirrors, views.floor_noise, settings, phase)
 
 
 def clean_views(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ..closing.mesh_closing import ClosingSettings
 from ..depth.settings import DepthSettings
+from ..light.two_way_light import LightSettings
 from ..mirror_alignment.floor_alignment import FloorSettings
 from ..mirror_alignment.reflection_alignment import JointSettings
 from ..mirror_alignment.seam_alignment import SeamSettings
@@ -29,6 +30,7 @@ class Settings:
     floor: FloorSettings = FloorSettings()
     agreement: AgreementSettings = AgreementSettings()
     views: ViewSettings = ViewSettings()
+    light: LightSettings = LightSettings()
     triangulation: TriangulationSettings = TriangulationSettings()
     overlap: OverlapSettings = OverlapSettings()
     zipper: ZipperSettings = ZipperSettings()
