@@ -4,21 +4,26 @@ The readings in such a rectangle (:mod:`.edge_segments`), flipped over its plane
 free-space violation, where the camera looks through, and a part must lie on, or close behind, what is seen directly. A
 doorway, a table's legs or a window fail there.
 
-Where a mirror has no frame and no wall about it, see :mod:`.frameless_mirrors`.
+Of a mirror that is too near the image's border only one upright side may be seen, see :mod:`.one_sided_mirrors`; where
+it has no frame and no wall about it, see :mod:`.frameless_mirrors`.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from ..camera import RgbdImage
 from ..mirrors import Mirror
-from .edge_segments import DetectionSettings, find_edge_segments
+from ..mirrors.mirror import behind_glass
+from .edge_segments import DetectionSettings, Segment, find_edge_segments
 from .framed_mirrors import depth_without_frames, mirror_on_frame, partly_behind, without_overlap
 from .frameless_mirrors import find_verified_frameless, overlaps
 from .identical_frames import find_identical_frames
 from .mirror_at_picks import DEFAULTS
 from .mirror_verification import doubtful, verified_hypotheses
+from .one_sided_mirrors import find_one_sided, may_be_images
 from .rectangle_hypotheses import propose
 
 _USUAL = 2  # mirrors: where depth alone finds fewer, the colour picture's lines are asked as well
@@ -47,9 +52,16 @@ def find_mirrors(image: RgbdImage, settings: DetectionSettings = DEFAULTS, glass
     depth, color = image.depth, image.color
     if color is not None and color.shape[:2] != depth.shape:
         color = None
-    found = _framed(image.without_color(), [], glass_offset, settings)
+    segments = find_edge_segments(image.without_color(), settings)
+    found = _framed(image.without_color(), segments, [], glass_offset, settings)
     if color is not None and len(found) < _USUAL:
-        found = _framed(image, found, glass_offset, settings)
+        found = _framed(image, find_edge_segments(image, settings), found, glass_offset, settings)
+    if not settings.empty_rig and (len(found) < _USUAL or may_be_images(found, segments)):
+        one_sided = find_one_sided(image, segments, found, min(_USUAL, settings.max_mirrors), settings)
+        hidden = behind_glass(np.array([m.point for m in found]).reshape(-1, 3), one_sided)
+        found = [m for m, behind in zip(found, hidden, strict=True) if not behind][: settings.max_mirrors]
+        found += [replace(m, point=m.point - glass_offset * m.normal) for m in one_sided]
+        found = found[: settings.max_mirrors]
     doubt = [doubtful(image, m) for m in found]
     sure = [m for m, doubted in zip(found, doubt, strict=True) if not doubted]
     if len(sure) < settings.max_mirrors and not settings.empty_rig:
@@ -59,11 +71,13 @@ def find_mirrors(image: RgbdImage, settings: DetectionSettings = DEFAULTS, glass
     return [replace(m, name=name) for m, name in zip(found, _names(found), strict=True)]
 
 
-def _framed(image: RgbdImage, found: list[Mirror], glass_offset: float, settings: DetectionSettings) -> list[Mirror]:
+def _framed(
+    image: RgbdImage, segments: list[Segment], found: list[Mirror], glass_offset: float, settings: DetectionSettings
+) -> list[Mirror]:
     """Mirrors with a frame or a wall about them, besides those ``found``: these and the new ones."""
     intrinsics = image.intrinsics
     lenient = replace(settings, max_violation=2.0 * settings.max_violation)
-    proposed = propose(find_edge_segments(image, settings), settings)
+    proposed = propose(segments, settings)
     guesses = verified_hypotheses(image, proposed, lenient)
     bare = depth_without_frames(image, found, glass_offset)
     while guesses:

@@ -29,10 +29,13 @@ _HIDING = 0.03, 1.02  # how wide frames are about the glass [m]; how many times 
 _AT_BORDER = 0.02  # sides nearer to the image's border, as a share of its size, are cut off by it
 
 
-def frame_edge_share(image: RgbdImage, guess: Hypothesis, least: float = 0.3, known: Iterable[Mirror] = ()) -> float:
+def frame_edge_share(
+    image: RgbdImage, guess: Hypothesis, least: float = 0.3, known: Iterable[Mirror] = (), floor: float = np.inf
+) -> float:
     """Share of the rectangle's visible circumference just outside of which a frame or a wall stands in its plane.
 
-    0 when that is less than ``least`` of the whole circumference. A thin frame is only seen close by.
+    0 when that is less than ``least`` of the whole circumference. A thin frame is only seen close by. What is farther
+    down along the rectangle than ``floor`` [m] may be a floor, which goes on through a glass that stands on it.
 
     Black and glossy frames give few readings: where half as much as ``least`` is read, lines in the colour picture
     stand for the rest.
@@ -40,9 +43,9 @@ def frame_edge_share(image: RgbdImage, guess: Hypothesis, least: float = 0.3, kn
     shares = []
     place = guess.point, guess.basis, guess.rectangle
     for outward in (0.015, 0.007):
-        on, beyond = circumference(image.without_color(), *place, outward, known)
+        on, beyond = circumference(image.without_color(), *place, outward, known, floor)
         if image.color is not None and 0.5 * least <= on < least:
-            on, beyond = circumference(image, *place, outward, known)
+            on, beyond = circumference(image, *place, outward, known, floor)
         shares.append(on / (on + beyond) if on >= least else 0.0)
     return max(shares)
 
@@ -59,10 +62,12 @@ def circumference(
     rectangle: np.ndarray,
     outward: float = 0.015,
     known: Iterable[Mirror] = (),
+    floor: float = np.inf,
 ) -> tuple[float, float]:
     """Shares of a mirror's circumference where something stands in its plane, and where the camera sees beyond it.
 
-    Looked at ``outward`` [m] outside of its rectangle; what the glass of ``known`` mirrors hides counts as neither.
+    Looked at ``outward`` [m] outside of its rectangle; what the glass of ``known`` mirrors hides counts as neither, and
+    so does what is seen beyond it lower than ``floor`` along its b [m], where a glass that stands on a floor shows it.
     With a colour picture something stands also where nothing is read and the picture has a line.
     """
     depth, intrinsics, color = image.depth, image.intrinsics, image.color
@@ -83,7 +88,7 @@ def circumference(
     on = inside & (np.abs(behind) < slack)
     if color is not None:
         on[inside] |= (read[inside] == 0) & _on_line(color, rows, columns)
-    beyond = inside & (read > 0) & (behind >= slack)
+    beyond = inside & (read > 0) & (behind >= slack) & (points @ basis[:, 1] < floor)
     return float(weight[on].sum() / weight.sum()), float(weight[beyond].sum() / weight.sum())
 
 
@@ -129,7 +134,7 @@ def verify(
     if len(guess.sides) == 2 and min(s.length for s in guess.sides.values()) < (0.3 if plain else 0.5):
         return None  # a leg and the edge of its shadow, a table and one of its legs
     least = 0.2 if plain else 0.3
-    edge = frame_edge_share(image, guess, least, known)
+    edge = frame_edge_share(image, guess, least, known, floor)
     made = replace(guess, shown=shown, violated=violation, behind=behind / total, score=edge * (1.0 - violation))
     if edge < settings.min_rim + (0.13 if len(guess.sides) == 2 else 0.0):
         return None
@@ -138,7 +143,7 @@ def verify(
     if settings.empty_rig:
         return made if len(guess.sides) >= 3 or shown >= 30.0 else None
     # a frame edge of which a side is missing may be a wall's, seen past a mirror that stands in front of it
-    open_edge = _OPEN_SHOWN * (behind + evidence.on) if _open_sides(guess, intrinsics) else 0.0
+    open_edge = _OPEN_SHOWN * (behind + evidence.on) if _open_sides(guess, intrinsics, floor) else 0.0
     if edge > WHOLE_EDGE and violated == 0.0 and (len(guess.sides) >= 3 or known):
         few = LEAST_SHOWN[len(guess.sides) == 4]
         return made if shown >= max(few, settings.min_shown * judged, open_edge) else None
@@ -214,8 +219,11 @@ def count_evidence(image: RgbdImage, guess: Hypothesis, floor: float) -> Evidenc
     return Evidence(*(float(count) for count in counts))
 
 
-def _open_sides(guess: Hypothesis, intrinsics: Intrinsics) -> int:
-    """How many sides have no depth edge where the image would show it: its border cuts off the others."""
+def _open_sides(guess: Hypothesis, intrinsics: Intrinsics, floor: float) -> int:
+    """How many sides have no depth edge where the image would show it.
+
+    Its border cuts off the others, or they stand on the ``floor``, which goes on through the glass.
+    """
     margin = _AT_BORDER * np.array((intrinsics.width, intrinsics.height))
     count = 0
     for side in range(4):
@@ -224,7 +232,10 @@ def _open_sides(guess: Hypothesis, intrinsics: Intrinsics) -> int:
         axis, end = {LEFT: (0, 1), RIGHT: (0, 0), TOP: (1, 0), BOTTOM: (1, 1)}[side]  # basis[:, 0] points left
         at = np.empty(2)
         at[axis], at[1 - axis] = guess.rectangle[axis, end], guess.rectangle[1 - axis].mean()
-        place = project(guess.point + guess.basis[:, :2] @ at, intrinsics)[axis]
+        middle = guess.point + guess.basis[:, :2] @ at
+        if side == BOTTOM and middle @ guess.basis[:, 1] > floor:
+            continue
+        place = project(middle, intrinsics)[axis]
         size = (intrinsics.width, intrinsics.height)[axis]
         count += bool(margin[axis] < place < size - 1 - margin[axis])
     return count

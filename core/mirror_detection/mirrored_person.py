@@ -73,11 +73,11 @@ class Figure:
 
 
 def find_figures(
-    depth: np.ndarray, cloud: np.ndarray, up: np.ndarray, floor: float, known: list[Mirror]
+    depth: np.ndarray, cloud: np.ndarray, up: np.ndarray, floor: float, known: list[Mirror], flat: float = _FLAT
 ) -> tuple[np.ndarray, list[Figure]]:
     """Picture of objects (H, W), 0 = none, and those of them that may be somebody, the largest first.
 
-    Not what is seen in mirrors that are ``known``.
+    Not what is seen in mirrors that are ``known``, nor what deviates less from a plane than ``flat`` [m].
     """
     height = dot(cloud, up) - floor
     objects, count = _objects_kernel(depth, (height > _ABOVE_FLOOR) & (height < _TALLEST))
@@ -101,7 +101,7 @@ def find_figures(
         span = high - low
         if span[:2].max() > _WIDE or span[2] < _HIGH or top[2] > floor + _TALLEST - 0.1:
             continue
-        if _thickness(points) < _FLAT:
+        if _thickness(points) < flat:
             continue
         out.append(Figure(int(k), int(sizes[k]), points, middle, float(top[2]), rows.min() < 3))
     return objects, out

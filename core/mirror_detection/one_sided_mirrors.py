@@ -1,0 +1,474 @@
+"""Mirrors of which only one upright side of the frame is in the picture.
+
+The bar of the frame gives a line that lies in the plane, to a millimetre, and hardly how the plane is turned about it.
+That the image tells: somebody seen directly and, farther off, in what is taken for the glass. The plane is turned about
+the bar until what it shows makes sense; then the skin that both views show must coincide, and what either shows must
+touch the other's outline (:mod:`.silhouette_contact`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..camera import Intrinsics, RgbdImage, project
+from ..mirrors import Mirror
+from ..mirrors.frame_fit import fit_frame
+from ..mirrors.glass_extent import at_border, with_outline
+from ..mirrors.mirror import behind_glass, expected_error, moved, oriented, reflection_matrix, reflection_moves
+from ..numeric.point_products import dot, lay_grid
+from ..views.floor_and_vertical import find_floor
+from ..views.view_correspondences import Surfaces, find_correspondences, noise_of, surfaces
+from .edge_segments import LEFT, RIGHT, DetectionSettings, Segment
+from .mirror_verification import count_evidence, floor_drop, missing_reflection
+from .mirrored_person import Figure, find_figures
+from .rectangle_hypotheses import Hypothesis
+from .silhouette_contact import Outline, contact, contact_cost, contact_slope, outline_of, shadow_width
+
+_UP = np.array((0.0, -1.0, 0.0))
+_LEAST_SIDE, _UPRIGHT = 0.6, 0.97  # a bar is seen over so much [m]; cosine of its angle with the vertical
+_MOST_BARS, _MOST_PERSONS = 8, 2  # that are tried
+_FLAT = 0.009  # a person's front deviates from a plane by more, standard deviation [m]
+_ARMS, _LEAST_PIECE = 0.95, 12  # no part of a person is farther from the middle [m]; readings of it, thinned
+_TURNS = np.radians(np.arange(-60.0, 60.5, 2.0))  # of a plane about its bar, that are tried first
+_ASKED = 500  # readings in a glass that are flipped by each
+_BEHIND = 0.12  # behind the plane a reading is seen in the glass [m]
+_THROUGH, _ON = (0.08, 0.02), (0.10, 0.45)  # before what is seen a flipped reading is a violation [m] and times z;
+# and between so much before and behind it it is on the body [m]
+_RAGGED = 3  # px by which silhouettes are ragged
+_IMAGE_FARTHER, _MOST_NOISE = 2.2, 0.08  # times as far as a person is their image; noise there, at most [m]
+_WRONG = 3.0  # a violation counts so many times as a reading that is met
+_LEAST_MET, _LEAST_HEIGHT = 150, 0.45  # readings of an image; share of the person's height that they span
+_AROUND = 0.12  # m about a person's place in which the image is looked for
+_MOST_WRONG = 0.15, 0.05  # share of the image where the camera looks through: before the plane is turned, and then
+_BAR_ERROR, _CONTRADICTED = 2.0, 3.0  # standard deviations by which a bar alone may be wrong, and from which it is
+_PIECES = 8000  # of the surface of a person, and of the image
+_FINE = np.linspace(-0.04, 0.04, 33)  # turns about the last one, by outlines [rad]
+_LEAST_ROWS, _LEAST_TOUCHING = 20, 0.35  # rows of an outline that say something; share of them that touch it
+_LEAST_PAIRS = 16  # of skin seen twice
+_ALIKE = 8.0  # neighbouring rows, or pieces, that count as one
+_BLUR, _SHADOWED = 0.6, 1.0  # px by which an outline may be off, and one beside a shadow
+_SKIN_ERROR = 0.0006  # of the turn by skin, that shows in no residual [rad]
+_MOST_ERROR = 0.03  # a mirror expected to misplace a person by more is dropped [m]
+_FARTHEST, _WIDEST = 6.0, 1.2  # of glass at the image's border [m]: how far off, and from the bar
+_FEET = 0.3  # so near to the floor a glass whose end is not seen goes down to it [m]
+
+
+@dataclass(frozen=True)
+class _Room:
+    """What is known before a bar is looked at.
+
+    The picture, the floor up·p = ``floor``, the pixels of a ``person`` (H, W) and those ``about`` them, and how wide
+    shadows are.
+    """
+
+    image: RgbdImage
+    up: np.ndarray
+    floor: float
+    figure: Figure
+    person: np.ndarray
+    about: np.ndarray
+    shadow: float
+
+
+def find_one_sided(
+    image: RgbdImage, segments: list[Segment], known: Iterable[Mirror], most: int, settings: DetectionSettings
+) -> list[Mirror]:
+    """Mirrors that one upright side of a frame and the person they show reveal, besides those ``known``.
+
+    Parameters
+    ----------
+    image : RgbdImage
+        Fused depth, flying pixels removed; z [m], 0 = no reading.
+    segments : list of Segment
+        Its straight depth edges.
+    most : int
+        At most so many.
+
+    Returns
+    -------
+    list of Mirror
+        ``source`` "found", ``refined``; the covariance says how certain the plane is.
+
+    Notes
+    -----
+    O(H W); nothing but the segments is looked at where there is no upright bar or no person.
+    """
+    image, known = image.without_color(), list(known)
+    bars = _bars(segments, known)
+    if not bars:
+        return []
+    found: list[Mirror] = []
+    for room in _rooms(image, known):
+        for bar in bars:
+            if len(found) == most:
+                return found
+            beside = _beside(bar, image.intrinsics)
+            if behind_glass(bar.points.mean(axis=0)[None], known + found, 0.1, 1.1)[0]:
+                continue
+            if beside[room.person].mean() > 0.2:  # who is seen directly does not stand in the glass
+                continue
+            mirror = _mirror_at(bar, beside, room, settings)
+            if mirror is not None:
+                found.append(mirror)
+        if found:
+            break
+    return found
+
+
+def may_be_images(found: list[Mirror], segments: list[Segment]) -> bool:
+    """Whether one of the mirrors may be an image in another one, of which an upright bar nearer by is seen."""
+    return any(
+        bar.points[:, 2].max() < m.point[2] and _is_beside(m, bar) for m in found for bar in _bars(segments, found)
+    )
+
+
+def _is_beside(mirror: Mirror, bar: Segment) -> bool:
+    """Whether the mirror's middle is in the picture where the bar's glass is."""
+    column = mirror.point[0] / mirror.point[2] - bar.points.mean(axis=0)[0] / bar.points.mean(axis=0)[2]
+    return bool(column > 0.0) == (bar.side == LEFT)
+
+
+def _bars(segments: list[Segment], known: list[Mirror]) -> list[Segment]:
+    """Upright edges that may be a frame's, off known mirrors; the longest first."""
+    out = [
+        s for s in segments
+        if s.side in (LEFT, RIGHT) and s.length > _LEAST_SIDE and -(s.direction @ _UP) > _UPRIGHT - 0.05
+        and not behind_glass(s.points.mean(axis=0)[None], known, 0.1, 1.1)[0]
+    ]  # fmt: skip
+    return sorted(out, key=lambda s: -s.length)[:_MOST_BARS]
+
+
+def _rooms(image: RgbdImage, known: list[Mirror]) -> Iterable[_Room]:
+    """The room with each of those who may be a person, the largest first."""
+    depth = image.depth
+    stride = max(1, round(np.sqrt(depth.size / 80000.0)))
+    thin = np.ascontiguousarray(depth[::stride, ::stride])
+    cloud = lay_grid(thin, *(x / stride for x in image.intrinsics.packed))
+    points = cloud[thin > 0]
+    ground = find_floor(points, _UP, 20.0) if len(points) else None
+    if ground is None:
+        return
+    up, floor, _ = ground
+    objects, figures = find_figures(thin, cloud, up, floor, known, _FLAT)
+    sigma = noise_of(depth, np.where(depth > 0, 1, 0).astype(np.int8))
+    for figure in figures[:_MOST_PERSONS]:
+        pieces = _pieces_of(figure, objects, cloud, up)
+        person = _all_pixels(pieces, thin, depth, stride)
+        # noise at an image's distance, flipped, is an error sideways
+        noise = 2.0 * sigma * (_IMAGE_FARTHER * figure.middle[2]) ** 2
+        ragged = _RAGGED + int(min(noise, _MOST_NOISE) / figure.middle[2] * image.intrinsics.fx)
+        about = person
+        for axis in (0, 1):
+            about = _spread_along(about, ragged, axis)
+        yield _Room(image, up, floor, figure, person, about, shadow_width(depth, image.intrinsics.fx))
+
+
+def _spread_along(mask: np.ndarray, reach: int, axis: int) -> np.ndarray:
+    """The mask and what is within ``reach`` pixels of it along an axis."""
+    total = np.cumsum(np.pad(mask, [(reach + 1, reach) if k == axis else (0, 0) for k in (0, 1)]), axis=axis)
+    size = mask.shape[axis]
+    return np.take(total, np.arange(2 * reach + 1, size + 2 * reach + 1), axis) > np.take(total, np.arange(size), axis)
+
+
+def _pieces_of(figure: Figure, objects: np.ndarray, cloud: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Pixels (H, W) of the thinned picture that are of a figure: of all objects within an arm's reach, torn as it is.
+
+    An object that reaches beyond is another one.
+    """
+    away = cloud - figure.middle
+    away = away - dot(away, up)[..., None] * up
+    beyond = np.sqrt((away * away).sum(axis=-1)) > _ARMS
+    inside = np.bincount(objects.ravel(), (~beyond).ravel(), objects.max() + 1)
+    outside = np.bincount(objects.ravel(), beyond.ravel(), objects.max() + 1)
+    whose = (inside >= _LEAST_PIECE) & (outside == 0)
+    whose[0] = False
+    whose[figure.id] = True
+    return whose[objects]
+
+
+def _all_pixels(thinned: np.ndarray, thin: np.ndarray, depth: np.ndarray, stride: int) -> np.ndarray:
+    """The pixels (H, W) of the whole picture beside those of the ``thinned`` one, in like depth."""
+    if stride == 1:
+        return thinned
+    height, width = depth.shape
+    rows, columns = np.arange(height), np.arange(width)
+    out = np.zeros(depth.shape, np.bool_)
+    for down in (0, 1):
+        for right in (0, 1):
+            i = np.minimum(rows // stride + down, thin.shape[0] - 1)[:, None]
+            j = np.minimum(columns // stride + right, thin.shape[1] - 1)[None, :]
+            out |= thinned[i, j] & (np.abs(thin[i, j] - depth) < 0.02 + 0.005 * depth * depth)
+    return out & (depth > 0)
+
+
+def _mirror_at(bar: Segment, glass: np.ndarray, room: _Room, settings: DetectionSettings) -> Mirror | None:
+    """The mirror beside a bar; None when what is seen there is no image of the person."""
+    image, intrinsics = room.image, room.image.intrinsics
+    start = _turned_to_image(bar, glass, room)
+    if start is None:
+        return None
+    fitted = fit_frame(image, start, seeds=_along(bar))
+    if fitted is None:
+        return None
+    # the bar alone hardly says how the plane is turned: that the image tells
+    mirror = _turned(fitted, _turn_between(fitted, start))
+    for wrong in _MOST_WRONG:
+        before = replace(mirror, covariance=fitted.covariance)
+        seen = _views(before, glass, room, wrong)
+        if seen is None:
+            return None
+        after = _turned_by_views(before, _turn_between(before, fitted), seen, room)
+        if after is None:
+            return None
+        mirror = after
+    mirror = _with_glass(mirror, bar, room)
+    if not _makes_sense(mirror, room, settings):
+        return None
+    return at_border(mirror, intrinsics, np.array(((bar.side == LEFT, bar.side == RIGHT), (True, True))))
+
+
+def _beside(bar: Segment, intrinsics: Intrinsics) -> np.ndarray:
+    """Pixels (H, W) on the bar's far side, where its glass may be."""
+    (u0, v0), (u1, v1) = bar.ends
+    rows = np.arange(intrinsics.height)[:, None]
+    edge = u0 + (u1 - u0) * (rows - v0) / max(v1 - v0, 1.0)
+    columns = np.arange(intrinsics.width)[None, :]
+    return columns > edge + 1.0 if bar.side == LEFT else columns < edge - 1.0
+
+
+def _along(bar: Segment) -> np.ndarray:
+    """Pixels (K, 2), every few along the bar."""
+    return np.linspace(bar.ends[0], bar.ends[1], max(int(np.abs(bar.ends[1] - bar.ends[0]).max()) // 8, 2))
+
+
+def _plane(bar: Segment, turn: float) -> Mirror:
+    """A mirror beside the bar, facing the camera but for ``turn`` [rad] about the bar."""
+    point = bar.points.mean(axis=0)
+    down = bar.direction
+    facing = -point - (-point @ down) * down
+    facing /= np.linalg.norm(facing)
+    across = np.cross(down, facing)
+    normal, basis = oriented(np.cos(turn) * facing + np.sin(turn) * across, point, down)
+    half = 0.5 * bar.length
+    side = (-1.0, 0.0) if bar.side == LEFT else (0.0, 1.0)  # a points left
+    return Mirror("", point, normal, basis, np.array((side, (-half, half))), source="found")
+
+
+def _turned_to_image(bar: Segment, glass: np.ndarray, room: _Room) -> Mirror | None:
+    """The plane through the bar over which most of what the glass shows falls onto the person; None of too little."""
+    depth, k = room.image.depth, room.image.intrinsics
+    rows, columns = np.nonzero(glass & (depth > 0) & ~room.person)
+    z = depth[rows, columns].astype(np.float64)
+    points = np.column_stack(((columns - k.cx) / k.fx * z, (rows - k.cy) / k.fy * z, z))
+    height = points @ room.up - room.floor
+    low, high = _span(room)
+    # an image is farther off than who is seen, and about as high
+    far = (z > float(room.figure.middle[2]) + 0.3) & (height > low - 0.1) & (height < high + 0.35)
+    points = points[far][:: max(int(far.sum()) // _ASKED, 1)]
+    if len(points) < 50:
+        return None
+    scores = np.array([_score(_plane(bar, turn), points, room) for turn in _TURNS])
+    best = int(np.argmax(scores))
+    fine = _TURNS[best] + np.radians(np.arange(-1.5, 1.6, 0.5))
+    finer = [_score(_plane(bar, turn), points, room) for turn in fine]
+    if max(finer) < 0.04 * len(points):
+        return None
+    return _plane(bar, float(fine[int(np.argmax(finer))]))
+
+
+def _span(room: _Room) -> tuple[float, float]:
+    """From where to where above the floor the person reaches [m]."""
+    height = room.figure.points @ room.up - room.floor
+    return float(np.quantile(height, 0.01)), float(np.quantile(height, 0.99))
+
+
+def _fate(points: np.ndarray, mirror: Mirror, room: _Room) -> tuple[np.ndarray, np.ndarray]:
+    """Which of ``points`` (N, 3), flipped over the mirror, are on the person, and which the camera looks through."""
+    depth = room.image.depth
+    ahead = (points - mirror.point) @ mirror.normal
+    q = points - 2.0 * ahead[:, None] * mirror.normal
+    pixels = project(q, room.image.intrinsics)
+    size = np.array((depth.shape[1], depth.shape[0])) - 1
+    inside = ((pixels >= 0) & (pixels <= size)).all(axis=1) & (q[:, 2] > 0.1) & (ahead < -_BEHIND)  # false where NaN
+    column, row = np.rint(np.where(inside[:, None], pixels, 0.0)).astype(np.int64).T
+    seen = depth[row, column]
+    apart = q[:, 2] - seen
+    on = inside & room.person[row, column] & (apart > -_ON[0]) & (apart < _ON[1])
+    through = inside & (seen > 0) & (apart < -_THROUGH[0] - _THROUGH[1] * q[:, 2]) & ~room.about[row, column]
+    return on, through
+
+
+def _score(mirror: Mirror, points: np.ndarray, room: _Room) -> float:
+    """How many of the points are met by the person rather than looked through."""
+    on, through = _fate(points, mirror, room)
+    return float(on.sum() - _WRONG * through.sum())
+
+
+def _turn_between(one: Mirror, other: Mirror) -> float:
+    """The slope along a from one plane to the other [rad]."""
+    normal = one.basis.T @ other.normal
+    return float(-normal[0] / normal[2])
+
+
+def _turned(mirror: Mirror, turn: float) -> Mirror:
+    """The mirror turned by ``turn`` [rad] about the middle of its bar, as the bar's covariance has it."""
+    assert mirror.covariance is not None
+    return moved(mirror, mirror.covariance[:, 0] / mirror.covariance[0, 0] * turn)
+
+
+def _views(mirror: Mirror, glass: np.ndarray, room: _Room, most_wrong: float) -> np.ndarray | None:
+    """View of each pixel (H, W) int8: 0 the person, 1 the image, else -1; None where that is not the person's image.
+
+    At most a share ``most_wrong`` of the image may be where the camera looks through it.
+    """
+    depth, k = room.image.depth, room.image.intrinsics
+    rows, columns = np.nonzero(glass & (depth > 0) & ~room.person)
+    z = depth[rows, columns].astype(np.float64)
+    points = np.column_stack(((columns - k.cx) / k.fx * z, (rows - k.cy) / k.fy * z, z))
+    ahead = (points - mirror.point) @ mirror.normal
+    q = points - 2.0 * ahead[:, None] * mirror.normal
+    away = room.figure.points - room.figure.middle
+    across = np.linalg.norm(away - (away @ room.up)[:, None] * room.up, axis=1)
+    off = q - room.figure.middle
+    height = q @ room.up - room.floor
+    low, high = _span(room)
+    off = np.linalg.norm(off - (off @ room.up)[:, None] * room.up, axis=1)
+    near = (ahead < -_BEHIND) & (off < across.max() + _AROUND) & (height > low) & (height < high + _AROUND)
+    if near.sum() < max(_LEAST_MET // (1 + 3 * (depth.size < 100_000)), 1):
+        return None
+    on, through = _fate(points[near], mirror, room)
+    spans = height[near][on]
+    if through.sum() > most_wrong * near.sum() or on.sum() < 0.3 * near.sum():
+        return None
+    if len(spans) < 30 or np.quantile(spans, 0.98) - np.quantile(spans, 0.02) < _LEAST_HEIGHT * (high - low):
+        return None
+    seen = np.full(depth.shape, -1, np.int8)
+    seen[room.person] = 0
+    seen[rows[near], columns[near]] = 1
+    return seen
+
+
+def _turned_by_views(fitted: Mirror, back: float, seen: np.ndarray, room: _Room) -> Mirror | None:
+    """The mirror turned about its bar until both views of the person agree, with what is then known of it.
+
+    ``back`` [rad] is the turn to where the bar alone would have the plane, as far as its covariance says.
+    """
+    image, intrinsics = room.image, room.image.intrinsics
+    sigma = noise_of(image.depth, seen)
+    shown = [surfaces(image, seen, view, sigma, _PIECES) for view in (0, 1)]
+    if min(len(s.points) for s in shown) < _LEAST_ROWS:
+        return None
+    outlines = [outline_of(image.depth, seen == view, room.shadow) for view in (0, 1)]
+    touched = _turn_by_outlines(fitted, shown, outlines, intrinsics)
+    start = 0.0 if touched is None else touched[0]
+    met = _turn_by_skin(fitted, start, shown, intrinsics)
+    witnesses = [witness for witness in (touched, met) if witness is not None]
+    if not witnesses:
+        return None
+    assert fitted.covariance is not None
+    prior = fitted.covariance
+    weight = sum(1.0 / error**2 for _, error in witnesses)
+    seen_turn = sum(turn / error**2 for turn, error in witnesses) / weight
+    variance = 1.0 / weight
+    if len(witnesses) == 2:  # where they contradict each other neither is as certain as it says
+        apart = (witnesses[0][0] - witnesses[1][0]) ** 2
+        variance *= max(1.0, apart / (witnesses[0][1] ** 2 + witnesses[1][1] ** 2))
+    own = _BAR_ERROR**2 * prior[0, 0]
+    contradicted = (seen_turn - back) ** 2 > _CONTRADICTED**2 * (own + variance)
+    share = 1.0 if contradicted else own / (own + variance)
+    made = _turned(fitted, float(share * seen_turn + (1.0 - share) * back))
+    # a plane whose turn is known to ``left``, and the rest as far as the bar's line leaves it open
+    left = share * variance
+    gain = prior[:, 0] / prior[0, 0]
+    return replace(made, covariance=prior + np.outer(gain, gain) * (left - prior[0, 0]))
+
+
+def _turn_by_outlines(
+    mirror: Mirror, shown: list[Surfaces], outlines: list[Outline], intrinsics: Intrinsics
+) -> tuple[float, float] | None:
+    """By how much outlines ask the mirror to be turned, and the standard deviation of that [rad]; None of too few."""
+
+    def gaps(turn: float) -> list[np.ndarray]:
+        flip = reflection_matrix(_turned(mirror, turn))
+        return [contact(shown[of], flip, outlines[by], intrinsics) for of, by in ((1, 0), (0, 1))]
+
+    def cost(turn: float) -> float:
+        return sum(map(contact_cost, gaps(turn)))
+
+    coarse = np.array([cost(turn) for turn in _FINE])
+    best = float(_FINE[int(np.argmin(coarse))])
+    fine = best + np.linspace(-0.003, 0.003, 13)
+    costs = np.array([cost(turn) for turn in fine])
+    turn = float(fine[int(np.argmin(costs))])
+    at, after = gaps(turn), gaps(turn + 0.002)
+    touching = [float((np.abs(g) < 2.0).sum()) for g in at]
+    rows = sum(map(len, at))
+    if rows < _LEAST_ROWS or sum(touching) < _LEAST_TOUCHING * max(len(at[0]), 1):
+        return None
+    curve = np.polyfit(fine - turn, costs, 2)[0]
+    spread = 1.0 / np.sqrt(max(2.0 * curve / _ALIKE, 1.0))
+    slopes = [contact_slope(a, b, 0.002) for a, b in zip(at, after, strict=True)]
+    slope = max((s for s, n in zip(slopes, touching, strict=True) if n >= 10), default=0.0)
+    if slope <= 0.0:
+        return None
+    blur = _SHADOWED if outlines[0].shadow else _BLUR
+    return turn, float(np.hypot(spread, blur / slope))
+
+
+def _turn_by_skin(
+    mirror: Mirror, start: float, shown: list[Surfaces], intrinsics: Intrinsics
+) -> tuple[float, float] | None:
+    """As :func:`_turn_by_outlines`, by the distances of skin that both views show."""
+    assert mirror.covariance is not None
+    way = mirror.covariance[:, 0] / mirror.covariance[0, 0]
+    turn = start
+    for iteration in range(8):
+        at = _turned(mirror, turn)
+        information, right, count = 0.0, 0.0, 0
+        for m in find_correspondences([at], shown, intrinsics, 0.08 if iteration < 3 else 0.04):
+            here = m.here if m.of == 1 else m.there
+            moves = np.einsum("nci,nc,i->n", reflection_moves(at, here), m.normals, way) * (1.0 if m.of == 1 else -1.0)
+            weights = 1.0 / (m.variances * (1.0 + m.gaps**2 / (4.0 * m.variances))) / _ALIKE
+            information += float((weights * moves) @ moves)
+            right += float((weights * moves) @ m.gaps)
+            count += len(m.gaps)
+        if count < _LEAST_PAIRS or information <= 0.0:
+            return None
+        turn += right / information
+        if abs(right / information) < 5e-5:
+            break
+    few = 1.0 + 60.0 / count
+    return turn, float(np.hypot(1.0 / np.sqrt(information), _SKIN_ERROR * few))
+
+
+def _with_glass(mirror: Mirror, bar: Segment, room: _Room) -> Mirror:
+    """The mirror with its glass from the bar to the image's border, and down to the floor where it ends close by."""
+    assert mirror.rectangle is not None
+    a, b, _ = mirror.basis.T
+    rectangle, k = mirror.rectangle.copy(), room.image.intrinsics
+    outer, sign = (0, -1.0) if bar.side == LEFT else (1, 1.0)  # a points left
+    column = k.width - 0.5 if bar.side == LEFT else -0.5
+    for v in bar.ends[:, 1]:
+        ray = np.array(((column - k.cx) / k.fx, (v - k.cy) / k.fy, 1.0))
+        share = (mirror.normal @ mirror.point) / (mirror.normal @ ray)
+        at = sign * float((ray * share - mirror.point) @ a) if 0.0 < share < _FARTHEST else _WIDEST
+        rectangle[0, outer] = sign * min(max(at, sign * rectangle[0, outer]), _WIDEST)
+    bottom = (room.floor - room.up @ mirror.point) / (room.up @ b)
+    if 0.0 < bottom - rectangle[1, 1] < _FEET:
+        rectangle[1, 1] = bottom
+    return with_outline(replace(mirror, rectangle=rectangle), k)
+
+
+def _makes_sense(mirror: Mirror, room: _Room, settings: DetectionSettings) -> bool:
+    """Whether all that the glass shows may be a reflection, and nothing is missing in it that it should show."""
+    assert mirror.rectangle is not None
+    if expected_error(mirror) > _MOST_ERROR:
+        return False
+    guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
+    evidence = count_evidence(room.image, guess, floor_drop(room.image, mirror.basis))
+    if evidence.violated > settings.max_violation * max(evidence.judged, 1.0):
+        return False
+    return not missing_reflection(room.image, mirror)

@@ -1,0 +1,165 @@
+"""Where silhouettes say a mirror is: what it shows of a body touches the outline that is seen directly.
+
+Surface that the camera sees edge-on, where its silhouette of a body ends, a mirror at the body's side shows frontally.
+Flipped over the right plane it just touches the outline; over a wrong one it stays inside, or the camera would look
+through it. The same holds the other way round: what is seen directly touches the outline of the image. So a mirror's
+yaw is known to a fraction of a pixel also where light that comes two ways has torn all skin that both views share.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..camera import Intrinsics
+from ..camera.noise_models import SENSORS
+from ..views.view_correspondences import Surfaces
+
+_CLEAR = 0.4  # a background is so much farther than the middle of a body [m]
+_FRAYED = 4  # px without a reading at an outline, of which half belong to the body
+_EDGE_ON, _SIDEWAYS = 0.4, 0.7  # cosines of a piece's normal with its line of sight, and with the rows
+_REACH = 25.0  # px from an outline in which a piece may be of it
+_SHORT = 0.35  # px by which the last piece of a surface stays inside its outline
+_SPREAD = 1.5  # px that pieces stray from it
+_MOST_COST = 8.0  # of a row where a piece lies outside
+_LEAST_JUMP, _LEAST_STEP = 0.3, 0.12  # of z [m] and of 1/z [1/m] beside a shadow
+_LEAST_SHADOW, _MOST_SHADOW = 4.0, 60  # width of shadows, in the middle and at most [px]
+_SHADOWED, _LEAST_SHADOWS = 0.3, 60  # share of the gaps without a reading that are shadows, and how many
+_BASELINES = tuple(sorted({model.baseline for model in SENSORS.values()} - {0.0}))  # of depth cameras [m]
+
+
+@dataclass(frozen=True)
+class Outline:
+    """The left and right ends of a body in each row, as far as a background beside it is read.
+
+    Attributes
+    ----------
+    right, left : np.ndarray [shape=(H, W)]
+        For each pixel where, along its row, the background begins to its right, and ends to its left [px].
+    behind_left : np.ndarray [shape=(H, W)]
+        1/z of that at the left [1/m].
+    shadow : float
+        Width of the shadow without a reading at the left of a body, per 1/m by which its background is farther [px m].
+    """
+
+    right: np.ndarray
+    left: np.ndarray
+    behind_left: np.ndarray
+    shadow: float
+
+
+def shadow_width(depth: np.ndarray, focal: float) -> float:
+    """:attr:`Outline.shadow` of the camera that took ``depth`` (H, W), z [m]: its ``focal`` length times its baseline.
+
+    A camera that compares two views, or a view and a pattern, reads nothing where the second one, which all cameras
+    have at their right as they look, does not reach. Which
+    baseline it is the widths tell to a quarter only: that of a Kinect v1 is taken, since the others see enough skin
+    twice. 0 where there is no such shadow, as with a camera that measures light's travel.
+    """
+    rows, columns = np.nonzero(depth > 0)
+    z = depth[rows, columns].astype(np.float64)
+    same = rows[1:] == rows[:-1]
+    gap = (columns[1:] - columns[:-1] - 1)[same]
+    left, right = z[:-1][same], z[1:][same]
+    wide = (gap > 1) & (gap < _MOST_SHADOW) & (np.abs(left - right) > _LEAST_JUMP)
+    gap, left, right = gap[wide], left[wide], right[wide]
+    found = []
+    for near, far in ((right, left), (left, right)):
+        steps = 1.0 / near - 1.0 / far
+        clear = steps > _LEAST_STEP
+        found.append(_shadows(steps[clear], gap[clear], focal))
+    return focal * SENSORS["kinect_v1"].baseline if found[0] > max(2 * found[1], _LEAST_SHADOWS) else 0.0
+
+
+def _shadows(steps: np.ndarray, widths: np.ndarray, focal: float) -> int:
+    """How many widths (N,) [px] are in proportion to ``steps`` (N,) [1/m], by the baseline of a camera that is known.
+
+    None where they are even, as the frayed outlines of other cameras are.
+    """
+    if len(widths) < _LEAST_SHADOWS or np.median(widths) < _LEAST_SHADOW:
+        return 0
+    widest = focal * np.array(_BASELINES)[:, None] * steps
+    count = int((np.abs(widest - widths) <= 2.0).sum(axis=1).max())
+    return count if count > _SHADOWED * len(widths) else 0
+
+
+def outline_of(depth: np.ndarray, body: np.ndarray, shadow: float) -> Outline:
+    """The outline of the pixels ``body`` (H, W) bool before what is read farther off in ``depth`` (H, W), z [m]."""
+    height, width = depth.shape
+    free = depth > float(np.median(depth[body])) + _CLEAR
+    index = np.arange(width)
+    unread = ~free & ~body
+    before = np.maximum.accumulate(np.where(unread, -1, index), axis=1)
+    after = np.minimum.accumulate(np.where(unread, width, index)[:, ::-1], axis=1)[:, ::-1]
+    rows = np.arange(height)[:, None]
+    frayed = unread & (before >= 0) & (after < width) & (after - before <= _FRAYED + 1)
+    free_left, free_right = free[rows, np.maximum(before, 0)], free[rows, np.minimum(after, width - 1)]
+    whose = np.where(frayed & (free_left != free_right), np.where(free_right, after, before), -1)
+    nearer = np.where(free_right, 2 * index > before + after, 2 * index < before + after)
+    inverse = np.where(depth > 0, 1.0 / np.maximum(depth, 1e-3), 0.0)
+    halved = (whose >= 0) & nearer
+    inverse = np.where(halved, inverse[rows, np.clip(whose, 0, width - 1)], inverse)
+    free = free | halved
+
+    def following(mask: np.ndarray) -> np.ndarray:
+        at = np.minimum.accumulate(np.where(mask, index, 2 * width)[:, ::-1], axis=1)
+        return at[:, ::-1]
+
+    def preceding(mask: np.ndarray) -> np.ndarray:
+        return np.maximum.accumulate(np.where(mask, index, -width), axis=1)
+
+    first = np.where(free, preceding(~free) + 1, following(free))
+    last = np.where(free, following(~free) - 1, preceding(free))
+    return Outline(first - 0.5, last + 0.5, inverse[rows, np.clip(last, 0, width - 1)], shadow)
+
+
+def contact(shown: Surfaces, flip: np.ndarray, outline: Outline, intrinsics: Intrinsics) -> np.ndarray:
+    """How far inside of the outline, in each row and at each side, the outermost piece of a surface lies [px].
+
+    Parameters
+    ----------
+    shown : Surfaces
+        Of one view; only pieces that the other sees edge-on count.
+    flip : np.ndarray [shape=(4, 4)]
+        Reflection over the mirror.
+    outline : Outline
+        Of the body in the other view.
+
+    Returns
+    -------
+    np.ndarray [shape=(K,)]
+        Negative outside.
+    """
+    q = shown.points @ flip[:3, :3].T + flip[:3, 3]
+    normals = shown.normals @ flip[:3, :3].T
+    edge_on = np.abs(np.einsum("nc,nc->n", normals, q)) < _EDGE_ON * np.linalg.norm(q, axis=1)
+    good = edge_on & (np.abs(normals[:, 0]) > _SIDEWAYS) & (q[:, 2] > 0.1)
+    q, rightward = q[good], normals[good, 0] > 0.0
+    u, v = q[:, 0] / q[:, 2] * intrinsics.fx + intrinsics.cx, q[:, 1] / q[:, 2] * intrinsics.fy + intrinsics.cy
+    column, row = np.rint(u).astype(np.int64), np.rint(v).astype(np.int64)
+    inside = (column >= 0) & (row >= 0) & (column < outline.right.shape[1]) & (row < outline.right.shape[0])
+    column, row, u, rightward, z = column[inside], row[inside], u[inside], rightward[inside], q[inside, 2]
+    widths = np.where(rightward, 0.0, outline.shadow * np.maximum(1.0 / z - outline.behind_left[row, column], 0.0))
+    gaps = np.where(rightward, outline.right[row, column] - u, u - outline.left[row, column]) - widths - _SHORT
+    near = np.abs(gaps) < _REACH
+    gaps, line = gaps[near], 2 * row[near] + rightward[near]
+    order = np.lexsort((gaps, line))
+    gaps, line = gaps[order], line[order]
+    return gaps[np.diff(line, prepend=-1) != 0]
+
+
+def contact_cost(gaps: np.ndarray) -> float:
+    """How badly :func:`contact` fits, in units of a log likelihood: outside is unlikely, far inside proves nothing."""
+    relative = gaps / _SPREAD
+    nothing = np.log1p((_REACH / _SPREAD) ** 2)
+    cost = np.where(gaps < 0.0, np.minimum(0.5 * relative**2, _MOST_COST), np.log1p(relative**2))
+    return float((cost - 0.5 * nothing).sum())
+
+
+def contact_slope(before: np.ndarray, after: np.ndarray, step: float) -> float:
+    """How fast the outermost pieces move with a mirror's yaw, from the medians of gaps ``step`` [rad] apart [px/rad]."""
+    near = [gaps[np.abs(gaps) < 4.0 * _SPREAD] for gaps in (before, after)]
+    if min(map(len, near)) < 5:
+        return 0.0
+    return abs(float(np.median(near[1]) - np.median(near[0]))) / step
