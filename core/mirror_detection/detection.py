@@ -12,18 +12,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from ..camera import RgbdImage
 from ..mirrors import Mirror
-from ..mirrors.mirror import behind_glass
 from .edge_segments import DetectionSettings, Segment, find_edge_segments
 from .framed_mirrors import depth_without_frames, mirror_on_frame, partly_behind, without_overlap
 from .frameless_mirrors import find_verified_frameless, overlaps
 from .identical_frames import find_identical_frames
 from .mirror_at_picks import DEFAULTS
 from .mirror_verification import doubtful, verified_hypotheses
-from .one_sided_mirrors import find_one_sided, may_be_images
+from .one_sided_mirrors import may_be_images, with_one_sided
 from .rectangle_hypotheses import propose
 
 _USUAL = 2  # mirrors: where depth alone finds fewer, the colour picture's lines are asked as well
@@ -57,11 +54,9 @@ def find_mirrors(image: RgbdImage, settings: DetectionSettings = DEFAULTS, glass
     if color is not None and len(found) < _USUAL:
         found = _framed(image, find_edge_segments(image, settings), found, glass_offset, settings)
     if not settings.empty_rig and (len(found) < _USUAL or may_be_images(found, segments)):
-        one_sided = find_one_sided(image, segments, found, min(_USUAL, settings.max_mirrors), settings)
-        hidden = behind_glass(np.array([m.point for m in found]).reshape(-1, 3), one_sided)
-        found = [m for m, behind in zip(found, hidden, strict=True) if not behind][: settings.max_mirrors]
-        found += [replace(m, point=m.point - glass_offset * m.normal) for m in one_sided]
-        found = found[: settings.max_mirrors]
+        most = min(_USUAL, settings.max_mirrors)
+        old, found = found, with_one_sided(image, segments, found, most, settings)
+        found = [m if any(m is one for one in old) else replace(m, point=m.point - glass_offset * m.normal) for m in found]
     doubt = [doubtful(image, m) for m in found]
     sure = [m for m, doubted in zip(found, doubt, strict=True) if not doubted]
     if len(sure) < settings.max_mirrors and not settings.empty_rig:

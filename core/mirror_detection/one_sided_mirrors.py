@@ -23,6 +23,7 @@ from ..views.floor_and_vertical import find_floor
 from ..views.view_correspondences import Surfaces, find_correspondences, noise_of, surfaces
 from .edge_segments import LEFT, RIGHT, DetectionSettings, Segment
 from .mirror_verification import count_evidence, floor_drop, missing_reflection
+from .frameless_mirrors import overlaps
 from .mirrored_person import Figure, find_figures
 from .rectangle_hypotheses import Hypothesis
 from .silhouette_contact import Outline, contact, contact_cost, contact_slope, outline_of, shadow_width
@@ -48,9 +49,9 @@ _PIECES = 8000  # of the surface of a person, and of the image
 _FINE = np.linspace(-0.04, 0.04, 33)  # turns about the last one, by outlines [rad]
 _LEAST_ROWS, _LEAST_TOUCHING = 20, 0.35  # rows of an outline that say something; share of them that touch it
 _LEAST_PAIRS = 16  # of skin seen twice
-_ALIKE = 8.0  # neighbouring rows, or pieces, that count as one
-_BLUR, _SHADOWED = 0.6, 1.0  # px by which an outline may be off, and one beside a shadow
-_SKIN_ERROR = 0.0006  # of the turn by skin, that shows in no residual [rad]
+_ALIKE = 5.0  # neighbouring rows, or pieces, that count as one
+_BLUR, _SHADOWED = 0.3, 0.7  # px by which an outline may be off, and one beside a shadow
+_SKIN_ERROR = 0.0003  # of the turn by skin, that shows in no residual [rad]
 _MOST_ERROR = 0.03  # a mirror expected to misplace a person by more is dropped [m]
 _FARTHEST, _WIDEST = 6.0, 1.2  # of glass at the image's border [m]: how far off, and from the bar
 _FEET = 0.3  # so near to the floor a glass whose end is not seen goes down to it [m]
@@ -73,10 +74,10 @@ class _Room:
     shadow: float
 
 
-def find_one_sided(
-    image: RgbdImage, segments: list[Segment], known: Iterable[Mirror], most: int, settings: DetectionSettings
+def with_one_sided(
+    image: RgbdImage, segments: list[Segment], found: list[Mirror], most: int, settings: DetectionSettings
 ) -> list[Mirror]:
-    """Mirrors that one upright side of a frame and the person they show reveal, besides those ``known``.
+    """The mirrors ``found``, and those that one upright side of a frame and the person they show reveal.
 
     Parameters
     ----------
@@ -84,38 +85,56 @@ def find_one_sided(
         Fused depth, flying pixels removed; z [m], 0 = no reading.
     segments : list of Segment
         Its straight depth edges.
+    found : list of Mirror
+        Those that do not show the person are left out where a new one is in their place: they are images in it, or
+        made of its bar and of images in it.
     most : int
-        At most so many.
+        At most so many new ones, and known ones that show the person.
 
     Returns
     -------
     list of Mirror
-        ``source`` "found", ``refined``; the covariance says how certain the plane is.
+        The new ones with ``source`` "found", ``refined``; the covariance says how certain the plane is.
 
     Notes
     -----
     O(H W); nothing but the segments is looked at where there is no upright bar or no person.
     """
-    image, known = image.without_color(), list(known)
-    bars = _bars(segments, known)
-    if not bars:
-        return []
-    found: list[Mirror] = []
-    for room in _rooms(image, known):
-        for bar in bars:
-            if len(found) == most:
-                return found
+    image = image.without_color()
+    if not _bars(segments, []):
+        return found
+    for room in _rooms(image):
+        sure = [m for m in found if _shows_person(m, room)]
+        new: list[Mirror] = []
+        for bar in _bars(segments, sure):
+            if len(sure) + len(new) >= most:
+                break
             beside = _beside(bar, image.intrinsics)
-            if behind_glass(bar.points.mean(axis=0)[None], known + found, 0.1, 1.1)[0]:
-                continue
-            if beside[room.person].mean() > 0.2:  # who is seen directly does not stand in the glass
+            if _is_at(bar, new) or beside[room.person].mean() > 0.2:  # who is seen directly does not stand in the glass
                 continue
             mirror = _mirror_at(bar, beside, room, settings)
             if mirror is not None:
-                found.append(mirror)
-        if found:
-            break
+                new.append(mirror)
+        if new:
+            return [m for m in found if any(m is one for one in sure) or not overlaps(m, new)] + new
     return found
+
+
+def _shows_person(mirror: Mirror, room: _Room) -> bool:
+    """Whether readings in its glass, flipped, are on the person."""
+    if mirror.rectangle is None:
+        return True
+    depth, k = room.image.depth, room.image.intrinsics
+    rows, columns = np.nonzero(depth[::3, ::3])
+    z = depth[3 * rows, 3 * columns].astype(np.float64)
+    points = np.column_stack(((3 * columns - k.cx) / k.fx * z, (3 * rows - k.cy) / k.fy * z, z))
+    on, through = _fate(points[behind_glass(points, [mirror])], mirror, room)
+    return bool(on.sum() > max(_LEAST_MET / 9, through.sum()))
+
+
+def _is_at(bar: Segment, mirrors: list[Mirror]) -> bool:
+    """Whether the bar is one of the mirrors' frames, or behind their glass."""
+    return bool(behind_glass(bar.points.mean(axis=0)[None], mirrors, 0.1, 1.1)[0])
 
 
 def may_be_images(found: list[Mirror], segments: list[Segment]) -> bool:
@@ -136,12 +155,12 @@ def _bars(segments: list[Segment], known: list[Mirror]) -> list[Segment]:
     out = [
         s for s in segments
         if s.side in (LEFT, RIGHT) and s.length > _LEAST_SIDE and -(s.direction @ _UP) > _UPRIGHT - 0.05
-        and not behind_glass(s.points.mean(axis=0)[None], known, 0.1, 1.1)[0]
+        and not _is_at(s, known)
     ]  # fmt: skip
     return sorted(out, key=lambda s: -s.length)[:_MOST_BARS]
 
 
-def _rooms(image: RgbdImage, known: list[Mirror]) -> Iterable[_Room]:
+def _rooms(image: RgbdImage) -> Iterable[_Room]:
     """The room with each of those who may be a person, the largest first."""
     depth = image.depth
     stride = max(1, round(np.sqrt(depth.size / 80000.0)))
@@ -152,7 +171,7 @@ def _rooms(image: RgbdImage, known: list[Mirror]) -> Iterable[_Room]:
     if ground is None:
         return
     up, floor, _ = ground
-    objects, figures = find_figures(thin, cloud, up, floor, known, _FLAT)
+    objects, figures = find_figures(thin, cloud, up, floor, [], _FLAT)
     sigma = noise_of(depth, np.where(depth > 0, 1, 0).astype(np.int8))
     for figure in figures[:_MOST_PERSONS]:
         pieces = _pieces_of(figure, objects, cloud, up)
@@ -402,13 +421,15 @@ def _turn_by_outlines(
     best = float(_FINE[int(np.argmin(coarse))])
     fine = best + np.linspace(-0.003, 0.003, 13)
     costs = np.array([cost(turn) for turn in fine])
-    turn = float(fine[int(np.argmin(costs))])
+    curve, tilt, _ = np.polyfit(fine - best, costs, 2)
+    low = float(fine[int(np.argmin(costs))])
+    turn = best - tilt / (2.0 * curve) if curve > 0.0 else low
+    turn = float(np.clip(turn, low - 0.001, low + 0.001))
     at, after = gaps(turn), gaps(turn + 0.002)
     touching = [float((np.abs(g) < 2.0).sum()) for g in at]
     rows = sum(map(len, at))
     if rows < _LEAST_ROWS or sum(touching) < _LEAST_TOUCHING * max(len(at[0]), 1):
         return None
-    curve = np.polyfit(fine - turn, costs, 2)[0]
     spread = 1.0 / np.sqrt(max(2.0 * curve / _ALIKE, 1.0))
     slopes = [contact_slope(a, b, 0.002) for a, b in zip(at, after, strict=True)]
     slope = max((s for s, n in zip(slopes, touching, strict=True) if n >= 10), default=0.0)
