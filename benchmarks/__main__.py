@@ -14,7 +14,7 @@ from .results import Finding, limits_table
 
 MODULES = {"quality": "quality", "speed": "speed", "cleaning": "cleaning", "mirrors": "mirrors", "subject": "subject",
            "dtw": "dtw", "import": "imports", "blender": "blender", "corpus": "corpus", "seams": "seams",
-           "growth": "growth", "experiment": "experiment"}  # fmt: skip
+           "growth": "growth", "rigs": "rigs", "experiment": "experiment"}  # fmt: skip
 
 
 def main() -> int:

@@ -1,8 +1,9 @@
 """Mirrors without picks in rigs drawn at random: every mirror found, its plane right, its stated error true.
 
 ``python -m benchmarks --only rigs``, or other rigs: ``python -m benchmarks.rigs --seed 7 --rigs 24``. Children to tall,
-arms down to raised; a quarter of the rigs has one upright side of each frame in the picture. Kinect v1 and phase cameras
-lose readings where light comes two ways; D455 and phone get nothing back from dark cloth, and lose some at random.
+arms down to raised; a quarter of the rigs has one upright side of each frame in the picture. Kinect v1 and phase
+cameras lose readings where light comes two ways; D455 and phone get nothing back from dark cloth, and lose some at
+random.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from mirror_scan.core.pipeline import Settings
 from mirror_scan.core.pipeline.mirror_placement import place_mirrors
 from mirror_scan.core.simulation.mannequin import mannequin, random_figure
 from mirror_scan.core.simulation.rays import BODY, lit
-from mirror_scan.core.simulation.scene import FramedMirror, Rig, default_rig
+from mirror_scan.core.simulation.scene import Rig, default_rig
 from mirror_scan.core.simulation.simulate import Simulation, simulate
 
 from .machine import milliseconds, say

@@ -65,9 +65,10 @@ def align_views(
 ) -> tuple[list[Mirror], tuple[str, ...]]:
     """Mirrors moved until the views agree on what they show twice, weighed against what their frames say.
 
-    All mirrors are solved for together: two slopes and a shift each, the frames' covariances as prior, the distances of
+    Mirrors are solved for together: two slopes and a shift each, the frames' covariances as prior, the distances of
     surfaces seen twice as observations. The pairs are split into two sets of image blocks; what one asks for must make
-    the other more likely, or all stay.
+    the other more likely, or all stay. A mirror that shares too little with the direct view and with mirrors that are
+    sure stays: two that are unsure could agree with each other at the body's expense.
 
     Parameters
     ----------
@@ -87,13 +88,49 @@ def align_views(
     """
     depth, intrinsics = image.depth, image.intrinsics
     settings = settings or AgreementSettings()
-    columns = columns_of(k for k, m in enumerate(mirrors) if _movable(m))
-    if not settings.use or not any(expected_error(mirrors[k]) > settings.uncertainty for k in columns):
+    if not settings.use or not any(_movable(m) and expected_error(m) > settings.uncertainty for m in mirrors):
         return list(mirrors), ()
     seen = sort_rays(unproject(depth, intrinsics), mirrors)[0]
     shown = surfaces_of_views(image, mirrors, seen, noise_of(depth, seen))
-    pairs = _Pairs(mirrors, columns, shown, intrinsics)
-    prior = frames_prior([mirrors[k] for k in columns])
+    out = list(mirrors)
+    free = {k for k, m in enumerate(mirrors) if _movable(m)}
+    while True:  # a mirror that is sure now is a witness for the next
+        sure = [not expected_error(m) > settings.uncertainty for m in out]
+        columns = columns_of(k for k in _witnessed(out, sure, shown, intrinsics, settings) if k in free)
+        free -= set(columns)
+        if all(sure[k] for k in columns):
+            break
+        better = _agreed(_Pairs(out, columns, shown, intrinsics, sure), settings)
+        if better is None:
+            break
+        out = better
+    return [m if m is old else with_reason(m, old, "views") for m, old in zip(out, mirrors, strict=True)], ()
+
+
+def _movable(mirror: Mirror) -> bool:
+    return mirror.covariance is not None and mirror.rectangle is not None and mirror.source != "rig file"
+
+
+def _witnessed(
+    mirrors: list[Mirror], sure: list[bool], shown: list[Surfaces], intrinsics: Intrinsics, settings: AgreementSettings
+) -> list[int]:
+    """The mirrors that may move.
+
+    Two that are both unsure can agree with each other and be both wrong: each must share enough surface with a witness,
+    the direct view or a mirror that is sure.
+    """
+    witnesses = {0, *(k + 1 for k, known in enumerate(sure) if known)}
+    pairs = dict.fromkeys(range(1, len(mirrors) + 1), 0)
+    for m in find_correspondences(mirrors, shown, intrinsics, settings.gate):
+        for view, other in ((m.of, m.by), (m.by, m.of)):
+            if other in witnesses and view > 0:
+                pairs[view] += len(m.gaps)
+    return [k for k in range(len(mirrors)) if pairs[k + 1] >= settings.min_pairs]
+
+
+def _agreed(pairs: _Pairs, settings: AgreementSettings) -> list[Mirror] | None:
+    """The mirrors moved until they agree; None where that cannot be shown to help."""
+    prior = frames_prior([pairs.mirrors[k] for k in pairs.columns])
     gates = [settings.gate * share for share in _GATES]
 
     def fit(which: int, whole: PoseFit | None) -> PoseFit | None:
@@ -114,14 +151,9 @@ def align_views(
         lambda before, after: gain(before, after) >= settings.gain,
     )
     if found is None:
-        return list(mirrors), ()
+        return None
     whole, _ = found
-    out = corrected(mirrors, columns, whole.correction, whole.covariance)
-    return [with_reason(m, mirrors[k], "views") if k in columns else m for k, m in enumerate(out)], ()
-
-
-def _movable(mirror: Mirror) -> bool:
-    return mirror.covariance is not None and mirror.rectangle is not None and mirror.source != "rig file"
+    return corrected(pairs.mirrors, pairs.columns, whole.correction, whole.covariance)
 
 
 @dataclass(frozen=True)
@@ -132,6 +164,7 @@ class _Pairs:
     columns: dict[int, slice]
     shown: list[Surfaces]
     intrinsics: Intrinsics
+    sure: list[bool]
 
     def equations(self, correction: np.ndarray, gate: float, which: int, fewest: int) -> list[NormalEquations] | None:
         """Normal equations of the pairs of one half, or ``ALL``, about a correction (P,); None of fewer pairs."""
@@ -140,7 +173,7 @@ class _Pairs:
         for m in find_correspondences(at, self.shown, self.intrinsics, gate):
             mine = slice(None) if which == ALL else m.half == which
             gaps = m.gaps[mine]
-            if not len(gaps):
+            if not len(gaps) or not self._tied(m):
                 continue
             count += len(gaps)
             jacobian = np.zeros((len(gaps), len(correction)))
@@ -158,12 +191,18 @@ class _Pairs:
         for m in find_correspondences(
             corrected(self.mirrors, self.columns, correction), self.shown, self.intrinsics, gate
         ):
+            if not self._tied(m):
+                continue
             mine = m.half == half
             total += float(np.log1p(m.gaps[mine] ** 2 / m.variances[mine]).sum()) / self._correlated(m)
             if len(m.variances):  # a pair that is lost to the gate counts as one at it
                 lost = np.log1p(gate**2 / max(np.median(m.variances), _LEAST_VARIANCE))
                 total += m.before / 2 * lost / self._correlated(m)
         return total
+
+    def _tied(self, m: Correspondences) -> bool:
+        """Whether nothing but what moves, the direct view and mirrors that are sure have part in it."""
+        return not any(view > 0 and view - 1 not in self.columns and not self.sure[view - 1] for view in (m.of, m.by))
 
     def _correlated(self, m: Correspondences) -> float:
         """How many neighbouring pieces, which share pixels and errors, count as one."""

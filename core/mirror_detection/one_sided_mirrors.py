@@ -22,11 +22,11 @@ from ..numeric.point_products import dot, lay_grid
 from ..views.floor_and_vertical import find_floor
 from ..views.view_correspondences import Surfaces, find_correspondences, noise_of, surfaces
 from .edge_segments import LEFT, RIGHT, DetectionSettings, Segment
-from .mirror_verification import count_evidence, floor_drop, missing_reflection
 from .frameless_mirrors import overlaps
+from .mirror_verification import count_evidence, floor_drop, missing_reflection
 from .mirrored_person import Figure, find_figures
 from .rectangle_hypotheses import Hypothesis
-from .silhouette_contact import Outline, contact, contact_cost, contact_slope, outline_of, shadow_width
+from .silhouette_contact import Outline, contact, contact_cost, contact_slope, edge_on, outline_of, shadow_width
 
 _UP = np.array((0.0, -1.0, 0.0))
 _LEAST_SIDE, _UPRIGHT = 0.6, 0.97  # a bar is seen over so much [m]; cosine of its angle with the vertical
@@ -54,6 +54,7 @@ _BLUR, _SHADOWED = 0.3, 0.7  # px by which an outline may be off, and one beside
 _SKIN_ERROR = 0.0003  # of the turn by skin, that shows in no residual [rad]
 _MOST_ERROR = 0.03  # a mirror expected to misplace a person by more is dropped [m]
 _FARTHEST, _WIDEST = 6.0, 1.2  # of glass at the image's border [m]: how far off, and from the bar
+_UNSURE = 0.0025  # a mirror expected to misplace a person by more is turned to them [m]
 _FEET = 0.3  # so near to the floor a glass whose end is not seen goes down to it [m]
 
 
@@ -104,7 +105,11 @@ def with_one_sided(
     if not _bars(segments, []):
         return found
     for room in _rooms(image):
+        if behind_glass(room.figure.middle[None], found)[0]:
+            continue  # the person's image
         sure = [m for m in found if _shows_person(m, room)]
+        if len(sure) >= most:
+            break
         new: list[Mirror] = []
         for bar in _bars(segments, sure):
             if len(sure) + len(new) >= most:
@@ -135,6 +140,34 @@ def _shows_person(mirror: Mirror, room: _Room) -> bool:
 def _is_at(bar: Segment, mirrors: list[Mirror]) -> bool:
     """Whether the bar is one of the mirrors' frames, or behind their glass."""
     return bool(behind_glass(bar.points.mean(axis=0)[None], mirrors, 0.1, 1.1)[0])
+
+
+def turned_to_person(image: RgbdImage, mirrors: list[Mirror], framed: list[Mirror]) -> list[Mirror]:
+    """The mirrors, those that are unsure turned about the upright until what they show of a person fits the person.
+
+    Of ``mirrors`` only those ``framed``: of a frame in noise that turn is known worst. None is moved by more than its
+    frame leaves open.
+    """
+    unsure = [any(m is one for one in framed) and expected_error(m) > _UNSURE for m in mirrors]
+    if not any(unsure):
+        return mirrors
+    image, out = image.without_color(), list(mirrors)
+    room = next((room for room in _rooms(image) if not behind_glass(room.figure.middle[None], mirrors)[0]), None)
+    if room is None:
+        return mirrors
+    for k in np.flatnonzero(unsure):
+        glass = _glass_of(mirrors[k], image.intrinsics)
+        seen = _views(mirrors[k], glass, room, _MOST_WRONG[0])
+        better = None if seen is None else _turned_by_views(mirrors[k], 0.0, seen, room, 1.0)
+        if better is not None and expected_error(better) < expected_error(mirrors[k]):
+            out[k] = with_outline(better, image.intrinsics)
+    return out
+
+
+def _glass_of(mirror: Mirror, intrinsics: Intrinsics) -> np.ndarray:
+    """Pixels (H, W) in which the mirror's glass is."""
+    rays = lay_grid(np.ones((intrinsics.height, intrinsics.width), np.float32), *intrinsics.packed).reshape(-1, 3)
+    return behind_glass(rays, [mirror], nearest=np.inf).reshape(intrinsics.height, intrinsics.width)
 
 
 def may_be_images(found: list[Mirror], segments: list[Segment]) -> bool:
@@ -370,10 +403,13 @@ def _views(mirror: Mirror, glass: np.ndarray, room: _Room, most_wrong: float) ->
     return seen
 
 
-def _turned_by_views(fitted: Mirror, back: float, seen: np.ndarray, room: _Room) -> Mirror | None:
+def _turned_by_views(
+    fitted: Mirror, back: float, seen: np.ndarray, room: _Room, own_error: float = _BAR_ERROR
+) -> Mirror | None:
     """The mirror turned about its bar until both views of the person agree, with what is then known of it.
 
-    ``back`` [rad] is the turn to where the bar alone would have the plane, as far as its covariance says.
+    ``back`` [rad] is the turn to where the frame alone would have the plane, to so many of its standard deviations,
+    ``own_error``.
     """
     image, intrinsics = room.image, room.image.intrinsics
     sigma = noise_of(image.depth, seen)
@@ -395,7 +431,7 @@ def _turned_by_views(fitted: Mirror, back: float, seen: np.ndarray, room: _Room)
     if len(witnesses) == 2:  # where they contradict each other neither is as certain as it says
         apart = (witnesses[0][0] - witnesses[1][0]) ** 2
         variance *= max(1.0, apart / (witnesses[0][1] ** 2 + witnesses[1][1] ** 2))
-    own = _BAR_ERROR**2 * prior[0, 0]
+    own = own_error**2 * prior[0, 0]
     contradicted = (seen_turn - back) ** 2 > _CONTRADICTED**2 * (own + variance)
     share = 1.0 if contradicted else own / (own + variance)
     made = _turned(fitted, float(share * seen_turn + (1.0 - share) * back))
@@ -409,10 +445,11 @@ def _turn_by_outlines(
     mirror: Mirror, shown: list[Surfaces], outlines: list[Outline], intrinsics: Intrinsics
 ) -> tuple[float, float] | None:
     """By how much outlines ask the mirror to be turned, and the standard deviation of that [rad]; None of too few."""
+    pieces = [edge_on(s, reflection_matrix(mirror)) for s in shown]
 
     def gaps(turn: float) -> list[np.ndarray]:
         flip = reflection_matrix(_turned(mirror, turn))
-        return [contact(shown[of], flip, outlines[by], intrinsics) for of, by in ((1, 0), (0, 1))]
+        return [contact(pieces[of], flip, outlines[by], intrinsics) for of, by in ((1, 0), (0, 1))]
 
     def cost(turn: float) -> float:
         return sum(map(contact_cost, gaps(turn)))

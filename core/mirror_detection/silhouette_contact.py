@@ -8,7 +8,7 @@ yaw is known to a fraction of a pixel also where light that comes two ways has t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from ..views.view_correspondences import Surfaces
 _CLEAR = 0.4  # a background is so much farther than the middle of a body [m]
 _FRAYED = 4  # px without a reading at an outline, of which half belong to the body
 _EDGE_ON, _SIDEWAYS = 0.4, 0.7  # cosines of a piece's normal with its line of sight, and with the rows
+_ABOUT = 90  # px beside a body in which its background is looked for
 _REACH = 25.0  # px from an outline in which a piece may be of it
 _SHORT = 0.6  # px by which the last piece of a surface stays inside its outline
 _SPREAD = 1.5  # px that pieces stray from it
@@ -35,6 +36,8 @@ class Outline:
 
     Attributes
     ----------
+    corner : tuple of int
+        Column and row of the first pixel of the part of the picture, H rows and W columns, that is looked at.
     right, left : np.ndarray [shape=(H, W)]
         For each pixel where, along its row, the background begins to its right, and ends to its left [px].
     behind_left : np.ndarray [shape=(H, W)]
@@ -43,6 +46,7 @@ class Outline:
         Width of the shadow without a reading at the left of a body, per 1/m by which its background is farther [px m].
     """
 
+    corner: tuple[int, int]
     right: np.ndarray
     left: np.ndarray
     behind_left: np.ndarray
@@ -86,32 +90,57 @@ def _shadows(steps: np.ndarray, widths: np.ndarray, focal: float) -> int:
 
 def outline_of(depth: np.ndarray, body: np.ndarray, shadow: float) -> Outline:
     """The outline of the pixels ``body`` (H, W) bool before what is read farther off in ``depth`` (H, W), z [m]."""
+    background = float(np.median(depth[body])) + _CLEAR
+    rows, columns = np.flatnonzero(body.any(axis=1)), np.flatnonzero(body.any(axis=0))
+    top, bottom = rows[0], rows[-1] + 1
+    left, right = max(columns[0] - _ABOUT, 0), columns[-1] + 1 + _ABOUT
+    depth, body = depth[top:bottom, left:right], body[top:bottom, left:right]
     height, width = depth.shape
-    free = depth > float(np.median(depth[body])) + _CLEAR
-    index = np.arange(width)
-    unread = ~free & ~body
-    before = np.maximum.accumulate(np.where(unread, -1, index), axis=1)
-    after = np.minimum.accumulate(np.where(unread, width, index)[:, ::-1], axis=1)[:, ::-1]
+    index = np.arange(width, dtype=np.int32)
+
+    def following(mask: np.ndarray, none: int) -> np.ndarray:
+        at = np.where(mask, index, np.int32(none))
+        return np.minimum.accumulate(at[:, ::-1], axis=1)[:, ::-1]
+
+    def preceding(mask: np.ndarray, none: int) -> np.ndarray:
+        return np.maximum.accumulate(np.where(mask, index, np.int32(none)), axis=1)
+
+    free = depth > background
     rows = np.arange(height)[:, None]
-    frayed = unread & (before >= 0) & (after < width) & (after - before <= _FRAYED + 1)
-    free_left, free_right = free[rows, np.maximum(before, 0)], free[rows, np.minimum(after, width - 1)]
-    whose = np.where(frayed & (free_left != free_right), np.where(free_right, after, before), -1)
-    nearer = np.where(free_right, 2 * index > before + after, 2 * index < before + after)
     inverse = np.where(depth > 0, 1.0 / np.maximum(depth, 1e-3), 0.0)
-    halved = (whose >= 0) & nearer
-    inverse = np.where(halved, inverse[rows, np.clip(whose, 0, width - 1)], inverse)
-    free = free | halved
+    # frayed ends without a reading: half of them are the body's
+    known = free | body
+    before, after = preceding(known, -1), following(known, width)
+    frayed = ~known & (before >= 0) & (after < width) & (after - before <= _FRAYED + 1)
+    v, u = np.nonzero(frayed)
+    before, after = before[v, u], after[v, u]
+    at_left, at_right = free[v, before], free[v, after]
+    halved = (at_left & ~at_right & (2 * u < before + after)) | (at_right & ~at_left & (2 * u > before + after))
+    v, u, whose = v[halved], u[halved], np.where(at_right, after, before)[halved]
+    free[v, u], inverse[v, u] = True, inverse[v, whose]
+    first = np.where(free, preceding(~free, -width) + 1, following(free, 2 * width))
+    last = np.where(free, following(~free, 2 * width) - 1, preceding(free, -width))
+    behind = inverse[rows, np.clip(last, 0, width - 1)]
+    return Outline((int(left), int(top)), first + (left - 0.5), last + (left + 0.5), behind, shadow)
 
-    def following(mask: np.ndarray) -> np.ndarray:
-        at = np.minimum.accumulate(np.where(mask, index, 2 * width)[:, ::-1], axis=1)
-        return at[:, ::-1]
 
-    def preceding(mask: np.ndarray) -> np.ndarray:
-        return np.maximum.accumulate(np.where(mask, index, -width), axis=1)
+def edge_on(shown: Surfaces, flip: np.ndarray) -> Surfaces:
+    """Those pieces of a surface that another view may see edge-on, with ``flip`` about right."""
+    q, normals = _flipped(shown, flip)
+    return _some(shown, _is_edge_on(q, normals, 1.4 * _EDGE_ON, 0.85 * _SIDEWAYS))
 
-    first = np.where(free, preceding(~free) + 1, following(free))
-    last = np.where(free, following(~free) - 1, preceding(free))
-    return Outline(first - 0.5, last + 0.5, inverse[rows, np.clip(last, 0, width - 1)], shadow)
+
+def _some(shown: Surfaces, which: np.ndarray) -> Surfaces:
+    return replace(shown, points=shown.points[which], normals=shown.normals[which])
+
+
+def _flipped(shown: Surfaces, flip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return shown.points @ flip[:3, :3].T + flip[:3, 3], shown.normals @ flip[:3, :3].T
+
+
+def _is_edge_on(q: np.ndarray, normals: np.ndarray, edge: float, sideways: float) -> np.ndarray:
+    along = np.abs(np.einsum("nc,nc->n", normals, q)) < edge * np.sqrt(np.einsum("nc,nc->n", q, q))
+    return along & (np.abs(normals[:, 0]) > sideways) & (q[:, 2] > 0.1)
 
 
 def contact(shown: Surfaces, flip: np.ndarray, outline: Outline, intrinsics: Intrinsics) -> np.ndarray:
@@ -131,13 +160,11 @@ def contact(shown: Surfaces, flip: np.ndarray, outline: Outline, intrinsics: Int
     np.ndarray [shape=(K,)]
         Negative outside.
     """
-    q = shown.points @ flip[:3, :3].T + flip[:3, 3]
-    normals = shown.normals @ flip[:3, :3].T
-    edge_on = np.abs(np.einsum("nc,nc->n", normals, q)) < _EDGE_ON * np.linalg.norm(q, axis=1)
-    good = edge_on & (np.abs(normals[:, 0]) > _SIDEWAYS) & (q[:, 2] > 0.1)
+    q, normals = _flipped(shown, flip)
+    good = _is_edge_on(q, normals, _EDGE_ON, _SIDEWAYS)
     q, rightward = q[good], normals[good, 0] > 0.0
     u, v = q[:, 0] / q[:, 2] * intrinsics.fx + intrinsics.cx, q[:, 1] / q[:, 2] * intrinsics.fy + intrinsics.cy
-    column, row = np.rint(u).astype(np.int64), np.rint(v).astype(np.int64)
+    column, row = np.rint(u).astype(np.int64) - outline.corner[0], np.rint(v).astype(np.int64) - outline.corner[1]
     inside = (column >= 0) & (row >= 0) & (column < outline.right.shape[1]) & (row < outline.right.shape[0])
     column, row, u, rightward, z = column[inside], row[inside], u[inside], rightward[inside], q[inside, 2]
     widths = np.where(rightward, 0.0, outline.shadow * np.maximum(1.0 / z - outline.behind_left[row, column], 0.0))
@@ -158,7 +185,7 @@ def contact_cost(gaps: np.ndarray) -> float:
 
 
 def contact_slope(before: np.ndarray, after: np.ndarray, step: float) -> float:
-    """How fast the outermost pieces move with a mirror's yaw, from the medians of gaps ``step`` [rad] apart [px/rad]."""
+    """How fast the outermost pieces move with a mirror's yaw [px/rad], by the medians of gaps ``step`` [rad] apart."""
     near = [gaps[np.abs(gaps) < 4.0 * _SPREAD] for gaps in (before, after)]
     if min(map(len, near)) < 5:
         return 0.0

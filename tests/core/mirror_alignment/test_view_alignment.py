@@ -87,6 +87,26 @@ def test_nothing_is_asked_of_views_that_show_nothing(crossing):
     assert align_views(RgbdImage(depth, intrinsics), given) == (given, ()) and expected_error(given[0]) == 0.0
 
 
+def test_two_unsure_mirrors_do_not_agree_with_each_other(simulated):
+    """Without a witness, the direct view or a mirror that is sure, what both show moves neither."""
+    simulation = simulated("azure_kinect")
+    intrinsics, depth = simulation.capture.intrinsics, clean(simulation.capture)
+    placed = [place_mirror(RgbdImage(depth, intrinsics), picks) for picks in simulation.capture.mirrors]
+    loose = np.diag((0.008, 0.002, 0.004)) ** 2
+    turned = [
+        replace(moved(m, np.array((turn, 0.0, 0.0))), covariance=loose)
+        for m, turn in zip(placed, (0.008, -0.006), strict=True)
+    ]
+    unseen = np.where(simulation.truth.labels == 0, np.float32(0.0), depth)
+    image = RgbdImage(unseen, intrinsics)
+    assert align_views(image, turned)[0] == turned
+    # one that is sure is a witness
+    sure = [placed[0], turned[1]]
+    together = align_views(image, sure)[0]
+    assert misplaced(together, simulation)[1] <= misplaced(sure, simulation)[1]
+    assert together[0] is placed[0] or together[0].moved < 0.002
+
+
 @pytest.mark.parametrize("sensor", ["ideal", "azure_kinect", "realsense_d455", "kinect_v1"])
 def test_a_turned_mirror_is_found_out(simulated, sensor):
     simulation = simulated(sensor)

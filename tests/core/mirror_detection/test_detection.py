@@ -11,7 +11,7 @@ from mirror_scan.core.capture import MirrorPicks
 from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.mirror_detection.detection import find_mirrors
-from mirror_scan.core.mirror_detection.edge_segments import BOTTOM, RIGHT, TOP
+from mirror_scan.core.mirror_detection.edge_segments import BOTTOM, LEFT, RIGHT, TOP
 from mirror_scan.core.mirror_detection.mirror_at_picks import find_mirror_at
 from mirror_scan.core.mirror_detection.mirror_verification import _open_sides
 from mirror_scan.core.mirror_detection.rectangle_hypotheses import Hypothesis
@@ -19,7 +19,7 @@ from mirror_scan.core.mirrors.mirror import person_before, plane_mirror, reflect
 from mirror_scan.core.mirrors.picked_mirror import MirrorSettings, place_mirror
 from mirror_scan.core.pipeline import Settings, reconstruct
 from mirror_scan.core.pipeline.mirror_placement import place_mirrors
-from mirror_scan.core.simulation.mannequin import mannequin
+from mirror_scan.core.simulation.mannequin import Figure, mannequin
 from mirror_scan.core.simulation.props import open_door, placed, wall_behind
 from mirror_scan.core.simulation.rays import FRAME
 from mirror_scan.core.simulation.scene import default_rig
@@ -347,4 +347,32 @@ def test_a_side_beyond_the_picture_is_not_missing():
     rectangle, sides = np.array(((-0.4, 0.4), (-0.7, 0.7))), dict.fromkeys((RIGHT, TOP, BOTTOM))
     for left, missing in ((0.0, 1), (-1.1, 1), (-1.35, 0), (-1.6, 0)):
         guess = Hypothesis(np.array((left + 0.4, 0.0, 2.5)), basis, rectangle, sides)
-        assert _open_sides(guess, intrinsics) == missing
+        assert _open_sides(guess, intrinsics, np.inf) == missing
+
+
+def test_a_glass_that_stands_on_the_floor_is_open_nowhere():
+    """Its lower side has no bar: the floor goes on through it."""
+    intrinsics = Intrinsics(640, 480, 580.0, 580.0, 319.5, 239.5)
+    basis = np.diag((-1.0, 1.0, -1.0))
+    sides = dict.fromkeys((LEFT, RIGHT, TOP))
+    guess = Hypothesis(np.array((0.0, 0.0, 2.5)), basis, np.array(((-0.4, 0.4), (-0.7, 0.7))), sides)
+    assert _open_sides(guess, intrinsics, np.inf) == 1 and _open_sides(guess, intrinsics, 0.65) == 0
+
+
+@pytest.mark.parametrize("sensor", ["kinect_v1", "azure_kinect"])
+def test_mirrors_on_the_floor_cut_off_by_the_border(sensor):
+    """Upper and inner bar are seen; the outer one is out of the picture, and below the glass there is none.
+
+    Arms hang down, and reflections are torn where light comes two ways.
+    """
+    rig = default_rig(
+        sensor, 2.4 if sensor == "kinect_v1" else 2.1, mirrors=(122.0, -116.0), path_length=4.5,
+        mirror_size=(1.0, 1.95), frames=4, seed=5, interference=True, camera_height=0.9,
+    )  # fmt: skip
+    rig = replace(rig, mirrors=tuple(replace(m, centre=(*m.centre[:2], m.height / 2)) for m in rig.mirrors))
+    simulation = simulate(mannequin(1.7, Figure(arm_angle_deg=72.0), resolution=0.012), rig)
+    found = find_mirrors(RgbdImage(clean(simulation.capture), rig.intrinsics))
+    assert [m.name for m in found] == ["left", "right"]
+    true = {m.name: m for m in simulation.truth.mirrors}
+    for mirror in found:
+        assert misplaced(mirror, true[mirror.name], simulation.truth.body.vertices) < 0.007
