@@ -111,12 +111,14 @@ def with_one_sided(
         if len(sure) >= most:
             break
         new: list[Mirror] = []
+        tried = 0
         for bar in _bars(segments, sure):
-            if len(sure) + len(new) >= most:
+            if len(sure) + len(new) >= most or tried == _MOST_BARS:
                 break
             beside = _beside(bar, image.intrinsics)
             if _is_at(bar, new) or beside[room.person].mean() > 0.2:  # who is seen directly does not stand in the glass
                 continue
+            tried += 1
             mirror = _mirror_at(bar, beside, room, settings)
             if mirror is not None:
                 new.append(mirror)
@@ -190,7 +192,7 @@ def _bars(segments: list[Segment], known: list[Mirror]) -> list[Segment]:
         if s.side in (LEFT, RIGHT) and s.length > _LEAST_SIDE and -(s.direction @ _UP) > _UPRIGHT - 0.05
         and not _is_at(s, known)
     ]  # fmt: skip
-    return sorted(out, key=lambda s: -s.length)[:_MOST_BARS]
+    return sorted(out, key=lambda s: -s.length)
 
 
 def _rooms(image: RgbdImage) -> Iterable[_Room]:
