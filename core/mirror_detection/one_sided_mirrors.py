@@ -34,19 +34,21 @@ _MOST_BARS, _MOST_PERSONS = 8, 2  # that are tried
 _FLAT = 0.009  # a person's front deviates from a plane by more, standard deviation [m]
 _ARMS, _LEAST_PIECE = 0.95, 12  # no part of a person is farther from the middle [m]; readings of it, thinned
 _TURNS = np.radians(np.arange(-60.0, 60.5, 2.0))  # of a plane about its bar, that are tried first
-_ASKED = 500  # readings in a glass that are flipped by each
+_ASKED, _FEWEST = 500, 50  # readings in a glass that are flipped by each, later three times as many; and at least
+_LEAST_SCORE = 0.04  # of those asked
 _BEHIND = 0.12  # behind the plane a reading is seen in the glass [m]
 _THROUGH, _ON = (0.08, 0.02), (0.10, 0.45)  # before what is seen a flipped reading is a violation [m] and times z;
 # and between so much before and behind it it is on the body [m]
 _RAGGED = 3  # px by which silhouettes are ragged
 _IMAGE_FARTHER, _MOST_NOISE = 2.2, 0.08  # times as far as a person is their image; noise there, at most [m]
-_WRONG = 3.0  # a violation counts so many times as a reading that is met
+_WRONG = 6.0  # a violation counts so many times as a reading that is met
 _LEAST_MET, _LEAST_HEIGHT = 150, 0.45  # readings of an image; share of the person's height that they span
 _AROUND = 0.12  # m about a person's place in which the image is looked for
 _MOST_WRONG = 0.15, 0.05  # share of the image where the camera looks through: before the plane is turned, and then
 _BAR_ERROR, _CONTRADICTED = 2.0, 3.0  # standard deviations by which a bar alone may be wrong, and from which it is
+_SURE_BAR, _ROUGH = 0.006, 0.06  # a bar's error that is small, and what the first turn may be off [rad]
 _PIECES = 8000  # of the surface of a person, and of the image
-_FINE = np.linspace(-0.04, 0.04, 33)  # turns about the last one, by outlines [rad]
+_FINE = np.linspace(-0.05, 0.05, 41)  # turns about the last one, by outlines [rad]
 _LEAST_ROWS, _LEAST_TOUCHING = 20, 0.35  # rows of an outline that say something; share of them that touch it
 _LEAST_PAIRS = 16  # of skin seen twice
 _ALIKE = 5.0  # neighbouring rows, or pieces, that count as one
@@ -54,7 +56,8 @@ _BLUR, _SHADOWED = 0.3, 0.7  # px by which an outline may be off, and one beside
 _SKIN_ERROR = 0.0003  # of the turn by skin, that shows in no residual [rad]
 _MOST_ERROR = 0.03  # a mirror expected to misplace a person by more is dropped [m]
 _FARTHEST, _WIDEST = 6.0, 1.2  # of glass at the image's border [m]: how far off, and from the bar
-_UNSURE = 0.0025  # a mirror expected to misplace a person by more is turned to them [m]
+_UNSURE, _UNKNOWN = 0.0025, 0.02  # between which a mirror is expected to misplace a person who is to turn it [m]
+_WORTH = 0.85  # and by how much that must lessen the error
 _FEET = 0.3  # so near to the floor a glass whose end is not seen goes down to it [m]
 
 
@@ -150,7 +153,7 @@ def turned_to_person(image: RgbdImage, mirrors: list[Mirror], framed: list[Mirro
     Of ``mirrors`` only those ``framed``: of a frame in noise that turn is known worst. None is moved by more than its
     frame leaves open.
     """
-    unsure = [any(m is one for one in framed) and expected_error(m) > _UNSURE for m in mirrors]
+    unsure = [any(m is one for one in framed) and _UNSURE < expected_error(m) < _UNKNOWN for m in mirrors]
     if not any(unsure):
         return mirrors
     image, out = image.without_color(), list(mirrors)
@@ -161,7 +164,7 @@ def turned_to_person(image: RgbdImage, mirrors: list[Mirror], framed: list[Mirro
         glass = _glass_of(mirrors[k], image.intrinsics)
         seen = _views(mirrors[k], glass, room, _MOST_WRONG[0])
         better = None if seen is None else _turned_by_views(mirrors[k], 0.0, seen, room, 1.0)
-        if better is not None and expected_error(better) < expected_error(mirrors[k]):
+        if better is not None and expected_error(better) < _WORTH * expected_error(mirrors[k]):
             out[k] = with_outline(better, image.intrinsics)
     return out
 
@@ -267,8 +270,10 @@ def _mirror_at(bar: Segment, glass: np.ndarray, room: _Room, settings: Detection
     fitted = fit_frame(image, start, seeds=_along(bar))
     if fitted is None:
         return None
-    # the bar alone hardly says how the plane is turned: that the image tells
-    mirror = _turned(fitted, _turn_between(fitted, start))
+    # the bar alone hardly says how the plane is turned, and the image tells; with a part of the upper bar it does
+    assert fitted.covariance is not None
+    turn, own = _turn_between(fitted, start), _BAR_ERROR * float(np.sqrt(fitted.covariance[0, 0]))
+    mirror = fitted if own < _SURE_BAR and abs(turn) > _CONTRADICTED * own + _ROUGH else _turned(fitted, turn)
     for wrong in _MOST_WRONG:
         before = replace(mirror, covariance=fitted.covariance)
         seen = _views(before, glass, room, wrong)
@@ -321,16 +326,16 @@ def _turned_to_image(bar: Segment, glass: np.ndarray, room: _Room) -> Mirror | N
     low, high = _span(room)
     # an image is farther off than who is seen, and about as high
     far = (z > float(room.figure.middle[2]) + 0.3) & (height > low - 0.1) & (height < high + 0.35)
-    points = points[far][:: max(int(far.sum()) // _ASKED, 1)]
-    if len(points) < 50:
+    points = points[far]
+    if len(points) < _FEWEST:
         return None
-    scores = np.array([_score(_plane(bar, turn), points, room) for turn in _TURNS])
-    best = int(np.argmax(scores))
-    fine = _TURNS[best] + np.radians(np.arange(-1.5, 1.6, 0.5))
-    finer = [_score(_plane(bar, turn), points, room) for turn in fine]
-    if max(finer) < 0.04 * len(points):
-        return None
-    return _plane(bar, float(fine[int(np.argmax(finer))]))
+    turns = _TURNS
+    for many in (_ASKED, 3 * _ASKED):
+        some = points[:: max(len(points) // many, 1)]
+        scores = [_score(_plane(bar, turn), some, room) for turn in turns]
+        best, turn = max(scores), float(turns[int(np.argmax(scores))])
+        turns = turn + np.radians(np.arange(-2.5, 2.6, 0.5))
+    return _plane(bar, turn) if best > _LEAST_SCORE * len(some) else None
 
 
 def _span(room: _Room) -> tuple[float, float]:
