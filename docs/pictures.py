@@ -76,7 +76,7 @@ def main() -> None:
     save("depth", [_relief(first, labels, camera)[box], _relief(depth, views.labels, camera)[box]],
          ["one frame", "burst fused and smoothed"], scale=2)  # fmt: skip
 
-    patches = make_patches(depth, views, mirrors, noise, capture, settings.triangulation)
+    patches = make_patches(depth, views, mirrors, noise, capture, settings)
     maps = view_maps(RgbdImage(depth, camera), views.labels, views.seen, mirrors, noise)
     parted = part_overlaps(patches, maps, settings.overlap)
     zipped, _, twin = zip_patches(parted, maps, views.up, views.axis, views.floor, settings.zipper)

@@ -1,3 +1,3 @@
 """Patches: the depth grid of each view triangulated, clipped, compared where views overlap."""
 
-__all__ = ["grid_triangulation", "overlap", "view_comparison"]
+__all__ = ["grid_triangulation", "outline_colors", "overlap", "view_comparison"]

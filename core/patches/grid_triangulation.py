@@ -15,6 +15,8 @@ from ..mesh.submesh import components_of, keep_triangles, remove_bowties
 from ..numeric.kernels import njit
 from .outline_clipping import trim_outline
 
+_ACROSS = 1.42  # pixels that meet in a corner are so much farther apart
+
 
 @dataclass(frozen=True)
 class TriangulationSettings:
@@ -75,13 +77,13 @@ def triangulate_view(
     Mesh
         May be empty. O(H W).
     """
-    slope = np.tan(np.radians(settings.max_slope)) * pixel_angle
+    slope = _slope(pixel_angle, settings)
     rows, columns = np.flatnonzero((labels == view).any(axis=1)), np.flatnonzero((labels == view).any(axis=0))
     if not len(rows):
         box = (0, 0, 0, 0)
     else:
         box = (rows[0], rows[-1], columns[0], columns[-1])
-    triangles, pixels = _grid_kernel(depth, labels, view, points, slope, settings.jump_floor + 3.0 * noise, box)
+    triangles, pixels = _grid_kernel(depth, labels, view, points, slope, _floor(noise, settings), box)
     vertices = points.reshape(-1, 3)[pixels]
     patch = Mesh(
         vertices,
@@ -91,6 +93,22 @@ def triangulate_view(
         np.full(len(triangles), SURFACE, np.int8),
     )
     return clean_patch(trim_outline(patch, settings.outline), settings.min_triangles)
+
+
+def largest_jump(pixel_angle: float, noise: float, settings: TriangulationSettings = TriangulationSettings()) -> float:
+    """Depth difference up to which neighbouring pixels are joined, relative to z.
+
+    ``pixel_angle`` and ``noise`` as in :func:`triangulate_view`.
+    """
+    return max(_slope(pixel_angle, settings) * _ACROSS, _floor(noise, settings))
+
+
+def _slope(pixel_angle: float, settings: TriangulationSettings) -> float:
+    return np.tan(np.radians(settings.max_slope)) * pixel_angle
+
+
+def _floor(noise: float, settings: TriangulationSettings) -> float:
+    return settings.jump_floor + 3.0 * noise
 
 
 def clean_patch(patch: Mesh, min_triangles: int) -> Mesh:
@@ -138,7 +156,7 @@ def _peel_kernel(twin):
 def _joined(za, zb, slope, floor):
     # the depth difference against the distance across the line of sight, both relative to z
     z = min(za, zb)
-    return abs(za - zb) <= max(slope * z * 1.42, floor * z)
+    return abs(za - zb) <= max(slope * z * _ACROSS, floor * z)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

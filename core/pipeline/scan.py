@@ -26,7 +26,8 @@ from ..mesh import Mesh
 from ..mirrors import Mirror
 from ..mirrors.mirror import reflection_matrix
 from ..numeric.threads import each
-from ..patches.grid_triangulation import TriangulationSettings, triangulate_view
+from ..patches.grid_triangulation import largest_jump, triangulate_view
+from ..patches.outline_colors import colors_from_inside
 from ..subject.image_border import cut_sides
 from ..subject.subject_search import find_subject
 from ..subject.subject_views import Views
@@ -137,7 +138,7 @@ def scan_steps(
     yield at(0.83), "Triangulating the views"
     work: tuple[Callable[[], Any], ...] = (
         lambda: view_maps(RgbdImage(depth, camera), views.labels, views.seen, placed, noise),
-        lambda: make_patches(depth, views, placed, noise, capture, settings.triangulation),
+        lambda: make_patches(depth, views, placed, noise, capture, settings),
     )
     maps, patches = each(lambda make: make(), work)
     clock.lap("triangulation")
@@ -187,15 +188,19 @@ def make_patches(
     mirrors: list[Mirror],
     noise: np.ndarray,
     capture: Capture,
-    settings: TriangulationSettings,
+    settings: Settings,
 ) -> list[Mesh]:
     """Each view triangulated in the camera frame, then flipped over its mirror: that reverses the winding."""
     camera = capture.intrinsics
     points = unproject(depth, camera)
+    color = capture.color
+    if color is not None:
+        jumps = np.array([largest_jump(1.0 / camera.fx, level, settings.triangulation) for level in noise])
+        color = colors_from_inside(color, depth, views.labels, jumps, settings.colors)
 
     def make(view: int) -> Mesh:
         patch = triangulate_view(
-            depth, views.labels, view, points, 1.0 / camera.fx, noise[view], capture.color, settings
+            depth, views.labels, view, points, 1.0 / camera.fx, noise[view], color, settings.triangulation
         )
         if view > 0:
             patch = patch.transformed(reflection_matrix(mirrors[view - 1]))

@@ -14,6 +14,7 @@ from ..mirror_alignment.view_alignment import AgreementSettings
 from ..mirror_detection.edge_segments import DetectionSettings
 from ..mirrors.picked_mirror import MirrorSettings
 from ..patches.grid_triangulation import TriangulationSettings
+from ..patches.outline_colors import ColorSettings
 from ..patches.view_comparison import OverlapSettings
 from ..subject.subject_views import ViewSettings
 from ..zippering.zipper import ZipperSettings
@@ -32,6 +33,7 @@ class Settings:
     views: ViewSettings = ViewSettings()
     light: LightSettings = LightSettings()
     triangulation: TriangulationSettings = TriangulationSettings()
+    colors: ColorSettings = ColorSettings()
     overlap: OverlapSettings = OverlapSettings()
     zipper: ZipperSettings = ZipperSettings()
     seams: SeamSettings = SeamSettings()

@@ -16,6 +16,7 @@ from ..mirrors import Mirror
 from ..mirrors.mirror import reflection_matrix
 from ..patches.overlap import part_overlaps
 from ..views.view_maps import ViewMaps
+from ..zippering.exposure import match_exposures
 from ..zippering.zipper import zip_patches
 from .report import make_report
 from .scan import Clock, Scan
@@ -72,6 +73,8 @@ def joining_steps(
         scan = better
         patches = part_overlaps(scan.patches, scan.maps, settings.overlap)
         open_mesh, seams, twin = zip_patches(patches, scan.maps, scan.up, scan.axis, scan.floor, settings.zipper)
+    if settings.colors.exposure:
+        open_mesh = match_exposures(open_mesh, np.linalg.det(scan.maps.to_view[:, :3, :3]) < 0)
     clock.lap("seams")
 
     yield 0.8, "Closing the mesh"

@@ -1,3 +1,3 @@
 """Patches joined along their boundaries by dynamic time warping."""
 
-__all__ = ["boundary_frames", "coronal_matching", "dtw", "seam_strips", "zipper"]
+__all__ = ["boundary_frames", "coronal_matching", "dtw", "exposure", "seam_strips", "zipper"]

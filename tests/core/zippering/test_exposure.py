@@ -1,0 +1,66 @@
+"""Two halves of a tube, one seen through a mirror that swallows light, zippered: how bright each is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mirror_scan.core.mesh import SEAM, SURFACE, Mesh
+from mirror_scan.core.zippering.exposure import exposure_gains, match_exposures
+
+ROWS = 80
+MIRRORED = np.array([False, True])
+
+
+def strips(left, right, joined=True):
+    """Columns 0 and 1 of view 0, 2 and 3 of view 1, with a seam between: colours (ROWS, 4, 3)."""
+    colors = np.concatenate([np.broadcast_to(np.asarray(c, float), (ROWS, 2, 3)) for c in (left, right)], axis=1)
+    y, x = np.mgrid[:ROWS, :4]
+    vertices = np.stack([0.01 * x, 0.01 * y, np.zeros_like(x)], axis=-1).reshape(-1, 3).astype(float)
+    triangles, kind = [], []
+    for column in range(3):
+        if column == 1 and not joined:
+            continue
+        a = 4 * np.arange(ROWS - 1) + column
+        triangles += [np.column_stack((a, a + 1, a + 5)), np.column_stack((a, a + 5, a + 4))]
+        kind += 2 * (ROWS - 1) * [SEAM if column == 1 else SURFACE]
+    view = np.repeat([[0, 0, 1, 1]], ROWS, axis=0).ravel().astype(np.int8)
+    colors = np.clip(np.rint(colors), 0, 255).astype(np.uint8).reshape(-1, 3)
+    return Mesh(vertices, np.concatenate(triangles).astype(np.int32), colors, view, np.array(kind, np.int8))
+
+
+def test_a_mirrors_view_is_made_as_bright_as_the_direct_one():
+    true = np.random.default_rng(1).uniform(60, 200, (ROWS, 1, 3))
+    mesh = strips(true, true * (0.80, 0.88, 0.84))
+    matched = match_exposures(mesh, MIRRORED)
+    np.testing.assert_array_equal(matched.colors[mesh.view == 0], mesh.colors[mesh.view == 0])
+    found = matched.colors.reshape(ROWS, 4, 3).astype(float)
+    assert np.abs(found[:, 2:] / found[:, :2] - 1).max() < 0.04
+    np.testing.assert_array_equal(matched.vertices, mesh.vertices)
+
+
+def test_a_pattern_on_one_side_of_the_seam_hardly_counts():
+    true = np.full((ROWS, 1, 3), 120.0)
+    dark = true * 0.88
+    dark[::4] = 30.0  # a quarter is something else
+    gain = np.exp(exposure_gains(strips(true, dark), MIRRORED))
+    np.testing.assert_allclose(gain[1], 1 / 0.88, rtol=0.03)
+
+
+def test_views_without_a_mirror_keep_their_brightness_on_the_mean():
+    mesh = strips(np.full((ROWS, 1, 3), 100.0), np.full((ROWS, 1, 3), 121.0))
+    gain = exposure_gains(mesh, np.array([False, False]))
+    np.testing.assert_allclose(gain.sum(axis=0), 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.exp(gain[0] - gain[1]), 1.21, rtol=0.02)
+
+
+@pytest.mark.parametrize("level", [3, 255])
+def test_black_and_burnt_out_colours_say_nothing(level):
+    mesh = strips(np.full((ROWS, 1, 3), 120.0), np.full((ROWS, 1, 3), float(level)))
+    assert match_exposures(mesh, MIRRORED) is mesh
+
+
+def test_what_nothing_joins_or_colours_stays():
+    apart = strips(np.full((ROWS, 1, 3), 120.0), np.full((ROWS, 1, 3), 60.0), joined=False)
+    assert match_exposures(apart, MIRRORED) is apart
+    plain = Mesh(apart.vertices, apart.triangles, None, apart.view, apart.kind)
+    assert match_exposures(plain, MIRRORED) is plain
