@@ -1,4 +1,5 @@
-"""``python -m benchmarks [--only quality|speed|corpus|… …] [--quick] [--pictures DIR] [--markdown FILE]``"""
+"""``python -m benchmarks [--only quality|speed|corpus|… …] [--quick] [--captures DIR] [--pictures DIR]
+[--markdown FILE]``"""
 
 from __future__ import annotations
 
@@ -14,14 +15,19 @@ from .results import Finding, limits_table
 
 MODULES = {"quality": "quality", "speed": "speed", "cleaning": "cleaning", "mirrors": "mirrors", "subject": "subject",
            "dtw": "dtw", "import": "imports", "blender": "blender", "corpus": "corpus", "seams": "seams",
-           "growth": "growth", "rigs": "rigs", "experiment": "experiment"}  # fmt: skip
+           "growth": "growth", "rigs": "rigs", "experiment": "experiment", "real": "real"}  # fmt: skip
 
 
 def main() -> int:
     parser = argparse.ArgumentParser("python -m benchmarks", description="Measure Mirror Scan against named peers.")
     parser.add_argument("--only", nargs="+", choices=tuple(MODULES), help="these tables only")
     parser.add_argument("--quick", action="store_true", help="a few scenes of the corpus only")
-    parser.add_argument("--pictures", type=Path, metavar="DIR", help="write sheets of the corpus's results there")
+    parser.add_argument(
+        "--captures", type=Path, metavar="DIR", help="clones of public repositories for the table `real`"
+    )
+    parser.add_argument(
+        "--pictures", type=Path, metavar="DIR", help="write sheets of the corpus's and the real captures' results there"
+    )
     parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the tables there as well")
     options = parser.parse_args()
     if importlib.util.find_spec("mirror_scan") is None:
@@ -36,7 +42,12 @@ def main() -> int:
     findings: list[Finding] = []
     for name in options.only or MODULES:
         module = importlib.import_module(f".{MODULES[name]}", __package__)
-        result = module.run(quick=options.quick, pictures=options.pictures) if name == "corpus" else module.run()
+        if name == "corpus":
+            result = module.run(quick=options.quick, pictures=options.pictures)
+        elif name == "real":
+            result = module.run(captures=options.captures, pictures=options.pictures)
+        else:
+            result = module.run()
         findings += result.findings
         for table in result.tables:
             print(f"\n{table.text()}", flush=True)

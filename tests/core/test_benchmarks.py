@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mirror_scan.benchmarks import corpus, generated, isolated, seams  # noqa: E402
+from mirror_scan.benchmarks import corpus, generated, isolated, real, seams  # noqa: E402
 from mirror_scan.core.camera import project  # noqa: E402
+from mirror_scan.core.mesh import SEAM, SURFACE, Mesh  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
@@ -84,3 +85,22 @@ def test_a_crash_or_a_hang_is_told_and_outlived():
         assert worker.call(abs, -3) == 3
     finally:
         worker.stop()
+
+
+def test_luminance_of_a_seam_beside_its_surroundings():
+    v, u = np.mgrid[:60, :60]
+    corners = np.stack((0.002 * u, 0.002 * v, 0 * u), axis=-1).reshape(-1, 3).astype(float)
+    a = (60 * v + u)[:-1, :-1].ravel()
+    triangles = np.concatenate((np.column_stack((a, a + 1, a + 61)), np.column_stack((a, a + 61, a + 60))))
+    strip = np.isin(u.ravel()[triangles].min(axis=1), (29, 30))
+    level = np.where(np.abs(u - 30) <= 1, 130, 100).ravel()
+    mesh = Mesh(corners, triangles.astype(np.int32), np.repeat(level[:, None], 3, axis=1).astype(np.uint8),
+                None, np.where(strip, SEAM, SURFACE).astype(np.int8))  # fmt: skip
+    own, beside, ratio, near, bright = real.luminance(mesh, SEAM)
+    np.testing.assert_allclose((own, beside, ratio, near, bright), (130, 100, 1.3, 0, 0), atol=1e-6)
+
+
+def test_real_captures_that_are_absent_are_skipped(tmp_path, capsys):
+    assert real.run() == real.run(tmp_path) and not real.run(tmp_path).tables
+    said = capsys.readouterr().err
+    assert "--captures" in said and all(name in said for name in (real.PERSON, real.ROOMS, "projeto-ovni"))
