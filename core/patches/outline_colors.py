@@ -27,6 +27,7 @@ _NEAREST = 1.0  # smaller shifts are left [px]
 _FARTHEST = 8.0  # largest shift that is believed [px]
 _WORST = 0.9  # quantile of the profiles; the rest is patterns
 _MOST_SPREAD = 3.0  # what does not fit the shift is allowed for up to this [px]
+_SHALLOW = 4  # steps from the outline that show its direction [px]
 _SLANT = 0.25  # of a step a pixel: where the distance to the outline rises less, its direction is not known
 
 
@@ -99,12 +100,14 @@ def colors_from_inside(
     z, label = np.pad(z, 1, mode="edge"), np.pad(label, 1, mode="edge")
     shade = np.pad(shade, ((1, 1), (1, 1), (0, 0)), mode="edge")
     jump = np.append(jumps, 0.0).astype(np.float32)
-    outline = _find_outline(z, label, jump, settings.most_inset)
+    outline = _find_outline(z, label, jump, _SHALLOW)
     misfit = _measure_misfit(shade, label, outline, len(jumps))
     inset = float(settings.least_inset)
     if misfit is not None:
         shade = _moved(shade, label, misfit.shift)
         inset = float(np.clip(np.ceil(misfit.reach) + 1.0, inset, settings.most_inset))
+    if inset > _SHALLOW - 1:
+        outline = _find_outline(z, label, jump, int(inset) + 1)
     pixel, source = _sources(z, label, jump, outline, inset)
     flat = np.ascontiguousarray(shade).reshape(-1, 3)
     flat[pixel] = flat[source]
@@ -142,11 +145,11 @@ def _find_outline(z: np.ndarray, label: np.ndarray, jump: np.ndarray, deepest: i
     edge &= body
     inside = np.where(edge, 1, 0).astype(np.int16)
     reached = edge
-    for step in range(2, max(deepest, _AROUND) + 2):
+    for step in range(2, deepest + 2):
         grown = _grown(reached, 1, corners=step % 2 == 0) & body
         inside[grown & ~reached] = step
         reached = grown
-    inside[body & ~reached] = max(deepest, _AROUND) + 2
+    inside[body & ~reached] = deepest + 2
     beyond = np.zeros_like(inside)
     reached = body
     for step in range(1, 4):

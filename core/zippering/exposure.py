@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +12,18 @@ from ..mesh import SEAM, Mesh
 _DARKEST, _BRIGHTEST = 16.0, 245.0  # sRGB levels outside of these say nothing of the exposure
 _UNSURE = 0.15  # standard deviation of a view's log gain before anything is known
 _TOGETHER = 20  # so many neighbouring pairs say one thing
-_MOST = 0.5  # largest log gain
+_MOST = 0.5  # largest log gain; pairs that differ by more show two things
+_CELL = 0.03  # of the grid in which what is left is spread [m]
+_MOST_CELLS = 128  # along each side of the grid
+_SPREAD = 2  # times over a cell's neighbours: three or four centimetres
+_FAINT = 1e-2  # of a seam's weight: nothing is spread farther
+
+
+class _Pairs(NamedTuple):
+    """Vertices (K, 2) of two views, the lower first, that a seam joins; logarithm (K, 3) of second over first level."""
+
+    vertex: np.ndarray
+    ratio: np.ndarray
 
 
 def match_exposures(mesh: Mesh, mirrored: np.ndarray) -> Mesh:
@@ -20,7 +32,9 @@ def match_exposures(mesh: Mesh, mirrored: np.ndarray) -> Mesh:
     A mirror swallows a part of the light and tints the rest; cameras choose their exposure themselves. Either is one
     factor a view and channel. Where two views meet, a seam joins a vertex of one with one of the other that shows
     almost the same spot: the factors make the logarithms of their levels agree, by weighted least squares with the
-    factors expected near 1. On the mean, the views without a mirror keep their brightness.
+    factors expected near 1. On the mean, the views without a mirror keep their brightness. What still differs in
+    brightness at a seam, as where the light is another one, is shared by both sides and fades out over three or four
+    centimetres.
 
     Parameters
     ----------
@@ -35,20 +49,33 @@ def match_exposures(mesh: Mesh, mirrored: np.ndarray) -> Mesh:
     """
     if mesh.colors is None or mesh.view is None or mesh.kind is None or len(mirrored) < 2:
         return mesh
-    gain = exposure_gains(mesh, mirrored)
-    if not gain.any():
+    pairs = _seam_pairs(mesh)
+    if not len(pairs.vertex):
         return mesh
-    seen = np.flatnonzero((mesh.view >= 0) & gain.any(axis=1)[mesh.view])
+    gain = _gains(pairs, mesh.view, mirrored)
+    seen = np.flatnonzero(mesh.view >= 0)
+    brighter = gain[mesh.view[seen]]
+    first, second = mesh.view[pairs.vertex].T
+    # of brightness only: dark colours tell little of a tint
+    left = np.clip((pairs.ratio + gain[second] - gain[first]).mean(axis=1, keepdims=True), -_MOST, _MOST)
+    for view in np.unique(mesh.view[pairs.vertex]):
+        mine = mesh.view[seen] == view
+        places = np.concatenate((pairs.vertex[first == view, 0], pairs.vertex[second == view, 1]))
+        half = 0.5 * np.concatenate((left[first == view], -left[second == view]))
+        brighter[mine] += _spread(mesh.vertices[seen[mine]], mesh.vertices[places], half)
     colors = mesh.colors.copy()
-    bright = colors[seen] * np.exp(gain[mesh.view[seen]])
-    colors[seen] = np.clip(np.rint(bright), 0, 255).astype(np.uint8)
+    colors[seen] = np.clip(np.rint(colors[seen] * np.exp(brighter)), 0, 255).astype(np.uint8)
     return replace(mesh, colors=colors)
 
 
 def exposure_gains(mesh: Mesh, mirrored: np.ndarray) -> np.ndarray:
     """Natural logarithms (N, 3) of what each view's colours are to be multiplied with. See :func:`match_exposures`."""
+    assert mesh.view is not None
+    return _gains(_seam_pairs(mesh), mesh.view, mirrored)
+
+
+def _seam_pairs(mesh: Mesh) -> _Pairs:
     assert mesh.view is not None and mesh.kind is not None and mesh.colors is not None
-    views = len(mirrored)
     strips = mesh.triangles[mesh.kind == SEAM]
     pairs = np.concatenate([strips[:, [k, (k + 1) % 3]] for k in range(3)])
     at = mesh.view[pairs]
@@ -56,19 +83,22 @@ def exposure_gains(mesh: Mesh, mirrored: np.ndarray) -> np.ndarray:
     pairs = np.where((mesh.view[pairs[:, 0]] > mesh.view[pairs[:, 1]])[:, None], pairs[:, ::-1], pairs)
     levels = mesh.colors[pairs].astype(np.float64)
     told = ((levels > _DARKEST) & (levels < _BRIGHTEST)).all(axis=(1, 2))
-    pairs, levels = pairs[told], levels[told]
+    return _Pairs(pairs[told], np.log(levels[told, 1] / levels[told, 0]))
+
+
+def _gains(pairs: _Pairs, view: np.ndarray, mirrored: np.ndarray) -> np.ndarray:
+    views, ratio = len(mirrored), pairs.ratio
     gain = np.zeros((views, 3))
-    if not len(pairs):
+    if not len(ratio):
         return gain
-    ratio = np.log(levels[:, 1] / levels[:, 0])
-    number = mesh.view[pairs[:, 0]].astype(np.int64) * views + mesh.view[pairs[:, 1]]
+    number = view[pairs.vertex[:, 0]].astype(np.int64) * views + view[pairs.vertex[:, 1]]
     for channel in range(3):
         A, b = np.eye(views) / _UNSURE**2, np.zeros(views)
         for pair in np.unique(number):
             some = ratio[number == pair, channel]
             middle = float(np.median(some))
             spread = 1.4826 * float(np.median(np.abs(some - middle))) + 0.02
-            weight = max(len(some) / _TOGETHER, 0.0) / spread**2
+            weight = len(some) / _TOGETHER / spread**2
             i, j = divmod(int(pair), views)
             A[i, i] += weight
             A[j, j] += weight
@@ -80,3 +110,39 @@ def exposure_gains(mesh: Mesh, mirrored: np.ndarray) -> np.ndarray:
     kept = ~mirrored if not mirrored.all() else np.ones(views, np.bool_)
     gain -= gain[kept].mean(axis=0)
     return np.clip(gain, -_MOST, _MOST)
+
+
+def _spread(points: np.ndarray, places: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """At ``points`` (V, 3), the mean of the ``values`` (K, 1) near them, less and less away from their ``places``.
+
+    Both are spread on a grid, values and weights alike; there one is divided by the other.
+    """
+    edge = max(_CELL, float(np.ptp(places, axis=0).max()) / _MOST_CELLS)
+    low = places.min(axis=0) - (_SPREAD + 1.5) * edge
+    size = np.ceil((places.max(axis=0) - low) / edge).astype(np.int64) + _SPREAD + 2
+    cell = np.rint((places - low) / edge).astype(np.int64)
+    flat = np.ravel_multi_index(tuple(cell.T), tuple(size))
+    weighed = np.column_stack((values, np.ones(len(values))))
+    grid: np.ndarray = np.stack([np.bincount(flat, weighed[:, c], int(size.prod())) for c in range(2)], axis=1)
+    grid = grid.astype(np.float32).reshape(*size, 2)
+    grid /= np.maximum(grid[..., 1:], 1.0)  # a cell counts once, however dense its seam
+    for axis in range(3):
+        rows = np.moveaxis(grid, axis, 0)
+        for _ in range(_SPREAD):  # the outermost cells are empty
+            rows[1:-1] = 0.5 * rows[1:-1] + 0.25 * (rows[:-2] + rows[2:])
+    there = (points - low) / edge
+    inside = np.flatnonzero(((there >= 0) & (there < size - 1)).all(axis=1))
+    base = there[inside].astype(np.int64)
+    part = there[inside] - base
+    table, start = grid.reshape(-1, 2), np.ravel_multi_index(tuple(base.T), tuple(size))
+    # typical of a seam, as what is spread along a line thins out away from it
+    whole = float(np.quantile(table[flat, 1], 0.25))
+    some = table[start, 1] > _FAINT * whole
+    inside, part, start = inside[some], part[some], start[some]
+    found = np.zeros((len(inside), 2))
+    for corner in np.ndindex(2, 2, 2):
+        share = np.prod([part[:, c] if corner[c] else 1.0 - part[:, c] for c in range(3)], axis=0)
+        found += share[:, None] * table[start + np.ravel_multi_index(corner, tuple(size))]
+    out = np.zeros((len(points), 1))
+    out[inside] = found[:, :1] / np.maximum(found[:, 1:], whole)
+    return out
