@@ -21,6 +21,13 @@ _HIDDEN = 0.03  # surfaces farther behind others are hidden by them [m]
 _OTHER_PART = 0.12  # surfaces of the subject that are at a larger distance are other parts of it [m]
 _DOUBLED, _MOSTLY_THROUGH = 0.03, 0.5  # m, and share in free space, from which on the surface would be doubled
 _FEWEST = 40  # pieces of surface: a median of fewer is chance
+_LIFTED = 0.018  # m: half of what a lean of 1° displaces at the subject
+_FLOOR_SEARCHED = 0.15  # above and below the floor [m]
+_OFF_FEET, _ABOUT_FEET = (
+    0.2,
+    0.55,
+)  # from the middle of the subject: farther off a given plane's glass may have ended [m]
+_FEWEST_FLOOR, _FLAT = 150, 0.6  # readings of it, and their share that must lie in one plane
 _LEAST = 0.012  # m: two surfaces so close make no visible step
 _CERTAIN = 0.6  # difference of the blame on two mirrors, where 1 is to contradict the direct view
 
@@ -181,6 +188,7 @@ def check_agreement(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> tu
         Each says which mirror, by how much, and what to do.
     """
     warned: list[str] = []
+    known: set[int] = set()
     labels = views.labels
     for found in disagreements(image, views, mirrors):
         name = quoted(mirrors[found.mirror])
@@ -201,6 +209,7 @@ def check_agreement(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> tu
             )
         else:
             what = Notice("{name} places the subject {how}, which makes the surface uneven there", name=name, how=how)
+        known.add(found.mirror)
         warned.append(
             Notice(
                 "{what}; {who} (on nothing else), check that the mirror is flat and has not moved, or record a longer "
@@ -210,7 +219,44 @@ def check_agreement(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> tu
                 mirrors=[mirrors[k - 1].name for k in (found.mirror + 1, found.other) if k > 0],
             )
         )
+    for k, lift in floor_lifts(views, len(mirrors)).items():
+        if k in known or abs(lift) < _LIFTED:
+            continue
+        warned.append(
+            Notice(
+                "{name} shows the floor about the subject {distance:.0f} cm {side} where the camera sees it: its plane "
+                "leans otherwise than the mirror does; pick points on all sides of its frame again, or check that the "
+                "mirror has not moved",
+                name=quoted(mirrors[k]), distance=100.0 * abs(lift), mirrors=[mirrors[k].name],
+                side=Notice("above") if lift > 0.0 else Notice("below"),
+            )
+        )  # fmt: skip
     return replace(views, labels=labels), warned
+
+
+def floor_lifts(views: Views, count: int) -> dict[int, float]:
+    """How far above the floor each of ``count`` mirrors shows the floor about the subject [m], by the mirror's index.
+
+    A lean displaces the reflection upright, along most of a body's surface, so that skin hardly shows it. Mirrors that
+    show too little floor are left out.
+    """
+    if views.floor is None:
+        return {}
+    out = {}
+    for k in range(count):
+        points = views.points[(views.seen == k + 1) & (views.labels < 0)]
+        height = dot(points, views.up) - views.floor
+        aside = points - views.axis
+        aside = aside - dot(aside, views.up)[:, None] * views.up
+        distance = np.linalg.norm(aside, axis=1)
+        near = (np.abs(height) < _FLOOR_SEARCHED) & (distance > _OFF_FEET) & (distance < _ABOUT_FEET)
+        if near.sum() < _FEWEST_FLOOR:
+            continue
+        lift = float(np.median(height[near]))
+        about = np.abs(height[near] - lift) < _LIFTED
+        if about.mean() > _FLAT:
+            out[k] = float(np.median(height[near][about]))
+    return out
 
 
 def quoted(mirror: Mirror) -> Notice:

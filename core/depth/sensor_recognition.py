@@ -38,3 +38,16 @@ def recognise(capture: Capture, settings: DepthSettings) -> tuple[str, NoiseMode
     ):  # registered to colour its readings keep their quantum but not the focal length
         return "kinect_v1", SENSORS["kinect_v1"]
     return "unknown", None
+
+
+_TIME_OF_FLIGHT = {(640, 576), (320, 288), (512, 512), (1024, 1024), (512, 424)}
+"""Sizes of depth maps that only cameras which measure time have: Azure Kinect and Femto, Kinect v2."""
+
+
+def measures_time(capture: Capture, settings: DepthSettings) -> bool | None:
+    """Whether the camera measures time, which glass delays, and not angles; None when that is not known."""
+    model = recognise(capture, settings)[1]
+    if model is not None:
+        return model.baseline == 0.0
+    size = capture.intrinsics.width, capture.intrinsics.height
+    return True if size in _TIME_OF_FLIGHT else None

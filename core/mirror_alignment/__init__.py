@@ -1,3 +1,10 @@
 """Mirror planes corrected until what the views show fits together."""
 
-__all__ = ["floor_alignment", "reflection_alignment", "seam_alignment", "view_alignment"]
+__all__ = [
+    "floor_alignment",
+    "glass_alignment",
+    "own_reflection",
+    "reflection_alignment",
+    "seam_alignment",
+    "view_alignment",
+]

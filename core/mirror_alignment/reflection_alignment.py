@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..camera import RgbdImage, project
 from ..errors import Notice
 from ..mirrors import Mirror
+from ..mirrors.curved_glass import REFRACTION, behind_front, flattened, thickness_moves
 from ..mirrors.glass_kernels import (
     NEAREST,
     before_plane,
@@ -25,9 +26,7 @@ from .pose_solver import (
     ALL,
     NormalEquations,
     PoseFit,
-    columns_of,
     confirmed_fit,
-    corrected,
     frames_prior,
     judged,
     scaled_cauchy_weights,
@@ -41,6 +40,8 @@ _LEAST_NOISE = 0.002  # of the distances [m]
 _LEAST_GAIN = 0.003  # by which the median distance must fall: less is within what cameras misread [m]
 _UNLIKE = 0.35  # of the shift: by more the shifts that the halves ask for must not differ
 _CORRELATED = 10.0  # neighbouring pixels share so much of their errors that this many count as one
+_THINNEST, _THICKEST = 0.0015, 0.009  # of a mirror's glass [m]
+_LIKE_OTHERS = 0.001  # by which the thickness of a rig's mirrors differs, one standard deviation [m]
 _MOST_READINGS = 6000  # in a glass that are used; of as many neighbours share no less
 
 
@@ -77,7 +78,7 @@ class JointSettings:
 
 
 def align_reflections(
-    image: RgbdImage, mirrors: list[Mirror], settings: JointSettings | None = None
+    image: RgbdImage, mirrors: list[Mirror], settings: JointSettings | None = None, thickness: float | None = None
 ) -> tuple[list[Mirror], tuple[str, ...]]:
     """Mirrors moved until what they show coincides with what is seen directly, where that is shown to help.
 
@@ -91,6 +92,11 @@ def align_reflections(
     ----------
     image : RgbdImage
         Fused depth, z [m].
+    thickness : float, optional
+        The mirrors are about as thick, see :func:`.glass_alignment.thick_glass` [m]: what displaces the reflection is
+        taken for the thickness of the glass, which a camera that measures the time of light reads along the ray as
+        well, and not for a frame that projects in front of it. A mirror of which too little is seen twice is taken to
+        be as thick as the others.
 
     Returns
     -------
@@ -102,21 +108,47 @@ def align_reflections(
     if not settings.use:
         return list(mirrors), ()
 
+    thick = thickness is not None
+
     def aligned(mirror: Mirror) -> Mirror | None:
         movable = mirror.covariance is not None and mirror.source in ("picked", "found")
-        return _aligned(image, mirror, settings) if movable and mirror.rectangle is not None else None
+        usable = movable and mirror.rectangle is not None
+        return _aligned(image, mirror, settings, thick) if usable else None
 
     out, notes = [], []
-    for mirror, better in zip(mirrors, each(aligned, mirrors), strict=True):
+    found = each(aligned, mirrors)
+    if thick:
+        assert thickness is not None  # else it is not
+        found = _as_thick_as_others(mirrors, found, thickness)
+    for mirror, better in zip(mirrors, found, strict=True):
         if better is not None:
-            shift = 1000.0 * float((better.point - mirror.point) @ mirror.normal)
-            notes.append(_note(mirror, shift))
+            notes.append(_note(mirror, better))
         out.append(mirror if better is None else with_reason(better, mirror, "reflections"))
     return out, tuple(notes)
 
 
-def _note(mirror: Mirror, shift: float) -> Notice:
-    """What is reported of a shift [mm] towards the camera."""
+def _as_thick_as_others(mirrors: list[Mirror], found: list[Mirror | None], about: float) -> list[Mirror | None]:
+    """``found``, with mirrors of which nothing was shown as thick as those of which it was, or else ``about`` so."""
+    known = [m.glass_thickness for m in found if m is not None]
+    usual, spread = float(np.median(known)) if known else about, _LIKE_OTHERS
+    out: list[Mirror | None] = []
+    for mirror, better in zip(mirrors, found, strict=True):
+        if better is None and mirror.covariance is not None and mirror.source in ("picked", "found"):
+            extra = np.diag((0.0, 0.0, (REFRACTION * spread) ** 2))
+            better = replace(behind_front(mirror, usual), covariance=mirror.covariance + extra)
+        out.append(better)
+    return out
+
+
+def _note(mirror: Mirror, better: Mirror) -> Notice:
+    """What is reported of a mirror that was moved, or whose glass is thick."""
+    if better.glass_thickness > mirror.glass_thickness:
+        return Notice(
+            "{name}: its glass is {thickness:.0f} mm thick, as surfaces seen both directly and in it show; the delay "
+            "and refraction in it are taken back",
+            name=mirror.name, thickness=1000.0 * better.glass_thickness, mirrors=[mirror.name],
+        )  # fmt: skip
+    shift = 1000.0 * float((better.point - mirror.point) @ mirror.normal)
     if shift < 0.0:
         return Notice(
             "{name}: its glass lies {depth:.0f} mm behind the front of its frame, as surfaces seen both directly and "
@@ -130,7 +162,8 @@ def _note(mirror: Mirror, shift: float) -> Notice:
     )  # fmt: skip
 
 
-def _aligned(image: RgbdImage, mirror: Mirror, settings: JointSettings) -> Mirror | None:
+def _aligned(image: RgbdImage, mirror: Mirror, settings: JointSettings, thick: bool) -> Mirror | None:
+    """The mirror shifted, or its glass taken for ``thick``, until what is seen twice coincides."""
     depth, intrinsics = image.depth, image.intrinsics
     points, facing, blocks = _shown(mirror, depth, intrinsics, settings)
     if len(points) < settings.min_pairs:
@@ -140,16 +173,25 @@ def _aligned(image: RgbdImage, mirror: Mirror, settings: JointSettings) -> Mirro
     prior = frames_prior([mirror], [settings.offset])
     gates = [settings.gate * share for share in _GATES]
 
+    def corrected_by(correction: np.ndarray) -> Mirror:
+        if not thick:
+            return moved(mirror, correction)
+        return behind_front(moved(mirror, correction * (1.0, 1.0, 0.0)), float(correction[2]))
+
     def pairs(correction: np.ndarray, gate: float, which: int) -> tuple[Mirror, np.ndarray, np.ndarray, np.ndarray]:
-        at = moved(mirror, correction)
-        return at, *_pairs(at, *parts[which], depth, intrinsics, settings, gate)
+        at = corrected_by(correction)
+        points, facing = parts[which]
+        return at, *_pairs(at, flattened(points, at, True), facing, depth, intrinsics, settings, gate)
 
     def fit(which: int, _: PoseFit | None) -> PoseFit | None:
         def observe(correction: np.ndarray, gate: float) -> list[NormalEquations] | None:
             at, q, normals, distances = pairs(correction, gate, which)
             if len(distances) < settings.min_pairs // 3:
                 return None
-            moves = np.einsum("nci,nc->ni", reflection_moves(at, reflect(q, at)), normals)
+            shown = reflect(q, at)
+            moves = np.einsum("nci,nc->ni", reflection_moves(at, shown), normals)
+            if thick:
+                moves[:, 2] = np.einsum("nc,nc->n", thickness_moves(at, shown, True), normals)
             weights = scaled_cauchy_weights(distances, _LEAST_NOISE, _CORRELATED)
             return [weighted_equations(moves, distances, weights)]
 
@@ -173,12 +215,25 @@ def _aligned(image: RgbdImage, mirror: Mirror, settings: JointSettings) -> Mirro
     if found is None:
         return None
     whole, halves = found
-    slopes, shift = whole.correction[:2], whole.correction[2]
+    slopes, shift = whole.correction[:2], whole.correction[2]  # or thickness
     if abs(halves[0].correction[2] - halves[1].correction[2]) > _UNLIKE * abs(shift):
         return None
     if abs(shift) > settings.max_shift or np.abs(slopes).max() > settings.max_slope:
         return None
-    return corrected([mirror], columns_of([0]), whole.correction, whole.covariance)[0]
+    if thick and not _THINNEST < shift < _THICKEST:
+        return None
+    return replace(corrected_by(whole.correction), covariance=_of_plane(whole.covariance, thick))
+
+
+def _of_plane(covariance: np.ndarray, thick: bool) -> np.ndarray:
+    """Covariance (3, 3) of slopes and shift, where the third unknown was the thickness.
+
+    At the person an error of that is one of the apparent plane and of the delay, about twice as much.
+    """
+    if not thick:
+        return covariance
+    scale = np.diag((1.0, 1.0, REFRACTION))
+    return scale @ covariance @ scale
 
 
 def _median(parts: list[np.ndarray]) -> float:

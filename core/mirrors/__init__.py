@@ -6,8 +6,10 @@ from .mirror import Mirror
 
 __all__ = [
     "Mirror",
+    "curved_glass",
     "disparity_plane",
     "frame_fit",
+    "frame_shape",
     "frame_sides",
     "glass_extent",
     "glass_kernels",

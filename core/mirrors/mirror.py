@@ -55,6 +55,14 @@ class Mirror:
         seen both ways, "views" that must agree, "seams" that showed an offset.
     moved : float
         By how much that moves the reflection of somebody 1.5 m in front of it, root mean square [m].
+    sag : float
+        How far the middle of the apparent surface lies in front of its two ends, along its longer side [m]; 0 = flat.
+        ``point`` and ``normal`` are those of its best plane.
+    sag_error : float
+        How certain that is, one standard deviation [m]; 0 where nothing speaks for a bow.
+    glass_thickness : float
+        Of the glass before the silver [m]; 0 = thin, or not known. The plane is the apparent one for a ray along its
+        normal; see :func:`.curved_glass.flattened`.
     """
 
     name: str
@@ -71,6 +79,9 @@ class Mirror:
     polygon: np.ndarray | None = None
     moved_by: tuple[str, ...] = ()
     moved: float = 0.0
+    sag: float = 0.0
+    sag_error: float = 0.0
+    glass_thickness: float = 0.0
 
     def displacement(self, points: np.ndarray) -> float | None:
         """Expected error of reflected ``points`` (N, 3), root mean square over them [m]; None without a covariance.
@@ -82,7 +93,23 @@ class Mirror:
             return None
         a, b, n = self.basis.T
         moves = reflection_moves(self, points)
-        return float(np.sqrt(np.einsum("nci,ij,ncj->n", moves, self.covariance, moves).mean()))
+        variance = np.einsum("nci,ij,ncj->n", moves, self.covariance, moves).mean()
+        return float(np.sqrt(variance + self._bow_variance(np.asarray(points, dtype=np.float64).reshape(-1, 3))))
+
+    def _bow_variance(self, points: np.ndarray) -> float:
+        """What the sag's error adds at real ``points`` (N, 3): to first order 2 s q and 2 D times the slope s q'."""
+        if self.sag_error == 0.0 or self.rectangle is None:
+            return 0.0
+        axis = int(np.argmax(np.diff(self.rectangle, axis=1)[:, 0]))
+        low, high = self.rectangle[axis]
+        offset = points - self.point
+        ahead, eye = offset @ self.normal, -(self.point @ self.normal)
+        # where on the glass the camera sees them: the line from the camera to their image
+        along = self.basis[:, axis]
+        place = offset @ along + ahead / (ahead + eye) * (-(self.point @ along) - offset @ along)
+        share = np.clip(2.0 * (place - 0.5 * (low + high)) / (high - low), -1.0, 1.0)
+        lift, slope = 1.0 / 3.0 - share**2, 4.0 * share / (high - low)
+        return float(self.sag_error**2 * (4.0 * lift**2 + (2.0 * ahead * slope) ** 2).mean())
 
 
 def reflection_moves(mirror: Mirror, points: np.ndarray) -> np.ndarray:

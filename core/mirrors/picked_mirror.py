@@ -9,8 +9,10 @@ import numpy as np
 from ..camera import Intrinsics, RgbdImage, unproject
 from ..capture import MirrorPicks
 from ..errors import MirrorError, PicksDisagreeError
-from .disparity_plane import DisparityPlane, disparity_of_plane, fit_core, plane_covariance, plane_of_disparity
+from .curved_glass import REFRACTION
+from .disparity_plane import BLOCK, DisparityPlane, disparity_of_plane, fit_core, plane_covariance, plane_of_disparity
 from .frame_pixels import grow_frame
+from .frame_sides import WIDEST
 from .glass_extent import with_measured_sides, with_rectangle
 from .mirror import Mirror, oriented, plane_mirror
 from .wall_behind_frame import separate_wall
@@ -28,6 +30,9 @@ class MirrorSettings:
         Half thickness of the slab around the first plane in which the frame is searched, relative to z.
     glass_offset : float
         How far the reflecting glass lies behind the front of the frame [m].
+    glass_thickness : float
+        Of the glass before the silver [m], where it is known: the mirror reflects as if it lay a third of that behind
+        the front, and delays the light of cameras that measure time.
     pick_radius : int
         A pick without a reading takes the nearest reading within this many pixels.
     """
@@ -35,7 +40,13 @@ class MirrorSettings:
     grow: bool = True
     band: float = 0.02
     glass_offset: float = 0.0
+    glass_thickness: float = 0.0
     pick_radius: int = 3
+
+    @property
+    def behind_frame(self) -> float:
+        """How far the apparent surface lies behind the front of the frame [m]."""
+        return self.glass_offset + self.glass_thickness / REFRACTION
 
 
 def fit_plane(points: np.ndarray, name: str = "mirror") -> Mirror:
@@ -117,8 +128,8 @@ def place_mirror(
             f"{picks.name}: the plane through the picks is seen edge-on, so that nothing could be seen in it; pick on "
             "the frame itself, on at least two of its sides, not on the glass or on something in front of it"
         )
-    if settings.glass_offset:
-        mirror = replace(mirror, point=mirror.point - settings.glass_offset * mirror.normal)
+    if settings.behind_frame:
+        mirror = replace(mirror, point=mirror.point - settings.behind_frame * mirror.normal)
     return mirror if mirror.outline is not None else with_rectangle(mirror, picked, picked, intrinsics)
 
 
@@ -202,6 +213,7 @@ def _grow(
     grown = grow_frame(depth, seeds, first, 0.5 * (intrinsics.fx + intrinsics.fy), band)
     if grown is None:
         return None
+    grown = _near_picks(depth, seeds, cloud, plane, first, intrinsics, band, grown)
     u, v, fitted = grown
     mirror, core = _on_pixels(u, v, fitted, depth, seeds, cloud, plane, intrinsics)
     assert mirror.rectangle is not None  # it was just set
@@ -210,6 +222,58 @@ def _grow(
         mirror, core = _on_pixels(separated.u, separated.v, separated.fitted, depth, seeds, cloud, plane, intrinsics)
     covariance = plane_covariance(core, intrinsics, mirror.point, mirror.basis)
     return replace(mirror, covariance=covariance + np.diag((0.0, 0.0, separated.depth_error**2)))
+
+
+_Grown = tuple[np.ndarray, np.ndarray, DisparityPlane]
+
+
+def _near_picks(
+    depth: np.ndarray,
+    seeds: np.ndarray,
+    cloud: np.ndarray,
+    plane: Mirror,
+    first: np.ndarray,
+    intrinsics: Intrinsics,
+    band: float,
+    grown: _Grown,
+) -> _Grown:
+    """What was ``grown``, or only what of it lies near the picks, where it ran on over a wall that is not flat.
+
+    What a mirror hangs on says where it is only beside it: the rest of the wall may bulge, or be another wall.
+    """
+    u, v, fitted = grown
+    if not _uneven(u, v, cloud, fitted, intrinsics):
+        return grown
+    picked = (cloud[seeds[:, 1], seeds[:, 0]] - plane.point) @ plane.basis[:, :2]
+    low, high = picked.min(axis=0), picked.max(axis=0)
+    place = (cloud[v, u] - plane.point) @ plane.basis[:, :2]
+    past = np.maximum(low - place, place - high).max(axis=1)  # outside of the picks' box, negative inside
+    if (past > WIDEST).sum() < _WALL_SHARE * len(u):  # it is no wall
+        return grown
+    for reach in _BESIDE:
+        beside = np.zeros_like(depth)
+        mine = np.abs(past) < reach
+        beside[v[mine], u[mine]] = depth[v[mine], u[mine]]
+        kept = beside[seeds[:, 1], seeds[:, 0]] > 0.0
+        again = grow_frame(
+            beside, seeds[kept], first, 0.5 * (intrinsics.fx + intrinsics.fy), band
+        ) if kept.sum() >= 3 else None  # fmt: skip
+        if again is None:
+            break
+        grown = again
+        if not _uneven(*grown[:2], cloud, grown[2], intrinsics):
+            break
+    return grown
+
+
+def _uneven(u: np.ndarray, v: np.ndarray, cloud: np.ndarray, fitted: DisparityPlane, intrinsics: Intrinsics) -> bool:
+    """Whether blocks of the pixels are off the plane by far more than noise."""
+    normal, d = plane_of_disparity(fitted.coefficients, intrinsics)
+    lift = cloud[v, u] @ normal - d
+    _, member, count = np.unique(u // BLOCK * 10_000 + v // BLOCK, return_inverse=True, return_counts=True)
+    mean = np.bincount(member, lift) / count
+    noise = 1.4826 * float(np.median(np.abs(lift - mean[member])))
+    return float(np.sqrt(np.mean(mean[count > BLOCK] ** 2))) > max(_UNEVEN, noise) if (count > BLOCK).any() else False
 
 
 def _on_pixels(
@@ -243,5 +307,8 @@ def _on_pixels(
     return mirror, core
 
 
+_UNEVEN = 0.0025  # root mean square by which a wall is off a plane from which on it is not flat [m]
+_WALL_SHARE = 0.2  # of what was grown that lies farther from the picks than a frame is wide, else it is no wall
+_BESIDE = (0.15, 0.05)  # how near to the picks' box a wall that is not flat still counts [m]
 _EDGE_ON = 0.08  # cosine between line of sight and normal from which on nothing can be seen in a mirror
 _NO_PICK = 0.06  # a pick this far off the plane is not on the frame [m]

@@ -54,6 +54,9 @@ def _entry(m: Mirror) -> dict:
         "covariance": None if m.covariance is None else m.covariance.tolist(),
         "residual_mm": 1000.0 * m.residual,
         "points_used": m.points_used,
+        "sag_mm": 1000.0 * m.sag,
+        "sag_error_mm": 1000.0 * m.sag_error,
+        "glass_thickness_mm": 1000.0 * m.glass_thickness,
     }
 
 
@@ -140,6 +143,10 @@ def _mirror(path: Path, place: int, entry: object, intrinsics: Intrinsics) -> Mi
             refined=True,
             source="rig file",
             covariance=covariance,
+            # older files lack these: flat, thin glass
+            sag=_number(path, name, entry.get("sag_mm", 0.0)) / 1000.0,
+            sag_error=_number(path, name, entry.get("sag_error_mm", 0.0)) / 1000.0,
+            glass_thickness=_number(path, name, entry.get("glass_thickness_mm", 0.0)) / 1000.0,
         ),
         intrinsics,
         np.zeros((2, 2), np.bool_),

@@ -216,7 +216,7 @@ def _mirrors(capture: Capture, depth: np.ndarray, settings: Settings) -> list[Mi
     if capture.mirrors:
         return [place_mirror(RgbdImage(depth, capture.intrinsics), pick, settings.mirror) for pick in capture.mirrors]
     return find_mirrors(
-        RgbdImage(depth, capture.intrinsics, capture.color), settings.detection, settings.mirror.glass_offset
+        RgbdImage(depth, capture.intrinsics, capture.color), settings.detection, settings.mirror.behind_frame
     )
 
 

@@ -8,14 +8,19 @@ import numpy as np
 
 from ..camera import RgbdImage, unproject
 from ..capture import Capture, MirrorPicks
+from ..depth.sensor_recognition import measures_time
 from ..errors import MirrorError, Notice, PicksDisagreeError
 from ..mirror_alignment.floor_alignment import align_floor
+from ..mirror_alignment.glass_alignment import align_bows, thick_glass
+from ..mirror_alignment.own_reflection import align_own_reflections
 from ..mirror_alignment.reflection_alignment import align_reflections
 from ..mirror_alignment.view_alignment import align_views
 from ..mirror_detection.detection import find_mirrors
 from ..mirror_detection.frameless_mirrors import frameless_notes
 from ..mirror_detection.mirror_at_picks import contradicted, find_better_at, find_mirror_at
 from ..mirrors import Mirror
+from ..mirrors.curved_glass import without_delay
+from ..mirrors.frame_shape import honest_error
 from ..mirrors.picked_mirror import place_mirror
 from .rig_calibration import moved_warnings
 from .settings import Settings
@@ -26,7 +31,7 @@ def place_mirrors(
 ) -> tuple[list[Mirror], tuple[str, ...]]:
     """The mirrors that were picked or given, or else those that the depth map shows; and what to warn of."""
     first = first_mirrors(known, depth, capture, settings)
-    return align_mirrors(first, RgbdImage(depth, capture.intrinsics), settings)
+    return align_mirrors(first, RgbdImage(depth, capture.intrinsics), capture, settings)
 
 
 def first_mirrors(
@@ -39,7 +44,7 @@ def first_mirrors(
     MirrorError
         There is none, or one cannot be placed.
     """
-    image, offset = RgbdImage(depth, capture.intrinsics), settings.mirror.glass_offset
+    image, offset = RgbdImage(depth, capture.intrinsics), settings.mirror.behind_frame
     cloud = unproject(depth, capture.intrinsics)
 
     def place(one: MirrorPicks | Mirror) -> Mirror:
@@ -72,7 +77,9 @@ def first_mirrors(
     return placed
 
 
-def align_mirrors(first: list[Mirror], image: RgbdImage, settings: Settings) -> tuple[list[Mirror], tuple[str, ...]]:
+def align_mirrors(
+    first: list[Mirror], image: RgbdImage, capture: Capture, settings: Settings
+) -> tuple[list[Mirror], tuple[str, ...]]:
     """The mirrors corrected until frames, floor and views fit together; and what to warn of."""
     warnings = list(moved_warnings(image, [m for m in first if m.source == "rig file"]))
     warnings += [
@@ -84,8 +91,22 @@ def align_mirrors(first: list[Mirror], image: RgbdImage, settings: Settings) -> 
         for k, m in enumerate(first)
         if m.source == "picked" and contradicted(image, m, first[:k] + first[k + 1 :])
     ]  # fmt: skip
-    placed, by_reflections = align_reflections(image, first, settings.alignment)
+    judged = [honest_error(image, m) if m.source in ("picked", "found") else (m, None) for m in first]
+    placed = [mirror for mirror, _ in judged]
+    warnings += [warning for _, warning in judged if warning is not None]
+    placed, by_camera = align_own_reflections(replace(image, color=capture.color), placed, settings.own_reflection)
+    warnings += by_camera
+    if settings.mirror.glass_thickness:
+        placed = [
+            replace(m, glass_thickness=settings.mirror.glass_thickness) if not m.glass_thickness else m for m in placed
+        ]  # fmt: skip
+    timed, raw = measures_time(capture, settings.depth), image
+    image = without_delay(raw, placed) if timed else raw
+    thick = thick_glass(image, placed, settings.thickness) if timed is not False else None
+    placed, by_reflections = align_reflections(image, placed, settings.alignment, thick)
+    image = without_delay(raw, placed) if timed or thick is not None else raw
     placed, by_floor = align_floor(image, placed, settings.floor)
     placed, by_views = align_views(image, placed, settings.agreement)
-    warnings += (*by_reflections, *by_floor, *by_views)
+    placed, by_bow = align_bows(image, placed, settings.bow)
+    warnings += (*by_reflections, *by_floor, *by_views, *by_bow)
     return placed, (*warnings, *frameless_notes(placed))

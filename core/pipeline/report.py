@@ -39,6 +39,9 @@ def make_report(
                 "refined": m.refined,
                 "moved_by": list(m.moved_by),
                 "moved_mm": 1000.0 * m.moved,
+                "sag_mm": 1000.0 * m.sag,
+                "sag_error_mm": 1000.0 * m.sag_error,
+                "glass_thickness_mm": 1000.0 * m.glass_thickness,
                 "covariance": None if m.covariance is None else m.covariance.tolist(),
                 "displacement_mm": None if (error := m.displacement(person)) is None else 1000.0 * error,
             }

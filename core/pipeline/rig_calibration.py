@@ -65,7 +65,7 @@ def calibrate(
             for pick in known
         ]
     else:
-        placed = find_mirrors(RgbdImage(fused, intrinsics, capture.color), _EMPTY, mirror.glass_offset)
+        placed = find_mirrors(RgbdImage(fused, intrinsics, capture.color), _EMPTY, mirror.behind_frame)
     if not placed:
         raise MirrorError(
             "{capture}: no mirror was found; see that each mirror's frame is in the picture and stands clear of walls, "

@@ -18,12 +18,13 @@ from ..depth.burst_motion import still_warning
 from ..depth.clean_views import clean
 from ..depth.depth_map import one_depth_map
 from ..depth.noise_estimate import BurstNoise, burst_noise
-from ..depth.sensor_recognition import recognise
+from ..depth.sensor_recognition import measures_time, recognise
 from ..depth.settings import DepthSettings
 from ..errors import Notice, ReconstructionError
 from ..light.two_way_light import LightSettings, TwoWayLight, find_two_way_light, without_spoiled
 from ..mesh import Mesh
 from ..mirrors import Mirror
+from ..mirrors.curved_glass import flattened, without_delay
 from ..mirrors.mirror import reflection_matrix
 from ..numeric.threads import each
 from ..patches.grid_triangulation import largest_jump, triangulate_view
@@ -106,8 +107,8 @@ def scan_steps(
 
     yield at(0.17), "Fitting the mirrors"
     first = first_mirrors(picks, depth, capture, settings) if picks or find else []
-    image = RgbdImage(depth, camera)
-    placed, placement = align_mirrors(first, image, settings) if first else ([], ())
+    read = RgbdImage(depth, camera)
+    image, placed, placement = _aligned(first, read, capture, settings)
     clock.lap("mirrors")
 
     yield at(0.33), "Finding the subject"
@@ -117,11 +118,12 @@ def scan_steps(
     light = two_way_light(image, views, placed, sensor, model, settings.light)
     if light is not None:
         yield 0.45, "Undoing light that comes two ways"
-        image = image.with_depth(np.where(light.spoiled, np.float32(0.0), light.depth))
-        placed, placement = align_mirrors(first, image, settings)
-        views = find_subject(image.with_depth(light.depth), placed, settings.views, meeting)
-        views = without_spoiled(views, light.spoiled)
-        depth = image.depth
+        read = read.with_depth(np.where(depth > 0, depth + (light.depth - image.depth), depth))
+        trusted = read.with_depth(np.where(light.spoiled, np.float32(0.0), read.depth))
+        image, placed, placement = _aligned(first, trusted, capture, settings)
+        whole = without_delay(read, placed) if image is not trusted else read
+        views = without_spoiled(find_subject(whole, placed, settings.views, meeting), light.spoiled)
+    depth = image.depth
     clock.lap("light")
 
     yield at(0.58), "Smoothing the depth"
@@ -151,6 +153,18 @@ def scan_steps(
         patches, maps, views.up, views.axis, views.floor, view_names(placed), placed, sensor, warnings, views.limits,
         burst, (camera,), cut,
     )  # fmt: skip
+
+
+def _aligned(
+    first: list[Mirror], read: RgbdImage, capture: Capture, settings: Settings
+) -> tuple[RgbdImage, list[Mirror], tuple[str, ...]]:
+    """The mirrors aligned, the depth without what their glass delays, and what to warn of."""
+    if not first:
+        return read, [], ()
+    placed, warnings = align_mirrors(first, read, capture, settings)
+    if measures_time(capture, settings.depth) is not False:
+        read = without_delay(read, placed)
+    return read, placed, warnings
 
 
 def two_way_light(
@@ -203,6 +217,7 @@ def make_patches(
             depth, views.labels, view, points, 1.0 / camera.fx, noise[view], color, settings.triangulation
         )
         if view > 0:
+            patch = replace(patch, vertices=flattened(patch.vertices, mirrors[view - 1]))
             patch = patch.transformed(reflection_matrix(mirrors[view - 1]))
             patch = replace(patch, triangles=np.ascontiguousarray(patch.triangles[:, ::-1]))
         return patch

@@ -8,6 +8,8 @@ from ..closing.mesh_closing import ClosingSettings
 from ..depth.settings import DepthSettings
 from ..light.two_way_light import LightSettings
 from ..mirror_alignment.floor_alignment import FloorSettings
+from ..mirror_alignment.glass_alignment import BowSettings, ThicknessSettings
+from ..mirror_alignment.own_reflection import OwnReflectionSettings
 from ..mirror_alignment.reflection_alignment import JointSettings
 from ..mirror_alignment.seam_alignment import SeamSettings
 from ..mirror_alignment.view_alignment import AgreementSettings
@@ -30,6 +32,9 @@ class Settings:
     alignment: JointSettings = JointSettings()
     floor: FloorSettings = FloorSettings()
     agreement: AgreementSettings = AgreementSettings()
+    own_reflection: OwnReflectionSettings = OwnReflectionSettings()
+    bow: BowSettings = BowSettings()
+    thickness: ThicknessSettings = ThicknessSettings()
     views: ViewSettings = ViewSettings()
     light: LightSettings = LightSettings()
     triangulation: TriangulationSettings = TriangulationSettings()

@@ -117,7 +117,7 @@ def seams_aligned(scan: Scan, mesh: Mesh, settings: Settings) -> Scan | None:
         return zip_patches(cut, maps, scan.up, scan.axis, scan.floor, settings.zipper)[0]
 
     mirrors, notes = align_seams(
-        scan.mirrors, scan.patches, scan.maps, mesh, join, settings.seams, settings.mirror.glass_offset
+        scan.mirrors, scan.patches, scan.maps, mesh, join, settings.seams, settings.mirror.behind_frame
     )
     if not notes:
         return None
