@@ -2,6 +2,7 @@
 
 __all__ = [
     "floor_alignment",
+    "frame_shape",
     "glass_alignment",
     "own_reflection",
     "reflection_alignment",

@@ -9,7 +9,7 @@ says better than they.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,14 +17,14 @@ from ..camera import RgbdImage, unproject
 from ..errors import Notice
 from ..mirrors import Mirror
 from ..mirrors.curved_glass import behind_front, bow_moves, thickness_moves, without_delay
-from ..mirrors.frame_shape import FrameShape, frame_shape
 from ..mirrors.mirror import moved, reflect, reflection_moves, with_reason
 from ..mirrors.wall_behind_frame import on_wall
 from ..numeric.point_products import dot
 from ..views.floor_and_vertical import find_ground
 from ..views.ray_sorting import sort_rays
 from ..views.view_correspondences import find_correspondences, noise_of, surfaces_of_views
-from .pose_solver import ALL, HALVES, NormalEquations, cauchy_weights, scaled_cauchy_weights, weighted_equations
+from .frame_shape import FrameShape, frame_shape
+from .pose_solver import ALL, HALVES, MAD, NormalEquations, cauchy_weights, scaled_cauchy_weights, weighted_equations
 
 
 @dataclass(frozen=True)
@@ -38,21 +38,29 @@ class BowSettings:
     least : float
         Smaller bows of a frame are not looked into [m]; nor are those within ``deviations`` of its noise.
     deviations : float
+    noises : float
+        No smaller bow than so many times the noise of a reading is confirmed: cameras smear a frame's edges.
     most : float
         No bow is larger [m].
     warp : float
         How much a frame may seem bowed because of the camera's depth warp where a bow is confirmed, one standard
         deviation [m].
-    gain : float
-        By so much what is seen twice must be likelier with the bow than without: twice the log of the ratio.
+    gain, even_gain : float
+        By so much what is seen twice must be likelier with the bow than without: twice the log of the ratio. The latter
+        where the floor shows that the camera does not warp depth.
+    even : float
+        Depth that errs by less than this share of itself is not warped.
     """
 
     use: bool = True
     least: float = 0.0004
-    deviations: float = 3.5
+    deviations: float = 3.0
+    noises: float = 0.3
     most: float = 0.012
     warp: float = 0.0002
-    gain: float = 5.0
+    gain: float = 14.0
+    even_gain: float = 2.5
+    even: float = 8e-5
 
 
 @dataclass(frozen=True)
@@ -69,6 +77,8 @@ class ThicknessSettings:
     gain, preferred : float
         By so much what is seen twice must be likelier with thick glass than with thin glass level with its frame, and
         than with thin glass behind it: twice the log of the ratio.
+    doubtful : float
+        From so much on the glass is not level with its frame, be it known why or not.
     """
 
     use: bool = True
@@ -76,6 +86,7 @@ class ThicknessSettings:
     most: float = 0.009
     offset: float = 0.01
     gain: float = 9.0
+    doubtful: float = 4.0
     preferred: float = 4.0
 
 
@@ -89,8 +100,13 @@ _MOST_READINGS = 1500  # of the floor in one mirror
 _FEWEST = 60  # readings of it
 _CORRELATED = 4.0  # of those so thinned that count as one
 _LEAST_NOISE = 0.002  # of the floor's height [m]
+_LEAST_EYE_HEIGHT = 0.2  # of the camera over the floor, that this is judged by [m]
+_NOISES, _LEAST_BAND = 4.0, 0.015  # about the floor: times its noise, and at least [m]
+_LEAST_SCALE = 1e-9  # [m]
+_FEWEST_CELLS = 12  # of the floor, that say something of its evenness
 _BLOCK = 24  # pixels; halves are split by such
 _ROUNDS = 5
+_UNDERRATED = 1.5  # times: pairs that are far apart are found less often, which makes an offset seem smaller
 _THICKNESS_ROUNDS = 5
 _SETTLED = 1e-4  # of the thickness [m]
 _PER_MIRROR = 8  # unknowns: two slopes, shift, sag, thickness; height and two slopes by which the floor may be off
@@ -137,7 +153,8 @@ def align_bows(
         return list(mirrors), ()
     seen_twice = _observations(image, mirrors, list(shapes), False)
     out, notes = list(mirrors), []
-    confirmed = _confirmed(seen_twice, shapes, settings)
+    gain = settings.even_gain if _depth_is_even(image, mirrors, settings) else settings.gain
+    confirmed = _confirmed(seen_twice, shapes, replace(settings, gain=gain))
     for k, shape in shapes.items():
         error, sag = confirmed[k]
         if sag is None:
@@ -223,6 +240,34 @@ def _along(mirror: Mirror, points: np.ndarray, normals: np.ndarray, time_of_flig
     return np.column_stack((moves, *(np.einsum("nc,nc->n", change, normals) for change in others)))
 
 
+def _depth_is_even(image: RgbdImage, mirrors: Sequence[Mirror], settings: BowSettings) -> bool:
+    """Whether the floor as it is seen directly is so even that the camera can hardly warp depth.
+
+    A relative error of depth lifts the floor by as much times the height of the camera.
+    """
+    seen, placed = sort_rays(unproject(image.depth, image.intrinsics), list(mirrors))
+    ground = find_ground(placed, np.where(seen > 0, -1, seen).astype(seen.dtype), list(mirrors))
+    if ground.floor is None or not ground.floor < -_LEAST_EYE_HEIGHT:
+        return False
+    heights = dot(placed, ground.up) - ground.floor
+    rows, columns = np.nonzero((seen == 0) & (np.abs(heights) < max(_NOISES * ground.noise, _LEAST_BAND)))
+    cells = rows // _BLOCK * (image.intrinsics.width // _BLOCK + 1) + columns // _BLOCK
+    _, member, count = np.unique(cells, return_inverse=True, return_counts=True)
+    full = count > _BLOCK * _BLOCK // 2
+    if full.sum() < _FEWEST_CELLS:
+        return False
+    along = placed[rows, columns] @ _level(ground.up)
+    means = [np.bincount(member, value)[full] / count[full] for value in (heights[rows, columns], *along.T)]
+    design = np.column_stack((np.ones(full.sum()), *means[1:]))
+    weights, scale = np.ones(full.sum()), np.inf
+    for _ in range(_ROUNDS):  # feet and what lies about weigh little
+        plane = np.linalg.lstsq(design * weights[:, None], means[0] * weights, rcond=None)[0]
+        left = means[0] - design @ plane
+        scale = MAD * float(np.median(np.abs(left))) + _LEAST_SCALE
+        weights = 1.0 / np.sqrt(1.0 + (left / (2.0 * scale)) ** 2)
+    return scale < settings.even * -ground.floor
+
+
 def _level(up: np.ndarray) -> np.ndarray:
     """Two unit vectors (3, 2) along the floor."""
     along = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
@@ -256,8 +301,22 @@ class _Evidence:
         )  # fmt: skip
 
 
-def thick_glass(image: RgbdImage, mirrors: Sequence[Mirror], settings: ThicknessSettings | None = None) -> float | None:
-    """How thick the mirrors are, where what is seen twice shows that [m]; else None.
+@dataclass(frozen=True)
+class GlassEvidence:
+    """What is seen twice says of where glass lies: how thick it is [m], or None.
+
+    ``behind`` (mirror's index → m): how far behind its frame each apparent surface seems to lie, where that is clear
+    but not why.
+    """
+
+    thickness: float | None = None
+    behind: dict[int, float] = field(default_factory=dict)
+
+
+def thick_glass(
+    image: RgbdImage, mirrors: Sequence[Mirror], settings: ThicknessSettings | None = None
+) -> GlassEvidence:
+    """How thick the mirrors are, where what is seen twice shows that.
 
     For a camera that measures time: the delay in the glass displaces along the ray, a frame that projects in front of
     thin glass along the mirror's normal. Asked of all mirrors together.
@@ -274,7 +333,7 @@ def thick_glass(image: RgbdImage, mirrors: Sequence[Mirror], settings: Thickness
         and not m.glass_thickness and not on_wall(m)
     ]  # fmt: skip
     if not settings.use or not asked:
-        return None
+        return GlassEvidence()
     observations = _observations(image, mirrors, asked, True)
     poses = [(np.zeros(3), _proper(mirrors[k])) for k in asked]
     nothing = [0.0] * len(asked), [_NONE] * len(asked)
@@ -285,19 +344,50 @@ def thick_glass(image: RgbdImage, mirrors: Sequence[Mirror], settings: Thickness
     )
     gains = [other.likelihood() - level.likelihood() for other in (projecting, thick)]
     if not gains[1] > max(settings.gain, gains[0] + settings.preferred):
-        return None
+        shifts = projecting.best()[2::_PER_MIRROR]
+        clear = max(gains) > settings.doubtful and shifts.mean() < 0.0
+        return GlassEvidence(
+            behind={k: -float(s) for k, s in zip(asked, shifts, strict=True) if s < 0.0} if clear else {}
+        )
     prior = _prior(poses, *nothing, _NONE, settings.offset)
     thickness, at = 0.0, list(mirrors)
     for _ in range(_THICKNESS_ROUNDS):  # pairs far apart are not all found: nearer they are
         more = float(_solved(observations, prior)[4::_PER_MIRROR].mean())
         thickness = thickness + more
         if not 0.0 < thickness < settings.most:
-            return None
+            return GlassEvidence()
         if abs(more) < _SETTLED:
             break
         at = [behind_front(m, thickness) if k in asked else m for k, m in enumerate(mirrors)]
         observations = _observations(without_delay(image, at), at, asked, True)
-    return thickness if thickness > settings.least else None
+    return GlassEvidence(thickness if thickness > settings.least else None)
+
+
+def doubted_offsets(
+    mirrors: Sequence[Mirror], evidence: GlassEvidence, before: Sequence[Mirror]
+) -> tuple[list[Mirror], tuple[str, ...]]:
+    """Mirrors less certain whose glass seems to lie behind their frames, and that nothing moved from ``before``.
+
+    Returns
+    -------
+    mirrors : list of Mirror
+    warnings : tuple of str
+    """
+    out, warnings = list(mirrors), []
+    for k, behind in evidence.behind.items():
+        mirror = mirrors[k]
+        if mirror is not before[k] or mirror.covariance is None:
+            continue
+        offset = _UNDERRATED * behind
+        out[k] = replace(mirror, covariance=mirror.covariance + np.diag((0.0, 0.0, offset**2)))
+        warnings.append(
+            Notice(
+                "{name}: what is seen twice does not quite coincide, as if its glass lay {offset:.0f} mm behind the "
+                "front of its frame or were thick; measure both and give them (glass_offset, glass_thickness)",
+                name=mirror.name, offset=1000.0 * offset, mirrors=[mirror.name],
+            )
+        )  # fmt: skip
+    return out, tuple(warnings)
 
 
 def _proper(mirror: Mirror) -> np.ndarray:
@@ -326,7 +416,8 @@ def _confirmed(
     for n, (k, shape) in enumerate(shapes.items()):
         column = _PER_MIRROR * n + 3
         gains = [evidence[which].least(column, 0.0) - evidence[which].least(column, shape.sag) for which in evidence]
-        likely.append(gains[0] > settings.gain and min(gains[1:]) > 0.0)
+        clear = abs(shape.sag) > settings.noises * shape.noise
+        likely.append(clear and gains[0] > settings.gain and min(gains[1:]) > 0.0)
         # the truth is 0 or what the frame says: so likely is the latter
         share = 1.0 / (1.0 + np.exp(-0.5 * np.clip(gains[0], -100.0, 100.0)))
         out[k] = (abs(shape.sag) * float(np.sqrt(share)), None)

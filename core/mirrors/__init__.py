@@ -9,7 +9,6 @@ __all__ = [
     "curved_glass",
     "disparity_plane",
     "frame_fit",
-    "frame_shape",
     "frame_sides",
     "glass_extent",
     "glass_kernels",

@@ -11,7 +11,8 @@ from ..capture import Capture, MirrorPicks
 from ..depth.sensor_recognition import measures_time
 from ..errors import MirrorError, Notice, PicksDisagreeError
 from ..mirror_alignment.floor_alignment import align_floor
-from ..mirror_alignment.glass_alignment import align_bows, thick_glass
+from ..mirror_alignment.frame_shape import honest_error
+from ..mirror_alignment.glass_alignment import GlassEvidence, align_bows, doubted_offsets, thick_glass
 from ..mirror_alignment.own_reflection import align_own_reflections
 from ..mirror_alignment.reflection_alignment import align_reflections
 from ..mirror_alignment.view_alignment import align_views
@@ -20,7 +21,6 @@ from ..mirror_detection.frameless_mirrors import frameless_notes
 from ..mirror_detection.mirror_at_picks import contradicted, find_better_at, find_mirror_at
 from ..mirrors import Mirror
 from ..mirrors.curved_glass import without_delay
-from ..mirrors.frame_shape import honest_error
 from ..mirrors.picked_mirror import place_mirror
 from .rig_calibration import moved_warnings
 from .settings import Settings
@@ -102,8 +102,11 @@ def align_mirrors(
         ]  # fmt: skip
     timed, raw = measures_time(capture, settings.depth), image
     image = without_delay(raw, placed) if timed else raw
-    thick = thick_glass(image, placed, settings.thickness) if timed is not False else None
+    glass = thick_glass(image, placed, settings.thickness) if timed is not False else GlassEvidence()
+    before, thick = placed, glass.thickness
     placed, by_reflections = align_reflections(image, placed, settings.alignment, thick)
+    placed, doubts = doubted_offsets(placed, glass, before)
+    warnings += doubts
     image = without_delay(raw, placed) if timed or thick is not None else raw
     placed, by_floor = align_floor(image, placed, settings.floor)
     placed, by_views = align_views(image, placed, settings.agreement)

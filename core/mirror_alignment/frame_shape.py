@@ -8,10 +8,10 @@ import numpy as np
 
 from ..camera import RgbdImage, project
 from ..errors import Notice
-from .curved_glass import bow_profile, long_axis
-from .disparity_plane import BLOCK, erosion
-from .mirror import Mirror, expected_error
-from .wall_behind_frame import on_wall
+from ..mirrors.curved_glass import bow_profile, long_axis
+from ..mirrors.disparity_plane import BLOCK, erosion
+from ..mirrors.mirror import Mirror, expected_error
+from ..mirrors.wall_behind_frame import on_wall
 
 _OUTSIDE, _INSIDE = 0.01, 0.08  # about the glass's rectangle the frame is looked for [m]
 _WALL = 0.06  # the same about a mirror that hangs on a wall [m]
@@ -58,7 +58,7 @@ class FrameShape:
 def frame_shape(image: RgbdImage, mirror: Mirror) -> FrameShape | None:
     """The shape of the frame by its own readings.
 
-    A camera's smooth depth warp looks the same in them: see :mod:`.bow_alignment` for what tells both apart.
+    A camera's smooth depth warp looks the same in them: see :mod:`.glass_alignment` for what tells both apart.
 
     Parameters
     ----------

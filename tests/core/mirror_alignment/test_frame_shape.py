@@ -1,0 +1,95 @@
+"""Frames and walls that are no planes: growth stops beside the picks, and the stated error says so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mirror_scan.core.camera import Intrinsics, RgbdImage, project
+from mirror_scan.core.capture import MirrorPicks
+from mirror_scan.core.depth.depth_map import one_depth_map
+from mirror_scan.core.mirror_alignment.frame_shape import frame_shape, honest_error
+from mirror_scan.core.mirrors.mirror import expected_error
+from mirror_scan.core.mirrors.picked_mirror import place_mirror
+from mirror_scan.core.mirrors.wall_behind_frame import on_wall
+
+CAMERA = Intrinsics(640, 480, 520.0, 520.0, 319.5, 239.5)
+NOISE = 0.0008
+
+
+def wall(lift, glass, noise: float = NOISE, distance: float = 1.4) -> RgbdImage:
+    """A wall that stands ``lift`` (x, y) in front of z = distance, and mirrors in it that are not read.
+
+    ``glass``: boxes (x0, x1, y0, y1) on it [m].
+    """
+    v, u = np.indices((CAMERA.height, CAMERA.width))
+    x, y = (u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy
+    z = np.full(u.shape, distance)
+    for _ in range(20):
+        z = distance - lift(x * z, y * z)
+    place_x, place_y = x * z, y * z
+    z = z + np.random.default_rng(0).normal(0.0, noise, z.shape)
+    for x0, x1, y0, y1 in glass:
+        z[(place_x > x0) & (place_x < x1) & (place_y > y0) & (place_y < y1)] = 0.0
+    return RgbdImage(z.astype(np.float32), CAMERA)
+
+
+def around(box, lift, distance: float = 1.4, off: float = 0.012) -> MirrorPicks:
+    """Two picks on each side of a glass, just beside it on the wall."""
+    x0, x1, y0, y1 = box
+    places = []
+    for share in (0.25, 0.75):
+        x, y = x0 + share * (x1 - x0), y0 + share * (y1 - y0)
+        places += [(x, y0 - off), (x, y1 + off), (x0 - off, y), (x1 + off, y)]
+    points = np.array([(x, y, distance - lift(x, y)) for x, y in places])
+    return MirrorPicks("door", project(points, CAMERA))
+
+
+LEFT, RIGHT = (-0.55, -0.06, -0.35, 0.35), (0.06, 0.55, -0.35, 0.35)
+
+
+def creased(x, y):
+    return -np.abs(x) * np.tan(np.radians(4.1))
+
+
+def turned(mirror) -> float:
+    return float(np.degrees(np.arctan2(mirror.normal[0], -mirror.normal[2])))
+
+
+def test_two_mirrors_on_walls_that_meet_keep_their_own_planes():
+    image = wall(creased, (LEFT, RIGHT))
+    left, right = (place_mirror(image, around(box, creased)) for box in (LEFT, RIGHT))
+    assert abs(turned(left) + 4.1) < 0.6 and abs(turned(right) - 4.1) < 0.6
+
+
+def test_an_uneven_wall_makes_the_error_larger_and_is_warned_of():
+    def bulging(x, y):
+        return 0.012 * np.cos(5.0 * x) * np.cos(4.0 * y)
+
+    image = wall(bulging, (LEFT,))
+    mirror = place_mirror(image, around(LEFT, bulging))
+    honest, warning = honest_error(image, mirror)
+    assert warning is not None and "uneven" in str(warning) and "door" in str(warning)
+    assert expected_error(honest) > 1.2 * expected_error(mirror)
+
+
+@pytest.mark.parametrize("noise", [0.0005, 0.002, 0.006])
+def test_a_flat_wall_is_not_warned_of(noise):
+    def flat(x, y):
+        return 0.02 * x
+
+    image = wall(flat, (LEFT,), noise)
+    mirror = place_mirror(image, around(LEFT, flat))
+    assert on_wall(mirror)
+    assert honest_error(image, mirror) == (mirror, None)
+
+
+def test_a_straight_frame_is_not_warned_of_nor_said_to_hang_on_a_wall(simulated):
+    for sensor in ("ideal", "azure_kinect", "kinect_v1", "realsense_d455"):
+        capture = simulated(sensor).capture
+        image = RgbdImage(one_depth_map(capture)[0], capture.intrinsics)
+        for picks in capture.mirrors:
+            mirror = place_mirror(image, picks)
+            assert honest_error(image, mirror) == (mirror, None)
+            assert not on_wall(mirror)
+            shape = frame_shape(image, mirror)
+            assert shape is None or abs(shape.sag) < max(4.0 * shape.sag_error, 0.4 * shape.noise) + 1e-4
