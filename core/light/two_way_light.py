@@ -86,6 +86,7 @@ _FLOOR_SAMPLE = 1500  # floor readings that the response is fitted to
 _FLOOR_PIXELS = 90_000  # of the image in which the floor is looked for
 _FLOOR_BAND = 0.08  # so far from the floor a reading may be the floor's, misread [m]
 _FLOOR_GRAZING = 0.12  # sine of the ray's angle to the floor, below which it is not judged
+_FARTHEST_FLOOR = 8.0  # [m]
 _GAP = 10  # so far the subject goes on where nothing is read [px]
 _LEAST_EXPLAINED = 0.15  # share of the floor's bias that a response must explain
 _FRAME_BAND = 0.04  # so near a mirror's plane, outside its glass, is its frame [m]
@@ -295,6 +296,7 @@ class _Scene:
         surface = self.surface(depth, trusted, rows, columns)
         light, _ = self.light(surface)
         spoiled |= self.ghosts(surface, light, depth)
+        self.correct_floor(response, depth, spoiled)
         kept = trusted[rows, columns]
         return TwoWayLight(
             depth, spoiled, float(((total > _NOTICEABLE) | ~kept).mean()),
@@ -374,6 +376,56 @@ class _Scene:
         marked = np.zeros(depth.shape, np.bool_)
         marked[rows[bad], columns[bad]] = True
         return grown(marked, 1)
+
+    def correct_floor(self, response: PhaseResponse | None, depth: np.ndarray, spoiled: np.ndarray) -> None:
+        """Correct or mark the floor's readings in ``depth`` and ``spoiled``, as they are seen directly and in mirrors.
+
+        What a mirror shows of it is found by its ray, wherever the reading is.
+        """
+        views = self.views
+        if views.floor is None:
+            return
+        for view in range(len(self.sources)):
+            rows, columns = np.nonzero((self.labels < 0) & (depth > 0) & ((views.seen == 0) if view == 0 else True))
+            to_floor = self.floor_distance(rows, columns, view)
+            if view == 0:
+                height = views.points[rows, columns] @ views.up - views.floor
+                some = np.isfinite(to_floor) & (np.abs(height) < _FLOOR_BAND)
+            else:
+                some = np.isfinite(to_floor)
+            rows, columns, z = rows[some], columns[some], to_floor[some]
+            own = np.full(len(rows), view, np.intp)
+            points = self.place(rows, columns, z, own)
+            if view > 0:
+                shown = through_glass(points, self.mirrors[view - 1])
+                rows, columns, own, points = rows[shown], columns[shown], own[shown], points[shown]
+            light, lengths = irradiance(
+                points, np.broadcast_to(views.up, points.shape), own, *self.hiding, self.mirrors, self.intrinsics,
+                self.reflectivity,
+            )  # fmt: skip
+            ratio = ratio_to_own(light, own)
+            longer = lengths - lengths[np.arange(len(own)), own][:, None]
+            predicted, uncertain = self.predicted(response, ratio, longer, np.ones(len(own), np.bool_))
+            lost = (uncertain > _CORRECTABLE) | (ratio.sum(axis=1) > _MODERATE)
+            spoiled[rows[lost], columns[lost]] = True
+            if view == 0:
+                kept = ~lost & (predicted != 0)
+                rows, columns = rows[kept], columns[kept]
+                depth[rows, columns] -= (predicted[kept] / ray_lengths(rows, columns, self.intrinsics)).astype(np.float32)
+
+    def floor_distance(self, rows: np.ndarray, columns: np.ndarray, view: int) -> np.ndarray:
+        """The z (N,) at which the rays of some pixels meet the floor, as a view shows it [m]; infinite if they don't."""
+        assert self.views.floor is not None
+        up, height = self.views.up, self.views.floor
+        if view > 0:  # the mirror's image of the floor
+            mirror = self.mirrors[view - 1]
+            height = height - 2.0 * (mirror.point @ mirror.normal) * (mirror.normal @ up)
+            up = up - 2.0 * (mirror.normal @ up) * mirror.normal
+        x, y = (columns - self.intrinsics.cx) / self.intrinsics.fx, (rows - self.intrinsics.cy) / self.intrinsics.fy
+        fall = up[0] * x + up[1] * y + up[2]
+        with np.errstate(divide="ignore"):
+            z = height / fall
+        return np.where((z > 0) & (z < _FARTHEST_FLOOR), z, np.inf)
 
     def ghosts(self, surface: _Surface, light: np.ndarray, depth: np.ndarray) -> np.ndarray:
         """Readings (H, W) of no view that lie in the middle between both ways to skin which another view shows."""
