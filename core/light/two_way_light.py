@@ -411,10 +411,12 @@ class _Scene:
             if view == 0:
                 kept = ~lost & (predicted != 0)
                 rows, columns = rows[kept], columns[kept]
-                depth[rows, columns] -= (predicted[kept] / ray_lengths(rows, columns, self.intrinsics)).astype(np.float32)
+                depth[rows, columns] -= (predicted[kept] / ray_lengths(rows, columns, self.intrinsics)).astype(
+                    np.float32
+                )
 
     def floor_distance(self, rows: np.ndarray, columns: np.ndarray, view: int) -> np.ndarray:
-        """The z (N,) at which the rays of some pixels meet the floor, as a view shows it [m]; infinite if they don't."""
+        """The z (N,) at which the rays of some pixels meet the floor as a view shows it [m]; infinite if they don't."""
         assert self.views.floor is not None
         up, height = self.views.up, self.views.floor
         if view > 0:  # the mirror's image of the floor

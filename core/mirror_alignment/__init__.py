@@ -7,5 +7,6 @@ __all__ = [
     "own_reflection",
     "reflection_alignment",
     "seam_alignment",
+    "seam_thickness",
     "view_alignment",
 ]

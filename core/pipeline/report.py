@@ -75,6 +75,9 @@ def make_report(
             "volume_l": None if checked["volume_m3"] is None else 1000.0 * checked["volume_m3"],
             "height_m": float(np.ptp(mesh.vertices[:, 2])),
         },
+        "optics": None
+        if scan.lit_twice is None
+        else {"lit_twice_share": scan.lit_twice[0], "corrected_share": scan.lit_twice[1]},
         "timings_ms": {name: round(value, 2) for name, value in clock.laps.items()},
         "warnings": [str(warning) for warning in warnings],  # without the parts of notices
     }

@@ -64,6 +64,8 @@ class Scan:
         Of the cameras.
     cut : tuple of str
         Sides on which the picture ends at the subject, see :func:`.image_border.cut_sides`.
+    lit_twice : tuple of float or None
+        Where light came two ways: the shares of the subject's readings that it reached, and that were corrected [0..1].
     """
 
     patches: list[Mesh]
@@ -79,6 +81,7 @@ class Scan:
     noise: tuple[BurstNoise, ...]
     lenses: tuple[Intrinsics, ...] = ()
     cut: tuple[str, ...] = ()
+    lit_twice: tuple[float, float] | None = None
 
 
 def scan_steps(
@@ -120,7 +123,7 @@ def scan_steps(
         yield 0.45, "Undoing light that comes two ways"
         read = read.with_depth(np.where(depth > 0, depth + (light.depth - image.depth), depth))
         trusted = read.with_depth(np.where(light.spoiled, np.float32(0.0), read.depth))
-        image, placed, placement = _aligned(first, trusted, capture, settings)
+        image, placed, placement = _aligned(first, trusted, capture, _without_pairs(settings))
         whole = without_delay(read, placed) if image is not trusted else read
         views = without_spoiled(find_subject(whole, placed, settings.views, meeting), light.spoiled)
     depth = image.depth
@@ -152,7 +155,18 @@ def scan_steps(
     return Scan(
         patches, maps, views.up, views.axis, views.floor, view_names(placed), placed, sensor, warnings, views.limits,
         burst, (camera,), cut,
+        None if light is None else (light.lit_twice_share, light.corrected_share),
     )  # fmt: skip
+
+
+def _without_pairs(settings: Settings) -> Settings:
+    """Settings by which surfaces seen twice move no mirror: light reaches them two ways."""
+    return replace(
+        settings,
+        alignment=replace(settings.alignment, use=False),
+        agreement=replace(settings.agreement, use=False),
+        thickness=replace(settings.thickness, use=False),
+    )
 
 
 def _aligned(
