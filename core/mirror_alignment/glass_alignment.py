@@ -17,7 +17,7 @@ from ..camera import RgbdImage, unproject
 from ..errors import Notice
 from ..mirrors import Mirror
 from ..mirrors.curved_glass import behind_front, bow_moves, thickness_moves, without_delay
-from ..mirrors.mirror import moved, reflect, reflection_moves, with_reason
+from ..mirrors.mirror import expected_error, moved, reflect, reflection_moves, with_reason
 from ..mirrors.wall_behind_frame import on_wall
 from ..numeric.point_products import dot
 from ..views.floor_and_vertical import find_ground
@@ -107,6 +107,7 @@ _FEWEST_CELLS = 12  # of the floor, that say something of its evenness
 _BLOCK = 24  # pixels; halves are split by such
 _ROUNDS = 5
 _UNDERRATED = 1.5  # times: pairs that are far apart are found less often, which makes an offset seem smaller
+_DEEPEST = 0.025  # a frame projects in front of its glass [m]
 _THICKNESS_ROUNDS = 5
 _SETTLED = 1e-4  # of the thickness [m]
 _PER_MIRROR = 8  # unknowns: two slopes, shift, sag, thickness; height and two slopes by which the floor may be off
@@ -379,6 +380,8 @@ def doubted_offsets(
         if mirror is not before[k] or mirror.covariance is None:
             continue
         offset = _UNDERRATED * behind
+        if offset > _DEEPEST or expected_error(mirror) > offset:  # no frame's, or in the error already
+            continue
         out[k] = replace(mirror, covariance=mirror.covariance + np.diag((0.0, 0.0, offset**2)))
         warnings.append(
             Notice(

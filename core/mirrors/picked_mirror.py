@@ -15,7 +15,7 @@ from .frame_pixels import grow_frame
 from .frame_sides import WIDEST
 from .glass_extent import with_measured_sides, with_rectangle
 from .mirror import Mirror, oriented, plane_mirror
-from .wall_behind_frame import separate_wall
+from .wall_behind_frame import THICK, SeparatedFrame, separate_wall
 
 
 @dataclass(frozen=True)
@@ -213,11 +213,14 @@ def _grow(
     grown = grow_frame(depth, seeds, first, 0.5 * (intrinsics.fx + intrinsics.fy), band)
     if grown is None:
         return None
-    grown = _near_picks(depth, seeds, cloud, plane, first, intrinsics, band, grown)
-    u, v, fitted = grown
+    beside = _near_picks(depth, seeds, cloud, plane, first, intrinsics, band, grown)
+    u, v, fitted = beside
     mirror, core = _on_pixels(u, v, fitted, depth, seeds, cloud, plane, intrinsics)
     assert mirror.rectangle is not None  # it was just set
-    separated = separate_wall(u, v, depth, fitted, intrinsics.packed, mirror.point, mirror.basis, mirror.rectangle)
+    if beside is not grown:  # a wall that is not flat shows steps that are no frame's
+        separated = SeparatedFrame(u, v, fitted, THICK)
+    else:
+        separated = separate_wall(u, v, depth, fitted, intrinsics.packed, mirror.point, mirror.basis, mirror.rectangle)
     if separated.fitted is not fitted:
         mirror, core = _on_pixels(separated.u, separated.v, separated.fitted, depth, seeds, cloud, plane, intrinsics)
     covariance = plane_covariance(core, intrinsics, mirror.point, mirror.basis)
