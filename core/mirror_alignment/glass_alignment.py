@@ -74,9 +74,10 @@ class ThicknessSettings:
         Of the glass [m].
     offset : float
         How far a frame may project in front of its glass, or how thick that may be: one standard deviation [m].
-    gain, preferred : float
+    gain, preferred, preferred_share : float
         By so much what is seen twice must be likelier with thick glass than with thin glass level with its frame, and
-        than with thin glass behind it: twice the log of the ratio.
+        than with thin glass behind it: twice the log of the ratio. The last is a share of the gain: what both leave
+        unexplained grows with it.
     doubtful : float
         From so much on the glass is not level with its frame, be it known why or not.
     """
@@ -88,6 +89,7 @@ class ThicknessSettings:
     gain: float = 9.0
     doubtful: float = 4.0
     preferred: float = 4.0
+    preferred_share: float = 0.2
 
 
 _NONE = 1e-6  # standard deviation of what is known not to be [m]
@@ -344,7 +346,7 @@ def thick_glass(
         for offset, thickness in ((_NONE, _NONE), (settings.offset, _NONE), (_NONE, settings.offset))
     )
     gains = [other.likelihood() - level.likelihood() for other in (projecting, thick)]
-    if not gains[1] > max(settings.gain, gains[0] + settings.preferred):
+    if not gains[1] > max(settings.gain, gains[0] + max(settings.preferred, settings.preferred_share * gains[1])):
         shifts = projecting.best()[2::_PER_MIRROR]
         clear = max(gains) > settings.doubtful and shifts.mean() < 0.0
         return GlassEvidence(
