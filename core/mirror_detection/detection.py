@@ -54,7 +54,7 @@ def find_mirrors(image: RgbdImage, settings: DetectionSettings = DEFAULTS, glass
     if color is not None and len(found) < _USUAL:
         found = _framed(image, find_edge_segments(image, settings), found, glass_offset, settings)
     framed = found
-    if not settings.empty_rig and (len(found) < _USUAL or may_be_images(found, segments)):
+    if not settings.empty_rig and (len(found) < _USUAL or may_be_images(found)):
         most = min(_USUAL, settings.max_mirrors)
         old, found = found, with_one_sided(image, segments, found, most, settings)
         found = [

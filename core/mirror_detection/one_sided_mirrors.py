@@ -175,17 +175,16 @@ def _glass_of(mirror: Mirror, intrinsics: Intrinsics) -> np.ndarray:
     return behind_glass(rays, [mirror], nearest=np.inf).reshape(intrinsics.height, intrinsics.width)
 
 
-def may_be_images(found: list[Mirror], segments: list[Segment]) -> bool:
-    """Whether one of the mirrors may be an image in another one, of which an upright bar nearer by is seen."""
-    return any(
-        bar.points[:, 2].max() < m.point[2] and _is_beside(m, bar) for m in found for bar in _bars(segments, found)
-    )
-
-
-def _is_beside(mirror: Mirror, bar: Segment) -> bool:
-    """Whether the mirror's middle is in the picture where the bar's glass is."""
-    column = mirror.point[0] / mirror.point[2] - bar.points.mean(axis=0)[0] / bar.points.mean(axis=0)[2]
-    return bool(column > 0.0) == (bar.side == LEFT)
+def may_be_images(found: list[Mirror]) -> bool:
+    """Whether one of the mirrors shows nothing of the place before the camera: it may be an image in another one."""
+    x, z = (part.ravel() for part in np.meshgrid(np.linspace(-0.6, 0.6, 5), np.linspace(1.0, 3.5, 6)))
+    places = np.column_stack((x, np.zeros(len(x)), z))
+    for m in found:
+        ahead = (places - m.point) @ m.normal
+        images = places - 2.0 * ahead[:, None] * m.normal
+        if not (behind_glass(images, [m]) & (ahead > 0.0)).any():
+            return True
+    return False
 
 
 def _bars(segments: list[Segment], known: list[Mirror]) -> list[Segment]:
