@@ -3,7 +3,7 @@
 The bar of the frame gives a line that lies in the plane, to a millimetre, and hardly how the plane is turned about it.
 That the image tells: somebody seen directly and, farther off, in what is taken for the glass. The plane is turned about
 the bar until what it shows makes sense; then the skin that both views show must coincide, and what either shows must
-touch the other's outline (:mod:`.silhouette_contact`).
+touch the other's outline (:mod:`..views.silhouette_contact`).
 """
 
 from __future__ import annotations
@@ -20,13 +20,21 @@ from ..mirrors.glass_extent import at_border, with_outline
 from ..mirrors.mirror import behind_glass, expected_error, moved, oriented, reflection_matrix, reflection_moves
 from ..numeric.point_products import dot, lay_grid
 from ..views.floor_and_vertical import find_floor
+from ..views.silhouette_contact import (
+    Outline,
+    contact,
+    contact_cost,
+    contact_slope,
+    edge_on,
+    outline_of,
+    shadow_width,
+)
 from ..views.view_correspondences import Surfaces, find_correspondences, noise_of, surfaces
 from .edge_segments import LEFT, RIGHT, DetectionSettings, Segment
 from .frameless_mirrors import overlaps
 from .mirror_verification import count_evidence, floor_drop, missing_reflection
 from .mirrored_person import Figure, find_figures
 from .rectangle_hypotheses import Hypothesis
-from .silhouette_contact import Outline, contact, contact_cost, contact_slope, edge_on, outline_of, shadow_width
 
 _UP = np.array((0.0, -1.0, 0.0))
 _LEAST_SIDE, _UPRIGHT = 0.6, 0.97  # a bar is seen over so much [m]; cosine of its angle with the vertical

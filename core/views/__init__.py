@@ -6,6 +6,7 @@ __all__ = [
     "free_space",
     "ray_sorting",
     "rig_axis",
+    "silhouette_contact",
     "view_correspondences",
     "view_maps",
 ]

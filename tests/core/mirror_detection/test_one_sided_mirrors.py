@@ -9,7 +9,6 @@ import pytest
 from mirror_scan.core.camera import RgbdImage
 from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.mirror_detection.detection import find_mirrors
-from mirror_scan.core.mirror_detection.silhouette_contact import shadow_width
 from mirror_scan.core.mirrors.mirror import plane_mirror, reflect
 from mirror_scan.core.simulation.mannequin import Figure, mannequin
 from mirror_scan.core.simulation.props import box, placed
@@ -84,10 +83,3 @@ def test_nobody_there_no_mirror():
     simulation = simulate(away, replace(rig, room=(-3.2, 3.2, -10.0, 2.8, 2.8)))
     depth = one_depth_map(simulation.capture)[0]
     assert find_mirrors(RgbdImage(depth, rig.intrinsics, simulation.capture.color)) == []
-
-
-@pytest.mark.parametrize(("sensor", "baseline"), [("kinect_v1", 0.075), ("azure_kinect", 0.0), ("ideal", 0.0)])
-def test_shadows_tell_a_baseline(simulated, sensor, baseline):
-    capture = simulated(sensor).capture
-    width = shadow_width(one_depth_map(capture)[0], capture.intrinsics.fx)
-    assert width == pytest.approx(baseline * capture.intrinsics.fx)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..camera import Intrinsics
 from ..camera.noise_models import SENSORS
-from ..views.view_correspondences import Surfaces
+from .view_correspondences import Surfaces
 
 _CLEAR = 0.4  # a background is so much farther than the middle of a body [m]
 _FRAYED = 4  # px without a reading at an outline, of which half belong to the body
@@ -118,10 +118,31 @@ def outline_of(depth: np.ndarray, body: np.ndarray, shadow: float) -> Outline:
     halved = (at_left & ~at_right & (2 * u < before + after)) | (at_right & ~at_left & (2 * u > before + after))
     v, u, whose = v[halved], u[halved], np.where(at_right, after, before)[halved]
     free[v, u], inverse[v, u] = True, inverse[v, whose]
+    shadow = shadow if _casts_shadow(body, free, inverse, shadow) else 0.0
     first = np.where(free, preceding(~free, -width) + 1, following(free, 2 * width))
     last = np.where(free, following(~free, 2 * width) - 1, preceding(free, -width))
     behind = inverse[rows, np.clip(last, 0, width - 1)]
     return Outline((int(left), int(top)), first + (left - 0.5), last + (left + 0.5), behind, shadow)
+
+
+def _casts_shadow(body: np.ndarray, free: np.ndarray, inverse: np.ndarray, shadow: float) -> bool:
+    """Whether so much more is unread at a body's left than at its right as its shadow is wide.
+
+    Edges of bodies are lost also where light comes two ways, at both sides.
+    """
+    rows = np.flatnonzero(body.any(axis=1) & free.any(axis=1))
+    if not shadow or not len(rows):
+        return False
+    width, index = body.shape[1], np.arange(body.shape[1])
+    left, right = body[rows].argmax(axis=1), width - 1 - body[rows, ::-1].argmax(axis=1)
+    before = np.where(free[rows] & (index < left[:, None]), index, -1).max(axis=1)
+    after = np.where(free[rows] & (index > right[:, None]), index, 2 * width).min(axis=1)
+    seen = (before >= 0) & (after < width)
+    if seen.sum() < _LEAST_SHADOWS // 3:
+        return False
+    expected = shadow * (inverse[rows, left] - inverse[rows, np.maximum(before, 0)])
+    more = (left - before) - (after - right)
+    return bool(np.median(more[seen]) > 0.4 * np.median(expected[seen]))
 
 
 def edge_on(shown: Surfaces, flip: np.ndarray) -> Surfaces:
