@@ -110,7 +110,8 @@ def colors_from_inside(
         outline = _find_outline(z, label, jump, int(inset) + 1)
     pixel, source = _sources(z, label, jump, outline, inset)
     flat = np.ascontiguousarray(shade).reshape(-1, 3)
-    flat[pixel] = flat[source]
+    known = flat[source].any(axis=1)
+    flat[pixel[known]] = flat[source[known]]
     shade = flat.reshape(shade.shape)
     body = label[1:-1, 1:-1] >= 0
     out = color.copy()
@@ -243,7 +244,8 @@ def _profiles(shade: np.ndarray, label: np.ndarray, outline: _Outline) -> _Profi
         np.abs(profile[:, :_PLAIN] - behind[:, None]).max(axis=(1, 2)),
         np.abs(profile[:, -_PLAIN:] - body[:, None]).max(axis=(1, 2)),
     )
-    told = (square > _CONTRAST**2) & (uneven < _UNEVEN * np.sqrt(square))
+    known = profile.any(axis=2).all(axis=1)  # black: the colour camera did not see it
+    told = known & (square > _CONTRAST**2) & (uneven < _UNEVEN * np.sqrt(square))
     share = ((profile - body[:, None]) * contrast[:, None]).sum(axis=2)[told] / square[told, None]
     # the steepest place, not the middle level: towards its outline a body is shaded, too
     fall = share[:, :-3] - share[:, 3:]

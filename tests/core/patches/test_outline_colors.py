@@ -94,6 +94,19 @@ def test_hair_that_gives_no_reading_is_no_shift_upwards():
     assert error(found, true, labels >= 0).max() == 0
 
 
+def test_pixels_without_a_colour_tell_nothing_and_give_none():
+    """A registered image is black where depth has no reading: in a strip beside the body, and here and there on it."""
+    depth, labels, true = scene()
+    strip = (np.abs(U - 100) < 46) & (np.abs(V - 120) < 96) & ~TORSO
+    depth[strip], true[strip] = 0, 0
+    spots = TORSO & (U % 9 == 0) & (V % 9 == 0)
+    color = true.copy()
+    color[spots] = 0
+    found = colors_from_inside(np.roll(color, 3, 1), depth, labels, JUMPS)
+    assert (found[labels >= 0] == 0).all(axis=-1).sum() <= spots.sum()
+    assert np.quantile(error(found, true, ARM | FINGER | DISC), 0.99) == 0
+
+
 def test_small_and_odd_inputs():
     color = np.random.default_rng(0).integers(0, 255, (6, 5, 3)).astype(np.uint8)
     depth = np.ones((6, 5), np.float32)
