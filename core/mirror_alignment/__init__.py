@@ -7,6 +7,6 @@ __all__ = [
     "own_reflection",
     "reflection_alignment",
     "seam_alignment",
-    "seam_thickness",
+    "seam_glass",
     "view_alignment",
 ]

@@ -161,7 +161,8 @@ def align_bows(
     for k, shape in shapes.items():
         error, sag = confirmed[k]
         if sag is None:
-            out[k] = replace(mirrors[k], sag_error=error)
+            slopes_and_sag = (float(shape.step[0]), float(shape.step[1]), float(shape.step[2]), shape.sag)
+            out[k] = replace(mirrors[k], sag_error=error, frame_bow=slopes_and_sag)
             continue
         bowed = moved(mirrors[k], shape.step[:3])
         out[k] = with_reason(replace(bowed, sag=sag, sag_error=error), mirrors[k], "bow")

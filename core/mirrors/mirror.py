@@ -63,6 +63,9 @@ class Mirror:
     glass_thickness : float
         Of the glass before the silver [m]; 0 = thin, or not known. The plane is the apparent one for a ray along its
         normal; see :func:`.curved_glass.flattened`.
+    frame_bow : tuple of float or None
+        A bow that the frame shows and nothing has confirmed: what it would change of the two slopes [rad], the shift
+        [m] and the sag [m].
     """
 
     name: str
@@ -82,6 +85,7 @@ class Mirror:
     sag: float = 0.0
     sag_error: float = 0.0
     glass_thickness: float = 0.0
+    frame_bow: tuple[float, float, float, float] | None = None
 
     def displacement(self, points: np.ndarray) -> float | None:
         """Expected error of reflected ``points`` (N, 3), root mean square over them [m]; None without a covariance.

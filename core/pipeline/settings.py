@@ -12,7 +12,7 @@ from ..mirror_alignment.glass_alignment import BowSettings, ThicknessSettings
 from ..mirror_alignment.own_reflection import OwnReflectionSettings
 from ..mirror_alignment.reflection_alignment import JointSettings
 from ..mirror_alignment.seam_alignment import SeamSettings
-from ..mirror_alignment.seam_thickness import SeamThicknessSettings
+from ..mirror_alignment.seam_glass import SeamGlassSettings
 from ..mirror_alignment.view_alignment import AgreementSettings
 from ..mirror_detection.edge_segments import DetectionSettings
 from ..mirrors.picked_mirror import MirrorSettings
@@ -43,5 +43,5 @@ class Settings:
     overlap: OverlapSettings = OverlapSettings()
     zipper: ZipperSettings = ZipperSettings()
     seams: SeamSettings = SeamSettings()
-    seam_thickness: SeamThicknessSettings = SeamThicknessSettings()
+    seam_glass: SeamGlassSettings = SeamGlassSettings()
     closing: ClosingSettings = ClosingSettings()

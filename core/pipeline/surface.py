@@ -12,7 +12,7 @@ from ..checks.plausibility import ScanFacts, check_avatar
 from ..closing.mesh_closing import close_mesh
 from ..mesh import Mesh
 from ..mirror_alignment.seam_alignment import align_seams, mirrored_views, move_views
-from ..mirror_alignment.seam_thickness import thickness_by_seams
+from ..mirror_alignment.seam_glass import glass_by_seams, seen_through
 from ..mirrors import Mirror
 from ..mirrors.mirror import reflection_matrix
 from ..patches.overlap import part_overlaps
@@ -69,7 +69,7 @@ def joining_steps(
     clock.lap("zippering")
 
     yield 0.78, "Comparing the seams"
-    better = glass_by_seams(scan, open_mesh, settings) or seams_aligned(scan, open_mesh, settings)
+    better = glass_shown(scan, open_mesh, settings) or seams_aligned(scan, open_mesh, settings)
     if better is not None:
         scan = better
         patches = part_overlaps(scan.patches, scan.maps, settings.overlap)
@@ -110,17 +110,17 @@ def _facts(scan: Scan, settings: Settings) -> ScanFacts:
     )
 
 
-def glass_by_seams(scan: Scan, mesh: Mesh, settings: Settings) -> Scan | None:
-    """The scan with glass as thick as the seams of its zippered ``mesh`` show; None when they don't.
+def glass_shown(scan: Scan, mesh: Mesh, settings: Settings) -> Scan | None:
+    """The scan with glass as thick and bowed as the seams of its zippered ``mesh`` show; None when they don't.
 
     Asked where light comes two ways only: else what is seen twice has told it, and better.
     """
     if scan.lit_twice is None:
         return None
-    mirrors, motions, notes = thickness_by_seams(scan.mirrors, scan.maps, mesh, settings.seam_thickness)
+    mirrors, notes = glass_by_seams(scan.mirrors, scan.maps, mesh, settings.seam_glass)
     if not notes:
         return None
-    patches, maps = move_views(scan.patches, scan.maps, mirrored_views(scan.maps), motions)
+    patches, maps = seen_through(scan.patches, scan.maps, scan.mirrors, mirrors)
     return replace(scan, mirrors=mirrors, patches=patches, maps=maps, warnings=(*scan.warnings, *notes))
 
 
