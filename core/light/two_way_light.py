@@ -92,15 +92,8 @@ _LEAST_EXPLAINED = 0.15  # share of the floor's bias that a response must explai
 _FRAME_BAND = 0.04  # so near a mirror's plane, outside its glass, is its frame [m]
 
 
-def find_two_way_light(
-    image: RgbdImage,
-    views: Views,
-    mirrors: list[Mirror],
-    noise: float,
-    settings: LightSettings = DEFAULTS,
-    phase: bool = False,
-) -> TwoWayLight | None:
-    """Whether the light of mirrors falsifies readings; if so, they are corrected or marked.
+def shows_two_way_light(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> bool:
+    """Whether readings that the camera's direct light must dominate are astray in the mirrors: missing, or ghosts.
 
     Parameters
     ----------
@@ -109,6 +102,32 @@ def find_two_way_light(
     views : Views
         Of these readings, with these mirrors.
     mirrors : list of Mirror
+
+    Notes
+    -----
+    Looks at a few thousand pixels.
+    """
+    return bool(mirrors) and _Scene(image, views, mirrors).astray()[0]
+
+
+def undo_two_way_light(
+    image: RgbdImage,
+    views: Views,
+    mirrors: list[Mirror],
+    noise: float,
+    settings: LightSettings = DEFAULTS,
+    phase: bool = False,
+) -> TwoWayLight | None:
+    """Readings that the light of mirrors falsifies are corrected or marked.
+
+    Parameters
+    ----------
+    image : RgbdImage
+        Fused depth, z [m], 0 = no reading.
+    views : Views
+        Of these readings, with these mirrors.
+    mirrors : list of Mirror
+        Where their frames are: what is seen twice would have misled their alignment.
     noise : float
         Standard deviation of a reading of the floor [m].
     settings : LightSettings
@@ -118,27 +137,31 @@ def find_two_way_light(
     Returns
     -------
     TwoWayLight or None
-        None when readings do not show it.
+        None when nothing but a lost pattern shows it: that falsifies no reading.
 
     Notes
     -----
-    Path model after Bhandari et al. 2014 and Freedman et al. 2014. O(H W); without such light a few thousand pixels
-    are looked at.
+    Path model after Bhandari et al. 2014 and Freedman et al. 2014. O(H W).
     """
-    if settings.two_ways == "off" or not mirrors:
-        return None
     scene = _Scene(image, views, mirrors)
-    astray, ghosts = scene.looks_twice_lit()
-    if not astray:
-        return None
     response = weighted_by_frequency(tuple(1e6 * f for f in settings.frequencies)) if settings.frequencies else None
     floor = scene.floor_readings(noise)
     shown = floor is not None and floor.explained >= _LEAST_EXPLAINED
-    if not (phase or ghosts or shown):
-        return None  # a pattern that is lost where two meet falsifies nothing
+    if not (phase or shown or scene.astray()[1]):
+        return None
     if response is None and floor is not None and (phase or shown):
         response = floor.response
     return scene.corrected(response)
+
+
+def without_falsified_floor(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> RgbdImage:
+    """The depth without the floor's readings that light of two ways falsifies: they stick to feet, or hide a person.
+
+    Of ``views`` only the direct one must have found the subject.
+    """
+    spoiled = np.zeros(image.depth.shape, np.bool_)
+    _Scene(image, views, mirrors).correct_floor(None, image.depth.copy(), spoiled)
+    return image.with_depth(np.where(spoiled, np.float32(0.0), image.depth))
 
 
 @dataclass(frozen=True)
@@ -162,7 +185,7 @@ class _Scene:
 
     # --- is there any? -----------------------------------------------------------------------------------------------
 
-    def looks_twice_lit(self) -> tuple[bool, bool]:
+    def astray(self) -> tuple[bool, bool]:
         """Whether readings that the camera's direct light must dominate are astray, and whether they are ghosts.
 
         In a mirror they are missing, or in the middle between both ways, which is what a ghost is.

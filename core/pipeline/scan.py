@@ -21,7 +21,14 @@ from ..depth.noise_estimate import BurstNoise, burst_noise
 from ..depth.sensor_recognition import measures_time, recognise
 from ..depth.settings import DepthSettings
 from ..errors import Notice, ReconstructionError
-from ..light.two_way_light import LightSettings, TwoWayLight, find_two_way_light, without_spoiled
+from ..light.two_way_light import (
+    LightSettings,
+    TwoWayLight,
+    shows_two_way_light,
+    undo_two_way_light,
+    without_falsified_floor,
+    without_spoiled,
+)
 from ..mesh import Mesh
 from ..mirrors import Mirror
 from ..mirrors.curved_glass import flattened, without_delay
@@ -118,11 +125,13 @@ def scan_steps(
     sensor, model = recognise(capture, settings.depth)
     views = find_subject(image, placed, settings.views, meeting)
     clock.lap("views")
-    light = two_way_light(image, views, placed, sensor, model, settings.light)
-    if light is not None:
+    light = None
+    if _looked_for(sensor, model, settings.light) and shows_two_way_light(image, views, placed):
         yield 0.45, "Undoing light that comes two ways"
-        read = read.with_depth(np.where(depth > 0, depth + (light.depth - image.depth), depth))
-        trusted = read.with_depth(np.where(light.spoiled, np.float32(0.0), read.depth))
+        light = _light_undone(read, first, model, settings, meeting)
+    if light is not None:
+        read = read.with_depth(light.depth)
+        trusted = read.with_depth(np.where(light.spoiled, np.float32(0.0), light.depth))
         image, placed, placement = _aligned(first, trusted, capture, _without_pairs(settings))
         whole = without_delay(read, placed) if image is not trusted else read
         views = without_spoiled(find_subject(whole, placed, settings.views, meeting), light.spoiled)
@@ -181,19 +190,23 @@ def _aligned(
     return read, placed, warnings
 
 
-def two_way_light(
-    image: RgbdImage,
-    views: Views,
-    mirrors: list[Mirror],
-    sensor: str,
-    model: NoiseModel | None,
-    settings: LightSettings,
+def _looked_for(sensor: str, model: NoiseModel | None, settings: LightSettings) -> bool:
+    """Whether light of two ways may falsify readings: the camera measures phase, or may, or is said to."""
+    if settings.two_ways != "auto":
+        return settings.two_ways == "on"
+    return sensor == "unknown" or (model is not None and model.phase)
+
+
+def _light_undone(
+    read: RgbdImage, first: list[Mirror], model: NoiseModel | None, settings: Settings, meeting: np.ndarray | None
 ) -> TwoWayLight | None:
-    """:func:`.two_way_light.find_two_way_light` where the camera measures phase, or may, or is said to."""
+    """:func:`.two_way_light.undo_two_way_light` with the mirrors where their frames are."""
+    views = find_subject(read, first, settings.views, meeting)
+    if any(not (views.labels == view).any() for view in range(1, len(first) + 1)):
+        read = without_falsified_floor(read, views, first)
+        views = find_subject(read, first, settings.views, meeting)
     phase = model is not None and model.phase
-    if settings.two_ways == "auto" and not (phase or sensor == "unknown"):
-        return None
-    return find_two_way_light(image, views, mirrors, views.floor_noise, settings, phase)
+    return undo_two_way_light(read, views, first, views.floor_noise, settings.light, phase)
 
 
 def clean_views(
