@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from ..capture import Capture, MirrorPicks, ReadOptions
     from ..capture.frames import FrameChoice
     from ..mirrors import Mirror
+    from ..mirrors.picked_mirror import MirrorSettings
     from ..pipeline import Reconstruction, Settings
 
 
@@ -109,7 +110,8 @@ def run_calibrate(options: argparse.Namespace, writers: Writers) -> None:
     from ..pipeline.rig_calibration import calibrate
 
     capture = open_capture(options.capture)
-    rig = calibrate(capture, read_mirrors(options.mirrors, capture.intrinsics) if options.mirrors else None)
+    known = read_mirrors(options.mirrors, capture.intrinsics) if options.mirrors else None
+    rig = calibrate(capture, known, glass_of(options))
     write_rig(options.rig, rig)
     if options.quiet:
         return
@@ -263,10 +265,22 @@ def _reading(options: argparse.Namespace) -> tuple[FrameChoice, ReadOptions]:
     return (1 if getattr(options, "single_frame", False) else options.frames), reading
 
 
+def glass_of(options: argparse.Namespace) -> MirrorSettings:
+    """Settings with what the options of :func:`.parser._add_glass` say, where a command has them."""
+    from ..mirrors.picked_mirror import MirrorSettings
+
+    given = vars(options)
+    return MirrorSettings(
+        glass_offset=given.get("glass_offset", 0.0) / 1000.0, glass_thickness=given.get("glass_thickness", 0.0) / 1000.0
+    )
+
+
 def settings_of(options: argparse.Namespace) -> Settings:
-    """Settings with what :func:`.parser._add_cleaning` leaves out, and what a command says of the subject."""
+    """Settings with what :func:`.parser._add_cleaning` leaves out, and what a command says of subject and optics."""
     from ..closing.mesh_closing import ClosingSettings
     from ..depth.settings import DepthSettings
+    from ..light.two_way_light import LightSettings
+    from ..mirror_alignment.glass_alignment import BowSettings
     from ..pipeline import Settings
     from ..subject.subject_views import ViewSettings
 
@@ -276,6 +290,9 @@ def settings_of(options: argparse.Namespace) -> Settings:
         changes |= CLEANING[step]
     return Settings(
         depth=DepthSettings(**changes),
+        mirror=glass_of(options),
+        bow=BowSettings(use=given.get("bow") != "off"),
+        light=LightSettings(given.get("two_way_light", "auto"), given.get("frequencies", ())),
         views=ViewSettings(click=given.get("subject"), object=given.get("object", False)),
         closing=ClosingSettings(keep_islands=given.get("keep_islands", False)),
     )

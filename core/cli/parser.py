@@ -85,6 +85,8 @@ def _add_reconstruct(subparsers: _Commands) -> None:
     command.add_argument("--single-frame", action="store_true", help="use only the first depth frame of a burst")
     _add_reading(command)
     _add_cleaning(command)
+    _add_glass(command)
+    _add_light(command)
     _add_quiet(command)
     command.set_defaults(run=commands.run_reconstruct)
 
@@ -98,6 +100,7 @@ def _add_calibrate(subparsers: _Commands) -> None:
         "-o", dest="rig", metavar="RIG", type=Path, required=True, help="rig file to write, for “reconstruct --rig”"
     )
     command.add_argument("--mirrors", metavar="FILE", type=Path, help="mirrors.json to use instead of the capture's")
+    _add_glass(command)
     _add_quiet(command)
     command.set_defaults(run=commands.run_calibrate)
 
@@ -281,6 +284,37 @@ def _add_cleaning(command: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def _add_glass(command: argparse.ArgumentParser) -> None:
+    """Options for what the picture may not show of the mirrors."""
+    group = command.add_argument_group("mirrors", "what was measured on them")
+    group.add_argument(
+        "--glass-offset", metavar="MM", type=_millimetres(-100, 100), default=0.0,
+        help="how far the front of the glass lies behind the front of the frames, default 0",
+    )  # fmt: skip
+    group.add_argument(
+        "--glass-thickness", metavar="MM", type=_millimetres(0, 25), default=0.0,
+        help="thickness of the glass; by default it is found where readings show it",
+    )  # fmt: skip
+
+
+def _add_light(command: argparse.ArgumentParser) -> None:
+    """Options for light and mirrors that are not as in the textbook."""
+    group = command.add_argument_group("optics")
+    group.add_argument(
+        "--bow", choices=("on", "off"), default="on",
+        help="on: mirrors are bowed where readings confirm it (default); off: all are flat",
+    )  # fmt: skip
+    group.add_argument(
+        "--two-way-light", choices=("auto", "on", "off"), default="auto",
+        help="undo what light that comes two ways, directly and by a mirror, does to a camera that measures phase; "
+        "auto: where camera and readings show it (default); on: the camera measures phase; off: never",
+    )  # fmt: skip
+    group.add_argument(
+        "--frequencies", metavar="F,F,F", type=_frequencies, default=(),
+        help="modulation [MHz] of the camera, which then measures phase; by default the floor shows what matters of it",
+    )  # fmt: skip
+
+
 def _whole(low: int, high: int) -> Callable[[str], int]:
     """A type for argparse: a whole number within bounds."""
 
@@ -291,6 +325,18 @@ def _whole(low: int, high: int) -> Callable[[str], int]:
         return value
 
     return whole_number
+
+
+def _millimetres(low: float, high: float) -> Callable[[str], float]:
+    """A type for argparse: a length within bounds [mm]."""
+
+    def millimetres(text: str) -> float:
+        value = float(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"must be from {low} to {high} mm, not {text}")
+        return value
+
+    return millimetres
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -335,4 +381,5 @@ def _percentages(text: str) -> tuple[float, ...]:
     return values
 
 
+_frequencies.__name__ = "list of frequencies"
 _percentages.__name__ = "list of percentages"  # argparse names the type when a number cannot be read

@@ -13,12 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..camera import Intrinsics, RgbdImage
+from ..errors import MirrorScanError
 from ..mirrors import Mirror
 from ..mirrors.mirror import reflect
 from ..subject.subject_views import Views
 from .irradiance import irradiance, light_sources, path_lengths, ratio_to_own, seen_at, through_glass
 from .local_surface import local_surface
 from .phase_response import PhaseResponse, fit_response, weighted_by_frequency
+
+TWO_WAYS = ("auto", "on", "off")
 
 
 @dataclass(frozen=True)
@@ -28,14 +31,26 @@ class LightSettings:
     Parameters
     ----------
     two_ways : str
-        "auto": undone where readings show it, in cameras that measure phase; "on": wherever readings show it, whatever
-        the camera; "off": never looked for.
+        "auto": undone where readings show it, in cameras that measure phase or may; "on": the camera is taken to
+        measure phase, whatever its file says; "off": never looked for.
     frequencies : tuple of float
-        Of the camera's modulation [MHz], where they are known; else they are learnt from the floor.
+        Of the camera's modulation [MHz], from 1 to 1000, where they are known; else they are learnt from the floor.
+        Who gives them says that the camera measures phase.
     """
 
     two_ways: str = "auto"
     frequencies: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.two_ways not in TWO_WAYS:
+            raise MirrorScanError(f"light: two_ways is “{self.two_ways}”; choose {', '.join(TWO_WAYS)}")
+        if not all(1.0 <= f <= 1000.0 for f in self.frequencies):
+            raise MirrorScanError(f"light: frequencies = {self.frequencies}; give them in MHz, from 1 to 1000")
+
+    @property
+    def phase_said(self) -> bool:
+        """Whether these settings say that the camera measures phase."""
+        return self.two_ways == "on" or bool(self.frequencies)
 
 
 DEFAULTS = LightSettings()

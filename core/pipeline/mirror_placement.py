@@ -8,7 +8,7 @@ import numpy as np
 
 from ..camera import RgbdImage, unproject
 from ..capture import Capture, MirrorPicks
-from ..depth.sensor_recognition import measures_time
+from ..depth.sensor_recognition import measuring_principle
 from ..errors import MirrorError, Notice, PicksDisagreeError
 from ..mirror_alignment.floor_alignment import align_floor
 from ..mirror_alignment.frame_shape import honest_error
@@ -100,7 +100,7 @@ def align_mirrors(
         placed = [
             replace(m, glass_thickness=settings.mirror.glass_thickness) if not m.glass_thickness else m for m in placed
         ]  # fmt: skip
-    timed, raw = measures_time(capture, settings.depth), image
+    timed, raw = measuring_principle(capture, settings.depth, settings.light.phase_said).time, image
     image = without_delay(raw, placed) if timed else raw
     glass = thick_glass(image, placed, settings.thickness) if timed is not False else GlassEvidence()
     before, thick = placed, glass.thickness

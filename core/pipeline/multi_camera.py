@@ -186,7 +186,18 @@ def join_scans(scans: Sequence[Scan], poses: Sequence[np.ndarray], names: Sequen
         tuple(noise for scan in scans for noise in scan.noise),
         tuple(lens for scan in scans for lens in scan.lenses),
         tuple({side: None for scan in scans for side in scan.cut}),
+        _lit_twice(scans, weights),
+        tuple(one for scan in scans for one in scan.principles),
     )  # fmt: skip
+
+
+def _lit_twice(scans: Sequence[Scan], weights: np.ndarray) -> tuple[float, float] | None:
+    """Shares of all cameras' readings that light of two ways reached, and that were corrected; None if none were."""
+    shares = np.array([scan.lit_twice or (0.0, 0.0) for scan in scans])
+    if all(scan.lit_twice is None for scan in scans):
+        return None
+    lit, corrected = np.average(shares, axis=0, weights=weights)
+    return float(lit), float(corrected)
 
 
 def _moved(mirror: Mirror, pose: np.ndarray, camera: str) -> Mirror:

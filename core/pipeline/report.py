@@ -28,6 +28,7 @@ def make_report(
     return {
         "camera_to_avatar": to_avatar.tolist(),
         "sensor": scan.sensor,
+        "cameras": [{"sensor": one.sensor, "measures": one.measures, "by": one.by} for one in scan.principles],
         "mirrors": [
             {
                 "name": m.name,

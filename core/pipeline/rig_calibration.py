@@ -8,13 +8,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..camera import RgbdImage
 from ..capture import Capture, MirrorPicks
 from ..depth.depth_map import one_depth_map
+from ..depth.sensor_recognition import measures_time
 from ..depth.settings import DepthSettings
 from ..errors import MirrorError, Notice
 from ..mirror_alignment.reflection_alignment import JointSettings, align_reflections
@@ -22,6 +23,7 @@ from ..mirror_detection.detection import find_mirrors
 from ..mirror_detection.edge_segments import DetectionSettings
 from ..mirror_detection.mirror_verification import circumference
 from ..mirrors import Mirror
+from ..mirrors.curved_glass import without_delay
 from ..mirrors.frame_fit import fit_frame
 from ..mirrors.mirror import person_before, reflection_shift
 from ..mirrors.picked_mirror import MirrorSettings, place_mirror
@@ -50,6 +52,9 @@ def calibrate(
     capture : Capture
     picks : tuple of MirrorPicks or Mirror, optional
         What is known of each mirror; by default what the capture holds, and when that is nothing they are found.
+    mirror : MirrorSettings
+        The thickness of the glass goes into the rig file.
+    depth : DepthSettings
 
     Raises
     ------
@@ -72,7 +77,11 @@ def calibrate(
             "or pick points on the frames (option “mirrors”)",
             capture=capture.name,
         )
-    placed = align_reflections(RgbdImage(fused, intrinsics), placed, _BOARD)[0]
+    image = RgbdImage(fused, intrinsics)
+    if mirror.glass_thickness:
+        placed = [replace(m, glass_thickness=mirror.glass_thickness) if not m.glass_thickness else m for m in placed]
+        image = without_delay(image, placed) if measures_time(capture, depth) else image
+    placed = align_reflections(image, placed, _BOARD)[0]
     for m in placed:
         if m.rectangle is None:
             raise MirrorError(

@@ -18,11 +18,10 @@ from ..depth.burst_motion import still_warning
 from ..depth.clean_views import clean
 from ..depth.depth_map import one_depth_map
 from ..depth.noise_estimate import BurstNoise, burst_noise
-from ..depth.sensor_recognition import measures_time, recognise
+from ..depth.sensor_recognition import Principle, measuring_principle, recognise
 from ..depth.settings import DepthSettings
 from ..errors import Notice, ReconstructionError
 from ..light.two_way_light import (
-    LightSettings,
     TwoWayLight,
     shows_two_way_light,
     undo_two_way_light,
@@ -73,6 +72,8 @@ class Scan:
         Sides on which the picture ends at the subject, see :func:`.image_border.cut_sides`.
     lit_twice : tuple of float or None
         Where light came two ways: the shares of the subject's readings that it reached, and that were corrected [0..1].
+    principles : tuple of Principle
+        How each camera measures.
     """
 
     patches: list[Mesh]
@@ -89,6 +90,7 @@ class Scan:
     lenses: tuple[Intrinsics, ...] = ()
     cut: tuple[str, ...] = ()
     lit_twice: tuple[float, float] | None = None
+    principles: tuple[Principle, ...] = ()
 
 
 def scan_steps(
@@ -123,13 +125,17 @@ def scan_steps(
 
     yield at(0.33), "Finding the subject"
     sensor, model = recognise(capture, settings.depth)
+    principle = measuring_principle(capture, settings.depth, settings.light.phase_said)
     views = find_subject(image, placed, settings.views, meeting)
     clock.lap("views")
-    light = None
-    if _looked_for(sensor, model, settings.light) and shows_two_way_light(image, views, placed):
+    light, unlearnt = None, None
+    sought = settings.light.two_ways != "off" and principle.phase is not False
+    if sought and shows_two_way_light(image, views, placed):
         yield 0.45, "Undoing light that comes two ways"
-        light = _light_undone(read, first, model, settings, meeting)
+        light = _light_undone(read, first, principle, settings, meeting)
     if light is not None:
+        unlearnt = unlearnt_light(light, views)
+        principle = principle if principle.phase else replace(principle, time=True, phase=True, by="readings")
         read = read.with_depth(light.depth)
         trusted = read.with_depth(np.where(light.spoiled, np.float32(0.0), light.depth))
         image, placed, placement = _aligned(first, trusted, capture, _without_pairs(settings))
@@ -159,12 +165,12 @@ def scan_steps(
     # where it is known why a mirror shows nobody, that is reported instead
     explained = {name for fault in faults for name in Notice.of(fault).mirrors}
     blind = [text for text in views.warnings if explained.isdisjoint(Notice.of(text).mirrors)]
-    warnings = (*placement, *((moved,) if moved else ()), *blind, *faults)
+    warnings = (*placement, *(text for text in (unlearnt, moved) if text), *blind, *faults)
     assert views.limits is not None  # find_subject gives them
     return Scan(
         patches, maps, views.up, views.axis, views.floor, view_names(placed), placed, sensor, warnings, views.limits,
         burst, (camera,), cut,
-        None if light is None else (light.lit_twice_share, light.corrected_share),
+        None if light is None else (light.lit_twice_share, light.corrected_share), (principle,),
     )  # fmt: skip
 
 
@@ -185,28 +191,37 @@ def _aligned(
     if not first:
         return read, [], ()
     placed, warnings = align_mirrors(first, read, capture, settings)
-    if measures_time(capture, settings.depth) is not False:
+    if measuring_principle(capture, settings.depth, settings.light.phase_said).time is not False:
         read = without_delay(read, placed)
     return read, placed, warnings
 
 
-def _looked_for(sensor: str, model: NoiseModel | None, settings: LightSettings) -> bool:
-    """Whether light of two ways may falsify readings: the camera measures phase, or may, or is said to."""
-    if settings.two_ways != "auto":
-        return settings.two_ways == "on"
-    return sensor == "unknown" or (model is not None and model.phase)
-
-
 def _light_undone(
-    read: RgbdImage, first: list[Mirror], model: NoiseModel | None, settings: Settings, meeting: np.ndarray | None
+    read: RgbdImage, first: list[Mirror], principle: Principle, settings: Settings, meeting: np.ndarray | None
 ) -> TwoWayLight | None:
     """:func:`.two_way_light.undo_two_way_light` with the mirrors where their frames are."""
     views = find_subject(read, first, settings.views, meeting)
     if any(not (views.labels == view).any() for view in range(1, len(first) + 1)):
         read = without_falsified_floor(read, views, first)
         views = find_subject(read, first, settings.views, meeting)
-    phase = model is not None and model.phase
-    return undo_two_way_light(read, views, first, views.floor_noise, settings.light, phase)
+    return undo_two_way_light(read, views, first, views.floor_noise, settings.light, principle.phase is True)
+
+
+_MUCH_LEFT_OUT = 0.1  # share of the subject's readings that is reported when it is left out for want of a response
+
+
+def unlearnt_light(light: TwoWayLight, views: Views) -> Notice | None:
+    """What to do when readings that light reached two ways are left out, because nothing says how to correct them."""
+    mine = views.labels >= 0
+    share = float((light.spoiled & mine).sum()) / max(int(mine.sum()), 1)
+    if light.response is not None or share < _MUCH_LEFT_OUT:
+        return None
+    return Notice(
+        "{share:.0%} of what is seen of the person is left out: light reaches it directly and by way of a mirror, and "
+        "the floor does not show what this camera makes of that. Have more of a matt floor about the person in the "
+        "picture, or give the camera's modulation (--frequencies)",
+        share=share,
+    )  # fmt: skip
 
 
 def clean_views(
