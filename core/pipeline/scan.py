@@ -219,7 +219,7 @@ def unlearnt_light(light: TwoWayLight, views: Views) -> Notice | None:
     return Notice(
         "{share:.0%} of what is seen of the person is left out: light reaches it directly and by way of a mirror, and "
         "the floor does not show what this camera makes of that. Have more of a matt floor about the person in the "
-        "picture, or give the camera's modulation (--frequencies)",
+        "picture, or give the camera's modulation (option “frequencies”)",
         share=share,
     )  # fmt: skip
 

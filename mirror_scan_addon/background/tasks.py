@@ -46,7 +46,7 @@ class Cloud:
     color : np.ndarray [shape=(H, W, 3), dtype=uint8] or None
     intrinsics : Intrinsics
     info : dict
-        name, format, path, frames, size, sensor and notes.
+        name, format, path, frames, size, sensor, who names it, what it measures, and notes.
     """
 
     points: np.ndarray
@@ -170,6 +170,8 @@ def _open(path: str, frames: int, mirrors_path: str, reading: dict | None) -> Ca
 def _loaded(capture: Capture, path: str) -> Steps[Loaded]:
     yield 0.4, AVERAGING
     from ...core.depth.depth_map import one_depth_map
+    from ...core.depth.sensor_recognition import measuring_principle
+    from ...core.depth.settings import DepthSettings
 
     depth, _ = one_depth_map(capture)
     yield 0.7, FITTING
@@ -185,6 +187,8 @@ def _loaded(capture: Capture, path: str) -> Steps[Loaded]:
         "size": [capture.intrinsics.width, capture.intrinsics.height],
         "color": capture.color is not None,
         "sensor": capture.sensor,
+        "sensor_from": capture.sensor_from,
+        "measures": measuring_principle(capture, DepthSettings()).measures,
         "notes": list(capture.notes),
     }
     return Loaded(
@@ -223,7 +227,9 @@ def find_mirrors_steps(
     return Fitted([record_of(mirror) for mirror in found], _seen(depth, intrinsics, found) if found else None)
 
 
-def calibrate_steps(cloud: Cloud, mirrors: list[dict], glass_offset: float, path: str) -> Steps[Fitted]:
+def calibrate_steps(
+    cloud: Cloud, mirrors: list[dict], glass_offset: float, path: str, glass_thickness: float = 0.0
+) -> Steps[Fitted]:
     """Place the mirrors of a rig, found when there are none yet, and write them to the rig file ``path``."""
     yield 0.0, FITTING if mirrors else FINDING
     from ...core.mirrors.picked_mirror import MirrorSettings
@@ -231,7 +237,8 @@ def calibrate_steps(cloud: Cloud, mirrors: list[dict], glass_offset: float, path
     from ...core.pipeline.rig_calibration import calibrate
 
     known = tuple(_known(record) for record in mirrors)
-    write_rig(path, calibrate(_capture_of(cloud), known, MirrorSettings(glass_offset=glass_offset)))
+    glass = MirrorSettings(glass_offset=glass_offset, glass_thickness=glass_thickness)
+    write_rig(path, calibrate(_capture_of(cloud), known, glass))
     placed = list(read_rig(path).mirrors)  # as later captures will have them
     return Fitted([record_of(mirror) for mirror in placed], _seen(cloud.depth, cloud.intrinsics, placed))
 
@@ -425,7 +432,7 @@ def build_steps(
 def _capture_of(cloud: Cloud) -> Capture:
     from ...core.capture import Capture
 
-    known = {key: str(cloud.info[key]) for key in ("name", "format", "sensor") if key in cloud.info}
+    known = {key: str(cloud.info[key]) for key in ("name", "format", "sensor", "sensor_from") if key in cloud.info}
     return Capture(cloud.depth[None], cloud.color, cloud.intrinsics, **known)
 
 

@@ -266,6 +266,24 @@ class MIRRORSCAN_PT_mirrors(_Panel, bpy.types.Panel):
         _field(column, settings.quality, "glass_offset")
 
 
+class MIRRORSCAN_PT_optics(_Panel, bpy.types.Panel):
+    bl_label = "Glass and Light"
+    bl_parent_id = "MIRRORSCAN_PT_mirrors"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        settings = context.scene.mirror_scan
+        column = _fields(self.layout)
+        for name in ("glass_thickness", "bowed", "two_ways"):
+            _field(column, settings.quality, name)
+        problem = scan_records.no_two_ways(settings)
+        column = _fields(self.layout)
+        column.enabled = not problem
+        _field(column, settings.quality, "frequencies")
+        if problem:
+            _text(self.layout, problem, "INFO")
+
+
 def _draw_keys(layout: bpy.types.UILayout) -> None:
     box = layout.box()
     column = box.column(align=True)
@@ -497,6 +515,7 @@ register, unregister = bpy.utils.register_classes_factory(
         MIRRORSCAN_PT_capture,
         MIRRORSCAN_PT_reading,
         MIRRORSCAN_PT_mirrors,
+        MIRRORSCAN_PT_optics,
         MIRRORSCAN_PT_subject,
         MIRRORSCAN_PT_build,
         MIRRORSCAN_PT_quality,

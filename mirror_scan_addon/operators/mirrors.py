@@ -49,7 +49,7 @@ class MIRRORSCAN_OT_find_mirrors(_MirrorOperator, bpy.types.Operator):
         from ..scene import point_cloud
 
         arrays = point_cloud.read_cloud(point_cloud.cloud_of(context.scene))
-        offset = context.scene.mirror_scan.quality.glass_offset_m
+        offset = scan_records.behind_frame(context.scene.mirror_scan)
         return job_operators.Task("find_mirrors_steps", (arrays.depth, arrays.color, arrays.intrinsics, offset))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
@@ -120,7 +120,7 @@ class MIRRORSCAN_OT_set_mirror(_MirrorOperator, bpy.types.Operator):
         else:
             raise MirrorError(say("Give points on the mirror's frame, or a point and the normal of its plane"))
         self._index = index
-        offset = settings.quality.glass_offset_m
+        offset = scan_records.behind_frame(settings)
         return job_operators.Task("fit_steps", (arrays.depth, arrays.intrinsics, records, offset))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:

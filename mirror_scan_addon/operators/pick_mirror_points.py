@@ -261,7 +261,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             self._asked = [number for number, record in enumerate(records) if record["picks"] or record["plane"]]
             if self._asked:
                 chosen = [records[number] for number in self._asked]
-                offset = settings.quality.glass_offset_m
+                offset = scan_records.behind_frame(settings)
                 self._task = job_operators.Task(
                     "fit_steps", (self._depth, self._intrinsics, chosen, offset, self._asked)
                 )

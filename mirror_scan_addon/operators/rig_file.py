@@ -52,7 +52,8 @@ class MIRRORSCAN_OT_calibrate_rig(_RigFileOperator, bpy.types.Operator):
 
     def task(self, arrays, path: str, settings: bpy.types.PropertyGroup) -> job_operators.Task:
         records = scan_records.placed_mirrors(settings) if settings.mirrors else []
-        return job_operators.Task("calibrate_steps", (arrays, records, settings.quality.glass_offset_m, path))
+        glass = settings.quality.glass_offset_m, settings.quality.glass_thickness_m
+        return job_operators.Task("calibrate_steps", (arrays, records, glass[0], path, glass[1]))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         replace_mirrors(target, result)

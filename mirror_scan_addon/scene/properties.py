@@ -328,6 +328,33 @@ class MIRRORSCAN_PG_quality(bpy.types.PropertyGroup):
         "by twice as much",
         step=0.1, precision=4, default=0.0,
     )  # fmt: skip
+    glass_thickness_m: _metres(0.0, 0.0, 0.025)
+    glass_thickness: _length(
+        "glass_thickness_m", "Glass Thickness",
+        "How thick the mirrors' glass is. 0 = it is found where the capture shows it",
+        step=0.1, precision=4, default=0.0,
+    )  # fmt: skip
+    bowed: BoolProperty(
+        name="Bowed Mirrors",
+        description="Undo the bow of mirrors where the capture confirms it. Off takes all for flat",
+        default=True, translation_context=CONTEXT,
+    )  # fmt: skip
+    two_ways: EnumProperty(
+        name="Two-Way Light",
+        description="Undo what light that comes two ways, directly and by a mirror, does to cameras that measure phase",
+        items=(
+            ("AUTO", "Automatic", "Where the camera measures phase, or may, and the capture shows such light"),
+            ("ON", "On", "The camera measures phase, whatever its file says"),
+            ("OFF", "Off", "Never"),
+        ),
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    frequencies: FloatVectorProperty(
+        name="Modulation (MHz)",
+        description="Frequencies in MHz with which the camera modulates its light, if they are known. 0 = none. By "
+        "default the floor shows what matters of them",
+        size=3, default=(0.0, 0.0, 0.0), min=0.0, max=1000.0, precision=1, step=100, translation_context=CONTEXT,
+    )  # fmt: skip
 
 
 def _is_cloud(self, target: bpy.types.Object) -> bool:

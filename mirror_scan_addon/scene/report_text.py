@@ -30,6 +30,7 @@ SHOWN = {
     "mesh": ("height_m", "volume_l", "vertices", "components", "self_intersections", "triangles", "fill_triangles",
              "seam_triangles"),
     "mirrors": ("residual_mm",),
+    "optics": ("lit_twice_share", "corrected_share"),
     "seams": ("mean_gap_mm", "max_gap_mm"),
 }  # fmt: skip
 """Numbers of a report that are shown; ``mirrors`` and ``seams`` are lists of what holds them."""
@@ -39,6 +40,7 @@ def _sound(report: dict) -> dict:
     """A report without what somebody edited into nonsense."""
     kinds = {
         "mesh": dict,
+        "optics": dict,
         "timings_ms": dict,
         "mirrors": list,
         "seams": list,
@@ -171,6 +173,12 @@ def distances(report: dict) -> list[tuple[str, str, str]]:
     if faces and "fill_triangles" in mesh:
         share = (mesh["fill_triangles"] + mesh.get("seam_triangles", 0)) / faces
         lines.append((say("Not measured"), f"{share:.0%}", ""))
+    light = report.get("optics", {})
+    if "lit_twice_share" in light:
+        text = say("{lit:.0%}, corrected: {corrected:.0%}").format(
+            lit=light["lit_twice_share"], corrected=light.get("corrected_share", 0.0)
+        )
+        lines.append((say("Lit two ways"), text, ""))
     timings = report.get("timings_ms", {})
     if timings:
         seconds = timings.get("total", sum(timings.values())) / 1000

@@ -235,12 +235,41 @@ def forget_subject(settings: bpy.types.PropertyGroup) -> None:
     subject.message = subject.problem = subject.searched_with = ""
 
 
+def measures(settings: bpy.types.PropertyGroup) -> str:
+    """How the scene's camera measures, as ``core.depth.sensor_recognition`` names it; "unknown" if nothing says it."""
+    try:
+        return str(json.loads(settings.cloud[CLOUD])["measures"])
+    except (KeyError, TypeError, ValueError):  # no capture, one of an older file, or edited into nonsense
+        return "unknown"
+
+
+def no_two_ways(settings: bpy.types.PropertyGroup) -> str:
+    """Why light that comes two ways is not looked for; "" when it is."""
+    if settings.quality.two_ways == "OFF":
+        return say("Two-way light is off")
+    if settings.quality.two_ways == "AUTO" and measures(settings) in ("angles", "pulses"):
+        return say("Does not apply: this camera does not measure phase")
+    return ""
+
+
+def behind_frame(settings: bpy.types.PropertyGroup) -> float:
+    """How far the mirrors seem to lie behind the front of their frames [m]."""
+    from ...core.mirrors.curved_glass import REFRACTION
+
+    return settings.quality.glass_offset_m + settings.quality.glass_thickness_m / REFRACTION
+
+
 def build_settings(settings: bpy.types.PropertyGroup) -> dict:
     """What the panels set of ``core.pipeline.Settings``, stage by stage."""
     quality = settings.quality
     return {
         "depth": {"smoothing": quality.smoothing, "close_gaps": quality.close_gaps},
-        "mirror": {"glass_offset": quality.glass_offset_m},
+        "mirror": {"glass_offset": quality.glass_offset_m, "glass_thickness": quality.glass_thickness_m},
+        "bow": {"use": quality.bowed},
+        "light": {
+            "two_ways": quality.two_ways.lower(),
+            "frequencies": () if no_two_ways(settings) else tuple(f for f in quality.frequencies if f >= 1.0),
+        },
         "views": view_settings(settings),
         "triangulation": {"outline": quality.outline},
         "closing": {

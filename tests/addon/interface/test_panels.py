@@ -70,7 +70,7 @@ def draw(bpy, name: str) -> list[tuple]:
     return said
 
 
-PANELS = ("capture", "mirrors", "subject", "build", "quality", "check", "export", "rig")
+PANELS = ("capture", "mirrors", "optics", "subject", "build", "quality", "check", "export", "rig")
 
 
 def words(said) -> str:
@@ -93,6 +93,7 @@ def test_a_capture_shows_what_it_is(bpy, loaded):
     )
     assert ("button", "build_avatar", True) in shown["build"]
     assert "Good: the frame is flat to" in words(shown["mirrors"])
+    assert ("prop", "glass_thickness") in shown["optics"] and "does not" not in words(shown["optics"])
     settings.mirrors[0].message, settings.mirrors[0].plane = "right: the 3 frame points lie on one line", ""
     assert "lie on one line" in words(draw(bpy, "mirrors"))
     assert "Check these mirrors first: right" in words(draw(bpy, "build"))
@@ -114,13 +115,14 @@ def test_an_avatar_shows_how_it_came_out(bpy, capsule):
         "mesh": {"height_m": 1.7, "volume_l": 200.0, "watertight": False, "self_intersections": 3},
         "problems": [{"kind": "hole", "point": [0, 0, 1], "normal": [0, -1, 0], "size": 0.05, "area": 0, "count": 9}],
         "warnings": ["left: nobody is seen in this mirror"],
+        "optics": {"lit_twice_share": 0.21, "corrected_share": 0.17},
     }
     avatar = create_avatar(capsule, collection=bpy.context.collection, report=report)
     select_only(bpy.context, avatar)
     shown = words(draw(bpy, "check"))
-    for part in ("1.70 m", "200.0 l", "has holes", "left flat to 0.8 mm", "at most 31 mm", "3 faces",
-                 "nobody is seen in", "Problems: 1", "Gap direct view–left ", "Gap within the direct view ",
-                 "Gap within left ", "Gap left–filled surface ", "Gap within filled surface "):  # fmt: skip
+    for part in ("1.70 m", "200.0 l", "21%, corrected: 17%", "has holes", "left flat to 0.8 mm", "at most 31 mm",
+                 "3 faces", "nobody is seen in", "Problems: 1", "Gap direct view–left ",
+                 "Gap within the direct view ", "Gap within left ", "Gap left–filled surface ", "Gap within filled surface "):  # fmt: skip
         assert part in shown, part
     bpy.context.scene.mirror_scan.problem_index = 1
     assert "Hole, 5.0 cm across" in words(draw(bpy, "check"))

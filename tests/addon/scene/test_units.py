@@ -66,7 +66,9 @@ def test_settings_are_kept_in_metres_and_shown_in_the_units_of_the_scene(bpy):
     assert build_settings(settings) == before
     assert settings.subject.max_height == pytest.approx(240) and settings.subject.reach == pytest.approx(115)
     settings.subject.depth_limit, settings.quality.glass_offset, settings.subject.reach = 300.0, 1.2, 0.0
+    settings.quality.glass_thickness = 0.6
     now = build_settings(settings)
+    assert now["mirror"]["glass_thickness"] == pytest.approx(0.006)
     assert now["views"]["depth_limit"] == pytest.approx(3) and now["mirror"]["glass_offset"] == pytest.approx(0.012)
     assert now["views"]["reach"] == pytest.approx(0.2)  # the least that makes sense
     set_units(bpy, 0.01, "NONE")  # without a unit system Blender leaves the scale aside
