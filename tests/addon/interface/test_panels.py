@@ -122,7 +122,8 @@ def test_an_avatar_shows_how_it_came_out(bpy, capsule):
     shown = words(draw(bpy, "check"))
     for part in ("1.70 m", "200.0 l", "21%, corrected: 17%", "has holes", "left flat to 0.8 mm", "at most 31 mm",
                  "3 faces", "nobody is seen in", "Problems: 1", "Gap direct view–left ",
-                 "Gap within the direct view ", "Gap within left ", "Gap left–filled surface ", "Gap within filled surface "):  # fmt: skip
+                 "Gap within the direct view ", "Gap within left ", "Gap left–filled surface ",
+                 "Gap within filled surface "):  # fmt: skip
         assert part in shown, part
     bpy.context.scene.mirror_scan.problem_index = 1
     assert "Hole, 5.0 cm across" in words(draw(bpy, "check"))
