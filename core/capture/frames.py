@@ -100,8 +100,11 @@ def paired_color(depth_files: Sequence[Path], chosen: int, color_files: Sequence
     if numbers is None:
         if len(color_files) == len(depth_files):
             return chosen, ""
-        text = "{depth} has no colour image of its own; {color} is taken (no numbers in their names tell them apart)"
-        return 0, Notice(text, depth=wanted.name, color=color_files[0].name)
+        return 0, Notice(
+            "{depth} has no colour image of its own; {color} is taken (no numbers in their names tell them apart)",
+            depth=wanted.name,
+            color=color_files[0].name,
+        )
     depth_numbers, color_numbers = numbers
     mine = depth_numbers[chosen]
     distance = np.abs(color_numbers - mine)
@@ -113,8 +116,11 @@ def paired_color(depth_files: Sequence[Path], chosen: int, color_files: Sequence
     times = not np.isin(depth_numbers, color_numbers).any() and bool(steps.size)
     if times and spacing and distance[nearest] <= 0.51 * min(spacing):
         return nearest, ""  # two clocks that run side by side
-    text = "{depth} has no colour image of its own; {color}, the nearest, is taken"
-    return nearest, Notice(text, depth=wanted.name, color=color_files[nearest].name)
+    return nearest, Notice(
+        "{depth} has no colour image of its own; {color}, the nearest, is taken",
+        depth=wanted.name,
+        color=color_files[nearest].name,
+    )
 
 
 def apart_note(seconds: float) -> list[str]:

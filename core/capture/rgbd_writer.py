@@ -117,7 +117,11 @@ def write_folder(folder: str | os.PathLike, capture: Capture) -> tuple[str, ...]
             f"{writer.folder}: all readings lie beyond {MAX_METRES} m, more than 16-bit millimetres hold; "
             "check the depth unit"
         )
-    text = (
-        "{share:.1%} of the readings lie beyond {farthest:g} m, more than 16-bit millimetres hold: they were left out"
+    return (
+        Notice(
+            "{share:.1%} of the readings lie beyond {farthest:g} m, more than 16-bit millimetres hold: they were left "
+            "out",
+            share=writer.lost / (writer.lost + writer.readings),
+            farthest=MAX_METRES,
+        ),
     )
-    return (Notice(text, share=writer.lost / (writer.lost + writer.readings), farthest=MAX_METRES),)

@@ -56,25 +56,26 @@ def check_cameras(
     apart = np.linalg.norm(axes[:, None] - axes, axis=-1)
     shares = contradicted_shares(patches, maps, poses)
     shares = np.maximum(shares, shares.T)
-    odd = _odd_one(np.maximum(apart / _SAME_SUBJECT, shares / _DENIED), names)
+    who, others = _odd_one(np.maximum(apart / _SAME_SUBJECT, shares / _DENIED), names)
     if apart.max() > _SAME_SUBJECT:
         raise ReconstructionError(
             "{who}: the subject stands {aside:.2f} m from where {others} it; check the poses (camera frame → common "
             "frame, metres), and that all captures show the same subject standing still",
-            aside=apart.max(), **odd,
+            who=who, others=others, aside=apart.max(),
         )  # fmt: skip
     if shares.max() > _DENIED:
         raise ReconstructionError(
             "{who}: {share:.0%} of the subject is where {others} nothing; check the poses (camera frame → common "
             "frame, metres), and that all captures show the same subject standing still",
-            share=shares.max(), **odd,
+            who=who, others=others, share=shares.max(),
         )  # fmt: skip
     if shares.max() > _HARDLY_DENIED:
+        who, others = _odd_one(shares / _HARDLY_DENIED, names)
         return [
             Notice(
                 "{who}: {share:.0%} of the subject is where {others} nothing; the poses are a little off, or the "
                 "subject moved from one capture to the next: calibrate the poses again",
-                share=shares.max(), **_odd_one(shares / _HARDLY_DENIED, names),
+                who=who, others=others, share=shares.max(),
             )
         ]  # fmt: skip
     return []
@@ -136,13 +137,13 @@ def contradicted_shares(
     return shares
 
 
-def _odd_one(contradiction: np.ndarray, names: Sequence[str]) -> dict[str, Notice]:
-    """``who`` contradicts ``others`` (N, N) by more than 1: the camera without which nobody does, else a pair."""
+def _odd_one(contradiction: np.ndarray, names: Sequence[str]) -> tuple[Notice, Notice]:
+    """Who contradicts which others (N, N) by more than 1: the camera without which nobody does, else a pair."""
     wrong = contradiction > 1.0
     count = len(names)
     odd = [k for k in range(count) if count > 2 and not np.delete(np.delete(wrong, k, 0), k, 1).any()]
     if len(odd) == 1:
-        return {"who": Notice.of(names[odd[0]]), "others": Notice("the other cameras see")}
+        return Notice.of(names[odd[0]]), Notice("the other cameras see")
     i, j = map(int, np.unravel_index(np.argmax(contradiction), contradiction.shape))
     pair = Notice("{one} and {other}, one of the two", one=names[min(i, j)], other=names[max(i, j)])
-    return {"who": pair, "others": Notice("the other sees")}
+    return pair, Notice("the other sees")

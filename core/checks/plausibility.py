@@ -22,12 +22,12 @@ USUAL_HEIGHTS, USUAL_DISTANCES = (0.8, 2.2), (1.0, 8.0)
 """Of persons, and from the camera to them, among which a mistaken unit is looked for [m]."""
 
 UNITS = (
-    ("millimetres taken for metres", 0.001),
-    ("metres taken for millimetres", 1000.0),
-    ("TUM's 5000 to a metre taken for millimetres", 0.2),
-    ("tenths of millimetres taken for millimetres", 0.1),
-    ("millimetres taken for TUM's 5000 to a metre", 5.0),
-    ("millimetres taken for tenths of millimetres", 10.0),
+    (Notice("millimetres taken for metres"), 0.001),
+    (Notice("metres taken for millimetres"), 1000.0),
+    (Notice("TUM's 5000 to a metre taken for millimetres"), 0.2),
+    (Notice("tenths of millimetres taken for millimetres"), 0.1),
+    (Notice("millimetres taken for TUM's 5000 to a metre"), 5.0),
+    (Notice("millimetres taken for tenths of millimetres"), 10.0),
 )
 """Usual mistakes, and by what the depth unit must be multiplied."""
 
@@ -173,7 +173,7 @@ def _likely_cause(mesh: Mesh, facts: ScanFacts, by_height: bool = True) -> Notic
         mistake = min(mistakes, key=lambda m: abs(np.log(height * m[1] / _USUAL_HEIGHT)))
         return Notice(
             "it looks like {mistake}, so multiply the depth unit (--depth-unit) by {factor:g}",
-            mistake=Notice(mistake[0]), factor=mistake[1],
+            mistake=mistake[0], factor=mistake[1],
         )  # fmt: skip
     if facts.distance < _TOO_NEAR:
         return Notice(

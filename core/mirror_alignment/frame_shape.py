@@ -203,7 +203,7 @@ def honest_error(image: RgbdImage, mirror: Mirror) -> tuple[Mirror, Notice | Non
         "{error:.0f} mm; see that nothing covers or bends the frame and that every pick is on it, or, for a mirror on "
         "a wall, give it a frame that stands 2 cm off the wall",
         name=mirror.name, uneven=1000.0 * uneven, error=1000.0 * expected_error(doubted), mirrors=[mirror.name],
-        what=Notice("the wall it hangs on is uneven" if wall else "its frame is uneven"),
+        what=Notice("the wall it hangs on is uneven") if wall else Notice("its frame is uneven"),
     )  # fmt: skip
 
 

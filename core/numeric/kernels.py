@@ -178,8 +178,11 @@ class _KernelCache(caching.FunctionCache):
                 if data is not None:
                     return self._impl.rebuild(target_context, data)
             except Exception:  # what a damaged file makes pickle or numba do is open
-                words = "Part of the compiled code kept in {folder} is damaged; it is compiled again"
-                _warn(Notice(words, folder=place.top))
+                _warn(
+                    Notice(
+                        "Part of the compiled code kept in {folder} is damaged; it is compiled again", folder=place.top
+                    )
+                )
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -188,16 +191,22 @@ class _KernelCache(caching.FunctionCache):
             return
         chosen = _cache_dir()
         if chosen and not place.folder.startswith(chosen):
-            words = "Compiled code cannot be kept in {folder}; it is kept in {place}"
-            _warn(Notice(words, folder=chosen, place=place.folder))
+            _warn(
+                Notice(
+                    "Compiled code cannot be kept in {folder}; it is kept in {place}", folder=chosen, place=place.folder
+                )
+            )
         try:
             place.save(self._index_key(sig, data.codegen), self._impl.reduce(data))
         except OSError as error:
-            words = (
-                "Compiled code cannot be kept in {folder} ({reason}), so that it is compiled again in each run; make "
-                "room there, let it be written to, or set NUMBA_CACHE_DIR to another folder"
+            _warn(
+                Notice(
+                    "Compiled code cannot be kept in {folder} ({reason}), so that it is compiled again in each run; "
+                    "make room there, let it be written to, or set NUMBA_CACHE_DIR to another folder",
+                    folder=place.top,
+                    reason=error.strerror or error,
+                )
             )
-            _warn(Notice(words, folder=place.top, reason=error.strerror or error))
 
     def _found(self) -> list[_Place]:
         """Where to look, the place to write to last."""

@@ -297,8 +297,9 @@ def _unit(path: Path, content: dict, used: set[str], notes: list[str]) -> float 
             continue
         used.add(name)
         if abs(unit - 1 / DEFAULT_DEPTH_SCALE) > 1e-9:
-            text = "{name}: a unit of depth is {unit:g} m by “{key}”"
-            notes.append(Notice(text, name=path.name, unit=unit, key=name[:80]))
+            notes.append(
+                Notice("{name}: a unit of depth is {unit:g} m by “{key}”", name=path.name, unit=unit, key=name[:80])
+            )
         return unit
     return None
 
