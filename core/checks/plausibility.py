@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from ..camera import Intrinsics
 from ..errors import Notice, ReconstructionError
 from ..mesh import Mesh
 from ..mirrors import Mirror
+from ..numeric.point_products import transform
 
 HEIGHTS = (0.5, 2.4)
 """A person is between so tall [m]; taller ones hold up their arms."""
@@ -62,10 +63,13 @@ class ScanFacts:
     lenses : sequence of Intrinsics
         Of the cameras.
     mirrors : sequence of Mirror
+        Camera frame.
     blind : sequence of str
         Names of mirrors in which nothing of the subject was read.
     warnings : sequence of str
         The worst first.
+    to_avatar : np.ndarray [shape=(4, 4)]
+        Rigid; camera frame → avatar frame.
     """
 
     stands: bool = True
@@ -76,6 +80,7 @@ class ScanFacts:
     mirrors: Sequence[Mirror] = ()
     blind: Sequence[str] = ()
     warnings: Sequence[str] = ()
+    to_avatar: np.ndarray = field(default_factory=lambda: np.eye(4))
 
 
 def check_avatar(mesh: Mesh, volume: float | None, facts: ScanFacts, any_object: bool = False) -> None:
@@ -187,9 +192,12 @@ def _likely_cause(mesh: Mesh, facts: ScanFacts, by_height: bool = True) -> Notic
         return Notice(
             "nothing of it was read in {names}, and so its other side is not known ({why})",
             names=" and ".join(f"“{name}”" for name in facts.blind),
-            why=next((text for text in facts.warnings if any(n in text for n in facts.blind)), "see to the mirrors"),
+            why=next(
+                (text for text in facts.warnings if any(_is_about(text, n) for n in facts.blind)), "see to the mirrors"
+            ),
         )
-    off = [mirror.displacement(mesh.vertices[::97]) or 0.0 for mirror in facts.mirrors]
+    person = transform(mesh.vertices[::97], np.linalg.inv(facts.to_avatar))
+    off = [mirror.displacement(person) or 0.0 for mirror in facts.mirrors]
     rough = [mirror.residual for mirror in facts.mirrors]
     if off and (max(off) > _DISPLACED or max(rough) > _ROUGH):
         worst = int(np.argmax(np.maximum(np.array(off) / _DISPLACED, np.array(rough) / _ROUGH)))
@@ -201,6 +209,12 @@ def _likely_cause(mesh: Mesh, facts: ScanFacts, by_height: bool = True) -> Notic
     if facts.warnings:
         return Notice("{warning}", warning=facts.warnings[0])
     return Notice("check the depth unit (--depth-unit), the intrinsics and the mirrors' planes")
+
+
+def _is_about(text: str, view: str) -> bool:
+    """Whether a warning is about a mirror's view, which several cameras name “camera: mirror”."""
+    mirror = view.rpartition(": ")[2]
+    return text.startswith(f"{view}: ") or (f"“{mirror}”" in text and text.startswith(view.removesuffix(mirror)))
 
 
 def _is_usual(height: float, distance: float) -> bool:

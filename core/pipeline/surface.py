@@ -88,13 +88,14 @@ def joining_steps(
     warnings = (*scan.warnings, *notes)
     report = make_report(mesh, to_avatar, scan, patches, seams, warnings, clock)
     litres = report["mesh"]["volume_l"]
-    check_avatar(mesh, None if litres is None else 1e-3 * litres, _facts(scan, settings), settings.views.object)
+    facts = _facts(scan, settings, to_avatar)
+    check_avatar(mesh, None if litres is None else 1e-3 * litres, facts, settings.views.object)
     return Reconstruction(
         mesh if frame == "avatar" else closed, frame, to_avatar, report, warnings, tuple(patches), tuple(scan.mirrors)
     )
 
 
-def _facts(scan: Scan, settings: Settings) -> ScanFacts:
+def _facts(scan: Scan, settings: Settings, to_avatar: np.ndarray) -> ScanFacts:
     """What a result is judged by."""
     shown = set(np.unique(scan.maps.labels).tolist())
     return ScanFacts(
@@ -107,6 +108,7 @@ def _facts(scan: Scan, settings: Settings) -> ScanFacts:
         mirrors=scan.mirrors,
         blind=[name for k, name in enumerate(scan.names) if k not in shown],
         warnings=scan.warnings,
+        to_avatar=to_avatar,
     )
 
 

@@ -92,12 +92,22 @@ def test_the_cause_is_told_by_the_evidence(person):
         (stretched(person, 2, 2, 2), {}, "check the depth unit"),
         (thin, {"cut": ("top",)}, "the picture cuts it off"),
         (thin, {"blind": ["left"], "warnings": ["“left” is dark; clean it"]}, "in “left”.*clean it"),
+        (thin, {"blind": ["left"], "warnings": ["points were left out", "left: nobody"]}, r"\(left: nobody\)"),
+        (thin, {"blind": ["b: l"], "warnings": ["a: “l” is dark", "b: “l” is wet"]}, r"\(b: “l” is wet\)"),
         (thin, {"mirrors": [good, rough]}, "the plane of the mirror “left” is very uncertain"),
         (thin, {"warnings": ["first of all"]}, "first of all"),
         (thin, {}, "check the depth unit .*, the intrinsics and the mirrors' planes"),
     ):
         with pytest.raises(ReconstructionError, match=words):
             judge(mesh, **facts)
+
+
+def test_a_mirror_is_judged_where_the_camera_sees_the_person(person):
+    to_avatar, seen = np.array([[1, 0, 0, 0], [0, 0, 1, -2.5], [0, -1, 0, 1.2], [0, 0, 0, 1.0]]), []
+    mirror = SimpleNamespace(name="left", residual=0.0, displacement=seen.append)
+    with pytest.raises(ReconstructionError):
+        judge(stretched(person, 1.0, 0.3, 1.0), mirrors=[mirror], to_avatar=to_avatar)
+    assert np.ptp(seen[0], axis=0).argmax() == 1 and seen[0][:, 2].mean() == pytest.approx(2.5, abs=0.1)
 
 
 def test_lenses():
