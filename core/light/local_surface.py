@@ -56,6 +56,7 @@ def local_surface(
     -----
     O(N · RADIUS²).
     """
+    rows, columns = np.ascontiguousarray(rows), np.ascontiguousarray(columns)  # one layout, one compilation
     out = np.empty((len(rows), 4))
     step = max((len(rows) + _PIECES - 1) // _PIECES, 1)
 
