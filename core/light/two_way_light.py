@@ -9,6 +9,7 @@ way is (:mod:`.irradiance`); how the camera turns that into a distance is learnt
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -196,7 +197,11 @@ class _Scene:
         self.labels = views.labels
         self.sources = light_sources(mirrors)
         self.reflectivity = np.full(len(mirrors), _REFLECTIVITY)
-        self.hiding = grown_into_gaps(self.labels, self.depth)
+
+    @cached_property
+    def hiding(self) -> tuple[np.ndarray, np.ndarray]:
+        """Depth and labels (H, W) of what can hide a point from a source: the subject, unread parts of it too."""
+        return grown_into_gaps(self.labels, self.depth)
 
     # --- is there any? -----------------------------------------------------------------------------------------------
 
@@ -210,7 +215,10 @@ class _Scene:
         step = max(len(rows) // _SAMPLE, 1)
         rows, columns = rows[::step], columns[::step]
         surface = self.surface(self.depth, self.labels >= 0, rows, columns)
-        light, lengths = self.light(surface)
+        light, lengths = irradiance(
+            surface.points, surface.normals, surface.view, self.depth, self.labels, self.mirrors, self.intrinsics,
+            self.reflectivity,
+        )  # fmt: skip
         for other in range(1, len(self.sources)):
             strong = (surface.z > 0) & (light[:, other] > 0) & (light[:, 0] > _DECISIVE * light[:, other])
             y, x, z, inside = seen_at(surface.points[strong], other, self.mirrors, self.intrinsics)
