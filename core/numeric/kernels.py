@@ -10,7 +10,6 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import glob
 import importlib
 import inspect
@@ -85,10 +84,14 @@ class _Threads:
     def do_without(cls) -> None:
         """Have this thread of a fork run parallel code alone, which GNU's OpenMP can do there.
 
-        ``launch_threads`` starts nothing the second time, but notes the process that may call parallel code.
+        Numba's start of its threads starts nothing the second time, but notes the process that may call parallel code.
         """
         if cls.process != os.getpid():
-            ctypes.CFUNCTYPE(None, ctypes.c_int)(_openmp().launch_threads)(1)
+            config: Any = numba.config
+            config.THREADING_LAYER = "omp"  # it is loaded; no other is looked for
+            parallel: Any = importlib.import_module("numba.np.ufunc.parallel")
+            parallel._is_initialized = False
+            parallel._launch_threads()
             cls.process = os.getpid()
         numba.set_num_threads(1)
 

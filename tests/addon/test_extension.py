@@ -156,10 +156,11 @@ class TestReviewRules:
                 assert top in ours or top in sys.stdlib_module_names, f"{name} imports {imported}"
             assert top not in never, f"{name} imports {imported}"
             if top in {"threading", "_thread", "concurrent", "multiprocessing"}:
-                # where they end before the call returns, or no second process can be had
-                assert name in {"core/numeric/threads.py", "mirror_scan_addon/background/job_operators.py"}, (
-                    f"{name} imports {imported}"
-                )
+                # where they end before the call returns, or no second process can be had; a lock starts none
+                assert name in {
+                    "core/numeric/threads.py", "mirror_scan_addon/background/job_operators.py",
+                    "core/numeric/kernels.py",
+                }, f"{name} imports {imported}"  # fmt: skip
 
     def test_nothing_reaches_into_python_or_the_extension_folder(self, sources):
         for name, tree in sources.items():
@@ -195,7 +196,8 @@ class TestReviewRules:
                     assert id(node) in allowed, f"{name}:{node.lineno}"
 
     def test_files_are_written_where_the_user_said(self, sources):
-        """Only modules that go through ``files.replacing`` or a temporary folder write; one fills a given one."""
+        """Only modules that go through ``files.replacing`` or a temporary folder write; one fills a given one, and one
+        numba's cache, whose place the add-on gives."""
         for name, tree in sources.items():
             imported = {
                 alias.name for n in ast.walk(tree) if isinstance(n, ast.Import | ast.ImportFrom) for alias in n.names
@@ -203,6 +205,7 @@ class TestReviewRules:
             if imported & {"replacing", "tempfile"} or name.startswith("core/experiments/") or name in {
                 "core/io/atomic_files.py", "core/capture/rgbd_writer.py", "core/simulation/simulate.py",
                 "mirror_scan_addon/background/worker.py", "mirror_scan_addon/background/kernel_compilation.py",
+                "core/numeric/kernels.py",
             }:  # fmt: skip
                 continue
             for node in ast.walk(tree):
