@@ -126,8 +126,13 @@ def test_the_report_is_plain_and_whole(reconstructed):
     made = reconstructed("kinect_v1")
     report = made.report
     assert json.loads(json.dumps(report, allow_nan=False)) == report
-    keys = {"camera_to_avatar", "sensor", "mirrors", "views", "seams", "mesh", "optics", "timings_ms", "warnings"}
-    assert set(report) == keys and report["optics"] is None  # its pattern is lost where light comes two ways
+    assert set(report) == {
+        "camera_to_avatar", "sensor", "cameras", "mirrors", "views", "seams", "mesh", "optics", "timings_ms",
+        "warnings",
+    }  # fmt: skip
+    assert report["cameras"] == [{"sensor": "kinect_v1", "measures": "angles", "by": "steps"}]
+    assert report["optics"] is None  # its pattern is lost where light comes two ways
+    assert all(m["sag_mm"] == 0.0 and m["glass_thickness_mm"] == 0.0 for m in report["mirrors"])
     assert report["sensor"] == "kinect_v1"  # the capture does not say: its steps do
     assert [m["name"] for m in report["mirrors"]] == ["right", "left"]
     assert all({"point", "normal", "residual_mm", "points_used", "refined"} <= set(m) for m in report["mirrors"])
