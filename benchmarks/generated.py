@@ -84,10 +84,11 @@ def recipes(numbers: tuple[int, ...] | None = None) -> Iterator[Recipe]:
 
 def make(recipe: Recipe) -> Simulation:
     """The virtual snapshot; its picks miss the frames by up to 0.7 px, as :func:`.simulate.simulate` writes them."""
-    return simulate(_body(recipe), recipe.rig)
+    return simulate(body_of(recipe), recipe.rig)
 
 
-def _body(recipe: Recipe) -> Mesh:
+def body_of(recipe: Recipe) -> Mesh:
+    """The true body of a recipe, avatar frame."""
     if recipe.body != "mannequin":
         body = read_mesh(SHARED / "data" / "bodies" / f"{recipe.body}.ply")
         return replace(body, vertices=body.vertices * (recipe.height / np.ptp(body.vertices[:, 2])))

@@ -62,17 +62,19 @@ def _meshlab(points: np.ndarray, normals: np.ndarray, filters: Callable) -> Made
 _meshlab_threads: list[int] = []
 
 
-def meshlab_poisson(points: np.ndarray, normals: np.ndarray) -> Made:
+def meshlab_poisson(points: np.ndarray, normals: np.ndarray, threads: int | None = None) -> Made:
     """MeshLab's screened Poisson reconstruction.
 
     Its threads wait for each other by spinning: more than the free cores make it ten times slower. The first call
-    finds whether one thread or one a core is faster here, and later calls keep to that.
+    finds whether one thread or one a core is faster here, and later calls keep to that; or ``threads`` says it.
     """
 
     def make(threads: int) -> Made:
         settings = {"depth": DEPTH, "threads": threads}
         return _meshlab(points, normals, lambda m: m.generate_surface_reconstruction_screened_poisson(**settings))
 
+    if threads is not None:
+        return make(threads)
     if _meshlab_threads:
         return make(_meshlab_threads[0])
     tried = {threads: make(threads) for threads in (1, os.cpu_count() or 1)}

@@ -10,9 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mirror_scan.benchmarks import corpus, generated, isolated, real, seams  # noqa: E402
+from meshes import ours, sphere
+from mirror_scan.benchmarks import corpus, generated, isolated, optics, real, seams  # noqa: E402
 from mirror_scan.core.camera import project  # noqa: E402
 from mirror_scan.core.mesh import SEAM, SURFACE, Mesh  # noqa: E402
+from mirror_scan.core.mesh.normals import triangle_normals  # noqa: E402
+from mirror_scan.core.simulation.mannequin import Figure, mannequin  # noqa: E402
+from mirror_scan.core.simulation.props import together  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
@@ -40,9 +44,9 @@ def test_every_body_fits_into_its_picture():
 
 def test_mannequins_of_a_recipe_are_closed_and_as_tall_as_told():
     recipe = next(r for r in generated.recipes() if r.pose == "a step")
-    body = generated._body(recipe)
+    body = generated.body_of(recipe)
     assert np.ptp(body.vertices[:, 2]) == pytest.approx(recipe.height)
-    assert np.array_equal(body.vertices, generated._body(recipe).vertices)
+    assert np.array_equal(body.vertices, generated.body_of(recipe).vertices)
 
 
 def test_control_points_lie_where_tangents_meet():
@@ -104,3 +108,66 @@ def test_real_captures_that_are_absent_are_skipped(tmp_path, capsys):
     assert real.run() == real.run(tmp_path) and not real.run(tmp_path).tables
     said = capsys.readouterr().err
     assert "--captures" in said and all(name in said for name in (real.PERSON, real.ROOMS, "projeto-ovni"))
+
+
+def _grid(width: float, height: float, centre: tuple[float, float, float], step: float = 0.005) -> Mesh:
+    """An upright sheet across the Y axis."""
+    x, z = np.arange(0.0, width + 1e-9, step), np.arange(0.0, height + 1e-9, step)
+    at = np.arange(len(x) * len(z)).reshape(len(x), len(z))
+    a, b, c, d = (part.ravel() for part in (at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]))
+    triangles = np.concatenate((np.column_stack((a, b, c)), np.column_stack((a, c, d)))).astype(np.int32)
+    points = np.array([(u - width / 2, 0.0, v - height / 2) for u in x for v in z]) + centre
+    return Mesh(points, triangles)
+
+
+def test_a_flap_is_what_stands_outside_over_an_area():
+    """Beside a ball of 20 cm: sheets outside it count by size and distance, the ball and sheets within it do not."""
+    ball = ours(sphere(0.2))
+    assert not len(optics.flaps(ball, ball))
+    swollen = Mesh(ball.vertices * (1 + 0.012 / 0.2), ball.triangles)
+    assert not len(optics.flaps(swollen, ball)), "12 mm off is no flap"
+    assert optics.flaps(Mesh(ball.vertices * (1 + 0.02 / 0.2), ball.triangles), ball) == pytest.approx(
+        4 * np.pi * 0.22**2, rel=0.01
+    )
+    large, small = _grid(0.03, 0.04, (0, -0.3, 0)), _grid(0.02, 0.02, (0, 0.3, 0))
+    within = _grid(0.1, 0.1, (0, 0.02, 0))
+    assert optics.flaps(together(*[ball, large, small, within]), ball) == pytest.approx([0.0012])
+    two = together(*[ball, _grid(0.02, 0.02, (0, -0.3, 0)), _grid(0.02, 0.02, (0, -0.33, 0))])
+    assert not len(optics.flaps(two, ball)), "two of 4 cm2 that do not touch"
+    assert optics.flaps(together(*[_grid(0.05, 0.05, (0, -0.3, 0)), large]), ball) == pytest.approx([0.0025, 0.0012])
+
+
+@pytest.mark.parametrize("pose", ({}, {"arm_angle_deg": 72.0}, {"arm_angle_deg": 35.0, "arm_forward_deg": 60.0}))
+def test_parts_of_the_body_are_where_they_should_be(pose):
+    body = mannequin(1.7, Figure(**pose), resolution=0.012)
+    parts = optics.region_masks(body)
+    at = body.vertices[body.triangles].mean(axis=1)
+    area = np.linalg.norm(triangle_normals(body.vertices, body.triangles), axis=1) / 2
+    assert parts[optics.WHOLE].all()
+    for one, other in ((optics.FACE, optics.HAIR), (optics.FACE, optics.HANDS), (optics.FEET, optics.HANDS)):
+        assert not (parts[one] & parts[other]).any()
+    face, hair, hands, feet = (at[parts[name]] for name in (optics.FACE, optics.HAIR, optics.HANDS, optics.FEET))
+    assert face[:, 1].max() < hair[:, 1].max() and face[:, 2].min() > 1.4 and np.abs(face[:, 0]).max() < 0.12
+    assert hair[:, 2].max() == pytest.approx(1.7, abs=0.01) and hair[:, 1].max() > 0.03
+    assert feet[:, 2].max() < 0.1
+    for side in (hands[hands[:, 0] > 0], hands[hands[:, 0] < 0]):
+        assert np.linalg.norm(np.ptp(side, axis=0)) < 0.3 and len(side) > 50
+    assert 0.04 < area[parts[optics.HANDS]].sum() < 0.14
+    # the arms' ends: nothing of the arms lies farther out than the hands do
+    arms = np.abs(at[:, 0]) > np.abs(hands[:, 0]).max() - 1e-9
+    assert parts[optics.HANDS][arms].any()
+
+
+def test_triples_differ_and_tell_distances_apart():
+    rng = np.random.default_rng(5)
+    triples = [optics.draw_triple(rng) for _ in range(20)]
+    assert len(set(triples)) == 20
+    for triple in triples:
+        period = 149.896229 / np.array(triple)
+        for other in np.arange(0.3, 8.5, 0.01):
+            assert np.abs(other - period * np.rint(other / period)).max() > 0.03, triple
+    assert optics.draw(3)[1] == optics.draw(3)[1] != optics.draw(4)[1]
+    rig = optics.draw(3)[0].rig
+    assert optics.with_column(rig, triples[0], "ideal") is rig
+    real = optics.with_column(rig, triples[0], "real").optics
+    assert real.multipath and real.frequencies == triples[0] and not real.warp and real.skin == (0.0, 0.0)
