@@ -196,7 +196,8 @@ def _thickness(seams: list[_Offsets], bent: Sequence[bool]) -> tuple[float, floa
         weights = noise**-2.0 / (1.0 + (rest / _OUTLIER) ** 2)
     information = float((weights * slope) @ slope) / _CORRELATED
     bias = _BIAS * abs(float(weights @ slope)) / float((weights * slope) @ slope)
-    return thickness, float(np.hypot(information**-0.5, bias))
+    scatter = max(1.4826 * float(np.median(np.abs(offset + slope * thickness) / noise)), 1.0)  # more than expected
+    return thickness, float(np.hypot(scatter * information**-0.5, bias))
 
 
 def _rigid(points: np.ndarray, to: np.ndarray) -> np.ndarray:
