@@ -66,6 +66,8 @@ class Mirror:
     frame_bow : tuple of float or None
         A bow that the frame shows and nothing has confirmed: what it would change of the two slopes [rad], the shift
         [m] and the sag [m].
+    frame_ahead : float
+        Of a rig file's mirror: how far the front of its frame lies in front of the plane [m].
     """
 
     name: str
@@ -86,6 +88,7 @@ class Mirror:
     sag_error: float = 0.0
     glass_thickness: float = 0.0
     frame_bow: tuple[float, float, float, float] | None = None
+    frame_ahead: float = 0.0
 
     def displacement(self, points: np.ndarray) -> float | None:
         """Expected error of reflected ``points`` (N, 3), root mean square over them [m]; None without a covariance.

@@ -57,6 +57,7 @@ def _entry(m: Mirror) -> dict:
         "sag_mm": 1000.0 * m.sag,
         "sag_error_mm": 1000.0 * m.sag_error,
         "glass_thickness_mm": 1000.0 * m.glass_thickness,
+        "frame_ahead_mm": 1000.0 * m.frame_ahead,
     }
 
 
@@ -143,10 +144,11 @@ def _mirror(path: Path, place: int, entry: object, intrinsics: Intrinsics) -> Mi
             refined=True,
             source="rig file",
             covariance=covariance,
-            # older files lack these: flat, thin glass
+            # older files lack these: flat, thin glass, level with its frame
             sag=_number(path, name, entry.get("sag_mm", 0.0)) / 1000.0,
             sag_error=_number(path, name, entry.get("sag_error_mm", 0.0)) / 1000.0,
             glass_thickness=_number(path, name, entry.get("glass_thickness_mm", 0.0)) / 1000.0,
+            frame_ahead=_number(path, name, entry.get("frame_ahead_mm", 0.0)) / 1000.0,
         ),
         intrinsics,
         np.zeros((2, 2), np.bool_),

@@ -81,7 +81,12 @@ def calibrate(
     if mirror.glass_thickness:
         placed = [replace(m, glass_thickness=mirror.glass_thickness) if not m.glass_thickness else m for m in placed]
         image = without_delay(image, placed) if measures_time(capture, depth) else image
-    placed = align_reflections(image, placed, _BOARD)[0]
+    on_frames, placed = placed, align_reflections(image, placed, _BOARD)[0]
+    placed = [
+        replace(m, frame_ahead=mirror.behind_frame + float((on_frame.point - m.point) @ m.normal))
+        if m.source in ("picked", "found") else m
+        for on_frame, m in zip(on_frames, placed, strict=True)
+    ]  # fmt: skip
     for m in placed:
         if m.rectangle is None:
             raise MirrorError(
@@ -148,6 +153,7 @@ def moved_warning(image: RgbdImage, mirror: Mirror, limit: float = _LEAST_SHIFT)
 
 
 def _change(image: RgbdImage, mirror: Mirror) -> _Change:
+    mirror = replace(mirror, point=mirror.point + mirror.frame_ahead * mirror.normal)  # where its frame was
     seen = fit_frame(image, mirror, inward=0.06)
     if seen is None:
         # is something seen behind the place of the frame, which the frame should hide?

@@ -134,7 +134,8 @@ def test_patches_go_where_the_glass_shows_them():
     expected = points + 0.005 * thickness_moves(MIRRORS[0], reflect(points, MIRRORS[0]), True)
     np.testing.assert_allclose(placed[1].vertices, expected, atol=3e-5)
     before = transform(points, maps_of(MIRRORS).to_view[1])
-    np.testing.assert_allclose(transform(placed[1].vertices, maps.to_view[1]), before, atol=5e-4)
+    off = np.linalg.norm(transform(placed[1].vertices, maps.to_view[1]) - before, axis=1)
+    assert off.max() < 0.2 * np.linalg.norm(placed[1].vertices - points, axis=1).max(), "as far as a rigid motion can"
 
 
 @pytest.mark.parametrize("thickness", [0.005, 0.0])

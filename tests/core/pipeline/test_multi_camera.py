@@ -67,6 +67,7 @@ def test_three_cameras_without_mirrors(around):
     assert max(score["accuracy_max"], score["complete_max"]) < 35
     assert abs(score["volume_error_pct"]) < 3
     assert [view["name"] for view in made.report["views"]] == list(ANGLES) and made.warnings == ()
+    assert len(made.report["cameras"]) == 3 and made.report["optics"] is None
     assert {tuple(seam["between"]) for seam in made.report["seams"]} >= {("front", "right"), ("front", "left")}
     assert made.mesh.vertices[:, 2].max() == pytest.approx(1.70, abs=0.012)
 

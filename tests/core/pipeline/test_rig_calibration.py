@@ -13,6 +13,7 @@ from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mirror_detection.detection import find_mirrors
 from mirror_scan.core.mirrors.mirror import plane_mirror, reflect
+from mirror_scan.core.mirrors.picked_mirror import MirrorSettings
 from mirror_scan.core.mirrors.rig_file import mirrors_for, read_rig, write_rig
 from mirror_scan.core.pipeline import reconstruct
 from mirror_scan.core.pipeline.rig_calibration import calibrate, moved_warning, moved_warnings
@@ -56,6 +57,28 @@ def test_written_and_read(rig, tmp_path):
         for field in ("point", "normal", "basis", "rectangle", "outline", "covariance"):
             np.testing.assert_allclose(getattr(a, field), getattr(b, field), atol=1e-12)
     assert mirrors_for(again, rig.intrinsics) == again.mirrors
+
+
+@pytest.mark.parametrize("thickness, offset", [(0.006, 0.0), (0.0, 0.012)])
+def test_known_glass_goes_into_the_rig(person, tmp_path, thickness, offset):
+    """The mirror is where it appears to reflect; that its frame lies in front of that is no move."""
+    thick = default_rig("azure_kinect", frames=8, seed=5, frame_depth=offset)
+    thick = replace(thick, mirrors=tuple(replace(m, glass_thickness=thickness) for m in thick.mirrors))
+    empty = simulate(SPECK, thick)
+    glass = MirrorSettings(glass_offset=offset, glass_thickness=thickness)
+    write_rig(tmp_path / "rig.json", calibrate(empty.capture, mirror=glass))
+    placed = read_rig(tmp_path / "rig.json").mirrors
+    true = {m.name: plane_mirror(m.name, m.point, m.normal) for m in empty.truth.mirrors}
+    for mirror in placed:
+        assert mirror.glass_thickness == pytest.approx(thickness)
+        assert mirror.frame_ahead == pytest.approx(glass.behind_frame, abs=1e-4)
+        error = np.linalg.norm(reflect(person.vertices, mirror) - reflect(person.vertices, true[mirror.name]), axis=1)
+        assert np.median(error) < 0.003
+    later = simulate(person, replace(thick, seed=6)).capture
+    assert moved_warnings(RgbdImage(clean(later), later.intrinsics), list(placed)) == []
+    pushed = [replace(m, centre=tuple(np.array(m.centre) - 0.008 * m.axes[2])) for m in thick.mirrors]
+    later = simulate(person, replace(thick, seed=6, mirrors=tuple(pushed))).capture
+    assert moved_warnings(RgbdImage(clean(later), later.intrinsics), list(placed))
 
 
 def test_used_for_a_later_snapshot(rig, simulated):
