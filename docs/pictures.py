@@ -20,6 +20,7 @@ from mirror_scan.core.capture.capture_summary import picture
 from mirror_scan.core.closing.mesh_closing import close_mesh
 from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.io.images import openimageio, read_image, write_png
+from mirror_scan.core.light.two_way_light import undo_two_way_light
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.triangle_mesh import merge
 from mirror_scan.core.mirrors import Mirror
@@ -38,7 +39,7 @@ from mirror_scan.core.preview.mesh_views import (
     render_views,
 )
 from mirror_scan.core.simulation.mannequin import mannequin
-from mirror_scan.core.simulation.scene import Rig, default_rig
+from mirror_scan.core.simulation.scene import Rig, default_rig, with_real_optics
 from mirror_scan.core.simulation.simulate import simulate
 from mirror_scan.core.subject.subject_search import find_subject
 from mirror_scan.core.views.view_maps import view_maps
@@ -50,6 +51,8 @@ WOOD = np.array((122, 92, 66), np.uint8)
 MOULDING = 100  # the “view” of a mirror's frame in these pictures
 OBLIQUE = (0.25, -1.0, 0.6)
 REAR = (0.5, 1.0, 0.25)
+RIGHT, TOO_FAR, TOO_NEAR = np.array((205.0,) * 3), np.array((206.0, 60, 48)), np.array((52.0, 106, 200))
+WORST = 0.03  # error that has the full colour [m]
 BAND = 44  # height of a line of captions [px]
 
 
@@ -98,6 +101,7 @@ def main() -> None:
     sides = render_views(avatar, avatar.colors, list(SIDES.values()), 300, 480)
     save("avatar", [sides], list(SIDES))
     _result(capture, avatar)
+    save("two_way_light", _two_way_light(rig), ["as read", "corrected"], scale=1.6)
     with tempfile.TemporaryDirectory() as folder:
         render_preview(avatar, Path(folder) / "preview.png")
         write("preview", resized(read_image(Path(folder) / "preview.png"), 0.7))
@@ -152,6 +156,25 @@ def _views_picture(capture: Capture, labels: np.ndarray) -> np.ndarray:
     gray = capture.color.mean(axis=2, keepdims=True)
     tint = VIEW_COLORS[np.maximum(labels, 0)] * (0.35 + 0.65 * gray / 255)
     return np.where(labels[..., None] >= 0, tint, 0.3 * gray).astype(np.uint8)
+
+
+def _two_way_light(rig: Rig) -> list[np.ndarray]:
+    """Readings of the direct view, coloured by their error, before and after light that comes two ways is undone."""
+    simulation = simulate(mannequin(), with_real_optics(rig, effects=("multipath",)))
+    image = RgbdImage(one_depth_map(simulation.capture)[0], rig.intrinsics)
+    mirrors = [place_mirror(image, picks) for picks in simulation.capture.mirrors]
+    views = find_subject(image, mirrors)
+    undone = undo_two_way_light(image, views, mirrors, views.floor_noise, phase=True)
+    assert undone is not None  # its camera is said to measure phase
+    mine, true = (views.labels == 0) & (image.depth > 0), simulation.truth.sight.depth
+    pictures = []
+    for depth, shown in ((image.depth, mine), (undone.depth, mine & ~undone.spoiled)):
+        share = np.clip((depth - true) / WORST, -1.0, 1.0)[..., None]
+        tint = np.where(share > 0.0, RIGHT + share * (TOO_FAR - RIGHT), RIGHT - share * (TOO_NEAR - RIGHT))
+        drawn = blank(*depth.shape)
+        drawn[mine], drawn[shown] = (40, 40, 40), tint[shown].astype(np.uint8)
+        pictures.append(drawn[_box(mine)])
+    return pictures
 
 
 def _relief(depth: np.ndarray, labels: np.ndarray, camera) -> np.ndarray:
