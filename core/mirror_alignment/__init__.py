@@ -5,6 +5,7 @@ __all__ = [
     "frame_shape",
     "glass_alignment",
     "own_reflection",
+    "person_alignment",
     "reflection_alignment",
     "seam_alignment",
     "seam_glass",

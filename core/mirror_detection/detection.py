@@ -20,7 +20,7 @@ from .frameless_mirrors import find_verified_frameless, overlaps
 from .identical_frames import find_identical_frames
 from .mirror_at_picks import DEFAULTS
 from .mirror_verification import doubtful, verified_hypotheses
-from .one_sided_mirrors import may_be_images, turned_to_person, with_one_sided
+from .one_sided_mirrors import may_be_images, with_one_sided
 from .rectangle_hypotheses import propose
 
 _USUAL = 2  # mirrors: where depth alone finds fewer, the colour picture's lines are asked as well
@@ -53,7 +53,6 @@ def find_mirrors(image: RgbdImage, settings: DetectionSettings = DEFAULTS, glass
     found = _framed(image.without_color(), segments, [], glass_offset, settings)
     if color is not None and len(found) < _USUAL:
         found = _framed(image, find_edge_segments(image, settings), found, glass_offset, settings)
-    framed = found
     if not settings.empty_rig and (len(found) < _USUAL or may_be_images(found)):
         most = min(_USUAL, settings.max_mirrors)
         old, found = found, with_one_sided(image, segments, found, most, settings)
@@ -65,8 +64,6 @@ def find_mirrors(image: RgbdImage, settings: DetectionSettings = DEFAULTS, glass
     if len(sure) < settings.max_mirrors and not settings.empty_rig:
         better = find_verified_frameless(image, sure, settings)
         found = [m for m, doubted in zip(found, doubt, strict=True) if not (doubted and overlaps(m, better))] + better
-    if not settings.empty_rig:
-        found = turned_to_person(image, found, framed)
     found.sort(key=lambda m: m.point[0] / m.point[2])
     return [replace(m, name=name) for m, name in zip(found, _names(found), strict=True)]
 

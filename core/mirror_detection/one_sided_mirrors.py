@@ -8,18 +8,15 @@ touch the other's outline (:mod:`..views.silhouette_contact`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from ..camera import Intrinsics, RgbdImage, project
+from ..camera import Intrinsics, RgbdImage
 from ..mirrors import Mirror
 from ..mirrors.frame_fit import fit_frame
 from ..mirrors.glass_extent import at_border, with_outline
 from ..mirrors.mirror import behind_glass, expected_error, moved, oriented, reflection_matrix, reflection_moves
-from ..numeric.point_products import dot, lay_grid
-from ..views.floor_and_vertical import find_floor
 from ..views.silhouette_contact import (
     Outline,
     contact,
@@ -27,31 +24,21 @@ from ..views.silhouette_contact import (
     contact_slope,
     edge_on,
     outline_of,
-    shadow_width,
 )
 from ..views.view_correspondences import Surfaces, find_correspondences, noise_of, surfaces
 from .edge_segments import LEFT, RIGHT, DetectionSettings, Segment
 from .frameless_mirrors import overlaps
 from .mirror_verification import count_evidence, floor_drop, missing_reflection
-from .mirrored_person import Figure, find_figures
+from .person_images import LEAST_MET, Room, fate_on_person, rooms_about_persons, span, views_of_person
 from .rectangle_hypotheses import Hypothesis
 
 _UP = np.array((0.0, -1.0, 0.0))
 _LEAST_SIDE, _UPRIGHT = 0.6, 0.97  # a bar is seen over so much [m]; cosine of its angle with the vertical
-_MOST_BARS, _MOST_PERSONS = 8, 2  # that are tried
-_FLAT = 0.009  # a person's front deviates from a plane by more, standard deviation [m]
-_ARMS, _LEAST_PIECE = 0.95, 12  # no part of a person is farther from the middle [m]; readings of it, thinned
+_MOST_BARS = 8  # that are tried
 _TURNS = np.radians(np.arange(-60.0, 60.5, 2.0))  # of a plane about its bar, that are tried first
 _ASKED, _FEWEST = 500, 50  # readings in a glass that are flipped by each, later three times as many; and at least
 _LEAST_SCORE = 0.04  # of those asked
-_BEHIND = 0.12  # behind the plane a reading is seen in the glass [m]
-_THROUGH, _ON = (0.08, 0.02), (0.10, 0.45)  # before what is seen a flipped reading is a violation [m] and times z;
-# and between so much before and behind it it is on the body [m]
-_RAGGED = 3  # px by which silhouettes are ragged
-_IMAGE_FARTHER, _MOST_NOISE = 2.2, 0.08  # times as far as a person is their image; noise there, at most [m]
 _WRONG = 6.0  # a violation counts so many times as a reading that is met
-_LEAST_MET, _LEAST_HEIGHT = 150, 0.45  # readings of an image; share of the person's height that they span
-_AROUND = 0.12  # m about a person's place in which the image is looked for
 _MOST_WRONG = 0.15, 0.05  # share of the image where the camera looks through: before the plane is turned, and then
 _BAR_ERROR, _CONTRADICTED = 2.0, 3.0  # standard deviations by which a bar alone may be wrong, and from which it is
 _SURE_BAR, _ROUGH = 0.006, 0.06  # a bar's error that is small, and what the first turn may be off [rad]
@@ -64,26 +51,7 @@ _BLUR, _SHADOWED = 0.3, 0.7  # px by which an outline may be off, and one beside
 _SKIN_ERROR = 0.0003  # of the turn by skin, that shows in no residual [rad]
 _MOST_ERROR = 0.03  # a mirror expected to misplace a person by more is dropped [m]
 _FARTHEST, _WIDEST = 6.0, 1.2  # of glass at the image's border [m]: how far off, and from the bar
-_UNSURE, _UNKNOWN = 0.0025, 0.02  # between which a mirror is expected to misplace a person who is to turn it [m]
-_WORTH = 0.85  # and by how much that must lessen the error
 _FEET = 0.3  # so near to the floor a glass whose end is not seen goes down to it [m]
-
-
-@dataclass(frozen=True)
-class _Room:
-    """What is known before a bar is looked at.
-
-    The picture, the floor up·p = ``floor``, the pixels of a ``person`` (H, W) and those ``about`` them, and how wide
-    shadows are.
-    """
-
-    image: RgbdImage
-    up: np.ndarray
-    floor: float
-    figure: Figure
-    person: np.ndarray
-    about: np.ndarray
-    shadow: float
 
 
 def with_one_sided(
@@ -115,7 +83,7 @@ def with_one_sided(
     image = image.without_color()
     if not _bars(segments, []):
         return found
-    for room in _rooms(image):
+    for room in rooms_about_persons(image):
         if behind_glass(room.figure.middle[None], found)[0]:
             continue  # the person's image
         sure = [m for m in found if _shows_person(m, room)]
@@ -138,7 +106,7 @@ def with_one_sided(
     return found
 
 
-def _shows_person(mirror: Mirror, room: _Room) -> bool:
+def _shows_person(mirror: Mirror, room: Room) -> bool:
     """Whether readings in its glass, flipped, are on the person."""
     if mirror.rectangle is None:
         return True
@@ -146,41 +114,13 @@ def _shows_person(mirror: Mirror, room: _Room) -> bool:
     rows, columns = np.nonzero(depth[::3, ::3])
     z = depth[3 * rows, 3 * columns].astype(np.float64)
     points = np.column_stack(((3 * columns - k.cx) / k.fx * z, (3 * rows - k.cy) / k.fy * z, z))
-    on, through = _fate(points[behind_glass(points, [mirror])], mirror, room)
-    return bool(on.sum() > max(_LEAST_MET / 9, through.sum()))
+    on, through = fate_on_person(points[behind_glass(points, [mirror])], mirror, room)
+    return bool(on.sum() > max(LEAST_MET / 9, through.sum()))
 
 
 def _is_at(bar: Segment, mirrors: list[Mirror]) -> bool:
     """Whether the bar is one of the mirrors' frames, or behind their glass."""
     return bool(behind_glass(bar.points.mean(axis=0)[None], mirrors, 0.1, 1.1)[0])
-
-
-def turned_to_person(image: RgbdImage, mirrors: list[Mirror], framed: list[Mirror]) -> list[Mirror]:
-    """The mirrors, those that are unsure turned about the upright until what they show of a person fits the person.
-
-    Of ``mirrors`` only those ``framed``: of a frame in noise that turn is known worst. None is moved by more than its
-    frame leaves open.
-    """
-    unsure = [any(m is one for one in framed) and _UNSURE < expected_error(m) < _UNKNOWN for m in mirrors]
-    if not any(unsure):
-        return mirrors
-    image, out = image.without_color(), list(mirrors)
-    room = next((room for room in _rooms(image) if not behind_glass(room.figure.middle[None], mirrors)[0]), None)
-    if room is None:
-        return mirrors
-    for k in np.flatnonzero(unsure):
-        glass = _glass_of(mirrors[k], image.intrinsics)
-        seen = _views(mirrors[k], glass, room, _MOST_WRONG[0])
-        better = None if seen is None else _turned_by_views(mirrors[k], 0.0, seen, room, 1.0)
-        if better is not None and expected_error(better) < _WORTH * expected_error(mirrors[k]):
-            out[k] = with_outline(better, image.intrinsics)
-    return out
-
-
-def _glass_of(mirror: Mirror, intrinsics: Intrinsics) -> np.ndarray:
-    """Pixels (H, W) in which the mirror's glass is."""
-    rays = lay_grid(np.ones((intrinsics.height, intrinsics.width), np.float32), *intrinsics.packed).reshape(-1, 3)
-    return behind_glass(rays, [mirror], nearest=np.inf).reshape(intrinsics.height, intrinsics.width)
 
 
 def may_be_images(found: list[Mirror]) -> bool:
@@ -205,70 +145,7 @@ def _bars(segments: list[Segment], known: list[Mirror]) -> list[Segment]:
     return sorted(out, key=lambda s: -s.length)
 
 
-def _rooms(image: RgbdImage) -> Iterable[_Room]:
-    """The room with each of those who may be a person, the largest first."""
-    depth = image.depth
-    stride = max(1, round(np.sqrt(depth.size / 80000.0)))
-    thin = np.ascontiguousarray(depth[::stride, ::stride])
-    cloud = lay_grid(thin, *(x / stride for x in image.intrinsics.packed))
-    points = cloud[thin > 0]
-    ground = find_floor(points, _UP, 20.0) if len(points) else None
-    if ground is None:
-        return
-    up, floor, _ = ground
-    objects, figures = find_figures(thin, cloud, up, floor, [], _FLAT)
-    sigma = noise_of(depth, np.where(depth > 0, 1, 0).astype(np.int8))
-    for figure in figures[:_MOST_PERSONS]:
-        pieces = _pieces_of(figure, objects, cloud, up)
-        person = _all_pixels(pieces, thin, depth, stride)
-        # noise at an image's distance, flipped, is an error sideways
-        noise = 2.0 * sigma * (_IMAGE_FARTHER * figure.middle[2]) ** 2
-        ragged = _RAGGED + int(min(noise, _MOST_NOISE) / figure.middle[2] * image.intrinsics.fx)
-        about = person
-        for axis in (0, 1):
-            about = _spread_along(about, ragged, axis)
-        yield _Room(image, up, floor, figure, person, about, shadow_width(depth, image.intrinsics.fx))
-
-
-def _spread_along(mask: np.ndarray, reach: int, axis: int) -> np.ndarray:
-    """The mask and what is within ``reach`` pixels of it along an axis."""
-    total = np.cumsum(np.pad(mask, [(reach + 1, reach) if k == axis else (0, 0) for k in (0, 1)]), axis=axis)
-    size = mask.shape[axis]
-    return np.take(total, np.arange(2 * reach + 1, size + 2 * reach + 1), axis) > np.take(total, np.arange(size), axis)
-
-
-def _pieces_of(figure: Figure, objects: np.ndarray, cloud: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Pixels (H, W) of the thinned picture that are of a figure: of all objects within an arm's reach, torn as it is.
-
-    An object that reaches beyond is another one.
-    """
-    away = cloud - figure.middle
-    away = away - dot(away, up)[..., None] * up
-    beyond = np.sqrt((away * away).sum(axis=-1)) > _ARMS
-    inside = np.bincount(objects.ravel(), (~beyond).ravel(), objects.max() + 1)
-    outside = np.bincount(objects.ravel(), beyond.ravel(), objects.max() + 1)
-    whose = (inside >= _LEAST_PIECE) & (outside == 0)
-    whose[0] = False
-    whose[figure.id] = True
-    return whose[objects]
-
-
-def _all_pixels(thinned: np.ndarray, thin: np.ndarray, depth: np.ndarray, stride: int) -> np.ndarray:
-    """The pixels (H, W) of the whole picture beside those of the ``thinned`` one, in like depth."""
-    if stride == 1:
-        return thinned
-    height, width = depth.shape
-    rows, columns = np.arange(height), np.arange(width)
-    out = np.zeros(depth.shape, np.bool_)
-    for down in (0, 1):
-        for right in (0, 1):
-            i = np.minimum(rows // stride + down, thin.shape[0] - 1)[:, None]
-            j = np.minimum(columns // stride + right, thin.shape[1] - 1)[None, :]
-            out |= thinned[i, j] & (np.abs(thin[i, j] - depth) < 0.02 + 0.005 * depth * depth)
-    return out & (depth > 0)
-
-
-def _mirror_at(bar: Segment, glass: np.ndarray, room: _Room, settings: DetectionSettings) -> Mirror | None:
+def _mirror_at(bar: Segment, glass: np.ndarray, room: Room, settings: DetectionSettings) -> Mirror | None:
     """The mirror beside a bar; None when what is seen there is no image of the person."""
     image, intrinsics = room.image, room.image.intrinsics
     start = _turned_to_image(bar, glass, room)
@@ -283,7 +160,7 @@ def _mirror_at(bar: Segment, glass: np.ndarray, room: _Room, settings: Detection
     mirror = fitted if own < _SURE_BAR and abs(turn) > _CONTRADICTED * own + _ROUGH else _turned(fitted, turn)
     for wrong in _MOST_WRONG:
         before = replace(mirror, covariance=fitted.covariance)
-        seen = _views(before, glass, room, wrong)
+        seen = views_of_person(before, glass, room, wrong)
         if seen is None:
             return None
         after = _turned_by_views(before, _turn_between(before, fitted), seen, room)
@@ -323,14 +200,14 @@ def _plane(bar: Segment, turn: float) -> Mirror:
     return Mirror("", point, normal, basis, np.array((side, (-half, half))), source="found")
 
 
-def _turned_to_image(bar: Segment, glass: np.ndarray, room: _Room) -> Mirror | None:
+def _turned_to_image(bar: Segment, glass: np.ndarray, room: Room) -> Mirror | None:
     """The plane through the bar over which most of what the glass shows falls onto the person; None of too little."""
     depth, k = room.image.depth, room.image.intrinsics
     rows, columns = np.nonzero(glass & (depth > 0) & ~room.person)
     z = depth[rows, columns].astype(np.float64)
     points = np.column_stack(((columns - k.cx) / k.fx * z, (rows - k.cy) / k.fy * z, z))
     height = points @ room.up - room.floor
-    low, high = _span(room)
+    low, high = span(room)
     # an image is farther off than who is seen, and about as high
     far = (z > float(room.figure.middle[2]) + 0.3) & (height > low - 0.1) & (height < high + 0.35)
     points = points[far]
@@ -345,31 +222,9 @@ def _turned_to_image(bar: Segment, glass: np.ndarray, room: _Room) -> Mirror | N
     return _plane(bar, turn) if best > _LEAST_SCORE * len(some) else None
 
 
-def _span(room: _Room) -> tuple[float, float]:
-    """From where to where above the floor the person reaches [m]."""
-    height = room.figure.points @ room.up - room.floor
-    return float(np.quantile(height, 0.01)), float(np.quantile(height, 0.99))
-
-
-def _fate(points: np.ndarray, mirror: Mirror, room: _Room) -> tuple[np.ndarray, np.ndarray]:
-    """Which of ``points`` (N, 3), flipped over the mirror, are on the person, and which the camera looks through."""
-    depth = room.image.depth
-    ahead = (points - mirror.point) @ mirror.normal
-    q = points - 2.0 * ahead[:, None] * mirror.normal
-    pixels = project(q, room.image.intrinsics)
-    size = np.array((depth.shape[1], depth.shape[0])) - 1
-    inside = ((pixels >= 0) & (pixels <= size)).all(axis=1) & (q[:, 2] > 0.1) & (ahead < -_BEHIND)  # false where NaN
-    column, row = np.rint(np.where(inside[:, None], pixels, 0.0)).astype(np.int64).T
-    seen = depth[row, column]
-    apart = q[:, 2] - seen
-    on = inside & room.person[row, column] & (apart > -_ON[0]) & (apart < _ON[1])
-    through = inside & (seen > 0) & (apart < -_THROUGH[0] - _THROUGH[1] * q[:, 2]) & ~room.about[row, column]
-    return on, through
-
-
-def _score(mirror: Mirror, points: np.ndarray, room: _Room) -> float:
+def _score(mirror: Mirror, points: np.ndarray, room: Room) -> float:
     """How many of the points are met by the person rather than looked through."""
-    on, through = _fate(points, mirror, room)
+    on, through = fate_on_person(points, mirror, room)
     return float(on.sum() - _WRONG * through.sum())
 
 
@@ -385,40 +240,8 @@ def _turned(mirror: Mirror, turn: float) -> Mirror:
     return moved(mirror, mirror.covariance[:, 0] / mirror.covariance[0, 0] * turn)
 
 
-def _views(mirror: Mirror, glass: np.ndarray, room: _Room, most_wrong: float) -> np.ndarray | None:
-    """View of each pixel (H, W) int8: 0 the person, 1 the image, else -1; None where that is not the person's image.
-
-    At most a share ``most_wrong`` of the image may be where the camera looks through it.
-    """
-    depth, k = room.image.depth, room.image.intrinsics
-    rows, columns = np.nonzero(glass & (depth > 0) & ~room.person)
-    z = depth[rows, columns].astype(np.float64)
-    points = np.column_stack(((columns - k.cx) / k.fx * z, (rows - k.cy) / k.fy * z, z))
-    ahead = (points - mirror.point) @ mirror.normal
-    q = points - 2.0 * ahead[:, None] * mirror.normal
-    away = room.figure.points - room.figure.middle
-    across = np.linalg.norm(away - (away @ room.up)[:, None] * room.up, axis=1)
-    off = q - room.figure.middle
-    height = q @ room.up - room.floor
-    low, high = _span(room)
-    off = np.linalg.norm(off - (off @ room.up)[:, None] * room.up, axis=1)
-    near = (ahead < -_BEHIND) & (off < across.max() + _AROUND) & (height > low) & (height < high + _AROUND)
-    if near.sum() < max(_LEAST_MET // (1 + 3 * (depth.size < 100_000)), 1):
-        return None
-    on, through = _fate(points[near], mirror, room)
-    spans = height[near][on]
-    if through.sum() > most_wrong * near.sum() or on.sum() < 0.3 * near.sum():
-        return None
-    if len(spans) < 30 or np.quantile(spans, 0.98) - np.quantile(spans, 0.02) < _LEAST_HEIGHT * (high - low):
-        return None
-    seen = np.full(depth.shape, -1, np.int8)
-    seen[room.person] = 0
-    seen[rows[near], columns[near]] = 1
-    return seen
-
-
 def _turned_by_views(
-    fitted: Mirror, back: float, seen: np.ndarray, room: _Room, own_error: float = _BAR_ERROR
+    fitted: Mirror, back: float, seen: np.ndarray, room: Room, own_error: float = _BAR_ERROR
 ) -> Mirror | None:
     """The mirror turned about its bar until both views of the person agree, with what is then known of it.
 
@@ -452,7 +275,7 @@ def _turned_by_views(
     # a plane whose turn is known to ``left``, and the rest as far as the bar's line leaves it open
     left = share * variance
     gain = prior[:, 0] / prior[0, 0]
-    return replace(made, covariance=prior + np.outer(gain, gain) * (left - prior[0, 0]))
+    return replace(made, covariance=prior + np.outer(gain, gain) * (left - prior[0, 0]), turn_by_frame=float(own))
 
 
 def _turn_by_outlines(
@@ -516,7 +339,7 @@ def _turn_by_skin(
     return turn, float(np.hypot(1.0 / np.sqrt(information), _SKIN_ERROR * few))
 
 
-def _with_glass(mirror: Mirror, bar: Segment, room: _Room) -> Mirror:
+def _with_glass(mirror: Mirror, bar: Segment, room: Room) -> Mirror:
     """The mirror with its glass from the bar to the image's border, and down to the floor where it ends close by."""
     assert mirror.rectangle is not None
     a, b, _ = mirror.basis.T
@@ -534,7 +357,7 @@ def _with_glass(mirror: Mirror, bar: Segment, room: _Room) -> Mirror:
     return with_outline(replace(mirror, rectangle=rectangle), k)
 
 
-def _makes_sense(mirror: Mirror, room: _Room, settings: DetectionSettings) -> bool:
+def _makes_sense(mirror: Mirror, room: Room, settings: DetectionSettings) -> bool:
     """Whether all that the glass shows may be a reflection, and nothing is missing in it that it should show."""
     assert mirror.rectangle is not None
     if expected_error(mirror) > _MOST_ERROR:

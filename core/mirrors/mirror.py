@@ -52,7 +52,7 @@ class Mirror:
         Corners of a glass that is no rectangle, along a and b about ``point`` [m], inside ``rectangle``.
     moved_by : tuple of str
         What moved the plane from where its frame is: "reflections" of what is seen directly too, the "floor" that is
-        seen both ways, "views" that must agree, "seams" that showed an offset.
+        seen both ways, a "person" or "views" that must agree, "seams" that showed an offset.
     moved : float
         By how much that moves the reflection of somebody 1.5 m in front of it, root mean square [m].
     sag : float
@@ -68,6 +68,9 @@ class Mirror:
         [m] and the sag [m].
     frame_ahead : float
         Of a rig file's mirror: how far the front of its frame lies in front of the plane [m].
+    turn_by_frame : float
+        Variance of its slope along a by the frame alone [rad²], where a person that it shows has turned it since; else
+        0.
     """
 
     name: str
@@ -89,6 +92,7 @@ class Mirror:
     glass_thickness: float = 0.0
     frame_bow: tuple[float, float, float, float] | None = None
     frame_ahead: float = 0.0
+    turn_by_frame: float = 0.0
 
     def displacement(self, points: np.ndarray) -> float | None:
         """Expected error of reflected ``points`` (N, 3), root mean square over them [m]; None without a covariance.

@@ -8,12 +8,13 @@ import numpy as np
 
 from ..camera import RgbdImage, unproject
 from ..capture import Capture, MirrorPicks
-from ..depth.sensor_recognition import measuring_principle
+from ..depth.sensor_recognition import measuring_principle, recognise
 from ..errors import MirrorError, Notice, PicksDisagreeError
 from ..mirror_alignment.floor_alignment import align_floor
 from ..mirror_alignment.frame_shape import honest_error
 from ..mirror_alignment.glass_alignment import GlassEvidence, align_bows, doubted_offsets, thick_glass
 from ..mirror_alignment.own_reflection import align_own_reflections
+from ..mirror_alignment.person_alignment import align_persons
 from ..mirror_alignment.reflection_alignment import align_reflections
 from ..mirror_alignment.view_alignment import align_views
 from ..mirror_detection.detection import find_mirrors
@@ -109,7 +110,9 @@ def align_mirrors(
     warnings += doubts
     image = without_delay(raw, placed) if timed or thick is not None else raw
     placed, by_floor = align_floor(image, placed, settings.floor)
+    model = recognise(capture, settings.depth)[1]
+    placed, by_person = align_persons(image, placed, settings.person, None if model is None else model.baseline)
     placed, by_views = align_views(image, placed, settings.agreement)
     placed, by_bow = align_bows(image, placed, settings.bow)
-    warnings += (*by_reflections, *by_floor, *by_views, *by_bow)
+    warnings += (*by_reflections, *by_floor, *by_person, *by_views, *by_bow)
     return placed, (*warnings, *frameless_notes(placed))

@@ -10,6 +10,7 @@ from ..light.two_way_light import LightSettings
 from ..mirror_alignment.floor_alignment import FloorSettings
 from ..mirror_alignment.glass_alignment import BowSettings, ThicknessSettings
 from ..mirror_alignment.own_reflection import OwnReflectionSettings
+from ..mirror_alignment.person_alignment import PersonSettings
 from ..mirror_alignment.reflection_alignment import JointSettings
 from ..mirror_alignment.seam_alignment import SeamSettings
 from ..mirror_alignment.seam_glass import SeamGlassSettings
@@ -32,6 +33,7 @@ class Settings:
     detection: DetectionSettings = DetectionSettings()
     alignment: JointSettings = JointSettings()
     floor: FloorSettings = FloorSettings()
+    person: PersonSettings = PersonSettings()
     agreement: AgreementSettings = AgreementSettings()
     own_reflection: OwnReflectionSettings = OwnReflectionSettings()
     bow: BowSettings = BowSettings()

@@ -9,6 +9,7 @@ yaw is known to a fraction of a pixel also where light that comes two ways has t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -164,37 +165,51 @@ def _is_edge_on(q: np.ndarray, normals: np.ndarray, edge: float, sideways: float
     return along & (np.abs(normals[:, 0]) > sideways) & (q[:, 2] > 0.1)
 
 
-def contact(shown: Surfaces, flip: np.ndarray, outline: Outline, intrinsics: Intrinsics) -> np.ndarray:
-    """How far inside of the outline, in each row and at each side, the outermost piece of a surface lies [px].
+class Contacts(NamedTuple):
+    """The outermost pieces of a surface beside an outline, one in each row and at each side of the body.
+
+    ``gaps`` (K,): how far inside the outline each lies, negative outside [px]; ``pieces`` (K,) their indices;
+    ``rows`` (K,) of the picture; ``rightward`` (K,) bool, at the right side.
+    """
+
+    gaps: np.ndarray
+    pieces: np.ndarray
+    rows: np.ndarray
+    rightward: np.ndarray
+
+
+def contacts(shown: Surfaces, flip: np.ndarray, outline: Outline, intrinsics: Intrinsics) -> Contacts:
+    """Where a surface touches an outline, or should.
 
     Parameters
     ----------
     shown : Surfaces
         Of one view; only pieces that the other sees edge-on count.
     flip : np.ndarray [shape=(4, 4)]
-        Reflection over the mirror.
+        From where the camera sees the one view's pieces to where it would see them in the other.
     outline : Outline
         Of the body in the other view.
-
-    Returns
-    -------
-    np.ndarray [shape=(K,)]
-        Negative outside.
     """
     q, normals = _flipped(shown, flip)
-    good = _is_edge_on(q, normals, _EDGE_ON, _SIDEWAYS)
-    q, rightward = q[good], normals[good, 0] > 0.0
+    index = np.flatnonzero(_is_edge_on(q, normals, _EDGE_ON, _SIDEWAYS))
+    q, rightward = q[index], normals[index, 0] > 0.0
     u, v = q[:, 0] / q[:, 2] * intrinsics.fx + intrinsics.cx, q[:, 1] / q[:, 2] * intrinsics.fy + intrinsics.cy
     column, row = np.rint(u).astype(np.int64) - outline.corner[0], np.rint(v).astype(np.int64) - outline.corner[1]
     inside = (column >= 0) & (row >= 0) & (column < outline.right.shape[1]) & (row < outline.right.shape[0])
     column, row, u, rightward, z = column[inside], row[inside], u[inside], rightward[inside], q[inside, 2]
+    index = index[inside]
     widths = np.where(rightward, 0.0, outline.shadow * np.maximum(1.0 / z - outline.behind_left[row, column], 0.0))
     gaps = np.where(rightward, outline.right[row, column] - u, u - outline.left[row, column]) - widths - _SHORT
     near = np.abs(gaps) < _REACH
-    gaps, line = gaps[near], 2 * row[near] + rightward[near]
+    gaps, line, index = gaps[near], 2 * row[near] + rightward[near], index[near]
     order = np.lexsort((gaps, line))
-    gaps, line = gaps[order], line[order]
-    return gaps[np.diff(line, prepend=-1) != 0]
+    order = order[np.diff(line[order], prepend=-1) != 0]
+    return Contacts(gaps[order], index[order], line[order] // 2 + outline.corner[1], line[order] % 2 == 1)
+
+
+def contact(shown: Surfaces, flip: np.ndarray, outline: Outline, intrinsics: Intrinsics) -> np.ndarray:
+    """How far inside of the outline, in each row and at each side, the outermost piece lies [px]: (K,)."""
+    return contacts(shown, flip, outline, intrinsics).gaps
 
 
 def contact_cost(gaps: np.ndarray) -> float:
