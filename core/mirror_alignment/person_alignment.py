@@ -129,7 +129,7 @@ def _seen(mirrors: list[Mirror], room: Room) -> tuple[np.ndarray, list[bool]]:
 def _moved(
     image: RgbdImage, mirrors: list[Mirror], free: list[int], seen: np.ndarray, shadow: float, settings: PersonSettings
 ) -> list[Mirror]:
-    """The mirrors, those ``free`` moved to where views agree where they are surer then, or their frames contradicted."""
+    """The mirrors, those ``free`` moved to where views agree: where they are surer then, or their frames denied."""
     sigma = noise_of(image.depth, seen)
     views = range(len(mirrors) + 1)
     shown = [surfaces(image, seen, view, sigma, _PIECES) for view in views]
