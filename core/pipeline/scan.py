@@ -181,7 +181,6 @@ def _without_pairs(settings: Settings) -> Settings:
         alignment=replace(settings.alignment, use=False),
         person=replace(settings.person, use=False),
         agreement=replace(settings.agreement, use=False),
-        person=replace(settings.person, use=False),
         thickness=replace(settings.thickness, use=False),
     )
 
