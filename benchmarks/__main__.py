@@ -16,7 +16,7 @@ from .results import Finding, limits_table
 MODULES = {"quality": "quality", "speed": "speed", "cleaning": "cleaning", "mirrors": "mirrors", "subject": "subject",
            "dtw": "dtw", "import": "imports", "blender": "blender", "corpus": "corpus", "seams": "seams",
            "growth": "growth", "rigs": "rigs", "experiment": "experiment", "real": "real",
-           "optics": "optics"}  # fmt: skip
+           "optics": "optics", "honesty": "honesty"}  # fmt: skip
 
 
 def main() -> int:

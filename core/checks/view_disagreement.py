@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..camera import RgbdImage
 from ..errors import Notice
+from ..mesh import Mesh
+from ..mirror_alignment.pose_solver import MAD
+from ..mirror_alignment.seam_check import planes_by_seams
 from ..mirrors import Mirror
+from ..mirrors.curved_glass import behind_front, without_delay
 from ..mirrors.mirror import expected_error
 from ..numeric.kernels import njit
 from ..numeric.point_products import dot
 from ..subject.subject_views import Views
 from ..views.view_correspondences import Correspondences, find_correspondences, noise_of, surfaces
+from ..views.view_maps import ViewMaps
 
 _RADIUS = 1.0  # how far from the vertical through the subject it may reach [m]
 _THROUGH = 0.3  # of what one view shows may be where another sees empty space: silhouettes are ragged
@@ -21,7 +27,9 @@ _HIDDEN = 0.03  # surfaces farther behind others are hidden by them [m]
 _OTHER_PART = 0.12  # surfaces of the subject that are at a larger distance are other parts of it [m]
 _DOUBLED, _MOSTLY_THROUGH = 0.03, 0.5  # m, and share in free space, from which on the surface would be doubled
 _FEWEST = 40  # pieces of surface: a median of fewer is chance
-_LIFTED = 0.018  # m: half of what a lean of 1° displaces at the subject
+_LIFTED = 0.026  # m: a lean of 1° displaces 36 mm at the subject, a bow of 2.5 mm up to 17 mm
+_GLASS = 0.005  # m: mirrors are so thick, or thin; either excuses them
+_BESIDE_SUBJECT = 4  # px
 _FLOOR_SEARCHED = 0.15  # above and below the floor [m]
 _OFF_FEET, _ABOUT_FEET = (
     0.2,
@@ -29,6 +37,9 @@ _OFF_FEET, _ABOUT_FEET = (
 )  # from the middle of the subject: farther off a given plane's glass may have ended [m]
 _FEWEST_FLOOR, _FLAT = 150, 0.6  # readings of it, and their share that must lie in one plane
 _LEAST = 0.012  # m: two surfaces so close make no visible step
+_BOTH_THROUGH = 0.7  # the share that of two mirrors the one must show where the other sees empty space
+_ROUGH = 2.0  # times what neighbouring pairs differ by
+_BOTH_THICK = 0.024  # m: so far from each other two mirrors of glass of unknown thickness may show a surface
 _CERTAIN = 0.6  # difference of the blame on two mirrors, where 1 is to contradict the direct view
 
 
@@ -90,10 +101,11 @@ def disagreements(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> list
     low, high = (subject.min(), subject.max()) if len(subject) else (-np.inf, np.inf)
     low = low + 0.1 if views.floor is None else views.floor + 0.1
     labels = _about_kernel(views.labels, views.seen, views.points, views.up, views.axis, low, high + 0.1)
+    seen = _within_glass(views, mirrors)
     sigma = noise_of(depth, labels)
     shown = [surfaces(image, labels, view, sigma) for view in range(len(mirrors) + 1)]
     both_ways: dict[tuple[int, int], list[Correspondences]] = {}
-    for m in find_correspondences(mirrors, shown, intrinsics, _OTHER_PART, depth, views.seen):
+    for m in find_correspondences(mirrors, shown, intrinsics, _OTHER_PART, depth, seen):
         both_ways.setdefault((min(m.of, m.by), max(m.of, m.by)), []).append(m)
     contradictions = []  # pair, distance, share of free-space violations
     doubt = np.zeros(len(mirrors) + 1)  # how far each mirror contradicts the direct view, be it too little to report
@@ -101,7 +113,8 @@ def disagreements(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> list
         distance, through = _distance(found), max(_looked_through(m) for m in found)
         if pair[0] == 0:
             doubt[pair[1]] = max(m.through / max(m.judged, 100) for m in found)
-        if distance > 0.0 or through > _THROUGH:
+        # of two mirrors the one may show what the frame of the other hides: seams judge them better
+        if distance > 0.0 or through > (_THROUGH if pair[0] == 0 else _BOTH_THROUGH):
             contradictions.append((pair, distance, through))
     direct = {pair[1] for pair, _, _ in contradictions if pair[0] == 0}
     worst: dict[int, Disagreement] = {}
@@ -117,6 +130,47 @@ def disagreements(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> list
     return [worst[k] for k in sorted(worst)]
 
 
+def _within_glass(views: Views, mirrors: list[Mirror]) -> np.ndarray:
+    """The view of each pixel (H, W), -1 where it may pass a glass whose ends are not known.
+
+    Beside it the room behind the mirror is seen, which says nothing of what stands before it.
+    """
+    seen = views.seen
+    for k, mirror in enumerate(mirrors):
+        if mirror.rectangle is not None:
+            continue
+        rows, columns = (np.flatnonzero((views.labels == k + 1).any(axis=axis)) for axis in (1, 0))
+        if not len(rows):
+            continue
+        surely = np.zeros(seen.shape, np.bool_)
+        surely[
+            max(rows[0] - _BESIDE_SUBJECT, 0) : rows[-1] + _BESIDE_SUBJECT + 1,
+            max(columns[0] - _BESIDE_SUBJECT, 0) : columns[-1] + _BESIDE_SUBJECT + 1,
+        ] = True
+        seen = np.where((seen == k + 1) & ~surely, -1, seen).astype(seen.dtype)
+    return seen
+
+
+def _whatever_glass(image: RgbdImage, views: Views, mirrors: list[Mirror], timed: bool | None) -> list[Disagreement]:
+    """Contradictions that hold whether glass of unknown thickness is thin or thick.
+
+    Thick glass sets what it shows to a camera that measures time farther away by two to three times its thickness.
+    """
+    found = disagreements(image, views, mirrors)
+    unknown = timed is not False and any(m.glass_thickness == 0.0 for m in mirrors)
+    if not found or not unknown:
+        return found
+    thick = [m if m.glass_thickness else behind_front(m, _GLASS) for m in mirrors]
+    found = [d for d in found if d.other == 0 or d.distance > _BOTH_THICK or d.distance == 0.0]
+    others = {d.mirror: d for d in disagreements(without_delay(image, thick), views, thick)}
+    return [
+        replace(d, distance=min(d.distance, other.distance), through=min(d.through, other.through))
+        for d in found
+        if (other := others.get(d.mirror)) is not None
+        and (min(d.distance, other.distance) > 0.0 or min(d.through, other.through) > _THROUGH)
+    ]
+
+
 def _distance(found: list[Correspondences]) -> float:
     """Median distance [m] of surfaces that two views both see; 0 when it is only noise, or they hardly overlap."""
     # what lies far behind what the other view sees there may well be hidden from it
@@ -127,7 +181,10 @@ def _distance(found: list[Correspondences]) -> float:
     if len(gaps) < _FEWEST or not len(variances):
         return 0.0
     distance = float(np.median(gaps))
-    return distance if distance >= max(_LEAST, 3.0 * float(np.sqrt(np.median(variances)))) else 0.0
+    # a camera's noise may be more than its readings beside each other tell: what neighbouring pairs differ by
+    steps = np.concatenate([np.diff(m.gaps) for m in found])
+    rough = MAD * float(np.median(np.abs(steps))) / np.sqrt(2.0) if len(steps) >= _FEWEST // 2 else 0.0
+    return distance if distance >= max(_LEAST, 3.0 * float(np.sqrt(np.median(variances))), _ROUGH * rough) else 0.0
 
 
 def _blame(pair: tuple[int, int], mirrors: list[Mirror], doubt: np.ndarray, direct: set[int]) -> tuple[int, int, bool]:
@@ -169,7 +226,9 @@ def _about_kernel(labels, seen, points, up, axis, low, high):
     return out
 
 
-def check_agreement(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> tuple[Views, list[str]]:
+def check_agreement(
+    image: RgbdImage, views: Views, mirrors: list[Mirror], timed: bool | None = False
+) -> tuple[Views, list[str]]:
     """Mirrors that contradict the other views are reported, and left out where they would double the body.
 
     Parameters
@@ -179,6 +238,8 @@ def check_agreement(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> tu
     views : Views
         Of :func:`.subject_search.find_subject`.
     mirrors : list of Mirror
+    timed : bool or None
+        The camera measures time, so that thick glass delays what it reads; None = not known.
 
     Returns
     -------
@@ -190,7 +251,7 @@ def check_agreement(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> tu
     warned: list[str] = []
     known: set[int] = set()
     labels = views.labels
-    for found in disagreements(image, views, mirrors):
+    for found in _whatever_glass(image, views, mirrors, timed):
         name = quoted(mirrors[found.mirror])
         other = "the camera" if found.other == 0 else quoted(mirrors[found.other - 1])
         if found.distance:
@@ -232,6 +293,65 @@ def check_agreement(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> tu
             )
         )  # fmt: skip
     return replace(views, labels=labels), warned
+
+
+def check_seams(
+    mirrors: list[Mirror], maps: ViewMaps, mesh: Mesh, timed: bool | None, told: Iterable[str] = ()
+) -> list[str]:
+    """Mirrors whose planes the seams between the views contradict.
+
+    Parameters
+    ----------
+    mirrors : list of Mirror
+        In the order of the views that ``maps`` says are reflected.
+    maps : ViewMaps
+    mesh : Mesh
+        As :func:`.zipper.zip_patches` leaves it.
+    timed : bool or None
+        As in :func:`check_agreement`.
+    told : iterable of str
+        What is warned of already: mirrors that :func:`check_agreement` found wrong are not told of again.
+
+    Returns
+    -------
+    list of str
+        Each says which mirror, by how much, and what to do.
+    """
+    known = {name for text in told if _calls_plane_wrong(text) for name in Notice.of(text).mirrors}
+    warned: list[str] = []
+    for doubt in planes_by_seams(mirrors, maps, mesh, timed):
+        about = [mirrors[k] for k in (doubt.mirror, *doubt.others)]
+        if known.issuperset(m.name for m in about):
+            continue
+        if doubt.others:
+            text = Notice(
+                "the seams between {names} and the other views do not meet: the plane of one of these mirrors "
+                "misplaces the subject by about {distance:.0f} cm; pick points on all sides of their frames again (on "
+                "nothing else), or check that the mirrors are flat and have not moved",
+                names=_listed([quoted(m) for m in about]), distance=100.0 * doubt.distance,
+                mirrors=[m.name for m in about],
+            )  # fmt: skip
+        else:
+            text = Notice(
+                "the seams between {name} and the other views do not meet: its plane misplaces the subject by about "
+                "{distance:.0f} cm; pick points on all sides of its frame again (on nothing else), or check that the "
+                "mirror is flat and has not moved",
+                name=quoted(about[0]), distance=100.0 * doubt.distance, mirrors=[about[0].name],
+            )  # fmt: skip
+        warned.append(text)
+    return warned
+
+
+def _listed(names: list[Notice]) -> Notice:
+    """Two or more names as a sentence has them."""
+    out = names[0]
+    for name in names[1:]:
+        out = Notice("{first} and {second}", first=out, second=name)
+    return out
+
+
+def _calls_plane_wrong(text: str) -> bool:
+    return "what" in Notice.of(text).values and "who" in Notice.of(text).values
 
 
 def floor_lifts(views: Views, count: int) -> dict[int, float]:

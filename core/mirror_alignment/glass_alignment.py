@@ -94,6 +94,7 @@ class ThicknessSettings:
 
 _NONE = 1e-6  # standard deviation of what is known not to be [m]
 _GATE = 0.08  # surfaces at a larger distance from each other are not paired [m]
+_USUAL_OFFSET = 0.003  # of what reflects from the front of the frame where nothing is known of it, one deviation [m]
 _OFFSET = 0.006  # how far the glass may lie off the frame's plane, one standard deviation [m]
 _FREE = 0.01  # of a sag that only what is seen twice shall tell, one standard deviation [m]
 _FLOOR_BAND = 0.06  # about the floor [m]
@@ -310,15 +311,17 @@ class GlassEvidence:
     """What is seen twice says of where glass lies: how thick it is [m], or None.
 
     ``behind`` (mirror's index → m): how far behind its frame each apparent surface seems to lie, where that is clear
-    but not why.
+    but not why. ``unsure`` (mirror's index → m): how far it may lie off its frame's plane for all that is known, one
+    standard deviation.
     """
 
     thickness: float | None = None
     behind: dict[int, float] = field(default_factory=dict)
+    unsure: dict[int, float] = field(default_factory=dict)
 
 
 def thick_glass(
-    image: RgbdImage, mirrors: Sequence[Mirror], settings: ThicknessSettings | None = None
+    image: RgbdImage, mirrors: Sequence[Mirror], settings: ThicknessSettings | None = None, timed: bool | None = True
 ) -> GlassEvidence:
     """How thick the mirrors are, where what is seen twice shows that.
 
@@ -329,6 +332,8 @@ def thick_glass(
     ----------
     image : RgbdImage
         Fused depth, z [m].
+    timed : bool or None
+        The camera measures time, or may; of others only ``unsure`` is told.
     """
     settings = settings or ThicknessSettings()
     asked = [
@@ -338,8 +343,11 @@ def thick_glass(
     ]  # fmt: skip
     if not settings.use or not asked:
         return GlassEvidence()
-    observations = _observations(image, mirrors, asked, True)
+    observations = _observations(image, mirrors, asked, timed is not False)
     poses = [(np.zeros(3), _proper(mirrors[k])) for k in asked]
+    unsure = _unsure_offsets(observations, poses, asked)
+    if timed is False:
+        return GlassEvidence(unsure=unsure)
     nothing = [0.0] * len(asked), [_NONE] * len(asked)
     x = _solved(observations, _prior(poses, *nothing, settings.offset))
     level, projecting, thick = (
@@ -351,7 +359,7 @@ def thick_glass(
         shifts = projecting.best()[2::_PER_MIRROR]
         clear = max(gains) > settings.doubtful and shifts.mean() < 0.0
         return GlassEvidence(
-            behind={k: -float(s) for k, s in zip(asked, shifts, strict=True) if s < 0.0} if clear else {}
+            behind={k: -float(s) for k, s in zip(asked, shifts, strict=True) if s < 0.0} if clear else {}, unsure=unsure
         )
     prior = _prior(poses, *nothing, _NONE, settings.offset)
     thickness, at = 0.0, list(mirrors)
@@ -365,6 +373,32 @@ def thick_glass(
         at = [behind_front(m, thickness) if k in asked else m for k, m in enumerate(mirrors)]
         observations = _observations(without_delay(image, at), at, asked, True)
     return GlassEvidence(thickness if thickness > settings.least else None)
+
+
+def _unsure_offsets(
+    observations: list[_Observations], poses: Sequence[tuple[np.ndarray, np.ndarray]], asked: list[int]
+) -> dict[int, float]:
+    """How far each apparent surface may lie off its frame's plane by what is seen twice: mirror's index → m."""
+    nothing = [0.0] * len(asked), [_NONE] * len(asked)
+    deviations = []
+    for offset in (_USUAL_OFFSET, _NONE):
+        prior = _prior(poses, *nothing, offset, _NONE)
+        weighed = _weighed(observations, _solved(observations, prior), ALL, prior)
+        deviations.append(np.diag(np.linalg.inv(weighed.information))[2::_PER_MIRROR])
+    return {k: float(np.sqrt(max(v, 0.0))) for k, v in zip(asked, deviations[0] - deviations[1], strict=True)}
+
+
+def with_unsure_offsets(mirrors: Sequence[Mirror], evidence: GlassEvidence, before: Sequence[Mirror]) -> list[Mirror]:
+    """Mirrors less certain by how far their glass may lie off their frames, those that nothing moved from ``before``.
+
+    Glass of 5 mm that is silvered on its back reflects as if it lay 3 mm behind its front, and frames project.
+    """
+    return [
+        replace(m, covariance=m.covariance + np.diag((0.0, 0.0, evidence.unsure[k] ** 2)))
+        if k in evidence.unsure and k not in evidence.behind and m.moved_by == before[k].moved_by
+        and m.covariance is not None else m
+        for k, m in enumerate(mirrors)
+    ]  # fmt: skip
 
 
 def doubted_offsets(

@@ -17,7 +17,7 @@ from ..errors import Notice
 from ..mesh import Mesh
 from ..mirrors import Mirror
 from ..mirrors.curved_glass import behind_front, flattened, thickness_moves
-from ..mirrors.mirror import moved, reflect, with_reason
+from ..mirrors.mirror import moved, person_before, reflect, with_reason
 from ..views.view_maps import ViewMaps
 from .seam_alignment import mirrored_views, move_views
 from .seam_offsets import seam_pieces
@@ -36,6 +36,8 @@ class SeamGlassSettings:
         Glass is thick from here on; none is thicker than the latter [m].
     gain : float
         By so much the offsets must be likelier with a frame's bow than without: twice the log of the ratio.
+    unlit_deviations : float
+        By so many of its standard deviations the thickness must differ from 0 where light comes one way.
     min_pieces : int
         Of seams between the direct view and the mirrors'.
     """
@@ -46,11 +48,14 @@ class SeamGlassSettings:
     least: float = 0.0025
     most: float = 0.009
     gain: float = 0.0
+    unlit_deviations: float = 3.0
     min_pieces: int = 12
 
 
 _NOISE, _PER_GAP = 0.003, 0.1  # of a piece's offset: of itself [m], and as a share of its gap
 _CORRELATED = 2.0  # neighbouring pieces share so much of their errors that this many count as one
+_PLACED = {"reflections", "views", "seams"}  # what moved a mirror by surface that two views show
+_LIKELY = 0.5  # from so likely on glass may be thick though what is seen twice does not show it
 _BIAS = 0.0015  # what all offsets between two views have in common [m]
 _ROUNDS = 8  # in which outliers are weighed anew
 _OUTLIER = 2.0  # deviations from which an offset weighs less
@@ -71,7 +76,11 @@ class _Offsets:
 
 
 def glass_by_seams(
-    mirrors: Sequence[Mirror], maps: ViewMaps, mesh: Mesh, settings: SeamGlassSettings | None = None
+    mirrors: Sequence[Mirror],
+    maps: ViewMaps,
+    mesh: Mesh,
+    settings: SeamGlassSettings | None = None,
+    lit_twice: bool = True,
 ) -> tuple[list[Mirror], tuple[str, ...]]:
     """Mirrors of glass as thick, all alike, and as bowed as the seams show; as they were where these do not show it.
 
@@ -83,16 +92,24 @@ def glass_by_seams(
         Of one camera that measures time.
     mesh : Mesh
         As :func:`.zipper.zip_patches` leaves it.
+    settings : SeamGlassSettings
+    lit_twice : bool
+        Light comes two ways, so that what is seen twice said nothing; else seams must show thick glass more clearly,
+        glass that they do not even make likely to be thick counts as thin, and bows are known already.
 
     Returns
     -------
     mirrors : list of Mirror
+        Less certain by how well the thickness is known, or by that of glass which may be thick.
     notes : tuple of str
         What was found, for the user; empty when nothing was.
     """
     settings = settings or SeamGlassSettings()
     behind = mirrored_views(maps)
-    asked = [k for k, m in enumerate(mirrors) if m.source in ("picked", "found") and m.glass_thickness == 0.0]
+    asked = [
+        k for k, m in enumerate(mirrors)
+        if m.source in ("picked", "found") and m.glass_thickness == 0.0 and (lit_twice or not _PLACED & {*m.moved_by})
+    ]  # fmt: skip
     if not settings.use or not asked or len(maps.to_view) - len(behind) != 1:
         return list(mirrors), ()
     pieces = seam_pieces(mesh, maps)
@@ -102,17 +119,20 @@ def glass_by_seams(
         shown, along = reflect(pieces.high[of], mirrors[k]), pieces.along[of]
         thick = np.einsum("nc,nc->n", thickness_moves(mirrors[k], shown, True), along)
         bow = np.zeros(int(of.sum()))
-        if (bowed := _with_bow(mirrors[k])) is not None:
+        if lit_twice and (bowed := _with_bow(mirrors[k])) is not None:
             bow = np.einsum("nc,nc->n", _placed(shown, bowed) - pieces.high[of], along)
         seams.append(_Offsets(pieces.offset[of], np.hypot(_NOISE, _PER_GAP * pieces.gap[of]), thick, bow))
     if sum(len(s.offset) for s in seams) < settings.min_pieces:
         return list(mirrors), ()
     bent = _likely_bows(seams, settings)
     thickness, error = _thickness(seams, bent)
-    thick = thickness > max(settings.least, error)
+    thick = thickness > max(settings.least, (1.0 if lit_twice else settings.unlit_deviations) * error)
+    likely = 1.0 if thick else _likely_thick(thickness, error, settings)
+    doubt = settings.usual * float(np.sqrt(likely)) if lit_twice or likely > _LIKELY else 0.0
     if thick:  # how thick mirrors are is known beforehand, once these are known to be thick
         share = settings.spread**2 / (settings.spread**2 + error**2)
         thickness = float(np.clip(settings.usual + share * (thickness - settings.usual), settings.least, settings.most))
+        doubt = float(np.sqrt(share)) * error
     out, notes = list(mirrors), []
     for k, is_bent in zip(asked, bent, strict=True):
         bowed = _with_bow(mirrors[k])
@@ -127,6 +147,7 @@ def glass_by_seams(
             )  # fmt: skip
         if thick:
             out[k] = behind_front(out[k], thickness)
+        out[k] = _less_certain(out[k], doubt)
     if thick:
         notes.append(
             Notice(
@@ -155,6 +176,22 @@ def seen_through(
         placed[view] = replace(patches[view], vertices=moved_to)
     _, maps = move_views(patches, maps, behind, motions)
     return placed, maps
+
+
+def _likely_thick(thickness: float, error: float, settings: SeamGlassSettings) -> float:
+    """How likely glass is as thick as usual, or else thin, by a thickness that was measured [0..1]."""
+    thin = (thickness / error) ** 2
+    thick = (thickness - settings.usual) ** 2 / (error**2 + settings.spread**2)
+    return float(1.0 / (1.0 + np.exp(np.clip(0.5 * (thick - thin), -50.0, 50.0))))
+
+
+def _less_certain(mirror: Mirror, thickness: float) -> Mirror:
+    """The mirror, whose glass may be thicker or thinner by a ``thickness`` [m], one standard deviation."""
+    if mirror.covariance is None or thickness == 0.0:
+        return mirror
+    moves = thickness_moves(mirror, reflect(person_before(mirror), mirror), True)
+    shift = 0.5 * thickness * float(np.sqrt((moves**2).sum(axis=1).mean()))  # which moves reflections by twice itself
+    return replace(mirror, covariance=mirror.covariance + np.diag((0.0, 0.0, shift**2)))
 
 
 def _with_bow(mirror: Mirror) -> Mirror | None:

@@ -12,7 +12,13 @@ from ..depth.sensor_recognition import measuring_principle, recognise
 from ..errors import MirrorError, Notice, PicksDisagreeError
 from ..mirror_alignment.floor_alignment import align_floor
 from ..mirror_alignment.frame_shape import honest_error
-from ..mirror_alignment.glass_alignment import GlassEvidence, align_bows, doubted_offsets, thick_glass
+from ..mirror_alignment.glass_alignment import (
+    GlassEvidence,
+    align_bows,
+    doubted_offsets,
+    thick_glass,
+    with_unsure_offsets,
+)
 from ..mirror_alignment.own_reflection import align_own_reflections
 from ..mirror_alignment.person_alignment import align_persons
 from ..mirror_alignment.reflection_alignment import align_reflections
@@ -103,7 +109,9 @@ def align_mirrors(
         ]  # fmt: skip
     timed, raw = measuring_principle(capture, settings.depth, settings.light.phase_said).time, image
     image = without_delay(raw, placed) if timed else raw
-    glass = thick_glass(image, placed, settings.thickness) if timed is not False else GlassEvidence()
+    # what was told of the glass is known
+    told = settings.mirror.glass_thickness or settings.mirror.glass_offset
+    glass = GlassEvidence() if told and timed is False else thick_glass(image, placed, settings.thickness, timed)
     before, thick = placed, glass.thickness
     placed, by_reflections = align_reflections(image, placed, settings.alignment, thick)
     placed, doubts = doubted_offsets(placed, glass, before)
@@ -114,5 +122,7 @@ def align_mirrors(
     placed, by_person = align_persons(image, placed, settings.person, None if model is None else model.baseline)
     placed, by_views = align_views(image, placed, settings.agreement)
     placed, by_bow = align_bows(image, placed, settings.bow)
+    # a camera that measures time shows thick glass by its delay
+    placed = placed if told or timed else with_unsure_offsets(placed, glass, before)
     warnings += (*by_reflections, *by_floor, *by_person, *by_views, *by_bow)
     return placed, (*warnings, *frameless_notes(placed))

@@ -145,7 +145,7 @@ def scan_steps(
     clock.lap("light")
 
     yield at(0.58), "Smoothing the depth"
-    views, contradictions = check_agreement(image, views, placed)
+    views, contradictions = check_agreement(image, views, placed, principle.time)
     faults = [*contradictions, *check_scene(image, views, placed, model, alone)]
     burst = burst_noise(len(capture.depth), spread, depth, views.labels, len(placed) + 1)
     moved = still_warning(capture.depth, views.labels, camera.fx, settings.depth)

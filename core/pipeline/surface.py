@@ -9,6 +9,7 @@ import numpy as np
 
 from ..avatar.coordinate_frame import avatar_frame
 from ..checks.plausibility import ScanFacts, check_avatar
+from ..checks.view_disagreement import check_seams
 from ..closing.mesh_closing import close_mesh
 from ..mesh import Mesh
 from ..mirror_alignment.seam_alignment import align_seams, mirrored_views, move_views
@@ -69,11 +70,15 @@ def joining_steps(
     clock.lap("zippering")
 
     yield 0.78, "Comparing the seams"
-    better = glass_shown(scan, open_mesh, settings) or seams_aligned(scan, open_mesh, settings)
-    if better is not None:
-        scan = better
+    scan, thick = glass_shown(scan, open_mesh, settings)
+    aligned = None if thick else seams_aligned(scan, open_mesh, settings)
+    scan = aligned or scan
+    if thick or aligned is not None:
         patches = part_overlaps(scan.patches, scan.maps, settings.overlap)
         open_mesh, seams, twin = zip_patches(patches, scan.maps, scan.up, scan.axis, scan.floor, settings.zipper)
+    timed = scan.principles[0].time if len(scan.principles) == 1 else None
+    faults = check_seams(scan.mirrors, scan.maps, open_mesh, timed, scan.warnings)
+    scan = replace(scan, warnings=(*scan.warnings, *faults))
     if settings.colors.exposure:
         open_mesh = match_exposures(open_mesh, np.linalg.det(scan.maps.to_view[:, :3, :3]) < 0)
     clock.lap("seams")
@@ -112,18 +117,20 @@ def _facts(scan: Scan, settings: Settings, to_avatar: np.ndarray) -> ScanFacts:
     )
 
 
-def glass_shown(scan: Scan, mesh: Mesh, settings: Settings) -> Scan | None:
-    """The scan with glass as thick and bowed as the seams of its zippered ``mesh`` show; None when they don't.
+def glass_shown(scan: Scan, mesh: Mesh, settings: Settings) -> tuple[Scan, bool]:
+    """The scan with glass as thick and bowed as the seams of its zippered ``mesh`` show, and whether they show it.
 
-    Asked where light comes two ways only: else what is seen twice has told it, and better.
+    Asked of cameras that measure time only. The mirrors are less certain where thick glass is neither shown nor
+    excluded.
     """
-    if scan.lit_twice is None:
-        return None
-    mirrors, notes = glass_by_seams(scan.mirrors, scan.maps, mesh, settings.seam_glass)
+    timed = len(scan.principles) == 1 and scan.principles[0].time is True
+    if scan.lit_twice is None and not timed:
+        return scan, False
+    mirrors, notes = glass_by_seams(scan.mirrors, scan.maps, mesh, settings.seam_glass, scan.lit_twice is not None)
     if not notes:
-        return None
+        return replace(scan, mirrors=mirrors), False
     patches, maps = seen_through(scan.patches, scan.maps, scan.mirrors, mirrors)
-    return replace(scan, mirrors=mirrors, patches=patches, maps=maps, warnings=(*scan.warnings, *notes))
+    return replace(scan, mirrors=mirrors, patches=patches, maps=maps, warnings=(*scan.warnings, *notes)), True
 
 
 def seams_aligned(scan: Scan, mesh: Mesh, settings: Settings) -> Scan | None:
