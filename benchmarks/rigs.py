@@ -3,7 +3,8 @@
 ``python -m benchmarks --only rigs``, or other rigs: ``python -m benchmarks.rigs --seed 7 --rigs 24``. Children to tall,
 arms down to raised; a quarter of the rigs has one upright side of each frame in the picture. Kinect v1 and phase
 cameras lose readings where light comes two ways; D455 and phone get nothing back from dark cloth, and lose some at
-random.
+random. With ``--losses optics`` phase cameras misread and lose what :mod:`mirror_scan.core.simulation.optics` says, the
+frames' bars too, and a D455 gets what dark cloth returns.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from mirror_scan.core.mirrors.mirror import plane_mirror, reflect
 from mirror_scan.core.pipeline import Settings
 from mirror_scan.core.pipeline.mirror_placement import place_mirrors
 from mirror_scan.core.simulation.mannequin import mannequin, random_figure
+from mirror_scan.core.simulation.optics import real
 from mirror_scan.core.simulation.rays import BODY, lit
 from mirror_scan.core.simulation.scene import Rig, default_rig
 from mirror_scan.core.simulation.simulate import Simulation, simulate
@@ -46,6 +48,8 @@ CAMERAS = ("kinect_v1", "azure_kinect", "realsense_d455", "phone", "kinect_v1", 
 PHONE = Intrinsics(256, 192, 213.0, 213.0, 127.5, 95.5)
 PHONE_NOISE = 0.002, 0.0005  # a + b z² [m]
 SEEN_TWICE = (0.02, 0.4)  # share of other light, between which phase cameras give up more and more readings
+OPTICS, DRAWN = "optics", "drawn"
+EFFECTS_SEEN = ("multipath", "attenuation", "dark")
 POSES = ("body", "body", "armsup", "tpose")
 
 
@@ -95,7 +99,7 @@ def draw_body(rng: np.random.Generator) -> Mesh:
     return replace(body, vertices=vertices - (0.0, 0.0, vertices[:, 2].min()))
 
 
-def draw_rig(number: int, seed: int = SEED) -> tuple[Mesh, Rig, str, bool]:
+def draw_rig(number: int, seed: int = SEED, losses: str = DRAWN) -> tuple[Mesh, Rig, str, bool]:
     """Body, rig, camera and whether only one upright side of each frame is in the picture; by the number alone."""
     rng = np.random.default_rng((seed, number))
     camera, one_side = CAMERAS[(number // 4 + number) % len(CAMERAS)], number % 4 == 3
@@ -117,6 +121,8 @@ def draw_rig(number: int, seed: int = SEED) -> tuple[Mesh, Rig, str, bool]:
             )  # fmt: skip
             if camera == "phone":
                 rig = replace(rig, intrinsics=PHONE)
+            elif losses == OPTICS:
+                rig = replace(rig, optics=real(sensor, unit=number, effects=EFFECTS_SEEN))
             on_floor = one_side or rng.random() < 0.5  # the glass begins there, no bar is below it
             lift = np.zeros(2) if on_floor else rng.uniform(0.04, 0.2, 2)
             rig = replace(rig, pan_deg=float(rng.uniform(-2, 2)), mirrors=tuple(
@@ -179,9 +185,9 @@ def _fits(body: Mesh, rig: Rig, one_side: bool) -> bool:
     return True
 
 
-def draw(number: int, seed: int = SEED) -> Drawn:
+def draw(number: int, seed: int = SEED, losses: str = DRAWN) -> Drawn:
     """The virtual snapshot of a rig, as the real camera would lose readings of it."""
-    body, rig, camera, one_side = draw_rig(number, seed)
+    body, rig, camera, one_side = draw_rig(number, seed, losses)
     simulation = simulate(body, rig)
     rng = np.random.default_rng((seed, number, 1))
     depth = simulation.capture.depth
@@ -190,11 +196,14 @@ def draw(number: int, seed: int = SEED) -> Drawn:
         depth = np.where(depth > 0, depth + (a + b * depth**2) * rng.standard_normal(depth.shape, np.float32), 0)
         depth = np.where(depth < 6.0, np.rint(depth * 1000.0) / 1000.0, 0).astype(np.float32)
     if camera in PATCHY:
-        lost = _dark(simulation, rng) | _holes(depth.shape[1:], rng)
+        lost = _holes(depth.shape[1:], rng)
+        if losses == DRAWN or camera == "phone":
+            lost |= _dark(simulation, rng)
         depth = np.where(lost, np.float32(0.0), depth)
-    elif camera in TORN and camera != "kinect_v1":
+    elif camera in TORN and camera != "kinect_v1" and losses == DRAWN:
         depth = np.where(_given_up(simulation, rng), np.float32(0.0), depth)
-    capture = replace(simulation.capture, depth=depth)
+    named = "unknown" if camera == "ideal" else camera  # as the files of real ones name it
+    capture = replace(simulation.capture, depth=depth, sensor=named)
     return Drawn(number, camera, one_side, replace(simulation, capture=capture), one_depth_map(capture)[0])
 
 
@@ -283,7 +292,7 @@ def judge(drawn: Drawn) -> Outcome:
     return out
 
 
-def run(seed: int = SEED, rigs: int = RIGS) -> Result:
+def run(seed: int = SEED, rigs: int = RIGS, losses: str = DRAWN) -> Result:
     table = Table(
         f"Rigs drawn at random (seed {seed}): mirrors without a pick, displacement of the reflected body [mm]",
         ("camera", "one side", "rigs", "whole", "not found", "false", "median", "p95", "max", "stated", "< 2 σ",
@@ -299,7 +308,7 @@ def run(seed: int = SEED, rigs: int = RIGS) -> Result:
     for k in range(rigs):
         if k % 12 == 0:
             say(f"rigs: {k} of {rigs}")
-        outcome = judge(draw(k, seed))
+        outcome = judge(draw(k, seed, losses))
         groups[outcome.drawn.camera, outcome.drawn.one_side].append(outcome)
         groups["all", outcome.drawn.one_side].append(outcome)
     for (camera, one_side), outcomes in sorted(groups.items(), key=lambda group: (group[0][1], group[0][0])):
@@ -341,8 +350,9 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser("python -m benchmarks.rigs", description=__doc__)
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--rigs", type=int, default=RIGS)
+    parser.add_argument("--losses", choices=(OPTICS, DRAWN), default=DRAWN)
     options = parser.parse_args()
-    result = run(options.seed, options.rigs)
+    result = run(options.seed, options.rigs, options.losses)
     for one in result.tables:
         print(one.text())
     for finding in result.findings:

@@ -16,8 +16,8 @@ from ..camera import Intrinsics, RgbdImage
 from ..mirror_detection.person_images import Room, glass_pixels, rooms_about_persons, views_of_person
 from ..mirrors import Mirror
 from ..mirrors.glass_extent import with_outline
-from ..mirrors.mirror import behind_glass, expected_error, reflection_matrix, reflection_moves, with_reason
-from ..views.silhouette_contact import Outline, contacts, outline_of
+from ..mirrors.mirror import behind_glass, expected_error, moved, reflection_matrix, reflection_moves, with_reason
+from ..views.silhouette_contact import Outline, contact_cost, contacts, outline_of
 from ..views.view_correspondences import Surfaces, find_correspondences, noise_of, surfaces
 from .pose_solver import (
     NormalEquations,
@@ -42,14 +42,19 @@ class PersonSettings:
         Only mirrors that are expected to misplace a person by more than this are moved [m].
     gate : float
         Skin at a larger distance from each other than this is not paired [m]; in the end half of it.
+    skin : bool
+        Skin that two views show must coincide. Off, only silhouettes say where mirrors are: where light that comes two
+        ways falsifies the readings of skin that is seen twice.
     """
 
     use: bool = True
     uncertainty: float = 0.0015
     gate: float = 0.08
+    skin: bool = True
 
 
 _ROUNDS = (3.0, 3.0, 2.0, 1.5, 1.5, 1.0, 1.0, 1.0, 1.0, 1.0)  # times the spread of outlines, each round
+_SMALL_TURN, _MOST_TURN, _TURN_STEP = 0.002, 0.05, 0.0015  # [rad]: tried where less is not known, so far, in steps
 _SETTLED = 3e-5  # of slopes [rad] and shifts [m]
 _MOST_WRONG = 0.15  # share of an image where the camera looks through it
 _PIECES = 8000  # of the surface of each view
@@ -129,12 +134,12 @@ def _seen(mirrors: list[Mirror], room: Room) -> tuple[np.ndarray, list[bool]]:
 def _moved(
     image: RgbdImage, mirrors: list[Mirror], free: list[int], seen: np.ndarray, shadow: float, settings: PersonSettings
 ) -> list[Mirror]:
-    """The mirrors, those ``free`` moved to where views agree: where they are surer then, or their frames denied."""
+    """The mirrors, those ``free`` moved to where views agree, if they are surer then or their frames contradicted."""
     sigma = noise_of(image.depth, seen)
     views = range(len(mirrors) + 1)
     shown = [surfaces(image, seen, view, sigma, _PIECES) for view in views]
     outlines = [outline_of(image.depth, seen == view, shadow) if (seen == view).any() else None for view in views]
-    agreement = _Agreement(mirrors, columns_of(free), shown, outlines, image.intrinsics, settings.gate)
+    agreement = _Agreement(mirrors, columns_of(free), shown, outlines, image.intrinsics, settings.gate * settings.skin)
     solved = agreement.solve(_MATCHED if shadow else _TIMED)
     if solved is None:
         return list(mirrors)
@@ -190,7 +195,9 @@ class _Agreement:
         ]  # fmt: skip
         size = 3 * len(frames)
         prior = np.diag(np.concatenate((np.zeros(size), (1.0 / bias**2,), own)))
-        start, contradicted = None, [False] * len(frames)
+        start, contradicted = np.zeros(len(prior)), [False] * len(frames)
+        for mirror, part in self.columns.items():
+            start[part] = self._first_turn(mirror)
         for last in (False, True):
             for n, information in enumerate(frames):
                 prior[3 * n : 3 * n + 3, 3 * n : 3 * n + 3] = information
@@ -205,6 +212,26 @@ class _Agreement:
                 break
             frames = [f / max(1.0, distance / _CONTRADICTED) for f, distance in zip(frames, off, strict=True)]
         return None if fit is None else (fit, contradicted)
+
+    def _first_turn(self, mirror: int) -> np.ndarray:
+        """The correction (3,) by which a mirror's image and the direct view touch best: from afar rows mislead."""
+        covariance = _by_frame(self.mirrors[mirror])
+        deviation = float(np.sqrt(covariance[0, 0]))
+        if deviation < _SMALL_TURN:
+            return np.zeros(3)
+        way, reach = covariance[:, 0] / covariance[0, 0], min(3.0 * deviation, _MOST_TURN)
+        turns = np.linspace(-reach, reach, 2 * int(np.ceil(reach / _TURN_STEP)) + 1)
+        costs = []
+        for turn in turns:
+            flip = reflection_matrix(moved(self.mirrors[mirror], way * turn))
+            cost = 0.5 * (turn / deviation) ** 2
+            for of, by in ((0, mirror + 1), (mirror + 1, 0)):
+                outline = self.outlines[by]
+                if outline is not None:
+                    met = contacts(self.shown[of], flip, outline, self.intrinsics)
+                    cost += contact_cost(met.gaps) / _ALIKE
+            costs.append(cost)
+        return way * turns[int(np.argmin(costs))]
 
     def _observe(self, correction: np.ndarray, widening: float) -> list[NormalEquations] | None:
         at = corrected(self.mirrors, self.columns, correction)
@@ -248,6 +275,8 @@ class _Agreement:
 
     def _coinciding(self, at: list[Mirror], size: int, widening: float) -> Iterator[NormalEquations]:
         """Equations of skin that two views show both."""
+        if not self.gate:
+            return
         gate = self.gate * (1.0 if widening > 1.5 else 0.5)
         for m in find_correspondences(at, self.shown, self.intrinsics, gate):
             if not len(m.gaps):

@@ -179,7 +179,7 @@ def _without_pairs(settings: Settings) -> Settings:
     return replace(
         settings,
         alignment=replace(settings.alignment, use=False),
-        person=replace(settings.person, use=False),
+        person=replace(settings.person, skin=False),
         agreement=replace(settings.agreement, use=False),
         thickness=replace(settings.thickness, use=False),
     )
