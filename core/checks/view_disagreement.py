@@ -35,7 +35,7 @@ _OFF_FEET, _ABOUT_FEET = (
     0.2,
     0.55,
 )  # from the middle of the subject: farther off a given plane's glass may have ended [m]
-_FEWEST_FLOOR, _FLAT = 150, 0.6  # readings of it, and their share that must lie in one plane
+_FEWEST_FLOOR, _FLAT = 300, 0.6  # readings of it, and their share that must lie in one plane
 _LEAST = 0.012  # m: two surfaces so close make no visible step
 _BOTH_THROUGH = 0.7  # the share that of two mirrors the one must show where the other sees empty space
 _ROUGH = 2.0  # times what neighbouring pairs differ by
