@@ -10,7 +10,6 @@ import numpy as np
 from ..camera import RgbdImage
 from ..errors import Notice
 from ..mesh import Mesh
-from ..mirror_alignment.pose_solver import MAD
 from ..mirror_alignment.seam_check import planes_by_seams
 from ..mirrors import Mirror
 from ..mirrors.curved_glass import behind_front, without_delay
@@ -37,7 +36,7 @@ _OFF_FEET, _ABOUT_FEET = (
 )  # from the middle of the subject: farther off a given plane's glass may have ended [m]
 _FEWEST_FLOOR, _FLAT = 300, 0.6  # readings of it, and their share that must lie in one plane
 _LEAST = 0.012  # m: two surfaces so close make no visible step
-_BOTH_THROUGH = 0.7  # the share that of two mirrors the one must show where the other sees empty space
+_BOTH_THROUGH = 0.62  # the share that of two mirrors the one must show where the other sees empty space
 _ROUGH = 2.0  # times what neighbouring pairs differ by
 _BOTH_THICK = 0.024  # m: so far from each other two mirrors of glass of unknown thickness may show a surface
 _CERTAIN = 0.6  # difference of the blame on two mirrors, where 1 is to contradict the direct view
@@ -183,7 +182,7 @@ def _distance(found: list[Correspondences]) -> float:
     distance = float(np.median(gaps))
     # a camera's noise may be more than its readings beside each other tell: what neighbouring pairs differ by
     steps = np.concatenate([np.diff(m.gaps) for m in found])
-    rough = MAD * float(np.median(np.abs(steps))) / np.sqrt(2.0) if len(steps) >= _FEWEST // 2 else 0.0
+    rough = 1.4826 * float(np.median(np.abs(steps))) / np.sqrt(2.0) if len(steps) >= _FEWEST // 2 else 0.0
     return distance if distance >= max(_LEAST, 3.0 * float(np.sqrt(np.median(variances))), _ROUGH * rough) else 0.0
 
 

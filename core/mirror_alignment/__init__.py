@@ -8,6 +8,8 @@ __all__ = [
     "person_alignment",
     "reflection_alignment",
     "seam_alignment",
+    "seam_check",
     "seam_glass",
+    "seam_thickness",
     "view_alignment",
 ]
