@@ -10,7 +10,6 @@ import numpy as np
 from ..camera import RgbdImage
 from ..errors import Notice
 from ..mesh import Mesh
-from ..mirror_alignment.seam_check import planes_by_seams
 from ..mirrors import Mirror
 from ..mirrors.curved_glass import behind_front, without_delay
 from ..mirrors.mirror import expected_error
@@ -19,6 +18,7 @@ from ..numeric.point_products import dot
 from ..subject.subject_views import Views
 from ..views.view_correspondences import Correspondences, find_correspondences, noise_of, surfaces
 from ..views.view_maps import ViewMaps
+from .seam_disagreement import planes_by_seams
 
 _RADIUS = 1.0  # how far from the vertical through the subject it may reach [m]
 _THROUGH = 0.3  # of what one view shows may be where another sees empty space: silhouettes are ragged

@@ -42,8 +42,8 @@ def recognise(capture: Capture, settings: DepthSettings) -> tuple[str, NoiseMode
     return "unknown", None
 
 
-_TIME_OF_FLIGHT = {(640, 576), (320, 288), (512, 512), (1024, 1024), (512, 424)}
-"""Sizes of depth maps of cameras which measure time: Azure Kinect and Femto, Kinect v2."""
+_PHASE = {(640, 576), (320, 288), (512, 512), (1024, 1024), (512, 424)}
+"""Sizes of depth maps of cameras which measure phase, and no others': Azure Kinect and Femto, Kinect v2."""
 
 _PULSES = {"phone"}
 """Cameras without a noise model that time pulses."""
@@ -64,8 +64,7 @@ class Principle:
         known, so that its readings must show it.
     by : str
         Who says so, the first of: "option"; "file", "format", "name" or "size", as
-        :attr:`.capture.Capture.sensor_from`; "steps" of the readings; "size" of the image, which says of ``time``
-        only; "readings" that light of two ways falsified; "nobody".
+        :attr:`.capture.Capture.sensor_from`; "steps" of the readings; "size" of the image; "readings" that light of two ways falsified; "nobody".
     """
 
     sensor: str
@@ -106,8 +105,8 @@ def measuring_principle(capture: Capture, settings: DepthSettings, phase_said: b
         return Principle(sensor, model.baseline == 0.0, model.phase, by)
     if settings.sensor == "auto" and capture.sensor in _PULSES:
         return Principle(sensor, True, False, capture.sensor_from)
-    if (capture.intrinsics.width, capture.intrinsics.height) in _TIME_OF_FLIGHT:
-        return Principle(sensor, True, None, "size")
+    if (capture.intrinsics.width, capture.intrinsics.height) in _PHASE:
+        return Principle(sensor, True, True, "size")
     return Principle(sensor, None, None, "nobody")
 
 

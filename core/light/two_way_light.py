@@ -91,6 +91,7 @@ _DECISIVE = 3.0  # ratio from which a reading of the other way is expected
 _AGREES, _GHOST = 0.12, 0.25  # so near the skin, or the middle of both ways, is a reading of it [m]
 _FEWEST = 15  # readings astray below which there is no evidence
 _MOST_AGREEING = 0.25  # share of the readings looked at that may agree with light that comes one way
+_CERTAINLY = 0.75  # of them, that agree: light comes one way
 _SEED = 0.15  # share of a limb's half width, from its middle, that light of one way is taken to reach alone
 _LIMB_STEP = 0.03  # of z between neighbours: more is the edge of a limb
 _ROUNDS, _REACH = 16, 2  # so often, and so far each time, the surface is followed outwards [px]
@@ -104,12 +105,15 @@ _FLOOR_BAND = 0.08  # so far from the floor a reading may be the floor's, misrea
 _FLOOR_GRAZING = 0.12  # sine of the ray's angle to the floor, below which it is not judged
 _FARTHEST_FLOOR = 8.0  # [m]
 _GAP = 10  # so far the subject goes on where nothing is read [px]
+_CLEARLY_EXPLAINED = 0.4  # of the floor's bias, that shows two ways by itself: at most 0.15 where light comes one way
 _LEAST_EXPLAINED = 0.15  # share of the floor's bias that a response must explain
 _FRAME_BAND = 0.04  # so near a mirror's plane, outside its glass, is its frame [m]
 
 
-def shows_two_way_light(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> bool:
+def shows_two_way_light(image: RgbdImage, views: Views, mirrors: list[Mirror], phase: bool = False) -> bool:
     """Whether readings that the camera's direct light must dominate are astray in the mirrors: missing, or ghosts.
+
+    Where that is not clear, the floor of a camera that measures phase says it.
 
     Parameters
     ----------
@@ -118,12 +122,23 @@ def shows_two_way_light(image: RgbdImage, views: Views, mirrors: list[Mirror]) -
     views : Views
         Of these readings, with these mirrors.
     mirrors : list of Mirror
+    phase : bool
+        The camera is known to measure phase.
 
     Notes
     -----
     Looks at a few thousand pixels.
     """
-    return bool(mirrors) and _Scene(image, views, mirrors).astray()[0]
+    if not mirrors:
+        return False
+    scene = _Scene(image, views, mirrors)
+    agreeing, counted, _ = scene.agreement()
+    if counted < _FEWEST or agreeing < _MOST_AGREEING * counted:
+        return counted >= _FEWEST
+    if not phase or agreeing > _CERTAINLY * counted:
+        return False
+    floor = scene.floor_readings(views.floor_noise)
+    return floor is not None and floor.explained >= _CLEARLY_EXPLAINED
 
 
 def undo_two_way_light(
@@ -163,7 +178,7 @@ def undo_two_way_light(
     response = weighted_by_frequency(tuple(1e6 * f for f in settings.frequencies)) if settings.frequencies else None
     floor = scene.floor_readings(noise)
     shown = floor is not None and floor.explained >= _LEAST_EXPLAINED
-    if not (phase or shown or scene.astray()[1]):
+    if not (phase or shown or scene.agreement()[2] >= _FEWEST):
         return None
     if response is None and floor is not None and (phase or shown):
         response = floor.response
@@ -205,10 +220,10 @@ class _Scene:
 
     # --- is there any? -----------------------------------------------------------------------------------------------
 
-    def astray(self) -> tuple[bool, bool]:
-        """Whether readings that the camera's direct light must dominate are astray, and whether they are ghosts.
+    def agreement(self) -> tuple[int, int, int]:
+        """Of readings in mirrors that the camera's direct light must dominate: how many agree with the skin it shows.
 
-        In a mirror they are missing, or in the middle between both ways, which is what a ghost is.
+        Also how many there are, those missing included, and how many are ghosts: in the middle between both ways.
         """
         agree = missing = ghosts = 0
         rows, columns = np.nonzero((self.labels == 0) & (self.depth > 0))
@@ -228,8 +243,7 @@ class _Scene:
             agree += int(near.sum())
             missing += int((inside & (there == 0)).sum())
             ghosts += int((inside & ~near & (np.abs(there - middle) < _GHOST)).sum())
-        astray = missing + ghosts >= _FEWEST and agree < _MOST_AGREEING * (agree + missing + ghosts)
-        return astray, ghosts >= _FEWEST
+        return agree, agree + missing + ghosts, ghosts
 
     # --- what the floor says -----------------------------------------------------------------------------------------
 

@@ -6,10 +6,10 @@ __all__ = [
     "glass_alignment",
     "own_reflection",
     "person_alignment",
+    "pose_solver",
     "reflection_alignment",
     "seam_alignment",
-    "seam_check",
     "seam_glass",
-    "seam_thickness",
+    "seam_offsets",
     "view_alignment",
 ]

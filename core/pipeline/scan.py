@@ -130,7 +130,7 @@ def scan_steps(
     clock.lap("views")
     light, unlearnt = None, None
     sought = settings.light.two_ways != "off" and principle.phase is not False
-    if sought and shows_two_way_light(image, views, placed):
+    if sought and shows_two_way_light(image, views, placed, principle.phase is True):
         yield at(0.45), "Undoing light that comes two ways"
         light = _light_undone(read, first, principle, settings, meeting)
     if light is not None:

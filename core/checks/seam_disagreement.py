@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..mesh import Mesh
+from ..mirror_alignment.pose_solver import MAD, cauchy_weights, weighted_equations
+from ..mirror_alignment.seam_alignment import mirrored_views
+from ..mirror_alignment.seam_offsets import SeamPieces, seam_pieces, surface_seen_twice
 from ..mirrors import Mirror
 from ..mirrors.curved_glass import thickness_moves
 from ..mirrors.mirror import moved, person_before, reflect, reflection_moves, reflection_shift
 from ..views.view_maps import ViewMaps
-from .pose_solver import MAD, cauchy_weights, weighted_equations
-from .seam_alignment import mirrored_views
-from .seam_offsets import SeamPieces, seam_pieces, surface_seen_twice
 
 
 @dataclass(frozen=True)
