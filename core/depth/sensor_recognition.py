@@ -64,7 +64,8 @@ class Principle:
         known, so that its readings must show it.
     by : str
         Who says so, the first of: "option"; "file", "format", "name" or "size", as
-        :attr:`.capture.Capture.sensor_from`; "steps" of the readings; "size" of the image; "readings" that light of two ways falsified; "nobody".
+        :attr:`.capture.Capture.sensor_from`; "steps" of the readings; "size" of the image; "readings" that light of
+        two ways falsified; "nobody".
     """
 
     sensor: str
