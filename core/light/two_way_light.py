@@ -91,6 +91,8 @@ _DECISIVE = 3.0  # ratio from which a reading of the other way is expected
 _AGREES, _GHOST = 0.12, 0.25  # so near the skin, or the middle of both ways, is a reading of it [m]
 _FEWEST = 15  # readings astray below which there is no evidence
 _MOST_AGREEING = 0.25  # share of the readings looked at that may agree with light that comes one way
+_EVEN, _LOSING = 0.3, 1.5  # ways that differ by less [m] are mixed smoothly; ratio from which a pattern would be lost
+_MOSTLY = 0.6  # share of such readings that is missing where a pattern is lost
 _CERTAINLY = 0.75  # of them, that agree: light comes one way
 _SEED = 0.15  # share of a limb's half width, from its middle, that light of one way is taken to reach alone
 _LIMB_STEP = 0.03  # of z between neighbours: more is the edge of a limb
@@ -133,6 +135,8 @@ def shows_two_way_light(image: RgbdImage, views: Views, mirrors: list[Mirror], p
         return False
     scene = _Scene(image, views, mirrors)
     agreeing, counted, _ = scene.agreement()
+    if scene.loses_its_pattern():
+        return False
     if counted < _FEWEST or agreeing < _MOST_AGREEING * counted:
         return counted >= _FEWEST
     if not phase or agreeing > _CERTAINLY * counted:
@@ -244,6 +248,31 @@ class _Scene:
             missing += int((inside & (there == 0)).sum())
             ghosts += int((inside & ~near & (np.abs(there - middle) < _GHOST)).sum())
         return agree, agree + missing + ghosts, ghosts
+
+    def loses_its_pattern(self) -> bool:
+        """Whether what two mirrors light over ways of almost the same length is missing.
+
+        A camera that measures phase reads it: all its frequencies agree. One that loses its pattern does not.
+        """
+        missing = counted = 0
+        for view in range(1, len(self.sources)):
+            rows, columns = np.nonzero((self.labels == view) & (self.depth > 0))
+            step = max(len(rows) // _SAMPLE, 1)
+            rows, columns = rows[::step], columns[::step]
+            surface = self.surface(self.depth, self.labels >= 0, rows, columns)
+            light, lengths = irradiance(
+                surface.points, surface.normals, surface.view, self.depth, self.labels, self.mirrors, self.intrinsics,
+                self.reflectivity,
+            )  # fmt: skip
+            for other in range(1, len(self.sources)):
+                if other == view:
+                    continue
+                even = np.abs(lengths[:, view] - lengths[:, other]) < _EVEN
+                strong = (surface.z > 0) & even & (light[:, other] > 0) & (light[:, view] > _LOSING * light[:, other])
+                y, x, _, inside = seen_at(surface.points[strong], other, self.mirrors, self.intrinsics)
+                counted += int(inside.sum())
+                missing += int((inside & (self.depth[y, x] == 0)).sum())
+        return counted >= _FEWEST and missing > _MOSTLY * counted
 
     # --- what the floor says -----------------------------------------------------------------------------------------
 

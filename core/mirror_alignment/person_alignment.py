@@ -48,7 +48,7 @@ class PersonSettings:
     """
 
     use: bool = True
-    uncertainty: float = 0.0015
+    uncertainty: float = 0.003
     gate: float = 0.08
     skin: bool = True
 

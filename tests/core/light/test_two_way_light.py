@@ -102,7 +102,7 @@ def test_option_then_file_then_evidence_says_how_a_camera_measures(seen):
     assert told(named, "unknown") == ("unknown", "nobody"), "what the file says does not count"
     of_size = np.full((1, 576, 640), 2.0, np.float32)
     lens = replace(named.intrinsics, width=640, height=576)
-    assert told(replace(named, sensor="unknown", depth=of_size, intrinsics=lens)) == ("time", "size")
+    assert told(replace(named, sensor="unknown", depth=of_size, intrinsics=lens)) == ("phase", "size")
     steps = seen("kinect_v1", share=1.0).simulation.capture
     assert told(steps) == ("angles", "steps") and measures_time(steps, DepthSettings()) is False
     assert told(steps, said=True) == ("phase", "option")
