@@ -11,7 +11,7 @@ LIGHT_SPEED = 299_792_458.0
 _LOWEST, _HIGHEST, _SPACING = 10e6, 330e6, 8e6  # frequencies that a camera may modulate its light with [Hz]
 _ROUNDS = 3  # of the robust fit
 _UNITY = 400.0  # how much the weights' sum is held to 1, relative to the noise of a reading [1/m²]
-_SMALLEST = 0.004  # weights below are left out: of no effect
+_SMALLEST = 0.02  # weights below are left out: of no effect
 
 
 @dataclass(frozen=True)

@@ -86,14 +86,14 @@ _MODERATE = 0.6  # ratio up to which a floor reading tells how the camera mixes 
 _RATIO_ERROR, _LENGTH_ERROR = 0.15, 0.01  # of what is predicted: share of the ratio, difference of the ways [m]
 _CORRECTABLE = 0.004  # bias by these errors up to which a reading is corrected [m]
 _UNLEARNT = 0.05  # ratio beyond which a reading is thrown away when the response could not be learnt
-_SAMPLE = 1500  # pixels of a view by which the evidence is judged
+_SAMPLE = 700  # pixels of a view by which the evidence is judged
 _DECISIVE = 3.0  # ratio from which a reading of the other way is expected
 _AGREES, _GHOST = 0.12, 0.25  # so near the skin, or the middle of both ways, is a reading of it [m]
 _FEWEST = 15  # readings astray below which there is no evidence
 _MOST_AGREEING = 0.25  # share of the readings looked at that may agree with light that comes one way
 _EVEN, _LOSING = 0.3, 1.5  # ways that differ by less [m] are mixed smoothly; ratio from which a pattern would be lost
 _MOSTLY = 0.6  # share of such readings that is missing where a pattern is lost
-_CERTAINLY = 0.75  # of them, that agree: light comes one way
+_CERTAINLY = 0.5  # of them, that agree: light comes one way
 _SEED = 0.15  # share of a limb's half width, from its middle, that light of one way is taken to reach alone
 _LIMB_STEP = 0.03  # of z between neighbours: more is the edge of a limb
 _ROUNDS, _REACH = 16, 2  # so often, and so far each time, the surface is followed outwards [px]
@@ -105,7 +105,8 @@ _FLOOR_SAMPLE = 1500  # floor readings that the response is fitted to
 _FLOOR_PIXELS = 90_000  # of the image in which the floor is looked for
 _FLOOR_BAND = 0.08  # so far from the floor a reading may be the floor's, misread [m]
 _FLOOR_GRAZING = 0.12  # sine of the ray's angle to the floor, below which it is not judged
-_FARTHEST_FLOOR = 8.0  # [m]
+_FARTHEST_FLOOR, _ABOUT_FEET = 8.0, 1.4  # from the camera, and about the subject [m]
+_ENOUGH_FLOOR = 4000  # readings
 _GAP = 10  # so far the subject goes on where nothing is read [px]
 _CLEARLY_EXPLAINED = 0.4  # of the floor's bias, that shows two ways by itself: at most 0.15 where light comes one way
 _LEAST_EXPLAINED = 0.15  # share of the floor's bias that a response must explain
@@ -135,11 +136,11 @@ def shows_two_way_light(image: RgbdImage, views: Views, mirrors: list[Mirror], p
         return False
     scene = _Scene(image, views, mirrors)
     agreeing, counted, _ = scene.agreement()
-    if scene.loses_its_pattern():
+    if counted < _FEWEST or agreeing > _CERTAINLY * counted or scene.loses_its_pattern():
         return False
-    if counted < _FEWEST or agreeing < _MOST_AGREEING * counted:
-        return counted >= _FEWEST
-    if not phase or agreeing > _CERTAINLY * counted:
+    if agreeing < _MOST_AGREEING * counted:
+        return True
+    if not phase:
         return False
     floor = scene.floor_readings(views.floor_noise)
     return floor is not None and floor.explained >= _CLEARLY_EXPLAINED
@@ -477,11 +478,15 @@ class _Scene:
         for view in range(len(self.sources)):
             rows, columns = np.nonzero((self.labels < 0) & (depth > 0) & ((views.seen == 0) if view == 0 else True))
             to_floor = self.floor_distance(rows, columns, view)
+            some = np.isfinite(to_floor)
             if view == 0:
                 height = views.points[rows, columns] @ views.up - views.floor
-                some = np.isfinite(to_floor) & (np.abs(height) < _FLOOR_BAND)
-            else:
-                some = np.isfinite(to_floor)
+                some &= np.abs(height) < _FLOOR_BAND
+                away = views.points[rows, columns] - views.axis
+                far = some & ((away**2).sum(axis=1) - (away @ views.up) ** 2 > _ABOUT_FEET**2)
+                if (some & ~far).sum() > _ENOUGH_FLOOR:  # then nobody needs what is farther
+                    spoiled[rows[far], columns[far]] = True
+                    some &= ~far
             rows, columns, z = rows[some], columns[some], to_floor[some]
             own = np.full(len(rows), view, np.intp)
             points = self.place(rows, columns, z, own)
@@ -494,8 +499,11 @@ class _Scene:
             )  # fmt: skip
             ratio = ratio_to_own(light, own)
             longer = lengths - lengths[np.arange(len(own)), own][:, None]
-            predicted, uncertain = self.predicted(response, ratio, longer, np.ones(len(own), np.bool_))
-            lost = (uncertain > _CORRECTABLE) | (ratio.sum(axis=1) > _MODERATE)
+            total = ratio.sum(axis=1)
+            # what a mirror shows of the floor need not be corrected
+            direct = np.full(len(own), view == 0)
+            predicted, uncertain = self.predicted(response, ratio, longer, direct)
+            lost = (uncertain > _CORRECTABLE) | (total > np.where(direct, _MODERATE, _UNLEARNT))
             spoiled[rows[lost], columns[lost]] = True
             if view == 0:
                 kept = ~lost & (predicted != 0)

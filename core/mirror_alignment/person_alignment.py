@@ -48,7 +48,7 @@ class PersonSettings:
     """
 
     use: bool = True
-    uncertainty: float = 0.003
+    uncertainty: float = 0.006
     gate: float = 0.08
     skin: bool = True
 
