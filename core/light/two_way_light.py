@@ -91,6 +91,7 @@ _DECISIVE = 3.0  # ratio from which a reading of the other way is expected
 _AGREES, _GHOST = 0.12, 0.25  # so near the skin, or the middle of both ways, is a reading of it [m]
 _FEWEST = 15  # readings astray below which there is no evidence
 _MOST_AGREEING = 0.25  # share of the readings looked at that may agree with light that comes one way
+_MOST_AGREEING_PHASE = 0.33  # the same of a camera that is known to measure phase
 _EVEN, _LOSING = 0.3, 1.5  # ways that differ by less [m] are mixed smoothly; ratio from which a pattern would be lost
 _MOSTLY = 0.6  # share of such readings that is missing where a pattern is lost
 _CERTAINLY = 0.5  # of them, that agree: light comes one way
@@ -138,7 +139,7 @@ def shows_two_way_light(image: RgbdImage, views: Views, mirrors: list[Mirror], p
     agreeing, counted, _ = scene.agreement()
     if counted < _FEWEST or agreeing > _CERTAINLY * counted or scene.loses_its_pattern():
         return False
-    if agreeing < _MOST_AGREEING * counted:
+    if agreeing < (_MOST_AGREEING_PHASE if phase else _MOST_AGREEING) * counted:
         return True
     if not phase:
         return False
