@@ -106,6 +106,7 @@ _FLOOR_SAMPLE = 1500  # floor readings that the response is fitted to
 _FLOOR_PIXELS = 90_000  # of the image in which the floor is looked for
 _FLOOR_BAND = 0.08  # so far from the floor a reading may be the floor's, misread [m]
 _FLOOR_GRAZING = 0.12  # sine of the ray's angle to the floor, below which it is not judged
+_TOGETHER = 4  # of 3 x 3 readings that are left out, so many are no noise
 _FARTHEST_FLOOR, _ABOUT_FEET = 8.0, 1.4  # from the camera, and about the subject [m]
 _ENOUGH_FLOOR = 4000  # readings
 _GAP = 10  # so far the subject goes on where nothing is read [px]
@@ -383,6 +384,10 @@ class _Scene:
             trusted = np.zeros(depth.shape, np.bool_)
             trusted[rows[good], columns[good]] = True
         trusted &= ~self.contradicted(depth, trusted, edge)
+        # where a mirror's reading borders on some that are left out, it is half wrong itself; one alone is noise
+        left_out = (self.labels > 0) & ~trusted
+        together = sum(shifted(left_out.astype(np.int8), dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1))
+        trusted &= ~((self.labels > 0) & grown(left_out & (together >= _TOGETHER), 1))
         spoiled = (self.labels >= 0) & ~trusted
         surface = self.surface(depth, trusted, rows, columns)
         light, _ = self.light(surface)
