@@ -110,7 +110,7 @@ _TOGETHER = 4  # of 3 x 3 readings that are left out, so many are no noise
 _FARTHEST_FLOOR, _ABOUT_FEET = 8.0, 1.4  # from the camera, and about the subject [m]
 _ENOUGH_FLOOR = 4000  # readings
 _GAP = 10  # so far the subject goes on where nothing is read [px]
-_CLEARLY_EXPLAINED = 0.4  # of the floor's bias, that shows two ways by itself: at most 0.15 where light comes one way
+_CLEARLY_EXPLAINED = 0.25  # of the floor's bias, that shows two ways by itself: at most 0.15 where light comes one way
 _LEAST_EXPLAINED = 0.15  # share of the floor's bias that a response must explain
 _FRAME_BAND = 0.04  # so near a mirror's plane, outside its glass, is its frame [m]
 
