@@ -39,7 +39,7 @@ class SeamCheckSettings:
     """
 
     use: bool = True
-    distance: float = 0.01
+    distance: float = 0.014
     gain: float = 8.0
     sure: float = 3.0
     slope: float = 0.02
