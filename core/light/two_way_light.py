@@ -112,7 +112,6 @@ _ENOUGH_FLOOR = 4000  # readings
 _GAP = 10  # so far the subject goes on where nothing is read [px]
 _CLEARLY_EXPLAINED = 0.25  # of the floor's bias, that shows two ways by itself: at most 0.15 where light comes one way
 _LEAST_EXPLAINED = 0.15  # share of the floor's bias that a response must explain
-_FRAME_BAND = 0.04  # so near a mirror's plane, outside its glass, is its frame [m]
 
 
 def shows_two_way_light(image: RgbdImage, views: Views, mirrors: list[Mirror], phase: bool = False) -> bool:
@@ -227,20 +226,20 @@ class _Scene:
 
     # --- is there any? -----------------------------------------------------------------------------------------------
 
+    def sample(self, view: int) -> tuple[_Surface, np.ndarray, np.ndarray]:
+        """Some pixels of a view as they are read, with :func:`.irradiance.irradiance` of what only readings hide."""
+        rows, columns = np.nonzero((self.labels == view) & (self.depth > 0))
+        step = max(len(rows) // _SAMPLE, 1)
+        surface = self.surface(self.depth, self.labels >= 0, rows[::step], columns[::step])
+        return surface, *self.light(surface.points, surface.normals, surface.view, (self.depth, self.labels))
+
     def agreement(self) -> tuple[int, int, int]:
         """Of readings in mirrors that the camera's direct light must dominate: how many agree with the skin it shows.
 
         Also how many there are, those missing included, and how many are ghosts: in the middle between both ways.
         """
         agree = missing = ghosts = 0
-        rows, columns = np.nonzero((self.labels == 0) & (self.depth > 0))
-        step = max(len(rows) // _SAMPLE, 1)
-        rows, columns = rows[::step], columns[::step]
-        surface = self.surface(self.depth, self.labels >= 0, rows, columns)
-        light, lengths = irradiance(
-            surface.points, surface.normals, surface.view, self.depth, self.labels, self.mirrors, self.intrinsics,
-            self.reflectivity,
-        )  # fmt: skip
+        surface, light, lengths = self.sample(0)
         for other in range(1, len(self.sources)):
             strong = (surface.z > 0) & (light[:, other] > 0) & (light[:, 0] > _DECISIVE * light[:, other])
             y, x, z, inside = seen_at(surface.points[strong], other, self.mirrors, self.intrinsics)
@@ -259,14 +258,7 @@ class _Scene:
         """
         missing = counted = 0
         for view in range(1, len(self.sources)):
-            rows, columns = np.nonzero((self.labels == view) & (self.depth > 0))
-            step = max(len(rows) // _SAMPLE, 1)
-            rows, columns = rows[::step], columns[::step]
-            surface = self.surface(self.depth, self.labels >= 0, rows, columns)
-            light, lengths = irradiance(
-                surface.points, surface.normals, surface.view, self.depth, self.labels, self.mirrors, self.intrinsics,
-                self.reflectivity,
-            )  # fmt: skip
+            surface, light, lengths = self.sample(view)
             for other in range(1, len(self.sources)):
                 if other == view:
                     continue
@@ -295,9 +287,7 @@ class _Scene:
         grazing = np.abs(points @ views.up) / np.linalg.norm(points, axis=1)
         normals = np.broadcast_to(views.up, points.shape)
         own = np.zeros(len(rows), np.intp)
-        light, lengths = irradiance(
-            points, normals, own, *self.hiding, self.mirrors, self.intrinsics, self.reflectivity
-        )
+        light, lengths = self.light(points, normals, own)
         ratio = ratio_to_own(light, own)
         total, seen_well = ratio.sum(axis=1), grazing > _FLOOR_GRAZING
         east = np.cross(views.up, (0.0, 0.0, 1.0))
@@ -340,12 +330,16 @@ class _Scene:
             points[view == k] = reflect(points[view == k], mirror)
         return points
 
-    def light(self, surface: _Surface) -> tuple[np.ndarray, np.ndarray]:
-        """:func:`.irradiance.irradiance` of a surface; the subject hides it, where no reading is left of it, too."""
-        return irradiance(
-            surface.points, surface.normals, surface.view, *self.hiding, self.mirrors, self.intrinsics,
-            self.reflectivity,
-        )  # fmt: skip
+    def light(
+        self,
+        points: np.ndarray,
+        normals: np.ndarray,
+        own: np.ndarray,
+        hiding: tuple[np.ndarray, np.ndarray] | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """:func:`.irradiance.irradiance` of points (N, 3) that the views ``own`` (N,) see; hidden by :attr:`hiding`."""
+        depth, labels = hiding or self.hiding
+        return irradiance(points, normals, own, depth, labels, self.mirrors, self.intrinsics, self.reflectivity)
 
     def corrected(self, response: PhaseResponse | None) -> TwoWayLight:
         """From the middle of each limb outwards: the surface so far tells which light the next pixels get.
@@ -365,7 +359,7 @@ class _Scene:
             if not len(some):
                 break
             surface = self.surface(depth, trusted, rows[some], columns[some], _REACH)
-            light, lengths = self.light(surface)
+            light, lengths = self.light(surface.points, surface.normals, surface.view)
             ratio = ratio_to_own(light, surface.view)
             longer = lengths - lengths[np.arange(len(some)), surface.view][:, None]
             known, before = surface.z > 0, total[some]
@@ -390,7 +384,7 @@ class _Scene:
         trusted &= ~((self.labels > 0) & grown(left_out & (together >= _TOGETHER), 1))
         spoiled = (self.labels >= 0) & ~trusted
         surface = self.surface(depth, trusted, rows, columns)
-        light, _ = self.light(surface)
+        light, _ = self.light(surface.points, surface.normals, surface.view)
         spoiled |= self.ghosts(surface, light, depth)
         self.correct_floor(response, depth, spoiled)
         kept = trusted[rows, columns]
@@ -499,24 +493,21 @@ class _Scene:
             if view > 0:
                 shown = through_glass(points, self.mirrors[view - 1])
                 rows, columns, own, points = rows[shown], columns[shown], own[shown], points[shown]
-            light, lengths = irradiance(
-                points, np.broadcast_to(views.up, points.shape), own, *self.hiding, self.mirrors, self.intrinsics,
-                self.reflectivity,
-            )  # fmt: skip
+            light, lengths = self.light(points, np.broadcast_to(views.up, points.shape), own)
             ratio = ratio_to_own(light, own)
-            longer = lengths - lengths[np.arange(len(own)), own][:, None]
             total = ratio.sum(axis=1)
-            # what a mirror shows of the floor need not be corrected
-            direct = np.full(len(own), view == 0)
-            predicted, uncertain = self.predicted(response, ratio, longer, direct)
-            lost = (uncertain > _CORRECTABLE) | (total > np.where(direct, _MODERATE, _UNLEARNT))
+            if view > 0:  # what a mirror shows of the floor need not be corrected
+                lost = total > _UNLEARNT
+                spoiled[rows[lost], columns[lost]] = True
+                continue
+            known = np.ones(len(rows), np.bool_)
+            predicted, uncertain = self.predicted(response, ratio, lengths - lengths[:, :1], known)
+            lost = (uncertain > _CORRECTABLE) | (total > _MODERATE)
             spoiled[rows[lost], columns[lost]] = True
-            if view == 0:
-                kept = ~lost & (predicted != 0)
-                rows, columns = rows[kept], columns[kept]
-                depth[rows, columns] -= (predicted[kept] / ray_lengths(rows, columns, self.intrinsics)).astype(
-                    np.float32
-                )
+            kept = ~lost & (predicted != 0)
+            rows, columns = rows[kept], columns[kept]
+            change = predicted[kept] / ray_lengths(rows, columns, self.intrinsics)
+            depth[rows, columns] -= change.astype(np.float32)
 
     def floor_distance(self, rows: np.ndarray, columns: np.ndarray, view: int) -> np.ndarray:
         """The z (N,) at which the rays of some pixels meet the floor as a view shows it [m]; infinite if they don't."""
@@ -595,21 +586,12 @@ def grown_into_gaps(labels: np.ndarray, depth: np.ndarray, reach: int = _GAP) ->
 
 def grown(mask: np.ndarray, radius: int) -> np.ndarray:
     """The mask (H, W) and all pixels up to ``radius`` rows and columns from it."""
-    if radius < 3:  # faster than sums over the image
-        for _ in range(radius):
-            mask = mask.copy()
-            mask[1:] |= mask[:-1].copy()
-            mask[:-1] |= mask[1:].copy()
-            mask[:, 1:] |= mask[:, :-1].copy()
-            mask[:, :-1] |= mask[:, 1:].copy()
-        return mask
-    for axis in (0, 1):
-        count = np.cumsum(mask, axis=axis, dtype=np.int32)
-        count = np.concatenate((np.zeros_like(count.take([0], axis=axis)), count), axis=axis)
-        size = mask.shape[axis]
-        at = np.arange(size)
-        high, low = np.minimum(at + radius + 1, size), np.maximum(at - radius, 0)
-        mask = count.take(high, axis=axis) > count.take(low, axis=axis)
+    mask = mask.copy()
+    for _ in range(radius):
+        mask[1:] |= mask[:-1].copy()
+        mask[:-1] |= mask[1:].copy()
+        mask[:, 1:] |= mask[:, :-1].copy()
+        mask[:, :-1] |= mask[:, 1:].copy()
     return mask
 
 
