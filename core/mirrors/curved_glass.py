@@ -151,6 +151,11 @@ def thickness_moves(mirror: Mirror, points: np.ndarray, time_of_flight: bool) ->
     return (at(mirror.glass_thickness + _STEP) - at(mirror.glass_thickness)) / _STEP
 
 
+def with_thickness(mirrors: Sequence[Mirror], thickness: float) -> list[Mirror]:
+    """The mirrors, those whose glass counts as thin with a given ``thickness`` [m]."""
+    return [m if m.glass_thickness or not thickness else replace(m, glass_thickness=thickness) for m in mirrors]
+
+
 def behind_front(mirror: Mirror, thickness: float) -> Mirror:
     """The mirror, given by the front of its glass, with its plane where glass of a ``thickness`` [m] reflects."""
     if thickness == 0.0:

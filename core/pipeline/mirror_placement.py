@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..camera import RgbdImage, unproject
+from ..camera.noise_models import SENSORS
 from ..capture import Capture, MirrorPicks
-from ..depth.sensor_recognition import measuring_principle, recognise
+from ..depth.sensor_recognition import Principle, measuring_principle
 from ..errors import MirrorError, Notice, PicksDisagreeError
 from ..mirror_alignment.floor_alignment import align_floor
 from ..mirror_alignment.frame_shape import honest_error
@@ -27,7 +28,7 @@ from ..mirror_detection.detection import find_mirrors
 from ..mirror_detection.frameless_mirrors import frameless_notes
 from ..mirror_detection.mirror_at_picks import contradicted, find_better_at, find_mirror_at
 from ..mirrors import Mirror
-from ..mirrors.curved_glass import without_delay
+from ..mirrors.curved_glass import with_thickness, without_delay
 from ..mirrors.picked_mirror import place_mirror
 from .rig_calibration import moved_warnings
 from .settings import Settings
@@ -38,7 +39,8 @@ def place_mirrors(
 ) -> tuple[list[Mirror], tuple[str, ...]]:
     """The mirrors that were picked or given, or else those that the depth map shows; and what to warn of."""
     first = first_mirrors(known, depth, capture, settings)
-    return align_mirrors(first, RgbdImage(depth, capture.intrinsics), capture, settings)
+    principle = measuring_principle(capture, settings.depth, settings.light.phase_said)
+    return align_mirrors(first, RgbdImage(depth, capture.intrinsics), capture, settings, principle)
 
 
 def first_mirrors(
@@ -85,7 +87,7 @@ def first_mirrors(
 
 
 def align_mirrors(
-    first: list[Mirror], image: RgbdImage, capture: Capture, settings: Settings
+    first: list[Mirror], image: RgbdImage, capture: Capture, settings: Settings, principle: Principle
 ) -> tuple[list[Mirror], tuple[str, ...]]:
     """The mirrors corrected until frames, floor and views fit together; and what to warn of."""
     warnings = list(moved_warnings(image, [m for m in first if m.source == "rig file"]))
@@ -103,11 +105,8 @@ def align_mirrors(
     warnings += [warning for _, warning in judged if warning is not None]
     placed, by_camera = align_own_reflections(replace(image, color=capture.color), placed, settings.own_reflection)
     warnings += by_camera
-    if settings.mirror.glass_thickness:
-        placed = [
-            replace(m, glass_thickness=settings.mirror.glass_thickness) if not m.glass_thickness else m for m in placed
-        ]  # fmt: skip
-    timed, raw = measuring_principle(capture, settings.depth, settings.light.phase_said).time, image
+    placed = with_thickness(placed, settings.mirror.glass_thickness)
+    timed, raw = principle.time, image
     image = without_delay(raw, placed) if timed else raw
     # what was told of the glass is known
     told = settings.mirror.glass_thickness or settings.mirror.glass_offset
@@ -118,7 +117,7 @@ def align_mirrors(
     warnings += doubts
     image = without_delay(raw, placed) if timed or thick is not None else raw
     placed, by_floor = align_floor(image, placed, settings.floor)
-    model = recognise(capture, settings.depth)[1]
+    model = SENSORS.get(principle.sensor)
     placed, by_person = align_persons(image, placed, settings.person, None if model is None else model.baseline)
     placed, by_views = align_views(image, placed, settings.agreement)
     placed, by_bow = align_bows(image, placed, settings.bow)

@@ -23,7 +23,7 @@ from ..mirror_detection.detection import find_mirrors
 from ..mirror_detection.edge_segments import DetectionSettings
 from ..mirror_detection.mirror_verification import circumference
 from ..mirrors import Mirror
-from ..mirrors.curved_glass import without_delay
+from ..mirrors.curved_glass import with_thickness, without_delay
 from ..mirrors.frame_fit import fit_frame
 from ..mirrors.mirror import person_before, reflection_shift
 from ..mirrors.picked_mirror import MirrorSettings, place_mirror
@@ -79,7 +79,7 @@ def calibrate(
         )
     image = RgbdImage(fused, intrinsics)
     if mirror.glass_thickness:
-        placed = [replace(m, glass_thickness=mirror.glass_thickness) if not m.glass_thickness else m for m in placed]
+        placed = with_thickness(placed, mirror.glass_thickness)
         image = without_delay(image, placed) if measures_time(capture, depth) else image
     on_frames, placed = placed, align_reflections(image, placed, _BOARD)[0]
     placed = [

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..camera import Intrinsics, RgbdImage, unproject
-from ..camera.noise_models import NoiseModel
+from ..camera.noise_models import SENSORS, NoiseModel
 from ..capture import Capture, MirrorPicks
 from ..checks.scene_advice import check_scene
 from ..checks.view_disagreement import check_agreement
@@ -18,7 +18,7 @@ from ..depth.burst_motion import still_warning
 from ..depth.clean_views import clean
 from ..depth.depth_map import one_depth_map
 from ..depth.noise_estimate import BurstNoise, burst_noise
-from ..depth.sensor_recognition import Principle, measuring_principle, recognise
+from ..depth.sensor_recognition import Principle, measuring_principle
 from ..depth.settings import DepthSettings
 from ..errors import Notice, ReconstructionError
 from ..light.two_way_light import (
@@ -92,6 +92,11 @@ class Scan:
     lit_twice: tuple[float, float] | None = None
     principles: tuple[Principle, ...] = ()
 
+    @property
+    def timed(self) -> bool | None:
+        """Whether the camera measures time, which glass delays; None for several, and where it is not known."""
+        return self.principles[0].time if len(self.principles) == 1 else None
+
 
 def scan_steps(
     capture: Capture,
@@ -119,13 +124,13 @@ def scan_steps(
 
     yield at(0.17), "Fitting the mirrors"
     first = first_mirrors(picks, depth, capture, settings) if picks or find else []
+    principle = measuring_principle(capture, settings.depth, settings.light.phase_said)
+    sensor, model = principle.sensor, SENSORS.get(principle.sensor)
     read = RgbdImage(depth, camera)
-    image, placed, placement = _aligned(first, read, capture, settings)
+    image, placed, placement = _aligned(first, read, capture, settings, principle)
     clock.lap("mirrors")
 
     yield at(0.33), "Finding the subject"
-    sensor, model = recognise(capture, settings.depth)
-    principle = measuring_principle(capture, settings.depth, settings.light.phase_said)
     views = find_subject(image, placed, settings.views, meeting)
     clock.lap("views")
     light, unlearnt = None, None
@@ -138,7 +143,7 @@ def scan_steps(
         principle = principle if principle.phase else replace(principle, time=True, phase=True, by="readings")
         read = read.with_depth(light.depth)
         trusted = read.with_depth(np.where(light.spoiled, np.float32(0.0), light.depth))
-        image, placed, placement = _aligned(first, trusted, capture, _without_pairs(settings))
+        image, placed, placement = _aligned(first, trusted, capture, _without_pairs(settings), principle)
         whole = without_delay(read, placed) if image is not trusted else read
         views = without_spoiled(find_subject(whole, placed, settings.views, meeting), light.spoiled)
     depth = image.depth
@@ -186,13 +191,13 @@ def _without_pairs(settings: Settings) -> Settings:
 
 
 def _aligned(
-    first: list[Mirror], read: RgbdImage, capture: Capture, settings: Settings
+    first: list[Mirror], read: RgbdImage, capture: Capture, settings: Settings, principle: Principle
 ) -> tuple[RgbdImage, list[Mirror], tuple[str, ...]]:
     """The mirrors aligned, the depth without what their glass delays, and what to warn of."""
     if not first:
         return read, [], ()
-    placed, warnings = align_mirrors(first, read, capture, settings)
-    if measuring_principle(capture, settings.depth, settings.light.phase_said).time is not False:
+    placed, warnings = align_mirrors(first, read, capture, settings, principle)
+    if principle.time is not False:
         read = without_delay(read, placed)
     return read, placed, warnings
 

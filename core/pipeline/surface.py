@@ -76,8 +76,7 @@ def joining_steps(
     if thick or aligned is not None:
         patches = part_overlaps(scan.patches, scan.maps, settings.overlap)
         open_mesh, seams, twin = zip_patches(patches, scan.maps, scan.up, scan.axis, scan.floor, settings.zipper)
-    timed = scan.principles[0].time if len(scan.principles) == 1 else None
-    faults = check_seams(scan.mirrors, scan.maps, open_mesh, timed, scan.warnings)
+    faults = check_seams(scan.mirrors, scan.maps, open_mesh, scan.timed, scan.warnings)
     scan = replace(scan, warnings=(*scan.warnings, *faults))
     if settings.colors.exposure:
         open_mesh = match_exposures(open_mesh, np.linalg.det(scan.maps.to_view[:, :3, :3]) < 0)
@@ -123,8 +122,7 @@ def glass_shown(scan: Scan, mesh: Mesh, settings: Settings) -> tuple[Scan, bool]
     Asked of cameras that measure time only. The mirrors are less certain where thick glass is neither shown nor
     excluded.
     """
-    timed = len(scan.principles) == 1 and scan.principles[0].time is True
-    if scan.lit_twice is None and not timed:
+    if scan.lit_twice is None and not scan.timed:
         return scan, False
     mirrors, notes = glass_by_seams(scan.mirrors, scan.maps, mesh, settings.seam_glass, scan.lit_twice is not None)
     if not notes:
