@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from ..errors import MirrorScanError, OutputError
 from .outputs import Writers
 from .parser import build_parser
-from .terminal import complain, told_of_kernels
+from .terminal import complain, kernels_reported
 
 if TYPE_CHECKING:
     from ..mesh import Mesh
@@ -51,7 +51,7 @@ def main(
         return _run(argv, prog, writers or {}, find_bridge)
     except BrokenPipeError:  # the reader of a pipe had enough
         return 141
-    except OutputError:  # even the error cannot be told
+    except OutputError:  # even the error cannot be reported
         return 1
     finally:
         _leave_streams()
@@ -67,7 +67,7 @@ def _run(argv: Sequence[str] | None, prog: str, writers: Writers, find_bridge: C
         return 1
     options.find_bridge = find_bridge
     try:
-        with told_of_kernels():
+        with kernels_reported():
             options.run(options, writers)
     except MirrorScanError as error:
         complain("error", str(error))

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, TextIO
 
 from ..errors import OutputError
+from ..numeric.kernel_warnings import kernel_warnings
 
 if TYPE_CHECKING:
     from ..pipeline import Reconstruction
@@ -144,24 +145,9 @@ def progress_bar(quiet: bool) -> Iterator[Progress | None]:
             _bars.remove(bar)
 
 
-@contextlib.contextmanager
-def told_of_kernels() -> Iterator[None]:
+def kernels_reported() -> contextlib.AbstractContextManager[None]:
     """Have what goes wrong with the cache of compiled code said as a warning of the command."""
-    import logging
-
-    class Handler(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            complain("warning", record.getMessage())
-
-    log = logging.getLogger(f"{__package__.rpartition('.')[0]}.numeric.kernels")  # importing it would import numba
-    handler, passes_on = Handler(), log.propagate
-    log.addHandler(handler)
-    log.propagate = False
-    try:
-        yield
-    finally:
-        log.removeHandler(handler)
-        log.propagate = passes_on
+    return kernel_warnings(lambda record: complain("warning", record.getMessage()))
 
 
 def advance(progress: Progress | None, fraction: float, message: str) -> None:

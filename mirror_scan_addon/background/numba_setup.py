@@ -6,11 +6,11 @@ import atexit
 import contextlib
 import functools
 import os
-from collections.abc import Iterator
 
 import bpy
 
 from ...core.errors import MirrorScanError, Notice
+from ...core.numeric.kernel_warnings import kernel_warnings
 from ..extension_root import ROOT_PACKAGE
 from ..language.texts import say
 
@@ -18,24 +18,9 @@ warnings: list[Notice] = []
 """What is wrong with the cache of compiled code; the next operator that ends a job reports it."""
 
 
-@contextlib.contextmanager
-def listening() -> Iterator[None]:
+def listening() -> contextlib.AbstractContextManager[None]:
     """Have what this process finds wrong with the cache of compiled code go to :data:`warnings`."""
-    import logging  # not at Blender's start
-
-    class Handler(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            warnings.append(record.args[0])
-
-    log = logging.getLogger(f"{ROOT_PACKAGE}.core.numeric.kernels")
-    handler, passes_on = Handler(), log.propagate
-    log.addHandler(handler)
-    log.propagate = False
-    try:
-        yield
-    finally:
-        log.removeHandler(handler)
-        log.propagate = passes_on
+    return kernel_warnings(lambda record: warnings.append(record.args[0]))
 
 
 def prepare_kernels() -> None:
