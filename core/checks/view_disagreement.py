@@ -309,7 +309,7 @@ def check_seams(
     timed : bool or None
         As in :func:`check_agreement`.
     told : iterable of str
-        What is warned of already: mirrors that :func:`check_agreement` found wrong are not told of again.
+        What is warned of already: mirrors that :func:`check_agreement` found wrong are not reported again.
 
     Returns
     -------

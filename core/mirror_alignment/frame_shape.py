@@ -12,15 +12,16 @@ from ..mirrors.curved_glass import bow_profile, long_axis
 from ..mirrors.disparity_plane import BLOCK, erosion
 from ..mirrors.mirror import Mirror, expected_error
 from ..mirrors.wall_behind_frame import on_wall
+from .pose_solver import MAD
 
 _OUTSIDE, _INSIDE = 0.01, 0.08  # about the glass's rectangle the frame is looked for [m]
 _WALL = 0.06  # the same about a mirror that hangs on a wall [m]
-_TUKEY, _MAD = 4.7, 1.4826
+_TUKEY = 4.7
 _ROUNDS = 6  # of weighing the blocks anew
 _FEWEST_BLOCKS = 24  # fewer say nothing of a bow
 _PARTS = 16  # of the frame, by the direction from its middle, whose means are compared
 _COMMON = 0.06  # of a reading's noise, that a part of the frame errs in common
-_BEST_REACH = 0.6  # of the longer side must be seen, else no bow can be told from a slope
+_BEST_REACH = 0.6  # of the longer side must be seen, else no bow can be distinguished from a slope
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ def frame_shape(image: RgbdImage, mirror: Mirror) -> FrameShape | None:
             return None
         step = np.linalg.solve(normal, (rows * weights[:, None]).T @ lift)
         left = lift - rows @ step
-        scale = _MAD * float(np.median(np.abs(left) * np.sqrt(count))) + 1e-9
+        scale = MAD * float(np.median(np.abs(left) * np.sqrt(count))) + 1e-9
         share = 1.0 - (left * np.sqrt(count) / (_TUKEY * scale)) ** 2
         weights = count * np.where(share > 0.0, share, 0.0) ** 2
     part = _parts(place, mirror)
@@ -168,7 +169,7 @@ def _frame_blocks(
     if len(many) < _FEWEST_BLOCKS:
         return None
     means = np.column_stack([np.bincount(member, value, len(count)) / count for value in (*place.T, lift)])
-    noise = _MAD * float(np.median(np.abs(lift - means[member, 2])))
+    noise = MAD * float(np.median(np.abs(lift - means[member, 2])))
     return means[many, :2], means[many, 2], count[many].astype(float), noise
 
 

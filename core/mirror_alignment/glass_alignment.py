@@ -333,7 +333,7 @@ def thick_glass(
     image : RgbdImage
         Fused depth, z [m].
     timed : bool or None
-        The camera measures time, or may; of others only ``unsure`` is told.
+        The camera measures time, or may; of others only ``unsure`` is judged.
     """
     settings = settings or ThicknessSettings()
     asked = [

@@ -19,6 +19,7 @@ from ..mirrors import Mirror
 from ..mirrors.curved_glass import behind_front, flattened, thickness_moves
 from ..mirrors.mirror import moved, person_before, reflect, with_reason
 from ..views.view_maps import ViewMaps
+from .pose_solver import MAD
 from .seam_alignment import mirrored_views, move_views
 from .seam_offsets import seam_pieces
 
@@ -233,7 +234,7 @@ def _thickness(seams: list[_Offsets], bent: Sequence[bool]) -> tuple[float, floa
         weights = noise**-2.0 / (1.0 + (rest / _OUTLIER) ** 2)
     information = float((weights * slope) @ slope) / _CORRELATED
     bias = _BIAS * abs(float(weights @ slope)) / float((weights * slope) @ slope)
-    scatter = max(1.4826 * float(np.median(np.abs(offset + slope * thickness) / noise)), 1.0)  # more than expected
+    scatter = max(MAD * float(np.median(np.abs(offset + slope * thickness) / noise)), 1.0)  # more than expected
     return thickness, float(np.hypot(scatter * information**-0.5, bias))
 
 
