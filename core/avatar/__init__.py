@@ -1,3 +1,3 @@
-"""The avatar: the closed mesh in its own frame."""
+"""The avatar: the closed mesh in its own frame, its skeleton, its poses."""
 
-__all__ = ["coordinate_frame"]
+__all__ = ["coordinate_frame", "pose", "skeleton"]
