@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
-
 from mirror_scan.core.avatar.pose import Pose, SkinWeights, bone_matrices, posed_joints, skinned
 from mirror_scan.core.avatar.skeleton import BONES, OTHER_SIDE, PARENTS, Skeleton
 from mirror_scan.core.errors import MirrorScanError
+from scipy.spatial.transform import Rotation
 
 
 def _skeleton(rng: np.random.Generator) -> Skeleton:
