@@ -12,6 +12,14 @@ _LOWEST, _HIGHEST, _SPACING = 10e6, 330e6, 8e6  # frequencies that a camera may 
 _ROUNDS = 3  # of the robust fit
 _UNITY = 400.0  # how much the weights' sum is held to 1, relative to the noise of a reading [1/m²]
 _SMALLEST = 0.02  # weights below are left out: of no effect
+_RATIO_ERROR, _LENGTH_ERROR = 0.15, 0.01  # of what is predicted: share of the ratio, difference of the ways [m]
+
+CORRECTABLE = 0.004
+"""What a predicted bias may be wrong by, up to which a reading is corrected [m]."""
+UNLEARNT = 0.05
+"""Ratio of light beyond which a reading is thrown away when the response could not be learnt."""
+NOTICEABLE = 0.025
+"""Ratio of light below which the bias stays under the noise."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +60,22 @@ def weighted_by_frequency(frequencies: tuple[float, ...]) -> PhaseResponse:
     """The response of a camera whose frequencies [Hz] are known: each counts by its precision, the square of it."""
     known = np.asarray(frequencies, dtype=np.float64)
     return PhaseResponse(known, known**2 / np.sum(known**2))
+
+
+def predicted_bias(
+    response: PhaseResponse | None, ratio: np.ndarray, longer: np.ndarray, known: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Bias of the ``known`` readings (N,) along the ray and what it may be wrong by [m]."""
+    predicted, uncertain = np.zeros(len(ratio)), np.zeros(len(ratio))
+    lit = np.flatnonzero(known & (ratio.sum(axis=1) > 0))
+    if response is None:
+        uncertain[lit] = np.where(ratio[lit].sum(axis=1) > UNLEARNT, np.inf, 0.0)
+        return predicted, uncertain
+    predicted[lit] = response.bias(ratio[lit], longer[lit])
+    by_ratio = response.bias((1.0 + _RATIO_ERROR) * ratio[lit], longer[lit]) - predicted[lit]
+    by_length = response.bias(ratio[lit], longer[lit] + _LENGTH_ERROR) - predicted[lit]
+    uncertain[lit] = np.hypot(by_ratio, by_length)
+    return predicted, uncertain
 
 
 def _biases(frequency: float, ratio: np.ndarray, longer: np.ndarray) -> np.ndarray:
