@@ -7,9 +7,12 @@ import numpy as np
 from ..camera import Intrinsics
 from ..mirrors import Mirror
 from ..mirrors.mirror import reflect
+from ..numeric.kernels import njit
+from ..numeric.threads import each
 
 _OCCLUDED = 0.15  # so much nearer than a point, the subject seen in its line of sight hides it [m]
 _MARGIN = 0.01  # rays that pass the glass nearer to its edge than this are taken to miss it [m]
+_PIECES = 4  # the points are looked at in so many pieces, side by side
 
 
 def light_sources(mirrors: list[Mirror]) -> np.ndarray:
@@ -87,22 +90,85 @@ def irradiance(
     lengths : np.ndarray [shape=(N, M + 1)]
         :func:`path_lengths` [m].
     """
-    sources = light_sources(mirrors)
-    lengths = path_lengths(points, sources)
-    light = np.zeros_like(lengths)
-    for view, source in enumerate(sources):
-        facing = ((source - points) * normals).sum(axis=1) / np.maximum(lengths[:, view], 1e-9)
-        some = np.flatnonzero(facing > 0.0)
-        if view > 0:
-            some = some[through_glass(points[some], mirrors[view - 1]) | (own[some] == view)]
-        rows, columns, z, inside = seen_at(points[some], view, mirrors, intrinsics)
-        there, nearest = labels[rows, columns], depth[rows, columns]
-        hidden = ((there == 0) | (there == view)) & (nearest > 0) & (nearest < z - _OCCLUDED)
-        reached = some[(inside & ~hidden) | (own[some] == view)]
-        light[reached, view] = facing[reached] / lengths[reached, view] ** 2
-        if view > 0:
-            light[reached, view] *= reflectivity[view - 1]
+    count = len(mirrors)
+    planes, axes = np.empty((count, 4)), np.empty((count, 2, 3))
+    limits = np.empty((count, 2, 2))  # of the glass along its axes
+    for k, mirror in enumerate(mirrors):
+        planes[k, :3], planes[k, 3] = mirror.normal, mirror.normal @ mirror.point
+        axes[k] = mirror.basis[:, :2].T
+        limits[k] = (-np.inf, np.inf)
+        if mirror.rectangle is not None:
+            limits[k] = mirror.rectangle + (axes[k] @ mirror.point)[:, None]
+    points, normals = np.ascontiguousarray(points), np.ascontiguousarray(normals)
+    light, lengths = np.empty((len(points), count + 1)), np.empty((len(points), count + 1))
+    step = max((len(points) + _PIECES - 1) // _PIECES, 1)
+
+    def shine(start: int) -> None:
+        part = slice(start, start + step)
+        _irradiance_kernel(
+            points[part], normals[part], own[part], depth, labels, planes, axes, limits, reflectivity,
+            intrinsics.packed, light[part], lengths[part],
+        )  # fmt: skip
+
+    each(shine, range(0, len(points), step))
     return light, lengths
+
+
+@njit(cache=True, nogil=True)
+def _passes(planes, axes, limits, k, x, y, z):
+    """Whether a point's sight line to the camera's image in mirror ``k`` passes the glass."""
+    far = planes[k, 3]
+    ahead = x * planes[k, 0] + y * planes[k, 1] + z * planes[k, 2] - far
+    if ahead <= 0.0:
+        return False
+    share = ahead / max(ahead - far, 1e-9)
+    for axis in range(2):
+        place = x * axes[k, axis, 0] + y * axes[k, axis, 1] + z * axes[k, axis, 2]
+        place -= share * place  # the image of the camera lies on the normal through it
+        if not limits[k, axis, 0] + _MARGIN < place < limits[k, axis, 1] - _MARGIN:
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _hidden(depth, labels, view, x, y, z, camera):
+    """Whether a point, where a view shows it, lies outside of the image or behind what it shows of the subject."""
+    height, width = depth.shape
+    if z <= 0.05:
+        return True
+    column, row = np.rint(x / z * camera[0] + camera[2]), np.rint(y / z * camera[1] + camera[3])
+    if column < 0 or column >= width or row < 0 or row >= height:
+        return True
+    v, u = int(row), int(column)
+    return (labels[v, u] == 0 or labels[v, u] == view) and 0.0 < depth[v, u] < z - _OCCLUDED
+
+
+@njit(cache=True, nogil=True)
+def _irradiance_kernel(points, normals, own, depth, labels, planes, axes, limits, reflectivity, camera, light, lengths):
+    for i in range(len(points)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        for view in range(len(planes) + 1):
+            # the point as the view's camera sees it: in a mirror, its image
+            px, py, pz, nx, ny, nz = x, y, z, normals[i, 0], normals[i, 1], normals[i, 2]
+            if view > 0:
+                a, b, c, d = planes[view - 1]
+                off = 2.0 * (a * x + b * y + c * z - d)
+                px, py, pz = x - off * a, y - off * b, z - off * c
+                off = 2.0 * (a * nx + b * ny + c * nz)
+                nx, ny, nz = nx - off * a, ny - off * b, nz - off * c
+            length = np.sqrt(px * px + py * py + pz * pz)
+            lengths[i, view], light[i, view] = length, 0.0
+            facing = -(px * nx + py * ny + pz * nz) / max(length, 1e-9)
+            if not facing > 0.0:
+                continue
+            if own[i] != view and (
+                (view > 0 and not _passes(planes, axes, limits, view - 1, x, y, z))
+                or _hidden(depth, labels, view, px, py, pz, camera)
+            ):
+                continue
+            light[i, view] = facing / length**2
+            if view > 0:
+                light[i, view] *= reflectivity[view - 1]
 
 
 def ratio_to_own(light: np.ndarray, own: np.ndarray) -> np.ndarray:

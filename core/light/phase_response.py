@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..numeric.kernels import njit
+
 LIGHT_SPEED = 299_792_458.0
 
 _LOWEST, _HIGHEST, _SPACING = 10e6, 330e6, 8e6  # frequencies that a camera may modulate its light with [Hz]
@@ -71,11 +73,40 @@ def predicted_bias(
     if response is None:
         uncertain[lit] = np.where(ratio[lit].sum(axis=1) > UNLEARNT, np.inf, 0.0)
         return predicted, uncertain
+    predicted[lit], uncertain[lit] = _predicted_kernel(ratio[lit], longer[lit], response.frequencies, response.weights)
+    return predicted, uncertain
     predicted[lit] = response.bias(ratio[lit], longer[lit])
     by_ratio = response.bias((1.0 + _RATIO_ERROR) * ratio[lit], longer[lit]) - predicted[lit]
     by_length = response.bias(ratio[lit], longer[lit] + _LENGTH_ERROR) - predicted[lit]
     uncertain[lit] = np.hypot(by_ratio, by_length)
     return predicted, uncertain
+
+
+@njit(cache=True, nogil=True)
+def _predicted_kernel(ratio, longer, frequencies, weights):
+    """:meth:`PhaseResponse.bias` (N,), and by how much errors of what it is predicted from may change it (N,)."""
+    count, sources = ratio.shape
+    bias, uncertain = np.empty(count), np.empty(count)
+    for i in range(count):
+        here, by_ratio, by_length = 0.0, 0.0, 0.0
+        for k in range(len(frequencies)):
+            turn = 2.0 * np.pi * frequencies[k] / LIGHT_SPEED
+            across, along, across_longer, along_longer = 0.0, 0.0, 0.0, 0.0
+            for s in range(sources):
+                if ratio[i, s] == 0.0:
+                    continue
+                phase = turn * longer[i, s]
+                across += ratio[i, s] * np.sin(phase)
+                along += ratio[i, s] * np.cos(phase)
+                phase = turn * (longer[i, s] + _LENGTH_ERROR)
+                across_longer += ratio[i, s] * np.sin(phase)
+                along_longer += ratio[i, s] * np.cos(phase)
+            more, share = 1.0 + _RATIO_ERROR, weights[k] / (2.0 * turn)
+            here += share * np.arctan2(across, 1.0 + along)
+            by_ratio += share * np.arctan2(more * across, 1.0 + more * along)
+            by_length += share * np.arctan2(across_longer, 1.0 + along_longer)
+        bias[i], uncertain[i] = here, np.hypot(by_ratio - here, by_length - here)
+    return bias, uncertain
 
 
 def _biases(frequency: float, ratio: np.ndarray, longer: np.ndarray) -> np.ndarray:
