@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..camera import project
 from .irradiance import ratio_to_own, through_glass
 from .lit_scene import LitScene, ray_lengths
 from .phase_response import CORRECTABLE, NOTICEABLE, UNLEARNT, PhaseResponse, fit_response, predicted_bias
@@ -17,6 +18,7 @@ _FLOOR_BAND = 0.08  # so far from the floor a reading may be the floor's, misrea
 _FLOOR_GRAZING = 0.12  # sine of the ray's angle to the floor, below which it is not judged
 _FARTHEST_FLOOR, _ABOUT_FEET = 8.0, 1.4  # from the camera, and about the subject [m]
 _ENOUGH_FLOOR = 4000  # readings
+_IN_SIGHT = 0.05  # z of corners that have a place in the image [m]
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ def correct_floor(scene: LitScene, response: PhaseResponse | None, depth: np.nda
     if views.floor is None:
         return
     for view in range(len(scene.sources)):
-        rows, columns = np.nonzero((scene.labels < 0) & (depth > 0) & ((views.seen == 0) if view == 0 else True))
+        rows, columns = _off_subject(scene, depth, view)
         to_floor = floor_distance(scene, rows, columns, view)
         some = np.isfinite(to_floor)
         if view == 0:
@@ -107,6 +109,24 @@ def correct_floor(scene: LitScene, response: PhaseResponse | None, depth: np.nda
         rows, columns = rows[kept], columns[kept]
         change = predicted[kept] / ray_lengths(rows, columns, scene.intrinsics)
         depth[rows, columns] -= change.astype(np.float32)
+
+
+def _off_subject(scene: LitScene, depth: np.ndarray, view: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of readings that are not the subject's: those seen directly, or all about a mirror's glass."""
+    if view == 0:
+        return np.nonzero((scene.labels < 0) & (depth > 0) & (scene.views.seen == 0))
+    mirror, (height, width) = scene.mirrors[view - 1], depth.shape
+    top, bottom, left, right = 0, height, 0, width
+    if mirror.rectangle is not None:
+        corners = np.array([(a, b) for a in mirror.rectangle[0] for b in mirror.rectangle[1]])
+        places = mirror.point + corners @ mirror.basis[:, :2].T
+        if places[:, 2].min() > _IN_SIGHT:
+            u, v = project(places, scene.intrinsics).T
+            top, bottom = np.clip((int(v.min()), int(v.max()) + 2), 0, height)
+            left, right = np.clip((int(u.min()), int(u.max()) + 2), 0, width)
+    box = np.s_[top:bottom, left:right]
+    rows, columns = np.nonzero((scene.labels[box] < 0) & (depth[box] > 0))
+    return rows + top, columns + left
 
 
 def floor_distance(scene: LitScene, rows: np.ndarray, columns: np.ndarray, view: int) -> np.ndarray:

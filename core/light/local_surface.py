@@ -86,10 +86,29 @@ def _middle(depth, labels, trusted, v, u, reach):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _weighed_terms(radius):
+    """Of each pixel of the window: the quadratic's six terms times its weight, and these times the terms, a >= b."""
+    size = 2 * radius + 1
+    weighed, products, terms = np.empty((size, size, 6)), np.empty((size, size, 21)), np.empty(6)
+    for row in range(size):
+        for column in range(size):
+            dx, dy = (column - radius) / radius, (row - radius) / radius
+            terms[0], terms[1], terms[2], terms[3], terms[4], terms[5] = 1.0, dx, dy, dx * dx, dx * dy, dy * dy
+            k = 0
+            for a in range(6):
+                weighed[row, column, a] = (1.2 - dx * dx - dy * dy) * terms[a]
+                for b in range(a + 1):
+                    products[row, column, k] = weighed[row, column, a] * terms[b]
+                    k += 1
+    return weighed, products
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _fit_kernel(depth, labels, trusted, rows, columns, packed, radius, reach, out):
     height, width = depth.shape
     fx, fy, cx, cy = packed
-    sums, right, terms = np.empty((6, 6)), np.empty(6), np.empty(6)
+    sums, right = np.empty((6, 6)), np.empty(6)
+    weighed, products = _weighed_terms(radius)
     for i in range(len(rows)):
         v, u = rows[i], columns[i]
         out[i, :] = 0.0
@@ -107,16 +126,16 @@ def _fit_kernel(depth, labels, trusted, rows, columns, packed, radius, reach, ou
                 away = max(abs(x - u), abs(y - v))
                 if z <= 0.0 or abs(z - middle) > _STEP * middle * (1.0 + 0.5 * away):
                     continue
-                dx, dy = (x - u) / radius, (y - v) / radius
-                weight = 1.2 - dx * dx - dy * dy
-                if weight <= 0.0:
+                row, column = y - v + radius, x - u + radius
+                if weighed[row, column, 0] <= 0.0:
                     continue
                 count += 1
-                terms[0], terms[1], terms[2], terms[3], terms[4], terms[5] = 1.0, dx, dy, dx * dx, dx * dy, dy * dy
+                nearer, k = 1.0 / z - 1.0 / middle, 0
                 for a in range(6):
-                    right[a] += weight * terms[a] * (1.0 / z - 1.0 / middle)
+                    right[a] += weighed[row, column, a] * nearer
                     for b in range(a + 1):
-                        sums[a, b] += weight * terms[a] * terms[b]
+                        sums[a, b] += products[row, column, k]
+                        k += 1
         if count < _FEWEST:
             continue
         ridge = _RIDGE * sums[0, 0]

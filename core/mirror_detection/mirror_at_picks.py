@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -42,10 +43,8 @@ def find_mirror_at(
     """
     trusting = replace(settings, empty_rig=True, max_violation=max(2.0 * settings.max_violation, 0.3))
     pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)
-    guesses = hypotheses(image, trusting)
-    settled = [mirror_on_frame(image, guess, glass_offset, trusting) for guess in guesses]
-    best = _nearest([mirror for mirror in settled if mirror is not None], pixels, 0.5)
-    if best is None and (bare := find_frameless_at(image, picks, settings, 0.5)) is not None:
+    best = _nearest(MirrorSearch(image, trusting, glass_offset).framed, pixels, 0.5)
+    if best is None and (bare := find_frameless_at(MirrorSearch(image, settings), picks, 0.5)) is not None:
         return bare
     if best is None:
         u, v = pixels[0]
@@ -56,27 +55,38 @@ def find_mirror_at(
     return replace(best, name=picks.name, source="picked")
 
 
-def find_better_at(
-    image: RgbdImage,
-    picks: MirrorPicks,
-    mirror: Mirror | None,
-    settings: DetectionSettings = DEFAULTS,
-    glass_offset: float = 0.0,
-) -> Mirror | None:
+class MirrorSearch:
+    """The mirrors that an image shows, wherever picks are: searched for when first asked for, once."""
+
+    def __init__(self, image: RgbdImage, settings: DetectionSettings = DEFAULTS, glass_offset: float = 0.0) -> None:
+        self.image, self.settings, self.glass_offset = image, settings, glass_offset
+
+    @cached_property
+    def framed(self) -> list[Mirror]:
+        """Those with a frame."""
+        guesses = hypotheses(self.image, self.settings)
+        settled = [mirror_on_frame(self.image, guess, self.glass_offset, self.settings) for guess in guesses]
+        return [mirror for mirror in settled if mirror is not None]
+
+    @cached_property
+    def frameless(self) -> list[Mirror]:
+        """Those without."""
+        return find_verified_frameless(self.image, [], self.settings)
+
+
+def find_better_at(search: MirrorSearch, picks: MirrorPicks, mirror: Mirror | None) -> Mirror | None:
     """A better mirror than ``mirror``, the one placed through the picks, where that is contradicted or None.
 
     Then the picks missed the frame, or there is none. Else ``mirror``.
     """
-    if mirror is None or contradicted(image, mirror):
+    if mirror is None or contradicted(search.image, mirror):
         pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)
-        guesses = hypotheses(image, settings)
-        settled = [mirror_on_frame(image, guess, glass_offset, settings) for guess in guesses]
-        better = _nearest([found for found in settled if found is not None], pixels, 0.05)
+        better = _nearest(search.framed, pixels, 0.05)
         if better is not None:
             return replace(better, name=picks.name, source="picked")
-    elif not doubtful(image, mirror):
+    elif not doubtful(search.image, mirror):
         return mirror
-    return find_frameless_at(image, picks, settings) or mirror
+    return find_frameless_at(search, picks) or mirror
 
 
 def contradicted(image: RgbdImage, mirror: Mirror, known: Iterable[Mirror] = ()) -> bool:
@@ -98,15 +108,13 @@ def contradicted(image: RgbdImage, mirror: Mirror, known: Iterable[Mirror] = ())
     return all(on < _STANDS and on < _MOSTLY * (on + beyond) for on, beyond in shares)
 
 
-def find_frameless_at(
-    image: RgbdImage, picks: MirrorPicks, settings: DetectionSettings = DEFAULTS, reach: float = 0.15
-) -> Mirror | None:
+def find_frameless_at(search: MirrorSearch, picks: MirrorPicks, reach: float = 0.15) -> Mirror | None:
     """The mirror without a frame along whose edges picks were made, which no reading there can place.
 
     None when there is none within ``reach`` of its size. Its ``source`` stays "found": the picks say only which.
     """
     pixels = np.asarray(picks.frame_pixels, dtype=np.float64).reshape(-1, 2)
-    mirror = _nearest(find_verified_frameless(image, [], settings), pixels, reach)
+    mirror = _nearest(search.frameless, pixels, reach)
     return None if mirror is None else replace(mirror, name=picks.name)
 
 

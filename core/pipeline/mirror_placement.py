@@ -26,7 +26,7 @@ from ..mirror_alignment.reflection_alignment import align_reflections
 from ..mirror_alignment.view_alignment import align_views
 from ..mirror_detection.detection import find_mirrors
 from ..mirror_detection.frameless_mirrors import frameless_notes
-from ..mirror_detection.mirror_at_picks import contradicted, find_better_at, find_mirror_at
+from ..mirror_detection.mirror_at_picks import MirrorSearch, contradicted, find_better_at, find_mirror_at
 from ..mirrors import Mirror
 from ..mirrors.curved_glass import with_thickness, without_delay
 from ..mirrors.picked_mirror import place_mirror
@@ -54,7 +54,7 @@ def first_mirrors(
         There is none, or one cannot be placed.
     """
     image, offset = RgbdImage(depth, capture.intrinsics), settings.mirror.behind_frame
-    cloud = unproject(depth, capture.intrinsics)
+    cloud, search = unproject(depth, capture.intrinsics), MirrorSearch(image, settings.detection, offset)
 
     def place(one: MirrorPicks | Mirror) -> Mirror:
         if isinstance(one, Mirror):
@@ -66,7 +66,7 @@ def first_mirrors(
             mirror = place_mirror(image, one, settings.mirror, cloud)
         except PicksDisagreeError as error:
             fault = error
-        mirror = find_better_at(image, one, mirror, settings.detection, offset)
+        mirror = find_better_at(search, one, mirror)
         if mirror is None:
             assert fault is not None  # a mirror that was placed is kept unless a better one is found
             raise fault
