@@ -11,6 +11,7 @@ import numpy as np
 from ..hole_filling.delaunay_refinement import edge_length_at_vertices, refine
 from ..hole_filling.loop_triangulation import fill_loops
 from ..hole_filling.silhouette_bulge import bulge, rim_marks
+from ..hole_filling.soles import arch_of_foot, drop_soles
 from ..hole_filling.thin_plate_fairing import fair
 from ..mesh import Mesh
 from ..mesh.half_edges import clashing, extend_twins, open_edges, twins
@@ -21,7 +22,6 @@ from ..numeric.threads import each
 from ..views.free_space import reach_before_empty
 from ..views.view_maps import ViewMaps, reading_noise
 from .self_intersection_repair import untangle
-from .soles import arch_of_foot, drop_soles
 
 _TIMES_HELD = 4  # rounds of holding vertices back: each pushes its surroundings
 _HELD = 1.0  # how stiffly they are held, against the bending of the surface

@@ -37,6 +37,8 @@ _PART_GAP = 0.12  # m: a hand or a head whose wrist or neck was not read is so n
 # stands on the floor by itself, to within 5 cm, is furniture unless it is right at the figure
 _OUTSIDE_GAP, _OUTSIDE_SHARE, _STANDING_GAP, _LOW = 0.08, 0.3, 0.04, 0.05
 _UNREAD, _SAME_LIMB = 4, 0.3  # px without a reading beside what hides a limb; m: how far a limb's two ends differ in z
+# m: a foot whose instep was not read is no higher above the floor, its toes are higher, and no farther from its limb
+_FOOT, _TOES, _INSTEP = 0.12, 0.025, 0.2
 _AXIS_SPREAD, _OBJECT_SPREAD = 0.5, 0.3  # how far off the rig's axis a person or object counts less [m]
 
 
@@ -111,7 +113,7 @@ def _person_on(
 ) -> DirectSubject | None:
     """The person standing on this floor."""
     pieces, rough = standing_pieces(readings, range(1), floor, ROUGH, settings)
-    member = _person_pieces(pieces, floor.center, clicked, settings)
+    member = _person_pieces(pieces, floor, clicked, settings)
     return None if member is None else DirectSubject(pieces, member, floor, rough)
 
 
@@ -174,10 +176,10 @@ def _object_on(
 
 
 def _person_pieces(
-    pieces: Pieces, expected: np.ndarray | None, clicked: tuple[int, int] | None, settings: ViewSettings
+    pieces: Pieces, floor: Floor, clicked: tuple[int, int] | None, settings: ViewSettings
 ) -> np.ndarray | None:
     """Which pieces (C,) seen directly are the person: the clicked or best one, and what belongs to it."""
-    extents = _extents(pieces, expected, _AXIS_SPREAD if clicked is None else _OBJECT_SPREAD, settings)
+    extents = _extents(pieces, floor.center, _AXIS_SPREAD if clicked is None else _OBJECT_SPREAD, settings)
     if clicked is not None and pieces.component[clicked] >= 0:
         best = int(pieces.component[clicked])
     else:
@@ -189,7 +191,25 @@ def _person_pieces(
     below = ~member & (extents.score > 0) & (pieces.sizes < _BELOW * pieces.sizes[member].sum())
     if below.any():
         member |= _below_kernel(pieces.component, member, below, pieces.depth) >= PIECE // 2
+    if floor.height is not None:
+        member |= _feet_beyond_gaps(pieces, member, extents, floor.height)
     return member
+
+
+def _feet_beyond_gaps(pieces: Pieces, member: np.ndarray, extents: _Extents, floor: float) -> np.ndarray:
+    """Which pieces (C,) are feet, of which the instep was not read: low, and below where a limb breaks off."""
+    small = ~member & (extents.score > 0) & (pieces.sizes < _BELOW * pieces.sizes[member].sum())
+    if not small.any():
+        return small
+    lowest, highest = _height_kernel(pieces.component, pieces.count, pieces.points, pieces.up)
+    small &= (lowest < floor + _LOW) & (highest < floor + _FOOT) & (highest > floor + _TOES)
+    if not small.any():
+        return small
+    steps = _instep_kernel(
+        pieces.component, member, small, pieces.depth, pieces.points, pieces.up, floor + _TOES,
+        _INSTEP / pieces.pixel_angle,
+    )  # fmt: skip
+    return small & (steps >= PIECE // 2)
 
 
 def _object_pieces(
@@ -296,7 +316,7 @@ def _joined(chosen: np.ndarray, pieces: Pieces, extents: _Extents) -> np.ndarray
     """Bool (C,): the ``chosen`` pieces and what belongs to them, as near as it is."""
     total, score, box = pieces.sizes, extents.score, extents.box
     member = member_table(chosen, pieces.count)
-    lowest = _lowest_kernel(pieces.component, pieces.count, pieces.points, pieces.up)
+    lowest, _ = _height_kernel(pieces.component, pieces.count, pieces.points, pieces.up)
     floor_reach = lowest[chosen].min() + _LOW
     while True:  # a piece may reach the body through another one: a hand through a forearm
         low, high = box[member, 0].min(axis=0) - _PART_GAP, box[member, 1].max(axis=0) + _PART_GAP
@@ -367,13 +387,59 @@ def _below_kernel(component, member, small, depth):
 
 
 @njit(cache=True, nogil=True)
-def _lowest_kernel(component, count, points, up):
-    """Lowest height (C,) of each component along ``up``."""
-    low = np.full(count, np.inf)
+def _height_kernel(component, count, points, up):
+    """Lowest and highest height (C,) of each component along ``up``."""
+    low, high = np.full(count, np.inf), np.full(count, -np.inf)
     for v in range(component.shape[0]):
         for u in range(component.shape[1]):
             k = component[v, u]
             if k >= 0:
                 p = points[v, u]
-                low[k] = min(low[k], p[0] * up[0] + p[1] * up[1] + p[2] * up[2])
-    return low
+                level = p[0] * up[0] + p[1] * up[1] + p[2] * up[2]
+                low[k], high[k] = min(low[k], level), max(high[k], level)
+    return low, high
+
+
+@njit(cache=True, nogil=True)
+def _instep_kernel(component, member, small, depth, points, up, least, reach):
+    """From how many pixels (C,) of a ``small`` component a member is in reach, above it, across unread pixels only.
+
+    The member's pixel is higher than ``least``: a limb that comes down to the floor has its foot.
+    """
+    height, width = component.shape
+    count = np.zeros(len(member), np.int64)
+    for v in range(1, height):
+        for u in range(width):
+            k = component[v, u]
+            if k < 0 or not small[k] or component[v - 1, u] == k:
+                continue
+            p = points[v, u]
+            radius = int(reach / p[2]) + 1
+            found = False
+            for y in range(v - 1, max(v - radius, 0) - 1, -1):
+                for x in range(max(u - (v - y), 0), min(u + (v - y) + 1, width)):
+                    j = component[y, x]
+                    if j < 0 or not member[j]:
+                        continue
+                    q, away, level = points[y, x], 0.0, 0.0
+                    for i in range(3):
+                        away += (q[i] - p[i]) ** 2
+                        level += q[i] * up[i]
+                    if away < _INSTEP**2 and level > least and _unread_between(component, depth, v, u, y, x):
+                        found = True
+                        break
+                if found:
+                    break
+            count[k] += found
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _unread_between(component, depth, v, u, y, x):
+    """Whether nothing is read between two pixels but what belongs to one of them."""
+    steps = max(abs(y - v), abs(x - u))
+    for step in range(1, steps):
+        a, b = int(np.rint(v + (y - v) * step / steps)), int(np.rint(u + (x - u) * step / steps))
+        if depth[a, b] > 0 and component[a, b] != component[v, u] and component[a, b] != component[y, x]:
+            return False
+    return True

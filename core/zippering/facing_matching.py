@@ -20,6 +20,7 @@ _IN_TURN = 8  # candidates looked at on one side before those on the other
 _MOST_ALONG = 0.3  # cosine between their directions: boundaries that face each other run against each other, -1
 _LEAST_FACING = -0.6  # cosine between their normals, of two views: around a limb's edge these differ much
 _LEAST_FACING_IN_VIEW = 0.3  # of one view: across a slot in a surface, not from one side of a limb to the other
+_LEAST_FACING_LOW = 0.2  # right above the floor: under a foot there is nothing to bridge
 _LEAST_ONWARD = -0.35  # cosine between the bridge and the way on of either surface: not back over the surface itself
 _ANY_WAY = 0.01  # bridges shorter than this go any way: so near, the boundary's teeth decide on it [m]
 _ROUND_TIP = 2.5  # times the bridge: on one loop the way between its ends along it, or it goes round a slot's tip
@@ -35,7 +36,7 @@ _LONG_RUN = 200  # vertices; longer runs do not go before others by their length
 
 
 def find_partners(
-    boundary: Boundary, limit: np.ndarray, up: np.ndarray, view: np.ndarray, maps: ViewMaps
+    boundary: Boundary, limit: np.ndarray, up: np.ndarray, view: np.ndarray, maps: ViewMaps, low: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """For each boundary vertex the one it would best be bridged to.
 
@@ -53,6 +54,8 @@ def find_partners(
     view : np.ndarray [shape=(B,)]
         The view each is from: within one view only gaps across a surface are bridged, not round a limb.
     maps : ViewMaps
+    low : np.ndarray [shape=(B,), dtype=bool]
+        Right above the floor: from one side of a foot to the other, that is under it, nothing is bridged.
 
     Returns
     -------
@@ -81,6 +84,7 @@ def find_partners(
                 boundary.length[boundary.loop],
                 limit,
                 view.astype(np.int64),
+                low,
             )
         ),
         maps.free_space,
@@ -218,6 +222,7 @@ def _partners_kernel(
     whole,
     limit,
     view,
+    low,
     free_space,
 ):
     """For each boundary vertex, in the order of ``level``, the one to bridge it to (-1 none) and at what cost [m]."""
@@ -249,6 +254,8 @@ def _partners_kernel(
                         continue
                     facing = _product(normal, i, j)
                     if facing < (_LEAST_FACING_IN_VIEW if view[i] == view[j] else _LEAST_FACING):
+                        continue
+                    if facing < _LEAST_FACING_LOW and (low[i] or low[j]):
                         continue
                     if loop[i] == loop[j]:  # across a slot, not round its tip
                         run = abs(arc[i] - arc[j])

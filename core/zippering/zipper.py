@@ -8,7 +8,9 @@ import numpy as np
 
 from ..errors import MirrorScanError
 from ..hole_filling.loop_triangulation import fill_loops
+from ..hole_filling.soles import is_sole
 from ..mesh import Mesh
+from ..mesh.boundary_loops import loops_of
 from ..mesh.half_edges import check_sheet, extend_open_edges, extend_twins, open_edges, twins
 from ..mesh.submesh import components_of, triangles_touching
 from ..mesh.triangle_mesh import check_mesh, merge
@@ -20,6 +22,8 @@ from .boundary_frames import Boundary, boundary_of
 from .coronal_matching import match_chains, outer_chains, solidity
 from .facing_matching import find_partners, warp_runs
 from .seam_strips import Candidates, Seam, begin_weave, weave_seams
+
+_DOWNWARDS = -0.5  # cosine to the vertical below which a boundary's surface goes on down to the floor
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,9 @@ class ZipperSettings:
         The paper's matching is discarded when less than this share of a matched pair is that near.
     floor_band : float
         Boundaries lower than this above the floor are soles: only the narrowest gaps are bridged there [m].
+    sole_band, sole_reach : float
+        A loop that comes lower than the one above the floor, and lies mostly lower than the other, is a sole and no
+        hole [m].
     """
 
     gaps: tuple[float, ...] = (0.03, 0.08, 0.12, 0.2)
@@ -49,6 +56,8 @@ class ZipperSettings:
     compact_gap: float = 0.05
     compact_share: float = 0.35
     floor_band: float = 0.05
+    sole_band: float = 0.025
+    sole_reach: float = 0.09
 
 
 def zip_patches(
@@ -135,13 +144,27 @@ def zip_patches(
         # a hole no wider than the gaps just zippered is a hole in one surface, not two boundaries to match
         edges = extend_open_edges(edges, mesh.triangles, known, len(mesh.vertices))
         known = len(mesh.triangles)
-        mesh = fill_loops(mesh, maps, diameter=reach, edges=edges)
+        mesh = fill_loops(mesh, maps, diameter=reach, edges=_without_soles(mesh, edges, up, floor, settings))
         # a hole closed round a new vertex never meets a boundary again: its piece does not matter
         piece = np.concatenate((piece, np.zeros(len(mesh.vertices) - len(piece), np.int64)))
     assert whole.kind is not None and mesh.kind is not None
     triangles = np.concatenate((whole.triangles, mesh.triangles[measured:]))
     twin = extend_twins(twin, triangles, len(mesh.vertices))
     return replace(mesh, triangles=triangles, kind=np.concatenate((whole.kind, mesh.kind[measured:]))), seams, twin
+
+
+def _without_soles(
+    mesh: Mesh, edges: np.ndarray, up: np.ndarray, floor: float | None, settings: ZipperSettings
+) -> np.ndarray:
+    """The open edges (B, 3) without those of soles, which are no holes: what is left of them ends on the floor."""
+    if floor is None:
+        return edges
+    sole = np.zeros(len(mesh.vertices), np.bool_)
+    for loop in loops_of(edges, len(mesh.vertices)):
+        height = dot(mesh.vertices[loop], up) - floor
+        if height.min() < settings.sole_band and is_sole(height, settings.sole_reach):
+            sole[loop] = True
+    return edges[~(sole[edges[:, 0]] & sole[edges[:, 1]])]
 
 
 def _compact_candidates(
@@ -191,11 +214,15 @@ def _facing_candidates(
 ) -> Candidates:
     """Runs that face each other over gaps up to ``reach``, warped, the best matched and longest first."""
     edge = np.median(np.linalg.norm(np.diff(boundary.point[: boundary.start[1]], axis=0), axis=1))
-    limit = np.full(len(boundary.vertex), reach)
+    limit, low = np.full(len(boundary.vertex), reach), np.zeros(len(boundary.vertex), np.bool_)
     if floor is not None:
-        limit[dot(boundary.point, up) < floor + settings.floor_band] = min(reach, settings.gaps[0])
+        # a sole has nothing to be matched with; an instep goes on to toes as far as they may be
+        height = dot(boundary.point, up) - floor
+        sole = (height < settings.floor_band) & (dot(boundary.outward, up) < _DOWNWARDS)
+        limit[sole] = min(reach, settings.gaps[0])
+        low = (height < settings.sole_reach) & (reach > settings.gaps[0])
     assert mesh.view is not None  # checked by zip_patches
-    partner, price = find_partners(boundary, limit, up, mesh.view[boundary.vertex], maps)
+    partner, price = find_partners(boundary, limit, up, mesh.view[boundary.vertex], maps, low)
     return warp_runs(boundary, partner, price, edge, settings.min_run)
 
 

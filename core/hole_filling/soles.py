@@ -9,6 +9,8 @@ from ..mesh.boundary_loops import loops_of
 from ..mesh.half_edges import extend_open_edges
 from ..numeric.point_products import dot
 
+_FEWEST = 8  # vertices of a loop that may be a sole's
+
 
 def arch_of_foot(vertices: np.ndarray, flat: np.ndarray, up: np.ndarray) -> np.ndarray:
     """The ``flat`` vertices (V,) bool raised by some hundredths of a millimetre, as a part of one wide arch.
@@ -26,6 +28,16 @@ def arch_of_foot(vertices: np.ndarray, flat: np.ndarray, up: np.ndarray) -> np.n
     return out
 
 
+def is_sole(height: np.ndarray, reach: float) -> bool:
+    """Whether a loop's heights above the floor (N,) say that it is a sole's: most of it is lower than ``reach`` [m]."""
+    return (
+        len(height) >= _FEWEST
+        and height.max() < 4.0 * reach
+        and height.min() > -reach
+        and float(np.quantile(height, 0.75)) < reach
+    )
+
+
 def drop_soles(mesh: Mesh, edges: np.ndarray, up: np.ndarray, floor: float, reach: float) -> tuple[Mesh, np.ndarray]:
     """Extend boundary loops just above the floor down to it by a vertical skirt, so that the sole is closed flat.
 
@@ -37,7 +49,7 @@ def drop_soles(mesh: Mesh, edges: np.ndarray, up: np.ndarray, floor: float, reac
     below = []
     for loop in loops_of(edges, len(mesh.vertices)):
         height = dot(mesh.vertices[loop], up) - floor
-        if len(loop) >= 8 and height.max() < 4 * reach and height.min() > -reach and np.quantile(height, 0.75) < reach:
+        if is_sole(height, reach):
             below.append(loop)
     if not below:
         return mesh, edges
