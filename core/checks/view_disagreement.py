@@ -101,8 +101,8 @@ def disagreements(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> list
     low = low + 0.1 if views.floor is None else views.floor + 0.1
     labels = _about_kernel(views.labels, views.seen, views.points, views.up, views.axis, low, high + 0.1)
     seen = _within_glass(views, mirrors)
-    sigma = noise_of(depth, labels)
-    shown = [surfaces(image, labels, view, sigma) for view in range(len(mirrors) + 1)]
+    noise = noise_of(depth, labels)
+    shown = [surfaces(image, labels, view, noise) for view in range(len(mirrors) + 1)]
     both_ways: dict[tuple[int, int], list[Correspondences]] = {}
     for m in find_correspondences(mirrors, shown, intrinsics, _OTHER_PART, depth, seen):
         both_ways.setdefault((min(m.of, m.by), max(m.of, m.by)), []).append(m)

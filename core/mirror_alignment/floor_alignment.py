@@ -78,7 +78,7 @@ _RISING = 1e-6  # of a ray's fall towards the floor, times the eye's height: les
 
 
 def align_floor(
-    image: RgbdImage, mirrors: list[Mirror], settings: FloorSettings | None = None
+    image: RgbdImage, mirrors: list[Mirror], settings: FloorSettings | None = None, alike: float = 1.0
 ) -> tuple[list[Mirror], tuple[str, ...]]:
     """Mirrors moved until the floor they show lies in the floor that is seen directly.
 
@@ -91,6 +91,8 @@ def align_floor(
     ----------
     image : RgbdImage
         Fused depth, z [m].
+    alike : float
+        Readings in a square of so many px err alike, see :class:`.view_correspondences.ReadingNoise`.
 
     Returns
     -------
@@ -129,7 +131,8 @@ def align_floor(
     direct = (seen == 0) & (np.abs(dot(placed, ground.up) - ground.floor) < band)
     if direct.sum() < 2 * _FEWEST_READINGS:
         return list(mirrors), ()
-    floor = _Floor(ground.up, ground.floor, cloud[direct], half[direct], settings)
+    correlated = max(_CORRELATED, (alike / stride) ** 2)
+    floor = _Floor(ground.up, ground.floor, cloud[direct], half[direct], settings, correlated)
     common = floor.common(placed, seen)
     out = []
     for k, mirror in enumerate(mirrors):
@@ -140,12 +143,21 @@ def align_floor(
 
 
 class _Floor:
-    """The floor up·p = height as seen directly: ``points`` (N, 3) and the ``half`` (N,) each is of."""
+    """The floor up·p = height as seen directly: ``points`` (N, 3) and the ``half`` (N,) each is of.
+
+    So many readings as are ``correlated`` count as one.
+    """
 
     def __init__(
-        self, up: np.ndarray, height: float, points: np.ndarray, half: np.ndarray, settings: FloorSettings
+        self,
+        up: np.ndarray,
+        height: float,
+        points: np.ndarray,
+        half: np.ndarray,
+        settings: FloorSettings,
+        correlated: float,
     ) -> None:
-        self.up, self.height = up, height
+        self.up, self.height, self.correlated = up, height, correlated
         self.known = np.diag((settings.height, settings.slope, settings.slope)) ** 2
         along = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
         along /= np.linalg.norm(along)
@@ -211,7 +223,7 @@ class _Floor:
             inverse = np.linalg.inv(normal)
             three = inverse @ right
             left = lifts - (three[0] + three[1] * x + three[2] * y)
-        return three, _CORRELATED * inverse, np.einsum("ij,jn->in", inverse, np.stack((w, w * x, w * y))), noise
+        return three, self.correlated * inverse, np.einsum("ij,jn->in", inverse, np.stack((w, w * x, w * y))), noise
 
     def distance(self, mirror: Mirror, readings: np.ndarray, gate: float, which: int) -> tuple | None:
         """How far the floor that the mirror shows, ``readings`` (N, 3) behind the glass, lies above this one.

@@ -173,10 +173,11 @@ def _frame_blocks(
     return means[many, :2], means[many, 2], count[many].astype(float), noise
 
 
-def honest_error(image: RgbdImage, mirror: Mirror) -> tuple[Mirror, Notice | None]:
+def honest_error(image: RgbdImage, mirror: Mirror, alike: float = 1.0) -> tuple[Mirror, Notice | None]:
     """The mirror with what its frame is uneven by in its error, and a warning, where that is far above noise.
 
-    A plane through what is no plane has a small formal error: noise averages out, a wrong model does not.
+    A plane through what is no plane has a small formal error: noise averages out, a wrong model does not. Nor does
+    noise average out that is alike over a matching window, which may be as wide as the frame.
 
     Parameters
     ----------
@@ -184,10 +185,14 @@ def honest_error(image: RgbdImage, mirror: Mirror) -> tuple[Mirror, Notice | Non
         Fused depth, z [m], 0 = no reading.
     mirror : Mirror
         On its frame's plane.
+    alike : float
+        Readings in a square of so many px err alike, see :class:`.view_correspondences.ReadingNoise`.
     """
     shape = frame_shape(image, mirror) if mirror.covariance is not None else None
     if shape is None:
         return mirror, None
+    if alike > 1.0 and not on_wall(mirror):
+        mirror = _less_sure(mirror, shape)
     wall = on_wall(mirror)
     bent = abs(shape.sag) * np.sqrt(_BENT_SQUARE) if wall else 0.0  # glass does not bend with the wall it hangs on
     uneven = float(np.hypot(shape.unevenness, bent))
@@ -208,5 +213,15 @@ def honest_error(image: RgbdImage, mirror: Mirror) -> tuple[Mirror, Notice | Non
     )  # fmt: skip
 
 
+def _less_sure(mirror: Mirror, shape: FrameShape) -> Mirror:
+    """As sure as parts of its frame agree, each of them longer than a matching window, and as glass is flat."""
+    information = np.linalg.inv(shape.covariance)
+    information[3, 3] += _USUAL_SAG**-2
+    covariance = np.linalg.inv(information)
+    less = replace(mirror, covariance=covariance[:3, :3], sag_error=float(np.sqrt(covariance[3, 3])))
+    return less if expected_error(less) > expected_error(mirror) else mirror
+
+
+_USUAL_SAG = 0.0012  # of mirrors as they are sold, one standard deviation [m]
 _UNEVEN, _UNEVEN_NOISES = 0.0025, 0.6  # [m], and of a reading's noise
 _BENT_SQUARE = 4.0 / 45.0  # mean square of the bow's profile over its length

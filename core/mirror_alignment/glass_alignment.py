@@ -109,6 +109,7 @@ _LEAST_SCALE = 1e-9  # [m]
 _FEWEST_CELLS = 12  # of the floor, that say something of its evenness
 _BLOCK = 24  # pixels; halves are split by such
 _ROUNDS = 5
+_TELLING = {"reflections", "views"}  # by which a mirror is moved as far as its glass lies off its frame
 _UNDERRATED = 1.5  # times: pairs that are far apart are found less often, which makes an offset seem smaller
 _DEEPEST = 0.025  # a frame projects in front of its glass [m]
 _THICKNESS_ROUNDS = 5
@@ -389,14 +390,14 @@ def _unsure_offsets(
 
 
 def with_unsure_offsets(mirrors: Sequence[Mirror], evidence: GlassEvidence, before: Sequence[Mirror]) -> list[Mirror]:
-    """Mirrors less certain by how far their glass may lie off their frames, those that nothing moved from ``before``.
+    """Mirrors less certain by how far their glass may lie off their frames, where nothing since ``before`` tells that.
 
     Glass of 5 mm that is silvered on its back reflects as if it lay 3 mm behind its front, and frames project.
     """
     return [
         replace(m, covariance=m.covariance + np.diag((0.0, 0.0, evidence.unsure[k] ** 2)))
-        if k in evidence.unsure and k not in evidence.behind and m.moved_by == before[k].moved_by
-        and m.covariance is not None else m
+        if k in evidence.unsure and k not in evidence.behind and m.covariance is not None
+        and not _TELLING & {*m.moved_by[len(before[k].moved_by) :]} else m
         for k, m in enumerate(mirrors)
     ]  # fmt: skip
 

@@ -135,9 +135,9 @@ def _moved(
     image: RgbdImage, mirrors: list[Mirror], free: list[int], seen: np.ndarray, shadow: float, settings: PersonSettings
 ) -> list[Mirror]:
     """The mirrors, those ``free`` moved to where views agree, if they are surer then or their frames contradicted."""
-    sigma = noise_of(image.depth, seen)
+    noise = noise_of(image.depth, seen)
     views = range(len(mirrors) + 1)
-    shown = [surfaces(image, seen, view, sigma, _PIECES) for view in views]
+    shown = [surfaces(image, seen, view, noise, _PIECES) for view in views]
     outlines = [outline_of(image.depth, seen == view, shadow) if (seen == view).any() else None for view in views]
     agreement = _Agreement(mirrors, columns_of(free), shown, outlines, image.intrinsics, settings.gate * settings.skin)
     solved = agreement.solve(_MATCHED if shadow else _TIMED)

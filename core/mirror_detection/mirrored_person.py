@@ -173,8 +173,8 @@ def figure_surfaces(image: RgbdImage, one: Figure, reflection: Figure, objects: 
     views = np.full(depth.shape, -1, np.int8)
     views[objects == one.id] = 0
     views[objects == reflection.id] = 1
-    sigma = noise_of(depth, views)
-    return [surfaces(image, views, view, sigma, _SURFACE_PIECES) for view in (0, 1)]
+    noise = noise_of(depth, views)
+    return [surfaces(image, views, view, noise, _SURFACE_PIECES) for view in (0, 1)]
 
 
 def search_mirror_plane(

@@ -249,8 +249,8 @@ def _turned_by_views(
     ``own_error``.
     """
     image, intrinsics = room.image, room.image.intrinsics
-    sigma = noise_of(image.depth, seen)
-    shown = [surfaces(image, seen, view, sigma, _PIECES) for view in (0, 1)]
+    noise = noise_of(image.depth, seen)
+    shown = [surfaces(image, seen, view, noise, _PIECES) for view in (0, 1)]
     if min(len(s.points) for s in shown) < _LEAST_ROWS:
         return None
     outlines = [outline_of(image.depth, seen == view, room.shadow) for view in (0, 1)]

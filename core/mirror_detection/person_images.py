@@ -64,7 +64,7 @@ def rooms_about_persons(image: RgbdImage, baseline: float | None = None) -> Iter
         return
     up, floor, _ = ground
     objects, figures = find_figures(thin, cloud, up, floor, [], _FLAT)
-    sigma = noise_of(depth, np.where(depth > 0, 1, 0).astype(np.int8))
+    sigma = noise_of(depth, np.where(depth > 0, 1, 0).astype(np.int8)).sigma
     for figure in figures[:_MOST_PERSONS]:
         pieces = _pieces_of(figure, objects, cloud, up)
         person = _all_pixels(pieces, thin, depth, stride)

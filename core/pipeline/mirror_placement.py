@@ -30,6 +30,7 @@ from ..mirror_detection.mirror_at_picks import MirrorSearch, contradicted, find_
 from ..mirrors import Mirror
 from ..mirrors.curved_glass import with_thickness, without_delay
 from ..mirrors.picked_mirror import place_mirror
+from ..views.view_correspondences import likeness
 from .rig_calibration import moved_warnings
 from .settings import Settings
 
@@ -100,7 +101,8 @@ def align_mirrors(
         for k, m in enumerate(first)
         if m.source == "picked" and contradicted(image, m, first[:k] + first[k + 1 :])
     ]  # fmt: skip
-    judged = [honest_error(image, m) if m.source in ("picked", "found") else (m, None) for m in first]
+    alike = likeness(image.depth)[1]
+    judged = [honest_error(image, m, alike) if m.source in ("picked", "found") else (m, None) for m in first]
     placed = [mirror for mirror, _ in judged]
     warnings += [warning for _, warning in judged if warning is not None]
     placed, by_camera = align_own_reflections(replace(image, color=capture.color), placed, settings.own_reflection)
@@ -116,7 +118,7 @@ def align_mirrors(
     placed, doubts = doubted_offsets(placed, glass, before)
     warnings += doubts
     image = without_delay(raw, placed) if timed or thick is not None else raw
-    placed, by_floor = align_floor(image, placed, settings.floor)
+    placed, by_floor = align_floor(image, placed, settings.floor, alike)
     model = SENSORS.get(principle.sensor)
     placed, by_person = align_persons(image, placed, settings.person, None if model is None else model.baseline)
     placed, by_views = align_views(image, placed, settings.agreement)

@@ -18,8 +18,24 @@ _FACING = 0.35  # cosine to the line of sight under which a surface is not judge
 _MOST_PIECES = 1600  # of a view: more share their readings
 _COLUMN = 16  # px across the strips of the image by which the direct view is searched
 _BUSY = 0.004  # share of the reflected pieces from which a strip is searched
+_LAGS = (1, 2, 4, 8, 12)  # px between readings whose noise is compared; the last is beyond any camera's window
+_EVERY = 5  # rows, one of which is looked at for that
+_SMOOTH = 2.5  # times the variance of second differences grows with the lag where neighbours err alike: else less
+_CURVED = 3.5  # times from lag to lag: by more it is the surface that bends
+_HALFWAY = 1.6  # windows over the lag at which second differences have half of their variance
 _TILT = 0.2  # of a piece by noise: windows are made wide enough that it stays below
 _WIDEST = 6  # px to each side of a piece's window
+
+
+class ReadingNoise(NamedTuple):
+    """Noise of a depth map.
+
+    ``sigma`` is the standard deviation of 1/z [1/m]. Cameras that match windows, interpolate or smooth give neighbours
+    the same error: those in a square of ``alike`` px count as one.
+    """
+
+    sigma: float
+    alike: float
 
 
 @dataclass(frozen=True)
@@ -39,10 +55,10 @@ class Surfaces:
     radius: int
 
 
-def surfaces_of_views(image: RgbdImage, mirrors: list[Mirror], seen: np.ndarray, sigma: float) -> list[Surfaces]:
+def surfaces_of_views(image: RgbdImage, mirrors: list[Mirror], seen: np.ndarray, noise: ReadingNoise) -> list[Surfaces]:
     """The surfaces that each view shows; of the direct one only what mirrors may show too."""
     intrinsics = image.intrinsics
-    shown = [surfaces(image, seen, view, sigma) for view in range(1, len(mirrors) + 1)]
+    shown = [surfaces(image, seen, view, noise) for view in range(1, len(mirrors) + 1)]
     placed = np.concatenate([reflect(s.points, m) for s, m in zip(shown, mirrors, strict=True)])
     pixels = project(placed[placed[:, 2] > NEAREST], intrinsics)
     size = np.array((intrinsics.width, intrinsics.height))
@@ -54,10 +70,10 @@ def surfaces_of_views(image: RgbdImage, mirrors: list[Mirror], seen: np.ndarray,
         busy = np.repeat(columns > _BUSY * len(pixels), _COLUMN)[: intrinsics.width]
         top, bottom = np.quantile(pixels[:, 1], (0.01, 0.99)).astype(int)
         direct[top : bottom + 1, busy] = np.where(seen == 0, 0, -1)[top : bottom + 1, busy]
-    return [surfaces(image, direct, 0, sigma), *shown]
+    return [surfaces(image, direct, 0, noise), *shown]
 
 
-def surfaces(image: RgbdImage, seen: np.ndarray, view: int, sigma: float, most: int = _MOST_PIECES) -> Surfaces:
+def surfaces(image: RgbdImage, seen: np.ndarray, view: int, noise: ReadingNoise, most: int = _MOST_PIECES) -> Surfaces:
     """The pieces of surface that one view shows, each a plane fitted to a small window.
 
     Parameters
@@ -66,8 +82,8 @@ def surfaces(image: RgbdImage, seen: np.ndarray, view: int, sigma: float, most: 
     seen : np.ndarray [shape=(H, W), dtype=int8]
         View of each pixel, or -1.
     view : int
-    sigma : float
-        Standard deviation of 1/z [1/m]: how wide the window must be.
+    noise : ReadingNoise
+        How wide the window must be.
     most : int
         About so many pieces at most.
     """
@@ -81,14 +97,15 @@ def surfaces(image: RgbdImage, seen: np.ndarray, view: int, sigma: float, most: 
         )  # fmt: skip
     # wide enough that noise tilts the plane by less than a fifth
     radius = 2
-    while radius < _WIDEST and sigma * z * intrinsics.fx > _TILT * (2 * radius + 1) * np.sqrt(
+    of_mean = noise.sigma * noise.alike  # times the root of how many readings: the standard deviation of their mean
+    while radius < _WIDEST and of_mean * z * intrinsics.fx > _TILT * (2 * radius + 1) * np.sqrt(
         radius * (radius + 1) / 3.0
     ):
         radius += 1
     # neighbours share their windows, and some hundred pieces say as much as thousands
     stride = max(2 if radius < 4 else 3, int(np.ceil(np.sqrt(count / most))))
     grid, points, normals, variances, pixels = _surface_kernel(
-        depth, seen, view, intrinsics.packed, np.array(box), stride, radius, sigma
+        depth, seen, view, intrinsics.packed, np.array(box), stride, radius, noise.sigma, noise.alike**2
     )
     return Surfaces(grid, points, normals, variances, pixels, stride, radius)
 
@@ -150,10 +167,35 @@ def find_correspondences(
     return out
 
 
-def noise_of(depth: np.ndarray, seen: np.ndarray) -> float:
-    """Standard deviation of 1/z behind glass, from second differences along the rows [1/m]."""
+def noise_of(depth: np.ndarray, seen: np.ndarray) -> ReadingNoise:
+    """Noise behind glass, from second differences along the rows; how far it is alike, from all of the depth map."""
     bend = _bend_kernel(depth, seen)
-    return 1.4826 * float(np.median(np.abs(bend))) / np.sqrt(6.0) if len(bend) else 0.0
+    beside = 1.4826 * float(np.median(np.abs(bend))) / np.sqrt(6.0) if len(bend) else 0.0
+    grows, alike = likeness(depth)
+    return ReadingNoise(beside * float(np.sqrt(grows)), alike)
+
+
+def likeness(depth: np.ndarray) -> tuple[float, float]:
+    """How many times the variance of second differences of 1/z grows with the lag, and the window that explains it.
+
+    1 and 1 px where neighbours err independently. Most of a picture is plane, and of a plane second differences are 0
+    but for noise. Of a moving mean over w readings those of neighbours have 4 / w of its variance, at lags from w on
+    6, and half of that at w / 1.6.
+    """
+    rows = depth[::_EVERY]
+    inverse = np.divide(1.0, rows, where=rows > 0, out=np.full(rows.shape, np.nan, np.float32))
+    spread: list[float] = []
+    for lag in _LAGS:
+        bend = inverse[:, : -2 * lag] - 2.0 * inverse[:, lag:-lag] + inverse[:, 2 * lag :]
+        bend = np.abs(bend[np.isfinite(bend)])
+        variance = float(np.median(bend)) ** 2 if len(bend) else 0.0
+        if variance == 0.0 or (spread and variance > _CURVED * spread[-1]):
+            break
+        spread.append(max(variance, spread[-1]) if spread else variance)
+    if len(spread) < 2 or spread[-1] < _SMOOTH * spread[0]:
+        return 1.0, 1.0
+    half = float(np.interp(0.5 * spread[-1], spread, _LAGS[: len(spread)]))
+    return spread[-1] / spread[0], max(1.0, _HALFWAY * half)
 
 
 @njit(cache=True, nogil=True)
@@ -188,8 +230,11 @@ def _extent_kernel(depth, seen, view):
 
 
 @njit(cache=True, nogil=True)
-def _surface_kernel(depth, seen, view, camera, box, stride, radius, sigma):
-    """Planes 1/z = a·x + b·y + c fitted to windows about every ``stride``-th pixel of a view."""
+def _surface_kernel(depth, seen, view, camera, box, stride, radius, sigma, alike):
+    """Planes 1/z = a·x + b·y + c fitted to windows about every ``stride``-th pixel of a view.
+
+    So many of their readings as are ``alike`` count as one.
+    """
     height, width = depth.shape
     fx, fy, cx, cy = camera
     grid = np.full(((height + stride - 1) // stride, (width + stride - 1) // stride), -1, np.int32)
@@ -254,7 +299,7 @@ def _surface_kernel(depth, seen, view, camera, box, stride, radius, sigma):
             normals[n, 0], normals[n, 1], normals[n, 2] = -nx / length, -ny / length, -nz / length
             # along the normal: dz = z² dd, and the normal's part of it
             along = z * z * abs(nx * x + ny * y + nz) / length
-            variances[n] = along * along * sigma * sigma / s
+            variances[n] = along * along * sigma * sigma * min(alike / s, 1.0)
             pixels[n, 0], pixels[n, 1] = u, v
             grid[v // stride, u // stride] = n
             n += 1
