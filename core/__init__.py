@@ -25,6 +25,7 @@ __all__ = [
     "closing",
     "checks",
     "avatar",
+    "motion",
     "preview",
     "pipeline",
     "simulation",

@@ -1,0 +1,39 @@
+"""Motion: recorded or tracked joints become poses of the avatar's skeleton, from files and live."""
+
+from .bvh import read_bvh, write_bvh
+from .clip import Clip
+from .clips import CLIPS, make_clip, t_pose, take_as_rest
+from .foot_lock import Soles, sole_points
+from .joint_names import JOINT_SETS
+from .live_stream import LiveStream, StreamFollower
+from .motion import Motion
+from .pose_follower import PoseFollower
+from .retargeting import retarget
+
+__all__ = [
+    "CLIPS",
+    "JOINT_SETS",
+    "Clip",
+    "LiveStream",
+    "Motion",
+    "PoseFollower",
+    "Soles",
+    "StreamFollower",
+    "bvh",
+    "clip",
+    "clips",
+    "foot_lock",
+    "joint_names",
+    "live_stream",
+    "make_clip",
+    "motion",
+    "pose_follower",
+    "read_bvh",
+    "retarget",
+    "retargeting",
+    "rotations",
+    "sole_points",
+    "t_pose",
+    "take_as_rest",
+    "write_bvh",
+]
