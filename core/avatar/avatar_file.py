@@ -1,0 +1,431 @@
+"""Avatars as binary glTF (.glb, .vrm): mesh, colours, skeleton, weights and motions, written and read without Blender.
+
+Files are in metres, Y up, facing +Z. Bones are nodes with Mixamo's names and axes, so that its clips play by name.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from ..errors import CaptureError, OutputError
+from ..io.gltf import INDICES, VERTICES, Gltf, read_gltf, write_gltf
+from ..mesh import KIND_NAMES, Mesh
+from ..mesh.normals import vertex_normals
+from .bone_axes import rest_axes
+from .pose import SkinWeights
+from .skeleton import BONES, ENDS, PARENTS, Skeleton
+
+PREFIX = "mixamorig:"
+_TO_FILE = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # avatar frame → glTF's
+_VRM_NAMES = {
+    "Hips": "hips", "Spine": "spine", "Spine1": "chest", "Spine2": "upperChest", "Neck": "neck", "Head": "head",
+    "Shoulder": "Shoulder", "Arm": "UpperArm", "ForeArm": "LowerArm", "Hand": "Hand",
+    "UpLeg": "UpperLeg", "Leg": "LowerLeg", "Foot": "Foot", "ToeBase": "Toes",
+}  # fmt: skip
+_VRM_LICENSE = "https://vrm.dev/licenses/1.0/"
+
+
+class Motion(Protocol):
+    """What a motion has that is written; see :class:`StoredMotion`."""
+
+    @property
+    def name(self) -> str:
+        """For lists of motions."""
+
+    @property
+    def rate(self) -> float:
+        """Frames a second."""
+
+    @property
+    def rotations(self) -> np.ndarray:
+        """(F, 22, 3, 3)."""
+
+    @property
+    def translations(self) -> np.ndarray:
+        """(F, 3) [m]."""
+
+
+class StoredMotion(NamedTuple):
+    """A motion as it stands in a file.
+
+    Parameters
+    ----------
+    name : str
+    rate : float
+        Frames a second.
+    rotations : np.ndarray [shape=(F, 22, 3, 3)]
+        See :class:`.pose.Pose`, a frame.
+    translations : np.ndarray [shape=(F, 3)]
+        Likewise [m].
+    """
+
+    name: str
+    rate: float
+    rotations: np.ndarray
+    translations: np.ndarray
+
+
+@dataclass(frozen=True)
+class Avatar:
+    """What an avatar's file holds.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Avatar frame, in the rest pose.
+    skeleton : Skeleton or None
+    weights : SkinWeights or None
+        Where there is a skeleton.
+    motions : sequence of Motion
+    """
+
+    mesh: Mesh
+    skeleton: Skeleton | None = None
+    weights: SkinWeights | None = None
+    motions: Sequence[Motion] = ()
+
+
+def write_avatar(path: str | os.PathLike, avatar: Avatar, vrm: bool = False) -> None:
+    """Write ``avatar`` as .glb; ``vrm`` names the bones of VRM 1.0's humanoid, too.
+
+    Raises
+    ------
+    OutputError
+        When there is nothing to write, VRM is asked for without a skeleton, or the file cannot be written.
+    """
+    mesh = avatar.mesh
+    if not len(mesh.triangles):
+        raise OutputError(f"{path}: the mesh has no triangles; nothing was written")
+    if not (np.abs(mesh.vertices) < np.finfo(np.float32).max).all():
+        raise OutputError(f"{path}: vertices of the mesh are not finite; nothing was written")
+    if vrm and avatar.skeleton is None:
+        raise OutputError(f"{path}: VRM is for avatars with a skeleton; write .glb")
+    body = {"name": "Avatar", "mesh": 0}
+    gltf = Gltf(
+        {
+            "asset": {"version": "2.0", "generator": "Mirror Scan"},
+            "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [body], "meshes": [{"name": "Avatar", "primitives": []}],
+            "materials": [{"name": "Avatar", "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.8}}],
+        }
+    )  # fmt: skip
+    _add_mesh(gltf, avatar)
+    if avatar.skeleton is not None and avatar.weights is not None:
+        _add_skeleton(gltf, avatar.skeleton)
+        body["skin"] = 0
+        for motion in avatar.motions:
+            _add_motion(gltf, avatar.skeleton, motion)
+        if vrm:
+            _add_vrm(gltf)
+    write_gltf(path, gltf)
+
+
+def read_avatar(path: str | os.PathLike) -> Avatar:
+    """Read an avatar's .glb: one that :func:`write_avatar` wrote, or another with Mixamo's 22 bones.
+
+    Raises
+    ------
+    CaptureError
+        When it cannot be read or holds no mesh.
+    """
+    gltf = read_gltf(path)
+    try:
+        return _avatar_of(gltf, Path(path))
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+        raise CaptureError(f"{path}: is not as glTF files are; it is damaged") from error
+    except CaptureError as error:
+        raise CaptureError(f"{path}: {error}") from error
+
+
+def bone_named(name: str) -> int | None:
+    """The bone that a node or a bone of that name is: Mixamo's, with or without a prefix; None when it is none."""
+    plain = name.rsplit(":", 1)[-1].removeprefix("mixamorig").lstrip("_")
+    return BONES.index(plain) if plain in BONES else None
+
+
+# --- writing ---------------------------------------------------------------------------------------------------------
+
+
+def _add_mesh(gltf: Gltf, avatar: Avatar) -> None:
+    mesh = avatar.mesh
+    points = (mesh.vertices @ _TO_FILE.T).astype(np.float32)
+    normals = vertex_normals(mesh.vertices, mesh.triangles) @ _TO_FILE.T
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.where(lengths > 1e-9, normals / np.maximum(lengths, 1e-9), (0.0, 1.0, 0.0)).astype(np.float32)
+    attributes = {"POSITION": gltf.add(points, VERTICES, bounds=True), "NORMAL": gltf.add(normals, VERTICES)}
+    accessors = gltf.content["accessors"]
+    if mesh.colors is not None:
+        linear = np.full((len(points), 4), 65535, np.uint16)
+        linear[:, :3] = np.rint(65535 * _linear(mesh.colors))
+        attributes["COLOR_0"] = gltf.add(linear, VERTICES)
+        accessors[-1]["normalized"] = True
+    if avatar.weights is not None:
+        attributes["JOINTS_0"] = gltf.add(avatar.weights.index, VERTICES)
+        attributes["WEIGHTS_0"] = gltf.add(_exact(avatar.weights.weight), VERTICES)
+    if mesh.view is not None:
+        attributes["_VIEW"] = gltf.add(mesh.view.astype(np.int8), VERTICES)
+    triangles = mesh.triangles
+    whole = gltf.content["meshes"][0]
+    if mesh.kind is not None:  # glTF has nothing a triangle: they stand in the order of their kinds
+        triangles = triangles[np.argsort(mesh.kind, kind="stable")]
+        counts = np.bincount(mesh.kind, minlength=len(KIND_NAMES))
+        whole["extras"] = {"kinds": dict(zip(KIND_NAMES, counts.tolist(), strict=True))}
+    indices = gltf.add(triangles.astype(np.uint32).ravel(), INDICES)
+    whole["primitives"].append({"attributes": attributes, "indices": indices, "material": 0, "mode": 4})
+
+
+def _exact(weight: np.ndarray) -> np.ndarray:
+    """Weights (V, 4) float32 whose rows sum to 1 in float32 too."""
+    weight = weight.astype(np.float32)
+    weight[:, 0] = np.float32(1.0) - weight[:, 1:].sum(axis=1, dtype=np.float32)
+    return weight
+
+
+def _linear(colors: np.ndarray) -> np.ndarray:
+    """SRGB bytes → linear light, 0 to 1. IEC 61966-2-1."""
+    value = colors / 255.0
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
+def _srgb(linear: np.ndarray) -> np.ndarray:
+    """Linear light, 0 to 1 → sRGB bytes."""
+    value = np.clip(linear, 0.0, 1.0)
+    return np.rint(255 * np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1 / 2.4) - 0.055)).astype(
+        np.uint8
+    )
+
+
+def _add_skeleton(gltf: Gltf, skeleton: Skeleton) -> None:
+    """Nodes of armature and bones, and the skin that binds the mesh to them."""
+    nodes, axes = gltf.content["nodes"], _TO_FILE @ rest_axes(skeleton)
+    joints = skeleton.joints @ _TO_FILE.T
+    armature, first = len(nodes), len(nodes) + 1
+    nodes.append({"name": "Armature", "children": [first]})
+    bind = np.tile(np.eye(4), (len(BONES), 1, 1))
+    turns = quaternions(_relative(axes))
+    for bone, parent in enumerate(PARENTS):
+        offset = joints[bone] if parent < 0 else axes[parent].T @ (joints[bone] - joints[parent])
+        node = {"name": PREFIX + BONES[bone], "translation": offset.tolist(), "rotation": turns[bone].tolist()}
+        children = [first + child for child, above in enumerate(PARENTS) if above == bone]
+        if children:
+            node["children"] = children
+        nodes.append(node)
+        bind[bone, :3, :3] = axes[bone].T
+        bind[bone, :3, 3] = -axes[bone].T @ joints[bone]
+    gltf.content["scenes"][0]["nodes"].append(armature)
+    gltf.content["skins"] = [
+        {
+            "name": "Armature", "skeleton": armature, "joints": list(range(first, first + len(BONES))),
+            "inverseBindMatrices": gltf.add(bind.astype(np.float32)),
+            "extras": {
+                "ends": {name: (_TO_FILE @ end).tolist() for name, end in zip(ENDS, skeleton.ends, strict=True)},
+                "confidence": dict(zip(BONES, skeleton.confidence.tolist(), strict=True)),
+            },
+        }
+    ]  # fmt: skip
+
+
+def _add_motion(gltf: Gltf, skeleton: Skeleton, motion: Motion) -> None:
+    """An animation: every bone's turn, and where the hips are."""
+    first = gltf.content["skins"][0]["joints"][0]
+    frames = len(motion.rotations)
+    times = gltf.add((np.arange(frames) / motion.rate).astype(np.float32), bounds=True)
+    world = _TO_FILE @ (motion.rotations @ rest_axes(skeleton))
+    turns = quaternions(_relative(world)).astype(np.float32)
+    for frame in range(1, frames):  # q and -q are the same turn: the nearer one, to go the shorter way between frames
+        turns[frame] *= np.where((turns[frame] * turns[frame - 1]).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
+    channels, samplers = [], []
+
+    def channel(bone: int, path: str, values: np.ndarray) -> None:
+        samplers.append({"input": times, "output": gltf.add(np.ascontiguousarray(values)), "interpolation": "LINEAR"})
+        channels.append({"sampler": len(samplers) - 1, "target": {"node": first + bone, "path": path}})
+
+    places = (skeleton.joints[0] + motion.translations) @ _TO_FILE.T
+    channel(0, "translation", places.astype(np.float32))
+    for bone in range(len(BONES)):
+        channel(bone, "rotation", turns[:, bone])
+    animations = gltf.content.setdefault("animations", [])
+    animations.append({"name": motion.name, "channels": channels, "samplers": samplers})
+
+
+def _add_vrm(gltf: Gltf) -> None:
+    first = gltf.content["skins"][0]["joints"][0]
+    bones = {}
+    for bone, name in enumerate(BONES):
+        side = next((side for side in ("Left", "Right") if name.startswith(side)), "")
+        bones[side.lower() + _VRM_NAMES[name.removeprefix(side)]] = {"node": first + bone}
+    gltf.content["extensionsUsed"] = ["VRMC_vrm"]
+    gltf.content["extensions"] = {
+        "VRMC_vrm": {
+            "specVersion": "1.0",
+            "meta": {"name": "Avatar", "authors": ["Mirror Scan"], "licenseUrl": _VRM_LICENSE},
+            "humanoid": {"humanBones": bones},
+        }
+    }
+
+
+def _relative(world: np.ndarray) -> np.ndarray:
+    """Rotations (..., 22, 3, 3) in the world → each relative to its parent bone's."""
+    local = world.copy()
+    for bone, parent in enumerate(PARENTS):
+        if parent >= 0:
+            local[..., bone, :, :] = np.swapaxes(world[..., parent, :, :], -1, -2) @ world[..., bone, :, :]
+    return local
+
+
+def quaternions(rotations: np.ndarray) -> np.ndarray:
+    """Unit quaternions (..., 4), x y z w, of rotations (..., 3, 3): the eigenvector of Bar-Itzhack (2000)."""
+    m = rotations
+    sums = np.empty((*m.shape[:-2], 4, 4))
+    for i in range(3):
+        for j in range(3):
+            sums[..., i, j] = m[..., i, j] + m[..., j, i]
+        sums[..., i, i] = 2.0 * m[..., i, i] - np.trace(m, axis1=-2, axis2=-1)
+        j, k = (i + 1) % 3, (i + 2) % 3
+        sums[..., i, 3] = sums[..., 3, i] = m[..., k, j] - m[..., j, k]
+    sums[..., 3, 3] = np.trace(m, axis1=-2, axis2=-1)
+    vector = np.linalg.eigh(sums)[1][..., -1]
+    return vector * np.where(vector[..., 3:] < 0, -1.0, 1.0)
+
+
+def rotations_of(quaternion: np.ndarray) -> np.ndarray:
+    """Rotations (..., 3, 3) of quaternions (..., 4), x y z w, of any length."""
+    x, y, z, w = np.moveaxis(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True), -1, 0)
+    return np.stack(
+        (
+            1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w),
+            2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w),
+            2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y),
+        ), axis=-1,
+    ).reshape(*x.shape, 3, 3)  # fmt: skip
+
+
+# --- reading ---------------------------------------------------------------------------------------------------------
+
+
+def _avatar_of(gltf: Gltf, path: Path) -> Avatar:
+    content = gltf.content
+    nodes = content.get("nodes", [])
+    bodies = [node for node in nodes if "mesh" in node]
+    if not bodies:
+        raise CaptureError("holds no mesh")
+    body = next((node for node in bodies if "skin" in node), bodies[0])
+    whole = content["meshes"][body["mesh"]]
+    primitive = whole["primitives"][0]
+    if primitive.get("mode", 4) != 4 or len(whole["primitives"]) != 1:
+        raise CaptureError("its mesh is not one set of triangles")
+    mesh = _mesh_of(gltf, primitive, whole.get("extras", {}).get("kinds"))
+    if "skin" not in body or "JOINTS_0" not in primitive["attributes"]:
+        return Avatar(mesh)
+    skin = content["skins"][body["skin"]]
+    bones = {bone: node for node in skin["joints"] if (bone := bone_named(nodes[node].get("name", ""))) is not None}
+    missing = [name for bone, name in enumerate(BONES) if bone not in bones]
+    if missing:
+        raise CaptureError(f"its skeleton lacks the bone {PREFIX}{missing[0]}; give an avatar made by Mirror Scan")
+    place = {node: k for k, node in enumerate(skin["joints"])}
+    bind = np.linalg.inv(gltf.array(skin["inverseBindMatrices"]).astype(np.float64))
+    bind = bind[[place[bones[bone]] for bone in range(len(BONES))]]
+    joints = bind[:, :3, 3] @ _TO_FILE
+    axes = _TO_FILE.T @ bind[:, :3, :3]
+    extras = skin.get("extras") or {}
+    ends = np.array([extras["ends"][name] for name in ENDS]) @ _TO_FILE if "ends" in extras else _ends(joints, axes)
+    confidence = extras.get("confidence") or {}
+    skeleton = Skeleton(joints, ends, np.array([float(confidence.get(name, 1.0)) for name in BONES]))
+    weights = _weights_of(gltf, primitive["attributes"], {place[node]: bone for bone, node in bones.items()})
+    motions = [
+        motion for animation in content.get("animations", [])
+        if (motion := _motion_of(gltf, animation, bones, skeleton, axes)) is not None
+    ]  # fmt: skip
+    return Avatar(mesh, skeleton, weights, motions)
+
+
+def _mesh_of(gltf: Gltf, primitive: dict, kinds: dict | None) -> Mesh:
+    attributes = primitive["attributes"]
+    vertices = gltf.array(attributes["POSITION"]).astype(np.float64) @ _TO_FILE
+    triangles = gltf.array(primitive["indices"]).astype(np.int64).reshape(-1, 3)
+    if len(triangles) and triangles.max() >= len(vertices):
+        raise CaptureError("a triangle names a vertex that does not exist; the file is damaged")
+    colors = view = kind = None
+    if "COLOR_0" in attributes:
+        colors = _srgb(gltf.array(attributes["COLOR_0"])[:, :3].astype(np.float64))
+    if "_VIEW" in attributes:
+        view = gltf.array(attributes["_VIEW"]).astype(np.int8)
+    if kinds is not None and sum(kinds.values()) == len(triangles):
+        kind = np.repeat(np.arange(len(KIND_NAMES), dtype=np.int8), [int(kinds[name]) for name in KIND_NAMES])
+    return Mesh(vertices, triangles.astype(np.int32), colors, view, kind)
+
+
+def _weights_of(gltf: Gltf, attributes: dict, bone_of: dict[int, int]) -> SkinWeights:
+    """Weights in our order of bones; what other joints hold, such as fingers, falls to none."""
+    index = gltf.array(attributes["JOINTS_0"])
+    weight = gltf.array(attributes["WEIGHTS_0"]).astype(np.float32)
+    table = np.full(int(index.max()) + 1, -1)
+    for joint, bone in bone_of.items():
+        if joint < len(table):
+            table[joint] = bone
+    bones = table[index]
+    weight = np.where(bones >= 0, weight, 0.0)
+    total = weight.sum(axis=1, keepdims=True)
+    weight = np.where(total > 0, weight / np.maximum(total, 1e-9), (1.0, 0.0, 0.0, 0.0))
+    order = np.argsort(-weight, axis=1, kind="stable")
+    weight = np.take_along_axis(weight, order, axis=1)
+    bones = np.take_along_axis(np.maximum(bones, 0), order, axis=1)
+    return SkinWeights(np.where(weight > 0, bones, 0).astype(np.uint8), weight.astype(np.float32))
+
+
+def _ends(joints: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Ends (5, 3) of a skeleton whose file does not say them: along the last bones, in usual proportions."""
+    shares = {"Head": ("Neck", 2.0), "LeftHand": ("LeftForeArm", 0.7), "RightHand": ("RightForeArm", 0.7),
+              "LeftToeBase": ("LeftFoot", 0.45), "RightToeBase": ("RightFoot", 0.45)}  # fmt: skip
+    ends = []
+    for name, (before, share) in shares.items():
+        bone, other = BONES.index(name), BONES.index(before)
+        length = np.linalg.norm(joints[bone] - joints[other])
+        ends.append(joints[bone] + share * length * axes[bone, :, 1])
+    return np.array(ends)
+
+
+def _motion_of(
+    gltf: Gltf, animation: dict, bones: dict[int, int], skeleton: Skeleton, axes: np.ndarray
+) -> StoredMotion | None:
+    """An animation of the skeleton's bones, None when it is of something else; sampled at its own frames."""
+    tracks = {}
+    for channel in animation["channels"]:
+        target, sampler = channel["target"], animation["samplers"][channel["sampler"]]
+        if target["path"] in ("rotation", "translation") and "node" in target:
+            times, values = gltf.array(sampler["input"]), gltf.array(sampler["output"])
+            if sampler.get("interpolation") == "CUBICSPLINE":
+                values = values[1::3]
+            tracks[target["node"], target["path"]] = (times.astype(np.float64), values.astype(np.float64))
+    known = [times for (node, _), (times, _) in tracks.items() if node in bones.values()]
+    if not known:
+        return None
+    times = max(known, key=len)
+    rest = _relative(_TO_FILE @ axes)
+    world = np.empty((len(times), len(BONES), 3, 3))
+    for bone, parent in enumerate(PARENTS):
+        track = tracks.get((bones[bone], "rotation"))
+        local = rest[bone][None] if track is None else rotations_of(_sampled(track, times))
+        world[:, bone] = local if parent < 0 else world[:, parent] @ local
+    rotations = _TO_FILE.T @ world @ np.swapaxes(axes, 1, 2)
+    hips = tracks.get((bones[0], "translation"))
+    places = np.tile(skeleton.joints[0], (len(times), 1)) if hips is None else _sampled(hips, times) @ _TO_FILE
+    rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 and times[-1] > times[0] else 30.0
+    return StoredMotion(str(animation.get("name", "")), round(float(rate), 3), rotations, places - skeleton.joints[0])
+
+
+def _sampled(track: tuple[np.ndarray, np.ndarray], times: np.ndarray) -> np.ndarray:
+    """A track's values (F, K) at ``times``; between its own, in a straight line."""
+    if len(track[0]) == len(times) and np.array_equal(track[0], times):
+        return track[1]
+    values = track[1].copy()
+    if values.shape[1] == 4:
+        for k in range(1, len(values)):
+            if values[k] @ values[k - 1] < 0:
+                values[k] *= -1.0
+    return np.stack([np.interp(times, track[0], column) for column in values.T], axis=1)
