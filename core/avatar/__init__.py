@@ -1,3 +1,11 @@
 """The avatar: the closed mesh in its own frame, its skeleton, its poses."""
 
-__all__ = ["coordinate_frame", "pose", "skeleton"]
+__all__ = [
+    "avatar_file",
+    "bone_axes",
+    "coordinate_frame",
+    "pose",
+    "skeleton",
+    "skin_weights",
+    "weight_fields",
+]
