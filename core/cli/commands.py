@@ -45,7 +45,8 @@ CLEANING: dict[str, dict[str, float]] = {
 
 def run_reconstruct(options: argparse.Namespace, writers: Writers) -> None:
     """``reconstruct``: make an avatar of one or several captures."""
-    outputs = plan_outputs(options.outputs, writers)
+    options.skeleton = options.skeleton or options.vrm
+    outputs = plan_outputs(options.outputs, writers, options.skeleton, options.vrm)
     check_targets([*options.outputs, *([options.report] if options.report else [])])
 
     result, read_ms = _reconstructed(options)
@@ -295,6 +296,7 @@ def settings_of(options: argparse.Namespace) -> Settings:
         light=LightSettings(given.get("two_way_light", "auto"), given.get("frequencies", ())),
         views=ViewSettings(click=given.get("subject"), object=given.get("object", False)),
         closing=ClosingSettings(keep_islands=given.get("keep_islands", False)),
+        skeleton=given.get("skeleton", False),
     )
 
 

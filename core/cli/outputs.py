@@ -21,14 +21,18 @@ if TYPE_CHECKING:
 
 Writers = Mapping[str, Callable[["Path", "Reconstruction"], object]]
 
-BLENDER_SUFFIXES = (".blend", ".glb", ".fbx")
+BLENDER_SUFFIXES = (".blend", ".glb", ".fbx", ".usd", ".usdc")
 PLAIN_SUFFIXES = (".ply", ".obj", ".stl")
 SIMULATION_ENTRIES = {"intrinsic.json", "mirrors.json", "depth", "color", "truth"}
 
 
-def writer_of(path: Path, writers: Writers) -> Callable[[Path, Reconstruction], object]:
-    """What writes ``path``, by its suffix."""
+def writer_of(
+    path: Path, writers: Writers, skeleton: bool = False, vrm: bool = False
+) -> Callable[[Path, Reconstruction], object]:
+    """What writes ``path``, by its suffix; an avatar with a skeleton goes to .glb without Blender."""
     suffix = path.suffix.lower()
+    if suffix == ".glb" and skeleton:
+        return lambda target, result: write_glb(target, result, vrm)
     if suffix in PLAIN_SUFFIXES:
         from ..io import write_mesh
 
@@ -39,15 +43,28 @@ def writer_of(path: Path, writers: Writers) -> Callable[[Path, Reconstruction], 
         raise OutputError(
             f"{path}: {suffix} needs Blender's Python module; “pip install bpy==5.0.1” (Python 3.11), bpy==5.2.3 "
             f"(Python 3.13) or bpy 4.5 LTS (Python 3.11); this is Python {sys.version_info[0]}.{sys.version_info[1]}. "
-            "Without it, write .ply, .obj or .stl"
+            "Without it, write .ply, .obj or .stl, or .glb with --skeleton"
         )
     known = ", ".join((*PLAIN_SUFFIXES, *BLENDER_SUFFIXES))
     raise OutputError(f"{path}: unknown format “{path.suffix}”; use one of {known}")
 
 
-def plan_outputs(paths: Iterable[Path], writers: Writers) -> list[tuple[Path, Callable]]:
+def write_glb(path: Path, result: Reconstruction, vrm: bool = False) -> None:
+    """Write .glb by :mod:`..avatar.avatar_file`: glTF has an up axis, so it is always the avatar frame."""
+    from ..avatar.avatar_file import Avatar, write_avatar
+
+    mesh, skeleton = result.mesh, result.skeleton
+    if result.frame == "camera":
+        mesh = mesh.transformed(result.camera_to_avatar)
+        skeleton = None if skeleton is None else skeleton.transformed(result.camera_to_avatar)
+    write_avatar(path, Avatar(mesh, skeleton, result.weights), vrm and skeleton is not None)
+
+
+def plan_outputs(
+    paths: Iterable[Path], writers: Writers, skeleton: bool = False, vrm: bool = False
+) -> list[tuple[Path, Callable]]:
     """Each path with what writes it."""
-    return [(path, writer_of(path, writers)) for path in paths]
+    return [(path, writer_of(path, writers, skeleton, vrm)) for path in paths]
 
 
 def check_targets(paths: Sequence[Path]) -> None:

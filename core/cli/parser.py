@@ -66,7 +66,8 @@ def _add_reconstruct(subparsers: _Commands) -> None:
     )  # fmt: skip
     command.add_argument(
         "-o", dest="outputs", metavar="OUT", type=Path, action="append", required=True,
-        help="file to write, by suffix: .ply .obj .stl, with Blender also .blend .glb .fbx; may be given several times",
+        help="file to write, by suffix: .ply .obj .stl, with --skeleton .glb, with Blender also .blend .glb .fbx .usd; "
+        "may be given several times",
     )  # fmt: skip
     command.add_argument("--mirrors", metavar="FILE", type=Path, help="mirrors.json to use instead of the capture's")
     command.add_argument(
@@ -79,6 +80,10 @@ def _add_reconstruct(subparsers: _Commands) -> None:
         "--subject", metavar="U,V", type=_pixel, help="pixel of the depth image on the subject, if another is found"
     )
     command.add_argument("--object", action="store_true", help="the subject is any object: cut off what it stands on")
+    command.add_argument(
+        "--skeleton", action="store_true", help="give the avatar joints and skin weights, so that it can be posed"
+    )
+    command.add_argument("--vrm", action="store_true", help="name the bones of VRM's humanoid in .glb, too")
     command.add_argument("--keep-islands", action="store_true", help="keep pieces that are not connected to the body")
     command.add_argument("--report", metavar="FILE", type=Path, help="write what was found and measured, as JSON")
     command.add_argument("--frame", choices=("avatar", "camera"), default="avatar", help="coordinates (default avatar)")

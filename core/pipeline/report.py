@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..avatar.skeleton import BONES, Skeleton
 from ..mesh import FILL, SEAM, Mesh
 from ..mesh.soundness import mesh_report
 from ..zippering.seam_strips import Seam
@@ -18,6 +19,7 @@ def make_report(
     seams: list[Seam],
     warnings: tuple[str, ...],
     clock: Clock,
+    skeleton: Skeleton | None = None,
 ) -> dict:
     """The report as plain Python values, ready for JSON."""
     assert mesh.kind is not None  # a closed mesh says it
@@ -25,7 +27,7 @@ def make_report(
     names = scan.names
     person = np.concatenate([patch.vertices for patch in patches])[::97]
     clock.lap("checking")
-    return {
+    report = {
         "camera_to_avatar": to_avatar.tolist(),
         "sensor": scan.sensor,
         "cameras": [{"sensor": one.sensor, "measures": one.measures, "by": one.by} for one in scan.principles],
@@ -81,6 +83,15 @@ def make_report(
         else {"lit_twice_share": scan.lit_twice[0], "corrected_share": scan.lit_twice[1]},
         "timings_ms": {name: round(value, 2) for name, value in clock.laps.items()},
         "warnings": [str(warning) for warning in warnings],  # without the parts of notices
+    }
+    return report if skeleton is None else report | {"skeleton": skeleton_summary(skeleton)}
+
+
+def skeleton_summary(skeleton: Skeleton) -> dict:
+    """Joints [m] and how certain they are, by name."""
+    return {
+        "joints": dict(zip(BONES, skeleton.joints.tolist(), strict=True)),
+        "confidence": dict(zip(BONES, skeleton.confidence.tolist(), strict=True)),
     }
 
 

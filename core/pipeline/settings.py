@@ -26,7 +26,7 @@ from ..zippering.zipper import ZipperSettings
 
 @dataclass(frozen=True)
 class Settings:
-    """Every stage's settings; the defaults work."""
+    """Every stage's settings; the defaults work. ``skeleton``: the avatar gets joints and skin weights."""
 
     depth: DepthSettings = DepthSettings()
     mirror: MirrorSettings = MirrorSettings()
@@ -47,3 +47,4 @@ class Settings:
     seams: SeamSettings = SeamSettings()
     seam_glass: SeamGlassSettings = SeamGlassSettings()
     closing: ClosingSettings = ClosingSettings()
+    skeleton: bool = False

@@ -8,9 +8,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..avatar.coordinate_frame import avatar_frame
+from ..avatar.pose import SkinWeights
+from ..avatar.skeleton import Skeleton
+from ..avatar.skin_weights import skinned_mesh
 from ..checks.plausibility import ScanFacts, check_avatar
 from ..checks.view_disagreement import check_seams
 from ..closing.mesh_closing import close_mesh
+from ..errors import MirrorScanError, Notice
 from ..mesh import Mesh
 from ..mirror_alignment.seam_alignment import align_seams, mirrored_views, move_views
 from ..mirror_alignment.seam_glass import glass_by_seams, seen_through
@@ -46,6 +50,10 @@ class Reconstruction:
         The views' patches as they went to the zipper, camera frame.
     mirrors : tuple of Mirror
         Camera frame.
+    skeleton : Skeleton or None
+        In ``frame``; None where none was asked for, or none was found.
+    weights : SkinWeights or None
+        Of the mesh's vertices, where there is a skeleton.
     """
 
     mesh: Mesh
@@ -55,6 +63,8 @@ class Reconstruction:
     warnings: tuple[str, ...] = field(default=())
     patches: tuple[Mesh, ...] = field(default=())
     mirrors: tuple[Mirror, ...] = field(default=())
+    skeleton: Skeleton | None = None
+    weights: SkinWeights | None = None
 
 
 def joining_steps(
@@ -90,13 +100,37 @@ def joining_steps(
     to_avatar = avatar_frame(closed.vertices, scan.up, scan.axis, scan.floor)
     mesh = closed.transformed(to_avatar)
     warnings = (*scan.warnings, *notes)
-    report = make_report(mesh, to_avatar, scan, patches, seams, warnings, clock)
+    skeleton = weights = None
+    if settings.skeleton:
+        yield 0.96, "Finding the skeleton"
+        skeleton, reasons = _skeleton_of(mesh, settings)
+        warnings = (*warnings, *reasons)
+        if skeleton is not None:
+            mesh, weights = skinned_mesh(mesh, skeleton)
+        clock.lap("skeleton")
+    report = make_report(mesh, to_avatar, scan, patches, seams, warnings, clock, skeleton)
     litres = report["mesh"]["volume_l"]
     facts = _facts(scan, settings, to_avatar)
     check_avatar(mesh, None if litres is None else 1e-3 * litres, facts, settings.views.object)
+    if frame == "camera":
+        to_camera = np.linalg.inv(to_avatar)
+        mesh = closed if skeleton is None else mesh.transformed(to_camera)
+        skeleton = None if skeleton is None else skeleton.transformed(to_camera)
     return Reconstruction(
-        mesh if frame == "avatar" else closed, frame, to_avatar, report, warnings, tuple(patches), tuple(scan.mirrors)
+        mesh, frame, to_avatar, report, warnings, tuple(patches), tuple(scan.mirrors), skeleton, weights
     )
+
+
+def _skeleton_of(mesh: Mesh, settings: Settings) -> tuple[Skeleton | None, tuple[Notice, ...]]:
+    """The skeleton of an avatar, or why it has none."""
+    from ..avatar.find_skeleton import find_skeleton
+
+    if settings.views.object:
+        return None, (Notice("no skeleton: the subject is an object, not a person"),)
+    try:
+        return find_skeleton(mesh), ()
+    except MirrorScanError as error:
+        return None, (Notice("no skeleton: {reason}", reason=error),)
 
 
 def _facts(scan: Scan, settings: Settings, to_avatar: np.ndarray) -> ScanFacts:

@@ -1,4 +1,4 @@
-"""A reconstruction to .blend, .glb and .fbx, for the command line and for scripts.
+"""A reconstruction to .blend, .glb, .fbx and .usd, for the command line and for scripts.
 
 Each writer builds its own scene and takes it away again: what is open in this Blender is neither saved nor changed.
 Files appear under their name only when they are complete.
@@ -24,25 +24,32 @@ from ...core.errors import OutputError
 from ...core.io.atomic_files import replacing
 from ..language.texts import say
 from . import avatar_objects as avatar_scene
+from .armature import add_armature, add_motion
 from .units import metres_per_unit
 
 if TYPE_CHECKING:
+    from ...core.avatar.avatar_file import Avatar, Motion
     from ...core.pipeline import Reconstruction
 
+    Rigged = Reconstruction | Avatar
 
 VIEW_ANGLE = math.radians(25)  # the camera stands that far to the side of the person's front
 CAMERA_LENS, VIEWPORT_LENS = 50.0, 50.0  # [mm]
 
 
-def write_blend(path: str | os.PathLike, reconstruction: Reconstruction, *, own_process: bool = False) -> None:
+def write_blend(
+    path: str | os.PathLike, reconstruction: Rigged, *, own_process: bool = False, motion: Motion | None = None
+) -> None:
     """Write a .blend with the avatar, a camera and a light.
 
     Parameters
     ----------
     path : path
         Ends in .blend.
-    reconstruction : Reconstruction
-        Its report is kept with the object.
+    reconstruction : Reconstruction or Avatar
+        A reconstruction's report is kept with the object.
+    motion : Motion, optional
+        Becomes the skeleton's action.
     own_process : bool
         True says that nobody works in this Blender (the command line): the file then starts from factory settings, so
         that it opens with the avatar framed and coloured in every 3D viewport. What was open in this process is gone
@@ -57,18 +64,18 @@ def write_blend(path: str | os.PathLike, reconstruction: Reconstruction, *, own_
         if own_process:
             bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
             target = bpy.context.scene
-            avatar = _stage(target, reconstruction)
+            avatar = _stage(target, reconstruction, motion)
             for viewport in _viewports():
                 _frame_viewport(viewport, avatar)
             with _quiet():
                 bpy.ops.wm.save_as_mainfile(filepath=str(temporary), copy=True, compress=True)
         else:
             with _temporary_scene() as target:
-                _stage(target, reconstruction)
+                _stage(target, reconstruction, motion)
                 bpy.data.libraries.write(str(temporary), {target}, compress=True)
 
 
-def write_glb(path: str | os.PathLike, reconstruction: Reconstruction) -> None:
+def write_glb(path: str | os.PathLike, reconstruction: Rigged) -> None:
     """Write binary glTF 2.0: metres, Y up, colours as ``COLOR_0`` (linear, as glTF wants them).
 
     Raises
@@ -89,12 +96,13 @@ def write_glb(path: str | os.PathLike, reconstruction: Reconstruction) -> None:
             export_vertex_color="MATERIAL",
             export_animations=False,
             export_extras=False,
+            export_skins=reconstruction.skeleton is not None,
         )
         _check_holds_faces(path, temporary, "GLB")
 
 
-def write_fbx(path: str | os.PathLike, reconstruction: Reconstruction) -> None:
-    """Write FBX in metres, with sRGB vertex colours.
+def write_fbx(path: str | os.PathLike, reconstruction: Rigged, *, motion: Motion | None = None) -> None:
+    """Write FBX in metres, with sRGB vertex colours, skeleton and ``motion`` where there are such.
 
     The unit goes into the file's unit factor, not into a scale of the object, so that programs that know metres and
     programs that count centimetres both show a person of the right height.
@@ -105,19 +113,42 @@ def write_fbx(path: str | os.PathLike, reconstruction: Reconstruction) -> None:
         When the file cannot be written, or Blender's FBX exporter is missing or fails.
     """
     with replacing(path) as temporary, _temporary_scene() as target:
-        _add_avatar(target, reconstruction)
+        _add_avatar(target, reconstruction, motion)
         _export(
             target,
             "io_scene_fbx",
             "fbx",
             filepath=str(temporary),
-            object_types={"MESH"},
+            object_types={"MESH", "ARMATURE"},
             apply_scale_options="FBX_SCALE_ALL",
             colors_type="SRGB",
             prioritize_active_color=True,
-            bake_anim=False,
+            add_leaf_bones=False,
+            bake_anim=motion is not None,
+            bake_anim_use_nla_strips=False,
+            bake_anim_use_all_actions=False,
+            bake_anim_simplify_factor=0.0,
         )
         _check_holds_faces(path, temporary, "FBX")
+
+
+def write_usd(path: str | os.PathLike, reconstruction: Rigged, *, motion: Motion | None = None) -> None:
+    """Write USD in metres, Z up, with colours, skeleton and ``motion`` where there are such.
+
+    Raises
+    ------
+    OutputError
+        When the file cannot be written, or Blender's exporter fails.
+    """
+    with replacing(path) as temporary, _temporary_scene() as target:
+        _add_avatar(target, reconstruction, motion)
+        with _shown(target), _quiet():
+            try:
+                bpy.ops.wm.usd_export(filepath=str(temporary), export_animation=motion is not None)
+            except RuntimeError as error:
+                text = say("{path}: Blender cannot write it: {reason}")
+                raise OutputError(text.format(path=path, reason=_reason(str(error)))) from error
+        _check_holds_faces(path, temporary, "USDC")
 
 
 def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -> None:
@@ -324,7 +355,10 @@ def _renamed(avatar: bpy.types.Object) -> Iterator[None]:
 @contextlib.contextmanager
 def _removed_again() -> Iterator[None]:
     """What is added to the open file meanwhile is removed at the end."""
-    collections = (bpy.data.objects, bpy.data.meshes, bpy.data.materials, bpy.data.cameras, bpy.data.lights)
+    collections = (
+        bpy.data.objects, bpy.data.meshes, bpy.data.materials, bpy.data.cameras, bpy.data.lights, bpy.data.armatures,
+        bpy.data.actions,
+    )  # fmt: skip
     before = {block for blocks in collections for block in blocks}
     try:
         yield
@@ -332,19 +366,30 @@ def _removed_again() -> Iterator[None]:
         bpy.data.batch_remove([block for blocks in collections for block in blocks if block not in before])
 
 
-def _add_avatar(target: bpy.types.Scene, reconstruction: Reconstruction) -> bpy.types.Object:
-    report = reconstruction.report | {"warnings": list(reconstruction.warnings)}
+def _add_avatar(target: bpy.types.Scene, reconstruction: Rigged, motion: Motion | None = None) -> bpy.types.Object:
+    report = getattr(reconstruction, "report", None)
+    if report is not None:
+        report = report | {"warnings": list(reconstruction.warnings)}
     avatar = avatar_scene.create_avatar(reconstruction.mesh, collection=target.collection, report=report)
     layer = target.view_layers[0]
     layer.update()
+    if reconstruction.skeleton is not None and reconstruction.weights is not None:
+        with _shown(target):
+            bones = add_armature(avatar, reconstruction.skeleton, reconstruction.weights, target.collection)
+        if motion is not None:
+            add_motion(bones, motion)
+            target.render.fps_base = 1.0 if motion.rate == round(motion.rate) else math.ceil(motion.rate) / motion.rate
+            target.render.fps = math.ceil(motion.rate)
+            target.frame_start, target.frame_end = 0, len(motion.rotations) - 1
+        bones.select_set(True, view_layer=layer)
     avatar.select_set(True, view_layer=layer)
     layer.objects.active = avatar
     return avatar
 
 
-def _stage(target: bpy.types.Scene, reconstruction: Reconstruction) -> bpy.types.Object:
+def _stage(target: bpy.types.Scene, reconstruction: Rigged, motion: Motion | None = None) -> bpy.types.Object:
     """Avatar, camera and sun in an empty scene, ready to render."""
-    avatar = _add_avatar(target, reconstruction)
+    avatar = _add_avatar(target, reconstruction, motion)
     center, radius = _bounds(avatar)
 
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))

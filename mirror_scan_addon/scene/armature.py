@@ -1,0 +1,174 @@
+"""Skeletons as Blender armatures: bones, vertex groups, motions, and back.
+
+Bones have Mixamo's names and axes, so that its clips play by name alone.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from mathutils import Vector
+
+from ...core.avatar.avatar_file import PREFIX, Avatar, Motion, bone_named, quaternions
+from ...core.avatar.bone_axes import rest_axes
+from ...core.avatar.pose import SkinWeights
+from ...core.avatar.skeleton import BONES, ENDS, PARENTS, Skeleton
+from ...core.errors import CaptureError
+from ..language.texts import say
+from .avatar_objects import read_surface
+
+_ENDS_OF = ("Head", "LeftHand", "RightHand", "LeftToeBase", "RightToeBase")
+_SHORTEST = 0.002  # Blender removes bones without length [m]
+
+
+def add_armature(
+    avatar: bpy.types.Object, skeleton: Skeleton, weights: SkinWeights, collection: bpy.types.Collection,
+    unit: float = 1.0,
+) -> bpy.types.Object:  # fmt: skip
+    """An armature for a mesh object, which it moves by vertex groups from now on; linked to ``collection``.
+
+    Bones stand in front of the mesh. The collection must be in the context's view layer: Blender makes bones only
+    there, in edit mode.
+
+    Parameters
+    ----------
+    avatar : bpy.types.Object
+        Not moved, turned or scaled.
+    skeleton : Skeleton
+        In the mesh's frame [m].
+    weights : SkinWeights
+        Of the mesh's vertices.
+    collection : bpy.types.Collection
+    unit : float
+        Metres in a Blender unit.
+    """
+    data = bpy.data.armatures.new(f"{avatar.name} Skeleton")
+    armature = bpy.data.objects.new(data.name, data)
+    armature.show_in_front = True
+    collection.objects.link(armature)
+    layer = bpy.context.view_layer
+    layer.update()
+    active = layer.objects.active
+    layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    try:
+        _add_bones(data, skeleton, unit)
+    finally:
+        bpy.ops.object.mode_set(mode="OBJECT")
+        layer.objects.active = active
+    data["confidence"] = skeleton.confidence.tolist()
+    for bone in armature.pose.bones:
+        bone.rotation_mode = "QUATERNION"
+    set_weights(avatar, weights)
+    modifier = avatar.modifiers.new("Armature", "ARMATURE")
+    modifier.object = armature
+    avatar.parent = armature
+    return armature
+
+
+def _add_bones(data: bpy.types.Armature, skeleton: Skeleton, unit: float) -> None:
+    axes, tails = rest_axes(skeleton), skeleton.tails()
+    for bone, (name, parent) in enumerate(zip(BONES, PARENTS, strict=True)):
+        made = data.edit_bones.new(PREFIX + name)
+        length = max(float(np.linalg.norm(tails[bone] - skeleton.joints[bone])), _SHORTEST)
+        made.head = Vector(skeleton.joints[bone] / unit)
+        made.tail = Vector((skeleton.joints[bone] + length * axes[bone][:, 1]) / unit)
+        made.align_roll(Vector(axes[bone][:, 2]))
+        if parent >= 0:
+            made.parent = data.edit_bones[PREFIX + BONES[parent]]
+
+
+def set_weights(avatar: bpy.types.Object, weights: SkinWeights) -> None:
+    """Weights as vertex groups, which replace those of the same names."""
+    for name in BONES:
+        old = avatar.vertex_groups.get(PREFIX + name)
+        if old is not None:
+            avatar.vertex_groups.remove(old)
+    groups = [avatar.vertex_groups.new(name=PREFIX + name) for name in BONES]
+    for column in range(weights.index.shape[1]):
+        held = np.flatnonzero(weights.weight[:, column] > 0)
+        held_by, share = weights.index[held, column].tolist(), weights.weight[held, column].tolist()
+        for vertex, bone, weight in zip(held.tolist(), held_by, share, strict=True):
+            groups[bone].add((vertex,), weight, "REPLACE")
+
+
+def add_motion(armature: bpy.types.Object, motion: Motion, unit: float = 1.0) -> bpy.types.Action:
+    """A motion as an action of the armature, a key a frame, from frame 0 on; it becomes the armature's own."""
+    skeleton = read_skeleton(armature, unit)
+    axes = rest_axes(skeleton)
+    frames = len(motion.rotations)
+    above = np.array([max(parent, 0) for parent in PARENTS])
+    relative = np.swapaxes(motion.rotations[:, above], -1, -2) @ motion.rotations
+    relative[:, 0] = motion.rotations[:, 0]
+    turns = quaternions(np.swapaxes(axes, 1, 2) @ relative @ axes)[..., [3, 0, 1, 2]]
+    for frame in range(1, frames):
+        turns[frame] *= np.where((turns[frame] * turns[frame - 1]).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
+    places = motion.translations @ axes[0] / unit
+    action = bpy.data.actions.new(motion.name or "Motion")
+    armature.animation_data_create().action = action
+    slot = action.slots.new("OBJECT", armature.name)
+    armature.animation_data.action_slot = slot
+    curves = action.layers.new("Layer").strips.new(type="KEYFRAME").channelbag(slot, ensure=True).fcurves
+    tracks = {f'pose.bones["{PREFIX}{BONES[0]}"].location': places}
+    tracks |= {f'pose.bones["{PREFIX}{name}"].rotation_quaternion': turns[:, bone] for bone, name in enumerate(BONES)}
+    for path, values in tracks.items():
+        for index in range(values.shape[1]):
+            curve = curves.new(path, index=index)
+            curve.keyframe_points.add(frames)
+            keys = np.column_stack((np.arange(frames), values[:, index])).astype(np.float32)
+            curve.keyframe_points.foreach_set("co", keys.ravel())
+            curve.keyframe_points.foreach_set("interpolation", np.ones(frames, np.uint8))  # linear
+            curve.update()
+    return action
+
+
+def armature_of(avatar: bpy.types.Object) -> bpy.types.Object | None:
+    """The armature with Mixamo's bones that moves a mesh object; None when there is none."""
+    for modifier in avatar.modifiers:
+        if modifier.type == "ARMATURE" and modifier.object is not None:
+            names = {bone_named(bone.name) for bone in modifier.object.data.bones}
+            if names.issuperset(range(len(BONES))):
+                return modifier.object
+    return None
+
+
+def read_skeleton(armature: bpy.types.Object, unit: float = 1.0) -> Skeleton:
+    """The skeleton of an armature, in its own frame [m]."""
+    bones = {bone_named(bone.name): bone for bone in armature.data.bones}
+    joints = unit * np.array([bones[bone].head_local for bone in range(len(BONES))])
+    ends = unit * np.array([bones[BONES.index(name)].tail_local for name in _ENDS_OF])
+    assert len(ends) == len(ENDS)
+    confidence = armature.data.get("confidence")
+    known = np.ones(len(BONES)) if confidence is None else np.array(confidence, dtype=np.float64)
+    return Skeleton(joints, ends, known)
+
+
+def read_avatar(avatar: bpy.types.Object, unit: float = 1.0) -> Avatar:
+    """A mesh object with skeleton, weights and the armature's motion, in metres, in its rest pose.
+
+    Raises
+    ------
+    CaptureError
+        When no armature with Mixamo's bones moves it.
+    """
+    armature = armature_of(avatar)
+    if armature is None:
+        raise CaptureError(say("{name}: has no skeleton").format(name=avatar.name))
+    mesh = read_surface(avatar, np.full(3, unit))
+    return Avatar(mesh, read_skeleton(armature, unit), read_weights(avatar), ())
+
+
+def read_weights(avatar: bpy.types.Object) -> SkinWeights:
+    """Weights of a mesh object's vertex groups: the four largest a vertex, their sum 1."""
+    bone_of = {group.index: bone_named(group.name) for group in avatar.vertex_groups}
+    dense = np.zeros((len(avatar.data.vertices), len(BONES)), np.float32)
+    for row, vertex in zip(dense, avatar.data.vertices, strict=True):
+        for member in vertex.groups:
+            bone = bone_of.get(member.group)
+            if bone is not None:
+                row[bone] += member.weight
+    index = np.argsort(-dense, axis=1, kind="stable")[:, :4]
+    weight = np.take_along_axis(dense, index, axis=1)
+    total = weight.sum(axis=1, keepdims=True)
+    weight = np.where(total > 0, weight / np.maximum(total, 1e-9), np.float32([1, 0, 0, 0]))
+    return SkinWeights(np.where(weight > 0, index, 0).astype(np.uint8), weight.astype(np.float32))
