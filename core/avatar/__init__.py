@@ -3,6 +3,7 @@
 __all__ = [
     "avatar_file",
     "bone_axes",
+    "clip",
     "coordinate_frame",
     "pose",
     "skeleton",

@@ -1,4 +1,4 @@
-"""Avatars as binary glTF (.glb, .vrm): mesh, colours, skeleton, weights and motions, written and read without Blender.
+"""Avatars as binary glTF (.glb, .vrm): mesh, colours, skeleton, weights and clips, written and read without Blender.
 
 Files are in metres, Y up, facing +Z. Bones are nodes with Mixamo's names and axes, so that its clips play by name.
 """
@@ -9,7 +9,6 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from ..io.gltf import INDICES, VERTICES, Gltf, read_gltf, write_gltf
 from ..mesh import KIND_NAMES, Mesh
 from ..mesh.normals import vertex_normals
 from .bone_axes import rest_axes
+from .clip import Clip
 from .pose import SkinWeights
 from .skeleton import BONES, ENDS, PARENTS, Skeleton
 
@@ -31,46 +31,6 @@ _VRM_NAMES = {
 _VRM_LICENSE = "https://vrm.dev/licenses/1.0/"
 
 
-class Motion(Protocol):
-    """What a motion has that is written; see :class:`StoredMotion`."""
-
-    @property
-    def name(self) -> str:
-        """For lists of motions."""
-
-    @property
-    def rate(self) -> float:
-        """Frames a second."""
-
-    @property
-    def rotations(self) -> np.ndarray:
-        """(F, 22, 3, 3)."""
-
-    @property
-    def translations(self) -> np.ndarray:
-        """(F, 3) [m]."""
-
-
-class StoredMotion(NamedTuple):
-    """A motion as it stands in a file.
-
-    Parameters
-    ----------
-    name : str
-    rate : float
-        Frames a second.
-    rotations : np.ndarray [shape=(F, 22, 3, 3)]
-        See :class:`.pose.Pose`, a frame.
-    translations : np.ndarray [shape=(F, 3)]
-        Likewise [m].
-    """
-
-    name: str
-    rate: float
-    rotations: np.ndarray
-    translations: np.ndarray
-
-
 @dataclass(frozen=True)
 class Avatar:
     """What an avatar's file holds.
@@ -82,13 +42,14 @@ class Avatar:
     skeleton : Skeleton or None
     weights : SkinWeights or None
         Where there is a skeleton.
-    motions : sequence of Motion
+    clips : sequence of Clip
+        Motions of the skeleton.
     """
 
     mesh: Mesh
     skeleton: Skeleton | None = None
     weights: SkinWeights | None = None
-    motions: Sequence[Motion] = ()
+    clips: Sequence[Clip] = ()
 
 
 def write_avatar(path: str | os.PathLike, avatar: Avatar, vrm: bool = False) -> None:
@@ -118,8 +79,8 @@ def write_avatar(path: str | os.PathLike, avatar: Avatar, vrm: bool = False) -> 
     if avatar.skeleton is not None and avatar.weights is not None:
         _add_skeleton(gltf, avatar.skeleton)
         body["skin"] = 0
-        for motion in avatar.motions:
-            _add_motion(gltf, avatar.skeleton, motion)
+        for clip in avatar.clips:
+            _add_clip(gltf, avatar.skeleton, clip)
         if vrm:
             _add_vrm(gltf)
     write_gltf(path, gltf)
@@ -230,12 +191,12 @@ def _add_skeleton(gltf: Gltf, skeleton: Skeleton) -> None:
     ]  # fmt: skip
 
 
-def _add_motion(gltf: Gltf, skeleton: Skeleton, motion: Motion) -> None:
+def _add_clip(gltf: Gltf, skeleton: Skeleton, clip: Clip) -> None:
     """An animation: every bone's turn, and where the hips are."""
     first = gltf.content["skins"][0]["joints"][0]
-    frames = len(motion.rotations)
-    times = gltf.add((np.arange(frames) / motion.rate).astype(np.float32), bounds=True)
-    world = _TO_FILE @ (motion.rotations @ rest_axes(skeleton))
+    frames = len(clip.rotations)
+    times = gltf.add((np.arange(frames) / clip.rate).astype(np.float32), bounds=True)
+    world = _TO_FILE @ (clip.rotations @ rest_axes(skeleton))
     turns = quaternions(_relative(world)).astype(np.float32)
     for frame in range(1, frames):  # q and -q are the same turn: the nearer one, to go the shorter way between frames
         turns[frame] *= np.where((turns[frame] * turns[frame - 1]).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
@@ -245,12 +206,12 @@ def _add_motion(gltf: Gltf, skeleton: Skeleton, motion: Motion) -> None:
         samplers.append({"input": times, "output": gltf.add(np.ascontiguousarray(values)), "interpolation": "LINEAR"})
         channels.append({"sampler": len(samplers) - 1, "target": {"node": first + bone, "path": path}})
 
-    places = (skeleton.joints[0] + motion.translations) @ _TO_FILE.T
+    places = (skeleton.joints[0] + clip.translations) @ _TO_FILE.T
     channel(0, "translation", places.astype(np.float32))
     for bone in range(len(BONES)):
         channel(bone, "rotation", turns[:, bone])
     animations = gltf.content.setdefault("animations", [])
-    animations.append({"name": motion.name, "channels": channels, "samplers": samplers})
+    animations.append({"name": clip.name, "channels": channels, "samplers": samplers})
 
 
 def _add_vrm(gltf: Gltf) -> None:
@@ -337,11 +298,11 @@ def _avatar_of(gltf: Gltf, path: Path) -> Avatar:
     confidence = extras.get("confidence") or {}
     skeleton = Skeleton(joints, ends, np.array([float(confidence.get(name, 1.0)) for name in BONES]))
     weights = _weights_of(gltf, primitive["attributes"], {place[node]: bone for bone, node in bones.items()})
-    motions = [
-        motion for animation in content.get("animations", [])
-        if (motion := _motion_of(gltf, animation, bones, skeleton, axes)) is not None
+    clips = [
+        clip for animation in content.get("animations", [])
+        if (clip := _clip_of(gltf, animation, bones, skeleton, axes)) is not None
     ]  # fmt: skip
-    return Avatar(mesh, skeleton, weights, motions)
+    return Avatar(mesh, skeleton, weights, clips)
 
 
 def _mesh_of(gltf: Gltf, primitive: dict, kinds: dict | None) -> Mesh:
@@ -390,9 +351,7 @@ def _ends(joints: np.ndarray, axes: np.ndarray) -> np.ndarray:
     return np.array(ends)
 
 
-def _motion_of(
-    gltf: Gltf, animation: dict, bones: dict[int, int], skeleton: Skeleton, axes: np.ndarray
-) -> StoredMotion | None:
+def _clip_of(gltf: Gltf, animation: dict, bones: dict[int, int], skeleton: Skeleton, axes: np.ndarray) -> Clip | None:
     """An animation of the skeleton's bones, None when it is of something else; sampled at its own frames."""
     tracks = {}
     for channel in animation["channels"]:
@@ -416,7 +375,7 @@ def _motion_of(
     hips = tracks.get((bones[0], "translation"))
     places = np.tile(skeleton.joints[0], (len(times), 1)) if hips is None else _sampled(hips, times) @ _TO_FILE
     rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 and times[-1] > times[0] else 30.0
-    return StoredMotion(str(animation.get("name", "")), round(float(rate), 3), rotations, places - skeleton.joints[0])
+    return Clip(str(animation.get("name", "")), round(float(rate), 3), rotations, places - skeleton.joints[0])
 
 
 def _sampled(track: tuple[np.ndarray, np.ndarray], times: np.ndarray) -> np.ndarray:

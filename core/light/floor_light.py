@@ -114,7 +114,8 @@ def correct_floor(scene: LitScene, response: PhaseResponse | None, depth: np.nda
 def _off_subject(scene: LitScene, depth: np.ndarray, view: int) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of readings that are not the subject's: those seen directly, or all about a mirror's glass."""
     if view == 0:
-        return np.nonzero((scene.labels < 0) & (depth > 0) & (scene.views.seen == 0))
+        rows, columns = np.nonzero((scene.labels < 0) & (depth > 0) & (scene.views.seen == 0))
+        return rows, columns
     mirror, (height, width) = scene.mirrors[view - 1], depth.shape
     top, bottom, left, right = 0, height, 0, width
     if mirror.rectangle is not None:

@@ -1,7 +1,7 @@
 """Motion: recorded or tracked joints become poses of the avatar's skeleton, from files and live."""
 
+from ..avatar.clip import Clip
 from .bvh import read_bvh, write_bvh
-from .clip import Clip
 from .clips import CLIPS, make_clip, t_pose, take_as_rest
 from .foot_lock import Soles, sole_points
 from .joint_names import JOINT_SETS
@@ -20,7 +20,6 @@ __all__ = [
     "Soles",
     "StreamFollower",
     "bvh",
-    "clip",
     "clips",
     "foot_lock",
     "joint_names",
@@ -31,7 +30,6 @@ __all__ = [
     "read_bvh",
     "retarget",
     "retargeting",
-    "rotations",
     "sole_points",
     "t_pose",
     "take_as_rest",

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..errors import MirrorScanError
 from ..io.atomic_files import replacing
+from ..numeric.rotations import euler_zyx, from_euler
 from .motion import Motion, posed
-from .rotations import euler_zyx, from_euler
 
 _LARGEST = 2_000_000_000  # bytes; a BVH of an hour at 120 frames a second has a quarter of that
 _CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis in "XYZ")

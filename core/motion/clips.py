@@ -10,13 +10,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..avatar.clip import Clip
 from ..avatar.pose import Pose, SkinWeights, bone_matrices, posed_joints, skinned
 from ..avatar.skeleton import BONES, ENDS, Skeleton
 from ..errors import MirrorScanError
-from .clip import Clip
+from ..numeric.rotations import about_axis, between, frames, from_vectors, unit
 from .foot_lock import estimated_soles
 from .rest_frames import FRONT, LEFT, UP, rest_frames
-from .rotations import about_axis, between, frames, from_vectors, unit
 
 _SIDES = (("Left", 1), ("Right", -1))
 _STRAIGHT = 0.997  # of the leg's length: knees are never quite straight
@@ -318,7 +318,7 @@ def _turn(body: _Body, phase: np.ndarray) -> None:
 CLIPS: dict[str, tuple[float, Callable[[_Body, np.ndarray], None]]] = {
     "idle": (5.0, _idle),
     "walk": (1.1, _walk),
-    "arms up": (3.6, _arms_up),
+    "arms_up": (3.6, _arms_up),
     "squat": (3.4, _squat),
     "turn": (4.6, _turn),
 }

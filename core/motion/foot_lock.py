@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..avatar.clip import Clip
 from ..avatar.pose import SkinWeights
 from ..avatar.skeleton import BONES, Skeleton
 from ..errors import MirrorScanError
-from .clip import Clip
+from ..numeric.rotations import about_axis, from_vectors, shortest_turn, unit
 from .rest_frames import LEFT, UP
-from .rotations import about_axis, from_vectors, shortest_turn, unit
 
 _SIDES = ("Left", "Right")
 _THIGH, _SHIN, _FOOT, _TOE = (

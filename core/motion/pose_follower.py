@@ -9,10 +9,10 @@ import numpy as np
 from ..avatar.pose import Pose, posed_joints
 from ..avatar.skeleton import BONES, PARENTS, Skeleton
 from ..errors import MirrorScanError
+from ..numeric.rotations import about_axis, between, frames, from_vectors, shortest_turn, twist_angles, unit
 from .foot_lock import estimated_soles
 from .joint_names import match_joints
 from .rest_frames import FRONT, HINGES, UP, rest_frames
-from .rotations import about_axis, between, frames, from_vectors, shortest_turn, twist_angles, unit
 
 _UPPER, _LOWER, _END = (np.array([BONES.index(hinge[k]) for hinge in HINGES]) for k in range(3))
 _ARMS = np.array([hinge[0].endswith("Arm") for hinge in HINGES])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..avatar.skeleton import BONES, Skeleton
-from .rotations import frames, unit
+from ..numeric.rotations import frames, unit
 
 UP, FRONT, LEFT = np.array([0.0, 0, 1]), np.array([0.0, -1, 0]), np.array([1.0, 0, 0])
 # Upper bone, lower bone, end of the chain; towards where the lower bone moves when the joint bends.

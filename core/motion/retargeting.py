@@ -12,16 +12,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..avatar.clip import Clip
 from ..avatar.skeleton import BONES, Skeleton
 from ..errors import MirrorScanError
-from .clip import Clip
+from ..numeric.rotations import (
+    about_axis,
+    between,
+    frames,
+    from_vectors,
+    mean_rotation,
+    shortest_turn,
+    twist_angles,
+    unit,
+)
 from .foot_lock import Soles, stand_on_floor
 from .foot_lock import lock_feet as locked
 from .joint_names import JointMap, match_joints
 from .motion import Motion
 from .pose_follower import PoseFollower
 from .rest_frames import FRONT, HINGES, LEFT, UP, RestFrames, level_frame, rest_frames
-from .rotations import about_axis, between, frames, from_vectors, mean_rotation, shortest_turn, twist_angles, unit
 
 _SIDES = ("Left", "Right")
 _USUAL_SLOPE = np.radians(20)  # of the way from ankle to toes, on a level sole

@@ -1,3 +1,3 @@
-"""Small numeric tools, independent of scans: products, sparse least squares, union-find, threads, ``njit``."""
+"""Small numeric tools: products, rotations, sparse least squares, union-find, threads, ``njit``."""
 
-__all__ = ["kernel_warnings", "kernels", "point_products", "sparse_least_squares", "threads", "union_find"]
+__all__ = ["kernel_warnings", "kernels", "point_products", "rotations", "sparse_least_squares", "threads", "union_find"]

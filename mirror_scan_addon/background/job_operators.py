@@ -292,9 +292,11 @@ def _ours(window: bpy.types.Window) -> list[bpy.types.Operator]:
     ]
 
 
-def running(context: bpy.types.Context) -> bool:
-    """Whether a modal operator of this add-on is under way in any window."""
-    return any(_ours(window) for window in context.window_manager.windows)
+def running(context: bpy.types.Context, name: str = "") -> bool:
+    """Whether a modal operator of this add-on, or the one of that ``name``, is under way in any window."""
+    wanted = name.replace("mirror_scan.", "MIRROR_SCAN_OT_")
+    found = (operator for window in context.window_manager.windows for operator in _ours(window))
+    return any(not name or operator.bl_idname == wanted for operator in found)
 
 
 def cancel_all(context: bpy.types.Context) -> None:

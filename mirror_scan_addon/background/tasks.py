@@ -23,7 +23,10 @@ from ...core.mirrors import Mirror
 from ...core.preview.palette import depth_colors
 
 if TYPE_CHECKING:
+    from ...core.avatar.pose import SkinWeights
+    from ...core.avatar.skeleton import Skeleton
     from ...core.capture import Capture
+    from ...core.motion import Clip, Motion, Soles
 
 Result = TypeVar("Result")
 Steps = Generator[tuple[float, str], None, Result]
@@ -119,6 +122,15 @@ class Checked:
 
     report: dict
     problems: list[dict]
+
+
+@dataclass(frozen=True)
+class Rigged:
+    """An avatar's mesh, fine enough to bend, with its skeleton and weights; all in the frame of the mesh [m]."""
+
+    mesh: Mesh
+    skeleton: Skeleton
+    weights: SkinWeights
 
 
 @dataclass(frozen=True)
@@ -457,6 +469,53 @@ def check_steps(mesh: Mesh) -> Steps[Checked]:
     report = mesh_report(mesh)
     yield 0.5, "Looking for problems"
     return Checked(report, [dataclasses.asdict(problem) for problem in find_problems(mesh)])
+
+
+# --- skeleton and motion ---------------------------------------------------------------------------------------------
+
+
+def skeleton_steps(mesh: Mesh) -> Steps[Rigged]:
+    """Joints and skin weights of an avatar's mesh, in its frame but for where it stands."""
+    yield 0.0, "Looking for the joints"
+    from ...core.avatar.skeleton_search import find_skeleton
+    from ...core.avatar.skin_weights import skinned_mesh
+
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    stand = np.eye(4)
+    stand[:3, 3] = -0.5 * (low[0] + high[0]), -0.5 * (low[1] + high[1]), -low[2]
+    back = np.linalg.inv(stand)
+    standing = mesh.transformed(stand)
+    skeleton = find_skeleton(standing)
+    yield 0.6, "Weighting the skin"
+    refined, weights = skinned_mesh(standing, skeleton)
+    return Rigged(refined.transformed(back), skeleton.transformed(back), weights)
+
+
+def motion_steps(
+    source: Motion | str, skeleton: Skeleton, soles: Soles | None, rate: float, options: dict
+) -> Steps[Clip]:
+    """A motion as a clip of ``skeleton`` at ``rate`` frames a second.
+
+    Parameters
+    ----------
+    source : Motion or str
+        A recorded motion, the path of a BVH file, or the name of one of our own clips.
+    skeleton : Skeleton
+        In its own frame; where it stands need not be 0.
+    soles : Soles or None
+    rate : float
+    options : dict
+        ``in_place``, ``lock_feet`` and ``loop`` of ``core.motion.retarget``.
+    """
+    yield 0.0, "Reading the motion"
+    from ...core.motion import CLIPS, make_clip, read_bvh, retarget
+
+    if source in CLIPS:
+        return make_clip(source, skeleton, rate, options["in_place"])
+    motion = read_bvh(source) if isinstance(source, str) else source
+    yield 0.3, "Moving the skeleton"
+    clip = retarget(motion, skeleton, soles=soles, **options)
+    return clip if clip.rate == rate else clip.resampled(rate)
 
 
 # --- virtual rig -----------------------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from ..language.texts import CONTEXT, say, tell
 from ..scene import live_subject, report_text, scan_records
 from ..scene.avatar_objects import shown_mode
 from ..scene.properties import QUALITY_KEPT
-from ..scene.scan_records import no_mesh
+from ..scene.scan_records import armature_of, no_mesh
 
 NARROW = 250  # width of the sidebar below which labels are above their fields, not beside them [px at 100 % scale]
 MARGIN, ICON = 64, 20  # width of tabs and panel borders, and of an icon [px at 100 % scale]
@@ -470,6 +470,36 @@ def _draw_problems(layout: bpy.types.UILayout, context: bpy.types.Context, repor
         _text(layout, report_text.problem_text(problems[number - 1], context.scene), "ERROR")
 
 
+class MIRRORSCAN_PT_avatar(_Panel, bpy.types.Panel):
+    bl_label = "Avatar"
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        _draw_step_mark(self.layout, armature_of(context.object) is not None)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.operator_context = "INVOKE_DEFAULT"
+        if armature_of(context.object) is None:
+            layout.operator("mirror_scan.add_skeleton", icon="ARMATURE_DATA", text_ctxt=CONTEXT)
+            _draw_progress(layout, context, "mirror_scan.add_skeleton")
+            problem = no_mesh(context)
+            _text(layout, problem or say("A skeleton lets motions move the avatar"), "INFO")
+            return
+        layout.operator("mirror_scan.apply_motion", icon="FILE_MOVIE", text_ctxt=CONTEXT).clip = "FILE"
+        flow = layout.grid_flow(columns=3, even_columns=True, align=True)
+        clips = bpy.ops.mirror_scan.apply_motion.get_rna_type().properties["clip"].enum_items
+        for item in clips[1:]:
+            button = flow.operator("mirror_scan.apply_motion", text=item.name, text_ctxt=CONTEXT)
+            button.clip = item.identifier
+        _draw_progress(layout, context, "mirror_scan.apply_motion")
+        live = job_operators.running(context, "mirror_scan.follow_stream")
+        layout.operator(
+            "mirror_scan.follow_stream", text="Stop Following" if live else "Follow Stream",
+            icon="PAUSE" if live else "RADIOBUT_ON", text_ctxt=CONTEXT,
+        )  # fmt: skip
+        layout.operator("mirror_scan.rest_in_t_pose", icon="OUTLINER_DATA_ARMATURE", text_ctxt=CONTEXT)
+
+
 class MIRRORSCAN_PT_export(_Panel, bpy.types.Panel):
     bl_label = "Export"
 
@@ -520,6 +550,7 @@ register, unregister = bpy.utils.register_classes_factory(
         MIRRORSCAN_PT_build,
         MIRRORSCAN_PT_quality,
         MIRRORSCAN_PT_check,
+        MIRRORSCAN_PT_avatar,
         MIRRORSCAN_PT_export,
         MIRRORSCAN_PT_rig,
     )

@@ -10,17 +10,20 @@ from . import (
     color_by,
     export_avatar,
     find_subject,
+    follow_stream,
     load_capture,
     mirrors,
+    motion,
     pick_mirror_points,
     pick_subject,
     rig,
     rig_file,
+    skeleton,
 )
 
 _modules = (
     load_capture, mirrors, pick_mirror_points, rig_file, find_subject, pick_subject, build_avatar, check, color_by,
-    export_avatar, rig,
+    skeleton, motion, follow_stream, export_avatar, rig,
 )  # fmt: skip
 
 register, unregister = bpy.utils.register_classes_factory(tuple(kind for module in _modules for kind in module.CLASSES))

@@ -1,13 +1,16 @@
 """What stands in Blender's scene: properties, captures, mirrors, avatars."""
 
 __all__ = [
+    "armature",
     "avatar_objects",
     "capture_objects",
     "export",
     "live_subject",
+    "motion_files",
     "point_cloud",
     "properties",
     "report_text",
+    "rig_controls",
     "scan_records",
     "units",
     "virtual_rig",

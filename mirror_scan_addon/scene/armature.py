@@ -1,21 +1,26 @@
-"""Skeletons as Blender armatures: bones, vertex groups, motions, and back.
+"""Skeletons as Blender armatures: bones, vertex groups, clips, and back.
 
 Bones have Mixamo's names and axes, so that its clips play by name alone.
 """
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
+
 import bpy
 import numpy as np
 from mathutils import Vector
 
-from ...core.avatar.avatar_file import PREFIX, Avatar, Motion, bone_named, quaternions
+from ...core.avatar.avatar_file import PREFIX, Avatar, bone_named, quaternions
 from ...core.avatar.bone_axes import rest_axes
-from ...core.avatar.pose import SkinWeights
+from ...core.avatar.clip import Clip
+from ...core.avatar.pose import Pose, SkinWeights
 from ...core.avatar.skeleton import BONES, ENDS, PARENTS, Skeleton
 from ...core.errors import CaptureError
 from ..language.texts import say
 from .avatar_objects import read_surface
+from .scan_records import armature_of
 
 _ENDS_OF = ("Head", "LeftHand", "RightHand", "LeftToeBase", "RightToeBase")
 _SHORTEST = 0.002  # Blender removes bones without length [m]
@@ -33,7 +38,7 @@ def add_armature(
     Parameters
     ----------
     avatar : bpy.types.Object
-        Not moved, turned or scaled.
+        The armature takes its place, and it hangs on the armature from then on.
     skeleton : Skeleton
         In the mesh's frame [m].
     weights : SkinWeights
@@ -52,7 +57,7 @@ def add_armature(
     layer.objects.active = armature
     bpy.ops.object.mode_set(mode="EDIT")
     try:
-        _add_bones(data, skeleton, unit)
+        _place_bones(data, skeleton, unit)
     finally:
         bpy.ops.object.mode_set(mode="OBJECT")
         layer.objects.active = active
@@ -62,14 +67,19 @@ def add_armature(
     set_weights(avatar, weights)
     modifier = avatar.modifiers.new("Armature", "ARMATURE")
     modifier.object = armature
+    armature.matrix_world = avatar.matrix_world
+    layer.update()
     avatar.parent = armature
+    avatar.matrix_parent_inverse.identity()
+    avatar.matrix_basis.identity()
     return armature
 
 
-def _add_bones(data: bpy.types.Armature, skeleton: Skeleton, unit: float) -> None:
+def _place_bones(data: bpy.types.Armature, skeleton: Skeleton, unit: float) -> None:
+    """In edit mode: the bones where ``skeleton`` has them; those that are missing are made."""
     axes, tails = rest_axes(skeleton), skeleton.tails()
     for bone, (name, parent) in enumerate(zip(BONES, PARENTS, strict=True)):
-        made = data.edit_bones.new(PREFIX + name)
+        made = data.edit_bones.get(PREFIX + name) or data.edit_bones.new(PREFIX + name)
         length = max(float(np.linalg.norm(tails[bone] - skeleton.joints[bone])), _SHORTEST)
         made.head = Vector(skeleton.joints[bone] / unit)
         made.tail = Vector((skeleton.joints[bone] + length * axes[bone][:, 1]) / unit)
@@ -92,19 +102,18 @@ def set_weights(avatar: bpy.types.Object, weights: SkinWeights) -> None:
             groups[bone].add((vertex,), weight, "REPLACE")
 
 
-def add_motion(armature: bpy.types.Object, motion: Motion, unit: float = 1.0) -> bpy.types.Action:
-    """A motion as an action of the armature, a key a frame, from frame 0 on; it becomes the armature's own."""
-    skeleton = read_skeleton(armature, unit)
-    axes = rest_axes(skeleton)
-    frames = len(motion.rotations)
-    above = np.array([max(parent, 0) for parent in PARENTS])
-    relative = np.swapaxes(motion.rotations[:, above], -1, -2) @ motion.rotations
-    relative[:, 0] = motion.rotations[:, 0]
-    turns = quaternions(np.swapaxes(axes, 1, 2) @ relative @ axes)[..., [3, 0, 1, 2]]
+def add_clip(
+    armature: bpy.types.Object, clip: Clip, unit: float = 1.0, start: int = 0, loops: bool = False
+) -> bpy.types.Action:
+    """A clip as an action of the armature, a key a frame, from frame ``start`` on; it becomes the armature's own.
+
+    ``loops`` repeats it for ever; what it walks over the floor it walks on.
+    """
+    frames = len(clip.rotations)
+    places, turns = _in_bones(armature, clip.rotations, clip.translations, unit)
     for frame in range(1, frames):
         turns[frame] *= np.where((turns[frame] * turns[frame - 1]).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
-    places = motion.translations @ axes[0] / unit
-    action = bpy.data.actions.new(motion.name or "Motion")
+    action = bpy.data.actions.new(clip.name or "Motion")
     armature.animation_data_create().action = action
     slot = action.slots.new("OBJECT", armature.name)
     armature.animation_data.action_slot = slot
@@ -115,21 +124,86 @@ def add_motion(armature: bpy.types.Object, motion: Motion, unit: float = 1.0) ->
         for index in range(values.shape[1]):
             curve = curves.new(path, index=index)
             curve.keyframe_points.add(frames)
-            keys = np.column_stack((np.arange(frames), values[:, index])).astype(np.float32)
+            keys = np.column_stack((start + np.arange(frames), values[:, index])).astype(np.float32)
             curve.keyframe_points.foreach_set("co", keys.ravel())
             curve.keyframe_points.foreach_set("interpolation", np.ones(frames, np.uint8))  # linear
+            if loops:
+                cycle = curve.modifiers.new("CYCLES")
+                if values is places:
+                    cycle.mode_before = cycle.mode_after = "REPEAT_OFFSET"
             curve.update()
     return action
 
 
-def armature_of(avatar: bpy.types.Object) -> bpy.types.Object | None:
-    """The armature with Mixamo's bones that moves a mesh object; None when there is none."""
-    for modifier in avatar.modifiers:
-        if modifier.type == "ARMATURE" and modifier.object is not None:
-            names = {bone_named(bone.name) for bone in modifier.object.data.bones}
-            if names.issuperset(range(len(BONES))):
-                return modifier.object
-    return None
+def show_pose(armature: bpy.types.Object, pose: Pose, unit: float = 1.0) -> None:
+    """Have the armature stand in ``pose``; it gets no keys."""
+    places, turns = _in_bones(armature, pose.rotations[None], pose.translation[None], unit)
+    bones = armature.pose.bones
+    bones[PREFIX + BONES[0]].location = places[0]
+    for name, turn in zip(BONES, turns[0], strict=True):
+        bones[PREFIX + name].rotation_quaternion = turn
+
+
+def _in_bones(
+    armature: bpy.types.Object, rotations: np.ndarray, translations: np.ndarray, unit: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Poses as the bones have them: places (F, 3) of the hips, turns (F, 22, 4) w x y z relative to the parent."""
+    bones = armature.data.bones
+    axes = np.array([bones[PREFIX + name].matrix_local.to_3x3() for name in BONES])
+    above = np.array([max(parent, 0) for parent in PARENTS])
+    relative = np.swapaxes(rotations[:, above], -1, -2) @ rotations
+    relative[:, 0] = rotations[:, 0]
+    turns = quaternions(np.swapaxes(axes, 1, 2) @ relative @ axes)[..., [3, 0, 1, 2]]
+    return translations @ axes[0] / unit, turns
+
+
+def move_rest(
+    avatar: bpy.types.Object, armature: bpy.types.Object, vertices: np.ndarray, skeleton: Skeleton, unit: float
+) -> None:
+    """Another rest pose: vertices (V, 3) and joints [m] where they shall rest. The armature's motion is taken off."""
+    avatar.data.attributes["position"].data.foreach_set("vector", (vertices / unit).astype(np.float32).ravel())
+    avatar.data.update()
+    if armature.animation_data is not None:
+        armature.animation_data.action = None
+    for bone in armature.pose.bones:
+        bone.matrix_basis.identity()
+    layer = bpy.context.view_layer
+    active = layer.objects.active
+    layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    try:
+        _place_bones(armature.data, skeleton, unit)
+    finally:
+        bpy.ops.object.mode_set(mode="OBJECT")
+        layer.objects.active = active
+
+
+@contextlib.contextmanager
+def object_mode(context: bpy.types.Context, target: bpy.types.Scene) -> Iterator[None]:
+    """Object mode in ``target``, whichever scene and mode the user is in by now."""
+    if context.mode != "OBJECT":
+        bpy.ops.object.mode_set(mode="OBJECT")
+    if target == context.scene:
+        yield
+        return
+    with context.temp_override(scene=target, view_layer=target.view_layers[0]):
+        yield
+
+
+def body_of(item: bpy.types.Object) -> bpy.types.Object:
+    """The mesh that an armature moves, or the mesh object itself.
+
+    Raises
+    ------
+    CaptureError
+        When the armature moves none.
+    """
+    if item.type == "MESH":
+        return item
+    for child in item.children_recursive:
+        if child.type == "MESH" and armature_of(child) == item:
+            return child
+    raise CaptureError(say("{name}: moves no mesh").format(name=item.name))
 
 
 def read_skeleton(armature: bpy.types.Object, unit: float = 1.0) -> Skeleton:

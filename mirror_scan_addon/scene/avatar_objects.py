@@ -83,6 +83,23 @@ def create_avatar(
     return avatar
 
 
+def refine(avatar: bpy.types.Object, mesh: Mesh, unit: float) -> None:
+    """Give an object a finer mesh of the same surface; its materials, report and custom properties stay."""
+    _check(mesh)
+    old = avatar.data
+    with discard_on_error() as made:
+        data = bpy.data.meshes.new(old.name)
+        made.append(data)
+        _fill(data, mesh, unit)
+    for material in old.materials:
+        data.materials.append(material)
+    avatar.data = data
+    if not old.users:
+        name = old.name
+        bpy.data.meshes.remove(old)
+        data.name = name
+
+
 def avatar_material(attribute: str) -> bpy.types.Material:
     """The material that shows a colour attribute (plain grey for ""): the file's own one if it has it, else a new one.
 

@@ -24,11 +24,12 @@ from ...core.errors import OutputError
 from ...core.io.atomic_files import replacing
 from ..language.texts import say
 from . import avatar_objects as avatar_scene
-from .armature import add_armature, add_motion
+from .armature import add_armature, add_clip
 from .units import metres_per_unit
 
 if TYPE_CHECKING:
-    from ...core.avatar.avatar_file import Avatar, Motion
+    from ...core.avatar.avatar_file import Avatar
+    from ...core.avatar.clip import Clip
     from ...core.pipeline import Reconstruction
 
     Rigged = Reconstruction | Avatar
@@ -38,7 +39,7 @@ CAMERA_LENS, VIEWPORT_LENS = 50.0, 50.0  # [mm]
 
 
 def write_blend(
-    path: str | os.PathLike, reconstruction: Rigged, *, own_process: bool = False, motion: Motion | None = None
+    path: str | os.PathLike, reconstruction: Rigged, *, own_process: bool = False, clip: Clip | None = None
 ) -> None:
     """Write a .blend with the avatar, a camera and a light.
 
@@ -48,7 +49,7 @@ def write_blend(
         Ends in .blend.
     reconstruction : Reconstruction or Avatar
         A reconstruction's report is kept with the object.
-    motion : Motion, optional
+    clip : Clip, optional
         Becomes the skeleton's action.
     own_process : bool
         True says that nobody works in this Blender (the command line): the file then starts from factory settings, so
@@ -64,14 +65,14 @@ def write_blend(
         if own_process:
             bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
             target = bpy.context.scene
-            avatar = _stage(target, reconstruction, motion)
+            avatar = _stage(target, reconstruction, clip)
             for viewport in _viewports():
                 _frame_viewport(viewport, avatar)
             with _quiet():
                 bpy.ops.wm.save_as_mainfile(filepath=str(temporary), copy=True, compress=True)
         else:
             with _temporary_scene() as target:
-                _stage(target, reconstruction, motion)
+                _stage(target, reconstruction, clip)
                 bpy.data.libraries.write(str(temporary), {target}, compress=True)
 
 
@@ -101,8 +102,8 @@ def write_glb(path: str | os.PathLike, reconstruction: Rigged) -> None:
         _check_holds_faces(path, temporary, "GLB")
 
 
-def write_fbx(path: str | os.PathLike, reconstruction: Rigged, *, motion: Motion | None = None) -> None:
-    """Write FBX in metres, with sRGB vertex colours, skeleton and ``motion`` where there are such.
+def write_fbx(path: str | os.PathLike, reconstruction: Rigged, *, clip: Clip | None = None) -> None:
+    """Write FBX in metres, with sRGB vertex colours, skeleton and ``clip`` where there are such.
 
     The unit goes into the file's unit factor, not into a scale of the object, so that programs that know metres and
     programs that count centimetres both show a person of the right height.
@@ -113,7 +114,7 @@ def write_fbx(path: str | os.PathLike, reconstruction: Rigged, *, motion: Motion
         When the file cannot be written, or Blender's FBX exporter is missing or fails.
     """
     with replacing(path) as temporary, _temporary_scene() as target:
-        _add_avatar(target, reconstruction, motion)
+        _add_avatar(target, reconstruction, clip)
         _export(
             target,
             "io_scene_fbx",
@@ -124,7 +125,7 @@ def write_fbx(path: str | os.PathLike, reconstruction: Rigged, *, motion: Motion
             colors_type="SRGB",
             prioritize_active_color=True,
             add_leaf_bones=False,
-            bake_anim=motion is not None,
+            bake_anim=clip is not None,
             bake_anim_use_nla_strips=False,
             bake_anim_use_all_actions=False,
             bake_anim_simplify_factor=0.0,
@@ -132,8 +133,8 @@ def write_fbx(path: str | os.PathLike, reconstruction: Rigged, *, motion: Motion
         _check_holds_faces(path, temporary, "FBX")
 
 
-def write_usd(path: str | os.PathLike, reconstruction: Rigged, *, motion: Motion | None = None) -> None:
-    """Write USD in metres, Z up, with colours, skeleton and ``motion`` where there are such.
+def write_usd(path: str | os.PathLike, reconstruction: Rigged, *, clip: Clip | None = None) -> None:
+    """Write USD in metres, Z up, with colours, skeleton and ``clip`` where there are such.
 
     Raises
     ------
@@ -141,10 +142,10 @@ def write_usd(path: str | os.PathLike, reconstruction: Rigged, *, motion: Motion
         When the file cannot be written, or Blender's exporter fails.
     """
     with replacing(path) as temporary, _temporary_scene() as target:
-        _add_avatar(target, reconstruction, motion)
+        _add_avatar(target, reconstruction, clip)
         with _shown(target), _quiet():
             try:
-                bpy.ops.wm.usd_export(filepath=str(temporary), export_animation=motion is not None)
+                bpy.ops.wm.usd_export(filepath=str(temporary), export_animation=clip is not None)
             except RuntimeError as error:
                 text = say("{path}: Blender cannot write it: {reason}")
                 raise OutputError(text.format(path=path, reason=_reason(str(error)))) from error
@@ -366,7 +367,7 @@ def _removed_again() -> Iterator[None]:
         bpy.data.batch_remove([block for blocks in collections for block in blocks if block not in before])
 
 
-def _add_avatar(target: bpy.types.Scene, reconstruction: Rigged, motion: Motion | None = None) -> bpy.types.Object:
+def _add_avatar(target: bpy.types.Scene, reconstruction: Rigged, clip: Clip | None = None) -> bpy.types.Object:
     report = getattr(reconstruction, "report", None)
     if report is not None:
         report = report | {"warnings": list(reconstruction.warnings)}
@@ -376,20 +377,20 @@ def _add_avatar(target: bpy.types.Scene, reconstruction: Rigged, motion: Motion 
     if reconstruction.skeleton is not None and reconstruction.weights is not None:
         with _shown(target):
             bones = add_armature(avatar, reconstruction.skeleton, reconstruction.weights, target.collection)
-        if motion is not None:
-            add_motion(bones, motion)
-            target.render.fps_base = 1.0 if motion.rate == round(motion.rate) else math.ceil(motion.rate) / motion.rate
-            target.render.fps = math.ceil(motion.rate)
-            target.frame_start, target.frame_end = 0, len(motion.rotations) - 1
+        if clip is not None:
+            add_clip(bones, clip, loops=clip.loops)
+            target.render.fps_base = 1.0 if clip.rate == round(clip.rate) else math.ceil(clip.rate) / clip.rate
+            target.render.fps = math.ceil(clip.rate)
+            target.frame_start, target.frame_end = 0, len(clip.rotations) - 1
         bones.select_set(True, view_layer=layer)
     avatar.select_set(True, view_layer=layer)
     layer.objects.active = avatar
     return avatar
 
 
-def _stage(target: bpy.types.Scene, reconstruction: Rigged, motion: Motion | None = None) -> bpy.types.Object:
+def _stage(target: bpy.types.Scene, reconstruction: Rigged, clip: Clip | None = None) -> bpy.types.Object:
     """Avatar, camera and sun in an empty scene, ready to render."""
-    avatar = _add_avatar(target, reconstruction, motion)
+    avatar = _add_avatar(target, reconstruction, clip)
     center, radius = _bounds(avatar)
 
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))

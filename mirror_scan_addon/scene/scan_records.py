@@ -34,6 +34,29 @@ def not_ours(context: bpy.types.Context) -> str:
     return ""
 
 
+def armature_of(item: bpy.types.Object | None) -> bpy.types.Object | None:
+    """The armature with Mixamo's bones that an object is, or that moves it; None when there is none."""
+    if item is None:
+        return None
+    found = [item] if item.type == "ARMATURE" else [
+        modifier.object for modifier in item.modifiers if modifier.type == "ARMATURE" and modifier.object is not None
+    ]  # fmt: skip
+    return next((bones for bones in found if all(name in bones.data.bones for name in _BONES)), None)
+
+
+def no_skeleton(context: bpy.types.Context) -> str:
+    """Why the active object cannot be moved; "" when it can."""
+    active = context.object
+    bones = armature_of(active)
+    if bones is None:
+        return no_mesh(context) if active is None or active.type != "MESH" else say("Add a skeleton first")
+    if not bones.is_editable or not bones.data.is_editable:
+        return say("{name} is linked from another file and cannot be changed").format(name=bones.name)
+    return ""
+
+
+_BONES = ("mixamorig:Hips", "mixamorig:Head", "mixamorig:LeftHand", "mixamorig:RightToeBase")
+
 GOOD_MM, USABLE_MM = 5.0, 12.0
 """Residual of a mirror up to which it is good, and up to which it is usable [mm]."""
 

@@ -56,7 +56,7 @@ import mirror_scan.mirror_scan_addon.command as command
 print(sorted(command.BlenderWriters()), ".glb" in command.BlenderWriters(), ".ply" in command.BlenderWriters())
 """
         )
-        == "['.blend', '.fbx', '.glb'] True False\n"
+        == "['.blend', '.fbx', '.glb', '.usd', '.usdc'] True False\n"
     )
 
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..avatar.pose import Pose
-from ..avatar.skeleton import BONES, PARENTS, Skeleton
 from ..errors import MirrorScanError
-from .rotations import between
+from ..numeric.rotations import between
+from .pose import Pose
+from .skeleton import BONES, PARENTS, Skeleton
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Clip:
     rate : float
         Frames a second.
     rotations : np.ndarray [shape=(F, 22, 3, 3), dtype=float64]
-        As of :class:`..avatar.pose.Pose`: world rotations from the skeleton's rest pose, avatar frame.
+        As of :class:`.pose.Pose`: world rotations from the skeleton's rest pose, avatar frame.
     translations : np.ndarray [shape=(F, 3), dtype=float64]
         Of the joint Hips from the rest pose, avatar frame [m].
     loops : bool

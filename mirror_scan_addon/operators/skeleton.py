@@ -1,0 +1,132 @@
+"""Give an avatar a skeleton, and take another rest pose."""
+
+from __future__ import annotations
+
+# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
+import bpy
+from bpy.props import BoolProperty
+
+from ...core.errors import OutputError
+from ..background import job_operators
+from ..language.texts import CONTEXT, say
+from ..scene import scan_records
+from ..scene.scan_records import armature_of, no_mesh, no_skeleton, not_ours
+from ..scene.units import metres_per_unit
+
+UNSURE = 0.5  # confidence below which a joint is named as one to look at
+
+
+class MIRRORSCAN_OT_add_skeleton(job_operators.JobOperator, bpy.types.Operator):
+    """Find the joints of the selected avatar and give it a skeleton with skin weights, ready to be moved"""
+
+    bl_idname = "mirror_scan.add_skeleton"
+    bl_label = "Add Skeleton"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO"}
+
+    controls: BoolProperty(
+        name="IK Controls", description="Add a bone for each hand and foot that the arm or leg follows",
+        default=False, options={"SKIP_SAVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+    metarig: BoolProperty(
+        name="Rigify Metarig",
+        description="Also place the bones of Rigify's human metarig on the joints, to make a Rigify rig from",
+        default=False, options={"SKIP_SAVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        problem = scan_records.editable(context) or no_mesh(context) or not_ours(context)
+        if not problem and armature_of(context.object) is not None:
+            problem = say("{name} has a skeleton already; delete that first").format(name=context.object.name)
+        return scan_records.allows(cls, problem)
+
+    def start(self, context: bpy.types.Context) -> job_operators.Task:
+        from ..scene import avatar_objects
+
+        avatar = context.object
+        size = avatar_objects.size_of(avatar, metres_per_unit(context.scene))
+        if size.max() > 1.01 * size.min():
+            text = say("{name} is scaled unevenly; apply its scale first (Ctrl A)")
+            raise OutputError(text.format(name=avatar.name))
+        if avatar.data.shape_keys is not None:
+            text = say("{name} has shape keys, which a finer mesh would lose; remove or apply them first")
+            raise OutputError(text.format(name=avatar.name))
+        surface = avatar_objects.read_surface(avatar, size)
+        avatar_objects.check_finite(avatar, surface.vertices)
+        self._uid, self._size = avatar.session_uid, float(size.mean())
+        return job_operators.Task("skeleton_steps", (surface,))
+
+    def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
+        from ...core.avatar.skeleton import BONES
+        from ..scene import armature, avatar_objects, rig_controls
+
+        avatar = next((item for item in bpy.data.objects if item.session_uid == self._uid), None)
+        if avatar is None:
+            raise OutputError(say("The avatar no longer exists"))
+        if len(result.mesh.vertices) != len(avatar.data.vertices):
+            avatar_objects.refine(avatar, result.mesh, self._size)
+        with armature.object_mode(context, target):
+            bones = armature.add_armature(
+                avatar, result.skeleton, result.weights, _own_collection(avatar, target), self._size
+            )
+            if self.controls:
+                rig_controls.add_controls(bones)
+            if self.metarig:
+                rig_controls.add_metarig(avatar, result.skeleton, self._size)
+        if target == context.scene:
+            avatar_objects.select_only(context, avatar)
+        unsure = [name for name, known in zip(BONES, result.skeleton.confidence, strict=True) if known < UNSURE]
+        if unsure:
+            text = say("{name}: look at these joints, they are less certain: {joints}")
+            self.report({"WARNING"}, text.format(name=avatar.name, joints=", ".join(unsure)))
+        text = say("{name}: a skeleton of {count} bones").format(name=avatar.name, count=len(BONES))
+        self.report({"INFO"}, text)
+
+
+class MIRRORSCAN_OT_rest_in_t_pose(bpy.types.Operator):
+    """Make the T-pose the rest pose of the selected avatar, for motions and programs that expect it"""
+
+    bl_idname = "mirror_scan.rest_in_t_pose"
+    bl_label = "T-Pose as Rest"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        problem = scan_records.editable(context) or no_skeleton(context)
+        return scan_records.allows(cls, problem)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ...core.motion import t_pose, take_as_rest
+        from ..scene import armature, avatar_objects
+
+        bones = armature_of(context.object)
+        unit = metres_per_unit(context.scene)
+        try:
+            avatar = armature.body_of(context.object)
+            size = float(avatar_objects.size_of(avatar, unit).mean())
+            had_motion = bones.animation_data is not None and bones.animation_data.action is not None
+            rigged = armature.read_avatar(avatar, size)
+            vertices, skeleton = take_as_rest(
+                rigged.mesh.vertices, rigged.weights, rigged.skeleton, t_pose(rigged.skeleton)
+            )
+            with armature.object_mode(context, context.scene):
+                armature.move_rest(avatar, bones, vertices, skeleton, size)
+        except job_operators.REPORTED as error:
+            self.report({"ERROR"}, job_operators.in_words(error))
+            return {"CANCELLED"}
+        if had_motion:
+            self.report({"WARNING"}, say("The motion was of the old rest pose and is no longer played; apply it again"))
+        return {"FINISHED"}
+
+
+def _own_collection(avatar: bpy.types.Object, target: bpy.types.Scene) -> bpy.types.Collection:
+    """A new collection for the skeleton, named after the avatar, beside it."""
+    collection = bpy.data.collections.new(f"{avatar.name} Skeleton")
+    home = next((owner for owner in avatar.users_collection if owner in target.collection.children_recursive), None)
+    (home or target.collection).children.link(collection)
+    return collection
+
+
+CLASSES = (MIRRORSCAN_OT_add_skeleton, MIRRORSCAN_OT_rest_in_t_pose)
