@@ -237,7 +237,7 @@ def _sided(text: str) -> list[str]:
     return [name.replace("#", side) for side in ("left", "right") for name in text.split()]
 
 
-def _upper(text: str) -> tuple[str, ...]:
+def _split(text: str) -> tuple[str, ...]:
     return tuple(text.split())
 
 
@@ -260,21 +260,22 @@ def _arkit() -> tuple[str, ...]:
 
 
 JOINT_SETS = {
-    "kinect_v1": _upper(
+    "kinect_v1": _split(
         "HIP_CENTER SPINE SHOULDER_CENTER HEAD SHOULDER_LEFT ELBOW_LEFT WRIST_LEFT HAND_LEFT SHOULDER_RIGHT "
         "ELBOW_RIGHT WRIST_RIGHT HAND_RIGHT HIP_LEFT KNEE_LEFT ANKLE_LEFT FOOT_LEFT HIP_RIGHT KNEE_RIGHT ANKLE_RIGHT "
         "FOOT_RIGHT"
     ),
-    "kinect_v2": _upper(
+    "kinect_v2": _split(
         "SpineBase SpineMid Neck Head ShoulderLeft ElbowLeft WristLeft HandLeft ShoulderRight ElbowRight WristRight "
         "HandRight HipLeft KneeLeft AnkleLeft FootLeft HipRight KneeRight AnkleRight FootRight SpineShoulder "
         "HandTipLeft ThumbLeft HandTipRight ThumbRight"
     ),
-    "azure_kinect": _upper(
-        "PELVIS SPINE_NAVEL SPINE_CHEST NECK CLAVICLE_LEFT SHOULDER_LEFT ELBOW_LEFT WRIST_LEFT HAND_LEFT "
-        "HANDTIP_LEFT THUMB_LEFT CLAVICLE_RIGHT SHOULDER_RIGHT ELBOW_RIGHT WRIST_RIGHT HAND_RIGHT HANDTIP_RIGHT THUMB_RIGHT "
-        "HIP_LEFT KNEE_LEFT ANKLE_LEFT FOOT_LEFT HIP_RIGHT KNEE_RIGHT ANKLE_RIGHT FOOT_RIGHT HEAD NOSE EYE_LEFT EAR_LEFT "
-        "EYE_RIGHT EAR_RIGHT"
+    "azure_kinect": _split(
+        "PELVIS SPINE_NAVEL SPINE_CHEST NECK "
+        "CLAVICLE_LEFT SHOULDER_LEFT ELBOW_LEFT WRIST_LEFT HAND_LEFT HANDTIP_LEFT THUMB_LEFT "
+        "CLAVICLE_RIGHT SHOULDER_RIGHT ELBOW_RIGHT WRIST_RIGHT HAND_RIGHT HANDTIP_RIGHT THUMB_RIGHT "
+        "HIP_LEFT KNEE_LEFT ANKLE_LEFT FOOT_LEFT HIP_RIGHT KNEE_RIGHT ANKLE_RIGHT FOOT_RIGHT "
+        "HEAD NOSE EYE_LEFT EAR_LEFT EYE_RIGHT EAR_RIGHT"
     ),
     "arkit": _arkit(),
 }

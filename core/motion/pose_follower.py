@@ -6,25 +6,27 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..avatar.pose import Pose, posed_joints
+from ..avatar.pose import Pose
 from ..avatar.skeleton import BONES, PARENTS, Skeleton
 from ..errors import MirrorScanError
-from ..numeric.rotations import about_axis, between, frames, from_vectors, shortest_turn, twist_angles, unit
-from .foot_lock import estimated_soles
+from ..numeric.rotations import about_axis, cross, frames, from_vectors, shortest_turn, twist_angles, unit
+from .foot_lock import Soles, estimated_soles
 from .joint_names import match_joints
 from .rest_frames import FRONT, HINGES, UP, rest_frames
-
-_UPPER, _LOWER, _END = (np.array([BONES.index(hinge[k]) for hinge in HINGES]) for k in range(3))
-_ARMS = np.array([hinge[0].endswith("Arm") for hinge in HINGES])
 
 
 def _both(part: str) -> list[int]:
     return [BONES.index(f"Left{part}"), BONES.index(f"Right{part}")]
 
 
-_HANDS, _FEET, _TOES = _both("Hand"), _both("Foot"), _both("ToeBase")
+_UPPER, _LOWER, _END = (np.array([BONES.index(hinge[k]) for hinge in HINGES]) for k in range(3))
+_ARMS = np.array([hinge[0].endswith("Arm") for hinge in HINGES])
+_KNEES = np.flatnonzero(~_ARMS)
+_HANDS, _FEET, _TOES, _SHINS = _both("Hand"), _both("Foot"), _both("ToeBase"), _both("Leg")
 _THIGHS, _UPPER_ARMS, _COLLARS = _both("UpLeg"), _both("Arm"), _both("Shoulder")
 _SPINE1, _CHEST, _NECK, _HEAD = (BONES.index(name) for name in ("Spine1", "Spine2", "Neck", "Head"))
+_SWUNG, _SWUNG_TO = [_NECK, *_COLLARS], [_HEAD, *_UPPER_ARMS]  # bones that hang on the chest, and where they end
+_SPINE_SHARES = np.array([1 / 3, 2 / 3])[:, None, None]
 _STRAIGHT, _BENT = np.sin(np.radians([10, 30]))  # below, a limb's bend says nothing of its axis; above, all
 _RELAX = 0.05  # a frame: how fast a straight limb turns to where its bend usually faces
 _SETTLED = 30  # frames after which the person's size is known
@@ -48,6 +50,8 @@ class PoseFollower:
         first person.
     palms : np.ndarray [shape=(2, 3), dtype=float64], optional
         As of :func:`.rest_frames.rest_frames`.
+    soles : Soles, optional
+        As of :func:`.foot_lock.sole_points`; otherwise estimated of the skeleton.
     floor : bool, default=True
         Lift the avatar so that no foot is in the floor.
 
@@ -63,27 +67,37 @@ class PoseFollower:
         names: Sequence[str] | None = None,
         up: np.ndarray | None = None,
         palms: np.ndarray | None = None,
+        soles: Soles | None = None,
         floor: bool = True,
     ) -> None:
         self.skeleton = skeleton
         self._own = names is None
         self._names = tuple(BONES if names is None else names)
-        self._up = UP if names is None and up is None else up
+        self._up = up
         self._floor = floor
-        self._rest = rest_frames(skeleton, palms)
-        self._soles = estimated_soles(skeleton)
         self._places, self._fingers = _places(self._names)
+        self._rest = rest_frames(skeleton, palms)
         self._along = self._rest.frames[:, :, 0]
-        self.pose = Pose.rest()
+        self._unturned = np.swapaxes(self._rest.frames, -1, -2).copy()
+        joints = skeleton.joints
+        self._swung = unit(joints[_SWUNG_TO] - joints[_SWUNG])
+        knees = self._rest.frames[_UPPER[_KNEES], :, 1]
+        self._feet_unturned = np.swapaxes(frames(joints[_TOES] - joints[_FEET], knees), -1, -2).copy()
+        # Down both legs at once: the bones that carry the next joint, and the way to it.
+        chain = [[0, 0], _THIGHS, _SHINS, _FEET, _TOES]
+        self._down = [(high, joints[low] - joints[high]) for high, low in zip(chain, chain[1:], strict=False)]
+        firm = (estimated_soles(skeleton) if soles is None else soles).rigid()
+        ends = np.stack([joints[_FEET], joints[_TOES]], axis=1)
+        self._sole_offsets = firm.points[:, :, None] - ends[:, None]
+        self._sole_weights = np.stack([firm.weights[[0, 1], :, bones] for bones in (_FEET, _TOES)], axis=-1)
         self.restart()
 
     def restart(self) -> None:
         """Forget the person: the next frame is a first one."""
-        self._world: np.ndarray | None = None
-        self._origin: np.ndarray | None = None
-        self._legs: list[float] = []
-        self._lowest = np.inf
         self.pose = Pose.rest()
+        self._world = np.eye(3) if self._own and self._up is None else None
+        self._origin = np.zeros(3) if self._own and self._up is None else None
+        self._legs: list[float] = []
         self._axes = self._rest.frames[_UPPER, :, 1]  # of elbows and knees, as carried on
 
     def follow(self, values: np.ndarray, hips: np.ndarray | None = None) -> Pose:
@@ -111,25 +125,21 @@ class PoseFollower:
         return self.pose
 
     def _turned(self, rotations: np.ndarray, hips: np.ndarray | None) -> Pose:
+        """The pose of rotations that came."""
         seen = np.isfinite(rotations).all(axis=(1, 2))
         u, _, vt = np.linalg.svd(np.where(seen[:, None, None], rotations, np.eye(3)))
         u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
-        out = self._held(u @ vt, seen)
+        out, last = u @ vt, self.pose.rotations
+        for bone in np.flatnonzero(~seen):
+            parent = PARENTS[bone]
+            out[bone] = last[bone] if parent < 0 else out[parent] @ last[parent].T @ last[bone]
         translation = self.pose.translation
         if hips is not None and np.isfinite(hips).all():
             translation = np.asarray(hips, dtype=np.float64) - self.skeleton.joints[0]
         return Pose(out, translation)
 
-    def _held(self, rotations: np.ndarray, seen: np.ndarray) -> np.ndarray:
-        """Rotations with what was not seen as it was to its parent."""
-        if not seen.all():
-            last = self.pose.rotations
-            for bone in np.flatnonzero(~seen):
-                parent = PARENTS[bone]
-                rotations[bone] = last[bone] if parent < 0 else rotations[parent] @ last[parent].T @ last[bone]
-        return rotations
-
     def _placed(self, joints: np.ndarray) -> Pose:
+        """The pose of joints that came."""
         if self._world is None:
             self._world = self._find_world(joints)
             if self._world is None:
@@ -140,13 +150,11 @@ class PoseFollower:
         self._trunk(seen, out)
         self._limbs(seen, out)
         self._hands(joints, seen, out)
-        self._feet(seen, out)
+        self._soles(seen, out)
         return Pose(out, self._translation(seen, out))
 
     def _find_world(self, joints: np.ndarray) -> np.ndarray | None:
         """From the tracker's axes to the avatar frame (3, 3), the person facing −Y; None until they are seen."""
-        if self._own and self._up is UP:
-            return np.eye(3)
         seen = joints[self._places]
         hips, arms = seen[_THIGHS], seen[_UPPER_ARMS]
         if not (np.isfinite(hips).all() and np.isfinite(arms).all()):
@@ -165,52 +173,54 @@ class PoseFollower:
 
     def _trunk(self, seen: np.ndarray, out: np.ndarray) -> None:
         """Hips, spine, neck, head and collar bones, by the same landmarks in the rest pose and now."""
-        rest, last = self.skeleton.joints, self.pose.rotations
-        stands = []
-        for points in (rest, seen):
-            hips, arms = points[_THIGHS], points[_UPPER_ARMS]
-            low, high = hips.mean(axis=0), arms.mean(axis=0)
-            middle = points[_SPINE1] if np.isfinite(seen[_SPINE1]).all() else (low + high) / 2
-            across = np.array([hips[0] - hips[1], arms[0] - arms[1]])
-            stands.append(frames(np.array([middle - low, high - middle]), across))
-        turns = stands[1] @ np.swapaxes(stands[0], -1, -2)
-        known = np.isfinite(turns).all(axis=(1, 2))
-        out[0] = turns[0] if known[0] else last[0]
-        out[_CHEST] = turns[1] if known[1] else out[0] @ last[0].T @ last[_CHEST]
-        out[1:_CHEST] = between(np.tile(out[0], (2, 1, 1)), out[_CHEST], np.array([1 / 3, 2 / 3]))
-        neck = seen[_HEAD] - seen[_NECK]
-        if np.isfinite(neck).all():
-            out[_NECK] = out[_HEAD] = shortest_turn(out[_CHEST] @ (rest[_HEAD] - rest[_NECK]), neck) @ out[_CHEST]
-        else:
-            out[_NECK] = out[_HEAD] = out[_CHEST] @ last[_CHEST].T @ last[_NECK]
-        for bone, arm in zip(_COLLARS, _UPPER_ARMS, strict=True):
-            out[bone] = out[_CHEST]
-            way = seen[arm] - seen[bone]
-            if self._own and np.isfinite(way).all():
-                out[bone] = shortest_turn(out[_CHEST] @ (rest[arm] - rest[bone]), way) @ out[_CHEST]
+        last = self.pose.rotations
+        points = np.stack([self.skeleton.joints, seen])
+        hips, arms = points[:, _THIGHS], points[:, _UPPER_ARMS]
+        low, high = hips.mean(axis=1), arms.mean(axis=1)
+        middle = points[:, _SPINE1] if np.isfinite(seen[_SPINE1]).all() else (low + high) / 2
+        across = np.stack([hips[:, 0] - hips[:, 1], arms[:, 0] - arms[:, 1]])
+        lower, upper = frames(np.stack([middle - low, high - middle]), across)
+        for bone, stands in ((0, lower), (_CHEST, upper)):
+            turn = stands[1] @ stands[0].T
+            if np.isfinite(turn).all():
+                out[bone] = turn
+            else:
+                out[bone] = last[0] if bone == 0 else out[0] @ last[0].T @ last[_CHEST]
+        # From hips to chest turns are small: shares of their axes, made square, are near enough.
+        blend = out[0] + _SPINE_SHARES * (out[_CHEST] - out[0])
+        out[1:_CHEST] = frames(blend[:, :, 0], blend[:, :, 1])
+        ways, held = seen[_SWUNG_TO] - seen[_SWUNG], self._swung @ out[_CHEST].T
+        known = np.isfinite(ways).all(axis=1)
+        known[1:] &= self._own  # others' collar bones begin elsewhere
+        out[_SWUNG] = shortest_turn(held, np.where(known[:, None], ways, held)) @ out[_CHEST]
+        if not known[0]:
+            out[_NECK] = out[_CHEST] @ last[_CHEST].T @ last[_NECK]
+        out[_HEAD] = out[_NECK]
 
     def _limbs(self, seen: np.ndarray, out: np.ndarray) -> None:
         """Arms and legs: along what is seen, about the axis they bend about or last bent about."""
         upper, lower = unit(seen[_LOWER] - seen[_UPPER]), unit(seen[_END] - seen[_LOWER])
         last, parents = self.pose.rotations, np.where(_ARMS, _CHEST, 0)
-        moved = out[parents] @ np.swapaxes(last[parents], -1, -2)  # with the trunk, since the last frame
-        ok = np.isfinite(upper).all(axis=1)
         before = np.einsum("kij,kj->ki", last[_UPPER], self._along[_UPPER])
-        upper = np.where(ok[:, None], upper, np.einsum("kij,kj->ki", moved, before))
-        below = np.isfinite(lower).all(axis=1)
+        known = np.isfinite(upper).all(axis=1)
+        if not known.all():  # with the trunk, since the last frame
+            moved = out[parents] @ np.swapaxes(last[parents], -1, -2)
+            upper = np.where(known[:, None], upper, np.einsum("kij,kj->ki", moved, before))
+        below = np.isfinite(lower).all(axis=1)[:, None]
         carried = np.einsum("kij,kj->ki", shortest_turn(before, upper), self._axes)
-        usual = unit(np.cross(upper, np.where(_ARMS[:, None], out[_CHEST] @ FRONT, -(out[0] @ FRONT))))
-        axes = (1 - _RELAX) * carried + _RELAX * usual
-        bent = np.cross(upper, np.where(below[:, None], lower, upper))
-        sine = np.sqrt(np.einsum("ki,ki->k", bent, bent))
-        share = np.clip((sine - _STRAIGHT) / (_BENT - _STRAIGHT), 0, 1)[:, None]
+        ahead = np.where(_ARMS[:, None], out[_CHEST] @ FRONT, -(out[0] @ FRONT))
+        axes = (1 - _RELAX) * carried + _RELAX * unit(cross(upper, ahead))
+        bent = cross(upper, np.where(below, lower, upper))
+        sine = np.sqrt(np.einsum("ki,ki->k", bent, bent))[:, None]
+        share = np.clip((sine - _STRAIGHT) / (_BENT - _STRAIGHT), 0, 1)
         axes = share * unit(bent) + (1 - share) * axes
-        turns = frames(upper, axes)
-        self._axes = turns[:, :, 1]
-        out[_UPPER] = turns @ np.swapaxes(self._rest.frames[_UPPER], -1, -2)
-        held = out[_UPPER] @ np.swapaxes(last[_UPPER], -1, -2) @ last[_LOWER]
-        bend = frames(np.where(below[:, None], lower, upper), axes) @ np.swapaxes(self._rest.frames[_LOWER], -1, -2)
-        out[_LOWER] = np.where(below[:, None, None], bend, held)
+        turned = frames(np.concatenate([upper, np.where(below, lower, upper)]), np.concatenate([axes, axes]))
+        self._axes = turned[:4, :, 1]
+        out[_UPPER] = turned[:4] @ self._unturned[_UPPER]
+        out[_LOWER] = turned[4:] @ self._unturned[_LOWER]
+        if not below.all():
+            held = out[_UPPER] @ np.swapaxes(last[_UPPER], -1, -2) @ last[_LOWER]
+            out[_LOWER] = np.where(below[:, None], out[_LOWER], held)
 
     def _hands(self, joints: np.ndarray, seen: np.ndarray, out: np.ndarray) -> None:
         """Hands as far as fingers are seen; half of a hand's turn goes to the forearm."""
@@ -228,59 +238,53 @@ class PoseFollower:
             if not np.isfinite(way).all():
                 out[hand] = out[fore] @ last[fore].T @ last[hand]
             elif np.isfinite(across).all():
-                out[hand] = frames(way, np.cross(way, across)) @ self._rest.frames[hand].T
+                out[hand] = frames(way, cross(way, across)) @ self._unturned[hand]
             else:
                 out[hand] = shortest_turn(out[fore] @ self._along[hand], way) @ out[fore]
             twist = float(twist_angles(out[fore].T @ out[hand], self._along[fore]))
             out[fore] = out[fore] @ from_vectors(twist / 2 * self._along[fore])
 
-    def _feet(self, seen: np.ndarray, out: np.ndarray) -> None:
+    def _soles(self, seen: np.ndarray, out: np.ndarray) -> None:
         """Feet along what is seen, soles square to the axis of the knee."""
-        rest, last = self.skeleton.joints, self.pose.rotations
-        for foot, toe, knee in zip(_FEET, _TOES, np.flatnonzero(~_ARMS), strict=True):
-            shin, way = foot - 1, seen[toe] - seen[foot]
-            if self._places[toe] < 0:
-                out[foot] = out[shin]
-            elif np.isfinite(way).all():
-                axis = self._rest.frames[_UPPER[knee], :, 1]
-                out[foot] = frames(way, self._axes[knee]) @ frames(rest[toe] - rest[foot], axis).T
-            else:
-                out[foot] = out[shin] @ last[shin].T @ last[foot]
-            out[toe] = out[foot]
+        last, ways = self.pose.rotations, seen[_TOES] - seen[_FEET]
+        known = np.isfinite(ways).all(axis=1)
+        if known.all():
+            out[_FEET] = frames(ways, self._axes[_KNEES]) @ self._feet_unturned
+        else:
+            for side, (foot, shin) in enumerate(zip(_FEET, _SHINS, strict=True)):
+                if known[side]:
+                    out[foot] = frames(ways[side], self._axes[_KNEES[side]]) @ self._feet_unturned[side]
+                else:
+                    out[foot] = out[shin] @ last[shin].T @ last[foot]
+        out[_TOES] = out[_FEET]
 
     def _translation(self, seen: np.ndarray, out: np.ndarray) -> np.ndarray:
-        """Of the hips, the person's way scaled by the legs."""
-        knees = seen[_LOWER[~_ARMS]]
-        legs = np.linalg.norm(knees - seen[_THIGHS], axis=1) + np.linalg.norm(seen[_FEET] - knees, axis=1)
-        if len(self._legs) < _SETTLED and np.isfinite(legs).any():
-            self._legs.append(float(np.nanmean(legs)))
-        middle = seen[_THIGHS].mean(axis=0)
+        """Of the hips: the person's way, scaled by the legs."""
+        bones = seen[_SHINS + _FEET] - seen[_THIGHS + _SHINS]
+        lengths = np.sqrt(np.einsum("ki,ki->k", bones, bones))
+        length = float(lengths.sum()) / 2
+        if len(self._legs) < _SETTLED and np.isfinite(length):
+            self._legs.append(length)
+        middle = (seen[_THIGHS[0]] + seen[_THIGHS[1]]) / 2
         if not self._legs or not np.isfinite(middle).all():
             return self.pose.translation
-        scale = (
-            1.0 if self._own and self._up is UP and self._same(legs) else self._rest.leg / float(np.mean(self._legs))
-        )
         rest = self.skeleton.joints
-        own = rest[_THIGHS].mean(axis=0) - rest[0]
-        place = middle * scale - out[0] @ own - rest[0]
-        if self._origin is None:
-            pose = Pose(out, place)
-            self._origin = place * [1, 1, 0] if not self._own else np.zeros(3)
-            if not self._own:
-                self._origin[2] = self._lowest_sole(pose)
+        scale = self._rest.leg * len(self._legs) / sum(self._legs)
+        place = middle * scale - out[0] @ ((rest[_THIGHS[0]] + rest[_THIGHS[1]]) / 2 - rest[0]) - rest[0]
+        if self._origin is None:  # the person begins where the skeleton stands, on the floor
+            self._origin = np.array([place[0], place[1], self._lowest_sole(out, place)])
         place = place - self._origin
         if self._floor:
-            place = place + max(0.0, -self._lowest_sole(Pose(out, place))) * UP
+            place[2] += max(0.0, -self._lowest_sole(out, place))
         return place
 
-    def _same(self, legs: np.ndarray) -> bool:
-        return bool(abs(np.nanmean(legs) / self._rest.leg - 1) < 1e-3)
-
-    def _lowest_sole(self, pose: Pose) -> float:
-        """Height of the lowest point of both soles [m]."""
-        moves = posed_joints(self.skeleton, pose) - np.einsum("bij,bj->bi", pose.rotations, self.skeleton.joints)
-        heights = self._soles.points @ pose.rotations[:, 2].T + moves[:, 2]
-        return float((heights * self._soles.weights).sum(axis=-1).min())
+    def _lowest_sole(self, turns: np.ndarray, place: np.ndarray) -> float:
+        """Height of the lowest point of both soles, the hips moved by ``place`` from where they rest [m]."""
+        height = place[2] + self.skeleton.joints[0, 2]
+        heights = [height := height + np.einsum("ki,ki->k", turns[high, 2], way) for high, way in self._down]
+        rows = np.stack([turns[_FEET, 2], turns[_TOES, 2]], axis=1)
+        points = np.einsum("skbi,sbi->skb", self._sole_offsets, rows) + np.stack(heights[2:], axis=1)[:, None]
+        return float((self._sole_weights * points).sum(axis=-1).min())
 
 
 def _places(names: Sequence[str]) -> tuple[np.ndarray, list[dict[str, int]]]:

@@ -306,6 +306,7 @@ def _turn_hand(source: _Source, rest: RestFrames, out: np.ndarray, side: str) ->
     out[:, hand] = source.spin(joint) @ frames(local, axis) @ rest.frames[hand].T
     along = rest.frames[fore][:, 0]
     twist = np.unwrap(twist_angles(np.swapaxes(out[:, fore], -1, -2) @ out[:, hand], along))
+    twist -= 2 * np.pi * np.round(np.median(twist) / (2 * np.pi))
     out[:, fore] = out[:, fore] @ from_vectors(twist[:, None] / 2 * along)
 
 
