@@ -95,7 +95,7 @@ class MIRRORSCAN_OT_apply_motion(job_operators.FileJobOperator, bpy.types.Operat
                 text = say("{path}: is no motion file that is read; choose a BVH or FBX file")
                 raise CaptureError(text.format(path=source))
             if ending == ".fbx":
-                from ..scene.motion_files import read_fbx_motion
+                from ..scene.fbx_motion import read_fbx_motion
 
                 source = read_fbx_motion(source)
         avatar, bones = armature.body_of(context.object), armature_of(context.object)

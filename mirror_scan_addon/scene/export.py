@@ -356,10 +356,8 @@ def _renamed(avatar: bpy.types.Object) -> Iterator[None]:
 @contextlib.contextmanager
 def _removed_again() -> Iterator[None]:
     """What is added to the open file meanwhile is removed at the end."""
-    collections = (
-        bpy.data.objects, bpy.data.meshes, bpy.data.materials, bpy.data.cameras, bpy.data.lights, bpy.data.armatures,
-        bpy.data.actions,
-    )  # fmt: skip
+    data = bpy.data
+    collections = (data.objects, data.meshes, data.materials, data.cameras, data.lights, data.armatures, data.actions)
     before = {block for blocks in collections for block in blocks}
     try:
         yield

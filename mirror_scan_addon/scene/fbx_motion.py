@@ -1,0 +1,82 @@
+"""The motion of an FBX file, read by Blender's own importer, as core takes it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...core.errors import MirrorScanError, OutputError
+from ...core.motion import Motion
+from .export import _enabled, _quiet, _reason, _shown, _temporary_scene
+
+_UP = np.array([0.0, 0, 1])
+
+
+def read_fbx_motion(path: str | Path) -> Motion:
+    """The longest motion of an armature in an FBX file; what is open in this Blender stays as it is.
+
+    Frames are those of the file, at its rate. Leaf bones' tips become joints named after their bone with ``_End``.
+
+    Raises
+    ------
+    MirrorScanError
+        The file cannot be read, or nothing in it moves a skeleton.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise MirrorScanError("{path}: there is no such file", path=path)
+    with _temporary_scene() as scene, _enabled("io_scene_fbx"), _shown(scene), _quiet():
+        try:
+            bpy.ops.import_scene.fbx(filepath=str(path), ignore_leaf_bones=False, automatic_bone_orientation=False)
+        except (RuntimeError, OutputError) as error:
+            reason = _reason(str(error))
+            raise MirrorScanError("{path}: Blender cannot read it ({reason})", path=path, reason=reason) from error
+        moved = [thing for thing in scene.objects if thing.type == "ARMATURE" and _action(thing) is not None]
+        if not moved:
+            raise MirrorScanError("{path}: nothing in it moves a skeleton; export it with its animation", path=path)
+        return _motion(path.name, scene, max(moved, key=lambda thing: len(thing.data.bones)))
+
+
+def _action(armature: bpy.types.Object) -> bpy.types.Action | None:
+    return armature.animation_data.action if armature.animation_data else None
+
+
+def _motion(name: str, scene: bpy.types.Scene, armature: bpy.types.Object) -> Motion:
+    """Every frame of the armature's action."""
+    bones = list(armature.data.bones)  # parents come first
+    places = {bone.name: place for place, bone in enumerate(bones)}
+    parents = [places[bone.parent.name] if bone.parent else -1 for bone in bones]
+    leaves = [place for place, bone in enumerate(bones) if not bone.children]
+    joints = (*places, *(f"{bones[place].name}_End" for place in leaves))
+    first, last = (round(frame) for frame in armature.animation_data.action.frame_range)
+    matrices = np.empty((last - first + 1, len(bones), 4, 4))
+    for row, frame in enumerate(range(first, last + 1)):
+        scene.frame_set(frame)
+        world = np.array(armature.matrix_world)
+        matrices[row] = [world @ np.array(armature.pose.bones[bone.name].matrix) for bone in bones]
+    # The rest pose stands as the armature does in the first frame.
+    scene.frame_set(first)
+    world = np.array(armature.matrix_world)
+    rest = np.array([world @ np.array(bone.matrix_local) for bone in bones])
+    tips = np.array([world[:3, :3] @ np.array(bone.tail_local) + world[:3, 3] for bone in bones])[leaves]
+    turns = _unscaled(matrices[..., :3, :3]) @ np.swapaxes(_unscaled(rest[:, :3, :3]), -1, -2)
+    lengths = np.array([[0, bones[place].length, 0, 1] for place in leaves])
+    ends = np.einsum("fbij,bj->fbi", matrices[:, leaves, :3], lengths)
+    return Motion(
+        name,
+        joints,
+        np.array([*parents, *leaves]),
+        np.concatenate([matrices[..., :3, 3], ends], axis=1),
+        np.concatenate([turns, turns[:, leaves]], axis=1),
+        np.concatenate([rest[:, :3, 3], tips]),
+        scene.render.fps / scene.render.fps_base,
+        _UP,
+    )
+
+
+def _unscaled(matrices: np.ndarray) -> np.ndarray:
+    """The rotations (..., 3, 3) in matrices with scale."""
+    u, _, vt = np.linalg.svd(matrices)
+    return u @ vt
