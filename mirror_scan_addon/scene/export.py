@@ -11,6 +11,7 @@ import io
 import math
 import os
 import re
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -143,7 +144,7 @@ def write_usd(path: str | os.PathLike, reconstruction: Rigged, *, clip: Clip | N
     """
     with replacing(path) as temporary, _temporary_scene() as target:
         _add_avatar(target, reconstruction, clip)
-        with _shown(target), _quiet():
+        with _shown(target), _silent():
             try:
                 bpy.ops.wm.usd_export(filepath=str(temporary), export_animation=clip is not None)
             except RuntimeError as error:
@@ -498,3 +499,17 @@ def _shown(target: bpy.types.Scene) -> Iterator[None]:
 def _quiet() -> contextlib.AbstractContextManager:
     """Keep what exporters print from the terminal."""
     return contextlib.redirect_stdout(io.StringIO())
+
+
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """Keep what Blender itself prints, below Python, from the terminal."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    try:
+        with open(os.devnull, "wb") as nowhere:
+            os.dup2(nowhere.fileno(), 1)
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
