@@ -6,11 +6,13 @@ writes all the others.
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 BLENDER_FORMATS = {".blend": "write_blend", ".glb": "write_glb", ".fbx": "write_fbx", ".usd": "write_usd",
                    ".usdc": "write_usd"}  # fmt: skip
+READ_BY_BLENDER = {".blend": "read_blend_avatar", ".fbx": "read_fbx_motion"}
 BPY_PYTHONS = {(3, 11): "bpy 4.5 and 5.0", (3, 13): "bpy 5.1 and later"}
 
 _handles: list[object] = []  # Blender removes a command only by the handle it returned
@@ -31,7 +33,7 @@ class BlenderWriters(Mapping):
         from .scene import export
 
         if suffix == ".blend":
-            return lambda path, reconstruction: export.write_blend(path, reconstruction, own_process=True)
+            return functools.partial(export.write_blend, own_process=True)
         return getattr(export, name)
 
     def __contains__(self, suffix: object) -> bool:
@@ -42,6 +44,32 @@ class BlenderWriters(Mapping):
 
     def __len__(self) -> int:
         return len(BLENDER_FORMATS)
+
+
+class BlenderReaders(Mapping):
+    """Suffix → ``function(path)``: avatars of .blend, motions of .fbx; looking one up imports bpy.
+
+    Raises
+    ------
+    OutputError
+        As :class:`BlenderWriters`.
+    """
+
+    def __getitem__(self, suffix: str) -> Callable:
+        name = READ_BY_BLENDER[suffix]
+        _require_bpy(suffix)
+        from .scene import file_reading
+
+        return getattr(file_reading, name)
+
+    def __contains__(self, suffix: object) -> bool:
+        return suffix in READ_BY_BLENDER
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(READ_BY_BLENDER)
+
+    def __len__(self) -> int:
+        return len(READ_BY_BLENDER)
 
 
 def find_bridge() -> Callable | None:
@@ -59,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of pip's script ``mirror-scan``; returns the exit code."""
     from ..core import cli
 
-    return cli.main(argv, writers=BlenderWriters(), find_bridge=find_bridge)
+    return cli.main(argv, writers=BlenderWriters(), find_bridge=find_bridge, readers=BlenderReaders())
 
 
 def blender_main(argv: Sequence[str]) -> int:
@@ -74,7 +102,13 @@ def blender_main(argv: Sequence[str]) -> int:
         if not {"-h", "--help"}.intersection(argv):
             print(f"error: {error}", file=sys.stderr)
             return 1
-    return cli.main(argv, prog="blender --command mirror_scan", writers=BlenderWriters(), find_bridge=find_bridge)
+    return cli.main(
+        argv,
+        prog="blender --command mirror_scan",
+        writers=BlenderWriters(),
+        find_bridge=find_bridge,
+        readers=BlenderReaders(),
+    )
 
 
 def register() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import math
 import os
@@ -12,12 +13,16 @@ from typing import TYPE_CHECKING
 
 from ..errors import CaptureError, OutputError
 from .outputs import (
+    Readers,
     Writers,
+    blaming,
     check_targets,
     make_folder,
+    motion_writer_of,
     plain,
     plan_outputs,
     read_surface,
+    reader_of,
     stand,
     write_outputs,
     write_simulation,
@@ -26,10 +31,12 @@ from .outputs import (
 from .terminal import advance, complain, distance_lines, progress_bar, say, stage_of, summary_line
 
 if TYPE_CHECKING:
+    from ..avatar.avatar_file import Avatar
     from ..capture import Capture, MirrorPicks, ReadOptions
     from ..capture.frames import FrameChoice
     from ..mirrors import Mirror
     from ..mirrors.picked_mirror import MirrorSettings
+    from ..motion import Clip
     from ..pipeline import Reconstruction, Settings
 
 
@@ -99,6 +106,60 @@ def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
         complain("note", note)
     with progress_bar(options.quiet) as progress:
         return reconstruct(capture, mirrors, settings_of(options), progress=progress, frame=options.frame), read_ms
+
+
+def run_animate(options: argparse.Namespace, writers: Writers) -> None:
+    """``animate``: give an avatar with a skeleton a motion."""
+    outputs = [(path, motion_writer_of(path, writers, options.vrm)) for path in options.outputs]
+    check_targets(options.outputs)
+
+    from ..io.atomic_files import replacing
+
+    with progress_bar(options.quiet) as progress:
+        advance(progress, 0.0, "reading the avatar")
+        avatar = _rigged_avatar(options.avatar, options.readers)
+        advance(progress, 0.3, "moving it")
+        clip = _clip_for(avatar, options)
+        advance(progress, 0.6, "writing")
+        with contextlib.ExitStack() as stack:
+            temporaries = [stack.enter_context(replacing(path)) for path, _ in outputs]
+            for (path, write), temporary in zip(outputs, temporaries, strict=True):
+                with blaming(path):
+                    write(temporary, avatar, clip)
+    if not options.quiet:
+        frames = len(clip.rotations)
+        say(f"{clip.name}: {frames} frame{'s' if frames > 1 else ''}, {clip.rate:g} a second")
+        for path, _ in outputs:
+            say(f"  {path}")
+
+
+def _rigged_avatar(path: Path, readers: Readers) -> Avatar:
+    """The avatar in a file, which must have a skeleton."""
+    from ..avatar.avatar_file import read_avatar
+
+    suffix = path.suffix.lower()
+    if suffix not in (".glb", ".vrm", ".blend"):
+        raise CaptureError(f"{path}: is no avatar; give a .glb or .blend that “reconstruct --skeleton” wrote")
+    avatar = reader_of(path, readers)(path) if suffix == ".blend" else read_avatar(path)
+    if avatar.skeleton is None or avatar.weights is None:
+        raise CaptureError(f"{path}: the avatar has no skeleton; make it with “reconstruct --skeleton”")
+    return avatar
+
+
+def _clip_for(avatar: Avatar, options: argparse.Namespace) -> Clip:
+    """The motion that a command line names, for the avatar's skeleton."""
+    from ..motion import CLIPS, make_clip, read_bvh, retarget, sole_points
+
+    assert avatar.skeleton is not None and avatar.weights is not None  # seen to when it was read
+    if options.motion in CLIPS:
+        return make_clip(options.motion, avatar.skeleton, in_place=options.in_place)
+    path = Path(options.motion)
+    suffix = path.suffix.lower()
+    if suffix not in (".bvh", ".fbx"):
+        raise CaptureError(f"{path}: is no motion; give a .bvh or .fbx file, or one of {', '.join(CLIPS)}")
+    motion = read_bvh(path) if suffix == ".bvh" else reader_of(path, options.readers)(path)
+    soles = sole_points(avatar.mesh.vertices, avatar.weights, avatar.skeleton)
+    return retarget(motion, avatar.skeleton, in_place=options.in_place, loop=options.loop, soles=soles)
 
 
 def run_calibrate(options: argparse.Namespace, writers: Writers) -> None:

@@ -9,17 +9,21 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import CaptureError, OutputError
 
 if TYPE_CHECKING:
+    from ..avatar.avatar_file import Avatar
     from ..mesh import Mesh
+    from ..motion import Clip
     from ..pipeline import Reconstruction
 
 
-Writers = Mapping[str, Callable[["Path", "Reconstruction"], object]]
+Writers = Mapping[str, Callable[..., object]]
+Readers = Mapping[str, Callable[["Path"], object]]
 
 BLENDER_SUFFIXES = (".blend", ".glb", ".fbx", ".usd", ".usdc")
 PLAIN_SUFFIXES = (".ply", ".obj", ".stl")
@@ -40,13 +44,46 @@ def writer_of(
     if suffix in writers:
         return writers[suffix]
     if suffix in BLENDER_SUFFIXES:
-        raise OutputError(
-            f"{path}: {suffix} needs Blender's Python module; “pip install bpy==5.0.1” (Python 3.11), bpy==5.2.3 "
-            f"(Python 3.13) or bpy 4.5 LTS (Python 3.11); this is Python {sys.version_info[0]}.{sys.version_info[1]}. "
-            "Without it, write .ply, .obj or .stl, or .glb with --skeleton"
-        )
+        raise OutputError(f"{_needs_blender(path)}. Without it, write .ply, .obj or .stl, or .glb with --skeleton")
     known = ", ".join((*PLAIN_SUFFIXES, *BLENDER_SUFFIXES))
     raise OutputError(f"{path}: unknown format “{path.suffix}”; use one of {known}")
+
+
+def _needs_blender(path: Path) -> str:
+    return (
+        f"{path}: {path.suffix.lower()} needs Blender's Python module; “pip install bpy==5.0.1” (Python 3.11), "
+        "bpy==5.2.3 (Python 3.13) or bpy 4.5 LTS (Python 3.11); this is Python "
+        f"{sys.version_info[0]}.{sys.version_info[1]}"
+    )
+
+
+def motion_writer_of(path: Path, writers: Writers, vrm: bool = False) -> Callable[[Path, Avatar, Clip], object]:
+    """What writes an avatar with a motion to ``path``, by its suffix."""
+    from ..avatar.avatar_file import write_avatar
+
+    suffix = path.suffix.lower()
+    if suffix == ".glb":
+        return lambda target, avatar, clip: write_avatar(target, replace(avatar, motions=(clip,)), vrm)
+    if suffix in BLENDER_SUFFIXES and suffix in writers:
+        write = writers[suffix]
+        return lambda target, avatar, clip: write(target, avatar, motion=clip)
+    if suffix in BLENDER_SUFFIXES:
+        raise OutputError(f"{_needs_blender(path)}. Without it, write .glb")
+    raise OutputError(f"{path}: a motion goes into one of .glb, .blend, .fbx, .usd, .usdc, not into “{path.suffix}”")
+
+
+def reader_of(path: Path, readers: Readers) -> Callable[[Path], Any]:
+    """What reads ``path`` by Blender.
+
+    Raises
+    ------
+    CaptureError
+        When there is no Blender.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in readers:
+        raise CaptureError(_needs_blender(path))
+    return readers[suffix]
 
 
 def write_glb(path: Path, result: Reconstruction, vrm: bool = False) -> None:
@@ -95,19 +132,19 @@ def write_outputs(
         temporaries = [stack.enter_context(replacing(path)) for path, _ in outputs]
         report_temporary = stack.enter_context(replacing(report)) if report else None
         for (path, write), temporary in zip(outputs, temporaries, strict=True):
-            with _blaming(path):
+            with blaming(path):
                 write(temporary, result)
         if report and report_temporary:
             timings = {"read": read_ms, **result.report.get("timings_ms", {})}
             timings["write"] = (time.perf_counter() - started) * 1e3
             text = json.dumps(plain({**result.report, "timings_ms": timings}), indent=1, ensure_ascii=False)
-            with _blaming(report):
+            with blaming(report):
                 # a file name that is not UTF-8 has characters that JSON can only escape
                 report_temporary.write_text(text + "\n", encoding="utf-8", errors="backslashreplace")
 
 
 @contextlib.contextmanager
-def _blaming(path: Path) -> Iterator[None]:
+def blaming(path: Path) -> Iterator[None]:
     """Name the file an :class:`OSError` is about by the name the user gave it."""
     try:
         yield

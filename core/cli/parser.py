@@ -41,6 +41,7 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     )
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     _add_reconstruct(subparsers)
+    _add_animate(subparsers)
     _add_calibrate(subparsers)
     _add_demo(subparsers)
     _add_simulate(subparsers)
@@ -94,6 +95,26 @@ def _add_reconstruct(subparsers: _Commands) -> None:
     _add_light(command)
     _add_quiet(command)
     command.set_defaults(run=commands.run_reconstruct)
+
+
+def _add_animate(subparsers: _Commands) -> None:
+    command = subparsers.add_parser("animate", help="give an avatar with a skeleton a motion")
+    command.add_argument(
+        "avatar", metavar="AVATAR", type=Path, help=".glb, or with Blender .blend, written by “reconstruct --skeleton”"
+    )
+    command.add_argument(
+        "motion", metavar="MOTION",
+        help="file of a motion: .bvh, or with Blender .fbx; or one of our own: idle, walk, arms up, squat, turn",
+    )  # fmt: skip
+    command.add_argument(
+        "-o", dest="outputs", metavar="OUT", type=Path, action="append", required=True,
+        help="file to write, by suffix: .glb, with Blender also .blend .fbx .usd; may be given several times",
+    )  # fmt: skip
+    command.add_argument("--in-place", action="store_true", help="leave out the way over the floor")
+    command.add_argument("--loop", action="store_true", help="make it repeat without a jump")
+    command.add_argument("--vrm", action="store_true", help="name the bones of VRM's humanoid in .glb, too")
+    _add_quiet(command)
+    command.set_defaults(run=commands.run_animate)
 
 
 def _add_calibrate(subparsers: _Commands) -> None:

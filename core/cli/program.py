@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from ..errors import MirrorScanError, OutputError
-from .outputs import Writers
+from .outputs import Readers, Writers
 from .parser import build_parser
 from .terminal import complain, kernels_reported
 
@@ -26,6 +26,7 @@ def main(
     prog: str = "mirror-scan",
     writers: Writers | None = None,
     find_bridge: Callable[[], Callable[[Mesh], Mesh] | None] | None = None,
+    readers: Readers | None = None,
 ) -> int:
     """Run one command.
 
@@ -37,9 +38,12 @@ def main(
         How the user called it, for help and usage.
     writers : mapping or None
         Suffix (".blend") → ``function(path, reconstruction)`` for formats core cannot write; looking one up may raise
-        :class:`OutputError` to say why it cannot be had.
+        :class:`OutputError` to say why it cannot be had. For a motion, ``function(path, avatar, motion=clip)``.
     find_bridge : function() or None
         Gives Blender's way of closing patches, for the zippering experiment; None where there is no Blender.
+    readers : mapping or None
+        Suffix → ``function(path)`` for formats core cannot read: .blend gives an :class:`.avatar_file.Avatar`, .fbx a
+        :class:`.motion.Motion`; looking one up may raise, as with ``writers``.
 
     Returns
     -------
@@ -48,7 +52,7 @@ def main(
         reader went away.
     """
     try:
-        return _run(argv, prog, writers or {}, find_bridge)
+        return _run(argv, prog, writers or {}, find_bridge, readers or {})
     except BrokenPipeError:  # the reader of a pipe had enough
         return 141
     except OutputError:  # even the error cannot be reported
@@ -57,7 +61,9 @@ def main(
         _leave_streams()
 
 
-def _run(argv: Sequence[str] | None, prog: str, writers: Writers, find_bridge: Callable | None) -> int:
+def _run(
+    argv: Sequence[str] | None, prog: str, writers: Writers, find_bridge: Callable | None, readers: Readers
+) -> int:
     try:
         options = build_parser(prog).parse_args(argv)
     except SystemExit as stop:  # argparse has said what there is to say
@@ -65,7 +71,7 @@ def _run(argv: Sequence[str] | None, prog: str, writers: Writers, find_bridge: C
     except OutputError as error:  # the help, into a file on a full disk
         complain("error", str(error))
         return 1
-    options.find_bridge = find_bridge
+    options.find_bridge, options.readers = find_bridge, readers
     try:
         with kernels_reported():
             options.run(options, writers)
