@@ -1,3 +1,12 @@
 """Small numeric tools: products, rotations, sparse least squares, union-find, threads, ``njit``."""
 
-__all__ = ["kernel_warnings", "kernels", "point_products", "rotations", "sparse_least_squares", "threads", "union_find"]
+__all__ = [
+    "blas_threads",
+    "kernel_warnings",
+    "kernels",
+    "point_products",
+    "rotations",
+    "sparse_least_squares",
+    "threads",
+    "union_find",
+]

@@ -12,6 +12,7 @@ from ..capture.camera_poses import check_pose
 from ..checks.camera_contradictions import check_cameras
 from ..errors import CaptureError, Notice, ReconstructionError
 from ..mirrors import Mirror
+from ..numeric.blas_threads import one_blas_thread
 from ..numeric.point_products import transform
 from ..views.view_maps import stack_maps
 from .lines_of_sight import Figures, check_meeting_point, check_way_round, meeting_point_of
@@ -92,7 +93,8 @@ def reconstruction_views_steps(
         part = (0.6 * k / len(captures), 0.6 * (k + 1) / len(captures))
         alone = len(captures) == 1
         try:
-            scan = yield from scan_steps(capture, known[k], settings, clock, part, meeting, find=False, alone=alone)
+            with one_blas_thread():
+                scan = yield from scan_steps(capture, known[k], settings, clock, part, meeting, find=False, alone=alone)
         except ReconstructionError as error:
             if meeting_point is not None:
                 check_way_round(to_world, figures)
@@ -106,7 +108,8 @@ def reconstruction_views_steps(
     except ReconstructionError:
         check_way_round(to_world, figures)
         raise
-    return (yield from joining_steps(joined, settings, frame, clock))
+    with one_blas_thread():
+        return (yield from joining_steps(joined, settings, frame, clock))
 
 
 def join_scans(scans: Sequence[Scan], poses: Sequence[np.ndarray], names: Sequence[str]) -> Scan:

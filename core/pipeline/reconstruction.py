@@ -7,6 +7,7 @@ from collections.abc import Callable, Generator
 from ..capture import Capture, MirrorPicks
 from ..errors import ReconstructionError
 from ..mirrors import Mirror
+from ..numeric.blas_threads import one_blas_thread
 from .scan import Clock, scan_steps
 from .settings import Settings
 from .surface import Reconstruction, joining_steps
@@ -69,8 +70,9 @@ def reconstruction_steps(
     check_frame(frame)
     picks = capture.mirrors if mirrors is None else tuple(mirrors)
     clock = Clock()
-    scan = yield from scan_steps(capture, picks, settings, clock, (0.0, 0.6))
-    return (yield from joining_steps(scan, settings, frame, clock))
+    with one_blas_thread():
+        scan = yield from scan_steps(capture, picks, settings, clock, (0.0, 0.6))
+        return (yield from joining_steps(scan, settings, frame, clock))
 
 
 def check_frame(frame: str) -> None:
