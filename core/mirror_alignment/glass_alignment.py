@@ -334,7 +334,8 @@ def thick_glass(
     image : RgbdImage
         Fused depth, z [m].
     timed : bool or None
-        The camera measures time, or may; of others only ``unsure`` is judged.
+        The camera measures time, or may; of others only ``unsure`` is judged, and of those known to measure it not:
+        thick glass would show by its delay.
     """
     settings = settings or ThicknessSettings()
     asked = [
@@ -346,7 +347,7 @@ def thick_glass(
         return GlassEvidence()
     observations = _observations(image, mirrors, asked, timed is not False)
     poses = [(np.zeros(3), _proper(mirrors[k])) for k in asked]
-    unsure = _unsure_offsets(observations, poses, asked)
+    unsure = {} if timed else _unsure_offsets(observations, poses, asked)
     if timed is False:
         return GlassEvidence(unsure=unsure)
     nothing = [0.0] * len(asked), [_NONE] * len(asked)
