@@ -68,12 +68,6 @@ def match_exposures(mesh: Mesh, mirrored: np.ndarray) -> Mesh:
     return replace(mesh, colors=colors)
 
 
-def exposure_gains(mesh: Mesh, mirrored: np.ndarray) -> np.ndarray:
-    """Natural logarithms (N, 3) of what each view's colours are to be multiplied with. See :func:`match_exposures`."""
-    assert mesh.view is not None
-    return _gains(_seam_pairs(mesh), mesh.view, mirrored)
-
-
 def _seam_pairs(mesh: Mesh) -> _Pairs:
     assert mesh.view is not None and mesh.kind is not None and mesh.colors is not None
     strips = mesh.triangles[mesh.kind == SEAM]
@@ -87,10 +81,9 @@ def _seam_pairs(mesh: Mesh) -> _Pairs:
 
 
 def _gains(pairs: _Pairs, view: np.ndarray, mirrored: np.ndarray) -> np.ndarray:
+    """Natural logarithms (N, 3) of what each view's colours are to be multiplied with."""
     views, ratio = len(mirrored), pairs.ratio
     gain = np.zeros((views, 3))
-    if not len(ratio):
-        return gain
     number = view[pairs.vertex[:, 0]].astype(np.int64) * views + view[pairs.vertex[:, 1]]
     for channel in range(3):
         A, b = np.eye(views) / _UNSURE**2, np.zeros(views)
