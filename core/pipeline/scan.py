@@ -13,6 +13,7 @@ from ..camera import Intrinsics, RgbdImage, unproject
 from ..camera.noise_models import SENSORS, NoiseModel
 from ..capture import Capture, MirrorPicks
 from ..checks.scene_advice import check_scene
+from ..checks.seat import check_seat
 from ..checks.view_disagreement import check_agreement
 from ..depth.burst_motion import still_warning
 from ..depth.clean_views import clean
@@ -151,6 +152,7 @@ def scan_steps(
 
     yield at(0.58), "Smoothing the depth"
     views, contradictions = check_agreement(image, views, placed, principle.time)
+    seat = [] if settings.views.object else check_seat(views)
     faults = [*contradictions, *check_scene(image, views, placed, model, alone)]
     burst = burst_noise(len(capture.depth), spread, depth, views.labels, len(placed) + 1)
     moved = still_warning(capture.depth, views.labels, camera.fx, settings.depth)
@@ -170,7 +172,7 @@ def scan_steps(
     # where it is known why a mirror shows nobody, that is reported instead
     explained = {name for fault in faults for name in Notice.of(fault).mirrors}
     blind = [text for text in views.warnings if explained.isdisjoint(Notice.of(text).mirrors)]
-    warnings = (*placement, *(text for text in (unlearnt, moved) if text), *blind, *faults)
+    warnings = (*seat, *placement, *(text for text in (unlearnt, moved) if text), *blind, *faults)
     assert views.limits is not None  # find_subject gives them
     return Scan(
         patches, maps, views.up, views.axis, views.floor, view_names(placed), placed, sensor, warnings, views.limits,
