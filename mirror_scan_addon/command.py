@@ -7,12 +7,13 @@ writes all the others.
 from __future__ import annotations
 
 import functools
+import importlib
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 BLENDER_FORMATS = {".blend": "write_blend", ".glb": "write_glb", ".fbx": "write_fbx", ".usd": "write_usd",
                    ".usdc": "write_usd"}  # fmt: skip
-READ_BY_BLENDER = {".blend": "read_blend_avatar", ".fbx": "read_fbx_motion"}
+READ_BY_BLENDER = {".blend": ("blend_avatar", "read_blend_avatar"), ".fbx": ("fbx_motion", "read_fbx_motion")}
 BPY_PYTHONS = {(3, 11): "bpy 4.5 and 5.0", (3, 13): "bpy 5.1 and later"}
 
 _handles: list[object] = []  # Blender removes a command only by the handle it returned
@@ -56,11 +57,9 @@ class BlenderReaders(Mapping):
     """
 
     def __getitem__(self, suffix: str) -> Callable:
-        name = READ_BY_BLENDER[suffix]
+        module, name = READ_BY_BLENDER[suffix]
         _require_bpy(suffix)
-        from .scene import file_reading
-
-        return getattr(file_reading, name)
+        return getattr(importlib.import_module(f"{__package__}.scene.{module}"), name)
 
     def __contains__(self, suffix: object) -> bool:
         return suffix in READ_BY_BLENDER

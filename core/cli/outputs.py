@@ -63,10 +63,10 @@ def motion_writer_of(path: Path, writers: Writers, vrm: bool = False) -> Callabl
 
     suffix = path.suffix.lower()
     if suffix == ".glb":
-        return lambda target, avatar, clip: write_avatar(target, replace(avatar, motions=(clip,)), vrm)
+        return lambda target, avatar, clip: write_avatar(target, replace(avatar, clips=(clip,)), vrm)
     if suffix in BLENDER_SUFFIXES and suffix in writers:
         write = writers[suffix]
-        return lambda target, avatar, clip: write(target, avatar, motion=clip)
+        return lambda target, avatar, clip: write(target, avatar, clip=clip)
     if suffix in BLENDER_SUFFIXES:
         raise OutputError(f"{_needs_blender(path)}. Without it, write .glb")
     raise OutputError(f"{path}: a motion goes into one of .glb, .blend, .fbx, .usd, .usdc, not into “{path.suffix}”")

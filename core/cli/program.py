@@ -38,7 +38,7 @@ def main(
         How the user called it, for help and usage.
     writers : mapping or None
         Suffix (".blend") → ``function(path, reconstruction)`` for formats core cannot write; looking one up may raise
-        :class:`OutputError` to say why it cannot be had. For a motion, ``function(path, avatar, motion=clip)``.
+        :class:`OutputError` to say why it cannot be had. For a motion, ``function(path, avatar, clip=clip)``.
     find_bridge : function() or None
         Gives Blender's way of closing patches, for the zippering experiment; None where there is no Blender.
     readers : mapping or None

@@ -3,6 +3,7 @@
 __all__ = [
     "armature",
     "avatar_objects",
+    "blend_avatar",
     "capture_objects",
     "export",
     "fbx_motion",

@@ -40,7 +40,9 @@ def test_a_mirrors_view_is_made_as_bright_as_the_direct_one():
 
 def factors(mesh, mirrored):
     """By what each of two views, as ``wide`` makes them, was multiplied far from their seam, row by row."""
-    before, found = (m.colors.reshape(200, -1, 3)[..., 0].astype(float) for m in (mesh, match_exposures(mesh, mirrored)))
+    before, found = (
+        m.colors.reshape(200, -1, 3)[..., 0].astype(float) for m in (mesh, match_exposures(mesh, mirrored))
+    )
     return (found / before)[:, [0, -1]].T
 
 

@@ -1,0 +1,48 @@
+"""Avatars of .blend files, read by Blender for the command line.
+
+What is open in this Blender is gone afterwards.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from pathlib import Path
+
+import bpy
+
+from ...core.avatar.avatar_file import Avatar
+from ...core.errors import CaptureError
+from ..language.texts import say
+from .armature import armature_of, read_avatar
+from .units import metres_per_unit
+
+
+def read_blend_avatar(path: Path) -> Avatar:
+    """The avatar with a skeleton in a .blend file: the active object if it is one, else the first.
+
+    Raises
+    ------
+    CaptureError
+        When the file cannot be read or holds none.
+    """
+    _open(path, bpy.ops.wm.open_mainfile)
+    scene = bpy.context.scene
+    active = bpy.context.view_layer.objects.active
+    objects = sorted((item for item in scene.objects if item.type == "MESH"), key=lambda item: item != active)
+    avatar = next((item for item in objects if armature_of(item) is not None), None)
+    if avatar is None:
+        text = say("{path}: no mesh in it has a skeleton; make it with “reconstruct --skeleton”")
+        raise CaptureError(text.format(path=path))
+    return read_avatar(avatar, metres_per_unit(scene))
+
+
+def _open(path: Path, operator: bpy.types.Operator) -> None:
+    if not path.is_file():
+        raise CaptureError(say("{path}: no such file").format(path=path))
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            operator(filepath=str(path))
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1]
+        raise CaptureError(say("{path}: Blender cannot read it: {reason}").format(path=path, reason=reason)) from error
