@@ -26,6 +26,7 @@ from ...core.io.atomic_files import replacing
 from ..language.texts import say
 from . import avatar_objects as avatar_scene
 from .armature import add_armature, add_clip
+from .scan_records import armature_of
 from .units import metres_per_unit
 
 if TYPE_CHECKING:
@@ -186,7 +187,8 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -
                 with _own(avatar) as kept:
                     bpy.data.libraries.write(file, {kept}, compress=True, fake_user=True)
             else:
-                with _copy_alone(avatar, size) as (target, copy), _shown(target), _quiet():
+                bones = armature_of(avatar) if kind in _WITH_SKELETON else None
+                with _copy_alone(avatar, size, bones) as (target, copy), _shown(target), _quiet():
                     _EXPORTERS[kind](file, copy)
         # What an operator reports reaches scripts as RuntimeError; without the format there is no such operator.
         except (RuntimeError, AttributeError) as error:
@@ -199,8 +201,9 @@ def _write_glb(file: str, copy: bpy.types.Object) -> None:
     with _enabled("io_scene_gltf2"):
         bpy.ops.export_scene.gltf(
             filepath=file, export_format="GLB", use_selection=True, use_active_scene=True, export_yup=True,
-            export_vertex_color="MATERIAL", export_animations=False, export_extras=False,
-            export_apply=copy.data.shape_keys is None,
+            export_vertex_color="MATERIAL", export_animations=_moves(copy),
+            export_animation_mode="ACTIVE_ACTIONS", export_extras=False,
+            export_apply=copy.data.shape_keys is None, export_rest_position_armature=True,
         )  # fmt: skip
 
 
@@ -208,10 +211,12 @@ def _write_fbx(file: str, copy: bpy.types.Object) -> None:
     with _enabled("io_scene_fbx"):
         bpy.ops.export_scene.fbx(
             filepath=file, use_selection=True, apply_scale_options="FBX_SCALE_ALL", colors_type="SRGB",
-            prioritize_active_color=True, bake_anim=False,
+            prioritize_active_color=True, add_leaf_bones=False, bake_anim=_moves(copy), bake_anim_use_nla_strips=False,
+            bake_anim_use_all_actions=False, bake_anim_simplify_factor=0.0,
         )  # fmt: skip
 
 
+_WITH_SKELETON = ("GLB", "FBX", "USDC")
 _EXPORTERS: dict[str, Callable[[str, bpy.types.Object], object]] = {
     "GLB": _write_glb,
     "FBX": _write_fbx,
@@ -220,9 +225,17 @@ _EXPORTERS: dict[str, Callable[[str, bpy.types.Object], object]] = {
     ),
     "PLY": lambda file, copy: bpy.ops.wm.ply_export(filepath=file, export_selected_objects=True, export_colors="SRGB"),
     "STL": lambda file, copy: bpy.ops.wm.stl_export(filepath=file, export_selected_objects=True),
-    "USDC": lambda file, copy: bpy.ops.wm.usd_export(filepath=file, selected_objects_only=True),
+    "USDC": lambda file, copy: bpy.ops.wm.usd_export(
+        filepath=file, selected_objects_only=True, export_animation=_moves(copy)
+    ),
     "ABC": lambda file, copy: bpy.ops.wm.alembic_export(filepath=file, selected=True, as_background_job=False),
 }
+
+
+def _moves(copy: bpy.types.Object) -> bool:
+    """Whether a motion goes into the file with the object."""
+    bones = armature_of(copy)
+    return bones is not None and bones.animation_data is not None and bones.animation_data.action is not None
 
 
 def _check_holds_faces(path: str | os.PathLike, file: Path, kind: str) -> None:
@@ -282,13 +295,19 @@ def _own(avatar: bpy.types.Object) -> Iterator[bpy.types.Object]:
 
 
 @contextlib.contextmanager
-def _copy_alone(avatar: bpy.types.Object, size: float) -> Iterator[tuple[bpy.types.Scene, bpy.types.Object]]:
+def _copy_alone(
+    avatar: bpy.types.Object, size: float, bones: bpy.types.Object | None = None
+) -> Iterator[tuple[bpy.types.Scene, bpy.types.Object]]:
     """A scene with nothing but a copy of the object, selected, ``size`` times as large seen from the world's origin.
 
     The copy has the object's name, and its modifiers unless it is mirrored or sheared: then it has its final shape.
+    With its armature ``bones`` it hangs on a copy of that, which has the scene's range of frames to move in.
     """
-    scene, name = bpy.context.scene, avatar.name
-    with _renamed(avatar), _temporary_scene() as target:
+    scene, name, bones_name = bpy.context.scene, avatar.name, bones.name if bones else ""
+    with _renamed(avatar), _renamed(bones) if bones else contextlib.nullcontext(), _temporary_scene() as target:
+        for setting in ("fps", "fps_base"):
+            setattr(target.render, setting, getattr(scene.render, setting))
+        target.frame_start, target.frame_end = scene.frame_start, scene.frame_end
         for setting in ("system", "scale_length", "length_unit"):
             setattr(target.unit_settings, setting, getattr(scene.unit_settings, setting))
         target.frame_set(scene.frame_current, subframe=scene.frame_subframe)
@@ -308,7 +327,9 @@ def _copy_alone(avatar: bpy.types.Object, size: float) -> Iterator[tuple[bpy.typ
         copy.animation_data_clear()
         copy.parent = None
         copy.constraints.clear()
-        if shape is None:
+        if shape is None and bones is not None:
+            _hang(copy, bones, placed, target).name = bones_name
+        elif shape is None:
             copy.matrix_world = placed
         else:
             shape.transform(placed)
@@ -323,6 +344,26 @@ def _copy_alone(avatar: bpy.types.Object, size: float) -> Iterator[tuple[bpy.typ
         copy.select_set(True, view_layer=layer)
         layer.objects.active = copy
         yield target, copy
+
+
+def _hang(copy: bpy.types.Object, bones: bpy.types.Object, placed: Matrix, target: bpy.types.Scene) -> bpy.types.Object:
+    """Have a copy of the armature move the copied object, both at ``placed``."""
+    own = bones.copy()
+    if _moves(copy):
+        target.name = bones.animation_data.action.name  # FBX names a motion after the scene
+    own.hide_select = own.hide_viewport = own.hide_render = False
+    own.parent = None
+    own.constraints.clear()
+    target.collection.objects.link(own)
+    own.matrix_world = placed
+    for modifier in copy.modifiers:
+        if modifier.type == "ARMATURE" and modifier.object == bones:
+            modifier.object = own
+    copy.parent = own
+    copy.matrix_parent_inverse.identity()
+    copy.matrix_basis.identity()
+    own.select_set(True, view_layer=target.view_layers[0])
+    return own
 
 
 def _final_shape(copy: bpy.types.Object, layer: bpy.types.ViewLayer) -> bpy.types.Mesh:
