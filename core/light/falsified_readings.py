@@ -43,8 +43,7 @@ def contradicted(scene: LitScene, depth: np.ndarray, trusted: np.ndarray, edge: 
         before = inside & (depth[y, x] > z + slack)
         bad |= before & trusted[y, x] & (scene.labels[y, x] == other) & (edge[rows, columns] > edge[y, x])
         if other == 0 and scene.views.floor is not None:
-            height = scene.views.points @ scene.views.up - scene.views.floor
-            floor = (scene.views.seen == 0) & (scene.labels < 0) & (np.abs(height) < _ON_FLOOR)
+            floor = (scene.views.seen == 0) & (scene.labels < 0) & (np.abs(scene.heights) < _ON_FLOOR)
             on_floor = ~grown(~floor, 1)
             low = points @ scene.views.up - scene.views.floor < _LOW
             bad |= before & low & on_floor[y, x] & (depth[y, x] > z + 2.0 * _ON_FLOOR)
@@ -69,8 +68,13 @@ def ghosts(scene: LitScene, depth: np.ndarray, trusted: np.ndarray) -> np.ndarra
             lengths = path_lengths(points, scene.sources[[view, other]])
             y, x, z, inside = seen_at(points, view, scene.mirrors, scene.intrinsics)
             ghost[y[inside], x[inside]] = (0.5 * z * (1.0 + lengths[:, 1] / lengths[:, 0]))[inside]
+        rows, columns = np.nonzero(ghost)
+        middle = ghost[rows, columns]
         for dy in (-1, 0, 1):
             for dx in (-1, 0, 1):
-                middle = shifted(ghost, dy, dx)
-                marked |= (middle > 0) & (depth > 0) & (np.abs(depth - middle) < GHOST)
+                y, x = rows + dy, columns + dx
+                inside = (y >= 0) & (y < depth.shape[0]) & (x >= 0) & (x < depth.shape[1])
+                y, x = y[inside], x[inside]
+                near = (depth[y, x] > 0) & (np.abs(depth[y, x] - middle[inside]) < GHOST)
+                marked[y[near], x[near]] = True
     return marked & (scene.labels < 0)

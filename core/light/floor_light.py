@@ -36,7 +36,7 @@ def floor_readings(scene: LitScene, noise: float) -> Floor | None:
         return None
     skipped = max(int(np.sqrt(scene.depth.size / _FLOOR_PIXELS)), 1)
     few = np.s_[::skipped, ::skipped]
-    height = views.points[few] @ views.up - views.floor
+    height = scene.heights[few]
     rows, columns = np.nonzero((views.seen[few] == 0) & (scene.labels[few] < 0) & (np.abs(height) < _FLOOR_BAND))
     if len(rows) < _FLOOR_SAMPLE // 10:
         return None
@@ -77,12 +77,10 @@ def correct_floor(scene: LitScene, response: PhaseResponse | None, depth: np.nda
     if views.floor is None:
         return
     for view in range(len(scene.sources)):
-        rows, columns = _off_subject(scene, depth, view)
+        rows, columns = _maybe_floor(scene, depth, view)
         to_floor = floor_distance(scene, rows, columns, view)
         some = np.isfinite(to_floor)
         if view == 0:
-            height = views.points[rows, columns] @ views.up - views.floor
-            some &= np.abs(height) < _FLOOR_BAND
             away = views.points[rows, columns] - views.axis
             far = some & ((away**2).sum(axis=1) - (away @ views.up) ** 2 > _ABOUT_FEET**2)
             if (some & ~far).sum() > _ENOUGH_FLOOR:  # then nobody needs what is farther
@@ -111,10 +109,11 @@ def correct_floor(scene: LitScene, response: PhaseResponse | None, depth: np.nda
         depth[rows, columns] -= change.astype(np.float32)
 
 
-def _off_subject(scene: LitScene, depth: np.ndarray, view: int) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of readings that are not the subject's: those seen directly, or all about a mirror's glass."""
+def _maybe_floor(scene: LitScene, depth: np.ndarray, view: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of readings, not the subject's, seen about the floor, or anywhere about a mirror's glass."""
     if view == 0:
-        rows, columns = np.nonzero((scene.labels < 0) & (depth > 0) & (scene.views.seen == 0))
+        near_floor = np.abs(scene.heights) < _FLOOR_BAND
+        rows, columns = np.nonzero(near_floor & (scene.labels < 0) & (depth > 0) & (scene.views.seen == 0))
         return rows, columns
     mirror, (height, width) = scene.mirrors[view - 1], depth.shape
     top, bottom, left, right = 0, height, 0, width

@@ -10,6 +10,8 @@ import numpy as np
 from ..camera import Intrinsics, RgbdImage
 from ..mirrors import Mirror
 from ..mirrors.mirror import reflect
+from ..numeric.kernels import njit
+from ..numeric.point_products import dot
 from ..subject.subject_views import Views
 from .irradiance import irradiance, light_sources
 from .local_surface import local_surface
@@ -42,6 +44,12 @@ class LitScene:
     def hiding(self) -> tuple[np.ndarray, np.ndarray]:
         """Depth and labels (H, W) of what can hide a point from a source: the subject, unread parts of it too."""
         return grown_into_gaps(self.labels, self.depth)
+
+    @cached_property
+    def heights(self) -> np.ndarray:
+        """Heights (H, W) of readings over the floor, which must be known [m]."""
+        assert self.views.floor is not None
+        return dot(self.views.points, self.views.up) - self.views.floor
 
     def surface(
         self, depth: np.ndarray, trusted: np.ndarray, rows: np.ndarray, columns: np.ndarray, reach: int = 0
@@ -85,14 +93,33 @@ def grown_into_gaps(labels: np.ndarray, depth: np.ndarray, reach: int = _GAP) ->
 
     A camera gives up skin that light reaches two ways; it hides what is behind it all the same.
     """
-    free = (labels < 0) & (depth == 0)
-    depth, labels = np.where(labels >= 0, depth, np.float32(0.0)), labels.copy()
-    for right in (1, -1) * reach:
-        near = shifted(labels + 1, 0, right)
-        taken = free & (near > 0) & (labels < 0)
-        labels[taken] = near[taken] - 1
-        depth[taken] = shifted(depth, 0, right)[taken]
-    return depth, labels
+    return _gaps_kernel(labels, depth, reach)
+
+
+@njit(cache=True, nogil=True)
+def _gaps_kernel(labels, depth, reach):
+    height, width = labels.shape
+    out, view = np.zeros_like(depth), labels.copy()
+    for v in range(height):
+        begin = -1  # of a run of pixels without a reading
+        for u in range(width + 1):
+            if u < width and labels[v, u] < 0 and depth[v, u] == 0:
+                begin = u if begin < 0 else begin
+                continue
+            if u < width and labels[v, u] >= 0:
+                out[v, u] = depth[v, u]
+            if begin >= 0:
+                left, right = begin - 1, u
+                from_left = left >= 0 and labels[v, left] >= 0
+                from_right = right < width and labels[v, right] >= 0
+                for x in range(begin, u):
+                    near, far = x - left, right - x
+                    if from_left and near <= reach and (near <= far or not from_right):
+                        out[v, x], view[v, x] = depth[v, left], labels[v, left]
+                    elif from_right and far <= reach:
+                        out[v, x], view[v, x] = depth[v, right], labels[v, right]
+                begin = -1
+    return out, view
 
 
 def shifted(image: np.ndarray, down: int, right: int) -> np.ndarray:

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..numeric.kernels import njit
+from ..numeric.threads import each
 
 LIGHT_SPEED = 299_792_458.0
 
 _LOWEST, _HIGHEST, _SPACING = 10e6, 330e6, 8e6  # frequencies that a camera may modulate its light with [Hz]
 _ROUNDS = 3  # of the robust fit
 _UNITY = 400.0  # how much the weights' sum is held to 1, relative to the noise of a reading [1/m²]
+_PIECES = 2  # readings are predicted in so many pieces, side by side
 _SMALLEST = 0.02  # weights below are left out: of no effect
 _RATIO_ERROR, _LENGTH_ERROR = 0.15, 0.01  # of what is predicted: share of the ratio, difference of the ways [m]
 
@@ -73,7 +75,12 @@ def predicted_bias(
     if response is None:
         uncertain[lit] = np.where(ratio[lit].sum(axis=1) > UNLEARNT, np.inf, 0.0)
         return predicted, uncertain
-    predicted[lit], uncertain[lit] = _predicted_kernel(ratio[lit], longer[lit], response.frequencies, response.weights)
+    parts = np.array_split(lit, _PIECES)
+    found = each(
+        lambda part: _predicted_kernel(ratio[part], longer[part], response.frequencies, response.weights), parts
+    )
+    for part, (bias, error) in zip(parts, found, strict=True):
+        predicted[part], uncertain[part] = bias, error
     return predicted, uncertain
     predicted[lit] = response.bias(ratio[lit], longer[lit])
     by_ratio = response.bias((1.0 + _RATIO_ERROR) * ratio[lit], longer[lit]) - predicted[lit]
