@@ -100,14 +100,15 @@ def colors_from_inside(
     z, label = np.pad(z, 1, mode="edge"), np.pad(label, 1, mode="edge")
     shade = np.pad(shade, ((1, 1), (1, 1), (0, 0)), mode="edge")
     jump = np.append(jumps, 0.0).astype(np.float32)
-    outline = _find_outline(z, label, jump, _SHALLOW)
+    edge = _find_edge(z, label, jump)
+    outline = _find_outline(edge, label >= 0, _SHALLOW)
     misfit = _measure_misfit(shade, label, outline, len(jumps))
     inset = float(settings.least_inset)
     if misfit is not None:
         shade = _moved(shade, label, misfit.shift)
         inset = float(np.clip(np.ceil(misfit.reach) + 1.0, inset, settings.most_inset))
     if inset > _SHALLOW - 1:
-        outline = _find_outline(z, label, jump, int(inset) + 1)
+        outline = _find_outline(edge, label >= 0, int(inset) + 1)
     pixel, source = _sources(z, label, jump, outline, inset)
     flat = np.ascontiguousarray(shade).reshape(-1, 3)
     known = flat[source].any(axis=1)
@@ -132,8 +133,8 @@ def _moved(shade: np.ndarray, label: np.ndarray, shift: np.ndarray) -> np.ndarra
     return out
 
 
-def _find_outline(z: np.ndarray, label: np.ndarray, jump: np.ndarray, deepest: int) -> _Outline:
-    """Where the body ends or its depth jumps, and how far every pixel lies from there."""
+def _find_edge(z: np.ndarray, label: np.ndarray, jump: np.ndarray) -> np.ndarray:
+    """The body's pixels (H, W) where it ends or its depth jumps."""
     body = label >= 0
     edge = np.zeros_like(body)
     for axis in (0, 1):
@@ -143,7 +144,11 @@ def _find_outline(z: np.ndarray, label: np.ndarray, jump: np.ndarray, deepest: i
         cut |= (label[a] == label[b]) & body[a] & (np.abs(z[a] - z[b]) > jump[label[a]] * near)
         edge[a] |= cut
         edge[b] |= cut
-    edge &= body
+    return edge & body
+
+
+def _find_outline(edge: np.ndarray, body: np.ndarray, deepest: int) -> _Outline:
+    """How far every pixel lies from the ``edge`` of the body, within ``deepest`` steps."""
     inside = np.where(edge, 1, 0).astype(np.int16)
     reached = edge
     for step in range(2, deepest + 2):

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..mesh import SEAM, Mesh
+from ..numeric.kernels import njit
 
 _DARKEST, _BRIGHTEST = 16.0, 245.0  # sRGB levels outside of these say nothing of the exposure
 _UNSURE = 0.15  # standard deviation of a view's log gain before anything is known
@@ -123,19 +124,34 @@ def _spread(points: np.ndarray, places: np.ndarray, values: np.ndarray) -> np.nd
         rows = np.moveaxis(grid, axis, 0)
         for _ in range(_SPREAD):  # the outermost cells are empty
             rows[1:-1] = 0.5 * rows[1:-1] + 0.25 * (rows[:-2] + rows[2:])
-    there = (points - low) / edge
-    inside = np.flatnonzero(((there >= 0) & (there < size - 1)).all(axis=1))
-    base = there[inside].astype(np.int64)
-    part = there[inside] - base
-    table, start = grid.reshape(-1, 2), np.ravel_multi_index(tuple(base.T), tuple(size))
+    table = grid.reshape(-1, 2)
     # typical of a seam, as what is spread along a line thins out away from it
     whole = float(np.quantile(table[flat, 1], 0.25))
-    some = table[start, 1] > _FAINT * whole
-    inside, part, start = inside[some], part[some], start[some]
-    found = np.zeros((len(inside), 2))
-    for corner in np.ndindex(2, 2, 2):
-        share = np.prod([part[:, c] if corner[c] else 1.0 - part[:, c] for c in range(3)], axis=0)
-        found += share[:, None] * table[start + np.ravel_multi_index(corner, tuple(size))]
-    out = np.zeros((len(points), 1))
-    out[inside] = found[:, :1] / np.maximum(found[:, 1:], whole)
+    return _read_kernel(points, grid, low, edge, whole)[:, None]
+
+
+@njit(cache=True, nogil=True)
+def _read_kernel(points, grid, low, edge, whole):
+    """The spread mean at each point (V,), between the cells of a grid (X, Y, Z, 2) of sums and weights."""
+    out = np.zeros(len(points))
+    base, part = np.empty(3, np.int64), np.empty(3)
+    for i in range(len(points)):
+        inside = True
+        for c in range(3):
+            there = (points[i, c] - low[c]) / edge
+            inside = inside and 0.0 <= there < grid.shape[c] - 1
+            base[c] = int(there) if inside else 0
+            part[c] = there - base[c]
+        if not inside or grid[base[0], base[1], base[2], 1] <= _FAINT * whole:
+            continue
+        total, weight = 0.0, 0.0
+        for x in range(2):
+            for y in range(2):
+                for z in range(2):
+                    share = part[0] if x else 1.0 - part[0]
+                    share *= part[1] if y else 1.0 - part[1]
+                    share *= part[2] if z else 1.0 - part[2]
+                    total += share * grid[base[0] + x, base[1] + y, base[2] + z, 0]
+                    weight += share * grid[base[0] + x, base[1] + y, base[2] + z, 1]
+        out[i] = total / max(weight, whole)
     return out
