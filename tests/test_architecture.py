@@ -192,7 +192,11 @@ def test_the_picture_is_true():
     "module, line, said",
     [
         ("core.mesh.normals", "from ..views.view_maps import ViewMaps", "views comes after mesh"),
-        ("core.views.ray_sorting", "from ..capture.depth_units import metres", "depth_units is not in __all__"),
+        (
+            "core.views.ray_sorting",
+            "from ..capture.kinect_disparity import HEIGHT",
+            "kinect_disparity is not in __all__",
+        ),
         ("core.cli.commands", "from ...mirror_scan_addon.scene import units", "nothing from outside core"),
         ("mirror_scan_addon.command", "from ..core.subject.floor_plane import raised_floor", "floor_plane is not in"),
     ],

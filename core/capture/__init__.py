@@ -15,6 +15,7 @@ __all__ = [
     "open_capture",
     "camera_poses",
     "capture_summary",
+    "depth_units",
     "folders",
     "frames",
     "live_camera",

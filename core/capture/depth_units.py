@@ -13,6 +13,17 @@ import numpy as np
 from ..errors import CaptureError, Notice
 from .kinect_disparity import HEIGHT, NO_READING, WIDTH
 
+UNIT_MISTAKES = (
+    (Notice("millimetres taken for metres"), 0.001),
+    (Notice("metres taken for millimetres"), 1000.0),
+    (Notice("TUM's 5000 to a metre taken for millimetres"), 0.2),
+    (Notice("13 bits of millimetres above three of the player (Kinect's SDK) taken for millimetres"), 0.125),
+    (Notice("tenths of millimetres taken for millimetres"), 0.1),
+    (Notice("centimetres taken for millimetres, or millimetres for tenths of them"), 10.0),
+    (Notice("millimetres taken for TUM's 5000 to a metre"), 5.0),
+)
+"""Usual mistakes, and by what the depth unit must be multiplied."""
+
 SCENE_DEPTH_M = 10.0  # what repeats exactly beyond this, far behind all else, is no reading of a depth camera
 _ENOUGH = 500  # readings before a pattern counts as one
 _USUAL_M = (0.15, 8.0)  # half of a scan's readings lie in between

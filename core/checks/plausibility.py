@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..camera import Intrinsics
+from ..capture.depth_units import UNIT_MISTAKES
 from ..errors import Notice, ReconstructionError
 from ..mesh import Mesh
 from ..mirrors import Mirror
@@ -21,16 +22,6 @@ VOLUMES = (0.006, 0.04)
 
 USUAL_HEIGHTS, USUAL_DISTANCES = (0.8, 2.2), (1.0, 8.0)
 """Of persons, and from the camera to them, among which a mistaken unit is looked for [m]."""
-
-UNITS = (
-    (Notice("millimetres taken for metres"), 0.001),
-    (Notice("metres taken for millimetres"), 1000.0),
-    (Notice("TUM's 5000 to a metre taken for millimetres"), 0.2),
-    (Notice("tenths of millimetres taken for millimetres"), 0.1),
-    (Notice("millimetres taken for TUM's 5000 to a metre"), 5.0),
-    (Notice("millimetres taken for tenths of millimetres"), 10.0),
-)
-"""Usual mistakes, and by what the depth unit must be multiplied."""
 
 _REACH = 0.01  # m: a figure that reaches to within this of where it was cut off is cut off
 _DEEPER = 1.25  # a body that crouches has so much more volume for its height, at most
@@ -173,7 +164,7 @@ def _likely_cause(mesh: Mesh, facts: ScanFacts, by_height: bool = True) -> Notic
         if wrong:
             return wrong
     height = float(np.ptp(mesh.vertices[:, 2])) if len(mesh.vertices) else 0.0
-    mistakes = [m for m in UNITS if _is_usual(height * m[1], facts.distance * m[1])]
+    mistakes = [m for m in UNIT_MISTAKES if _is_usual(height * m[1], facts.distance * m[1])]
     if by_height and mistakes:
         mistake = min(mistakes, key=lambda m: abs(np.log(height * m[1] / _USUAL_HEIGHT)))
         return Notice(

@@ -28,6 +28,8 @@ class SeamCheckSettings:
         A plane that misplaces a person by less is sound: bow and thickness of glass do as much [m].
     gain : float
         By so much the offsets must be likelier with the plane moved: twice the log of the ratio.
+    far, far_gain : float
+        The same of a plane that misplaces a person by more than the former, which nothing else explains [m].
     sure : float
         By so much more than another mirror's, else it may as well be that one.
     slope, shift : float
@@ -41,6 +43,8 @@ class SeamCheckSettings:
     use: bool = True
     distance: float = 0.014
     gain: float = 8.0
+    far: float = 0.028
+    far_gain: float = 6.0
     sure: float = 3.0
     slope: float = 0.02
     shift: float = 0.02
@@ -122,7 +126,8 @@ def planes_by_seams(
         tried = {k: evidence.fit([*chosen, k]) for k in sorted(asked - set(chosen))}
         gains = {k: cost - fitted[0] for k, fitted in tried.items()}
         best = max(gains, key=lambda k: gains[k])
-        if gains[best] < settings.gain:
+        far = _moved_by(mirrors[best], tried[best][1][3 * best : 3 * best + 3]) > settings.far
+        if gains[best] < (settings.far_gain if far else settings.gain):
             break
         others = tuple(k for k, gain in gains.items() if k != best and gain > gains[best] - settings.sure)
         chosen.append(best)
@@ -130,11 +135,15 @@ def planes_by_seams(
         cost, x = tried[best]
     out = []
     for k, others, gain in found:
-        person = person_before(mirrors[k])
-        distance = reflection_shift(person, moved(mirrors[k], x[3 * k : 3 * k + 3]), mirrors[k])
+        distance = _moved_by(mirrors[k], x[3 * k : 3 * k + 3])
         if distance > settings.distance:
             out.append(SeamDoubt(k, others, distance, gain))
     return out
+
+
+def _moved_by(mirror: Mirror, step: np.ndarray) -> float:
+    """How far two slopes and a shift (3,) of a mirror move a person, root mean square [m]."""
+    return reflection_shift(person_before(mirror), moved(mirror, step), mirror)
 
 
 class _Evidence:

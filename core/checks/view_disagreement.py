@@ -21,7 +21,7 @@ from ..views.view_maps import ViewMaps
 from .seam_disagreement import planes_by_seams
 
 _RADIUS = 1.0  # how far from the vertical through the subject it may reach [m]
-_THROUGH = 0.3  # of what one view shows may be where another sees empty space: silhouettes are ragged
+_THROUGH = 0.25  # of what one view shows may be where another sees empty space: silhouettes are ragged
 _HIDDEN = 0.03  # surfaces farther behind others are hidden by them [m]
 _OTHER_PART = 0.12  # surfaces of the subject that are at a larger distance are other parts of it [m]
 _DOUBLED, _MOSTLY_THROUGH = 0.03, 0.5  # m, and share in free space, from which on the surface would be doubled
@@ -34,7 +34,7 @@ _OFF_FEET, _ABOUT_FEET = (
     0.2,
     0.55,
 )  # from the middle of the subject: farther off a given plane's glass may have ended [m]
-_FEWEST_FLOOR, _FLAT = 300, 0.6  # readings of it, and their share that must lie in one plane
+_FEWEST_FLOOR, _FLAT = 200, 0.6  # readings of it, and their share that must lie in one plane
 _LEAST = 0.012  # m: two surfaces so close make no visible step
 _BOTH_THROUGH = 0.62  # the share that of two mirrors the one must show where the other sees empty space
 _ROUGH = 2.0  # times what neighbouring pairs differ by

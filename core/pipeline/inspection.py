@@ -11,6 +11,7 @@ from ..camera import RgbdImage, unproject
 from ..camera.noise_models import SENSORS, NoiseModel
 from ..capture import Capture
 from ..capture.capture_summary import picture, words
+from ..capture.depth_units import UNIT_MISTAKES
 from ..depth.burst_fusion import fuse_burst
 from ..depth.burst_motion import still_warning
 from ..depth.clean_views import clean
@@ -30,15 +31,6 @@ from .settings import Settings
 _USUAL = (0.25, 12.0)  # m: median distance of what a depth camera looks at
 _CAMERA_HEIGHTS = (0.2, 3.2)  # m above the floor
 _PERSON_HEIGHTS = (0.6, 2.3)  # m
-_UNITS = (
-    ("millimetres taken for metres", 0.001),
-    ("metres taken for millimetres", 1000.0),
-    ("TUM's 5000 to a metre taken for millimetres", 0.2),
-    ("13 bits of millimetres above three of the player (Kinect's SDK) taken for millimetres", 0.125),
-    ("tenths of millimetres taken for millimetres", 0.1),
-    ("centimetres taken for millimetres, or millimetres for tenths of them", 10.0),
-    ("millimetres taken for TUM's 5000 to a metre", 5.0),
-)
 _SAID_BY = {
     "file": "the file says so",
     "format": "by the format of the file",
@@ -138,7 +130,7 @@ def check_units(capture: Capture) -> tuple[list[str], list[str]]:
 
 def _mistakes(fits: Callable[[float], bool]) -> list[tuple[str, float]]:
     """Those of the usual mix-ups of units that explain it."""
-    return [(name, factor) for name, factor in _UNITS if fits(factor)]
+    return [(name, factor) for name, factor in UNIT_MISTAKES if fits(factor)]
 
 
 def _unit_warning(what: str, mistakes: list[tuple[str, float]]) -> str:
