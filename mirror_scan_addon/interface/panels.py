@@ -15,7 +15,7 @@ from ..language.texts import CONTEXT, say, tell
 from ..scene import live_subject, report_text, scan_records
 from ..scene.avatar_objects import shown_mode
 from ..scene.properties import QUALITY_KEPT
-from ..scene.scan_records import armature_of, no_mesh
+from ..scene.scan_records import armature_of, has_controls, no_mesh
 
 NARROW = 250  # width of the sidebar below which labels are above their fields, not beside them [px at 100 % scale]
 MARGIN, ICON = 64, 20  # width of tabs and panel borders, and of an icon [px at 100 % scale]
@@ -497,6 +497,13 @@ class MIRRORSCAN_PT_avatar(_Panel, bpy.types.Panel):
             "mirror_scan.follow_stream", text="Stop Following" if live else "Follow Stream",
             icon="PAUSE" if live else "RADIOBUT_ON", text_ctxt=CONTEXT,
         )  # fmt: skip
+        bones = armature_of(context.object)
+        if has_controls(bones):
+            leads = any(c.enabled for c in bones.pose.bones["mixamorig:LeftForeArm"].constraints)
+            text = "Follow the Motion" if leads else "Use IK Controls"
+            layout.operator(
+                "mirror_scan.use_controls", text=text, icon="CON_KINEMATIC", text_ctxt=CONTEXT
+            ).on = not leads
         layout.operator("mirror_scan.rest_in_t_pose", icon="OUTLINER_DATA_ARMATURE", text_ctxt=CONTEXT)
 
 

@@ -108,12 +108,14 @@ class MIRRORSCAN_OT_apply_motion(job_operators.FileJobOperator, bpy.types.Operat
         return job_operators.Task("motion_steps", (source, rigged.skeleton, soles, rate, options))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
-        from ..scene import armature
+        from ..scene import armature, rig_controls
 
         bones = next((item for item in bpy.data.objects if item.session_uid == self._uid), None)
         if bones is None:
             raise OutputError(say("The skeleton no longer exists"))
         armature.add_clip(bones, result, self._unit, start=target.frame_start, loops=result.loops)
+        if rig_controls.switch_controls(bones, False):
+            self.report({"INFO"}, say("The control bones rest while the motion moves the limbs"))
         if self.fit_range:
             target.frame_end = target.frame_start + len(result) - 1
             target.frame_set(target.frame_start)

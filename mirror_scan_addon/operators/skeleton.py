@@ -10,7 +10,7 @@ from ...core.errors import OutputError
 from ..background import job_operators
 from ..language.texts import CONTEXT, say
 from ..scene import scan_records
-from ..scene.scan_records import armature_of, no_mesh, no_skeleton, not_ours
+from ..scene.scan_records import armature_of, has_controls, no_mesh, no_skeleton, not_ours
 from ..scene.units import metres_per_unit
 
 UNSURE = 0.5  # confidence below which a joint is named as one to look at
@@ -121,6 +121,33 @@ class MIRRORSCAN_OT_rest_in_t_pose(bpy.types.Operator):
         return {"FINISHED"}
 
 
+class MIRRORSCAN_OT_use_controls(bpy.types.Operator):
+    """Have hands and feet follow their control bones, or the motion again"""
+
+    bl_idname = "mirror_scan.use_controls"
+    bl_label = "Use IK Controls"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO"}
+
+    on: BoolProperty(
+        name="On", description="Follow the control bones", default=True, options={"SKIP_SAVE"},
+        translation_context=CONTEXT,
+    )  # fmt: skip
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        problem = scan_records.editable(context) or no_skeleton(context)
+        if not problem and not has_controls(armature_of(context.object)):
+            problem = say("The skeleton has no control bones; add it with “IK Controls”")
+        return scan_records.allows(cls, problem)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..scene import rig_controls
+
+        rig_controls.switch_controls(armature_of(context.object), self.on)
+        return {"FINISHED"}
+
+
 def _own_collection(avatar: bpy.types.Object, target: bpy.types.Scene) -> bpy.types.Collection:
     """A new collection for the skeleton, named after the avatar, beside it."""
     collection = bpy.data.collections.new(f"{avatar.name} Skeleton")
@@ -129,4 +156,4 @@ def _own_collection(avatar: bpy.types.Object, target: bpy.types.Scene) -> bpy.ty
     return collection
 
 
-CLASSES = (MIRRORSCAN_OT_add_skeleton, MIRRORSCAN_OT_rest_in_t_pose)
+CLASSES = (MIRRORSCAN_OT_add_skeleton, MIRRORSCAN_OT_rest_in_t_pose, MIRRORSCAN_OT_use_controls)

@@ -10,8 +10,8 @@ from ...core.avatar.avatar_file import PREFIX
 from ...core.avatar.skeleton import BONES, Skeleton
 from ...core.errors import OutputError
 from ..language.texts import say
+from .scan_records import CONTROL
 
-CONTROL = "Control "
 _LIMBS = {"LeftHand": "LeftForeArm", "RightHand": "RightForeArm", "LeftFoot": "LeftLeg", "RightFoot": "RightLeg"}
 
 

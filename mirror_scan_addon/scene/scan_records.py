@@ -44,6 +44,11 @@ def armature_of(item: bpy.types.Object | None) -> bpy.types.Object | None:
     return next((bones for bones in found if all(name in bones.data.bones for name in _BONES)), None)
 
 
+def has_controls(bones: bpy.types.Object) -> bool:
+    """Whether an armature of ours has control bones."""
+    return f"{CONTROL}LeftHand" in bones.data.bones
+
+
 def no_skeleton(context: bpy.types.Context) -> str:
     """Why the active object cannot be moved; "" when it can."""
     active = context.object
@@ -55,6 +60,7 @@ def no_skeleton(context: bpy.types.Context) -> str:
     return ""
 
 
+CONTROL = "Control "  # what names of control bones begin with
 _BONES = ("mixamorig:Hips", "mixamorig:Head", "mixamorig:LeftHand", "mixamorig:RightToeBase")
 
 GOOD_MM, USABLE_MM = 5.0, 12.0

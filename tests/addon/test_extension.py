@@ -132,7 +132,7 @@ class TestReviewRules:
     def test_manifest(self, manifest, package):
         tags = runpy.run_path(str(SCRIPTS / "modules" / "_bpy_internal" / "extensions" / "tags.py"))
         assert set(manifest["tags"]) <= tags["addons"]
-        assert set(manifest["permissions"]) == {"files"}
+        assert set(manifest["permissions"]) == {"files", "network"}
         assert "blender" not in (manifest["name"] + manifest["tagline"]).lower()
         known = {
             "schema_version", "id", "version", "name", "tagline", "maintainer", "type", "tags", "website", "platforms",
