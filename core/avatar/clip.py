@@ -100,10 +100,14 @@ class Clip:
         """
         if self.loops or len(self) < 4:
             return replace(self, loops=True)
-        gap = np.einsum("fbij,bij->f", self.rotations, self.rotations[0])  # 1 + 2 cos of each angle, summed
-        gap -= 40 * np.square(self.translations[:, 2] - self.translations[0, 2])
+        near = np.zeros(len(self) - 1)
+        for frame in (0, 1):  # the pose and the way it moves on
+            own = slice(frame, len(self) - 1 + frame)
+            # 1 + 2 cos of each bone's angle, summed
+            near += np.einsum("fbij,bij->f", self.rotations[own], self.rotations[frame])
+            near -= 40 * np.square(self.translations[own, 2] - self.translations[frame, 2])
         last = len(self) * 2 // 3
-        last += int(np.argmax(gap[last:]))
+        last += int(np.argmax(near[last:]))
         count = min(max(1, round(blend * self.rate)), last // 2)
         rotations, translations = self.rotations[:last].copy(), self.translations[:last].copy()
         share = np.arange(1, count + 1) / (count + 1)

@@ -186,7 +186,7 @@ def _frames(path: Path, lines: list[list[str]], at: int, width: int, rate: float
         raise MirrorScanError("{path}: its joints have no channels; export it again with rotations", path=path)
     stated, seconds = None, None
     while at < len(lines) and (not lines[at] or lines[at][0][:1].isalpha()) and seconds is None:
-        words = lines[at]
+        words = " ".join(lines[at]).replace(":", ": ").split()
         if words and words[0].upper().startswith("FRAMES"):
             stated = _numbers(path, at, words[-1:])[0]
         elif len(words) > 1 and words[0].upper() == "FRAME":

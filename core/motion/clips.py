@@ -209,7 +209,8 @@ def _walk(body: _Body, phase: np.ndarray) -> None:
     plans = {}
     for place, (side, shift) in enumerate((("Left", 0.0), ("Right", 0.5))):
         own = (phase + shift) % 1
-        ankle, pitch, toes = _step(body.standing(side), soles[place], body.joints[f"{side}Foot"], own, stride)
+        joints = np.stack([body.joints[f"{side}Foot"], body.joints[f"{side}ToeBase"]])
+        ankle, pitch, toes = _step(body.standing(side), soles[place], joints, own, stride)
         ankle[:, 1] -= (np.floor(phase + shift) - shift) * stride
         plans[side] = ankle, pitch, toes
     way = stride * (0.23 - phase)
@@ -240,15 +241,16 @@ def _walk(body: _Body, phase: np.ndarray) -> None:
 
 
 def _step(
-    standing: np.ndarray, soles: np.ndarray, rest: np.ndarray, phase: np.ndarray, stride: float
+    standing: np.ndarray, soles: np.ndarray, joints: np.ndarray, phase: np.ndarray, stride: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Ankle (F, 3) of a step that begins as the heel meets the floor at y = 0, and pitch of foot and toes (F,)."""
+    """Ankle (F, 3) of a step that begins as the heel meets the floor at y = 0, and pitch of foot and toes (F,).
+
+    ``soles`` (4, 3) as estimated, ``joints`` (2, 3): ankle and toe base in the rest pose.
+    """
     times = np.array([0, 0.07, 0.12, 0.33, 0.45, 0.6, 0.7, 0.84, 0.95, 1])
     angles = np.radians([-18, -6, 0, 0, 13, 48, 42, 4, -17, -18])
     pitch = _through(phase, times, angles)
-    heel, ball, _, tip = soles - rest  # from the ankle
-    ball = ball * [0, 1, 1]
-    heel = heel * [0, 1, 1]
+    joint, heel, ball, _, tip = (np.stack([joints[1], *soles]) - joints[0]) * [0, 1, 1]  # from the ankle
     lifts = 0.6
 
     def rolled(angle: np.ndarray, late: np.ndarray) -> np.ndarray:
@@ -267,6 +269,11 @@ def _step(
     # Toes stay on the floor while the foot rolls over the ball, and follow once it has left.
     follow = np.clip((phase - lifts) / 0.2, 0, 1)
     toes = np.where(pitch > 0, pitch * follow, pitch)
+    foot = about_axis(0, pitch)
+    lowest = np.stack(
+        [(foot @ heel)[:, 2], (foot @ ball)[:, 2], (foot @ joint + about_axis(0, toes) @ (tip - joint))[:, 2]]
+    )
+    ankle[:, 2] += np.maximum(0, 0.03 * np.sqrt(share * (1 - share)) - ankle[:, 2] - lowest.min(axis=0))
     return ankle, pitch, toes
 
 

@@ -27,7 +27,7 @@ _LIMBS = {
     "Shoulder": "clavicle collar collarbone shoulder1 shoulder01 shoulder",
 }
 _MIDDLE = {
-    "Hips": "hips pelvis hip hipcenter hipscenter spinebase midhip root",
+    "Hips": "hips pelvis hip hipcenter hipscenter spinebase midhip root spine",
     "Neck": "neck neck1 neck01 lowerneck necklower shouldercenter spineshoulder",
     "Head": "head head01 spine006",
 }
@@ -86,6 +86,7 @@ def match_joints(name: str, joints: Sequence[str], parents: np.ndarray) -> Joint
     MirrorScanError
         Hips, arms or legs are not recognised: lists what was not found.
     """
+    joints = _without_common_prefix(joints)
     parts: dict[tuple[str, str], int] = {}
     for place, joint in enumerate(joints):
         side, part = side_and_part(joint)
@@ -121,6 +122,19 @@ def match_joints(name: str, joints: Sequence[str], parents: np.ndarray) -> Joint
         )
         ends = {}
     return JointMap(found, trunk, _fingers(joints, found, above if tree else None), ends)
+
+
+def _without_common_prefix(joints: Sequence[str]) -> Sequence[str]:
+    """Names without the word with which nearly all begin, as a character's name does."""
+    if any(_PREFIX.match(joint) for joint in joints):
+        return joints
+    firsts = [
+        found.group() if (found := re.match(r"[^_.\s-]+[_.\s-]+", joint.split("|")[-1])) else "" for joint in joints
+    ]
+    common = max(set(firsts), key=firsts.count, default="")
+    if not common or firsts.count(common) < 0.8 * len(joints):
+        return joints
+    return [joint.split("|")[-1].removeprefix(common) for joint in joints]
 
 
 def side_and_part(name: str) -> tuple[str, str]:

@@ -225,7 +225,7 @@ class _MalformedError(Exception):
 
 def _of_set(name: object, points: np.ndarray) -> tuple[tuple[str, ...] | None, np.ndarray]:
     """Names and joints of a set."""
-    if name is not None and name not in JOINT_SETS:
+    if name is not None and not (isinstance(name, str) and name in JOINT_SETS):
         raise _MalformedError(f"the set {str(name)[:40]} is not known; known are {', '.join(JOINT_SETS)}")
     names = None if name is None else JOINT_SETS[str(name)]
     expected = len(BONES) if names is None else len(names)
@@ -278,6 +278,8 @@ def _osc_messages(data: bytes, depth: int = 0) -> Iterator[tuple[str, list]]:
     """Address and arguments of each message of a packet (OSC 1.0)."""
     if data.startswith(b"#bundle\0"):
         at = 16
+        if len(data) < at:
+            raise _MalformedError("an OSC bundle is cut off")
         while at < len(data):
             if at + 4 > len(data) or depth > 8:
                 raise _MalformedError("an OSC bundle is cut off")

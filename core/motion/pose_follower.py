@@ -29,6 +29,7 @@ _SWUNG, _SWUNG_TO = [_NECK, *_COLLARS], [_HEAD, *_UPPER_ARMS]  # bones that hang
 _SPINE_SHARES = np.array([1 / 3, 2 / 3])[:, None, None]
 _STRAIGHT, _BENT = np.sin(np.radians([10, 30]))  # below, a limb's bend says nothing of its axis; above, all
 _RELAX = 0.05  # a frame: how fast a straight limb turns to where its bend usually faces
+_TOES_BEND = np.radians(45)
 _SETTLED = 30  # frames after which the person's size is known
 
 
@@ -167,7 +168,7 @@ class PoseFollower:
         else:
             up = unit(np.asarray(self._up, dtype=np.float64))
         lifted = shortest_turn(up, UP)
-        left = lifted @ (hips[0] - hips[1])
+        left = lifted @ (unit(hips[0] - hips[1]) + unit(arms[0] - arms[1]))
         ahead = np.cross(left, UP)
         return about_axis(2, -np.pi / 2 - np.arctan2(ahead[1], ahead[0])) @ lifted
 
@@ -193,8 +194,9 @@ class PoseFollower:
         known = np.isfinite(ways).all(axis=1)
         known[1:] &= self._own  # others' collar bones begin elsewhere
         out[_SWUNG] = shortest_turn(held, np.where(known[:, None], ways, held)) @ out[_CHEST]
-        if not known[0]:
-            out[_NECK] = out[_CHEST] @ last[_CHEST].T @ last[_NECK]
+        if not known.all():
+            stay = np.array(_SWUNG)[~known]
+            out[stay] = out[_CHEST] @ last[_CHEST].T @ last[stay]
         out[_HEAD] = out[_NECK]
 
     def _limbs(self, seen: np.ndarray, out: np.ndarray) -> None:
@@ -209,7 +211,8 @@ class PoseFollower:
         below = np.isfinite(lower).all(axis=1)[:, None]
         carried = np.einsum("kij,kj->ki", shortest_turn(before, upper), self._axes)
         ahead = np.where(_ARMS[:, None], out[_CHEST] @ FRONT, -(out[0] @ FRONT))
-        axes = (1 - _RELAX) * carried + _RELAX * unit(cross(upper, ahead))
+        relax = _RELAX * known[:, None]
+        axes = (1 - relax) * carried + relax * unit(cross(upper, ahead))
         bent = cross(upper, np.where(below, lower, upper))
         sine = np.sqrt(np.einsum("ki,ki->k", bent, bent))[:, None]
         share = np.clip((sine - _STRAIGHT) / (_BENT - _STRAIGHT), 0, 1)
@@ -256,7 +259,10 @@ class PoseFollower:
                     out[foot] = frames(ways[side], self._axes[_KNEES[side]]) @ self._feet_unturned[side]
                 else:
                     out[foot] = out[shin] @ last[shin].T @ last[foot]
-        out[_TOES] = out[_FEET]
+        # Toes stay level while the foot tips over them.
+        stands = out[_FEET] @ self._rest.frames[_FEET]
+        tips = np.clip(-np.arcsin(np.clip(stands[:, 2, 0], -1, 1)), 0, _TOES_BEND)
+        out[_TOES] = from_vectors(stands[:, :, 2] * tips[:, None]) @ out[_FEET]
 
     def _translation(self, seen: np.ndarray, out: np.ndarray) -> np.ndarray:
         """Of the hips: the person's way, scaled by the legs."""

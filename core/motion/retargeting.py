@@ -156,7 +156,7 @@ def _leg_length(source: _Source) -> float:
 
 def _facing_front(motion: Motion, rotations: np.ndarray, translations: np.ndarray, world: np.ndarray) -> Clip:
     """Everything turned about Z and moved over the floor so that it starts where the skeleton stands, facing −Y."""
-    ahead = np.einsum("fij,j->fi", rotations[:, 0], FRONT)
+    ahead = (rotations[:, 0] + rotations[:, BONES.index("Spine2")]) @ FRONT / 2
     level = np.linalg.norm(ahead[:, :2], axis=1)
     first = ahead[int(np.argmax(level > 0.5))]
     turn = about_axis(2, -np.pi / 2 - np.arctan2(first[1], first[0]))

@@ -91,8 +91,8 @@ def to_vectors(matrices: np.ndarray) -> np.ndarray:
     cosine = (np.trace(matrices, axis1=-2, axis2=-1) - 1) / 2
     sine = np.linalg.norm(off, axis=-1) / 2
     angles = np.arctan2(sine, cosine)
-    # Near half a turn the skew part vanishes: the axis is the largest column of R + 1.
-    columns = matrices + np.eye(3)
+    # Near half a turn the skew part vanishes; the symmetric one less cos(a) is the axis with itself.
+    columns = matrices + np.swapaxes(matrices, -1, -2) - 2 * cosine[..., None, None] * np.eye(3)
     largest = np.argmax(np.einsum("...ij,...ij->...j", columns, columns), axis=-1)
     flipped = unit(np.take_along_axis(columns, largest[..., None, None], axis=-1)[..., 0])
     sign = np.where(np.einsum("...i,...i->...", flipped, off) < 0, -1.0, 1.0)
