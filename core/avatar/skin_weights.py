@@ -15,7 +15,9 @@ from ..mesh.half_edges import edge_keys
 from ..mesh.normals import vertex_normals
 from ..mesh.submesh import triangle_components
 from ..numeric.point_products import dot
-from .pose import SkinWeights
+from ..numeric.sparse_least_squares import elimination_order, solve_squares
+from .bone_axes import shortest_turn
+from .pose import Pose, SkinWeights, bone_matrices, skinned
 from .skeleton import BONES, PARENTS, Skeleton
 from .weight_fields import WeightFields, body_size, bone_likelihoods, known_fields
 
@@ -30,7 +32,12 @@ _REACH, _FADE = 0.08, 0.02  # so far beyond its own surface a limb's hold begins
 _GONE = 20.0  # log-likelihood by which it has faded where it is gone
 _WITHIN = 0.9  # of a bone's length: its tip may lie outside the skin
 _STEP_IN = 0.001  # below the skin, where rays begin [m]
+_ARMPIT = 0.3  # so far around the shoulders' joints fills are refined [body sizes]
 _SMOOTHING = 3  # rounds of averaging with neighbours
+_RAISED = np.radians(77.0)
+_STRETCHED, _TAUT = 3.3, 3.8  # of its length: an edge that is relaxed, and one that must be
+_RELAXED = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08)  # how far around such edges [body sizes]
+_TINY = 0.001  # shorter edges are taken for so long [m]
 
 
 def skinned_mesh(mesh: Mesh, skeleton: Skeleton) -> tuple[Mesh, SkinWeights]:
@@ -44,7 +51,10 @@ def skinned_mesh(mesh: Mesh, skeleton: Skeleton) -> tuple[Mesh, SkinWeights]:
         In the mesh's frame.
     """
     if mesh.view is not None and mesh.kind is not None and (mesh.kind == SURFACE).any():
-        mesh = refine(mesh, edge_length_at_vertices(mesh), 1.0)[0]
+        shoulders = skeleton.joints[[BONES.index("LeftArm"), BONES.index("RightArm")]]
+        apart = np.linalg.norm(mesh.vertices[:, None] - shoulders, axis=2).min(axis=1)
+        wanted = np.where(apart < _ARMPIT * body_size(skeleton), edge_length_at_vertices(mesh), np.inf)
+        mesh = refine(mesh, wanted, 1.0)[0]
     return mesh, skin_weights(mesh, skeleton)
 
 
@@ -70,21 +80,26 @@ def skin_weights(mesh: Mesh, skeleton: Skeleton, fields: WeightFields | None = N
     weights = _softmax(hold)
     for _ in range(_SMOOTHING):
         weights = 0.5 * (weights + _neighbour_means(weights, edges))
+    _relax(weights, mesh.vertices, skeleton, edges)
     return strongest(weights)
 
 
 def strongest(weights: np.ndarray) -> SkinWeights:
-    """The four strongest bones of each vertex, of weights (V, 22); rows sum to 1.
+    """Four bones of each vertex, of weights (V, 22); rows sum to 1.
 
-    What the others hold goes to their nearest relative among the four: spread over all, it would move skin that a small
-    share of the trunk joins to a raised arm.
+    The strongest, but limbs before the trunk: skin that a small share joins to a raised arm would jump where the trunk
+    takes that place. What the others hold goes to their nearest relative among the four.
     """
-    index = np.argsort(-weights, axis=1, kind="stable")[:, :_INFLUENCES]
+    limb = np.where((LIMBS > 0) & (weights >= _LEAST), weights, 0.0)
+    first = np.argsort(-limb, axis=1, kind="stable")[:, : _INFLUENCES // 2]
+    rank = weights.copy()
+    np.put_along_axis(rank, first, np.take_along_axis(weights + (limb > 0.0), first, axis=1), axis=1)
+    index = np.argsort(-rank, axis=1, kind="stable")[:, :_INFLUENCES]
     weight = np.take_along_axis(weights, index, axis=1)
     weight[weight < _LEAST] = 0.0
     left = weights.copy()
     np.put_along_axis(left, index, np.where(weight > 0.0, 0.0, np.take_along_axis(left, index, axis=1)), axis=1)
-    apart = np.where(weight[:, None] > 0.0, _STEPS_APART[:, index].transpose(1, 0, 2), len(BONES))
+    apart = np.where(weight[:, None] > 0.0, _STEPS_APART[:, index].transpose(1, 0, 2), 3 * len(BONES))
     rows, bones = np.nonzero(left > 0.0)
     np.add.at(weight, (rows, apart[rows, bones].argmin(axis=1)), left[rows, bones])
     order = np.argsort(-weight, axis=1, kind="stable")
@@ -94,12 +109,13 @@ def strongest(weights: np.ndarray) -> SkinWeights:
 
 
 def _steps_apart() -> np.ndarray:
-    """How many joints lie between each two bones (22, 22)."""
+    """How many joints lie between each two bones (22, 22); from the trunk a limb is farther than anything else."""
     steps = np.full((len(BONES), len(BONES)), len(BONES))
     for bone, parent in enumerate(PARENTS):
         steps[bone, bone] = 0
         if parent >= 0:
             steps[bone, :bone] = steps[:bone, bone] = steps[parent, :bone] + 1
+    steps[np.ix_(LIMBS == 0, LIMBS > 0)] += len(BONES)
     return steps
 
 
@@ -171,14 +187,15 @@ def _largest_piece(mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
 def _surface_distances(start: np.ndarray, edges: np.ndarray, lengths: np.ndarray, reach: float) -> np.ndarray:
     """Distance (V,) along edges from the vertices ``start`` (V,) bool; inf beyond ``reach`` [m]. Bellman and Ford."""
     distance = np.where(start, 0.0, np.inf)
-    while True:
+    both, twice = np.concatenate((edges, edges[:, ::-1])), np.concatenate((lengths, lengths))
+    changed = start
+    while changed.any():
+        out = changed[both[:, 0]]
+        further = distance[both[out, 0]] + twice[out]
         before = distance.copy()
-        for a, b in ((0, 1), (1, 0)):
-            further = distance[edges[:, a]] + lengths
-            near = further <= reach
-            np.minimum.at(distance, edges[near, b], further[near])
-        if np.array_equal(before, distance):
-            return distance
+        np.minimum.at(distance, both[out, 1], np.where(further <= reach, further, np.inf))
+        changed = distance < before
+    return distance
 
 
 def _neighbour_means(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
@@ -190,3 +207,64 @@ def _neighbour_means(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
     degree = np.bincount(a, minlength=count)
     total = np.add.reduceat(values[b[order]], np.minimum(starts, len(order) - 1), axis=0)
     return np.where(degree[:, None] > 0, total / np.maximum(degree, 1)[:, None], values)
+
+
+def _relax(weights: np.ndarray, vertices: np.ndarray, skeleton: Skeleton, edges: np.ndarray) -> None:
+    """Spread weights (V, 22) where raised arms would stretch skin too far: no web in the armpit, where fills are.
+
+    About edges that are stretched, weights become harmonic, as evenly spread as the weights around allow; again farther
+    around where that does not suffice.
+    """
+    size = body_size(skeleton)
+    lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
+    matrices = bone_matrices(skeleton, arms_raised(skeleton))
+    region = np.zeros(len(vertices), np.bool_)
+    for reach in _RELAXED:
+        raised = skinned(vertices, strongest(weights), matrices)
+        stretch = np.linalg.norm(raised[edges[:, 0]] - raised[edges[:, 1]], axis=1) / np.maximum(lengths, _TINY)
+        if not (stretch > _TAUT).any():
+            return
+        start = np.zeros(len(vertices), np.bool_)
+        start[edges[stretch > _STRETCHED]] = True
+        region |= np.isfinite(_surface_distances(start, edges, lengths, reach * size))
+        _make_harmonic(weights, region, edges, 1.0 / np.maximum(lengths, _TINY))
+
+
+def arms_raised(skeleton: Skeleton) -> Pose:
+    """Both arms 75° above the horizontal, the collar bones level."""
+    rotations = np.tile(np.eye(3), (len(BONES), 1, 1))
+    tails = skeleton.tails()
+    for side, out in (("Left", 1.0), ("Right", -1.0)):
+        up = np.array([out * np.cos(_RAISED), 0.0, np.sin(_RAISED)])
+        for name, wanted in (("Shoulder", np.array([out, 0.0, 0.0])), ("Arm", up)):
+            bone = BONES.index(side + name)
+            along = tails[bone] - skeleton.joints[bone]
+            rotations[bone] = shortest_turn(along / np.linalg.norm(along), wanted)
+        for name in ("ForeArm", "Hand"):
+            rotations[BONES.index(side + name)] = rotations[BONES.index(f"{side}Arm")]
+    return Pose(rotations, np.zeros(3))
+
+
+def _make_harmonic(weights: np.ndarray, region: np.ndarray, edges: np.ndarray, stiffness: np.ndarray) -> None:
+    """Replace ``weights`` (V, K) in ``region`` by what is in balance with the rest over edges of given stiffness."""
+    inside = np.flatnonzero(region)
+    place = np.full(len(region), -1)
+    place[inside] = np.arange(len(inside))
+    touching = region[edges].any(axis=1)
+    edges, stiffness = edges[touching], stiffness[touching] / stiffness[touching].mean()
+    free = region[edges].all(axis=1)
+    held = np.where(region[edges[~free, :1]], edges[~free], edges[~free, ::-1])  # the free end first
+    diagonal = np.bincount(place[held[:, 0]], stiffness[~free], len(inside)) + 1e-9
+    known = np.zeros((len(inside), weights.shape[1]))
+    np.add.at(known, place[held[:, 0]], stiffness[~free, None] * weights[held[:, 1]])
+    used = np.flatnonzero(known.max(axis=0) > _LEAST)
+    columns = place[edges[free]]
+    roots = np.sqrt(stiffness[free])[:, None] * (1.0, -1.0)
+    both = np.concatenate((columns, columns[:, ::-1]))
+    both = both[np.argsort(both[:, 0], kind="stable")]
+    order = elimination_order(np.searchsorted(both[:, 0], np.arange(len(inside) + 1)), both[:, 1])
+    starts = np.arange(0, columns.size + 1, 2)
+    found = solve_squares(starts, columns.ravel(), roots.ravel(), diagonal, known[:, used], order)
+    found = np.maximum(found, 0.0)
+    weights[inside] = 0.0
+    weights[np.ix_(inside, used)] = found / np.maximum(found.sum(axis=1, keepdims=True), 1e-12)
