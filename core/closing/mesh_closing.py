@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..hole_filling.delaunay_refinement import edge_length_at_vertices, refine
+from ..hole_filling.foot_hulls import GUESSED
 from ..hole_filling.loop_triangulation import fill_loops
 from ..hole_filling.silhouette_bulge import bulge, rim_marks
 from ..hole_filling.soles import arch_of_foot, drop_soles
@@ -25,6 +26,9 @@ from .self_intersection_repair import untangle
 
 _TIMES_HELD = 4  # rounds of holding vertices back: each pushes its surroundings
 _HELD = 1.0  # how stiffly they are held, against the bending of the surface
+import os
+
+_GUESS = float(os.environ.get("GN", "0.008"))
 _MATTERS = 0.004  # so far into space seen to be empty is not worth another round [m]
 
 
@@ -127,8 +131,9 @@ def close_mesh(
         mesh = replace(mesh, vertices=arch_of_foot(mesh.vertices, flat, up))
     rim = made_vertices(mesh)
     stiffness = np.where(flat, np.inf, np.where(made, 0.0, np.where(rim, _stiffness(mesh, maps, settings), np.inf)))
+    stiffness[(mesh.view == GUESSED) & ~flat] = settings.fairness * (0.001 / _GUESS)
     stretch = bulge(marks, parents, mesh)
-    mesh = replace(mesh, vertices=_faired(mesh, stiffness, stretch, maps))
+    mesh = replace(mesh, vertices=_faired(mesh, stiffness, stretch, maps), view=np.maximum(mesh.view, np.int8(-1)))
     if settings.untangle:
         mesh, left = untangle(mesh, maps, coarseness=settings.refine)
         if left > 0.001 * len(mesh.triangles):

@@ -15,6 +15,7 @@ from ..checks.plausibility import ScanFacts, check_avatar
 from ..checks.view_disagreement import check_seams
 from ..closing.mesh_closing import close_mesh
 from ..errors import MirrorScanError, Notice
+from ..hole_filling.foot_hulls import foot_hulls
 from ..mesh import Mesh
 from ..mirror_alignment.seam_alignment import align_seams, mirrored_views, move_views
 from ..mirror_alignment.seam_glass import glass_by_seams, seen_through
@@ -23,6 +24,7 @@ from ..mirrors.mirror import reflection_matrix
 from ..patches.overlap import part_overlaps
 from ..views.view_maps import ViewMaps
 from ..zippering.exposure import match_exposures
+from ..zippering.seam_strips import Seam
 from ..zippering.zipper import zip_patches
 from .report import make_report
 from .scan import Clock, Scan
@@ -76,7 +78,7 @@ def joining_steps(
     clock.lap("overlap")
 
     yield 0.7, "Zippering the seams"
-    open_mesh, seams, twin = zip_patches(patches, scan.maps, scan.up, scan.axis, scan.floor, settings.zipper)
+    open_mesh, seams, twin = _zippered(patches, scan, settings)
     clock.lap("zippering")
 
     yield 0.78, "Comparing the seams"
@@ -85,7 +87,7 @@ def joining_steps(
     scan = aligned or scan
     if thick or aligned is not None:
         patches = part_overlaps(scan.patches, scan.maps, settings.overlap)
-        open_mesh, seams, twin = zip_patches(patches, scan.maps, scan.up, scan.axis, scan.floor, settings.zipper)
+        open_mesh, seams, twin = _zippered(patches, scan, settings)
     faults = check_seams(scan.mirrors, scan.maps, open_mesh, scan.timed, scan.warnings)
     scan = replace(scan, warnings=(*scan.warnings, *faults))
     if settings.colors.exposure:
@@ -131,6 +133,14 @@ def _skeleton_of(mesh: Mesh, settings: Settings) -> tuple[Skeleton | None, tuple
         return find_skeleton(mesh), ()
     except MirrorScanError as error:
         return None, (Notice("no skeleton: {reason}", reason=error),)
+
+
+def _zippered(patches: list[Mesh], scan: Scan, settings: Settings) -> tuple[Mesh, list[Seam], np.ndarray]:
+    """:func:`.zipper.zip_patches` with what a camera gave up of a person's feet made."""
+    made = None
+    if scan.floor is not None and not settings.views.object:
+        made = foot_hulls(patches, scan.maps.free_space, scan.up, scan.floor)
+    return zip_patches(patches, scan.maps, scan.up, scan.axis, scan.floor, settings.zipper, made)
 
 
 def _facts(scan: Scan, settings: Settings, to_avatar: np.ndarray) -> ScanFacts:

@@ -67,6 +67,7 @@ def zip_patches(
     axis: np.ndarray,
     floor: float | None,
     settings: ZipperSettings = ZipperSettings(),
+    made: Mesh | None = None,
 ) -> tuple[Mesh, list[Seam], np.ndarray]:
     """Zipper the patches.
 
@@ -84,6 +85,8 @@ def zip_patches(
         Vertical, and a point of the vertical through the subject, in which coronal and sagittal plane meet.
     floor : float or None
         Height of the floor along ``up`` [m].
+    made : Mesh, optional
+        What stands for surface that no view shows, of kind ``FILL``: zippered like a patch.
 
     Returns
     -------
@@ -107,7 +110,7 @@ def zip_patches(
         raise MirrorScanError("zippering: no patch is given; give one for each view")
     for number, patch in enumerate(patches):
         check_mesh(patch, f"zippering: patch {number}")
-    mesh = merge(patches)
+    mesh = merge(patches if made is None else [*patches, made])
     seams: list[Seam] = []
     count = len(mesh.vertices)
     twin = twins(mesh.triangles, count)
