@@ -26,9 +26,7 @@ from .self_intersection_repair import untangle
 
 _TIMES_HELD = 4  # rounds of holding vertices back: each pushes its surroundings
 _HELD = 1.0  # how stiffly they are held, against the bending of the surface
-import os
-
-_GUESS = float(os.environ.get("GN", "0.008"))
+_GUESS = 0.002  # a guessed place is held as if it were read with this noise [m]
 _MATTERS = 0.004  # so far into space seen to be empty is not worth another round [m]
 
 
