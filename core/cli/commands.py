@@ -202,7 +202,7 @@ def run_demo(options: argparse.Namespace, writers: Writers) -> None:
     from ..capture import open_capture
     from ..io import read_mesh
     from ..mesh.surface_distance import evaluate
-    from ..pipeline import reconstruct
+    from ..pipeline import Settings, reconstruct
     from ..preview.mesh_views import render_preview
 
     with progress_bar(options.quiet) as progress:
@@ -215,10 +215,10 @@ def run_demo(options: argparse.Namespace, writers: Writers) -> None:
         started = time.perf_counter()
         capture = open_capture(capture_folder)
         read_ms = (time.perf_counter() - started) * 1e3
-        result = reconstruct(capture, progress=stage_of(progress, 0.3, 0.8))
+        result = reconstruct(capture, settings=Settings(skeleton=True), progress=stage_of(progress, 0.3, 0.8))
         advance(progress, 0.8, "writing")
         write_outputs(result, outputs, report, read_ms)
-        render_preview(result.mesh, folder / "preview.png")
+        render_preview(result.mesh, folder / "preview.png", result.skeleton, result.weights)
         advance(progress, 0.95, "comparing with the truth")
         truth = read_mesh(capture_folder / "truth" / "body.ply").transformed(result.camera_to_avatar)
         distances = evaluate(result.mesh, truth)
@@ -229,6 +229,9 @@ def run_demo(options: argparse.Namespace, writers: Writers) -> None:
     say(summary_line(result))
     for line in distance_lines(distances):
         say(line)
+    if result.skeleton is not None:
+        seconds = 1e-3 * result.report["timings_ms"]["skeleton"]
+        say(f"skeleton of {len(result.skeleton.joints)} bones and skin weights in {seconds:.1f} s")
     say(f"written to {folder}{os.sep}")
     for path in (*targets, folder / "preview.png", report, capture_folder):
         say(f"  {path.name}{os.sep if path.is_dir() else ''}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +13,10 @@ from ..io.images import write_png
 from ..mesh import FILL, KIND_NAMES, SEAM, SURFACE, Mesh
 from ..mesh.bvh import Bvh, build_bvh, raycast
 from ..mesh.normals import triangle_normals, vertex_normals
+
+if TYPE_CHECKING:
+    from ..avatar.pose import SkinWeights
+    from ..avatar.skeleton import Skeleton
 
 KIND_COLORS = {SURFACE: (206, 206, 209), SEAM: (222, 30, 36), FILL: (52, 112, 220)}
 """sRGB each kind of triangle is shown in."""
@@ -70,15 +75,22 @@ def render_views(
     return _render(mesh, [colors], directions, width, height, up)[0][0]
 
 
-def render_preview(mesh: Mesh, path: str | os.PathLike) -> None:
+def render_preview(
+    mesh: Mesh, path: str | os.PathLike, skeleton: Skeleton | None = None, weights: SkinWeights | None = None
+) -> None:
     """Write the preview sheet: front, left side, back and right side; above by capture colours, below by kind.
+
+    With a skeleton a third row shows it, and the avatar in three poses.
 
     Parameters
     ----------
     mesh : Mesh
         In the avatar frame. Without colours the upper row is of one neutral colour; without kinds all is surface.
     path : path
-        Ends in .png; 1600×1400 px. A file already there is replaced only when the new one is complete.
+        Ends in .png; 1600×1400 px, 2100 with a skeleton. A file already there is replaced only when the new one is
+        complete.
+    skeleton, weights : Skeleton and SkinWeights, optional
+        Of the mesh.
 
     Raises
     ------
@@ -102,6 +114,13 @@ def render_preview(mesh: Mesh, path: str | os.PathLike) -> None:
     for name, color in legend:
         sheet[int(base) - 18 : int(base) + 2, int(x) : int(x) + 20] = color
         x = draw_text(sheet, name, x + 32, base, size=22, color=INK) + 44
+    if skeleton is not None and weights is not None:
+        from .posed_views import POSES, render_poses  # which draws by render_views
+
+        captions = np.full((_BAND, width, 3), BACKGROUND, np.uint8)
+        for column, name in enumerate(POSES):
+            draw_text(captions, name, (column + 0.5) * _PANEL[0], 0.68 * _BAND, size=26, color=INK, centred=True)
+        sheet = np.concatenate((sheet, captions, render_poses(mesh, skeleton, weights, *_PANEL)))
     write_png(path, sheet)
 
 

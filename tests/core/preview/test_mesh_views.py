@@ -77,6 +77,25 @@ def test_preview_sheet(tmp_path):
     assert shown(sheet[1340:]).any()  # legend
 
 
+def test_a_skeleton_adds_a_row(tmp_path):
+    """Left bones are blue and right of the picture's middle; with arms up the body is taller."""
+    from mirror_scan.core.avatar.pose import SkinWeights
+    from mirror_scan.core.simulation.mannequin import rigged_mannequin
+
+    body, skeleton = rigged_mannequin(resolution=0.018)
+    nearest = np.linalg.norm(body.vertices[:, None] - 0.5 * (skeleton.joints + skeleton.tails())[None], axis=2)
+    index, weight = np.zeros((len(body.vertices), 4), np.uint8), np.zeros((len(body.vertices), 4), np.float32)
+    index[:, 0], weight[:, 0] = nearest.argmin(axis=1), 1.0
+    render_preview(body, tmp_path / "a.png", skeleton, SkinWeights(index, weight))
+    sheet = read_image(tmp_path / "a.png").astype(int)
+    assert sheet.shape == (2100, 1600, 3)
+    bones = sheet[1460:, :400]
+    blue, orange = bones[..., 2] - bones[..., 0] > 80, bones[..., 0] - bones[..., 2] > 80
+    assert np.nonzero(blue)[1].mean() > 220 and np.nonzero(orange)[1].mean() < 180
+    rows = [np.nonzero(shown(sheet[1460:, 400 * k : 400 * k + 400]).any(axis=1))[0] for k in range(4)]
+    assert np.ptp(rows[2]) > 1.3 * np.ptp(rows[1])
+
+
 def test_bad_requests(tmp_path):
     empty = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
     with pytest.raises(MirrorScanError, match="no triangles"):
