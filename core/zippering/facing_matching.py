@@ -22,6 +22,7 @@ _LEAST_FACING = -0.6  # cosine between their normals, of two views: around a lim
 _LEAST_FACING_IN_VIEW = 0.3  # of one view: across a slot in a surface, not from one side of a limb to the other
 _LEAST_FACING_LOW = 0.2  # right above the floor: under a foot there is nothing to bridge
 _LEAST_ONWARD = -0.35  # cosine between the bridge and the way on of either surface: not back over the surface itself
+_LEAST_ONWARD_IN_VIEW = 0.1  # of one view: the shores of a slot face each other, those of an isthmus do not
 _ANY_WAY = 0.01  # bridges shorter than this go any way: so near, the boundary's teeth decide on it [m]
 _ROUND_TIP = 2.5  # times the bridge: on one loop the way between its ends along it, or it goes round a slot's tip
 _SHORTEST_ROUND = 0.012  # the same, for ends so near that the boundary's teeth decide on it [m]
@@ -264,7 +265,8 @@ def _partners_kernel(
                             continue
                     out_i = (outward[i, 0] * dx + outward[i, 1] * dy + outward[i, 2] * dz) / (d + 1e-9)
                     out_j = -(outward[j, 0] * dx + outward[j, 1] * dy + outward[j, 2] * dz) / (d + 1e-9)
-                    if min(out_i, out_j) < _LEAST_ONWARD and d > _ANY_WAY:
+                    least = _LEAST_ONWARD_IN_VIEW if view[i] == view[j] else _LEAST_ONWARD
+                    if min(out_i, out_j) < least and d > _ANY_WAY:
                         continue
                     weight = 1.0 + _PRICE_ALONG * (1.0 + along) + _PRICE_FACING * (1.0 - facing)
                     cost = d * (weight + _PRICE_ONWARD * (2.0 - out_i - out_j))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import naive
 import numpy as np
 import pytest
@@ -11,10 +13,11 @@ from hypothesis import strategies as st
 from mirror_scan.core.camera import Intrinsics, RgbdImage
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.hole_filling.loop_triangulation import fill_loops
-from mirror_scan.core.mesh import SURFACE, Mesh
+from mirror_scan.core.mesh import SEAM, SURFACE, Mesh
 from mirror_scan.core.mesh.boundary_loops import boundary_loops
 from mirror_scan.core.mesh.half_edges import open_edges, twins
 from mirror_scan.core.mesh.normals import triangle_normals
+from mirror_scan.core.mesh.submesh import compact, remove_bowties
 from mirror_scan.core.views.view_maps import view_maps
 from mirror_scan.core.zippering.coronal_matching import Chain, match_chains, pairings, solidity, split_loop
 from mirror_scan.core.zippering.dtw import dtw
@@ -170,6 +173,31 @@ def test_no_bridge_through_space_seen_to_be_empty(blind_maps):
     np.testing.assert_array_equal(twin, twins(mesh.triangles, len(mesh.vertices)))
     assert {s.views for s in seams(2.0, 0)[1]} == {(0, 1)}, "a surface read right there hides nothing"
     assert {s.views for s in seams(5.0, 1)[1]} == {(0, 1)}, "what another view reads there says nothing"
+
+
+def isthmus(rng) -> Mesh:
+    """A plate in front of another, as a chin before a neck, and a narrow ragged strip of skin that joins them."""
+    cell, width, step = 0.004, rng.uniform(0.016, 0.03), rng.uniform(0.02, 0.05)
+    x, z = np.meshgrid(np.arange(-0.06, 0.0601, cell), np.arange(-0.12, 0.1001, cell))
+    points = np.stack((x, np.interp(z, [-0.02, 0.0], [step, 0.0]), z), axis=-1)
+    points += cell * rng.normal(0.0, (0.075, 0.15, 0.075), points.shape)
+    kept = (z < -0.019) | (z > -0.001) | (np.abs(x) <= 0.5 * width)
+    inner = np.zeros_like(kept)
+    inner[1:-1, 1:-1] = kept[2:, 1:-1] & kept[:-2, 1:-1] & kept[1:-1, 2:] & kept[1:-1, :-2]
+    kept &= inner | (rng.random(kept.shape) < 0.6)
+    whole = sheet(points)
+    known = kept.ravel()[whole.triangles].all(axis=1)
+    return remove_bowties(compact(replace(whole, triangles=whole.triangles[known], kind=whole.kind[known])))
+
+
+@pytest.mark.parametrize("seed", [14, 17, 19, 21, 25, 26, 27, 29])
+def test_nothing_is_bridged_over_the_strip_between_its_own_shores(blind_maps, seed):
+    """That would tie off what hangs by the strip: a face by its chin."""
+    patch = isthmus(np.random.default_rng(seed))
+    mesh, _, _ = zip_patches([patch], blind_maps, UP, np.zeros(3), None, GENERAL)
+    check_zipped(mesh, [patch])
+    x = mesh.vertices[mesh.triangles[mesh.kind == SEAM], 0]
+    assert not ((x.min(axis=1) < -0.006) & (x.max(axis=1) > 0.006)).any()
 
 
 def test_wide_gaps_stay_open(blind_maps):
