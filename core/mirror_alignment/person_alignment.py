@@ -64,6 +64,7 @@ _SPREAD, _REACH = 1.2, 2.5  # px by which rows stray, and times that from which 
 _ALIKE = 5.0  # neighbouring rows, or pieces, that count as one
 _MATCHED, _TIMED = 0.8, 0.3  # px by which all outlines of a camera that matches pictures, or times light, are off,
 _OWN, _SHADOWED = 0.35, 0.55  # each of itself, and one beside a shadow: one standard deviation
+_OWN_OF_WINDOW, _COMMON_OF_WINDOW = 0.1, 0.2  # the same as shares of a matching window, where that is seen to be wide
 _CONTRADICTED = 4.0  # squared distance, in standard deviations, from which a frame is less sure than it says
 
 
@@ -139,8 +140,10 @@ def _moved(
     views = range(len(mirrors) + 1)
     shown = [surfaces(image, seen, view, noise, _PIECES) for view in views]
     outlines = [outline_of(image.depth, seen == view, shadow) if (seen == view).any() else None for view in views]
-    agreement = _Agreement(mirrors, columns_of(free), shown, outlines, image.intrinsics, settings.gate * settings.skin)
-    solved = agreement.solve(_MATCHED if shadow else _TIMED)
+    agreement = _Agreement(
+        mirrors, columns_of(free), shown, outlines, image.intrinsics, settings.gate * settings.skin, noise.alike
+    )
+    solved = agreement.solve(max(_MATCHED if shadow else _TIMED, _COMMON_OF_WINDOW * noise.alike))
     if solved is None:
         return list(mirrors)
     fit, contradicted = solved
@@ -166,7 +169,7 @@ class _Agreement:
     """What views show of a person, as it depends on the mirrors' ``columns`` of a correction.
 
     A correction (P,) holds two slopes and a shift of each, then by how much all outlines are off, then each side of the
-    outline of each pair of views [px].
+    outline of each pair of views [px]. Readings in a square of so many px as are ``alike`` err alike.
     """
 
     mirrors: list[Mirror]
@@ -175,6 +178,7 @@ class _Agreement:
     outlines: list[Outline | None]
     intrinsics: Intrinsics
     gate: float
+    alike: float
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
@@ -190,7 +194,10 @@ class _Agreement:
         """The most likely correction, and which frames it contradicts; ``bias`` is what all outlines may be off."""
         frames = [np.linalg.inv(_by_frame(self.mirrors[k])) for k in self.columns]
         own = [
-            1.0 / (_SHADOWED if side == 0 and outline is not None and outline.shadow else _OWN) ** 2
+            1.0 / max(
+                _SHADOWED if side == 0 and outline is not None and outline.shadow else _OWN,
+                _OWN_OF_WINDOW * self.alike,
+            ) ** 2
             for outline in (self.outlines[by] for _, by in self.pairs) for side in (0, 1)
         ]  # fmt: skip
         size = 3 * len(frames)
@@ -229,7 +236,7 @@ class _Agreement:
                 outline = self.outlines[by]
                 if outline is not None:
                     met = contacts(self.shown[of], flip, outline, self.intrinsics)
-                    cost += contact_cost(met.gaps) / _ALIKE
+                    cost += contact_cost(met.gaps) / max(_ALIKE, self.alike)
             costs.append(cost)
         return way * turns[int(np.argmin(costs))]
 
@@ -258,7 +265,8 @@ class _Agreement:
                 points = self.shown[of].points[met.pieces[which]]
                 for part, moves in self._across(points, of, by, at, flips):
                     jacobian[:, part] += moves if side else -moves  # gaps are right - u, u - left
-                yield weighted_equations(jacobian, residuals, cauchy_weights(residuals, spread**2, _ALIKE))
+                weights = cauchy_weights(residuals, spread**2, max(_ALIKE, self.alike))
+                yield weighted_equations(jacobian, residuals, weights)
 
     def _across(
         self, points: np.ndarray, of: int, by: int, at: list[Mirror], flips: list[np.ndarray]

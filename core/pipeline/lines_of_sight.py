@@ -13,7 +13,7 @@ from ..errors import ReconstructionError
 from ..mirrors import Mirror
 from ..numeric.point_products import transform
 from ..subject.subject_search import figures_at
-from .mirror_placement import place_mirrors
+from .mirror_placement import first_mirrors
 from .settings import Settings
 
 _CLEARLY = 2.0
@@ -67,12 +67,16 @@ class Figures:
     def __len__(self) -> int:
         return len(self._captures)
 
+    def mirrors(self, camera: int) -> tuple[MirrorPicks | Mirror, ...]:
+        """What is known of a camera's mirrors: placed, where that was needed, but not yet aligned."""
+        return tuple(self._seen[camera][1]) if camera in self._seen else self._known[camera]
+
     def at(self, camera: int, places: np.ndarray) -> np.ndarray:
         """How large (K,) the figure is that the camera sees at places (K, 3) in its frame [m²]; 0 = none."""
         if camera not in self._seen:
             capture, picks, settings = self._captures[camera], self._known[camera], self._settings
             depth, _ = one_depth_map(capture, settings.depth)
-            mirrors = place_mirrors(picks, depth, capture, settings)[0] if picks else []
+            mirrors = first_mirrors(picks, depth, capture, settings) if picks else []
             self._seen[camera] = RgbdImage(depth, capture.intrinsics), mirrors
         return figures_at(*self._seen[camera], places, self._settings.views)
 

@@ -9,7 +9,7 @@ import numpy as np
 from ..camera import RgbdImage, unproject
 from ..camera.noise_models import SENSORS
 from ..capture import Capture, MirrorPicks
-from ..depth.sensor_recognition import Principle, measuring_principle
+from ..depth.sensor_recognition import Principle
 from ..errors import MirrorError, Notice, PicksDisagreeError
 from ..mirror_alignment.floor_alignment import align_floor
 from ..mirror_alignment.frame_shape import honest_error
@@ -33,15 +33,6 @@ from ..mirrors.picked_mirror import place_mirror
 from ..views.view_correspondences import likeness
 from .rig_calibration import moved_warnings
 from .settings import Settings
-
-
-def place_mirrors(
-    known: tuple[MirrorPicks | Mirror, ...], depth: np.ndarray, capture: Capture, settings: Settings
-) -> tuple[list[Mirror], tuple[str, ...]]:
-    """The mirrors that were picked or given, or else those that the depth map shows; and what to warn of."""
-    first = first_mirrors(known, depth, capture, settings)
-    principle = measuring_principle(capture, settings.depth, settings.light.phase_said)
-    return align_mirrors(first, RgbdImage(depth, capture.intrinsics), capture, settings, principle)
 
 
 def first_mirrors(
@@ -116,13 +107,14 @@ def align_mirrors(
     before, thick = placed, glass.thickness
     placed, by_reflections = align_reflections(image, placed, settings.alignment, thick)
     placed, doubts = doubted_offsets(placed, glass, before)
-    warnings += doubts
     image = without_delay(raw, placed) if timed or thick is not None else raw
     placed, by_floor = align_floor(image, placed, settings.floor, alike)
     model = SENSORS.get(principle.sensor)
     placed, by_person = align_persons(image, placed, settings.person, None if model is None else model.baseline)
     placed, by_views = align_views(image, placed, settings.agreement)
     placed, by_bow = align_bows(image, placed, settings.bow)
+    bowed = {m.name for m in placed if m.sag}
+    warnings += [doubt for doubt in doubts if bowed.isdisjoint(Notice.of(doubt).mirrors)]  # a bow explains it
     # a camera that measures time shows thick glass by its delay
     placed = placed if told or timed else with_unsure_offsets(placed, glass, before)
     warnings += (*by_reflections, *by_floor, *by_person, *by_views, *by_bow)

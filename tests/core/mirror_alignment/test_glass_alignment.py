@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mirror_scan.core.depth.sensor_recognition import measures_time
+from mirror_scan.core.depth.sensor_recognition import measures_time, measuring_principle
 from mirror_scan.core.depth.settings import DepthSettings
 from mirror_scan.core.mirror_alignment.glass_alignment import BowSettings, align_bows, thick_glass
 from mirror_scan.core.mirrors.picked_mirror import MirrorSettings, place_mirror
 from mirror_scan.core.pipeline import Settings
-from mirror_scan.core.pipeline.mirror_placement import place_mirrors
+from mirror_scan.core.pipeline.mirror_placement import align_mirrors, first_mirrors
 from mirror_scan.core.simulation.scene import default_rig
 from traced_rig import fused, trace
 
@@ -79,17 +79,22 @@ def test_a_bow_that_nothing_confirms_is_part_of_the_error(person):
         assert 0.5 * true < m.displacement(body) < 2.5 * true
 
 
+def aligned(capture, image, settings):
+    first = first_mirrors(capture.mirrors, image.depth, capture, settings)
+    return align_mirrors(first, image, capture, settings, measuring_principle(capture, settings.depth))
+
+
 def test_thick_glass_is_told_from_a_frame_that_projects(person):
     thick = trace(person, rig(), (0.0, 0.0), thickness=0.005)
     assert measures_time(thick.capture, DepthSettings()) is True
     frames, image = placed(thick)
     assert min(thick.displacement(frames)) > 0.012
     assert thick_glass(image, frames).thickness == pytest.approx(0.005, abs=0.002)
-    mirrors, notes = place_mirrors(thick.capture.mirrors, image.depth, thick.capture, Settings())
+    mirrors, notes = aligned(thick.capture, image, Settings())
     assert sum("mm thick" in str(note) for note in notes) == 2
     assert max(thick.displacement(mirrors)) < 0.005
     known = replace(Settings(), mirror=MirrorSettings(glass_thickness=0.005))
-    mirrors, notes = place_mirrors(thick.capture.mirrors, image.depth, thick.capture, known)
+    mirrors, notes = aligned(thick.capture, image, known)
     assert max(thick.displacement(mirrors)) < 0.0015 and not notes
     for frame_depth in (0.0, 0.006):
         thin = trace(person, rig(frame_depth=frame_depth), (0.0, 0.0))

@@ -9,6 +9,8 @@ import pytest
 from mirror_scan.core.camera import Intrinsics, RgbdImage, project
 from mirror_scan.core.capture import MirrorPicks
 from mirror_scan.core.depth.depth_map import one_depth_map
+from mirror_scan.core.depth.sensor_recognition import measuring_principle
+from mirror_scan.core.depth.settings import DepthSettings
 from mirror_scan.core.errors import MirrorError
 from mirror_scan.core.mirror_detection.detection import find_mirrors
 from mirror_scan.core.mirror_detection.edge_segments import BOTTOM, LEFT, RIGHT, TOP
@@ -18,7 +20,7 @@ from mirror_scan.core.mirror_detection.rectangle_hypotheses import Hypothesis
 from mirror_scan.core.mirrors.mirror import person_before, plane_mirror, reflect
 from mirror_scan.core.mirrors.picked_mirror import MirrorSettings, place_mirror
 from mirror_scan.core.pipeline import Settings, reconstruct
-from mirror_scan.core.pipeline.mirror_placement import place_mirrors
+from mirror_scan.core.pipeline.mirror_placement import align_mirrors, first_mirrors
 from mirror_scan.core.simulation.mannequin import Figure, mannequin
 from mirror_scan.core.simulation.props import open_door, placed, wall_behind
 from mirror_scan.core.simulation.rays import FRAME
@@ -28,6 +30,13 @@ from mirror_scan.core.simulation.simulate import simulate
 
 def clean(capture) -> np.ndarray:
     return one_depth_map(capture)[0]
+
+
+def place_all(picks, depth, capture):
+    """Mirrors placed, or found, and aligned; and the notes."""
+    first = first_mirrors(picks, depth, capture, Settings())
+    principle = measuring_principle(capture, DepthSettings())
+    return align_mirrors(first, RgbdImage(depth, capture.intrinsics), capture, Settings(), principle)
 
 
 def misplaced(mirror, truth, body) -> float:
@@ -188,7 +197,7 @@ def test_never_worse_than_the_picks(simulated, how):
         rng = np.random.default_rng(len(how))
         for _ in range(4):
             picks = bad_picks(simulation, how, rng)
-            mirrors, notes = place_mirrors(tuple(picks), depth, capture, Settings())
+            mirrors, notes = place_all(tuple(picks), depth, capture)
             for mirror, one in zip(mirrors, picks, strict=True):
                 plain = place_mirror(RgbdImage(depth, capture.intrinsics), one, MirrorSettings(grow=False))
                 error, before = (misplaced(m, true[one.name], body) for m in (mirror, plain))
@@ -210,7 +219,7 @@ def test_picks_on_no_frame_are_told_or_put_right(simulated):
         pixels[rng.permutation(len(pixels))[:4]] = np.column_stack((u[on], v[on]))
         picks = replace(capture.mirrors[0], frame_pixels=pixels)
         try:
-            mirrors, notes = place_mirrors((picks,), depth, capture, Settings())
+            mirrors, notes = place_all((picks,), depth, capture)
         except MirrorError as error:
             assert "pick" in str(error)
             continue
@@ -296,7 +305,7 @@ def test_frameless_mirrors_clear_of_any_wall(person, sensor):
         assert error < 0.025 and error < 3.0 * expected < 0.09, "sure to what it says"
         assert mirror.source == "found" and not mirror.refined and mirror.points_used > 40
         assert abs(np.ptp(mirror.rectangle[0]) - 0.8) < 0.12 and abs(np.ptp(mirror.rectangle[1]) - 1.87) < 0.12
-    placed, notes = place_mirrors((), depth, capture, Settings())
+    placed, notes = place_all((), depth, capture)
     assert max(misplaced(m, true[m.name], truth.body.vertices) for m in placed) < 0.025
     assert all("may be misplaced by" in text and "tape" in text for text in notes)
     edges = tuple(replace(m, frame_pixels=project_corners(simulation, m.name)) for m in capture.mirrors)
