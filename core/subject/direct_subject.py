@@ -12,12 +12,14 @@ from ..numeric.point_products import dot
 from .connected_pixels import IN_FRONT, Pieces, Readings, gap_kernel, label_kernel, member_table
 from .floor_plane import (
     ABOUT,
+    CARPET,
     FOOTPRINT,
     LOW,
     MAT,
     ROUGH,
     STEP,
     Floor,
+    RaisedFloor,
     horizontal_projection,
     is_stepped,
     raised_floor,
@@ -32,6 +34,7 @@ PIECE = 8  # px: fewer are noise
 _BELOW = 0.15  # of the figure: so much of it may be seen below what stands in front of it
 _PLACED, _SMALLEST = 0.6, 20  # of a piece, and pixels, that must be within reach of where the subject is expected
 _SHOWN = 0.3  # of the least pixels that a view of the subject has: a mirror with fewer does not show the object
+_BESIDE_FEET = 0.15  # m: so far beyond the feet a carpet must go on, to be measured there
 _PART_GAP = 0.12  # m: a hand or a head whose wrist or neck was not read is so near to the rest
 # m: what lies partly outside of the figure's box is nearer, if it is smaller than a share of the figure; and what
 # stands on the floor by itself, to within 5 cm, is furniture unless it is right at the figure
@@ -93,19 +96,20 @@ def find_person(
     found = _person_on(readings, floor, clicked, settings)
     if found is None or floor.height is None:
         return found
-    height = _raised_height(readings, found, floor.height, settings)
-    if height is None:
+    above = _raised_floor(readings, found, floor.height, settings)
+    if above is None:
         return found
-    raised = replace(floor, height=height, center=found.middle(), wide=False, outer=ABOUT)
-    step = height - floor.height
+    raised = replace(floor, height=above.height, center=found.middle(), wide=False, outer=ABOUT)
     found = _person_on(readings, raised, clicked, settings)
     if found is None:
         return None
     warnings: tuple[str, ...] = ()
-    if step > STEP[0]:
-        warnings = (f"what the subject stands on, {100.0 * step:.0f} cm above the floor, is cut off",)
-    # a mirror shows too little of a low step to separate it from the floor about it
-    return replace(found, floor=replace(raised, wide=step < LOW), warnings=warnings)
+    if above.step > CARPET:
+        warnings = (f"what the subject stands on, {100.0 * above.step:.0f} cm above the floor, is cut off",)
+    if above.step < LOW:  # a mirror shows too little of it to separate it from the floor about it
+        goes_on = above.goes_on > FOOTPRINT + _BESIDE_FEET
+        raised = replace(raised, wide=True, outer=above.goes_on if goes_on else floor.outer)
+    return replace(found, floor=raised, warnings=warnings)
 
 
 def _person_on(
@@ -117,13 +121,14 @@ def _person_on(
     return None if member is None else DirectSubject(pieces, member, floor, rough)
 
 
-def _raised_height(readings: Readings, found: DirectSubject, floor: float, settings: ViewSettings) -> float | None:
-    """Height of the carpet, mat or step that a person stands on; None when it is the ``floor`` itself."""
-    height = raised_floor(readings, floor, found.middle(), settings.reach)
+def _raised_floor(readings: Readings, found: DirectSubject, floor: float, settings: ViewSettings) -> RaisedFloor | None:
+    """The carpet, mat or step that a person stands on; None when it is the ``floor`` itself."""
+    raised = raised_floor(readings, floor, found.middle(), settings.reach)
     figure = found.pieces.pixels_of(found.member)
-    if height is None and is_stepped(dot(readings.points[figure], readings.up) - floor):
+    if raised is None and is_stepped(dot(readings.points[figure], readings.up) - floor):
         height = find_support(readings, figure, floor, settings.min_pixels, STEP, MAT)
-    return height
+        raised = None if height is None else RaisedFloor(height, height - floor, 0.0)
+    return raised
 
 
 def find_object(

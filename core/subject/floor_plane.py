@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +26,8 @@ _LIFT, LOW = (
     0.003,
     0.04,
 )  # m: a carpet is higher; a mirror shows too little of a lower step to separate it from the floor about it
+CARPET = 0.026  # m: nobody needs to hear of what is no higher
+_EDGE, _GOES_ON = 0.05, 0.75  # m: how exactly it is known where a carpet ends; share of the readings that are on it
 STEP, MAT = (0.008, 0.2), 0.2  # how high [m], and how large [m²] at least, is a mat or step that a person stands on
 
 
@@ -39,9 +42,9 @@ class Floor:
     center : np.ndarray [shape=(3,)] or None
         A point of the vertical line through the subject [m].
     wide : bool
-        It goes on beyond the feet, and is measured there; else it is measured within ``outer`` of the center.
+        It goes on beyond the feet, and is measured there; else it is measured right about them.
     outer : float
-        Radius within which a floor that is not ``wide`` is measured [m].
+        Radius within which it is measured [m].
     highest : float
         Height above which nothing is the subject's [m].
     """
@@ -91,8 +94,16 @@ def standing_pieces_of_all(
     return pieces, rough
 
 
-def raised_floor(readings: Readings, floor: float, middle: np.ndarray, reach: float) -> float | None:
-    """Height of the floor right about the feet where it is higher than farther off, None where it is not.
+class RaisedFloor(NamedTuple):
+    """A carpet, mat or step [m]: its height along the vertical, and above the floor, and how far it goes on."""
+
+    height: float
+    step: float
+    goes_on: float
+
+
+def raised_floor(readings: Readings, floor: float, middle: np.ndarray, reach: float) -> RaisedFloor | None:
+    """The floor right about the feet where it is higher than farther off, None where it is not.
 
     That may be a carpet, or what a camera that looks down misjudges.
 
@@ -108,13 +119,17 @@ def raised_floor(readings: Readings, floor: float, middle: np.ndarray, reach: fl
     """
     up = readings.up
 
-    def level(inner: float, outer: float) -> tuple[float, float, np.ndarray]:
-        """Height of what is level in a ring, its standard deviation, and all heights there."""
+    def ring(inner: float, outer: float) -> np.ndarray:
+        """Points (N, 3) of a floor in a ring, as it is seen directly."""
         samples, _ = _near_floor_kernel(
             readings.points, readings.seen, up, floor, 0.5 * NEAR_FLOOR, middle, inner**2, outer**2, 0.0,
             horizontal_projection(up), 0, 1, readings.pixel_angle,
         )  # fmt: skip
-        height = np.sort(dot(samples[0][0], up) - floor)
+        return samples[0][0]
+
+    def level(inner: float, outer: float) -> tuple[float, float, np.ndarray]:
+        """Height of what is level in a ring, its standard deviation, and all heights there."""
+        height = np.sort(dot(ring(inner, outer), up) - floor)
         if len(height) < _FEWEST_RING:
             return np.nan, np.inf, height
         half = len(height) // 2
@@ -126,12 +141,18 @@ def raised_floor(readings: Readings, floor: float, middle: np.ndarray, reach: fl
     far, far_noise, others = level(_FARTHER * ABOUT, reach)
     if not np.isfinite(near + far) or max(noise, far_noise) > ROUGH:
         return None
-    chance = 3.0 * np.hypot(
+    chance = 2.0 * np.hypot(
         noise * np.sqrt(_PER_SAMPLE / len(heights)), far_noise * np.sqrt(_PER_SAMPLE / len(others))
     )  # fmt: skip
     if near - far < max(_LIFT, chance) or np.mean(np.abs(heights - near) < 3.0 * max(noise, 0.001)) < 0.5:
         return None
-    return floor + near
+    points = ring(_FEET, reach)
+    away = np.linalg.norm((points - middle) @ horizontal_projection(up), axis=1)
+    on = dot(points, up) - floor > 0.5 * (near + far)
+    bins = np.minimum((away / _EDGE).astype(np.int64), int(reach / _EDGE))
+    share = np.bincount(bins, on) / np.maximum(np.bincount(bins), 1)
+    ends = np.flatnonzero((share < _GOES_ON) & (np.arange(len(share)) >= int(_FEET / _EDGE)))
+    return RaisedFloor(floor + near, near - far, _EDGE * float(ends[0] if len(ends) else len(share)))
 
 
 def is_stepped(height: np.ndarray) -> bool:
@@ -156,7 +177,7 @@ def floor_of_views(readings: Readings, views: range, floor: Floor, rough: float,
     if floor.center is None:
         ring = (0.0, np.inf)
     elif floor.wide:  # farther off it is noisier, and at the subject there are feet
-        ring = (FOOTPRINT, 0.9 * settings.reach)
+        ring = (FOOTPRINT, floor.outer)
     else:
         ring = (0.0 if settings.object else _FEET, floor.outer)
     under = np.inf if floor.center is None else FOOTPRINT

@@ -238,17 +238,27 @@ def test_a_mat_or_a_step_is_cut_off(person, height):
     assert f"{100 * height:.0f} cm above the floor, is cut off" in views.warnings[0]
 
 
-@pytest.mark.parametrize(("sensor", "thick"), [("ideal", 0.015), ("azure_kinect", 0.008), ("kinect_v1", 0.015)])
-def test_a_carpet_is_floor(person, sensor, thick):
-    """Thinner than what may be told from the floor by its edges; feet do not pay for it."""
+@pytest.mark.parametrize(
+    ("sensor", "thick", "pitch"),
+    [
+        ("ideal", 0.015, 2.3), ("azure_kinect", 0.008, 2.3), ("kinect_v1", 0.015, 2.3), ("kinect_v1", 0.025, 2.3),
+        ("realsense_d455", 0.015, 20.0), ("azure_kinect", 0.008, 20.0), ("azure_kinect", 0.025, 2.3),
+    ],
+)  # fmt: skip
+def test_a_carpet_is_floor(person, sensor, thick, pitch):
+    """Thinner than what may be told from the floor by its edges; feet do not pay for it, and nobody hears of it."""
     carpet = props.box((-0.75, -0.65, 0.0), (0.75, 0.65, thick))
     standing = replace(person, vertices=person.vertices + (0, 0, thick))
-    simulation = simulate(standing, default_rig(sensor, frames=10), [carpet])
+    height = 0.85 + 2.5 * np.tan(np.radians(pitch))
+    rig = default_rig(sensor, frames=10, tilt_deg=pitch, camera_height=height)
+    simulation = simulate(standing, rig, [carpet])
     views, right, left, body = sorted_out(simulation)
     feet = body & (simulation.truth.sight.point[..., 2] < thick + 0.12)
-    assert right > 0.99 and left < 0.007 and (views.labels[feet] >= 0).mean() > 0.98
+    assert right > 0.99 and left < 0.004 and (views.labels[feet] >= 0).mean() > 0.98
     direct = (views.labels == 0) & (simulation.truth.labels < 0) & (simulation.truth.sight.object != BODY)
-    assert direct.sum() < 0.005 * (views.labels == 0).sum()
+    # a camera that matches pictures reads silhouettes too wide
+    assert direct.sum() < (0.09 if sensor == "realsense_d455" else 0.005) * (views.labels == 0).sum()
+    assert views.warnings == ()
 
 
 def test_what_stands_before_the_legs(person):
