@@ -15,7 +15,7 @@ from ..avatar.pose import SkinWeights
 from ..avatar.skeleton import BONES, Skeleton
 from ..errors import MirrorScanError
 from ..numeric.rotations import about_axis, from_vectors, shortest_turn, unit
-from .rest_frames import LEFT, UP
+from .rest_frames import FRONT, LEFT, UP
 
 _SIDES = ("Left", "Right")
 _THIGH, _SHIN, _FOOT, _TOE = (
@@ -24,12 +24,14 @@ _THIGH, _SHIN, _FOOT, _TOE = (
 _NEAR_FLOOR = 0.035  # m above where the foot usually stands: a point of a sole may stand
 _SLOW = 0.4  # m/s: the same
 _SHORTEST = 0.08  # s: shorter gaps in standing are bridged, shorter standing is none
+_STILL = 0.12  # m/s: slower it stands, wherever a suit that lost the floor believes it
 _DRIFT, _RESTS = 0.15, 0.12  # m, s: a foot that rests so long, and is not higher above the floor, stands on it
 _FADE = 0.25  # s: in which a foot that left the floor forgets where it stood
 _ROLLED = 0.01  # m: points so much above the lowest count a third of it
 _HEADING_SLACK = np.radians(3.0)
 _BALL = 0.05  # m: sole points so far from the ball of the foot count a third of those under it
 _LARGEST_ROLL = np.radians(20)
+_LARGEST_TILT = np.radians(2.5)
 _SMOOTH = 0.06  # s: sigma of the hips' way up and down
 _SINK = 0.002  # m: a sole may be this much in the floor before anything is done
 _KNEE_SLACK = np.radians(0.9)
@@ -135,10 +137,14 @@ def lock_feet(clip: Clip, skeleton: Skeleton, soles: Soles | None = None) -> Cli
     points = _sole_places(clip, skeleton, firm)
     stands = _standing(points, _usual_heights(points, clip.rate), clip.rate)
     clip = _settled(clip, skeleton, stands.any(axis=2))
+    lowest = _sole_places(clip, skeleton, soles)[..., 2].min(axis=2)
+    clip = _hips_tilted(clip, skeleton, lowest, stands.any(axis=2))
     clip = _on_floor(clip, _sole_places(clip, skeleton, soles)[..., 2].min(axis=2), stands.any(axis=2))
     lowest = _sole_places(clip, skeleton, soles)[..., 2].min(axis=2)
-    from_ball = np.linalg.norm((soles.points - skeleton.joints[_TOE][:, None])[..., :2], axis=-1)
-    points = _sole_places(clip, skeleton, firm)
+    # What stays where it stands lies between sole and joints: a foot that tips moves the one or the other.
+    above = skeleton.joints[_TOE][:, None] - soles.points
+    from_ball = np.linalg.norm(above[..., :2], axis=-1)
+    points = _sole_places(clip, skeleton, replace(firm, points=soles.points + above * [0, 0, 0.5]))
     clip = _reached(clip, skeleton, _corrections(points, lowest, stands * np.exp(-from_ball / _BALL), clip.rate))
     lowest = _sole_places(clip, skeleton, soles)[..., 2].min(axis=(1, 2))
     return replace(clip, translations=clip.translations + _covering(-lowest - _SINK, clip.rate)[:, None] * UP)
@@ -177,9 +183,11 @@ def _speeds(points: np.ndarray, rate: float) -> np.ndarray:
 
 def _standing(points: np.ndarray, usual: np.ndarray, rate: float) -> np.ndarray:
     """Which points of the soles stand (F, 2, K): low and slow, and not for a moment only."""
-    slow = _speeds(points, rate) < _SLOW
+    speeds = _speeds(points, rate)
+    slow = speeds < _SLOW
     near = _drifting_floor(points, slow, usual.min(), rate)[:, None] + (usual - usual.min()) + _NEAR_FLOOR
     stands = slow & (points[..., 2] < near[..., None])
+    stands |= (speeds < _STILL) & (points[..., 2] < near[..., None] + _DRIFT)
     shortest = max(1, round(_SHORTEST * rate))
     for side in range(2):
         foot = stands[:, side].any(axis=1)
@@ -212,6 +220,22 @@ def _runs(true: np.ndarray) -> list[tuple[int, int]]:
     """First and one past the last frame of each run of true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(np.int8)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def _hips_tilted(clip: Clip, skeleton: Skeleton, lowest: np.ndarray, feet: np.ndarray) -> Clip:
+    """Hips tilted by a few degrees where both feet stand and one is higher: the source's legs differ in length.
+
+    ``lowest`` and ``feet`` as of :func:`_on_floor`.
+    """
+    hips = clip.rotations[:, 0]
+    width = float(np.linalg.norm(np.subtract(*skeleton.joints[_THIGH])))
+    gap = lowest[:, 1] - lowest[:, 0]
+    tilt = np.clip(gap / width, -_LARGEST_TILT, _LARGEST_TILT)
+    known = feet.all(axis=1) & (np.abs(gap) < _NEAR_FLOOR)
+    tilt = _smoothed(_faded(tilt[:, None], known, clip.rate)[:, 0], clip.rate)
+    rotations = clip.rotations.copy()
+    rotations[:, 0] = from_vectors(hips @ FRONT * tilt[:, None]) @ hips
+    return replace(clip, rotations=rotations)
 
 
 def _on_floor(clip: Clip, lowest: np.ndarray, feet: np.ndarray) -> Clip:
