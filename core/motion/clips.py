@@ -205,7 +205,7 @@ def _squat(body: _Body, phase: np.ndarray) -> None:
 def _walk(body: _Body, phase: np.ndarray) -> None:
     """A stride begins as the left heel meets the floor."""
     stride = 1.42 * body.rest.leg
-    soles = estimated_soles(body.skeleton).points
+    soles = estimated_soles(body.skeleton).points.reshape(2, 3, 2, 3).mean(axis=2)
     plans = {}
     for place, (side, shift) in enumerate((("Left", 0.0), ("Right", 0.5))):
         own = (phase + shift) % 1
@@ -245,12 +245,12 @@ def _step(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Ankle (F, 3) of a step that begins as the heel meets the floor at y = 0, and pitch of foot and toes (F,).
 
-    ``soles`` (4, 3) as estimated, ``joints`` (2, 3): ankle and toe base in the rest pose.
+    ``soles`` (3, 3): heel, ball and tip, ``joints`` (2, 3): ankle and toe base in the rest pose.
     """
     times = np.array([0, 0.07, 0.12, 0.33, 0.45, 0.6, 0.7, 0.84, 0.95, 1])
     angles = np.radians([-18, -6, 0, 0, 13, 48, 42, 4, -17, -18])
     pitch = _through(phase, times, angles)
-    joint, heel, ball, _, tip = (np.stack([joints[1], *soles]) - joints[0]) * [0, 1, 1]  # from the ankle
+    joint, heel, ball, tip = (np.stack([joints[1], *soles]) - joints[0]) * [0, 1, 1]  # from the ankle
     lifts = 0.6
 
     def rolled(angle: np.ndarray, late: np.ndarray) -> np.ndarray:

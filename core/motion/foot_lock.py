@@ -102,15 +102,17 @@ def sole_points(vertices: np.ndarray, weights: SkinWeights, skeleton: Skeleton) 
 
 
 def estimated_soles(skeleton: Skeleton) -> Soles:
-    """Soles on z = 0, of the joints alone: heel, ball at both edges, tip of the toes."""
+    """Soles on z = 0, of the joints alone: left and right edge of heel, ball and tip (2, 6, 3)."""
     tails = skeleton.tails()
-    points, weights = np.empty((2, 4, 3)), np.zeros((2, 4, len(BONES)))
+    points, weights = np.empty((2, 6, 3)), np.zeros((2, 6, len(BONES)))
     for side in range(2):
         ankle, toe = skeleton.joints[_FOOT[side]], skeleton.joints[_TOE[side]]
-        across = 0.25 * np.cross(toe - ankle, UP)
-        points[side] = ankle - 0.35 * (toe - ankle), toe + across, toe - across, tails[_TOE[side]]
-        weights[side, :3, _FOOT[side]] = 1
-        weights[side, 3, _TOE[side]] = 1
+        tip = tails[_TOE[side]] + 0.06 * (tails[_TOE[side]] - ankle)
+        across = np.cross(UP, toe - ankle)
+        places = ((ankle - 0.38 * (toe - ankle), 0.18), (toe, 0.3), (tip, 0.12))
+        points[side] = [middle + edge * across for middle, half in places for edge in (half, -half)]
+        weights[side, :4, _FOOT[side]] = 1
+        weights[side, 4:, _TOE[side]] = 1
     points[..., 2] = 0
     return Soles(points, weights)
 
