@@ -309,7 +309,7 @@ def test_frameless_mirrors_clear_of_any_wall(person, sensor):
     assert max(misplaced(m, true[m.name], truth.body.vertices) for m in placed) < 0.025
     assert all("may be misplaced by" in text and "tape" in text for text in notes)
     edges = tuple(replace(m, frame_pixels=project_corners(simulation, m.name)) for m in capture.mirrors)
-    picked, _ = place_mirrors(edges, depth, capture, Settings())
+    picked, _ = place_all(edges, depth, capture)
     assert max(misplaced(m, true[m.name], truth.body.vertices) for m in picked) < 0.025, "picks on its edges say which"
 
 
