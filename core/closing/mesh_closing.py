@@ -131,6 +131,7 @@ def close_mesh(
     stiffness = np.where(flat, np.inf, np.where(made, 0.0, np.where(rim, _stiffness(mesh, maps, settings), np.inf)))
     stiffness[(mesh.view == GUESSED) & ~flat] = settings.fairness * (0.001 / _GUESS)
     stretch = bulge(marks, parents, mesh)
+    assert mesh.view is not None  # as above
     mesh = replace(mesh, vertices=_faired(mesh, stiffness, stretch, maps), view=np.maximum(mesh.view, np.int8(-1)))
     if settings.untangle:
         mesh, left = untangle(mesh, maps, coarseness=settings.refine)

@@ -93,9 +93,9 @@ def reconstruction_views_steps(
         part = (0.6 * k / len(captures), 0.6 * (k + 1) / len(captures))
         alone = len(captures) == 1
         try:
-            picks = figures.mirrors(k)
+            placed = figures.mirrors(k)
             with one_blas_thread():
-                scan = yield from scan_steps(capture, picks, settings, clock, part, meeting, find=False, alone=alone)
+                scan = yield from scan_steps(capture, placed, settings, clock, part, meeting, find=False, alone=alone)
         except ReconstructionError as error:
             if meeting_point is not None:
                 check_way_round(to_world, figures)
