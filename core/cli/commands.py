@@ -9,7 +9,7 @@ import math
 import os
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import CaptureError, OutputError
 from .outputs import (
@@ -148,18 +148,17 @@ def _rigged_avatar(path: Path, readers: Readers) -> Avatar:
 
 def _clip_for(avatar: Avatar, options: argparse.Namespace) -> Clip:
     """The motion that a command line names, for the avatar's skeleton."""
-    from ..motion import CLIPS, make_clip, read_bvh, retarget, sole_points
+    from ..motion import CLIPS, MotionOptions, choose_clip, sole_points
 
     assert avatar.skeleton is not None and avatar.weights is not None  # seen to when it was read
-    if options.motion in CLIPS:
-        return make_clip(options.motion, avatar.skeleton, in_place=options.in_place)
-    path = Path(options.motion)
-    suffix = path.suffix.lower()
-    if suffix not in (".bvh", ".fbx"):
-        raise CaptureError(f"{path}: is no motion; give a .bvh or .fbx file, or one of {', '.join(CLIPS)}")
-    motion = read_bvh(path) if suffix == ".bvh" else reader_of(path, options.readers)(path)
+    source: Any = options.motion
+    suffix = Path(source).suffix.lower()
+    if source not in CLIPS:
+        if suffix not in (".bvh", ".fbx"):
+            raise CaptureError(f"{source}: is no motion; give a .bvh or .fbx file, or one of {', '.join(CLIPS)}")
+        source = Path(source) if suffix == ".bvh" else reader_of(Path(source), options.readers)(Path(source))
     soles = sole_points(avatar.mesh.vertices, avatar.weights, avatar.skeleton)
-    return retarget(motion, avatar.skeleton, in_place=options.in_place, loop=options.loop, soles=soles)
+    return choose_clip(source, avatar.skeleton, soles, MotionOptions(options.in_place, loop=options.loop))
 
 
 def run_calibrate(options: argparse.Namespace, writers: Writers) -> None:

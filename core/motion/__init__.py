@@ -7,6 +7,7 @@ from .foot_lock import Soles, sole_points
 from .joint_names import JOINT_SETS
 from .live_stream import LiveStream, StreamFollower
 from .motion import Motion
+from .motion_choice import MotionOptions, choose_clip
 from .pose_follower import PoseFollower
 from .retargeting import retarget
 
@@ -16,16 +17,19 @@ __all__ = [
     "Clip",
     "LiveStream",
     "Motion",
+    "MotionOptions",
     "PoseFollower",
     "Soles",
     "StreamFollower",
     "bvh",
+    "choose_clip",
     "clips",
     "foot_lock",
     "joint_names",
     "live_stream",
     "make_clip",
     "motion",
+    "motion_choice",
     "pose_follower",
     "read_bvh",
     "retarget",

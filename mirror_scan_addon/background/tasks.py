@@ -491,31 +491,12 @@ def skeleton_steps(mesh: Mesh) -> Steps[Rigged]:
     return Rigged(refined.transformed(back), skeleton.transformed(back), weights)
 
 
-def motion_steps(
-    source: Motion | str, skeleton: Skeleton, soles: Soles | None, rate: float, options: dict
-) -> Steps[Clip]:
-    """A motion as a clip of ``skeleton`` at ``rate`` frames a second.
+def motion_steps(source: Motion | str, skeleton: Skeleton, soles: Soles, rate: float, options: dict) -> Steps[Clip]:
+    """A motion as a clip of ``skeleton``: ``core.motion.choose_clip``; ``options`` are of ``MotionOptions``."""
+    yield 0.0, "Moving the skeleton"
+    from ...core.motion import MotionOptions, choose_clip
 
-    Parameters
-    ----------
-    source : Motion or str
-        A recorded motion, the path of a BVH file, or the name of one of our own clips.
-    skeleton : Skeleton
-        In its own frame; where it stands need not be 0.
-    soles : Soles or None
-    rate : float
-    options : dict
-        ``in_place``, ``lock_feet`` and ``loop`` of ``core.motion.retarget``.
-    """
-    yield 0.0, "Reading the motion"
-    from ...core.motion import CLIPS, make_clip, read_bvh, retarget
-
-    if source in CLIPS:
-        return make_clip(source, skeleton, rate, options["in_place"])
-    motion = read_bvh(source) if isinstance(source, str) else source
-    yield 0.3, "Moving the skeleton"
-    clip = retarget(motion, skeleton, soles=soles, **options)
-    return clip if clip.rate == rate else clip.resampled(rate)
+    return choose_clip(source, skeleton, soles, MotionOptions(**options), rate)
 
 
 # --- virtual rig -----------------------------------------------------------------------------------------------------
