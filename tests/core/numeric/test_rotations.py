@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mirror_scan.core.motion import rotations
+from mirror_scan.core.numeric import rotations
 from scipy.spatial.transform import Rotation
 
 
