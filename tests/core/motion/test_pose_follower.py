@@ -30,7 +30,7 @@ def _bones(joints: np.ndarray) -> np.ndarray:
     return joints[..., LIMBS, :] - joints[..., parents, :]
 
 
-@pytest.mark.parametrize("name", ["walk", "squat", "arms up", "turn"])
+@pytest.mark.parametrize("name", ["walk", "squat", "arms_up", "turn"])
 def test_our_own_joints_give_our_own_pose(name):
     person = skeleton()
     clip = make_clip(name, person)
