@@ -14,6 +14,9 @@ from pathlib import Path
 
 import numpy as np
 from mirror_scan.core.avatar.coordinate_frame import avatar_frame
+from mirror_scan.core.avatar.find_skeleton import find_skeleton
+from mirror_scan.core.avatar.pose import bone_matrices, skinned
+from mirror_scan.core.avatar.skin_weights import skinned_mesh
 from mirror_scan.core.camera import RgbdImage, unproject
 from mirror_scan.core.capture import Capture
 from mirror_scan.core.capture.capture_summary import picture
@@ -26,6 +29,7 @@ from mirror_scan.core.mesh.triangle_mesh import merge
 from mirror_scan.core.mirrors import Mirror
 from mirror_scan.core.mirrors.mirror import reflection_matrix
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
+from mirror_scan.core.motion import MotionOptions, choose_clip, sole_points
 from mirror_scan.core.patches.overlap import part_overlaps
 from mirror_scan.core.pipeline import Settings
 from mirror_scan.core.pipeline.scan import clean_views, make_patches
@@ -44,6 +48,7 @@ from mirror_scan.core.simulation.simulate import simulate
 from mirror_scan.core.subject.subject_search import find_subject
 from mirror_scan.core.views.view_maps import view_maps
 from mirror_scan.core.zippering.zipper import zip_patches
+from PIL import Image
 
 IMAGES = Path(__file__).parent / "images"
 VIEW_COLORS = np.array(((236, 164, 72), (64, 158, 164), (150, 112, 190)), np.uint8)  # direct, right, left mirror
@@ -103,7 +108,9 @@ def main() -> None:
     _result(capture, avatar)
     save("two_way_light", _two_way_light(rig), ["as read", "corrected"], scale=1.6)
     with tempfile.TemporaryDirectory() as folder:
-        render_preview(avatar, Path(folder) / "preview.png")
+        skeleton = find_skeleton(avatar)
+        fine, weights = skinned_mesh(avatar, skeleton)
+        render_preview(fine, Path(folder) / "preview.png", skeleton, weights)
         write("preview", resized(read_image(Path(folder) / "preview.png"), 0.7))
 
 
@@ -235,20 +242,38 @@ def _closer(meshes, to_avatar, kinds=False) -> np.ndarray:
 
 
 def _result(capture: Capture, avatar: Mesh) -> None:
-    """The README's picture: what the camera gave on the left, what came out on the right."""
+    """The README's picture: what the camera gave on the left; on the right what came out, and it walks."""
     rows, columns = slice(70, 550), slice(50, 590)
     color = resized(capture.color[rows, columns], 0.8)
     depth = picture(replace(capture, mirrors=(), color=None))
     depth = resized(depth[rows, columns], 0.8)
     gap = blank(12, color.shape[1])
     left = np.concatenate((color, gap, depth))
-    right = render_views(avatar, avatar.colors, [(0.35, -1.0, 0.1), (0.4, 1.0, 0.1)], 400, left.shape[0])
-    image = np.concatenate((left, right), axis=1)
-    image = np.concatenate((blank(BAND, image.shape[1]), image))
-    middle = left.shape[1]
-    draw_text(image, "one snapshot", middle / 2, 0.68 * BAND, 20, INK, centred=True)
-    draw_text(image, "one closed and coloured avatar", middle + right.shape[1] / 2, 0.68 * BAND, 20, INK, centred=True)
-    write("result", image)
+    middle, images = left.shape[1], []
+    for step in _walking(avatar):
+        right = render_views(step, step.colors, [(0.6, -1.0, 0.1), (0.6, 1.0, 0.1)], 300, left.shape[0])
+        image = np.concatenate((left, right), axis=1)
+        image = np.concatenate((blank(BAND, image.shape[1]), image))
+        draw_text(image, "one snapshot", middle / 2, 0.68 * BAND, 20, INK, centred=True)
+        draw_text(image, "one rigged avatar", middle + right.shape[1] / 2, 0.68 * BAND, 20, INK, centred=True)
+        images.append(Image.fromarray(image).quantize(128, dither=Image.Dither.NONE))
+    path = IMAGES / "result.gif"
+    images[0].save(path, save_all=True, append_images=images[1:], duration=80, loop=0, optimize=True)
+    print(f"{path.name}: {len(images)} pictures, {path.stat().st_size / 1000:.0f} kB")
+
+
+def _walking(avatar: Mesh) -> list[Mesh]:
+    """The avatar in each picture of a walk on the spot, all with the same bounds, so that they are drawn alike."""
+    skeleton = find_skeleton(avatar)
+    fine, weights = skinned_mesh(avatar, skeleton)
+    soles = sole_points(fine.vertices, weights, skeleton)
+    clip = choose_clip("walk", skeleton, soles, MotionOptions(in_place=True), rate=12.5)
+    shapes = [skinned(fine.vertices, weights, bone_matrices(skeleton, clip.pose(k))) for k in range(len(clip))]
+    low, high = np.min(shapes, axis=(0, 1)), np.max(shapes, axis=(0, 1))
+    corners = np.array([low, high]).repeat(3, axis=0) + 1e-6 * np.tile(np.eye(3), (2, 1))  # too small to be seen
+    triangles = np.concatenate((fine.triangles, len(fine.vertices) + np.arange(6, dtype=np.int32).reshape(2, 3)))
+    colors = np.concatenate((fine.colors, np.zeros((6, 3), np.uint8)))
+    return [Mesh(np.concatenate((shape, corners)), triangles, colors) for shape in shapes]
 
 
 # --- the plan of the rig ---------------------------------------------------------------------------------------------
