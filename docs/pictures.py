@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from mirror_scan.core.avatar.coordinate_frame import avatar_frame
-from mirror_scan.core.avatar.find_skeleton import find_skeleton
+from mirror_scan.core.avatar.joints.skeleton_search import find_skeleton
 from mirror_scan.core.avatar.pose import bone_matrices, skinned
 from mirror_scan.core.avatar.skin_weights import skinned_mesh
 from mirror_scan.core.camera import RgbdImage, unproject

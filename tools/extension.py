@@ -28,7 +28,12 @@ PINS = Path(__file__).with_name("wheels.txt")
 MANIFEST = "blender_manifest.toml"
 SHIPPED_FILES = ("__init__.py", "LICENSE")
 SHIPPED_FOLDERS = ("core", "mirror_scan_addon")
-SHIPPED_DATA = ("mirror_scan_addon/signatures.json", "mirror_scan_addon/messages.json")  # what in them is no Python
+# What in them is no Python.
+SHIPPED_DATA = (
+    "core/avatar/joints/body_template.npz",
+    "mirror_scan_addon/signatures.json",
+    "mirror_scan_addon/messages.json",
+)
 LEFT_OUT = ("__pycache__", "*.py[co]", "*.nb[ci]", ".*")
 PYTHONS = ("3.11", "3.13")  # Blender 4.5 and 5.0; 5.1 and later
 

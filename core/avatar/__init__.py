@@ -5,6 +5,7 @@ __all__ = [
     "bone_axes",
     "clip",
     "coordinate_frame",
+    "joints",
     "pose",
     "skeleton",
     "skin_weights",

@@ -125,7 +125,7 @@ def joining_steps(
 
 def _skeleton_of(mesh: Mesh, settings: Settings) -> tuple[Skeleton | None, tuple[Notice, ...]]:
     """The skeleton of an avatar, or why it has none."""
-    from ..avatar.find_skeleton import find_skeleton
+    from ..avatar.joints.skeleton_search import find_skeleton
 
     if settings.views.object:
         return None, (Notice("no skeleton: the subject is an object, not a person"),)

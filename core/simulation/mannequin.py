@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from ..avatar.skeleton import BONES, ENDS, Skeleton
 from ..errors import MirrorScanError
 from ..mesh import Mesh
 from .distance_field import LOFT, Primitives, Solid, frame_along, nearest_primitive, surface
@@ -130,6 +131,29 @@ def mannequin(
     MirrorScanError
         When a number is out of its range, or limbs of this figure touch so that the body would have a handle.
     """
+    return _made(height, figure, resolution, seed)[0]
+
+
+def rigged_mannequin(
+    height: float = 1.70, figure: Figure | None = None, resolution: float = 0.007, seed: int | None = None
+) -> tuple[Mesh, Skeleton]:
+    """:func:`mannequin`, and its skeleton where Mixamo's rig of MakeHuman would have it.
+
+    The joints that the formulas turn about, moved by what that rig differs from them: its hips and shoulders lie
+    further out and its ankles lower. The differences are the same for every figure, at 1.70 m: the mean of some figures
+    to which a template with MakeHuman's joints had been fitted.
+    """
+    mesh, figure, low, scale = _made(height, figure, resolution, seed)
+    drawn = _draw_skeleton(figure)
+    place = np.diag((scale, scale, scale, 1.0))
+    place[2, 3] = -low * scale
+    return mesh, drawn.transformed(place)
+
+
+def _made(
+    height: float, figure: Figure | None, resolution: float, seed: int | None
+) -> tuple[Mesh, Figure, float, float]:
+    """The mannequin and its figure; the drawing's lowest point [m] and what its size was multiplied with after that."""
     if not 0.3 <= height <= 3.0:
         raise MirrorScanError(f"mannequin: height = {height} m is outside 0.3 to 3 m; give metres")
     scale = height / DRAWN_HEIGHT
@@ -145,8 +169,10 @@ def mannequin(
             "mannequin: limbs touch, so the body has a handle; raise leg_spread_deg, lower arm_angle_deg or girth"
         )
     colors = _paint(figure, solid.names, primitives, vertices)
-    vertices[:, 2] -= vertices[:, 2].min()
-    return Mesh(vertices * (height / vertices[:, 2].max()), triangles, colors)
+    low = float(vertices[:, 2].min())
+    vertices[:, 2] -= low
+    scale = height / vertices[:, 2].max()
+    return Mesh(vertices * scale, triangles, colors), figure, low, float(scale)
 
 
 def euler_characteristic(vertex_count: int, triangles: np.ndarray) -> int:
@@ -227,15 +253,24 @@ def _trunk(solid: Solid, f: Figure) -> None:
             solid.ellipsoid("trunk", (0.078, -0.084 * g, 1.255), (size * 1.05, size, size), 0.04, side=side)
 
 
-def _leg(solid: Solid, f: Figure, side: int) -> None:
-    g = f.girth
+def _leg_joints(f: Figure, side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Hip, knee and ankle; the left ones, x mirrored for the right."""
     down = np.array([np.tan(np.radians(f.leg_spread_deg)), -np.tan(np.radians(side * f.step_deg)), -1.0])
     down /= np.linalg.norm(down)
-    hip = np.array([0.088 * f.hip_width * (1 + 0.5 * (g - 1)), 0.005, 0.875])
+    hip = np.array([0.088 * f.hip_width * (1 + 0.5 * (f.girth - 1)), 0.005, 0.875])
     length = (hip[2] - 0.085) / -down[2]
-    knee, ankle = hip + 0.49 * length * down, hip + length * down
-    knee[1] -= 0.008
-    ankle[1] += 0.016
+    return hip, hip + 0.49 * length * down - (0, 0.008, 0), hip + length * down + (0, 0.016, 0)
+
+
+def _feet_ahead(f: Figure) -> tuple[np.ndarray, np.ndarray]:
+    """Where the left foot points, and what is across it."""
+    toes_out = _rotation(2, 7.0 + 0.5 * f.leg_spread_deg)
+    return toes_out @ np.array([0.0, -1.0, 0.0]), toes_out @ np.array([1.0, 0.0, 0.0])
+
+
+def _leg(solid: Solid, f: Figure, side: int) -> None:
+    g = f.girth
+    hip, knee, ankle = _leg_joints(f, side)
     thigh = np.array([
         (0.00, 0.080, 0.080, 0.084, 0.088, 0, 0.002), (0.25, 0.083, 0.088, 0.088, 0.084, 0, 0.0),
         (0.50, 0.074, 0.072, 0.080, 0.074, 0, -0.002), (0.75, 0.063, 0.062, 0.067, 0.062, 0, 0.0),
@@ -252,9 +287,7 @@ def _leg(solid: Solid, f: Figure, side: int) -> None:
     solid.loft("thigh", hip, knee, thigh, 0.035, (0.06, 0.03), 2.0, side=side)
     solid.loft("calf", knee, ankle, calf, 0.02, (0.03, 0.03), 2.0, side=side)
     solid.ellipsoid("thigh", knee + (0, -0.036 * g, 0.008), (0.032, 0.022, 0.040), 0.04, side=side)
-    toes_out = _rotation(2, 7.0 + 0.5 * f.leg_spread_deg)
-    ahead = toes_out @ np.array([0.0, -1.0, 0.0])
-    across = toes_out @ np.array([1.0, 0.0, 0.0])
+    ahead, across = _feet_ahead(f)
     heel = np.array([ankle[0], ankle[1], 0.018]) - 0.034 * ahead
     # position heel to toe, half-width outside and inside, below, above; the sole is cut flat at z = 0
     shoe = np.array([
@@ -266,18 +299,28 @@ def _leg(solid: Solid, f: Figure, side: int) -> None:
     solid.loft("shoe", heel, heel + 0.195 * ahead, shoe, 0.018, (0.026, 0.042), 2.3, (across, (0, 0, 1), ahead), side)
 
 
-def _arm(solid: Solid, f: Figure, side: int) -> None:
-    g = 1 + 0.8 * (f.girth - 1)
-    a = np.radians(f.arm_angle_deg)
+def _arm_axes(f: Figure) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of the left arm: along the upper arm, up, ahead, and along the forearm."""
+    a, bend = np.radians(f.arm_angle_deg), np.radians(f.elbow_bend_deg)
     forward = _rotation(2, -f.arm_forward_deg)
     along = forward @ np.array([np.cos(a), 0.0, -np.sin(a)])
     up = forward @ np.array([np.sin(a), 0.0, np.cos(a)])
     ahead = forward @ np.array([0.0, -1.0, 0.0])
-    bend = np.radians(f.elbow_bend_deg)
-    forearm = np.cos(bend) * along + np.sin(bend) * ahead
+    return along, up, ahead, np.cos(bend) * along + np.sin(bend) * ahead
+
+
+def _arm_joints(f: Figure) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Shoulder, elbow and wrist; the left ones, x mirrored for the right."""
+    along, _, _, forearm = _arm_axes(f)
     shoulder = np.array([0.172 * f.shoulder_width * (1 + 0.25 * (f.girth - 1)), 0.016, 1.375])
-    elbow = shoulder + 0.272 * along
-    wrist = elbow + 0.235 * forearm
+    return shoulder, shoulder + 0.272 * along, shoulder + 0.272 * along + 0.235 * forearm
+
+
+def _arm(solid: Solid, f: Figure, side: int) -> None:
+    g = 1 + 0.8 * (f.girth - 1)
+    along, up, ahead, forearm = _arm_axes(f)
+    bend = np.radians(f.elbow_bend_deg)
+    shoulder, elbow, wrist = _arm_joints(f)
     upper = np.array([
         (0.0, 0.054, 0.048, 0.054, 0.052, 0, 0), (0.25, 0.051, 0.048, 0.050, 0.050, 0, 0),
         (0.55, 0.045, 0.045, 0.047, 0.047, 0, 0), (0.85, 0.039, 0.038, 0.040, 0.041, 0, 0),
@@ -342,6 +385,28 @@ def _head(solid: Solid) -> None:
         solid.ellipsoid("ear", (0.0745, 0.014, 1.580), (0.0085, 0.0185, 0.0315), 0.008, ear.T, side)
     solid.ellipsoid("hair", (0, 0.026, 1.622), (0.0800, 0.0950, 0.0860), 0.006)
     solid.ellipsoid("hair", (0, 0.050, 1.572), (0.0690, 0.0640, 0.0740), 0.010)
+
+
+def _draw_skeleton(f: Figure) -> Skeleton:
+    at: dict[str, np.ndarray] = {}
+    ahead, _ = _feet_ahead(f)
+    for name, side in (("Left", 1), ("Right", -1)):
+        hip, knee, ankle = _leg_joints(f, side)
+        shoulder, elbow, wrist = _arm_joints(f)
+        heel = np.array([ankle[0], ankle[1], 0.0]) - 0.034 * ahead
+        limb = {
+            "UpLeg": hip + (0.017, 0.024, -0.011), "Leg": knee + (0.006, 0.0, -0.016),
+            "Foot": ankle + (-0.006, -0.007, -0.021), "ToeBase": heel + 0.177 * ahead + (0.0, 0.0, 0.030),
+            "Toe_End": heel + 0.228 * ahead + (0.0, 0.0, 0.020),
+            "Shoulder": np.array([0.38 * shoulder[0], 0.018, 1.420]), "Arm": shoulder + (0.020, -0.008, -0.004),
+            "ForeArm": elbow + (0.0, 0.004, -0.002), "Hand": wrist,
+            "Hand_End": wrist + 0.180 * _arm_axes(f)[3],
+        }  # fmt: skip
+        at |= {name + part: joint * (side, 1.0, 1.0) for part, joint in limb.items()}
+    middle = {"Hips": (0.019, 0.910), "Spine": (0.003, 1.020), "Spine1": (0.016, 1.133), "Spine2": (0.053, 1.263),
+              "Neck": (0.028, 1.450), "Head": (0.018, 1.501), "HeadTop_End": (0.010, 1.700)}  # fmt: skip
+    at |= {name: np.array([0.0, y, z]) for name, (y, z) in middle.items()}
+    return Skeleton(np.array([at[name] for name in BONES]), np.array([at[name] for name in ENDS]), np.ones(len(BONES)))
 
 
 _SEGMENTS = {"2": "abged", "3": "abgcd", "4": "fgbc"}

@@ -477,7 +477,7 @@ def check_steps(mesh: Mesh) -> Steps[Checked]:
 def skeleton_steps(mesh: Mesh) -> Steps[Rigged]:
     """Joints and skin weights of an avatar's mesh, in its frame but for where it stands."""
     yield 0.0, "Looking for the joints"
-    from ...core.avatar.find_skeleton import find_skeleton
+    from ...core.avatar.joints.skeleton_search import find_skeleton
     from ...core.avatar.skin_weights import skinned_mesh
 
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)

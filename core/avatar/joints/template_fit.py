@@ -1,0 +1,167 @@
+"""Fit the body template to a surface: closest points both ways, damped Gauss-Newton steps in shape and pose.
+
+Non-rigid registration by iterated closest points (Allen et al. 2003; Hirshberg et al. 2012): points pair up by place
+and normal together, so that an arm that lies at the trunk does not pair with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...numeric.kernels import njit, prange
+from ..skeleton import BONES
+from .body_template import BodyState, BodyTemplate, PosedBody, derivatives, moved, posed, turn_vectors
+
+_TANGENT = 0.1  # weight of the distance along the surface, of that across it
+_NOISE = 0.035  # of body height: what one pair of many, which err together, says about the body
+_SHAPE = 1.0
+# How far bones turn from the rest pose, about x, y, z [deg]; the rest has arms some 45° down and elbows a little bent.
+_SPREADS = {
+    "Hips": (10, 8, 12), "Spine": (5, 4, 5), "Spine1": (5, 4, 5), "Spine2": (5, 4, 5), "Neck": (6, 5, 12),
+    "Head": (8, 5, 12), "Shoulder": (3, 8, 5), "Arm": (30, 40, 30), "ForeArm": (20, 10, 20), "Hand": (10, 10, 10),
+    "UpLeg": (15, 10, 10), "Leg": (12, 2, 2), "Foot": (10, 8, 12), "ToeBase": (4, 2, 2),
+}  # fmt: skip
+SPREAD = np.radians([_SPREADS[name.removeprefix("Left").removeprefix("Right")] for name in BONES])
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Samples of a mesh: points (S, 3) [m] and outward unit normals (S, 3)."""
+
+    points: np.ndarray
+    normals: np.ndarray
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A state and what it makes, with how well it meets the surface.
+
+    Parameters
+    ----------
+    state : BodyState
+    body : PosedBody
+    to_surface : np.ndarray [shape=(N,)]
+        From each of the template's points to its partner [m].
+    to_body : np.ndarray [shape=(S,)]
+        From each sample to its partner [m].
+    partner : np.ndarray [shape=(S,), dtype=int64]
+        The template's point of each sample.
+    information : np.ndarray [shape=(P, P)]
+        Of the last step: the inverse of the numbers' covariance.
+    """
+
+    state: BodyState
+    body: PosedBody
+    to_surface: np.ndarray
+    to_body: np.ndarray
+    partner: np.ndarray
+    information: np.ndarray
+
+
+def fit(template: BodyTemplate, surface: Surface, state: BodyState, reaches: np.ndarray, rigid: int = 0) -> Fit:
+    """As many steps as ``reaches`` has numbers.
+
+    Parameters
+    ----------
+    template : BodyTemplate
+    surface : Surface
+    state : BodyState
+        To begin with.
+    reaches : np.ndarray [shape=(R,)]
+        Distances at which a pair counts a quarter, in body heights, from far to near.
+    rigid : int
+        In so many first steps the shape stays.
+    """
+    size = len(state.shape)
+    for step, reach in enumerate(reaches):
+        body = posed(template, state)
+        to_surface, to_body, forth, back = _pairs(body, surface, 0.5 * reach * state.height)
+        pull, push = _pair_terms(body, surface, to_surface, to_body, forth, back, reach * state.height)
+        jacobian, _ = derivatives(template, state, body)
+        root = np.linalg.cholesky(pull)
+        rows = np.einsum("vij,vip->vjp", root, jacobian).reshape(-1, jacobian.shape[2])
+        information = rows.T @ rows
+        gradient = np.einsum("vi,vip->p", push, jacobian)
+        _add_prior(information, gradient, state, body, size)
+        if step < rigid:
+            information[4 : 4 + size, 4 : 4 + size] += 1e6 * np.eye(size)
+        state = moved(state, body, np.linalg.solve(information, gradient))
+    body = posed(template, state)
+    to_surface, to_body, _, back = _pairs(body, surface, 0.5 * reaches[-1] * state.height)
+    return Fit(state, body, to_surface, to_body, back, information)
+
+
+def _pairs(body: PosedBody, surface: Surface, bend: float):
+    """Partners by place and normal, a normal turned by 60° counting as far as ``bend`` [m]; how far apart [m]."""
+    forth, back = np.empty(len(body.points), np.int64), np.empty(len(surface.points), np.int64)
+    first = np.column_stack((body.points, bend * body.normals))
+    second = np.column_stack((surface.points, bend * surface.normals))
+    _nearest_kernel(first, second, forth)
+    _nearest_kernel(second, first, back)
+    to_surface = np.linalg.norm(body.points - surface.points[forth], axis=1)
+    return to_surface, np.linalg.norm(surface.points - body.points[back], axis=1), forth, back
+
+
+def _pair_terms(body, surface, to_surface, to_body, forth, back, reach):
+    """Per point of the template: quadratic form (N, 3, 3) and pull (N, 3) of all of its pairs."""
+    count = len(body.points)
+    of = np.concatenate((np.arange(count), back))
+    to = np.concatenate((forth, np.arange(len(back))))
+    apart = np.concatenate((to_surface, to_body))
+    normal = surface.normals[to]
+    agree = np.clip(np.einsum("si,si->s", normal, body.normals[of]), 0.0, 1.0)
+    weight = agree * (reach**2 / (reach**2 + apart**2)) ** 2
+    weight[count:] *= count / len(back)
+    offset = surface.points[to] - body.points[of]
+    form = weight[:, None, None] * ((1 - _TANGENT) * normal[:, :, None] * normal[:, None, :] + _TANGENT * np.eye(3))
+    force = np.einsum("sij,sj->si", form, offset)
+    pull, push = np.empty((count, 9)), np.empty((count, 3))
+    for k in range(9):
+        pull[:, k] = np.bincount(of, form.reshape(-1, 9)[:, k], count)
+    for k in range(3):
+        push[:, k] = np.bincount(of, force[:, k], count)
+    return pull.reshape(count, 3, 3) + 1e-9 * np.eye(3), push
+
+
+def _add_prior(information, gradient, state, body, size) -> None:
+    """What is likely of a body, weighed against ``_NOISE`` of a pair."""
+    noise = (_NOISE * state.height) ** 2
+    at = np.arange(4, 4 + size)
+    information[at, at] += noise * _SHAPE
+    gradient[at] -= noise * _SHAPE * state.shape
+    for bone in range(len(BONES)):
+        # the step turns about the world's axes, the spread is about the rest pose's; the parent's turn is between them
+        frame = body.turns[bone] @ state.turns[bone].T
+        stiff = frame @ np.diag(noise / SPREAD[bone] ** 2) @ frame.T
+        rows = slice(4 + size + 3 * bone, 7 + size + 3 * bone)
+        information[rows, rows] += stiff
+        gradient[rows] -= stiff @ frame @ turn_vectors(state.turns[bone])
+    # height is free; numbers that no pair speaks of stay
+    information[np.diag_indices(len(information))] += 1e-9
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def _nearest_kernel(queries, points, nearest):
+    """Index of the nearest of ``points`` (M, 6) for each of ``queries`` (N, 6)."""
+    for i in prange(len(queries)):
+        best, found = np.inf, 0
+        x, y, z, u, v, w = queries[i]
+        for j in range(len(points)):
+            far = (x - points[j, 0]) ** 2 + (y - points[j, 1]) ** 2 + (z - points[j, 2]) ** 2
+            if far < best:
+                far += (u - points[j, 3]) ** 2 + (v - points[j, 4]) ** 2 + (w - points[j, 5]) ** 2
+                if far < best:
+                    best, found = far, j
+        nearest[i] = found
+
+
+def joint_spread(template: BodyTemplate, found: Fit) -> np.ndarray:
+    """How far each joint (22,) may lie off, one standard deviation [m].
+
+    From the information of the last step; pairs of neighbours err together, so each counts as ``_TOGETHER``-th.
+    """
+    _, joints = derivatives(template, found.state, found.body)
+    covariance = (_NOISE * found.state.height) ** 2 * np.linalg.inv(found.information)
+    return np.sqrt(np.einsum("bip,pq,biq->b", joints, covariance, joints))
