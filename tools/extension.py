@@ -31,6 +31,7 @@ SHIPPED_FOLDERS = ("core", "mirror_scan_addon")
 # What in them is no Python.
 SHIPPED_DATA = (
     "core/avatar/joints/body_template.npz",
+    "core/avatar/weight_fields.npz",
     "mirror_scan_addon/signatures.json",
     "mirror_scan_addon/messages.json",
 )

@@ -13,6 +13,7 @@ from ..io.images import write_png
 from ..mesh import FILL, KIND_NAMES, SEAM, SURFACE, Mesh
 from ..mesh.bvh import Bvh, build_bvh, raycast
 from ..mesh.normals import triangle_normals, vertex_normals
+from .posed_views import POSES, posed_meshes
 
 if TYPE_CHECKING:
     from ..avatar.pose import SkinWeights
@@ -115,12 +116,12 @@ def render_preview(
         sheet[int(base) - 18 : int(base) + 2, int(x) : int(x) + 20] = color
         x = draw_text(sheet, name, x + 32, base, size=22, color=INK) + 44
     if skeleton is not None and weights is not None:
-        from .posed_views import POSES, render_poses  # which draws by render_views
-
         captions = np.full((_BAND, width, 3), BACKGROUND, np.uint8)
         for column, name in enumerate(POSES):
             draw_text(captions, name, (column + 0.5) * _PANEL[0], 0.68 * _BAND, size=26, color=INK, centred=True)
-        sheet = np.concatenate((sheet, captions, render_poses(mesh, skeleton, weights, *_PANEL)))
+        shown = zip(posed_meshes(mesh, skeleton, weights), POSES.values(), strict=True)
+        row = [render_views(posed, posed.colors, [seen], *_PANEL) for posed, seen in shown]
+        sheet = np.concatenate((sheet, captions, np.concatenate(row, axis=1)))
     write_png(path, sheet)
 
 

@@ -1,4 +1,4 @@
-"""Pictures of an avatar that can move: its skeleton in it, and the avatar in three poses."""
+"""What pictures of an avatar that can move show: its skeleton in it, and the avatar in three poses."""
 
 from __future__ import annotations
 
@@ -10,18 +10,17 @@ from ..avatar.pose import Pose, SkinWeights, bone_matrices, skinned
 from ..avatar.skeleton import BONES, Skeleton
 from ..mesh import Mesh
 from ..motion import make_clip, t_pose
-from .mesh_views import render_views
 
 POSES = {"skeleton": (0, -1, 0), "arms out": (0, -1, 0), "arms up": (0, -1, 0), "squat": (1, -1, 0)}
-"""What the pictures show, and where the viewer stands."""
+"""Captions, and where the viewer stands."""
 
 _LEFT, _RIGHT, _MIDDLE = (46, 134, 222), (224, 96, 40), (90, 92, 100)  # sRGB of bones
 _THICK = 0.11  # of its length: half a bone's width
 _JOINT = 0.18  # of its length: where a bone is thickest
 
 
-def render_poses(mesh: Mesh, skeleton: Skeleton, weights: SkinWeights, width: int, height: int) -> np.ndarray:
-    """A strip of views, one for each of ``POSES``.
+def posed_meshes(mesh: Mesh, skeleton: Skeleton, weights: SkinWeights) -> list[Mesh]:
+    """What each of ``POSES`` shows.
 
     Parameters
     ----------
@@ -29,19 +28,11 @@ def render_poses(mesh: Mesh, skeleton: Skeleton, weights: SkinWeights, width: in
         Avatar frame, in the rest pose.
     skeleton, weights
         Of the mesh.
-    width, height : int
-        Of one view [px].
-
-    Returns
-    -------
-    np.ndarray [shape=(height, 4 * width, 3), dtype=uint8]
     """
     arms_up, squat = make_clip("arms_up", skeleton), make_clip("squat", skeleton)
     poses = (t_pose(skeleton), highest(arms_up), lowest(squat))
-    shown = [_with_bones(mesh, skeleton)]
-    shown += [replace(mesh, vertices=skinned(mesh.vertices, weights, bone_matrices(skeleton, p))) for p in poses]
-    views = zip(shown, POSES.values(), strict=True)
-    return np.concatenate([render_views(m, m.colors, [seen], width, height) for m, seen in views], axis=1)
+    moved = [skinned(mesh.vertices, weights, bone_matrices(skeleton, pose)) for pose in poses]
+    return [_with_bones(mesh, skeleton), *(replace(mesh, vertices=vertices) for vertices in moved)]
 
 
 def highest(clip) -> Pose:
