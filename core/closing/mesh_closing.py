@@ -43,6 +43,9 @@ class ClosingSettings:
     fairness : float
         How stiffly the outermost measured vertices hold their place while seams and fills are faired, where their
         noise is 1 mm: the more certain the reading, the stiffer.
+    curved : float
+        Share of the curvature of a body that goes on round its outline, by which surface is curved where readings are
+        only missing.
     untangle : bool
         Repair self-intersections.
     floor_reach : float
@@ -56,6 +59,7 @@ class ClosingSettings:
     largest_loop: int = 64
     refine: float = 2.0
     fairness: float = 0.45
+    curved: float = 0.25
     floor_reach: float = 0.09
     untangle: bool = True
     keep_islands: bool = False
@@ -130,7 +134,7 @@ def close_mesh(
     rim = made_vertices(mesh)
     stiffness = np.where(flat, np.inf, np.where(made, 0.0, np.where(rim, _stiffness(mesh, maps, settings), np.inf)))
     stiffness[(mesh.view == GUESSED) & ~flat] = settings.fairness * (0.001 / _GUESS)
-    stretch = bulge(marks, parents, mesh)
+    stretch = bulge(marks, parents, mesh, settings.curved)
     assert mesh.view is not None  # as above
     mesh = replace(mesh, vertices=_faired(mesh, stiffness, stretch, maps), view=np.maximum(mesh.view, np.int8(-1)))
     if settings.untangle:

@@ -15,7 +15,6 @@ from ..views.view_maps import ViewMaps, look_at, reading_noise
 
 _OUTLINE_WINDOW = 4  # so far beside the last reading of an outline the next one may be [px]
 _OUTLINE_DROP = 0.05  # farther away than this is something else [m]
-_HOLLOW = 0.25  # of the full curvature, where readings are missing: as likely hollow (the back along the spine) as not
 _NOISY = 0.0025  # noise of a reading that counts half as much [m]
 
 
@@ -38,13 +37,13 @@ def rim_marks(mesh: Mesh, maps: ViewMaps) -> np.ndarray:
     return np.column_stack((normals, ends * confidence))
 
 
-def bulge(marks: np.ndarray, parents: np.ndarray, mesh: Mesh, rings: int = 8) -> np.ndarray:
+def bulge(marks: np.ndarray, parents: np.ndarray, mesh: Mesh, unread: float = 0.25, rings: int = 8) -> np.ndarray:
     """How many times its flat width the surface between two edges is wide (V,), for :func:`.thin_plate_fairing.fair`.
 
     Between two edges that are rotated by α either way from the middle between them, an arc that continues both rises
     tan(α/2)/2 of its chord, a thin plate over the flat chord sin(α)/4: it has to be stretched by 2 / (1 + cos α).
-    cos α is the length of the mean of the normals around. A quarter of that where the edges are no outline:
-    what is missing there is as likely hollow (the back along the spine) as not.
+    cos α is the length of the mean of the normals around. Only the share ``unread`` of that where the edges are no
+    outline: what is missing there may as well be hollow (the back along the spine).
 
     Parameters
     ----------
@@ -54,6 +53,8 @@ def bulge(marks: np.ndarray, parents: np.ndarray, mesh: Mesh, rings: int = 8) ->
         What each vertex that refining added (numbers K to K + M) lies between.
     mesh : Mesh
         Refined.
+    unread : float
+        From 0 to 1.
     rings : int
         How far from an outline it has an effect.
 
@@ -76,7 +77,7 @@ def bulge(marks: np.ndarray, parents: np.ndarray, mesh: Mesh, rings: int = 8) ->
     ends = _most_kernel(spread[:, 3].copy(), triangles, rings)[:, None]
     ends = _spread_kernel(ends, triangles, np.ones(len(ends), np.bool_), rings // 2)[:, 0]
     out = np.ones(len(mesh.vertices))
-    out[about] = np.where(made[about], 2.0 / (1.0 + cosine) * (_HOLLOW + (1.0 - _HOLLOW) * ends), 1.0)
+    out[about] = np.where(made[about], 2.0 / (1.0 + cosine) * (unread + (1.0 - unread) * ends), 1.0)
     return out
 
 

@@ -31,6 +31,11 @@ from .scan import Clock, Scan
 from .settings import Settings
 
 
+_CURVED = 1.0
+"""Where light comes two ways readings are missing round the flanks, which are never hollow: along the spine both ways
+are as long, and it is read."""
+
+
 @dataclass(frozen=True)
 class Reconstruction:
     """What :func:`.reconstruction.reconstruct` made of a capture.
@@ -95,7 +100,8 @@ def joining_steps(
     clock.lap("seams")
 
     yield 0.8, "Closing the mesh"
-    closed, notes = close_mesh(open_mesh, scan.maps, scan.up, scan.floor, settings.closing, twin)
+    closing = settings.closing if scan.lit_twice is None else replace(settings.closing, curved=_CURVED)
+    closed, notes = close_mesh(open_mesh, scan.maps, scan.up, scan.floor, closing, twin)
     clock.lap("closing")
 
     yield 0.95, "Checking the result"

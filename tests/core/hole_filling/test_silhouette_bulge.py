@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from mirror_scan.core.camera import Intrinsics, RgbdImage
-from mirror_scan.core.closing.mesh_closing import close_mesh
+from mirror_scan.core.closing.mesh_closing import ClosingSettings, close_mesh
 from mirror_scan.core.hole_filling.delaunay_refinement import edge_length_at_vertices, refine
 from mirror_scan.core.hole_filling.loop_triangulation import fill_loops
 from mirror_scan.core.hole_filling.silhouette_bulge import bulge, rim_marks
@@ -64,11 +64,16 @@ def test_outlines_are_told_from_losses():
     assert not marks[:, 3].any() and lost[made].max() < 0.45 < 0.9 < stretch[made].max()
 
 
-@pytest.mark.parametrize(("wall", "low", "high"), [(3.0, 0.57, 0.8), (0.0, 0.34, 0.45)])
-def test_the_unseen_half_is_round_behind_an_outline(wall, low, high):
-    """A camera sees less than half of a ball: closed, it is a bowl with a lid, but well rounded before a wall."""
+@pytest.mark.parametrize(
+    ("wall", "curved", "low", "high"), [(3.0, 0.25, 0.57, 0.8), (0.0, 0.25, 0.34, 0.45), (0.0, 1.0, 0.57, 0.8)]
+)
+def test_the_unseen_half_is_round_behind_an_outline(wall, curved, low, high):
+    """A camera sees less than half of a ball: closed, it is a bowl with a lid, but well rounded before a wall.
+
+    Or where it is known that it is not hollow.
+    """
     patch, maps = seen_ball(wall)
-    closed, notes = close_mesh(patch, maps, UP, None)
+    closed, notes = close_mesh(patch, maps, UP, None, ClosingSettings(curved=curved))
     body = trimesh.Trimesh(closed.vertices, closed.triangles, process=False)
     share = body.volume / (4 / 3 * np.pi * RADIUS**3)
     print(f"\nwall {wall}: {share:.3f} of the ball")
