@@ -30,7 +30,6 @@ from .report import make_report
 from .scan import Clock, Scan
 from .settings import Settings
 
-
 _CURVED = 1.0
 """Where light comes two ways readings are missing round the flanks, which are never hollow: along the spine both ways
 are as long, and it is read."""
