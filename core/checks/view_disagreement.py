@@ -21,7 +21,8 @@ from ..views.view_maps import ViewMaps
 from .seam_disagreement import planes_by_seams
 
 _RADIUS = 1.0  # how far from the vertical through the subject it may reach [m]
-_THROUGH = 0.25  # of what one view shows may be where another sees empty space: silhouettes are ragged
+_THROUGH = 0.2  # of what is seen directly may be where a mirror sees empty space: silhouettes are ragged
+_BACK_THROUGH = 0.35  # the same of what a mirror shows, whose silhouettes are coarser, where the camera does
 _HIDDEN = 0.03  # surfaces farther behind others are hidden by them [m]
 _OTHER_PART = 0.12  # surfaces of the subject that are at a larger distance are other parts of it [m]
 _DOUBLED, _MOSTLY_THROUGH = 0.03, 0.5  # m, and share in free space, from which on the surface would be doubled
@@ -112,8 +113,7 @@ def disagreements(image: RgbdImage, views: Views, mirrors: list[Mirror]) -> list
         distance, through = _distance(found), max(_looked_through(m) for m in found)
         if pair[0] == 0:
             doubt[pair[1]] = max(m.through / max(m.judged, 100) for m in found)
-        # of two mirrors the one may show what the frame of the other hides: seams judge them better
-        if distance > 0.0 or through > (_THROUGH if pair[0] == 0 else _BOTH_THROUGH):
+        if distance > 0.0 or any(_looked_through(m) > _usual_through(m) for m in found):
             contradictions.append((pair, distance, through))
     direct = {pair[1] for pair, _, _ in contradictions if pair[0] == 0}
     worst: dict[int, Disagreement] = {}
@@ -196,6 +196,13 @@ def _blame(pair: tuple[int, int], mirrors: list[Mirror], doubt: np.ndarray, dire
     one, other = ((k in direct) + 4.0 * doubt[k] + 0.2 * np.log2(e) for k, e in zip(pair, errors, strict=True))
     guilty, witness = pair if one > other else (pair[1], pair[0])
     return guilty, witness, abs(one - other) > _CERTAIN
+
+
+def _usual_through(m: Correspondences) -> float:
+    """Share of the pieces from which on they contradict the other view."""
+    if m.of > 0 and m.by > 0:  # the one may show what the frame of the other hides: seams judge them better
+        return _BOTH_THROUGH
+    return _THROUGH if m.of == 0 else _BACK_THROUGH
 
 
 def _looked_through(m: Correspondences) -> float:
