@@ -27,8 +27,8 @@ _SHORTEST = 0.08  # s: shorter gaps in standing are bridged, shorter standing is
 _STILL = 0.12  # m/s: slower it stands, wherever a suit that lost the floor believes it
 _DRIFT, _RESTS = 0.15, 0.12  # m, s: a foot that rests so long, and is not higher above the floor, stands on it
 _FADE = 0.25  # s: in which a foot that left the floor forgets where it stood
-_ROLLED = 0.01  # m: points so much above the lowest count a third of it
-_HEADING_SLACK = np.radians(3.0)
+_ROLLED = 0.02  # m: points so much above the lowest count a third of it
+_HEADING_SLACK = np.radians(3.8)
 _BALL = 0.05  # m: sole points so far from the ball of the foot count a third of those under it
 _LARGEST_ROLL = np.radians(20)
 _LARGEST_TILT = np.radians(2.5)
@@ -146,7 +146,7 @@ def lock_feet(clip: Clip, skeleton: Skeleton, soles: Soles | None = None) -> Cli
     # What stays where it stands lies between sole and joints: a foot that tips moves the one or the other.
     above = skeleton.joints[_TOE][:, None] - soles.points
     from_ball = np.linalg.norm(above[..., :2], axis=-1)
-    points = _sole_places(clip, skeleton, replace(firm, points=soles.points + above * [0, 0, 0.5]))
+    points = _sole_places(clip, skeleton, replace(firm, points=soles.points + above * [0, 0, 0.75]))
     clip = _reached(clip, skeleton, _corrections(points, lowest, stands * np.exp(-from_ball / _BALL), clip.rate))
     lowest = _sole_places(clip, skeleton, soles)[..., 2].min(axis=(1, 2))
     return replace(clip, translations=clip.translations + _covering(-lowest - _SINK, clip.rate)[:, None] * UP)

@@ -36,7 +36,7 @@ _SIDES = ("Left", "Right")
 _USUAL_SLOPE = np.radians(20)  # of the way from ankle to toes, on a level sole
 _SLOPE_TRUSTED = np.radians(12)
 _STANDS, _STANDS_LONG = 1.0, 0.3  # lengths of the foot a second: slower it stands; s: so long it must
-_SLOPE_LEFT, _SLOPE_GIVEN = np.radians(3.2), np.radians(8)
+_SLOPE_LEFT, _SLOPE_GIVEN = np.radians(2.5), np.radians(8)
 
 
 def retarget(
@@ -301,8 +301,8 @@ def _turn_limb(
 def _turn_hand(source: _Source, rest: RestFrames, out: np.ndarray, side: str) -> None:
     """The hand as the source's palm, and half of its turn about the forearm given to the forearm."""
     hand, fore = BONES.index(f"{side}Hand"), BONES.index(f"{side}ForeArm")
-    joint = source.map.joints[f"{side}Hand"]
-    local, axis = _palm(source, side, out[:, fore] @ rest.frames[fore][:, 1])
+    joint = _palm_joint(source, side)
+    local, axis = _palm(source, side, joint, out[:, fore] @ rest.frames[fore][:, 1])
     out[:, hand] = source.spin(joint) @ frames(local, axis) @ rest.frames[hand].T
     along = rest.frames[fore][:, 0]
     twist = np.unwrap(twist_angles(np.swapaxes(out[:, fore], -1, -2) @ out[:, hand], along))
@@ -310,9 +310,22 @@ def _turn_hand(source: _Source, rest: RestFrames, out: np.ndarray, side: str) ->
     out[:, fore] = out[:, fore] @ from_vectors(twist[:, None] / 2 * along)
 
 
-def _palm(source: _Source, side: str, hinge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _palm_joint(source: _Source, side: str) -> int:
+    """The joint with which the palm turns: CMU's wrist only twists, a second joint in the same place does the rest."""
+    joint = source.map.joints[f"{side}Hand"]
+    fingers = [place for finger, place in source.map.fingers.items() if finger in (side + "Middle", side + "Tip")]
+    if fingers:
+        above, at = [], fingers[0]
+        while at != joint:
+            at = int(source.motion.parents[at])
+            above.append(at)
+        return next((other for other in above if not _apart(source, joint, other)), joint)
+    return joint
+
+
+def _palm(source: _Source, side: str, hand: int, hinge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Direction of the hand and axis square to its palm (3,), in its own axes; ``hinge`` (F, 3): the elbow's axis."""
-    hand, fingers = source.map.joints[f"{side}Hand"], source.map.fingers
+    fingers = source.map.fingers
     tips = [fingers[side + name] for name in ("Middle", "Tip", "Index") if side + name in fingers]
     tips = [tip for tip in tips if _apart(source, hand, tip)]
     if tips:
@@ -321,16 +334,17 @@ def _palm(source: _Source, side: str, hinge: np.ndarray) -> tuple[np.ndarray, np
         local = source.steady(hand, source.map.joints[f"{side}ForeArm"], hand)
     if side + "Index" in fingers and side + "Pinky" in fingers:
         return local, np.cross(local, source.steady(hand, fingers[side + "Pinky"], fingers[side + "Index"]))
-    if source.neutral is not None:
-        usual = source.neutral.T @ np.cross(source.neutral @ local, FRONT)
-    else:
-        usual = source.local(hand, hinge).mean(axis=0)
+    if source.neutral is None:
+        return local, source.local(hand, hinge).mean(axis=0)
+    usual = source.neutral.T @ np.cross(source.neutral @ local, FRONT)
     if side + "Thumb" in fingers:
-        # A thumb lies before the palm, up to 45° out of its plane: it says only where usual is wrong.
-        thumb = fingers[side + "Thumb"]
-        if not _apart(source, hand, thumb):
-            thumb = next((j for j, parent in enumerate(source.motion.parents) if parent == thumb), thumb)
-        seen = np.cross(local, source.steady(hand, hand, thumb)) if _apart(source, hand, thumb) else usual
+        # A thumb lies before the palm, up to 45° out of its plane: it says only where usual is wrong. It moves: as it
+        # rests.
+        rest, thumb = source.motion.rest, fingers[side + "Thumb"]
+        assert rest is not None
+        ends = [thumb, *np.flatnonzero(source.motion.parents == thumb)]
+        ways = [rest[end] - rest[hand] for end in ends if np.linalg.norm(rest[end] - rest[hand]) > 1e-6 * np.ptp(rest)]
+        seen = np.cross(local, ways[0]) if ways else usual
         if unit(seen) @ unit(usual) < 0.7:
             return local, seen
     return local, usual

@@ -50,14 +50,14 @@ def _motion(name: str, scene: bpy.types.Scene, armature: bpy.types.Object) -> Mo
     parents = [places[bone.parent.name] if bone.parent else -1 for bone in bones]
     leaves = [place for place, bone in enumerate(bones) if not bone.children]
     joints = (*places, *(f"{bones[place].name}_End" for place in leaves))
-    first, last = (round(frame) for frame in armature.animation_data.action.frame_range)
-    matrices = np.empty((last - first + 1, len(bones), 4, 4))
-    for row, frame in enumerate(range(first, last + 1)):
-        scene.frame_set(frame)
+    frames = _frames(armature.animation_data.action, scene.render.fps_base)
+    matrices = np.empty((len(frames), len(bones), 4, 4))
+    for row, frame in enumerate(frames):
+        scene.frame_set(int(frame // 1), subframe=float(frame % 1))
         world = np.array(armature.matrix_world)
         matrices[row] = [world @ np.array(armature.pose.bones[bone.name].matrix) for bone in bones]
     # The rest pose stands as the armature does in the first frame.
-    scene.frame_set(first)
+    scene.frame_set(round(frames[0]))
     world = np.array(armature.matrix_world)
     rest = np.array([world @ np.array(bone.matrix_local) for bone in bones])
     tips = np.array([world[:3, :3] @ np.array(bone.tail_local) + world[:3, 3] for bone in bones])[leaves]
@@ -74,6 +74,20 @@ def _motion(name: str, scene: bpy.types.Scene, armature: bpy.types.Object) -> Mo
         scene.render.fps / scene.render.fps_base,
         _UP,
     )
+
+
+def _frames(action: bpy.types.Action, base: float) -> np.ndarray:
+    """Blender's frames (F,) at which the file's frames are.
+
+    At rates that are no whole numbers Blender 5.0's importer keeps the rate in ``fps_base`` but leaves it out of the
+    keys' times.
+    """
+    curves = [curve for layer in action.layers for strip in layer.strips for bag in strip.channelbags
+              for curve in bag.fcurves]  # fmt: skip
+    times = np.unique(np.concatenate([[key.co[0] for key in curve.keyframe_points] for curve in curves]))
+    off = {step: np.abs((times - times[0]) / step - np.round((times - times[0]) / step)).max() for step in (1.0, base)}
+    step = min(off, key=lambda each: off[each])
+    return times[0] + step * np.arange(round((times[-1] - times[0]) / step) + 1)
 
 
 def _unscaled(matrices: np.ndarray) -> np.ndarray:
