@@ -6,6 +6,8 @@ what only lies near it: limbs are parted by distances along the surface first.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..hole_filling.delaunay_refinement import edge_length_at_vertices, refine
@@ -14,6 +16,7 @@ from ..mesh.bvh import build_bvh, raycast
 from ..mesh.half_edges import edge_keys
 from ..mesh.normals import vertex_normals
 from ..mesh.submesh import triangle_components
+from ..numeric.kernels import njit
 from ..numeric.point_products import dot
 from ..numeric.sparse_least_squares import elimination_order, solve_squares
 from .bone_axes import shortest_turn
@@ -35,8 +38,8 @@ _STEP_IN = 0.001  # below the skin, where rays begin [m]
 _ARMPIT = 0.3  # so far around the shoulders' joints fills are refined [body sizes]
 _SMOOTHING = 3  # rounds of averaging with neighbours
 _RAISED = np.radians(77.0)
-_STRETCHED, _TAUT = 3.3, 3.8  # of its length: an edge that is relaxed, and one that must be
-_RELAXED = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08)  # how far around such edges [body sizes]
+_STRETCHED, _TAUT = 3.65, 3.8  # of its length: an edge that is relaxed, and one that must be
+_RELAXED, _ROUNDS = 0.03, 15  # how far around such edges [body sizes], and how often
 _TINY = 0.001  # shorter edges are taken for so long [m]
 
 
@@ -76,11 +79,12 @@ def skin_weights(mesh: Mesh, skeleton: Skeleton, fields: WeightFields | None = N
     """
     hold = bone_likelihoods(mesh.vertices, skeleton, fields or known_fields())
     edges = unique_edges(mesh)
-    _part_limbs(hold, mesh, skeleton, edges)
+    near = _neighbours(mesh.vertices, edges)
+    _part_limbs(hold, mesh, skeleton, near)
     weights = _softmax(hold)
     for _ in range(_SMOOTHING):
-        weights = 0.5 * (weights + _neighbour_means(weights, edges))
-    _relax(weights, mesh.vertices, skeleton, edges)
+        weights = _smoothed(weights, near)
+    _relax(weights, mesh.vertices, skeleton, edges, near)
     return strongest(weights)
 
 
@@ -156,20 +160,19 @@ def _limbs_seen(mesh: Mesh, skeleton: Skeleton) -> np.ndarray:
     return (hit < 0).reshape(_LIMB_COUNT, -1).T
 
 
-def _part_limbs(hold: np.ndarray, mesh: Mesh, skeleton: Skeleton, edges: np.ndarray) -> None:
+def _part_limbs(hold: np.ndarray, mesh: Mesh, skeleton: Skeleton, near: Neighbours) -> None:
     """Weaken in ``hold`` (V, 22) each limb's bones away from the limb's own surface.
 
     Its own surface is what sees it and is held by it most, in one piece.
     """
     size = body_size(skeleton)
-    lengths = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
     own = _softmax(hold) @ np.eye(_LIMB_COUNT)[LIMBS]
     limb = np.where(_limbs_seen(mesh, skeleton), own + 1e-6, 0.0).argmax(axis=1)
     for number in range(_LIMB_COUNT):
         core = _largest_piece(mesh, limb == number)
         if not core.any():
             continue
-        beyond = _surface_distances(core, edges, lengths, (_REACH + _GONE * _FADE) * size) / size
+        beyond = _surface_distances(core, near, (_REACH + _GONE * _FADE) * size) / size
         fade = np.clip((beyond - _REACH) / _FADE, 0.0, _GONE)
         hold[:, LIMBS == number] -= fade[:, None]
 
@@ -184,50 +187,93 @@ def _largest_piece(mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
     return piece
 
 
-def _surface_distances(start: np.ndarray, edges: np.ndarray, lengths: np.ndarray, reach: float) -> np.ndarray:
-    """Distance (V,) along edges from the vertices ``start`` (V,) bool; inf beyond ``reach`` [m]. Bellman and Ford."""
-    distance = np.where(start, 0.0, np.inf)
-    both, twice = np.concatenate((edges, edges[:, ::-1])), np.concatenate((lengths, lengths))
-    changed = start
-    while changed.any():
-        out = changed[both[:, 0]]
-        further = distance[both[out, 0]] + twice[out]
-        before = distance.copy()
-        np.minimum.at(distance, both[out, 1], np.where(further <= reach, further, np.inf))
-        changed = distance < before
+class Neighbours(NamedTuple):
+    """Whose neighbour each vertex is: ``heads[starts[v]:starts[v + 1]]``, and how far away [m]."""
+
+    starts: np.ndarray
+    heads: np.ndarray
+    lengths: np.ndarray
+
+
+def _neighbours(vertices: np.ndarray, edges: np.ndarray) -> Neighbours:
+    both = np.concatenate((edges, edges[:, ::-1]))
+    both = both[np.argsort(both[:, 0], kind="stable")]
+    lengths = np.linalg.norm(vertices[both[:, 0]] - vertices[both[:, 1]], axis=1)
+    return Neighbours(np.searchsorted(both[:, 0], np.arange(len(vertices) + 1)), both[:, 1].copy(), lengths)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _surface_distances(start, near, reach):
+    """Distance (V,) along edges from the vertices ``start`` (V,) bool; inf beyond ``reach`` [m].
+
+    Vertices whose distance fell are looked at again, in the order they did (Moore 1959).
+    """
+    distance = np.full(len(start), np.inf)
+    waits = start.copy()
+    queue = np.empty(len(start), np.int64)  # a ring; none waits twice
+    first, count = 0, 0
+    for v in range(len(start)):
+        if start[v]:
+            distance[v] = 0.0
+            queue[count] = v
+            count += 1
+    while count > 0:
+        v = queue[first]
+        first = (first + 1) % len(queue)
+        count -= 1
+        waits[v] = False
+        for e in range(near.starts[v], near.starts[v + 1]):
+            w, further = near.heads[e], distance[v] + near.lengths[e]
+            if further < distance[w] and further <= reach:
+                distance[w] = further
+                if not waits[w]:
+                    waits[w] = True
+                    queue[(first + count) % len(queue)] = w
+                    count += 1
     return distance
 
 
-def _neighbour_means(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Mean (V, K) of each vertex's neighbours."""
-    count = len(values)
-    a, b = np.concatenate((edges, edges[:, ::-1])).T
-    order = np.argsort(a, kind="stable")
-    starts = np.searchsorted(a[order], np.arange(count))
-    degree = np.bincount(a, minlength=count)
-    total = np.add.reduceat(values[b[order]], np.minimum(starts, len(order) - 1), axis=0)
-    return np.where(degree[:, None] > 0, total / np.maximum(degree, 1)[:, None], values)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _smoothed(values, near):
+    """Each vertex's values (V, K), half of them its neighbours' mean."""
+    out = values.copy()
+    for v in range(len(values)):
+        degree = near.starts[v + 1] - near.starts[v]
+        if degree == 0:
+            continue
+        for k in range(values.shape[1]):
+            total = 0.0
+            for e in range(near.starts[v], near.starts[v + 1]):
+                total += values[near.heads[e], k]
+            out[v, k] = 0.5 * (values[v, k] + total / degree)
+    return out
 
 
-def _relax(weights: np.ndarray, vertices: np.ndarray, skeleton: Skeleton, edges: np.ndarray) -> None:
+def _relax(weights: np.ndarray, vertices: np.ndarray, skeleton: Skeleton, edges: np.ndarray, near: Neighbours) -> None:
     """Spread weights (V, 22) where raised arms would stretch skin too far: no web in the armpit, where fills are.
 
-    About edges that are stretched, weights become harmonic, as evenly spread as the weights around allow; again farther
-    around where that does not suffice.
+    About edges that are stretched, weights become harmonic, as evenly spread as the weights around allow. Where that
+    does not suffice, again, with stretched edges stiffer and more of what is around them.
     """
     size = body_size(skeleton)
     lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
     matrices = bone_matrices(skeleton, arms_raised(skeleton))
+    raised = skinned(vertices, strongest(weights), matrices)
     region = np.zeros(len(vertices), np.bool_)
-    for reach in _RELAXED:
-        raised = skinned(vertices, strongest(weights), matrices)
-        stretch = np.linalg.norm(raised[edges[:, 0]] - raised[edges[:, 1]], axis=1) / np.maximum(lengths, _TINY)
+    stiffness = 1.0 / np.maximum(lengths, _TINY)
+    asked = np.arange(len(edges))  # elsewhere nothing changes
+    for _ in range(_ROUNDS):
+        a, b = edges[asked].T
+        stretch = np.linalg.norm(raised[a] - raised[b], axis=1) / np.maximum(lengths[asked], _TINY)
         if not (stretch > _TAUT).any():
             return
         start = np.zeros(len(vertices), np.bool_)
-        start[edges[stretch > _STRETCHED]] = True
-        region |= np.isfinite(_surface_distances(start, edges, lengths, reach * size))
-        _make_harmonic(weights, region, edges, 1.0 / np.maximum(lengths, _TINY))
+        start[edges[asked[stretch > _STRETCHED]]] = True
+        region |= np.isfinite(_surface_distances(start, near, _RELAXED * size))
+        stiffness[asked] *= np.maximum(stretch / _STRETCHED, 1.0)
+        _make_harmonic(weights, region, edges, stiffness)
+        raised[region] = skinned(vertices[region], strongest(weights[region]), matrices)
+        asked = np.flatnonzero(region[edges].any(axis=1))
 
 
 def arms_raised(skeleton: Skeleton) -> Pose:
