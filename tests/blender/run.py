@@ -33,7 +33,7 @@ PLATFORM = {"linux": "linux-x64", "win32": "windows-x64", "darwin": "macos-arm64
 
 PICTURES = (
     "0_install_menu", "1_panel", "2_capture", "3_mirrors", "4_picking", "5_subject", "6_building", "7_avatar",
-    "8_problem", "9_rig",
+    "7_walk", "8_problem", "9_rig",
 )  # fmt: skip
 """Screenshots that the documentation shows."""
 

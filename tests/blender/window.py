@@ -14,6 +14,7 @@ import json
 import math
 import os
 import shutil
+import socket
 import subprocess
 import sys
 import time
@@ -157,6 +158,9 @@ def story() -> Story:
         yield from keys("ESC")
         yield 0.5
         expect(not busy() and len(bpy.data.objects) == count, "nothing new after Esc")
+
+    with step("skeleton, walk, and a tracker that is followed"):
+        yield from motion()
 
     with step("check, and jump to a problem"):
         expect(bpy.context.object == avatar(), "the avatar selected")
@@ -380,6 +384,62 @@ def live() -> Story:
     yield from until(lambda: not subject().object and found(), "the person again")
     module._turn = inner
     note("live_search_own_ms", max(spent))
+
+
+def motion() -> Story:
+    """A skeleton, a clip that plays, and joints sent over UDP that the avatar follows until the button is pressed."""
+    yield from press("add_skeleton")
+    started = time.perf_counter()
+    yield from settled()
+    note("skeleton_s", time.perf_counter() - started)
+    bones = avatar().parent
+    expect(bones is not None and len(bones.data.bones) == 22, "a skeleton")
+    yield from press("apply_motion", 0.6, clip="walk")
+    yield from settled()
+    expect(bones.animation_data.action is not None, "a motion")
+    scene = bpy.context.scene
+    frames = range(scene.frame_start, scene.frame_end + 1)
+    started = time.perf_counter()
+    for frame in frames:
+        scene.frame_set(frame)
+    note("walk_frame_ms", 1e3 * (time.perf_counter() - started) / len(frames))
+    scene.frame_set(scene.frame_start + len(frames) // 4)
+    yield from shot("7_walk")
+
+    hand = bones.pose.bones["mixamorig:LeftHand"]
+    yield from press("follow_stream")
+    expect(busy(), "a stream that is followed")
+    rest = {name: list(bones.data.bones[f"mixamorig:{name}"].head_local) for name in JOINTS}
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+        for k in range(20):  # the left arm is raised, the rest stands as it rests
+            turned = math.radians(3.0 * k)
+            sent = {name: raised(place, rest["LeftArm"], turned, name) for name, place in rest.items()}
+            out.sendto(json.dumps({"joints": list(sent.values())}).encode(), ("127.0.0.1", 39541))
+            yield 0.05
+    aim = raised(rest["LeftHand"], rest["LeftArm"], math.radians(57.0), "LeftHand")
+    expect(max(abs(a - b) for a, b in zip(hand.head, aim, strict=True)) < 0.02, "the hand where it was sent")
+    yield from shot("7_follow")
+    yield from press("follow_stream")
+    yield 0.3
+    expect(not busy() and abs(hand.head[2] - aim[2]) < 0.02, "the pose stays when the button is pressed again")
+    yield from press("apply_motion", 0.6, clip="idle")
+    yield from settled()
+
+
+JOINTS = (
+    "Hips", "Spine", "Spine1", "Spine2", "Neck", "Head", "LeftShoulder", "LeftArm", "LeftForeArm", "LeftHand",
+    "RightShoulder", "RightArm", "RightForeArm", "RightHand", "LeftUpLeg", "LeftLeg", "LeftFoot", "LeftToeBase",
+    "RightUpLeg", "RightLeg", "RightFoot", "RightToeBase",
+)  # fmt: skip
+
+
+def raised(place, shoulder, angle: float, name: str) -> list[float]:
+    """A joint of the left arm turned upwards about the shoulder; others as they are."""
+    if name not in ("LeftForeArm", "LeftHand"):
+        return place
+    x, z = place[0] - shoulder[0], place[2] - shoulder[2]
+    return [shoulder[0] + math.cos(angle) * x - math.sin(angle) * z, place[1],
+            shoulder[2] + math.sin(angle) * x + math.cos(angle) * z]  # fmt: skip
 
 
 def pictures() -> Story:
