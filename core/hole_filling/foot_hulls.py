@@ -87,22 +87,18 @@ def foot_hulls(patches: list[Mesh], free_space: FreeSpace, up: np.ndarray, floor
         missed = _not_read(hull, points[mine], normals[mine])
         missed &= reach_before_empty(axis, hull.vertices, free_space) >= 1.0
         rest = np.flatnonzero(missed[hull.triangles].all(axis=1))
-        hulls.append(
-            replace(hull, triangles=hull.triangles[rest], view=_OF_NO_VIEW, kind=np.full(len(rest), FILL, np.int8))
-        )
+        kind = np.full(len(rest), FILL, np.int8)
+        hulls.append(replace(hull, triangles=hull.triangles[rest], view=_OF_NO_VIEW, kind=kind))
     missing = clean_patch(merge(hulls), _SPECK) if hulls else None
-    if (
-        missing is None
-        or np.linalg.norm(triangle_normals(missing.vertices, missing.triangles), axis=1).sum() < 2.0 * _LEAST
-    ):
+    if missing is None:
         return None
-    return (
-        missing
-        if color is None
-        else replace(
-            missing, colors=color[np.linalg.norm(missing.vertices[:, None] - points[None], axis=2).argmin(axis=1)]
-        )
-    )
+    area = 0.5 * np.linalg.norm(triangle_normals(missing.vertices, missing.triangles), axis=1).sum()
+    if area < _LEAST:
+        return None
+    if color is not None:
+        away = np.linalg.norm(missing.vertices[:, None] - points[None], axis=2)
+        missing = replace(missing, colors=color[away.argmin(axis=1)])
+    return missing
 
 
 def _ankles(plan: np.ndarray) -> np.ndarray:

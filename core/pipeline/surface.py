@@ -143,7 +143,7 @@ def _skeleton_of(mesh: Mesh, settings: Settings) -> tuple[Skeleton | None, tuple
 def _zippered(patches: list[Mesh], scan: Scan, settings: Settings) -> tuple[Mesh, list[Seam], np.ndarray]:
     """:func:`.zipper.zip_patches` with what a camera gave up of a person's feet made."""
     made = None
-    if scan.floor is not None and not settings.views.object:
+    if scan.lit_twice is not None and scan.floor is not None and not settings.views.object:
         made = foot_hulls(patches, scan.maps.free_space, scan.up, scan.floor)
     return zip_patches(patches, scan.maps, scan.up, scan.axis, scan.floor, settings.zipper, made)
 

@@ -86,7 +86,8 @@ def zip_patches(
     floor : float or None
         Height of the floor along ``up`` [m].
     made : Mesh, optional
-        What stands for surface that no view shows, of kind ``FILL``: zippered like a patch.
+        What stands for parts of feet that no view shows, of kind ``FILL``: zippered like a patch. Then boundaries near
+        the floor are bridged as far as others, unless they go on down to it or under the foot, and soles stay open.
 
     Returns
     -------
@@ -139,7 +140,7 @@ def zip_patches(
         boundary = boundary_of(mesh, edges)
         if not len(boundary.vertex):
             break
-        candidates = _facing_candidates(mesh, boundary, maps, reach, up, floor, settings)
+        candidates = _facing_candidates(mesh, boundary, maps, reach, up, floor, settings, made is not None)
         known = len(mesh.triangles)
         weave = begin_weave(boundary, piece, root)
         mesh, found = weave_seams(mesh, boundary, weave, candidates, "facing runs")
@@ -147,7 +148,8 @@ def zip_patches(
         # a hole no wider than the gaps just zippered is a hole in one surface, not two boundaries to match
         edges = extend_open_edges(edges, mesh.triangles, known, len(mesh.vertices))
         known = len(mesh.triangles)
-        mesh = fill_loops(mesh, maps, diameter=reach, edges=_without_soles(mesh, edges, up, floor, settings))
+        holes = edges if made is None or floor is None else _without_soles(mesh, edges, up, floor, settings)
+        mesh = fill_loops(mesh, maps, diameter=reach, edges=holes)
         # a hole closed round a new vertex never meets a boundary again: its piece does not matter
         piece = np.concatenate((piece, np.zeros(len(mesh.vertices) - len(piece), np.int64)))
     assert whole.kind is not None and mesh.kind is not None
@@ -156,12 +158,8 @@ def zip_patches(
     return replace(mesh, triangles=triangles, kind=np.concatenate((whole.kind, mesh.kind[measured:]))), seams, twin
 
 
-def _without_soles(
-    mesh: Mesh, edges: np.ndarray, up: np.ndarray, floor: float | None, settings: ZipperSettings
-) -> np.ndarray:
+def _without_soles(mesh: Mesh, edges: np.ndarray, up: np.ndarray, floor: float, settings: ZipperSettings) -> np.ndarray:
     """The open edges (B, 3) without those of soles, which are no holes: what is left of them ends on the floor."""
-    if floor is None:
-        return edges
     sole = np.zeros(len(mesh.vertices), np.bool_)
     for loop in loops_of(edges, len(mesh.vertices)):
         height = dot(mesh.vertices[loop], up) - floor
@@ -214,16 +212,18 @@ def _facing_candidates(
     up: np.ndarray,
     floor: float | None,
     settings: ZipperSettings,
+    feet: bool,
 ) -> Candidates:
     """Runs that face each other over gaps up to ``reach``, warped, the best matched and longest first."""
     edge = np.median(np.linalg.norm(np.diff(boundary.point[: boundary.start[1]], axis=0), axis=1))
     limit, low = np.full(len(boundary.vertex), reach), np.zeros(len(boundary.vertex), np.bool_)
     if floor is not None:
-        # a sole has nothing to be matched with; an instep goes on to toes as far as they may be
         height = dot(boundary.point, up) - floor
-        sole = (height < settings.floor_band) & (dot(boundary.outward, up) < _DOWNWARDS)
+        sole = height < settings.floor_band
+        if feet:
+            sole &= dot(boundary.outward, up) < _DOWNWARDS
+            low = (height < settings.sole_reach) & (reach > settings.gaps[0])
         limit[sole] = min(reach, settings.gaps[0])
-        low = (height < settings.sole_reach) & (reach > settings.gaps[0])
     assert mesh.view is not None  # checked by zip_patches
     partner, price = find_partners(boundary, limit, up, mesh.view[boundary.vertex], maps, low)
     return warp_runs(boundary, partner, price, edge, settings.min_run)
