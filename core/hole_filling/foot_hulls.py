@@ -16,12 +16,10 @@ from ..views.free_space import FreeSpace, reach_before_empty
 GUESSED = -2
 """View of vertices whose place is a guess: fairing may move them, but not as freely as what fills a hole."""
 
-_LEVELS = np.array(
-    (0.008, 0.02, 0.03, 0.04, 0.05, 0.06, 0.075, 0.09, 0.105, 0.12)
-)  # of a hull's rings over the floor [m]
+_LEVELS = np.array((0.008, 0.02, 0.03, 0.04, 0.05, 0.06, 0.075, 0.09, 0.105, 0.12))  # heights of a hull's rings [m]
 _INSTEP = 7  # ring up to which a foot slopes evenly: nothing is hollow between its toes and its ankle
 _ANKLE = (0.1, 0.17)  # between these heights above the floor the legs stand apart [m]
-_ABOVE = 0.04  # what lies higher says nothing of a ring [m]
+_SLANTS, _ABOVE = 0.06, 0.04  # what lies higher, and so much above a ring, says nothing of it: a leg slants [m]
 _LEG = 0.18  # a leg is nowhere so wide there [m]
 _LINK = 0.04  # so near in the plan readings are one leg's [m]
 _LONG = 0.3  # a foot reaches no farther from the middle of its ankle [m]
@@ -132,7 +130,7 @@ def _rings(plan: np.ndarray, height: np.ndarray) -> np.ndarray:
     facing = way @ way.T
     rings = []
     for level in _LEVELS:
-        above = (height >= level) & (height < max(_ANKLE[0], level + _ABOVE))  # a leg slants
+        above = (height >= level) & (height < max(_SLANTS, level + _ABOVE))  # a leg slants
         least = np.maximum(reach[above].max(axis=0, initial=0.0), _BESIDE)  # of each ray's half plane
         with np.errstate(divide="ignore"):
             radius = np.where(facing > 1e-6, least[:, None] / np.maximum(facing, 1e-6), np.inf).min(axis=0)
