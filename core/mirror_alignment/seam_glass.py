@@ -1,8 +1,9 @@
 """How thick and how bowed the glass is, as the seams between what is seen directly and in mirrors show.
 
 Where light comes two ways nothing that is seen twice can be trusted: it is lit twice, too. What remains is the surface
-on either side of a seam. Thick glass sets all that a mirror shows to a camera that measures time farther away, by two
-to three times its thickness; bowed glass displaces what its ends show. Then both sides of a seam do not meet.
+on either side of a seam, and the outline that what mirrors show of a body's sides touches. Thick glass sets all that a
+mirror shows to a camera that measures time farther away, by two to three times its thickness; bowed glass displaces
+what its ends show. Then both sides of a seam do not meet, and sides lie within the outline.
 """
 
 from __future__ import annotations
@@ -13,11 +14,14 @@ from itertools import product
 
 import numpy as np
 
+from ..camera import Intrinsics, RgbdImage
 from ..errors import Notice
 from ..mesh import Mesh
 from ..mirrors import Mirror
 from ..mirrors.curved_glass import behind_front, flattened, thickness_moves
 from ..mirrors.mirror import moved, person_before, reflect, with_reason
+from ..views.silhouette_contact import Outline, contact
+from ..views.view_correspondences import noise_of, surfaces
 from ..views.view_maps import ViewMaps
 from .pose_solver import MAD
 from .seam_alignment import mirrored_views, move_views
@@ -58,6 +62,9 @@ _CORRELATED = 2.0  # neighbouring pieces share so much of their errors that this
 _PLACED = {"reflections", "views", "seams"}  # what moved a mirror by surface that two views show
 _LIKELY = 0.5  # from so likely on glass may be thick though what is seen twice does not show it
 _BIAS = 0.0015  # what all offsets between two views have in common [m]
+_TOUCHING, _PER_NOISE = 0.0005, 0.4  # how well an outline tells the thickness: by itself [m], and of readings' noise
+_STEP = 0.001  # by which the thickness is changed to see how it moves what touches the outline [m]
+_NEAR, _FEWEST_TOUCHING = 6.0, 40  # px from the outline within which a piece may be of it, and how many must be
 _ROUNDS = 8  # in which outliers are weighed anew
 _OUTLIER = 2.0  # deviations from which an offset weighs less
 
@@ -82,6 +89,8 @@ def glass_by_seams(
     mesh: Mesh,
     settings: SeamGlassSettings | None = None,
     lit_twice: bool = True,
+    outline: Outline | None = None,
+    intrinsics: Intrinsics | None = None,
 ) -> tuple[list[Mirror], tuple[str, ...]]:
     """Mirrors of glass as thick, all alike, and as bowed as the seams show; as they were where these do not show it.
 
@@ -97,6 +106,11 @@ def glass_by_seams(
     lit_twice : bool
         Light comes two ways, so that what is seen twice said nothing; else seams must show thick glass more clearly,
         glass that they do not even make likely to be thick counts as thin, and bows are known already.
+    outline : Outline, optional
+        Of the body as it is seen directly: what a mirror shows of its sides touches it, through glass of the right
+        thickness.
+    intrinsics : Intrinsics, optional
+        Of the camera; with an outline.
 
     Returns
     -------
@@ -127,6 +141,11 @@ def glass_by_seams(
         return list(mirrors), ()
     bent = _likely_bows(seams, settings)
     thickness, error = _thickness(seams, bent)
+    if outline is not None and intrinsics is not None:
+        through = [((b and _with_bow(mirrors[k])) or mirrors[k], behind[k]) for k, b in zip(asked, bent, strict=True)]
+        touching, blur = _touching(through, maps, outline, intrinsics, settings)
+        share = error**2 / (error**2 + blur**2)
+        thickness, error = thickness + share * (touching - thickness), float(np.sqrt(1.0 - share)) * error
     thick = thickness > max(settings.least, (1.0 if lit_twice else settings.unlit_deviations) * error)
     likely = 1.0 if thick else _likely_thick(thickness, error, settings)
     doubt = settings.usual * float(np.sqrt(likely)) if lit_twice or likely > _LIKELY else 0.0
@@ -221,6 +240,36 @@ def _likely_bows(seams: list[_Offsets], settings: SeamGlassSettings) -> list[boo
         if cost < least:
             best, least = list(bent), cost
     return best
+
+
+def _touching(
+    shown: list[tuple[Mirror, int]],
+    maps: ViewMaps,
+    outline: Outline,
+    intrinsics: Intrinsics,
+    settings: SeamGlassSettings,
+) -> tuple[float, float]:
+    """The thickness through which what mirrors show of a body's sides touches its outline.
+
+    And one standard deviation of it [m], infinite where nothing touches. ``shown``: mirrors and their views.
+    """
+    image, found = RgbdImage(maps.depth, intrinsics), []
+    sigma, noise = noise_of(maps.depth, maps.labels), 0.0
+    for mirror, view in shown:
+        pieces = surfaces(image, maps.labels, view, sigma)
+        normals = pieces.normals - 2.0 * (pieces.normals @ mirror.normal)[:, None] * mirror.normal
+        gaps = []
+        for thickness in (settings.usual, settings.usual + _STEP):
+            points = _placed(pieces.points, behind_front(mirror, thickness))
+            met = contact(replace(pieces, points=points, normals=normals), np.eye(4), outline, intrinsics)
+            gaps.append(met[np.abs(met) < _NEAR])
+        inside, then = (float(np.median(g)) if len(g) >= _FEWEST_TOUCHING else np.nan for g in gaps)
+        if inside > then:
+            found.append(float(np.clip(settings.usual + _STEP * inside / (inside - then), 0.0, settings.most)))
+            noise = max(noise, float(maps.noise[view] * np.median(pieces.points[:, 2])))
+    if not found:
+        return settings.usual, np.inf
+    return float(np.mean(found)), float(np.hypot(_TOUCHING, _PER_NOISE * noise))
 
 
 def _thickness(seams: list[_Offsets], bent: Sequence[bool]) -> tuple[float, float]:

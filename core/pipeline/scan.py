@@ -39,6 +39,7 @@ from ..patches.outline_colors import colors_from_inside
 from ..subject.image_border import cut_sides
 from ..subject.subject_search import find_subject
 from ..subject.subject_views import Views
+from ..views.silhouette_contact import Outline, outline_of
 from ..views.view_maps import ViewMaps, view_maps
 from .mirror_placement import align_mirrors, first_mirrors
 from .settings import Settings
@@ -75,6 +76,8 @@ class Scan:
         Where light came two ways: the shares of the subject's readings that it reached, and that were corrected [0..1].
     principles : tuple of Principle
         How each camera measures.
+    outline : Outline or None
+        Of the subject as it is seen directly, where light came two ways.
     """
 
     patches: list[Mesh]
@@ -92,6 +95,7 @@ class Scan:
     cut: tuple[str, ...] = ()
     lit_twice: tuple[float, float] | None = None
     principles: tuple[Principle, ...] = ()
+    outline: Outline | None = None
 
     @property
     def timed(self) -> bool | None:
@@ -127,7 +131,7 @@ def scan_steps(
     first = first_mirrors(picks, depth, capture, settings) if picks or find else []
     principle = measuring_principle(capture, settings.depth, settings.light.phase_said)
     sensor, model = principle.sensor, SENSORS.get(principle.sensor)
-    read = RgbdImage(depth, camera)
+    fused, read = depth, RgbdImage(depth, camera)
     image, placed, placement = _aligned(first, read, capture, settings, principle)
     clock.lap("mirrors")
 
@@ -147,6 +151,7 @@ def scan_steps(
         image, placed, placement = _aligned(first, trusted, capture, _without_pairs(settings), principle)
         whole = without_delay(read, placed) if image is not trusted else read
         views = without_spoiled(find_subject(whole, placed, settings.views, meeting), light.spoiled)
+    outline = None if light is None else outline_of(fused, views.labels == 0, 0.0, frayed=1)
     depth = image.depth
     clock.lap("light")
 
@@ -177,7 +182,7 @@ def scan_steps(
     return Scan(
         patches, maps, views.up, views.axis, views.floor, view_names(placed), placed, sensor, warnings, views.limits,
         burst, (camera,), cut,
-        None if light is None else (light.lit_twice_share, light.corrected_share), (principle,),
+        None if light is None else (light.lit_twice_share, light.corrected_share), (principle,), outline,
     )  # fmt: skip
 
 

@@ -173,7 +173,15 @@ def glass_shown(scan: Scan, mesh: Mesh, settings: Settings) -> tuple[Scan, bool]
     """
     if scan.lit_twice is None and not scan.timed:
         return scan, False
-    mirrors, notes = glass_by_seams(scan.mirrors, scan.maps, mesh, settings.seam_glass, scan.lit_twice is not None)
+    mirrors, notes = glass_by_seams(
+        scan.mirrors,
+        scan.maps,
+        mesh,
+        settings.seam_glass,
+        scan.lit_twice is not None,
+        scan.outline,
+        scan.lenses[0] if scan.outline is not None else None,
+    )
     if not notes:
         return replace(scan, mirrors=mirrors), False
     patches, maps = seen_through(scan.patches, scan.maps, scan.mirrors, mirrors)

@@ -89,8 +89,11 @@ def _shadows(steps: np.ndarray, widths: np.ndarray, focal: float) -> int:
     return count if count > _SHADOWED * len(widths) else 0
 
 
-def outline_of(depth: np.ndarray, body: np.ndarray, shadow: float) -> Outline:
-    """The outline of the pixels ``body`` (H, W) bool before what is read farther off in ``depth`` (H, W), z [m]."""
+def outline_of(depth: np.ndarray, body: np.ndarray, shadow: float, frayed: int = _FRAYED) -> Outline:
+    """The outline of the pixels ``body`` (H, W) bool before what is read farther off in ``depth`` (H, W), z [m].
+
+    Of up to ``frayed`` pixels without a reading between both half belong to the body, of more all.
+    """
     background = float(np.median(depth[body])) + _CLEAR
     rows, columns = np.flatnonzero(body.any(axis=1)), np.flatnonzero(body.any(axis=0))
     top, bottom = rows[0], rows[-1] + 1
@@ -112,8 +115,8 @@ def outline_of(depth: np.ndarray, body: np.ndarray, shadow: float) -> Outline:
     # frayed ends without a reading: half of them are the body's
     known = free | body
     before, after = preceding(known, -1), following(known, width)
-    frayed = ~known & (before >= 0) & (after < width) & (after - before <= _FRAYED + 1)
-    v, u = np.nonzero(frayed)
+    shared = ~known & (before >= 0) & (after < width) & (after - before <= frayed + 1)
+    v, u = np.nonzero(shared)
     before, after = before[v, u], after[v, u]
     at_left, at_right = free[v, before], free[v, after]
     halved = (at_left & ~at_right & (2 * u < before + after)) | (at_right & ~at_left & (2 * u > before + after))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mirror_alignment import seam_glass
-from mirror_scan.core.mirror_alignment.seam_glass import SeamGlassSettings, glass_by_seams, seen_through
+from mirror_scan.core.mirror_alignment.seam_glass import SeamGlassSettings, _touching, glass_by_seams, seen_through
 from mirror_scan.core.mirror_alignment.seam_offsets import SeamPieces
 from mirror_scan.core.mirrors.curved_glass import REFRACTION, behind_front, flattened, thickness_moves
 from mirror_scan.core.mirrors.mirror import plane_mirror, reflect, reflection_matrix
@@ -138,8 +138,8 @@ def test_patches_go_where_the_glass_shows_them():
     assert off.max() < 0.2 * np.linalg.norm(placed[1].vertices - points, axis=1).max(), "as far as a rigid motion can"
 
 
-@pytest.mark.parametrize("thickness", [0.005, 0.0])
-def test_seams_of_a_virtual_rig(person, thickness):
+@pytest.mark.parametrize("thickness", [0.008, 0.005, 0.0])
+def test_seams_and_outline_of_a_virtual_rig(person, thickness):
     """Where light comes two ways."""
     rig = with_real_optics(default_rig("azure_kinect", frames=8, seed=1), effects=("multipath",))
     rig = replace(
@@ -155,8 +155,12 @@ def test_seams_of_a_virtual_rig(person, thickness):
         scan = done.value
     assert scan.lit_twice is not None
     mesh = zip_patches(part_overlaps(scan.patches, scan.maps), scan.maps, scan.up, scan.axis, scan.floor)[0]
-    placed, notes = glass_by_seams(scan.mirrors, scan.maps, mesh)
+    through = [(m, view) for view, m in enumerate(scan.mirrors, start=1)]
+    touching, blur = _touching(through, scan.maps, scan.outline, scan.lenses[0], SeamGlassSettings())
+    print(f"\n{1000 * thickness:.0f} mm: {1000 * touching:.1f} +- {1000 * blur:.1f} mm by the outline")
+    assert abs(touching - thickness) < 2.0 * blur < 0.0025
+    placed, notes = glass_by_seams(scan.mirrors, scan.maps, mesh, outline=scan.outline, intrinsics=scan.lenses[0])
     if thickness:
-        assert notes and all(m.glass_thickness == pytest.approx(thickness, abs=0.002) for m in placed)
+        assert notes and all(m.glass_thickness == pytest.approx(thickness, abs=0.0015) for m in placed)
     else:
         assert notes == ()
