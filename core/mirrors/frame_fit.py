@@ -1,14 +1,15 @@
-"""The plane of a mirror that is roughly known, fitted anew to its frame."""
+"""The plane of a mirror that is roughly known, fitted anew to its frame, and not to a wall that crosses it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..camera import RgbdImage, project
 from ..numeric.kernels import njit
+from ..numeric.point_products import dot
 from .disparity_plane import (
     DisparityPlane,
     disparity_of_plane,
@@ -19,8 +20,9 @@ from .disparity_plane import (
 )
 from .frame_pixels import grow_frame
 from .frame_sides import WIDEST
+from .glass_extent import with_outline
 from .glass_kernels import glass_of, in_box, place_on_plane
-from .mirror import Mirror, oriented
+from .mirror import Mirror, oriented, person_before, reflection_shift
 from .wall_behind_frame import separate_wall
 
 
@@ -203,3 +205,118 @@ def _ring_kernel(depth, intrinsics, glass, plane, around, inward, band, low, hig
                 pixels[n, 0], pixels[n, 1] = u, v
                 n += 1
     return n
+
+
+_SIDES = ((0, 0), (0, 1), (1, 0))  # left, right and top; below there is the floor
+_BESIDE = 0.16  # m: so far beyond a side a wall is looked for
+_BAND, _REMOVED = 0.08, 0.3  # m: so far off the mirror's plane it is looked for, and taken away
+_STEEP = 0.07  # of a wall against the plane: walls that the mirror hangs on are parallel to it
+_STARTS, _MARGIN = 0.035, 0.02  # m: at the side such a wall lies in the plane; so far before it nothing is certain
+_GOES_ON = 0.07  # m beyond the side, at least
+_CELL = 0.02  # m: of the plane beside the side; readings in one are averaged
+_FEWEST, _FEWEST_CELLS = 4, 20  # readings of a cell, and cells of a wall
+_ALONG, _PART = 0.5, 0.1  # of the side that the wall must go on beside, by parts so long [m]
+_DEVIATIONS = 8.0  # from level
+_STRAIGHT = 0.006  # m by which the means of cells are off at most: a wall is flat
+_ROUNDS, _MAD, _LEAST_SCALE = 5, 1.4826, 1e-5  # of weighing the cells anew; [m]
+_BAND_AGAIN = 0.03  # of z: the plane may have been off by so much
+_MOST = 0.15  # m: by more the reflection of a person is not off, or there is no plane without the wall
+
+
+def without_crossing_walls(image: RgbdImage, mirrors: Sequence[Mirror]) -> tuple[RgbdImage, list[Mirror]]:
+    """Mirrors on the planes of their other sides, where a wall crosses their planes at one of them.
+
+    A wall is wider than a frame, and where it crosses the plane it lies in that: a plane through both is neither's.
+
+    Parameters
+    ----------
+    image : RgbdImage
+        Fused depth, z [m], 0 = no reading.
+    mirrors : sequence of Mirror
+        On what was taken for their frames; those that were not fitted to one stay.
+
+    Returns
+    -------
+    image : RgbdImage
+        Without these walls.
+    mirrors : list of Mirror
+
+    Notes
+    -----
+    O(pixels about the mirrors).
+    """
+    out = list(mirrors)
+    for k, mirror in enumerate(mirrors):
+        if mirror.rectangle is None or mirror.polygon is not None or not mirror.refined:
+            continue
+        rows, columns, place, lift = _about(image, mirror)
+        walls = [(_wall_beside(place, lift, mirror, axis, end), axis, end) for axis, end in _SIDES]
+        (slope, start), axis, end = max(walls)
+        if slope < _STEEP:
+            continue
+        beyond = (2 * end - 1) * (place[:, axis] - mirror.rectangle[axis, end]) > -max(start, 0.0) / slope - _MARGIN
+        depth = image.depth.copy()
+        depth[rows[beyond], columns[beyond]] = 0.0
+        bare = image.with_depth(depth)
+        again = fit_frame(bare, mirror, band=_BAND_AGAIN)
+        if again is not None and reflection_shift(person_before(mirror), again, mirror) < _MOST:
+            image, out[k] = bare, with_outline(again, image.intrinsics)
+    return image, out
+
+
+def _about(image: RgbdImage, mirror: Mirror) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Readings near the mirror's plane about its glass: rows, columns, places (N, 2) on it, and before it (N,) [m]."""
+    intrinsics = image.intrinsics
+    assert mirror.rectangle is not None  # it was asked for
+    outer = mirror.rectangle + np.array((-_BESIDE, _BESIDE))
+    corners = np.array([(x, y) for x in outer[0] for y in outer[1]])
+    box = project(mirror.point + corners @ mirror.basis[:, :2].T, intrinsics)
+    size = np.array((intrinsics.width, intrinsics.height))
+    if not np.isfinite(box).all():
+        box = np.array(((0.0, 0.0), size))
+    (left, top), (right, bottom) = (
+        np.clip(np.floor(box.min(axis=0)), 0, size).astype(int), np.clip(np.ceil(box.max(axis=0)), 0, size).astype(int)
+    )  # fmt: skip
+    rows, columns = np.nonzero(image.depth[top:bottom, left:right])
+    rows, columns = rows + top, columns + left
+    z = image.depth[rows, columns].astype(np.float64)
+    x, y = (columns - intrinsics.cx) / intrinsics.fx * z, (rows - intrinsics.cy) / intrinsics.fy * z
+    offset = np.column_stack((x, y, z)) - mirror.point
+    lift = dot(offset, mirror.normal)
+    near = np.abs(lift) < _REMOVED
+    return rows[near], columns[near], offset[near] @ mirror.basis[:, :2], lift[near]
+
+
+def _wall_beside(place: np.ndarray, lift: np.ndarray, mirror: Mirror, axis: int, end: int) -> tuple[float, float]:
+    """How steeply what lies beside a side rises away from it, and from which height [m]; 0 where it is no such wall."""
+    assert mirror.rectangle is not None  # it was asked for
+    out = (2 * end - 1) * (place[:, axis] - mirror.rectangle[axis, end])
+    low, high = mirror.rectangle[1 - axis]
+    mine = (
+        (np.abs(lift) < _BAND)
+        & (out > 0.0)
+        & (out < _BESIDE)
+        & (place[:, 1 - axis] > low)
+        & (place[:, 1 - axis] < high)
+    )
+    out, lift, along = out[mine], lift[mine], place[mine, 1 - axis] - low
+    cell = (out / _CELL).astype(np.int64) * 1000 + (along / _CELL).astype(np.int64)
+    _, member, count = np.unique(cell, return_inverse=True, return_counts=True)
+    kept = count >= _FEWEST
+    if kept.sum() < _FEWEST_CELLS:
+        return 0.0, 0.0
+    far, rise, at = (np.bincount(member, value)[kept] / count[kept] for value in (out, lift, along))
+    weights = np.ones(len(far))
+    for _ in range(_ROUNDS):
+        rows = np.column_stack((np.ones(len(far)), far)) * weights[:, None]
+        (start, slope), *_ = np.linalg.lstsq(rows, rise * weights, rcond=None)
+        left = rise - start - slope * far
+        scale = _MAD * float(np.median(np.abs(left))) + _LEAST_SCALE
+        weights = 1.0 / np.sqrt(1.0 + (left / (2.0 * scale)) ** 2)
+    error = scale / np.sqrt(len(far)) / max(float(far.std()), _LEAST_SCALE)
+    beside = len(np.unique((at[far > 0.5 * _GOES_ON] / _PART).astype(np.int64))) * _PART
+    crosses = (
+        slope > _DEVIATIONS * error and abs(start) < _STARTS and np.ptp(far) > _GOES_ON
+        and beside > _ALONG * (high - low) and scale < _STRAIGHT
+    )  # fmt: skip
+    return (float(slope), float(start)) if crosses else (0.0, 0.0)

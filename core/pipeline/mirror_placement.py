@@ -29,6 +29,7 @@ from ..mirror_detection.frameless_mirrors import frameless_notes
 from ..mirror_detection.mirror_at_picks import MirrorSearch, contradicted, find_better_at, find_mirror_at
 from ..mirrors import Mirror
 from ..mirrors.curved_glass import with_thickness, without_delay
+from ..mirrors.frame_fit import without_crossing_walls
 from ..mirrors.picked_mirror import place_mirror
 from ..views.view_correspondences import likeness
 from .rig_calibration import moved_warnings
@@ -82,6 +83,8 @@ def align_mirrors(
     first: list[Mirror], image: RgbdImage, capture: Capture, settings: Settings, principle: Principle
 ) -> tuple[list[Mirror], tuple[str, ...]]:
     """The mirrors corrected until frames, floor and views fit together; and what to warn of."""
+    given = first
+    image, first = without_crossing_walls(image, given)
     warnings = list(moved_warnings(image, [m for m in first if m.source == "rig file"]))
     warnings += [
         Notice(
@@ -90,7 +93,7 @@ def align_mirrors(
             name=m.name, mirrors=[m.name],
         )
         for k, m in enumerate(first)
-        if m.source == "picked" and contradicted(image, m, first[:k] + first[k + 1 :])
+        if m.source == "picked" and m is given[k] and contradicted(image, m, first[:k] + first[k + 1 :])
     ]  # fmt: skip
     alike = likeness(image.depth)[1]
     judged = [honest_error(image, m, alike) if m.source in ("picked", "found") else (m, None) for m in first]
