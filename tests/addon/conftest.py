@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for motion_figures.py: tests/ is no package
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for what is shared: tests/ is no package
 
 _status = 0
 
