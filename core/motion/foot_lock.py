@@ -25,7 +25,8 @@ _NEAR_FLOOR = 0.035  # m above where the foot usually stands: a point of a sole 
 _SLOW = 0.4  # m/s: the same
 _SHORTEST = 0.08  # s: shorter gaps in standing are bridged, shorter standing is none
 _STILL = 0.12  # m/s: slower it stands, wherever a suit that lost the floor believes it
-_DRIFT, _RESTS = 0.15, 0.12  # m, s: a foot that rests so long, and is not higher above the floor, stands on it
+_DRIFT = 0.15  # m: so far they may be off
+_LONGEST_FLIGHT = 0.9  # s
 _FADE = 0.25  # s: in which a foot that left the floor forgets where it stood
 _ROLLED = 0.02  # m: points so much above the lowest count a third of it
 _HEADING_SLACK = np.radians(3.8)
@@ -137,11 +138,14 @@ def lock_feet(clip: Clip, skeleton: Skeleton, soles: Soles | None = None) -> Cli
     soles = estimated_soles(skeleton) if soles is None else soles
     firm = soles.rigid()
     points = _sole_places(clip, skeleton, firm)
-    stands = _standing(points, _usual_heights(points, clip.rate), clip.rate)
+    usual = _usual_heights(points, clip.rate)
+    stands = _standing(points, usual, clip.rate)
     clip = _settled(clip, skeleton, stands.any(axis=2))
     lowest = _sole_places(clip, skeleton, soles)[..., 2].min(axis=2)
     clip = _hips_tilted(clip, skeleton, lowest, stands.any(axis=2))
-    clip = _on_floor(clip, _sole_places(clip, skeleton, soles)[..., 2].min(axis=2), stands.any(axis=2))
+    clip = _on_floor(
+        clip, _sole_places(clip, skeleton, soles)[..., 2].min(axis=2), stands.any(axis=2), float(usual.min())
+    )
     lowest = _sole_places(clip, skeleton, soles)[..., 2].min(axis=2)
     # What stays where it stands lies between sole and joints: a foot that tips moves the one or the other.
     above = skeleton.joints[_TOE][:, None] - soles.points
@@ -187,7 +191,8 @@ def _standing(points: np.ndarray, usual: np.ndarray, rate: float) -> np.ndarray:
     """Which points of the soles stand (F, 2, K): low and slow, and not for a moment only."""
     speeds = _speeds(points, rate)
     slow = speeds < _SLOW
-    near = _drifting_floor(points, slow, usual.min(), rate)[:, None] + (usual - usual.min()) + _NEAR_FLOOR
+    floor = _floor(points[..., 2].min(axis=(1, 2)), float(usual.min()), rate)
+    near = floor[:, None] + (usual - usual.min()) + _NEAR_FLOOR
     stands = slow & (points[..., 2] < near[..., None])
     stands |= (speeds < _STILL) & (points[..., 2] < near[..., None] + _DRIFT)
     shortest = max(1, round(_SHORTEST * rate))
@@ -202,20 +207,20 @@ def _standing(points: np.ndarray, usual: np.ndarray, rate: float) -> np.ndarray:
     return stands
 
 
-def _drifting_floor(points: np.ndarray, slow: np.ndarray, usual: float, rate: float) -> np.ndarray:
-    """The floor's height over time (F,) [m]: inertial suits lose it, by a hand's breadth in a dance.
+def _floor(height: np.ndarray, usual: float, rate: float) -> np.ndarray:
+    """The floor's height over time (F,) [m] of the lower sole's ``height`` (F,).
 
-    It is where the lower foot rests for longer than at the top of a jump.
+    Inertial suits lose the floor, by a hand's breadth in a dance. But nobody flies for longer than a jump: what stays
+    up longer stands. Higher than that, it stands on a step, and the floor is where it usually is.
     """
-    frames, lower = np.arange(len(points)), points[..., 2].min(axis=2).argmin(axis=1)
-    height = points[..., 2].min(axis=(1, 2))
-    lowest = points[frames, lower][..., 2].argmin(axis=1)
-    rests = slow[frames, lower, lowest] & (height < usual + _DRIFT)
-    at = [np.arange(first, last) for first, last in _runs(rests) if last - first >= _RESTS * rate]
-    if not at:
-        return np.full(len(points), usual)
-    known = np.concatenate(at)
-    return _smoothed(np.interp(frames, known, height[known]), rate)
+    reach = max(1, round(_LONGEST_FLIGHT * rate / 2))
+
+    def around(values: np.ndarray) -> np.ndarray:
+        padded = np.pad(values, reach, mode="edge")
+        return np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1)
+
+    opened = around(around(height).min(axis=1)).max(axis=1)
+    return _smoothed(np.where(opened < usual + _DRIFT, opened, usual), rate)
 
 
 def _runs(true: np.ndarray) -> list[tuple[int, int]]:
@@ -240,7 +245,7 @@ def _hips_tilted(clip: Clip, skeleton: Skeleton, lowest: np.ndarray, feet: np.nd
     return replace(clip, rotations=rotations)
 
 
-def _on_floor(clip: Clip, lowest: np.ndarray, feet: np.ndarray) -> Clip:
+def _on_floor(clip: Clip, lowest: np.ndarray, feet: np.ndarray, usual: float) -> Clip:
     """Hips raised and lowered so that the lower of the standing feet is on the floor, and neither is in it.
 
     Parameters
@@ -250,14 +255,13 @@ def _on_floor(clip: Clip, lowest: np.ndarray, feet: np.ndarray) -> Clip:
         Heights of left and right sole [m].
     feet : np.ndarray [shape=(F, 2), dtype=bool]
         Which of them stand.
+    usual : float
+        Height at which feet usually stand [m].
     """
-    lift = np.where(feet, -lowest, -np.inf).max(axis=1)
-    standing = np.flatnonzero(feet.any(axis=1))
-    if len(standing):
-        frames = np.arange(len(clip))
-        lift = _smoothed(np.interp(frames, standing, lift[standing]), clip.rate)
-    else:
-        lift = np.full(len(clip), -lowest.min())
+    lift = -_floor(lowest.min(axis=1), usual, clip.rate)
+    standing = feet.any(axis=1)
+    more = np.where(standing, np.where(feet, -lowest, -np.inf).max(axis=1) - lift, 0)
+    lift = _smoothed(lift + _faded(more[:, None], standing, clip.rate)[:, 0], clip.rate)
     lift = lift + _covering(-lowest.min(axis=1) - _SINK - lift, clip.rate)
     return replace(clip, translations=clip.translations + lift[:, None] * UP)
 
