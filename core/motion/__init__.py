@@ -9,6 +9,7 @@ from .live_stream import LiveStream, StreamFollower
 from .motion import Motion
 from .motion_choice import MotionOptions, choose_clip
 from .pose_follower import PoseFollower
+from .rest_frames import palm_directions
 from .retargeting import retarget
 
 __all__ = [
@@ -29,7 +30,7 @@ __all__ = [
     "live_stream",
     "make_clip",
     "motion",
-    "motion_choice",
+    "palm_directions",
     "pose_follower",
     "read_bvh",
     "retarget",

@@ -35,6 +35,7 @@ import numpy as np
 from ..avatar.pose import Pose
 from ..avatar.skeleton import BONES, Skeleton
 from ..errors import MirrorScanError, Notice
+from .foot_lock import Soles
 from .joint_names import JOINT_SETS
 from .pose_follower import PoseFollower
 
@@ -196,12 +197,18 @@ class LiveStream:
 
 
 class StreamFollower:
-    """Poses of the frames of a stream, whatever joints they have."""
+    """Poses of the frames of a stream, whatever joints they have.
 
-    def __init__(self, skeleton: Skeleton) -> None:
-        self._skeleton = skeleton
+    Parameters
+    ----------
+    skeleton, palms, soles
+        As of :class:`.pose_follower.PoseFollower`.
+    """
+
+    def __init__(self, skeleton: Skeleton, palms: np.ndarray | None = None, soles: Soles | None = None) -> None:
+        self._skeleton, self._palms, self._soles = skeleton, palms, soles
         self._names: tuple[str, ...] | None = None
-        self._follower = PoseFollower(skeleton)
+        self._follower = PoseFollower(skeleton, palms=palms, soles=soles)
 
     def follow(self, frame: StreamFrame) -> Pose:
         """The pose of a frame.
@@ -212,7 +219,7 @@ class StreamFollower:
             The names of its joints are not recognised.
         """
         if frame.names != self._names:
-            self._follower = PoseFollower(self._skeleton, frame.names, up=frame.up)
+            self._follower = PoseFollower(self._skeleton, frame.names, frame.up, self._palms, self._soles)
             self._names = frame.names
         values = frame.joints if frame.rotations is None else frame.rotations
         assert values is not None

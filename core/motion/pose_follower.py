@@ -50,7 +50,7 @@ class PoseFollower:
         The direction away from the floor in the tracker's axes. Default: Z for our own joints; for others seen from the
         first person.
     palms : np.ndarray [shape=(2, 3), dtype=float64], optional
-        As of :func:`.rest_frames.rest_frames`.
+        As of :func:`.rest_frames.palm_directions`; otherwise thumbs point ahead in the rest pose.
     soles : Soles, optional
         As of :func:`.foot_lock.sole_points`; otherwise estimated of the skeleton.
     floor : bool, default=True

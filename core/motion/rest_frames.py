@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..avatar.pose import SkinWeights
 from ..avatar.skeleton import BONES, Skeleton
 from ..numeric.rotations import frames, unit
 
@@ -63,6 +64,34 @@ def rest_frames(skeleton: Skeleton, palms: np.ndarray | None = None) -> RestFram
         out[foot] = out[toe] = level_frame(along[foot], UP)
     feet = [BONES.index("LeftFoot"), BONES.index("RightFoot")]
     return RestFrames(out, leg, np.arcsin(-along[feet, 2]))
+
+
+def palm_directions(vertices: np.ndarray, weights: SkinWeights, skeleton: Skeleton) -> np.ndarray:
+    """Directions (2, 3) out of the left and the right palm in the rest pose, of how the fingers lie side by side.
+
+    A fist, or fingers that scanned as a lump, say nothing: thumbs are then taken to point ahead.
+
+    Parameters
+    ----------
+    vertices : np.ndarray [shape=(V, 3), dtype=float64]
+        Of the skin, in the skeleton's frame [m].
+    weights : SkinWeights
+    skeleton : Skeleton
+    """
+    out = np.empty((2, 3))
+    for hand, side, sign in ((BONES.index("LeftHand"), 0, 1), (BONES.index("RightHand"), 1, -1)):
+        along = skeleton.tails()[hand] - skeleton.joints[hand]
+        out[side] = unit(sign * np.cross(along, FRONT))
+        own = vertices[np.where(weights.index == hand, weights.weight, 0).sum(axis=1) > 0.5] - skeleton.joints[hand]
+        share = own @ along / (along @ along)
+        fingers = own[(share > 0.6) & (share < 0.85)]  # beyond the thumb
+        if len(fingers) < 12:
+            continue
+        fingers = fingers - np.outer(fingers @ along, along) / (along @ along)
+        _, sizes, axes = np.linalg.svd(fingers - fingers.mean(axis=0), full_matrices=False)
+        if sizes[0] > 2 * sizes[1]:
+            out[side] = axes[1] * np.copysign(1, axes[1] @ out[side])
+    return out
 
 
 def bend_axis(upper: np.ndarray, lower: np.ndarray, towards: np.ndarray) -> np.ndarray:

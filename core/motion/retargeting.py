@@ -63,7 +63,7 @@ def retarget(
     loop : bool, default=False
         Make it repeat without a jump.
     palms : np.ndarray [shape=(2, 3), dtype=float64], optional
-        As of :func:`.rest_frames.rest_frames`.
+        As of :func:`.rest_frames.palm_directions`; otherwise thumbs point ahead in the rest pose.
     soles : Soles, optional
         As of :func:`.foot_lock.sole_points`; otherwise estimated of the skeleton.
 

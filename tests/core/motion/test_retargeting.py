@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mirror_scan.core.avatar.pose import SkinWeights
 from mirror_scan.core.avatar.skeleton import BONES
-from mirror_scan.core.motion import Motion, retarget
+from mirror_scan.core.motion import Motion, palm_directions, retarget
 from motion_figures import along_x, angles, apart, changed, gymnastics, other_person, skeleton
 from scipy.spatial.transform import Rotation
 
@@ -153,3 +154,29 @@ def test_the_source_at_rest_is_a_t_pose():
         assert angles(hand - arm, np.array([sign, 0, 0])) < 0.1
     np.testing.assert_allclose(clip.rotations[0, : BONES.index("Head") + 1], np.tile(np.eye(3), (6, 1, 1)), atol=1e-9)
     assert abs(joints[BONES.index("LeftFoot"), 2] - 0.08) < 0.01
+
+
+def test_palms_of_a_skin_are_those_of_its_fingers():
+    person, rng = skeleton(), np.random.default_rng(2)
+    vertices, index, truth = [], [], []
+    for side, sign in (("Left", 1), ("Right", -1)):
+        hand = BONES.index(f"{side}Hand")
+        along = person.tails()[hand] - person.joints[hand]
+        usual = sign * np.cross(along, [0, -1, 0])
+        normal = Rotation.from_rotvec(np.radians(25) * along / np.linalg.norm(along)).apply(
+            usual / np.linalg.norm(usual)
+        )
+        across = np.cross(along / np.linalg.norm(along), normal)
+        flat = rng.uniform([0, -0.04, -0.008], [1, 0.04, 0.008], (500, 3))
+        vertices.append(person.joints[hand] + flat @ np.stack([along, across, normal]))
+        index.append(np.full(500, hand))
+        truth.append(normal)
+    index = np.concatenate(index)
+    weights = SkinWeights(np.stack([index] + [0 * index] * 3, axis=1).astype(np.uint8),
+                          np.tile(np.array([1, 0, 0, 0], np.float32), (1000, 1)))  # fmt: skip
+    palms = palm_directions(np.concatenate(vertices), weights, person)
+    assert angles(palms, np.array(truth)).max() < 3
+    lump = person.joints[index] + 0.03 * rng.normal(size=(1000, 3))
+    fallen_back = palm_directions(lump, weights, person)
+    clip, other = (retarget(gymnastics(), person, palms=each) for each in (None, fallen_back))
+    np.testing.assert_allclose(other.rotations, clip.rotations, atol=1e-9)
