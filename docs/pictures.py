@@ -267,7 +267,7 @@ def _walking(avatar: Mesh) -> list[Mesh]:
     skeleton = find_skeleton(avatar)
     fine, weights = skinned_mesh(avatar, skeleton)
     soles = sole_points(fine.vertices, weights, skeleton)
-    clip = choose_clip("walk", skeleton, soles, MotionOptions(in_place=True), rate=12.5)
+    clip = choose_clip("walk", skeleton, soles, options=MotionOptions(in_place=True), rate=12.5)
     shapes = [skinned(fine.vertices, weights, bone_matrices(skeleton, clip.pose(k))) for k in range(len(clip))]
     low, high = np.min(shapes, axis=(0, 1)), np.max(shapes, axis=(0, 1))
     corners = np.array([low, high]).repeat(3, axis=0) + 1e-6 * np.tile(np.eye(3), (2, 1))  # too small to be seen

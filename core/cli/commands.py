@@ -148,7 +148,7 @@ def _rigged_avatar(path: Path, readers: Readers) -> Avatar:
 
 def _clip_for(avatar: Avatar, options: argparse.Namespace) -> Clip:
     """The motion that a command line names, for the avatar's skeleton."""
-    from ..motion import CLIPS, MotionOptions, choose_clip, sole_points
+    from ..motion import CLIPS, MotionOptions, choose_clip, palm_directions, sole_points
 
     assert avatar.skeleton is not None and avatar.weights is not None  # seen to when it was read
     source: Any = options.motion
@@ -157,8 +157,9 @@ def _clip_for(avatar: Avatar, options: argparse.Namespace) -> Clip:
         if suffix not in (".bvh", ".fbx"):
             raise CaptureError(f"{source}: is no motion; give a .bvh or .fbx file, or one of {', '.join(CLIPS)}")
         source = Path(source) if suffix == ".bvh" else reader_of(Path(source), options.readers)(Path(source))
-    soles = sole_points(avatar.mesh.vertices, avatar.weights, avatar.skeleton)
-    return choose_clip(source, avatar.skeleton, soles, MotionOptions(options.in_place, loop=options.loop))
+    skin = avatar.mesh.vertices, avatar.weights, avatar.skeleton
+    wanted = MotionOptions(options.in_place, loop=options.loop)
+    return choose_clip(source, avatar.skeleton, sole_points(*skin), palm_directions(*skin), wanted)
 
 
 def run_calibrate(options: argparse.Namespace, writers: Writers) -> None:

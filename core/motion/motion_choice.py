@@ -39,6 +39,7 @@ def choose_clip(
     source: Motion | Path | str,
     skeleton: Skeleton,
     soles: Soles | None = None,
+    palms: np.ndarray | None = None,
     options: MotionOptions = MotionOptions(),
     rate: float | None = None,
 ) -> Clip:
@@ -52,6 +53,8 @@ def choose_clip(
         Avatar frame.
     soles : Soles, optional
         As of :func:`.foot_lock.sole_points`; by default estimated of the skeleton.
+    palms : np.ndarray [shape=(2, 3), dtype=float64], optional
+        As of :func:`.rest_frames.palm_directions`; by default thumbs point ahead in the rest pose.
     options : MotionOptions
     rate : float, optional
         Frames a second of the clip; by default the file's own.
@@ -67,7 +70,7 @@ def choose_clip(
             clip = _locked_loop(clip, skeleton, soles)
         return clip.in_place() if options.in_place else clip
     motion = source if isinstance(source, Motion) else read_bvh(source)
-    clip = retarget(motion, skeleton, options.in_place, options.lock_feet, options.loop, soles=soles)
+    clip = retarget(motion, skeleton, options.in_place, options.lock_feet, options.loop, palms, soles)
     return clip if rate is None or clip.rate == rate else clip.resampled(rate)
 
 

@@ -491,12 +491,14 @@ def skeleton_steps(mesh: Mesh) -> Steps[Rigged]:
     return Rigged(refined.transformed(back), skeleton.transformed(back), weights)
 
 
-def motion_steps(source: Motion | str, skeleton: Skeleton, soles: Soles, rate: float, options: dict) -> Steps[Clip]:
+def motion_steps(
+    source: Motion | str, skeleton: Skeleton, soles: Soles, palms: np.ndarray, rate: float, options: dict
+) -> Steps[Clip]:
     """A motion as a clip of ``skeleton``: ``core.motion.choose_clip``; ``options`` are of ``MotionOptions``."""
     yield 0.0, "Moving the skeleton"
     from ...core.motion import MotionOptions, choose_clip
 
-    return choose_clip(source, skeleton, soles, MotionOptions(**options), rate)
+    return choose_clip(source, skeleton, soles, palms, MotionOptions(**options), rate)
 
 
 # --- virtual rig -----------------------------------------------------------------------------------------------------

@@ -82,7 +82,7 @@ class MIRRORSCAN_OT_apply_motion(job_operators.FileJobOperator, bpy.types.Operat
     def start(self, context: bpy.types.Context) -> job_operators.Task:
         import os
 
-        from ...core.motion import sole_points
+        from ...core.motion import palm_directions, sole_points
         from ..scene import armature, avatar_objects
 
         source = self.clip
@@ -102,10 +102,12 @@ class MIRRORSCAN_OT_apply_motion(job_operators.FileJobOperator, bpy.types.Operat
         self._uid = bones.session_uid
         self._unit = float(avatar_objects.size_of(bones, metres_per_unit(context.scene)).mean())
         rigged = armature.read_avatar(avatar, self._unit)
-        soles = sole_points(rigged.mesh.vertices, rigged.weights, rigged.skeleton)
+        skin = rigged.mesh.vertices, rigged.weights, rigged.skeleton
         rate = context.scene.render.fps / context.scene.render.fps_base
         options = {"in_place": self.in_place, "lock_feet": self.lock_feet, "loop": self.loop}
-        return job_operators.Task("motion_steps", (source, rigged.skeleton, soles, rate, options))
+        return job_operators.Task(
+            "motion_steps", (source, rigged.skeleton, sole_points(*skin), palm_directions(*skin), rate, options)
+        )
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         from ..scene import armature, rig_controls
