@@ -11,6 +11,7 @@ from mirror_scan.core.mirror_alignment.frame_shape import frame_shape, honest_er
 from mirror_scan.core.mirrors.mirror import expected_error
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.mirrors.wall_behind_frame import on_wall
+from mirror_scan.core.views.view_correspondences import likeness
 
 CAMERA = Intrinsics(640, 480, 520.0, 520.0, 319.5, 239.5)
 NOISE = 0.0008
@@ -93,3 +94,29 @@ def test_a_straight_frame_is_not_warned_of_nor_said_to_hang_on_a_wall(simulated)
             assert not on_wall(mirror)
             shape = frame_shape(image, mirror)
             assert shape is None or abs(shape.sag) < max(4.0 * shape.sag_error, 0.4 * shape.noise) + 1e-4
+
+
+def test_noise_that_is_alike_over_a_matching_window_makes_a_frame_less_sure():
+    """A frame of 4 cm before a far wall, read again and again by a camera that matches windows of 7 px."""
+    v, u = np.indices((CAMERA.height, CAMERA.width))
+    x, y = 2.0 * (u - CAMERA.cx) / CAMERA.fx, 2.0 * (v - CAMERA.cy) / CAMERA.fy
+    inner, outer = (np.maximum(np.abs(x) - half, np.abs(y) - half - 0.35) for half in (0.4, 0.44))
+    frame = (inner > 0.0) & (outer < 0.0)
+    inverse = np.where(frame, 0.5, np.where(inner < 0.0, np.nan, 0.25))
+    off, said, before = [], [], []
+    for seed in range(8):
+        noise = np.random.default_rng(seed).standard_normal((CAMERA.height + 6, CAMERA.width + 6))
+        for axis in (0, 1):
+            noise = np.apply_along_axis(np.convolve, axis, noise, np.ones(7), "valid")
+        depth = np.nan_to_num(1.0 / (inverse + 0.0015 / 7.0 * noise)).astype(np.float32)
+        image = RgbdImage(depth, CAMERA)
+        picks = [(a, b) for a in (-0.42, 0.42) for b in (-0.6, -0.2, 0.2, 0.6)] + [(0.0, -0.77), (0.0, 0.77)]
+        points = np.array([(*place, 2.0) for place in picks])
+        mirror = place_mirror(image, MirrorPicks("door", project(points, CAMERA)))
+        honest, warning = honest_error(image, mirror, likeness(depth)[1])
+        assert warning is None
+        off.append(np.radians(turned(mirror)))
+        said.append(np.sqrt(honest.covariance[0, 0]))
+        before.append(np.sqrt(mirror.covariance[0, 0]))
+    true = float(np.sqrt(np.mean(np.square(off))))
+    assert 0.5 < true / np.mean(said) < 1.7 and np.mean(said) > 1.15 * np.mean(before)
