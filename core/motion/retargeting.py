@@ -36,7 +36,7 @@ _SIDES = ("Left", "Right")
 _USUAL_SLOPE = np.radians(20)  # of the way from ankle to toes, on a level sole
 _SLOPE_TRUSTED = np.radians(12)
 _STANDS, _STANDS_LONG = 1.0, 0.3  # lengths of the foot a second: slower it stands; s: so long it must
-_SLOPE_LEFT, _SLOPE_GIVEN = np.radians(2.5), np.radians(8)
+_SLOPE_LEFT, _SLOPE_GIVEN = np.radians(2), np.radians(8)
 
 
 def retarget(
