@@ -161,11 +161,11 @@ def _sole_places(clip: Clip, skeleton: Skeleton, soles: Soles) -> np.ndarray:
     used = np.flatnonzero(soles.weights.any(axis=(0, 1)))
     rotations = clip.rotations[:, used]
     moves = clip.joints(skeleton)[:, used] - np.einsum("fbij,bj->fbi", rotations, skeleton.joints[used])
-    weights = soles.weights[..., used]
-    places = np.einsum("skb,fbi->fski", weights, moves)
-    for bone in range(len(used)):
-        places += weights[..., bone, None] * np.einsum("fij,skj->fski", rotations[:, bone], soles.points)
-    return places
+    matrices = np.concatenate([rotations, moves[..., None]], axis=3).transpose(0, 2, 1, 3).reshape(len(clip), 3, -1)
+    points = np.concatenate([soles.points, np.ones((*soles.points.shape[:2], 1))], axis=2)
+    parts = soles.weights[..., used, None] * points[:, :, None]
+    places = matrices @ parts.reshape(-1, 4 * len(used)).T
+    return np.swapaxes(places, 1, 2).reshape(len(clip), *soles.points.shape)
 
 
 def _usual_heights(points: np.ndarray, rate: float) -> np.ndarray:
