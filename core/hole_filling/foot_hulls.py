@@ -65,7 +65,7 @@ def foot_hulls(patches: list[Mesh], free_space: FreeSpace, up: np.ndarray, floor
     colors = [patch.colors for patch in some if patch.colors is not None]
     color = np.concatenate(colors)[low] if len(colors) == len(some) else None
     points, height = points[low], height[low]
-    east = np.cross(up, (0.0, 0.0, 1.0))
+    east = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
     east /= np.linalg.norm(east)
     north = np.cross(up, east)
     plan = np.column_stack((dot(points, east), dot(points, north)))

@@ -42,6 +42,7 @@ _OUTSIDE_GAP, _OUTSIDE_SHARE, _STANDING_GAP, _LOW = 0.08, 0.3, 0.04, 0.05
 _UNREAD, _SAME_LIMB = 4, 0.3  # px without a reading beside what hides a limb; m: how far a limb's two ends differ in z
 # m: a foot whose instep was not read is no higher above the floor, its toes are higher, and no farther from its limb
 _FOOT, _TOES, _INSTEP = 0.12, 0.025, 0.2
+_GIVEN_UP = 0.015  # m: so wide at least is what was not read between them; at the edge of what stands in front less is
 _AXIS_SPREAD, _OBJECT_SPREAD = 0.5, 0.3  # how far off the rig's axis a person or object counts less [m]
 
 
@@ -430,7 +431,9 @@ def _instep_kernel(component, member, small, depth, points, up, least, reach):
                     for i in range(3):
                         away += (q[i] - p[i]) ** 2
                         level += q[i] * up[i]
-                    if away < _INSTEP**2 and level > least and _unread_between(component, depth, v, u, y, x):
+                    if away > _INSTEP**2 or level < least:
+                        continue
+                    if _unread_between(component, depth, v, u, y, x) * p[2] * _INSTEP > _GIVEN_UP * reach:
                         found = True
                         break
                 if found:
@@ -441,10 +444,11 @@ def _instep_kernel(component, member, small, depth, points, up, least, reach):
 
 @njit(cache=True, nogil=True)
 def _unread_between(component, depth, v, u, y, x):
-    """Whether nothing is read between two pixels but what belongs to one of them."""
-    steps = max(abs(y - v), abs(x - u))
+    """How many pixels between two are not read; 0 where one is read that does not belong to the first."""
+    steps, unread = max(abs(y - v), abs(x - u)), 0
     for step in range(1, steps):
         a, b = int(np.rint(v + (y - v) * step / steps)), int(np.rint(u + (x - u) * step / steps))
-        if depth[a, b] > 0 and component[a, b] != component[v, u] and component[a, b] != component[y, x]:
-            return False
-    return True
+        if depth[a, b] > 0 and component[a, b] != component[v, u]:
+            return 0
+        unread += depth[a, b] == 0
+    return unread

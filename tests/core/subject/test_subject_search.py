@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from mirror_scan.core.camera import RgbdImage
 from mirror_scan.core.cli.commands import settings_of
 from mirror_scan.core.cli.parser import build_parser
 from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.errors import ReconstructionError
+from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mirrors.mirror import plane_mirror
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.pipeline import Settings
@@ -67,6 +69,29 @@ def test_others_and_furniture_are_dropped(person, other, case):
         rig = replace(rig, room=(-1.6, 1.6, -3.4, 1.05, 2.4))
     views, right, left, _ = sorted_out(simulate(person, rig, stand))
     assert right > 0.995 and left < 0.002 and views.warnings == ()
+
+
+@pytest.mark.parametrize("sides", [(-1.0, 1.0), (1.0,)])
+def test_toes_beyond_an_instep_without_a_reading(simulated, sides):
+    """Toes are the person's although nothing is read up to the shin."""
+    simulation = simulated("ideal")
+    place, direct = simulation.truth.sight.point, simulation.truth.labels == 0
+    dark = direct & (place[..., 2] > 0.04) & (place[..., 2] < 0.11) & np.isin(np.sign(place[..., 0]), sides)
+    depth = np.where(dark, np.float32(0.0), one_depth_map(simulation.capture)[0])
+    image = RgbdImage(depth, simulation.capture.intrinsics)
+    views = find_subject(image, [place_mirror(image, m) for m in simulation.capture.mirrors], ViewSettings())
+    toes = direct & (place[..., 2] > 0.005) & (place[..., 2] < 0.035) & (depth > 0)
+    assert toes.sum() > 60 and (views.labels[toes] == 0).mean() > 0.85
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.17, -0.38), (0.45, -0.1), (0.0, -0.25)])
+def test_a_shoe_on_the_floor_is_not_the_person(person, x, y):
+    shoe = trimesh.creation.box((0.09, 0.2, 0.07), trimesh.transformations.translation_matrix((0, 0, 0.035)))
+    shoe = Mesh(np.array(shoe.vertices), np.array(shoe.faces, np.int32), np.full((8, 3), 90, np.uint8))
+    _, right, left, _ = sorted_out(
+        simulate(person, default_rig("azure_kinect", frames=3), [props.placed(shoe, x, y, 0)])
+    )
+    assert right > 0.99 and left < 0.002
 
 
 @pytest.mark.parametrize(
