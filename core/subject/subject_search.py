@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from ..camera import RgbdImage, unproject
+from ..camera import Intrinsics, RgbdImage, unproject
 from ..errors import Notice, ReconstructionError
 from ..mirrors import Mirror
+from ..numeric.point_products import dot
 from ..views.floor_and_vertical import find_ground
 from ..views.ray_sorting import sort_rays
-from ..views.rig_axis import rig_axis
+from ..views.rig_axis import reflected_sight, rig_axis
 from .connected_pixels import Readings, label_kernel
-from .direct_subject import figure_areas, find_object, find_person
-from .floor_plane import ROUGH, Floor, standing_pieces
+from .direct_subject import DirectSubject, figure_areas, find_object, find_person
+from .floor_plane import ROUGH, Floor, horizontal_projection, standing_pieces
 from .mirrored_subject import label_mirrored_subject, mirrored_pieces
 from .occluded_pieces import occluded_pieces
 from .subject_views import Views, ViewSettings
 
 DEFAULTS = ViewSettings()
 
+_ALONG_SIGHT = np.arange(0.5, 4.0, 0.25)  # m from a mirror, on the line of sight, where somebody is looked for
+_OFF_SIGHT, _TALL = 0.5, 0.5  # m: how far beside that line, and how tall at least
 _CLICK_RADIUS = 6  # px: a click without a reading takes the nearest one
 
 
@@ -55,9 +60,10 @@ def find_subject(
     ground, views = find_ground(points, seen, mirrors), len(mirrors) + 1
     readings = Readings(depth, seen, points, ground.up, 1.0 / intrinsics.fx)
     clicked = None if settings.click is None else _clicked_pixel(settings.click, depth, seen)
+    told = expected is not None
     if clicked is not None:
         expected = points[clicked]
-    elif expected is None:
+    elif not told:
         expected = rig_axis(mirrors, ground.up, intrinsics)
     highest = np.inf if ground.floor is None or settings.object else ground.floor + settings.max_height
     floor = Floor(ground.floor, expected, True, 0.9 * settings.reach, highest)
@@ -66,6 +72,8 @@ def find_subject(
         direct = find_object(readings, floor, clicked, views, settings)
     else:
         direct = find_person(readings, floor, clicked, settings)
+        if direct is None and clicked is None and not told:
+            direct = _person_beside_axis(readings, floor, mirrors, intrinsics, settings)
     if direct is None:
         raise ReconstructionError(_nobody(settings))
     labels = direct.labels()
@@ -88,6 +96,35 @@ def find_subject(
         labels, seen, points, ground.up, direct.floor.height, ground.noise, axis, warnings,
         _limits(depth, labels, views), ground.disagreement_deg,
     )  # fmt: skip
+
+
+def _person_beside_axis(
+    readings: Readings, floor: Floor, mirrors: list[Mirror], intrinsics: Intrinsics, settings: ViewSettings
+) -> DirectSubject | None:
+    """The person at the image's side, on the line of sight by way of one mirror, where the camera does not look there.
+
+    A camera that is turned away, or that has only one mirror in its picture, does not look at where they meet.
+    """
+    lines = reflected_sight(mirrors, intrinsics)
+    if not lines:
+        return None
+    places = np.concatenate([middle + _ALONG_SIGHT[:, None] * direction for middle, direction in lines])
+    pieces, _ = standing_pieces(readings, range(1), replace(floor, center=None), ROUGH, settings)
+    areas = figure_areas(pieces, places, settings)
+    best = int(np.argmax(areas))
+    if areas[best] <= 0.0:
+        return None
+    found = find_person(readings, replace(floor, center=places[best]), None, settings)
+    if found is None or not _is_on_line(found.middle(), lines, readings.up):
+        return None
+    return found if np.ptp(dot(readings.points[found.labels() == 0], readings.up)) > _TALL else None
+
+
+def _is_on_line(place: np.ndarray, lines: list[tuple[np.ndarray, np.ndarray]], up: np.ndarray) -> bool:
+    """Whether a place is near one of some lines, seen from above."""
+    level = horizontal_projection(up)
+    across = [np.cross(up, direction) / np.linalg.norm(level @ direction) for _, direction in lines]
+    return any(abs(float((place - point) @ side)) < _OFF_SIGHT for (point, _), side in zip(lines, across, strict=True))
 
 
 def figures_at(

@@ -19,13 +19,7 @@ def rig_axis(mirrors: list[Mirror], up: np.ndarray, intrinsics: Intrinsics) -> n
     nearest to all of them and to the camera's own line of sight, seen from above. None with no mirror of known extent.
     """
     A, b = np.zeros((3, 3)), np.zeros(3)
-    lines = [(np.zeros(3), np.array((0.0, 0.0, 1.0)))]
-    for m in mirrors:
-        if m.outline is None:
-            continue
-        middle = visible_middle(m, intrinsics)
-        direction = reflect(middle * 2, m) - middle
-        lines.append((middle, direction / np.linalg.norm(direction)))
+    lines = [(np.zeros(3), np.array((0.0, 0.0, 1.0))), *reflected_sight(mirrors, intrinsics)]
     if len(lines) < 2:
         return None
     A += _LEVEL * np.outer(up, up)
@@ -36,6 +30,17 @@ def rig_axis(mirrors: list[Mirror], up: np.ndarray, intrinsics: Intrinsics) -> n
         A += P
         b += P @ origin
     return np.linalg.solve(A, b)
+
+
+def reflected_sight(mirrors: list[Mirror], intrinsics: Intrinsics) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The line of sight to the middle of what is seen of each mirror of known extent, reflected: point, unit vector."""
+    lines = []
+    for m in mirrors:
+        if m.outline is not None:
+            middle = visible_middle(m, intrinsics)
+            direction = reflect(middle * 2, m) - middle
+            lines.append((middle, direction / np.linalg.norm(direction)))
+    return lines
 
 
 def visible_middle(mirror: Mirror, intrinsics: Intrinsics) -> np.ndarray:

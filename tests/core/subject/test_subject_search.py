@@ -355,6 +355,20 @@ def test_where_mirrors_look_that_reach_out_of_the_image():
     assert np.hypot(*meeting[:2]) < 0.25
 
 
+@pytest.mark.parametrize(("sensor", "pan"), [("kinect_v1", 18.0), ("azure_kinect", 24.0), ("azure_kinect", -22.0)])
+def test_somebody_at_the_images_side(person, sensor, pan):
+    """The camera is turned away, so that one mirror is out of its picture, and nothing is where it looks."""
+    simulation = simulate(person, replace(default_rig(sensor, frames=3), pan_deg=pan))
+    views, right, left, _ = sorted_out(simulation)
+    assert right > 0.99 and left < 0.004 and (views.labels == 0).sum() > 10_000
+
+
+def test_something_small_at_the_images_side_is_nobody():
+    rig = replace(default_rig("azure_kinect", frames=3), pan_deg=24.0)
+    with pytest.raises(ReconstructionError, match="nobody stands"):
+        sorted_out(simulate(props.box((-0.05, -0.05, 0.0), (0.05, 0.05, 0.02)), rig))
+
+
 def test_gravity_from_mirrors_and_floor():
     up = np.array((0.0, -1.0, 0.0))
     lean = np.radians(5.0)
