@@ -23,13 +23,13 @@ _LIMBS = {
     "UpLeg": "upperleg upleg uleg legupper thigh thighbend femur upperleg01 thighstretch hip hipjoint",
     "Leg": "lowerleg lowleg lleg leglower knee shin calf tibia lowerleg01 legstretch",
     "Foot": "ankle foot",
-    "ToeBase": "toebase toe toes ball toe0 toe01 toe11 foot footindex",
+    "ToeBase": "toebase toe toes ball toe0 toe01 toe11 bigtoe footindex foot",
     "Shoulder": "clavicle collar collarbone shoulder1 shoulder01 shoulder",
 }
 _MIDDLE = {
     "Hips": "hips pelvis hip hipcenter hipscenter spinebase midhip root spine",
     "Neck": "neck neck1 neck01 lowerneck necklower shouldercenter spineshoulder",
-    "Head": "head head01 spine006",
+    "Head": "head head1 head01 spine006",
 }
 _SPINE_NAME = re.compile(r"(spine|chest|upperchest|lowerback|upperback|thorax|torso|abdomen|navel|[lt]\d+$)")
 _FINGERS = {"Thumb": "thumb", "Index": "index", "Middle": "mid", "Pinky": "pinky|little", "Tip": "fingers|tip|end"}
@@ -54,8 +54,8 @@ class JointMap:
     Parameters
     ----------
     joints : dict of str to int
-        Name in ``BONES`` (without ``Spine``s) to place in the file. The hips and the joints of arms and legs are all
-        there; neck, head, shoulders and toes as far as the file has them.
+        Name in ``BONES`` (without ``Spine``s) to place in the file. The joints of arms and legs are all there, and in
+        a tree the hips; neck, head, shoulders and toes as far as the file has them.
     trunk : tuple of int
         Joints from above the hips up to the chest, from which the arms hang.
     fingers : dict of str to int
@@ -105,7 +105,7 @@ def match_joints(name: str, joints: Sequence[str], parents: np.ndarray) -> Joint
     if tree and "LeftUpLeg" in found and "RightUpLeg" in found:
         hips = _nearest_common(above[found["LeftUpLeg"]], above[found["RightUpLeg"]])
         found |= {"Hips": hips} if hips >= 0 else {}
-    missing = [bone for bone in _NEEDED if bone not in found]
+    missing = [bone for bone in _NEEDED if bone not in found and (tree or bone != "Hips")]
     if missing:
         raise MirrorScanError(
             "{name}: this skeleton's names are not known; not found: {missing}. Name its joints as Mixamo does "
@@ -292,5 +292,11 @@ JOINT_SETS = {
         "HEAD NOSE EYE_LEFT EAR_LEFT EYE_RIGHT EAR_RIGHT"
     ),
     "arkit": _arkit(),
+    "mediapipe": _split(
+        "nose left_eye_inner left_eye left_eye_outer right_eye_inner right_eye right_eye_outer left_ear right_ear "
+        "mouth_left mouth_right left_shoulder right_shoulder left_elbow right_elbow left_wrist right_wrist "
+        "left_pinky right_pinky left_index right_index left_thumb right_thumb left_hip right_hip left_knee right_knee "
+        "left_ankle right_ankle left_heel right_heel left_foot_index right_foot_index"
+    ),
 }
 """Joints of body trackers in the order in which they number them."""

@@ -168,8 +168,12 @@ class PoseFollower:
         else:
             up = unit(np.asarray(self._up, dtype=np.float64))
         lifted = shortest_turn(up, UP)
-        left = lifted @ (unit(hips[0] - hips[1]) + unit(arms[0] - arms[1]))
-        ahead = np.cross(left, UP)
+        left = lifted @ (unit(hips[0] - hips[1]) + unit(arms[0] - arms[1])) * [1, 1, 0]
+        ahead, toes = cross(left, UP), lifted @ (seen[_TOES] - seen[_FEET]).sum(axis=0)
+        if toes @ ahead < -0.5 * np.linalg.norm(toes[:2]) * np.linalg.norm(ahead):
+            # Toes that point backwards: the tracker's axes are left-handed (Unity), left and right stand exchanged.
+            left = unit(left)
+            lifted, ahead = lifted - 2 * np.outer(left, left @ lifted), -ahead
         return about_axis(2, -np.pi / 2 - np.arctan2(ahead[1], ahead[0])) @ lifted
 
     def _trunk(self, seen: np.ndarray, out: np.ndarray) -> None:

@@ -171,7 +171,7 @@ def _upright(motion: Motion, joints: JointMap) -> np.ndarray:
         places = joints.joints
         feet = np.nanmean(motion.positions[:, [places["LeftFoot"], places["RightFoot"]]], axis=1)
         arms = np.nanmean(motion.positions[:, [places["LeftArm"], places["RightArm"]]], axis=1)
-        hips = motion.positions[:, places["Hips"]]
+        hips = np.nanmean(motion.positions[:, [places["LeftUpLeg"], places["RightUpLeg"]]], axis=1)
         mean = np.nanmean(unit(hips - feet) + unit(arms - hips), axis=0)
         if not np.isfinite(mean).all():
             raise MirrorScanError("{name}: hips, shoulders and feet are never seen together", name=motion.name)

@@ -70,7 +70,9 @@ def test_conventions(convention, prefix, tree):
         assert found.joints["Hips"] == 0 and found.joints["Head"] == chest + 2
 
 
-@pytest.mark.parametrize(("name", "count"), [("kinect_v1", 20), ("kinect_v2", 25), ("azure_kinect", 32), ("arkit", 91)])
+@pytest.mark.parametrize(
+    ("name", "count"), [("kinect_v1", 20), ("kinect_v2", 25), ("azure_kinect", 32), ("arkit", 91), ("mediapipe", 33)]
+)
 def test_trackers(name, count):
     joints = JOINT_SETS[name]
     assert len(joints) == len(set(joints)) == count
@@ -80,6 +82,35 @@ def test_trackers(name, count):
             if bone.startswith(side):
                 assert side.lower() in joints[place].lower() and other not in joints[place].lower()
     assert {f"{side}{part}" for side in ("Left", "Right") for part in LIMBS} <= found.keys()
+
+
+@pytest.mark.parametrize(
+    ("names", "bones"),
+    [
+        ("Hip Ab Chest Neck Head LShoulder LUArm LFArm LHand RShoulder RUArm RFArm RHand LThigh LShin LFoot LToe "
+         "RThigh RShin RFoot RToe",
+         "LeftShoulder=LShoulder LeftArm=LUArm RightForeArm=RFArm RightToeBase=RToe Hips=Hip"),
+        ("pelvis lThighBend lThighTwist lShin lFoot lToe rThighBend rThighTwist rShin rFoot rToe chestUpper lCollar "
+         "lShldrBend lShldrTwist lForearmBend lForearmTwist lHand rCollar rShldrBend rForearmBend rHand neckLower head",
+         "LeftUpLeg=lThighBend LeftArm=lShldrBend RightForeArm=rForearmBend Neck=neckLower LeftShoulder=lCollar"),
+        ("Nose Neck RShoulder RElbow RWrist LShoulder LElbow LWrist MidHip RHip RKnee RAnkle LHip LKnee LAnkle LBigToe "
+         "LSmallToe LHeel RBigToe RSmallToe RHeel",
+         "LeftArm=LShoulder RightHand=RWrist LeftToeBase=LBigToe Hips=MidHip"),
+        ("Character1_Hips Character1_LeftArm Character1_LeftForeArm Character1_LeftHand Character1_RightArm "
+         "Character1_RightForeArm Character1_RightHand Character1_LeftUpLeg Character1_LeftLeg Character1_LeftFoot "
+         "Character1_RightUpLeg Character1_RightLeg Character1_RightFoot", "LeftLeg=Character1_LeftLeg"),
+        ("DEF-spine DEF-upper_arm.L DEF-upper_arm.L.001 DEF-forearm.L DEF-hand.L DEF-thigh.L DEF-thigh.L.001 "
+         "DEF-shin.L DEF-foot.L "
+         "MCH-foot.L DEF-upper_arm.R DEF-forearm.R DEF-hand.R DEF-thigh.R DEF-shin.R DEF-foot.R",
+         "LeftArm=DEF-upper_arm.L LeftUpLeg=DEF-thigh.L LeftFoot=DEF-foot.L"),
+    ],
+)  # fmt: skip
+def test_more_programs(names, bones):
+    names = names.split()
+    found = match_joints("motion", names, np.full(len(names), -1)).joints
+    for pair in bones.split():
+        bone, name = pair.split("=")
+        assert names[found[bone]] == name
 
 
 def test_zero_bones_and_split_necks_of_cgspeed():

@@ -80,6 +80,36 @@ def test_a_sensor_s_joints_in_its_axes_and_unit():
     np.testing.assert_allclose(way[:2], clip.translations[-1, :2], atol=0.06)
 
 
+@pytest.mark.parametrize("axes", [np.diag([-1.0, 1, 1]), np.array([[-1.0, 0, 0], [0, 0, 1], [0, -1, 0]])])
+def test_left_handed_axes_exchange_no_sides(axes):
+    person = skeleton()
+    joints = make_clip("walk", person).joints(person)
+    follower = PoseFollower(person, BONES)
+    for frame in joints[::4]:
+        posed = posed_joints(person, follower.follow(frame @ axes.T))
+        assert angles(_bones(posed), _bones(frame)).max() < 2
+
+
+def test_landmarks_without_hips_or_neck():
+    """MediaPipe: Y down, hips between the thighs at the origin, no more of the trunk than shoulders and hips."""
+    person = skeleton()
+    names = JOINT_SETS["mediapipe"]
+    ours = {"shoulder": "Arm", "elbow": "ForeArm", "wrist": "Hand", "hip": "UpLeg", "knee": "Leg", "ankle": "Foot",
+            "foot_index": "ToeBase"}  # fmt: skip
+    follower = PoseFollower(person, names)
+    for joints in make_clip("squat", person).joints(person)[::6]:
+        sent = np.full((33, 3), np.nan)
+        for place, name in enumerate(names):
+            side, _, part = name.partition("_")
+            if part in ours:
+                sent[place] = joints[BONES.index(side.capitalize() + ours[part])]
+        middle = (sent[names.index("left_hip")] + sent[names.index("right_hip")]) / 2
+        posed = posed_joints(
+            person, follower.follow((sent - middle) @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]).T)
+        )
+        assert angles(_bones(posed), _bones(joints)).max() < 1
+
+
 def test_what_is_not_seen_stays_as_it_was():
     person, names = skeleton(), list(BONES)
     clip = make_clip("walk", person)

@@ -143,6 +143,16 @@ def test_other_hips_and_fewer_joints_do():
     assert np.isfinite(clip.rotations).all()
 
 
+@pytest.mark.parametrize("frames", [1, 2, 3])
+def test_a_few_frames_are_a_clip_too(frames):
+    motion = gymnastics()
+    short = Motion(motion.name, motion.joints, motion.parents, motion.positions[:frames], motion.rotations[:frames],
+                   motion.rest, motion.rate)  # fmt: skip
+    for source in (short, along_x(short)):
+        clip = retarget(source, skeleton(), loop=True)
+        assert len(clip) == frames and np.isfinite(clip.rotations).all() and np.isfinite(clip.translations).all()
+
+
 def test_the_source_at_rest_is_a_t_pose():
     names, parents, rest = other_person()
     still = Motion("still", tuple(names), parents, np.tile(rest, (3, 1, 1)), np.tile(np.eye(3), (3, len(names), 1, 1)),
