@@ -56,6 +56,13 @@ class PoseFollower:
     floor : bool, default=True
         Lift the avatar so that no foot is in the floor.
 
+    Attributes
+    ----------
+    pose : Pose
+        The last one; the rest pose at first.
+    world : np.ndarray [shape=(3, 3), dtype=float64] or None
+        From the tracker's axes to the avatar frame, the person facing −Y at first; None until somebody was seen.
+
     Raises
     ------
     MirrorScanError
@@ -96,7 +103,7 @@ class PoseFollower:
     def restart(self) -> None:
         """Forget the person: the next frame is a first one."""
         self.pose = Pose.rest()
-        self._world = np.eye(3) if self._own and self._up is None else None
+        self.world: np.ndarray | None = np.eye(3) if self._own and self._up is None else None
         self._origin = np.zeros(3) if self._own and self._up is None else None
         self._legs: list[float] = []
         self._axes = self._rest.frames[_UPPER, :, 1]  # of elbows and knees, as carried on
@@ -141,11 +148,11 @@ class PoseFollower:
 
     def _placed(self, joints: np.ndarray) -> Pose:
         """The pose of joints that came."""
-        if self._world is None:
-            self._world = self._find_world(joints)
-            if self._world is None:
+        if self.world is None:
+            self.world = self._find_world(joints)
+            if self.world is None:
                 return self.pose
-        joints = joints @ self._world.T
+        joints = joints @ self.world.T
         seen = np.where(self._places[:, None] >= 0, joints[self._places], np.nan)
         out = np.empty((len(BONES), 3, 3))
         self._trunk(seen, out)

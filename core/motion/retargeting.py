@@ -86,12 +86,13 @@ def retarget(
 
 def _followed(motion: Motion, joints: JointMap, skeleton: Skeleton, palms: np.ndarray | None) -> Clip:
     """A clip of positions alone, frame by frame."""
-    world = _upright(motion, joints)
-    follower = PoseFollower(skeleton, motion.joints, palms=palms, floor=False)
-    poses = [follower.follow(frame @ world.T) for frame in motion.positions]
+    follower = PoseFollower(skeleton, motion.joints, _up_axis(motion, joints), palms, floor=False)
+    poses = [follower.follow(frame) for frame in motion.positions]
+    if follower.world is None:
+        raise MirrorScanError("{name}: hips and shoulders are never seen together", name=motion.name)
     rotations = np.array([pose.rotations for pose in poses])
     translations = np.array([pose.translation for pose in poses])
-    return _facing_front(motion, rotations, translations, world)
+    return _facing_front(motion, rotations, translations, follower.world)
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ class _Source:
 
 def _turned(motion: Motion, joints: JointMap, skeleton: Skeleton, rest: RestFrames) -> Clip:
     """A clip of rotations."""
-    source = _Source(motion, joints, _rest_stance(motion, joints), _upright(motion, joints))
+    source = _Source(motion, joints, _rest_stance(motion, joints), shortest_turn(_up_axis(motion, joints), UP))
     out = np.empty((len(motion), len(BONES), 3, 3))
     _turn_trunk(source, out)
     for upper, lower, end, towards in HINGES:
@@ -164,8 +165,8 @@ def _facing_front(motion: Motion, rotations: np.ndarray, translations: np.ndarra
     return Clip(motion.name, motion.rate, turn @ rotations, translations, turned=turn @ world)
 
 
-def _upright(motion: Motion, joints: JointMap) -> np.ndarray:
-    """The rotation (3, 3) that lifts the file's up axis to Z."""
+def _up_axis(motion: Motion, joints: JointMap) -> np.ndarray:
+    """The direction (3,) away from the floor in the file's axes."""
     up = motion.up
     if up is None:
         places = joints.joints
@@ -178,7 +179,7 @@ def _upright(motion: Motion, joints: JointMap) -> np.ndarray:
         up = np.zeros(3)
         axis = int(np.argmax(np.abs(mean)))
         up[axis] = np.sign(mean[axis])
-    return shortest_turn(up, UP)
+    return up
 
 
 def _rest_stance(motion: Motion, joints: JointMap) -> np.ndarray | None:
