@@ -331,7 +331,7 @@ def _palm(source: _Source, side: str, hand: int, hinge: np.ndarray) -> tuple[np.
     tips = [tip for tip in tips if _apart(source, hand, tip)]
     if tips:
         local = source.steady(hand, hand, tips[0])
-    else:  # a hand without an end is as long as its forearm's direction
+    else:  # a hand without an end goes on as the forearm does
         local = source.steady(hand, source.map.joints[f"{side}ForeArm"], hand)
     if side + "Index" in fingers and side + "Pinky" in fingers:
         return local, np.cross(local, source.steady(hand, fingers[side + "Pinky"], fingers[side + "Index"]))
@@ -339,8 +339,7 @@ def _palm(source: _Source, side: str, hand: int, hinge: np.ndarray) -> tuple[np.
         return local, source.local(hand, hinge).mean(axis=0)
     usual = source.neutral.T @ np.cross(source.neutral @ local, FRONT)
     if side + "Thumb" in fingers:
-        # A thumb lies before the palm, up to 45° out of its plane: it says only where usual is wrong. It moves: as it
-        # rests.
+        # A thumb lies before the palm, up to 45° out of its plane, and moves: at rest it says whether usual is wrong.
         rest, thumb = source.motion.rest, fingers[side + "Thumb"]
         assert rest is not None
         ends = [thumb, *np.flatnonzero(source.motion.parents == thumb)]
@@ -368,8 +367,8 @@ def _turn_foot(source: _Source, rest: RestFrames, out: np.ndarray, side: str) ->
     bend = np.swapaxes(source.spin(joint), -1, -2) @ source.spin(end)
     if source.neutral is None:
         bend = bend @ mean_rotation(bend).T
-    # Ankles lie higher over the toes in one skeleton than in another: soles level with soles is right. Some programs
-    # compare the bones all the same: a few degrees are given to them.
+    # Ankles lie higher over the toes in one skeleton than in another. Level soles are right on the floor, the same
+    # direction in the air: the direction is kept to 2°.
     slope = np.arcsin(-unit(local) @ level[:, 1])
     standing = _standing_slope(source, joint, end)
     if abs(standing - slope) < _SLOPE_TRUSTED:  # feet are level where they stand rather than in the rest pose
