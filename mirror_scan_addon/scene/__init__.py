@@ -4,6 +4,7 @@ __all__ = [
     "armature",
     "avatar_objects",
     "blend_avatar",
+    "blender_files",
     "capture_objects",
     "export",
     "fbx_motion",

@@ -7,16 +7,13 @@ Files appear under their name only when they are complete.
 from __future__ import annotations
 
 import contextlib
-import io
 import math
 import os
 import re
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import addon_utils
 import bpy
 import numpy as np
 from mathutils import Matrix, Vector
@@ -26,6 +23,7 @@ from ...core.io.atomic_files import replacing
 from ..language.texts import say
 from . import avatar_objects as avatar_scene
 from .armature import add_armature, add_clip
+from .blender_files import enabled, quiet, reason_of, removed_again, shown, silent, temporary_scene
 from .scan_records import armature_of
 from .units import metres_per_unit
 
@@ -70,10 +68,10 @@ def write_blend(
             avatar = _stage(target, reconstruction, clip)
             for viewport in _viewports():
                 _frame_viewport(viewport, avatar)
-            with _quiet():
+            with quiet():
                 bpy.ops.wm.save_as_mainfile(filepath=str(temporary), copy=True, compress=True)
         else:
-            with _temporary_scene() as target:
+            with temporary_scene() as target:
                 _stage(target, reconstruction, clip)
                 bpy.data.libraries.write(str(temporary), {target}, compress=True)
 
@@ -86,7 +84,7 @@ def write_glb(path: str | os.PathLike, reconstruction: Rigged) -> None:
     OutputError
         When the file cannot be written, or Blender's glTF exporter is missing or fails.
     """
-    with replacing(path) as temporary, _temporary_scene() as target:
+    with replacing(path) as temporary, temporary_scene() as target:
         _add_avatar(target, reconstruction)
         _export(
             target,
@@ -115,7 +113,7 @@ def write_fbx(path: str | os.PathLike, reconstruction: Rigged, *, clip: Clip | N
     OutputError
         When the file cannot be written, or Blender's FBX exporter is missing or fails.
     """
-    with replacing(path) as temporary, _temporary_scene() as target:
+    with replacing(path) as temporary, temporary_scene() as target:
         _add_avatar(target, reconstruction, clip)
         _export(
             target,
@@ -143,14 +141,14 @@ def write_usd(path: str | os.PathLike, reconstruction: Rigged, *, clip: Clip | N
     OutputError
         When the file cannot be written, or Blender's exporter fails.
     """
-    with replacing(path) as temporary, _temporary_scene() as target:
+    with replacing(path) as temporary, temporary_scene() as target:
         _add_avatar(target, reconstruction, clip)
-        with _shown(target), _silent():
+        with shown(target), silent():
             try:
                 bpy.ops.wm.usd_export(filepath=str(temporary), export_animation=clip is not None)
             except RuntimeError as error:
                 text = say("{path}: Blender cannot write it: {reason}")
-                raise OutputError(text.format(path=path, reason=_reason(str(error)))) from error
+                raise OutputError(text.format(path=path, reason=reason_of(str(error)))) from error
         _check_holds_faces(path, temporary, "USDC")
 
 
@@ -188,17 +186,17 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -
                     bpy.data.libraries.write(file, {kept}, compress=True, fake_user=True)
             else:
                 bones = armature_of(avatar) if kind in _WITH_SKELETON else None
-                with _copy_alone(avatar, size, bones) as (target, copy), _shown(target), _quiet():
+                with _copy_alone(avatar, size, bones) as (target, copy), shown(target), quiet():
                     _EXPORTERS[kind](file, copy)
         # What an operator reports reaches scripts as RuntimeError; without the format there is no such operator.
         except (RuntimeError, AttributeError) as error:
             text = say("{path}: Blender cannot write it: {reason}")
-            raise OutputError(text.format(path=path, reason=_reason(str(error)))) from error
+            raise OutputError(text.format(path=path, reason=reason_of(str(error)))) from error
         _check_holds_faces(path, temporary, kind)
 
 
 def _write_glb(file: str, copy: bpy.types.Object) -> None:
-    with _enabled("io_scene_gltf2"):
+    with enabled("io_scene_gltf2"):
         bpy.ops.export_scene.gltf(
             filepath=file, export_format="GLB", use_selection=True, use_active_scene=True, export_yup=True,
             export_vertex_color="MATERIAL", export_animations=_moves(copy),
@@ -208,7 +206,7 @@ def _write_glb(file: str, copy: bpy.types.Object) -> None:
 
 
 def _write_fbx(file: str, copy: bpy.types.Object) -> None:
-    with _enabled("io_scene_fbx"):
+    with enabled("io_scene_fbx"):
         bpy.ops.export_scene.fbx(
             filepath=file, use_selection=True, apply_scale_options="FBX_SCALE_ALL", colors_type="SRGB",
             prioritize_active_color=True, add_leaf_bones=False, bake_anim=_moves(copy), bake_anim_use_nla_strips=False,
@@ -269,14 +267,6 @@ _USDC_WITHOUT_MESH = 1200
 """Bytes: it is 770 to 940 without any, and 1400 with a triangle."""
 
 
-def _reason(text: str) -> str:
-    """Why an exporter failed, in a line; of one that is written in Python it is the last of a traceback."""
-    if "Traceback" in text:
-        lines = [line for line in text.split("\nLocation:")[0].splitlines() if line and not line.startswith(" ")]
-        text = lines[-1]
-    return text.strip()
-
-
 @contextlib.contextmanager
 def _own(avatar: bpy.types.Object) -> Iterator[bpy.types.Object]:
     """The object, or one of this file that is as it, where it is linked from another: a link is no copy."""
@@ -284,7 +274,7 @@ def _own(avatar: bpy.types.Object) -> Iterator[bpy.types.Object]:
         yield avatar
         return
     name = avatar.name
-    with _renamed(avatar), _removed_again():
+    with _renamed(avatar), removed_again():
         own = avatar.copy()
         own.name = name
         own.data = avatar.data.copy()
@@ -304,7 +294,7 @@ def _copy_alone(
     With its armature ``bones`` it hangs on a copy of that, which has the scene's range of frames to move in.
     """
     scene, name, bones_name = bpy.context.scene, avatar.name, bones.name if bones else ""
-    with _renamed(avatar), _renamed(bones) if bones else contextlib.nullcontext(), _temporary_scene() as target:
+    with _renamed(avatar), _renamed(bones) if bones else contextlib.nullcontext(), temporary_scene() as target:
         for setting in ("fps", "fps_base"):
             setattr(target.render, setting, getattr(scene.render, setting))
         target.frame_start, target.frame_end = scene.frame_start, scene.frame_end
@@ -395,18 +385,6 @@ def _renamed(avatar: bpy.types.Object) -> Iterator[None]:
         avatar.name = name
 
 
-@contextlib.contextmanager
-def _removed_again() -> Iterator[None]:
-    """What is added to the open file meanwhile is removed at the end."""
-    data = bpy.data
-    collections = (data.objects, data.meshes, data.materials, data.cameras, data.lights, data.armatures, data.actions)
-    before = {block for blocks in collections for block in blocks}
-    try:
-        yield
-    finally:
-        bpy.data.batch_remove([block for blocks in collections for block in blocks if block not in before])
-
-
 def _add_avatar(target: bpy.types.Scene, reconstruction: Rigged, clip: Clip | None = None) -> bpy.types.Object:
     report = getattr(reconstruction, "report", None)
     if report is not None:
@@ -415,7 +393,7 @@ def _add_avatar(target: bpy.types.Scene, reconstruction: Rigged, clip: Clip | No
     layer = target.view_layers[0]
     layer.update()
     if reconstruction.skeleton is not None and reconstruction.weights is not None:
-        with _shown(target):
+        with shown(target):
             bones = add_armature(avatar, reconstruction.skeleton, reconstruction.weights, target.collection)
         if clip is not None:
             add_clip(bones, clip, loops=clip.loops)
@@ -482,75 +460,11 @@ def _frame_viewport(viewport: bpy.types.SpaceView3D, avatar: bpy.types.Object) -
     region.view_distance = 2.6 * radius
 
 
-@contextlib.contextmanager
-def _temporary_scene() -> Iterator[bpy.types.Scene]:
-    """A scene of our own in the open file; it and all that was added meanwhile are removed at the end."""
-    with _removed_again():
-        target = bpy.data.scenes.new("Mirror Scan")
-        try:
-            yield target
-        finally:
-            bpy.data.scenes.remove(target)
-
-
 def _export(target: bpy.types.Scene, module: str, operator: str, **options) -> None:
     """Call one of the exporters that come with Blender as add-ons, in the scene ``target``."""
-    with _enabled(module), _shown(target), _quiet():
+    with enabled(module), shown(target), quiet():
         try:
             getattr(bpy.ops.export_scene, operator)(**options)
         except RuntimeError as error:  # what an operator reports as an error reaches scripts so
             text = say("Blender's {module} failed: {reason}")
-            raise OutputError(text.format(module=module, reason=_reason(str(error)))) from error
-
-
-@contextlib.contextmanager
-def _enabled(module: str) -> Iterator[None]:
-    """Have an add-on that Blender ships registered, without writing that into the user's preferences."""
-    _, loaded = addon_utils.check(module)
-    if not loaded and addon_utils.enable(module, default_set=False) is None:
-        text = say("Blender's add-on {module} cannot be enabled; it is missing in this Blender, or broken")
-        raise OutputError(text.format(module=module))
-    try:
-        yield
-    finally:
-        if not loaded:
-            addon_utils.disable(module, default_set=False)
-
-
-@contextlib.contextmanager
-def _shown(target: bpy.types.Scene) -> Iterator[None]:
-    """Make ``target`` the context's scene; exporters read it from there, and glTF's switches the window to it too."""
-    windows = [window for manager in bpy.data.window_managers for window in manager.windows]
-    window = bpy.context.window or next(iter(windows), None)
-    if window is None:
-        raise OutputError(say("Blender has no window to export from; open a file first"))
-    shown, layer = window.scene, window.view_layer
-    try:
-        with bpy.context.temp_override(window=window):
-            # Not by overriding the context's scene: Blender 5.0 crashes when its view layer is updated then.
-            window.scene = target
-            if bpy.context.scene != target:
-                raise OutputError(say("Cannot export inside a context override of the scene; leave it first"))
-            yield
-    finally:
-        window.scene = shown
-        window.view_layer = layer
-
-
-def _quiet() -> contextlib.AbstractContextManager:
-    """Keep what exporters print from the terminal."""
-    return contextlib.redirect_stdout(io.StringIO())
-
-
-@contextlib.contextmanager
-def _silent() -> Iterator[None]:
-    """Keep what Blender itself prints, below Python, from the terminal."""
-    sys.stdout.flush()
-    kept = os.dup(1)
-    try:
-        with open(os.devnull, "wb") as nowhere:
-            os.dup2(nowhere.fileno(), 1)
-        yield
-    finally:
-        os.dup2(kept, 1)
-        os.close(kept)
+            raise OutputError(text.format(module=module, reason=reason_of(str(error)))) from error

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mirror_scan.core.avatar.avatar_file import PREFIX, Avatar, StoredMotion
+from mirror_scan.core.avatar.avatar_file import PREFIX, Avatar
 from mirror_scan.core.avatar.bone_axes import rest_axes
+from mirror_scan.core.avatar.clip import Clip
 from mirror_scan.core.avatar.pose import Pose, SkinWeights, bone_matrices, skinned
 from mirror_scan.core.avatar.skeleton import BONES
 from scipy.spatial.transform import Rotation
@@ -22,12 +23,12 @@ def avatar(capsule):
     weight = -np.sort(-rng.dirichlet(np.ones(4), count), axis=1).astype(np.float32)
     index = np.array([rng.choice(len(BONES), 4, replace=False) for _ in range(count)], np.uint8)
     turns = Rotation.from_rotvec(rng.normal(0, 0.3, (FRAMES * len(BONES), 3))).as_matrix()
-    motion = StoredMotion("wave", 25.0, turns.reshape(FRAMES, len(BONES), 3, 3), rng.normal(0, 0.1, (FRAMES, 3)))
+    motion = Clip("wave", 25.0, turns.reshape(FRAMES, len(BONES), 3, 3), rng.normal(0, 0.1, (FRAMES, 3)))
     return Avatar(capsule, skeleton_of(45.0, 9.0), SkinWeights(index, weight), [motion])
 
 
 def moved(avatar: Avatar, frame: int) -> np.ndarray:
-    (motion,) = avatar.motions
+    (motion,) = avatar.clips
     pose = Pose(motion.rotations[frame], motion.translations[frame])
     return skinned(avatar.mesh.vertices, avatar.weights, bone_matrices(avatar.skeleton, pose))
 
@@ -45,7 +46,7 @@ def evaluated(bpy, frame: int) -> np.ndarray:
 def test_blend_opens_with_bones_that_move_the_skin_as_core_does(bpy, avatar, tmp_path):
     from mirror_scan.mirror_scan_addon.scene.export import write_blend
 
-    write_blend(tmp_path / "a.blend", avatar, own_process=True, motion=avatar.motions[0])
+    write_blend(tmp_path / "a.blend", avatar, own_process=True, clip=avatar.clips[0])
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
     scene = bpy.context.scene
     assert (scene.frame_start, scene.frame_end, scene.render.fps / scene.render.fps_base) == (0, FRAMES - 1, 25.0)
@@ -84,7 +85,7 @@ def test_other_formats_come_back_with_bones_weights_and_motion(bpy, avatar, tmp_
         write_avatar(path, avatar)
     else:
         write = export.write_fbx if suffix == "fbx" else export.write_usd
-        write(path, avatar, motion=avatar.motions[0])
+        write(path, avatar, clip=avatar.clips[0])
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     scene = bpy.context.scene
     scene.render.fps = 25
@@ -105,11 +106,11 @@ def test_a_motion_of_an_fbx_file_is_read_frame_by_frame(bpy, avatar, tmp_path):
     from mirror_scan.mirror_scan_addon.scene.export import write_fbx
     from mirror_scan.mirror_scan_addon.scene.file_reading import read_fbx_motion
 
-    write_fbx(tmp_path / "a.fbx", avatar, motion=avatar.motions[0])
+    write_fbx(tmp_path / "a.fbx", avatar, clip=avatar.clips[0])
     found = read_fbx_motion(tmp_path / "a.fbx")
     assert (len(found), found.rate) == (FRAMES, 25.0)
     place = [found.joints.index(PREFIX + name) for name in BONES]
-    (motion,) = avatar.motions
+    (motion,) = avatar.clips
     np.testing.assert_allclose(found.rest[place], avatar.skeleton.joints, atol=1e-4)
     np.testing.assert_allclose(found.rotations[:, place], motion.rotations, atol=2e-3)
     for frame in range(FRAMES):

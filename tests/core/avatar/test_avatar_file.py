@@ -12,13 +12,13 @@ import trimesh
 from mirror_scan.core.avatar.avatar_file import (
     PREFIX,
     Avatar,
-    StoredMotion,
     bone_named,
     quaternions,
     read_avatar,
     rotations_of,
     write_avatar,
 )
+from mirror_scan.core.avatar.clip import Clip
 from mirror_scan.core.avatar.pose import Pose, SkinWeights, bone_matrices, skinned
 from mirror_scan.core.avatar.skeleton import BONES, PARENTS
 from mirror_scan.core.errors import CaptureError, OutputError
@@ -48,7 +48,7 @@ def avatar() -> Avatar:
     weights = SkinWeights(np.where(weight > 0, index, 0).astype(np.uint8), weight)
     skeleton = replace(skeleton_of(40.0, 9.0), confidence=rng.uniform(0, 1, len(BONES)).round(3))
     turns = Rotation.from_rotvec(rng.normal(0, 0.8, (FRAMES * len(BONES), 3))).as_matrix()
-    motion = StoredMotion("wave", 25.0, turns.reshape(FRAMES, len(BONES), 3, 3), rng.normal(0, 0.2, (FRAMES, 3)))
+    motion = Clip("wave", 25.0, turns.reshape(FRAMES, len(BONES), 3, 3), rng.normal(0, 0.2, (FRAMES, 3)))
     return Avatar(mesh, skeleton, weights, [motion])
 
 
@@ -72,7 +72,7 @@ def test_everything_comes_back(avatar, tmp_path):
     np.testing.assert_array_equal(found.skeleton.confidence, avatar.skeleton.confidence)
     np.testing.assert_array_equal(found.weights.index, avatar.weights.index)
     np.testing.assert_allclose(found.weights.weight, avatar.weights.weight, atol=1e-6)
-    (motion,), (true,) = found.motions, avatar.motions
+    (motion,), (true,) = found.clips, avatar.clips
     assert (motion.name, motion.rate) == (true.name, true.rate)
     np.testing.assert_allclose(motion.rotations, true.rotations, atol=2e-6)
     np.testing.assert_allclose(motion.translations, true.translations, atol=2e-6)
@@ -94,7 +94,7 @@ def test_glTFs_own_skinning_moves_the_skin_as_ours(avatar, tmp_path):  # noqa: N
     bind = rows(skin["inverseBindMatrices"], 16).reshape(-1, 4, 4).swapaxes(1, 2)
     parent = {child: node for node, item in enumerate(content["nodes"]) for child in item.get("children", [])}
     to_file = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
-    (motion,) = avatar.motions
+    (motion,) = avatar.clips
     for frame in (0, FRAMES - 1):
         local = {}
         for node, item in enumerate(content["nodes"]):

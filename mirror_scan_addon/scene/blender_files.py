@@ -1,0 +1,99 @@
+"""What Blender's importers and exporters run in: a scene that goes again, an add-on for the moment, no printing."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import sys
+from collections.abc import Iterator
+
+import addon_utils
+import bpy
+
+from ...core.errors import OutputError
+from ..language.texts import say
+
+
+def reason_of(text: str) -> str:
+    """Why an exporter failed, in a line; of one that is written in Python it is the last of a traceback."""
+    if "Traceback" in text:
+        lines = [line for line in text.split("\nLocation:")[0].splitlines() if line and not line.startswith(" ")]
+        text = lines[-1]
+    return text.strip()
+
+
+@contextlib.contextmanager
+def removed_again() -> Iterator[None]:
+    """What is added to the open file meanwhile is removed at the end."""
+    data = bpy.data
+    collections = (data.objects, data.meshes, data.materials, data.cameras, data.lights, data.armatures, data.actions)
+    before = {block for blocks in collections for block in blocks}
+    try:
+        yield
+    finally:
+        bpy.data.batch_remove([block for blocks in collections for block in blocks if block not in before])
+
+
+@contextlib.contextmanager
+def temporary_scene() -> Iterator[bpy.types.Scene]:
+    """A scene of our own in the open file; it and all that was added meanwhile are removed at the end."""
+    with removed_again():
+        target = bpy.data.scenes.new("Mirror Scan")
+        try:
+            yield target
+        finally:
+            bpy.data.scenes.remove(target)
+
+
+@contextlib.contextmanager
+def enabled(module: str) -> Iterator[None]:
+    """Have an add-on that Blender ships registered, without writing that into the user's preferences."""
+    _, loaded = addon_utils.check(module)
+    if not loaded and addon_utils.enable(module, default_set=False) is None:
+        text = say("Blender's add-on {module} cannot be enabled; it is missing in this Blender, or broken")
+        raise OutputError(text.format(module=module))
+    try:
+        yield
+    finally:
+        if not loaded:
+            addon_utils.disable(module, default_set=False)
+
+
+@contextlib.contextmanager
+def shown(target: bpy.types.Scene) -> Iterator[None]:
+    """Make ``target`` the context's scene; exporters read it from there, and glTF's switches the window to it too."""
+    windows = [window for manager in bpy.data.window_managers for window in manager.windows]
+    window = bpy.context.window or next(iter(windows), None)
+    if window is None:
+        raise OutputError(say("Blender has no window to export from; open a file first"))
+    shown, layer = window.scene, window.view_layer
+    try:
+        with bpy.context.temp_override(window=window):
+            # Not by overriding the context's scene: Blender 5.0 crashes when its view layer is updated then.
+            window.scene = target
+            if bpy.context.scene != target:
+                raise OutputError(say("Cannot export inside a context override of the scene; leave it first"))
+            yield
+    finally:
+        window.scene = shown
+        window.view_layer = layer
+
+
+def quiet() -> contextlib.AbstractContextManager:
+    """Keep what exporters print from the terminal."""
+    return contextlib.redirect_stdout(io.StringIO())
+
+
+@contextlib.contextmanager
+def silent() -> Iterator[None]:
+    """Keep what Blender itself prints, below Python, from the terminal."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    try:
+        with open(os.devnull, "wb") as nowhere:
+            os.dup2(nowhere.fileno(), 1)
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
