@@ -62,8 +62,8 @@ def test_blend_opens_with_bones_that_move_the_skin_as_core_does(bpy, avatar, tmp
 
 
 def test_an_avatar_of_a_blend_comes_back(bpy, avatar, tmp_path):
+    from mirror_scan.mirror_scan_addon.scene.blend_avatar import read_blend_avatar
     from mirror_scan.mirror_scan_addon.scene.export import write_blend
-    from mirror_scan.mirror_scan_addon.scene.file_reading import read_blend_avatar
 
     write_blend(tmp_path / "a.blend", avatar, own_process=True)
     found = read_blend_avatar(tmp_path / "a.blend")
@@ -104,7 +104,7 @@ def test_other_formats_come_back_with_bones_weights_and_motion(bpy, avatar, tmp_
 def test_a_motion_of_an_fbx_file_is_read_frame_by_frame(bpy, avatar, tmp_path):
     from mirror_scan.core.avatar.pose import posed_joints
     from mirror_scan.mirror_scan_addon.scene.export import write_fbx
-    from mirror_scan.mirror_scan_addon.scene.file_reading import read_fbx_motion
+    from mirror_scan.mirror_scan_addon.scene.fbx_motion import read_fbx_motion
 
     write_fbx(tmp_path / "a.fbx", avatar, clip=avatar.clips[0])
     found = read_fbx_motion(tmp_path / "a.fbx")
@@ -119,14 +119,15 @@ def test_a_motion_of_an_fbx_file_is_read_frame_by_frame(bpy, avatar, tmp_path):
 
 
 def test_files_without_a_skeleton_are_told(bpy, reconstruction, tmp_path):
-    from mirror_scan.core.errors import CaptureError
+    from mirror_scan.core.errors import MirrorScanError
+    from mirror_scan.mirror_scan_addon.scene.blend_avatar import read_blend_avatar
     from mirror_scan.mirror_scan_addon.scene.export import write_blend, write_fbx
-    from mirror_scan.mirror_scan_addon.scene.file_reading import read_blend_avatar, read_fbx_motion
+    from mirror_scan.mirror_scan_addon.scene.fbx_motion import read_fbx_motion
 
     write_blend(tmp_path / "a.blend", reconstruction, own_process=True)
     write_fbx(tmp_path / "a.fbx", reconstruction)
     (tmp_path / "b.fbx").write_text("no fbx")
     for read, name in ((read_blend_avatar, "a.blend"), (read_fbx_motion, "a.fbx"), (read_fbx_motion, "b.fbx"),
                        (read_fbx_motion, "c.fbx")):  # fmt: skip
-        with pytest.raises(CaptureError, match=name):
+        with pytest.raises(MirrorScanError, match=name):
             read(tmp_path / name)
