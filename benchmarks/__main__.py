@@ -16,18 +16,20 @@ from .results import Finding, limits_table
 MODULES = {"quality": "quality", "speed": "speed", "cleaning": "cleaning", "mirrors": "mirrors", "subject": "subject",
            "dtw": "dtw", "import": "imports", "blender": "blender", "corpus": "corpus", "seams": "seams",
            "growth": "growth", "rigs": "rigs", "experiment": "experiment", "real": "real",
-           "optics": "optics", "honesty": "honesty"}  # fmt: skip
+           "optics": "optics", "honesty": "honesty", "rig": "rig"}  # fmt: skip
 
 
 def main() -> int:
     parser = argparse.ArgumentParser("python -m benchmarks", description="Measure Mirror Scan against named peers.")
     parser.add_argument("--only", nargs="+", choices=tuple(MODULES), help="these tables only")
-    parser.add_argument("--quick", action="store_true", help="a few scenes of the corpus and rigs of `optics` only")
+    parser.add_argument(
+        "--quick", action="store_true", help="a few scenes of the corpus, rigs of `optics` and bodies of `rig` only"
+    )
     parser.add_argument(
         "--captures", type=Path, metavar="DIR", help="clones of public repositories for the table `real`"
     )
     parser.add_argument(
-        "--pictures", type=Path, metavar="DIR", help="write sheets of results there (corpus, optics, real)"
+        "--pictures", type=Path, metavar="DIR", help="write sheets of results there (corpus, optics, real, rig)"
     )
     parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the tables there as well")
     options = parser.parse_args()
@@ -43,7 +45,7 @@ def main() -> int:
     findings: list[Finding] = []
     for name in options.only or MODULES:
         module = importlib.import_module(f".{MODULES[name]}", __package__)
-        if name == "corpus":
+        if name in ("corpus", "rig"):
             result = module.run(quick=options.quick, pictures=options.pictures)
         elif name == "optics":
             result = module.run(range(8) if options.quick else None, pictures=options.pictures)

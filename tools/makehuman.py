@@ -154,7 +154,7 @@ class MakeHuman:
         details: dict[str, float] = {}
         for folder, names in _DETAILS.items():
             for name in names:
-                amount = float(np.clip(rng.normal(0, 0.3), -0.8, 0.8))
+                amount = float(np.clip(rng.normal(0, 0.12), -0.5, 0.5))
                 pair = ("l-", "r-") if folder in ("legs", "arms", "hands", "feet") else ("",)
                 for side in pair:
                     details[f"{folder}/{side}{name}-{'incr' if amount > 0 else 'decr'}"] = abs(amount)

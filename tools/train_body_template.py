@@ -4,19 +4,25 @@
 
 Draws people of MakeHuman's shape space (:mod:`makehuman` says which files the folder needs), bare and clothed, mirrors
 them, and keeps the mean and the main components of some points of the surface and of the joints, in units of body
-height, with the points' weights. None of ``../shared/data/rigged`` takes part.
+height, with the points' weights; some of our own mannequins are among them. None of ``../shared/data/rigged`` takes
+part.
 """
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from makehuman import BODY, MakeHuman, Person
-from mirror_scan.core.avatar.skeleton import BONES
-from mirror_scan.core.mesh.bvh import build_bvh, raycast
+from mirror_scan.core.avatar.body_template import END_BONES, BodyTemplate
+from mirror_scan.core.avatar.find_skeleton import fitted_body
+from mirror_scan.core.avatar.skeleton import BONES, OTHER_SIDE, PARENTS
+from mirror_scan.core.mesh import Mesh
+from mirror_scan.core.mesh.bvh import build_bvh, closest_point, raycast
 from mirror_scan.core.mesh.normals import vertex_normals
+from mirror_scan.core.simulation.mannequin import random_figure, rigged_mannequin
 
 POINTS, COMPONENTS = 1200, 40
 FILE = Path(__file__).resolve().parents[1] / "core" / "avatar" / "joints" / "body_template.npz"
@@ -31,18 +37,52 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--people", type=int, default=600)
+    parser.add_argument("--mannequins", type=int, default=16)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     space, rng = MakeHuman(options.folder), np.random.default_rng(options.seed)
     chosen = chosen_points(space)
     samples = [row for _ in range(options.people) for row in rows(space, space.draw(rng), chosen, rng)]
-    data = np.array(samples)
+    template = template_of(space, chosen, np.array(samples))
+    samples += [row for seed in range(options.mannequins) for row in mannequin_rows(template, seed)]
+    write(template_of(space, chosen, np.array(samples)))
+
+
+def template_of(space: MakeHuman, chosen: np.ndarray, data: np.ndarray) -> BodyTemplate:
+    """Mean and main components of bodies (B, POINTS + 27, 3)."""
     mean = data.mean(axis=0)
     _, size, basis = np.linalg.svd((data - mean).reshape(len(data), -1), full_matrices=False)
     basis = basis[:COMPONENTS] * size[:COMPONENTS, None] / np.sqrt(len(data))
     left = 1 - (size[:COMPONENTS] ** 2).sum() / (size**2).sum()
     print(f"{len(data)} bodies; {COMPONENTS} components leave {100 * left:.1f} % of the variance")
-    write(space, chosen, mean, basis.reshape(COMPONENTS, *mean.shape))
+    normals = vertex_normals(space.base[:BODY], space.triangles)[chosen]
+    return BodyTemplate(mean, basis.reshape(COMPONENTS, *mean.shape), normals, space.weights[chosen])
+
+
+def mannequin_rows(template: BodyTemplate, seed: int) -> list[np.ndarray]:
+    """The same for one of our mannequins, and mirrored: the template is fitted, drawn onto the surface and unposed."""
+    rng = np.random.default_rng([seed, 5])
+    figure = replace(random_figure(rng), arm_angle_deg=float(rng.uniform(35, 60)), head_turn_deg=0.0)
+    mesh, skeleton = rigged_mannequin(1.70, figure, resolution=0.012)
+    rows = []
+    for side in (1, -1):
+        flip = np.array([side, 1.0, 1.0])
+        body = Mesh(mesh.vertices * flip, mesh.triangles[:, ::side])
+        joints = (skeleton.joints if side > 0 else skeleton.joints[list(OTHER_SIDE)]) * flip
+        ends = (skeleton.ends if side > 0 else skeleton.ends[[0, 2, 1, 4, 3]]) * flip
+        found = fitted_body(body, template)
+        distance, _, nearest = closest_point(build_bvh(body.vertices, body.triangles), found.body.points)
+        out = np.where((distance < 0.03)[:, None], nearest - found.body.points, 0.0)
+        blend = (template.weights @ found.body.turns.reshape(-1, 9)).reshape(-1, 3, 3)
+        owner = [max(parent, 0) for parent in PARENTS]
+        moves = np.vstack((
+            np.einsum("vji,vj->vi", blend, out),
+            np.einsum("bji,bj->bi", found.body.turns[owner], joints - found.body.joints),
+            np.einsum("bji,bj->bi", found.body.turns[END_BONES], ends - found.body.ends),
+        ))  # fmt: skip
+        row = template.mean + np.tensordot(found.state.shape, template.basis, 1) + moves / found.state.height
+        rows.append(row - row[POINTS])
+    return rows
 
 
 def chosen_points(space: MakeHuman) -> np.ndarray:
@@ -112,22 +152,18 @@ def covered(space: MakeHuman, person: Person, normals: np.ndarray, piece: str, r
     return out
 
 
-def write(space: MakeHuman, chosen: np.ndarray, mean: np.ndarray, basis: np.ndarray) -> None:
+def write(template: BodyTemplate) -> None:
     """Numbers as whole steps: mean in 1 / 20 000 of body height, each component in 127 steps, weights in 255."""
-    base = np.vstack((space.base[chosen], mean[POINTS:]))
-    normals = vertex_normals(space.base[:BODY], space.triangles)[chosen]
-    weights = space.weights[chosen]
-    index = np.argsort(-weights, axis=1)[:, :4]
-    share = np.take_along_axis(weights, index, axis=1)
+    index = np.argsort(-template.weights, axis=1)[:, :4]
+    share = np.take_along_axis(template.weights, index, axis=1)
     share /= share.sum(axis=1, keepdims=True)
-    step = np.abs(basis).max(axis=(1, 2)) / 127
-    del base
+    step = np.abs(template.basis).max(axis=(1, 2)) / 127
     np.savez_compressed(
         FILE,
-        mean=np.rint(mean * 20000).astype(np.int16),
+        mean=np.rint(template.mean * 20000).astype(np.int16),
         step=step.astype(np.float32),
-        basis=np.rint(basis / step[:, None, None]).astype(np.int8),
-        normals=np.rint(normals * 127).astype(np.int8),
+        basis=np.rint(template.basis / step[:, None, None]).astype(np.int8),
+        normals=np.rint(template.normals * 127).astype(np.int8),
         index=index.astype(np.uint8),
         weight=np.rint(share * 255).astype(np.uint8),
     )

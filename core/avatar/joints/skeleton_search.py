@@ -16,6 +16,7 @@ _SAMPLES = 3000
 _ARMS_DOWN = (-80.0, -25.0, 0.0, 25.0)  # from the template's rest pose, which has them some 45° down [deg]
 _COARSE, _FINE = np.geomspace(0.12, 0.05, 8), np.geomspace(0.05, 0.015, 12)
 _RIGID = 2  # first steps without change of shape
+_BUMPS, _ROUNDS = 0.03, 30  # of body height; rounds of smoothing at most
 _FAR = 0.05  # of body height: a point is not farther off than this when starts are compared
 
 
@@ -40,21 +41,41 @@ def find_skeleton(mesh: Mesh) -> Skeleton:
     return Skeleton(found.body.joints, found.body.ends, confidence(found))
 
 
-def fitted_body(mesh: Mesh) -> Fit:
+def fitted_body(mesh: Mesh, template: BodyTemplate | None = None) -> Fit:
     """The template fitted to a mesh, whatever it is of."""
-    template, surface = body_template(), sampled(mesh)
-    coarse = Surface(surface.points[::3], surface.normals[::3])
+    template = template or body_template()
+    surface, coarse = sampled(mesh)
     starts = [fit(template, coarse, _start(template, mesh, angle), _COARSE, _RIGID) for angle in _ARMS_DOWN]
     best = min(starts, key=_apart)
     return fit(template, surface, best.state, _FINE)
 
 
-def sampled(mesh: Mesh) -> Surface:
-    """Points spread evenly over a mesh, with the normals of its vertices."""
+def sampled(mesh: Mesh) -> tuple[Surface, Surface]:
+    """Points spread evenly over a mesh with its normals; fewer, with the normals of a smoother mesh."""
     points, triangle = sample_surface(mesh, _SAMPLES)
-    normals = vertex_normals(mesh.vertices, mesh.triangles)[mesh.triangles[triangle]].sum(axis=1)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    return Surface(points, normals)
+    corners = mesh.triangles[triangle]
+    normals = vertex_normals(mesh.vertices, mesh.triangles)
+    smooth = _smoothed(mesh, normals.copy())
+    return Surface(points, _unit(normals[corners].sum(axis=1))), Surface(
+        points[::3], _unit(smooth[corners[::3]].sum(axis=1))
+    )
+
+
+def _smoothed(mesh: Mesh, normals: np.ndarray) -> np.ndarray:
+    """Normals (V, 3) averaged along edges over ``_BUMPS``, so that a scan's bumps do not send pairs astray."""
+    ends = np.concatenate([mesh.triangles[:, [k, (k + 1) % 3]] for k in range(3)])
+    edge = np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1).mean()
+    bumps = _BUMPS * np.ptp(mesh.vertices[:, 2])
+    count = np.maximum(np.bincount(ends[:, 0], minlength=len(normals)), 1)
+    for _ in range(min(round((bumps / edge) ** 2), _ROUNDS)):
+        for axis in range(3):
+            around = np.bincount(ends[:, 0], normals[ends[:, 1], axis], len(normals))
+            normals[:, axis] = 0.5 * (normals[:, axis] + around / count)
+    return normals
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
 
 
 def confidence(found: Fit) -> np.ndarray:
