@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from mirror_scan.core.avatar.find_skeleton import find_skeleton
+from mirror_scan.core.avatar.joints.skeleton_search import find_skeleton
 from mirror_scan.core.avatar.skeleton import BONES, PARENTS, Skeleton
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.io.images import write_png

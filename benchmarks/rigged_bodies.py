@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from mirror_scan.core.avatar.body_template import rotations
+from mirror_scan.core.avatar.joints.body_template import rotations
 from mirror_scan.core.avatar.pose import Pose, SkinWeights, bone_matrices, posed_joints, skinned
 from mirror_scan.core.avatar.skeleton import BONES, ENDS, Skeleton
 from mirror_scan.core.io import read_mesh

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 from makehuman import BODY, MakeHuman, Person
-from mirror_scan.core.avatar.body_template import END_BONES, BodyTemplate
-from mirror_scan.core.avatar.find_skeleton import fitted_body
+from mirror_scan.core.avatar.joints.body_template import END_BONES, BodyTemplate
+from mirror_scan.core.avatar.joints.skeleton_search import fitted_body
 from mirror_scan.core.avatar.skeleton import BONES, OTHER_SIDE, PARENTS
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.bvh import build_bvh, closest_point, raycast

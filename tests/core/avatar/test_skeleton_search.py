@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mirror_scan.core.avatar.find_skeleton import find_skeleton
+from mirror_scan.core.avatar.joints.skeleton_search import find_skeleton
 from mirror_scan.core.avatar.skeleton import BONES
 from mirror_scan.core.errors import ReconstructionError
 from mirror_scan.core.io import read_mesh
