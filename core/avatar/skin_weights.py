@@ -35,9 +35,9 @@ _REACH, _FADE = 0.08, 0.02  # so far beyond its own surface a limb's hold begins
 _GONE = 20.0  # log-likelihood by which it has faded where it is gone
 _WITHIN = 0.9  # of a bone's length: its tip may lie outside the skin
 _STEP_IN = 0.001  # below the skin, where rays begin [m]
-_ARMPIT = 0.3  # so far around the shoulders' joints fills are refined [body sizes]
+_ARMPIT, _CROTCH = 0.3, 0.12  # so far around the arms' joints, and below the legs', fills are refined [body sizes]
 _SMOOTHING = 3  # rounds of averaging with neighbours
-_RAISED = np.radians(77.0)
+_RAISED, _SPREAD = np.radians(77.0), np.radians(45.0)  # of arms and legs, for a look at how skin is stretched
 _STRETCHED, _TAUT = 3.65, 3.8  # of its length: an edge that is relaxed, and one that must be
 _RELAXED, _ROUNDS = 0.03, 15  # how far around such edges [body sizes], and how often
 _TINY = 0.001  # shorter edges are taken for so long [m]
@@ -54,9 +54,14 @@ def skinned_mesh(mesh: Mesh, skeleton: Skeleton) -> tuple[Mesh, SkinWeights]:
         In the mesh's frame.
     """
     if mesh.view is not None and mesh.kind is not None and (mesh.kind == SURFACE).any():
-        shoulders = skeleton.joints[[BONES.index("LeftArm"), BONES.index("RightArm")]]
-        apart = np.linalg.norm(mesh.vertices[:, None] - shoulders, axis=2).min(axis=1)
-        wanted = np.where(apart < _ARMPIT * body_size(skeleton), edge_length_at_vertices(mesh), np.inf)
+        size = body_size(skeleton)
+        hips = skeleton.joints[[BONES.index("LeftUpLeg"), BONES.index("RightUpLeg")]]
+        arms = skeleton.joints[[BONES.index("LeftArm"), BONES.index("RightArm")]]
+        crotch = hips.mean(axis=0) - (0.0, 0.0, _CROTCH * size)
+        near = np.linalg.norm(mesh.vertices - crotch, axis=1) < _CROTCH * size
+        for arm in arms:
+            near |= np.linalg.norm(mesh.vertices - arm, axis=1) < _ARMPIT * size
+        wanted = np.where(near, edge_length_at_vertices(mesh), np.inf)
         mesh = refine(mesh, wanted, 1.0)[0]
     return mesh, skin_weights(mesh, skeleton)
 
@@ -250,14 +255,14 @@ def _smoothed(values, near):
 
 
 def _relax(weights: np.ndarray, vertices: np.ndarray, skeleton: Skeleton, edges: np.ndarray, near: Neighbours) -> None:
-    """Spread weights (V, 22) where raised arms would stretch skin too far: no web in the armpit, where fills are.
+    """Spread weights (V, 22) where raised arms or legs apart would stretch skin too far: no webs, where fills are.
 
     About edges that are stretched, weights become harmonic, as evenly spread as the weights around allow. Where that
     does not suffice, again, with stretched edges stiffer and more of what is around them.
     """
     size = body_size(skeleton)
     lengths = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
-    matrices = bone_matrices(skeleton, arms_raised(skeleton))
+    matrices = bone_matrices(skeleton, limbs_apart(skeleton))
     raised = skinned(vertices, strongest(weights), matrices)
     region = np.zeros(len(vertices), np.bool_)
     stiffness = 1.0 / np.maximum(lengths, _TINY)
@@ -276,18 +281,22 @@ def _relax(weights: np.ndarray, vertices: np.ndarray, skeleton: Skeleton, edges:
         asked = np.flatnonzero(region[edges].any(axis=1))
 
 
-def arms_raised(skeleton: Skeleton) -> Pose:
-    """Both arms 75° above the horizontal, the collar bones level."""
+def limbs_apart(skeleton: Skeleton) -> Pose:
+    """Arms 77° above the horizontal with the collar bones level, legs 45° to the sides."""
     rotations = np.tile(np.eye(3), (len(BONES), 1, 1))
     tails = skeleton.tails()
     for side, out in (("Left", 1.0), ("Right", -1.0)):
-        up = np.array([out * np.cos(_RAISED), 0.0, np.sin(_RAISED)])
-        for name, wanted in (("Shoulder", np.array([out, 0.0, 0.0])), ("Arm", up)):
+        wanted = {
+            "Shoulder": (out, 0.0, 0.0), "Arm": (out * np.cos(_RAISED), 0.0, np.sin(_RAISED)),
+            "UpLeg": (out * np.sin(_SPREAD), 0.0, -np.cos(_SPREAD)),
+        }  # fmt: skip
+        for name, direction in wanted.items():
             bone = BONES.index(side + name)
             along = tails[bone] - skeleton.joints[bone]
-            rotations[bone] = shortest_turn(along / np.linalg.norm(along), wanted)
-        for name in ("ForeArm", "Hand"):
-            rotations[BONES.index(side + name)] = rotations[BONES.index(f"{side}Arm")]
+            rotations[bone] = shortest_turn(along / np.linalg.norm(along), np.array(direction))
+        for start, rest in (("Arm", ("ForeArm", "Hand")), ("UpLeg", ("Leg", "Foot", "ToeBase"))):
+            for name in rest:
+                rotations[BONES.index(side + name)] = rotations[BONES.index(side + start)]
     return Pose(rotations, np.zeros(3))
 
 

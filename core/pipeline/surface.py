@@ -133,11 +133,11 @@ def _skeleton_of(mesh: Mesh, settings: Settings) -> tuple[Skeleton | None, tuple
     from ..avatar.joints.skeleton_search import find_skeleton
 
     if settings.views.object:
-        return None, (Notice("no skeleton: the subject is an object, not a person"),)
+        return None, (Notice("skeleton: none, since the subject is an object and no person"),)
     try:
         return find_skeleton(mesh), ()
     except MirrorScanError as error:
-        return None, (Notice("no skeleton: {reason}", reason=error),)
+        return None, (error.notice,)
 
 
 def _zippered(patches: list[Mesh], scan: Scan, settings: Settings) -> tuple[Mesh, list[Seam], np.ndarray]:

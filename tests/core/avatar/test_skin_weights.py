@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mirror_scan.core.avatar.pose import Pose, bone_matrices, skinned
 from mirror_scan.core.avatar.skeleton import BONES, OTHER_SIDE, Skeleton
-from mirror_scan.core.avatar.skin_weights import LIMBS, arms_raised, skin_weights, skinned_mesh, strongest, unique_edges
+from mirror_scan.core.avatar.skin_weights import LIMBS, limbs_apart, skin_weights, skinned_mesh, strongest, unique_edges
 from mirror_scan.core.avatar.weight_fields import bone_coordinates, bone_likelihoods, known_fields
 from mirror_scan.core.io import read_mesh
 from mirror_scan.core.mesh import FILL, SURFACE, Mesh
@@ -94,9 +94,9 @@ def test_the_middle_of_a_bone_is_its_own(spread, bone):
     assert held.sum() > 10 and own[held].min() > 0.8
 
 
-def test_raised_arms_stretch_no_edge_too_far(hanging):
+def test_limbs_apart_stretch_no_edge_too_far(hanging):
     mesh, skeleton, weights = hanging
-    raised = skinned(mesh.vertices, weights, bone_matrices(skeleton, arms_raised(skeleton)))
+    raised = skinned(mesh.vertices, weights, bone_matrices(skeleton, limbs_apart(skeleton)))
     edges = unique_edges(mesh)
     before, after = (np.linalg.norm(v[edges[:, 0]] - v[edges[:, 1]], axis=1) for v in (mesh.vertices, raised))
     assert (after / np.maximum(before, 1e-3)).max() < 4.0

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from mirror_scan.core import cli
 from mirror_scan.core.avatar.avatar_file import Avatar, read_avatar, write_avatar
+from mirror_scan.core.avatar.clip import Clip
 from mirror_scan.core.avatar.pose import SkinWeights
 from mirror_scan.core.avatar.skeleton import BONES
 from mirror_scan.core.mesh import Mesh
-from mirror_scan.core.motion import CLIPS, Clip
+from mirror_scan.core.motion import CLIPS
 from standing_body import skeleton_of
 
 
@@ -36,9 +37,9 @@ def test_own_clips_go_into_a_glb(avatar, tmp_path, capsys, name):
     assert str(out) in capsys.readouterr().out
     moving, still = read_avatar(out), read_avatar(avatar)
     np.testing.assert_allclose(moving.mesh.vertices, still.mesh.vertices, atol=1e-6)
-    (motion,) = moving.motions
+    (motion,) = moving.clips
     assert motion.name == name and len(motion.rotations) > 3
-    assert not still.motions and sorted(p.name for p in tmp_path.iterdir()) == ["avatar.glb", "moving.glb"]
+    assert not still.clips and sorted(p.name for p in tmp_path.iterdir()) == ["avatar.glb", "moving.glb"]
 
 
 def test_a_bvh_file_goes_into_a_glb(avatar, tmp_path):
@@ -59,7 +60,7 @@ def test_a_bvh_file_goes_into_a_glb(avatar, tmp_path):
     path = tmp_path / "still.bvh"
     path.write_text(joints + "\nMOTION\nFrames: 5\nFrame Time: 0.04\n" + "\n".join(rows) + "\n")
     assert cli.main(["animate", str(avatar), str(path), "-o", str(tmp_path / "b.glb"), "--in-place", "--quiet"]) == 0
-    (motion,) = read_avatar(tmp_path / "b.glb").motions
+    (motion,) = read_avatar(tmp_path / "b.glb").clips
     assert motion.rate == pytest.approx(25.0, abs=0.01) and len(motion.rotations) == 5
     skeleton = read_avatar(avatar).skeleton
     arm = BONES.index("LeftForeArm")
@@ -102,14 +103,14 @@ def test_what_cannot_be_animated_is_one_line(avatar, tmp_path, capsys, arguments
 def test_readers_and_writers_come_from_outside(avatar, tmp_path):
     got = {}
 
-    def write(path, what, *, motion):
-        got["motion"] = motion
+    def write(path, what, *, clip):
+        got["clip"] = clip
         path.write_text("x")
 
     readers = {".blend": lambda path: read_avatar(avatar)}
     arguments = ["animate", str(tmp_path / "a.blend"), "walk", "-o", str(tmp_path / "a.usd"), "--quiet"]
     assert cli.main(arguments, writers={".usd": write}, readers=readers) == 0
-    assert isinstance(got["motion"], Clip)
+    assert isinstance(got["clip"], Clip)
 
 
 def test_reconstruct_writes_the_skeleton(folder, monkeypatch, capsys):
