@@ -556,8 +556,8 @@ register, unregister = bpy.utils.register_classes_factory(
         MIRRORSCAN_PT_subject,
         MIRRORSCAN_PT_build,
         MIRRORSCAN_PT_quality,
-        MIRRORSCAN_PT_check,
         MIRRORSCAN_PT_avatar,
+        MIRRORSCAN_PT_check,
         MIRRORSCAN_PT_export,
         MIRRORSCAN_PT_rig,
     )

@@ -695,7 +695,7 @@ def find_button(operator: str, column: float = 0.33, properties: dict[str, str] 
     properties = properties or {}
     key = (operator, *properties.items())
     for share in (column, 0.97, 0.1, 0.6):
-        for turns in (0, -40, 8, 8, 8):
+        for turns in (0, -60, *[8] * 6):
             if turns:
                 yield from scroll(turns)
             sidebar = region("UI")
