@@ -340,13 +340,16 @@ def _weights_of(gltf: Gltf, attributes: dict, bone_of: dict[int, int]) -> SkinWe
 
 
 def _ends(joints: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Ends (5, 3) of a skeleton whose file does not say them: along the last bones, in usual proportions."""
-    shares = {"Head": ("Neck", 2.0), "LeftHand": ("LeftForeArm", 0.7), "RightHand": ("RightForeArm", 0.7),
-              "LeftToeBase": ("LeftFoot", 0.45), "RightToeBase": ("RightFoot", 0.45)}  # fmt: skip
+    """Ends (5, 3) of a skeleton whose file does not say them: along the last bones, in usual shares of other bones."""
+    usual = {
+        "Head": ("LeftUpLeg", "LeftLeg", 0.49), "LeftHand": ("LeftForeArm", "LeftHand", 0.75),
+        "RightHand": ("RightForeArm", "RightHand", 0.75), "LeftToeBase": ("LeftFoot", "LeftToeBase", 0.36),
+        "RightToeBase": ("RightFoot", "RightToeBase", 0.36),
+    }  # fmt: skip
     ends = []
-    for name, (before, share) in shares.items():
-        bone, other = BONES.index(name), BONES.index(before)
-        length = np.linalg.norm(joints[bone] - joints[other])
+    for name, (first, second, share) in usual.items():
+        bone = BONES.index(name)
+        length = np.linalg.norm(joints[BONES.index(first)] - joints[BONES.index(second)])
         ends.append(joints[bone] + share * length * axes[bone, :, 1])
     return np.array(ends)
 

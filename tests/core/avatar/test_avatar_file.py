@@ -22,6 +22,7 @@ from mirror_scan.core.avatar.clip import Clip
 from mirror_scan.core.avatar.pose import Pose, SkinWeights, bone_matrices, skinned
 from mirror_scan.core.avatar.skeleton import BONES, PARENTS
 from mirror_scan.core.errors import CaptureError, OutputError
+from mirror_scan.core.io.gltf import read_gltf, write_gltf
 from mirror_scan.core.mesh import Mesh
 from scipy.spatial.transform import Rotation
 from standing_body import skeleton_of
@@ -128,6 +129,17 @@ def test_an_independent_reader_finds_mesh_and_bones(avatar, tmp_path):
     for bone, node in enumerate(content["skins"][0]["joints"]):
         children = content["nodes"][node].get("children", [])
         assert children == [content["skins"][0]["joints"][c] for c, above in enumerate(PARENTS) if above == bone]
+
+
+def test_ends_that_a_file_does_not_say_are_as_usual(avatar, tmp_path):
+    """Another program keeps no extras: crown, fingers and toes are then where people have them."""
+    write_avatar(tmp_path / "a.glb", avatar)
+    gltf = read_gltf(tmp_path / "a.glb")
+    del gltf.content["skins"][0]["extras"]
+    write_gltf(tmp_path / "b.glb", gltf)
+    found = read_avatar(tmp_path / "b.glb").skeleton
+    assert np.linalg.norm(found.ends - avatar.skeleton.ends, axis=1).max() < 0.05
+    assert (found.confidence == 1).all()
 
 
 def test_vrm_names_its_humanoid(avatar, tmp_path):
