@@ -26,6 +26,10 @@ _HANDS, _FEET, _TOES, _SHINS = _both("Hand"), _both("Foot"), _both("ToeBase"), _
 _THIGHS, _UPPER_ARMS, _COLLARS = _both("UpLeg"), _both("Arm"), _both("Shoulder")
 _SPINE1, _CHEST, _NECK, _HEAD = (BONES.index(name) for name in ("Spine1", "Spine2", "Neck", "Head"))
 _SWUNG, _SWUNG_TO = [_NECK, *_COLLARS], [_HEAD, *_UPPER_ARMS]  # bones that hang on the chest, and where they end
+# Joints and those that cannot lie in the same place: the ends of bones, and left and right.
+_JOINTS = np.concatenate([_LOWER, _END, _TOES, [_HEAD], _THIGHS, _UPPER_ARMS])
+_OTHERS = np.concatenate([_UPPER, _LOWER, _FEET, [_NECK], _THIGHS[::-1], _UPPER_ARMS[::-1]])
+_SAME_PLACE = 1e-12  # square of a length, in any unit
 _SPINE_SHARES = np.array([1 / 3, 2 / 3])[:, None, None]
 _STRAIGHT, _BENT = np.sin(np.radians([10, 30]))  # below, a limb's bend says nothing of its axis; above, all
 _RELAX = 0.05  # a frame: how fast a straight limb turns to where its bend usually faces
@@ -153,7 +157,7 @@ class PoseFollower:
             if self.world is None:
                 return self.pose
         joints = joints @ self.world.T
-        seen = np.where(self._places[:, None] >= 0, joints[self._places], np.nan)
+        seen = self._seen(joints)
         out = np.empty((len(BONES), 3, 3))
         self._trunk(seen, out)
         self._limbs(seen, out)
@@ -161,9 +165,16 @@ class PoseFollower:
         self._soles(seen, out)
         return Pose(out, self._translation(seen, out))
 
+    def _seen(self, joints: np.ndarray) -> np.ndarray:
+        """Our 22 joints (22, 3) of what came, NaN for those not seen: many trackers send one place for all of those."""
+        seen = np.where(self._places[:, None] >= 0, joints[self._places], np.nan)
+        ways = seen[_JOINTS] - seen[_OTHERS]
+        seen[_JOINTS[np.einsum("ki,ki->k", ways, ways) < _SAME_PLACE]] = np.nan
+        return seen
+
     def _find_world(self, joints: np.ndarray) -> np.ndarray | None:
         """From the tracker's axes to the avatar frame (3, 3), the person facing −Y; None until they are seen."""
-        seen = joints[self._places]
+        seen = self._seen(joints)
         hips, arms = seen[_THIGHS], seen[_UPPER_ARMS]
         if not (np.isfinite(hips).all() and np.isfinite(arms).all()):
             return None
@@ -249,7 +260,7 @@ class PoseFollower:
                 across = joints[fingers["Index"]] - joints[fingers["Pinky"]]
             elif "Thumb" in fingers:
                 across = joints[fingers["Thumb"]] - seen[hand]
-            if not np.isfinite(way).all():
+            if not way @ way > _SAME_PLACE:  # true for NaN too
                 out[hand] = out[fore] @ last[fore].T @ last[hand]
             elif np.isfinite(across).all():
                 out[hand] = frames(way, cross(way, across)) @ self._unturned[hand]

@@ -131,6 +131,28 @@ def test_what_is_not_seen_stays_as_it_was():
     assert angles(_bones(posed_joints(person, again)), _bones(joints[2])).max() < 1e-4
 
 
+@pytest.mark.parametrize("place", [[0.0, 0, 0], [310.0, -20, 1500]])
+@pytest.mark.parametrize("tracker", [None, "kinect_v1", "kinect_v2", "azure_kinect", "arkit"])
+def test_joints_in_one_place_are_not_seen(tracker, place):
+    """What many trackers send for a person, or a limb, that they lost."""
+    person = skeleton()
+    names = None if tracker is None else JOINT_SETS[tracker]
+    lost = np.tile(place, (22 if names is None else len(names), 1))
+    follower = PoseFollower(person, names)
+    np.testing.assert_allclose(follower.follow(lost).rotations, Pose.rest().rotations, atol=1e-9)
+    follower = PoseFollower(person)
+    joints = make_clip("walk", person).joints(person)
+    before = follower.follow(joints[0])
+    after = follower.follow(lost[:1].repeat(22, axis=0))
+    assert apart(after.rotations, before.rotations).max() < 1e-4
+    np.testing.assert_array_equal(after.translation, before.translation)
+    arm = joints[1].copy()
+    arm[[BONES.index(f"Left{part}") for part in ("ForeArm", "Hand")]] = arm[BONES.index("LeftArm")]
+    assert np.isfinite(follower.follow(arm).rotations).all()
+    again = follower.follow(joints[2])
+    assert angles(_bones(posed_joints(person, again)), _bones(joints[2])).max() < 1e-4
+
+
 def test_nothing_seen_at_first_is_the_rest_pose():
     follower = PoseFollower(skeleton(), JOINT_SETS["kinect_v2"])
     pose = follower.follow(np.full((25, 3), np.nan))
