@@ -131,6 +131,12 @@ class LiveStream:
         """Close the port."""
         self._socket.close()
 
+    def reject(self, problem: Notice) -> None:
+        """Count the frame that was read last as one that could not be: nobody knows its joints."""
+        self.frames -= 1
+        self.malformed += 1
+        self.problem = problem
+
     def read(self) -> StreamFrame | None:
         """The newest frame that came since the last read, None without one. Never waits."""
         newest = None

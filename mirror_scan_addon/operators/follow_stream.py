@@ -126,7 +126,7 @@ class MIRRORSCAN_OT_follow_stream(bpy.types.Operator):
 
     def _begin(self, context: bpy.types.Context) -> None:
         from ...core.motion import LiveStream, StreamFollower
-        from ..scene import armature, avatar_objects
+        from ..scene import armature, avatar_objects, rig_controls
 
         if self.address not in _LOCAL and not bpy.app.online_access:
             text = say("Blender is not allowed online; allow it in the preferences (System, Network), or use {address}")
@@ -140,6 +140,7 @@ class MIRRORSCAN_OT_follow_stream(bpy.types.Operator):
         self._before = (
             {bone.name: (bone.location.copy(), bone.rotation_quaternion.copy()) for bone in bones.pose.bones},
             action.name if action is not None else "",
+            rig_controls.switch_controls(bones, False),
         )
         if action is not None:
             bones.animation_data.action = None
@@ -160,7 +161,11 @@ class MIRRORSCAN_OT_follow_stream(bpy.types.Operator):
         frame = self._stream.read()
         if frame is None:
             return False
-        pose = self._follower.follow(frame)
+        try:
+            pose = self._follower.follow(frame)
+        except MirrorScanError as error:  # a stranger's joints do not end what the tracker's began
+            self._stream.reject(error.notice)
+            return False
         armature.show_pose(self._bones(), pose, self._unit)
         if self.record:
             self._poses.append((time.monotonic() - self._began, pose))
@@ -201,12 +206,16 @@ class MIRRORSCAN_OT_follow_stream(bpy.types.Operator):
             bones = self._bones()
         except MirrorScanError:  # deleted meanwhile: there is nothing to put back
             return
-        places, action = self._before
+        from ..scene import rig_controls
+
+        places, action, led = self._before
         for name, (location, turn) in places.items():
             if name in bones.pose.bones:
                 bones.pose.bones[name].location, bones.pose.bones[name].rotation_quaternion = location, turn
         if action and action in bpy.data.actions:
             bones.animation_data.action = bpy.data.actions[action]
+        if led:
+            rig_controls.switch_controls(bones, True)
 
     def _close(self) -> None:
         if self._stream is not None:

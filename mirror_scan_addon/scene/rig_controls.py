@@ -41,13 +41,14 @@ def add_controls(armature: bpy.types.Object) -> None:
 
 
 def switch_controls(armature: bpy.types.Object, on: bool) -> bool:
-    """Have limbs follow their control bones, or their own keys. Returns whether there are control bones."""
-    found = False
+    """Have limbs follow their control bones, or their own keys. Returns whether control bones led them before."""
+    led = False
     for bone in armature.pose.bones:
         for constraint in bone.constraints:
             if getattr(constraint, "subtarget", "").startswith(CONTROL):
-                constraint.enabled, found = on, True
-    return found
+                led |= constraint.enabled
+                constraint.enabled = on
+    return led
 
 
 def add_metarig(avatar: bpy.types.Object, skeleton: Skeleton, unit: float) -> bpy.types.Object:

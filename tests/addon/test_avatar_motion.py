@@ -182,6 +182,51 @@ def test_control_bones_lead_hands_and_feet(bpy, avatar):
     assert shape(bpy, avatar)[:, 2].max() > 1.1 * rest[:, 2].max()
 
 
+def _follow(bpy, *datagrams: bytes):
+    """Follow Stream while these come."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+
+    def send():
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            for datagram in datagrams:
+                time.sleep(0.2)
+                out.sendto(datagram, ("127.0.0.1", port))
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    try:
+        return bpy.ops.mirror_scan.follow_stream(port=port, seconds=0.2 * len(datagrams) + 0.3)
+    finally:
+        sender.join()
+        bpy.context.view_layer.update()
+
+
+def _arms_up(found) -> bytes:
+    from mirror_scan.core.motion import make_clip
+
+    joints = make_clip("arms_up", found.skeleton).joints(found.skeleton)
+    return json.dumps({"joints": joints[len(joints) // 2].tolist()}).encode()
+
+
+def test_what_others_send_does_not_end_following(bpy, avatar, found):
+    bpy.ops.mirror_scan.add_skeleton()
+    rest = shape(bpy, avatar)
+    stranger = json.dumps({"joints": {"Thermostat": [1, 2, 3]}}).encode()
+    assert _follow(bpy, _arms_up(found), stranger) == {"FINISHED"}
+    assert shape(bpy, avatar)[:, 2].max() > 1.1 * rest[:, 2].max()
+    with pytest.raises(RuntimeError, match="names are not known"):
+        _follow(bpy, stranger)
+
+
+def test_control_bones_rest_while_a_tracker_is_followed(bpy, avatar, found):
+    bpy.ops.mirror_scan.add_skeleton(controls=True)
+    rest = shape(bpy, avatar)
+    _follow(bpy, _arms_up(found))
+    assert shape(bpy, avatar)[:, 2].max() > 1.1 * rest[:, 2].max()
+
+
 def test_a_tracker_is_followed(bpy, avatar, person, found):
     """A program that sends joints as if live; what it sent last is the pose that stays."""
     from mirror_scan.core.motion import make_clip
