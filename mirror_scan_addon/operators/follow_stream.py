@@ -138,12 +138,16 @@ class MIRRORSCAN_OT_follow_stream(bpy.types.Operator):
         self._stream = LiveStream(self.port, self.address)
         action = bones.animation_data.action if bones.animation_data is not None else None
         self._before = (
-            {bone.name: (bone.location.copy(), bone.rotation_quaternion.copy()) for bone in bones.pose.bones},
+            {
+                bone.name: (bone.location.copy(), bone.rotation_quaternion.copy(), bone.rotation_mode)
+                for bone in bones.pose.bones
+            },
             action.name if action is not None else "",
             rig_controls.switch_controls(bones, False),
         )
         if action is not None:
             bones.animation_data.action = None
+        armature.use_quaternions(bones)
         self._poses: list = []
         self._began = self._told = time.monotonic()
 
@@ -209,9 +213,10 @@ class MIRRORSCAN_OT_follow_stream(bpy.types.Operator):
         from ..scene import rig_controls
 
         places, action, led = self._before
-        for name, (location, turn) in places.items():
+        for name, before in places.items():
             if name in bones.pose.bones:
-                bones.pose.bones[name].location, bones.pose.bones[name].rotation_quaternion = location, turn
+                bone = bones.pose.bones[name]
+                bone.location, bone.rotation_quaternion, bone.rotation_mode = before
         if action and action in bpy.data.actions:
             bones.animation_data.action = bpy.data.actions[action]
         if led:

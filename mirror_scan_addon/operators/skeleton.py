@@ -49,9 +49,7 @@ class MIRRORSCAN_OT_add_skeleton(job_operators.JobOperator, bpy.types.Operator):
         if size.max() > 1.01 * size.min():
             text = say("{name} is scaled unevenly; apply its scale first (Ctrl A)")
             raise OutputError(text.format(name=avatar.name))
-        if avatar.data.shape_keys is not None:
-            text = say("{name} has shape keys, which a finer mesh would lose; remove or apply them first")
-            raise OutputError(text.format(name=avatar.name))
+        _check_shape_keys(avatar)
         surface = avatar_objects.read_surface(avatar, size)
         avatar_objects.check_finite(avatar, surface.vertices)
         self._uid, self._size = avatar.session_uid, float(size.mean())
@@ -105,6 +103,7 @@ class MIRRORSCAN_OT_rest_in_t_pose(bpy.types.Operator):
         unit = metres_per_unit(context.scene)
         try:
             avatar = armature.body_of(context.object)
+            _check_shape_keys(avatar)
             size = float(avatar_objects.size_of(avatar, unit).mean())
             had_motion = bones.animation_data is not None and bones.animation_data.action is not None
             rigged = armature.read_avatar(avatar, size)
@@ -146,6 +145,12 @@ class MIRRORSCAN_OT_use_controls(bpy.types.Operator):
 
         rig_controls.switch_controls(armature_of(context.object), self.on)
         return {"FINISHED"}
+
+
+def _check_shape_keys(avatar: bpy.types.Object) -> None:
+    if avatar.data.shape_keys is not None:
+        text = say("{name} has shape keys, which a changed mesh would lose; remove or apply them first")
+        raise OutputError(text.format(name=avatar.name))
 
 
 def _own_collection(avatar: bpy.types.Object, target: bpy.types.Scene) -> bpy.types.Collection:

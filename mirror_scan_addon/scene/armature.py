@@ -20,7 +20,7 @@ from ...core.avatar.skeleton import BONES, ENDS, PARENTS, Skeleton
 from ...core.errors import CaptureError
 from ..language.texts import say
 from .avatar_objects import read_surface
-from .scan_records import armature_of
+from .scan_records import CONTROL, armature_of
 
 _ENDS_OF = ("Head", "LeftHand", "RightHand", "LeftToeBase", "RightToeBase")
 _SHORTEST = 0.002  # Blender removes bones without length [m]
@@ -38,7 +38,7 @@ def add_armature(
     Parameters
     ----------
     avatar : bpy.types.Object
-        The armature takes its place, and it hangs on the armature from then on.
+        The armature takes its place, under its parent, and it hangs on the armature from then on.
     skeleton : Skeleton
         In the mesh's frame [m].
     weights : SkinWeights
@@ -62,17 +62,27 @@ def add_armature(
         bpy.ops.object.mode_set(mode="OBJECT")
         layer.objects.active = active
     data["confidence"] = skeleton.confidence.tolist()
-    for bone in armature.pose.bones:
-        bone.rotation_mode = "QUATERNION"
+    use_quaternions(armature)
     set_weights(avatar, weights)
     modifier = avatar.modifiers.new("Armature", "ARMATURE")
     modifier.object = armature
+    armature.parent, armature.parent_type = avatar.parent, avatar.parent_type
+    armature.parent_bone = avatar.parent_bone
+    armature.matrix_parent_inverse = avatar.matrix_parent_inverse
+    layer.update()
     armature.matrix_world = avatar.matrix_world
     layer.update()
-    avatar.parent = armature
+    avatar.parent, avatar.parent_type = armature, "OBJECT"
     avatar.matrix_parent_inverse.identity()
     avatar.matrix_basis.identity()
     return armature
+
+
+def use_quaternions(armature: bpy.types.Object) -> None:
+    """Have the bones turn by quaternions, which poses and clips are made of."""
+    for bone in armature.pose.bones:
+        if not bone.name.startswith(CONTROL):
+            bone.rotation_mode = "QUATERNION"
 
 
 def _place_bones(data: bpy.types.Armature, skeleton: Skeleton, unit: float) -> None:
@@ -86,6 +96,9 @@ def _place_bones(data: bpy.types.Armature, skeleton: Skeleton, unit: float) -> N
         made.align_roll(Vector(axes[bone][:, 2]))
         if parent >= 0:
             made.parent = data.edit_bones[PREFIX + BONES[parent]]
+        control = data.edit_bones.get(CONTROL + name)
+        if control is not None:
+            control.head, control.tail, control.roll = made.head, made.tail, made.roll
 
 
 def set_weights(avatar: bpy.types.Object, weights: SkinWeights) -> None:
@@ -110,6 +123,7 @@ def add_clip(
     ``loops`` repeats it for ever; what it walks over the floor it walks on.
     """
     frames = len(clip.rotations)
+    use_quaternions(armature)
     places, turns = _in_bones(armature, clip.rotations, clip.translations, unit)
     for frame in range(1, frames):
         turns[frame] *= np.where((turns[frame] * turns[frame - 1]).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
@@ -136,7 +150,7 @@ def add_clip(
 
 
 def show_pose(armature: bpy.types.Object, pose: Pose, unit: float = 1.0) -> None:
-    """Have the armature stand in ``pose``; it gets no keys."""
+    """Have the armature, whose bones turn by quaternions, stand in ``pose``; it gets no keys."""
     places, turns = _in_bones(armature, pose.rotations[None], pose.translation[None], unit)
     bones = armature.pose.bones
     bones[PREFIX + BONES[0]].location = places[0]

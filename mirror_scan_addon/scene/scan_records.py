@@ -61,7 +61,14 @@ def no_skeleton(context: bpy.types.Context) -> str:
 
 
 CONTROL = "Control "  # what names of control bones begin with
-_BONES = ("mixamorig:Hips", "mixamorig:Head", "mixamorig:LeftHand", "mixamorig:RightToeBase")
+_BONES = tuple(
+    f"mixamorig:{name}" for name in (
+        "Hips", "Spine", "Spine1", "Spine2", "Neck", "Head",
+        *(f"{side}{part}" for side in ("Left", "Right") for part in (
+            "Shoulder", "Arm", "ForeArm", "Hand", "UpLeg", "Leg", "Foot", "ToeBase")),
+    )
+)  # fmt: skip
+"""``core.avatar.skeleton.BONES``, for which numpy would have to be imported."""
 
 GOOD_MM, USABLE_MM = 5.0, 12.0
 """Residual of a mirror up to which it is good, and up to which it is usable [mm]."""

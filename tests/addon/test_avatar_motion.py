@@ -182,6 +182,73 @@ def test_control_bones_lead_hands_and_feet(bpy, avatar):
     assert shape(bpy, avatar)[:, 2].max() > 1.1 * rest[:, 2].max()
 
 
+def test_control_bones_come_along_into_the_t_pose(bpy, avatar):
+    bpy.ops.mirror_scan.add_skeleton(controls=True)
+    bpy.ops.mirror_scan.rest_in_t_pose()
+    bpy.context.view_layer.update()
+    led = shape(bpy, avatar)
+    bpy.ops.mirror_scan.use_controls(on=False)
+    bpy.context.view_layer.update()
+    np.testing.assert_allclose(led, shape(bpy, avatar), atol=2e-3)
+
+
+def test_shape_keys_keep_their_rest_pose(bpy, avatar):
+    bpy.ops.mirror_scan.add_skeleton()
+    avatar.shape_key_add(name="Basis")
+    joints = [bone.head_local.copy() for bone in avatar.parent.data.bones]
+    with pytest.raises(RuntimeError, match="has shape keys"):
+        bpy.ops.mirror_scan.rest_in_t_pose()
+    assert joints == [bone.head_local for bone in avatar.parent.data.bones]
+
+
+@pytest.mark.parametrize("change", ["renamed", "removed"])
+def test_a_skeleton_that_lacks_a_bone_is_none(bpy, avatar, change):
+    bpy.ops.mirror_scan.add_skeleton()
+    bones = avatar.parent
+    if change == "renamed":
+        bones.data.bones["mixamorig:LeftForeArm"].name = "elbow"
+    else:
+        bpy.context.view_layer.objects.active = bones
+        bpy.ops.object.mode_set(mode="EDIT")
+        bones.data.edit_bones.remove(bones.data.edit_bones["mixamorig:LeftForeArm"])
+        bpy.ops.object.mode_set(mode="OBJECT")
+        bpy.context.view_layer.objects.active = avatar
+    for operator in (bpy.ops.mirror_scan.apply_motion, bpy.ops.mirror_scan.follow_stream):
+        assert not operator.poll()
+    assert bpy.ops.mirror_scan.add_skeleton() == {"FINISHED"}
+    assert bpy.ops.mirror_scan.apply_motion(clip="idle") == {"FINISHED"}
+
+
+def test_bones_that_turned_by_angles_are_moved_too(bpy, avatar, found):
+    bpy.ops.mirror_scan.add_skeleton()
+    bones, rest = avatar.parent, shape(bpy, avatar)
+    for bone in bones.pose.bones:
+        bone.rotation_mode = "XYZ"
+    _follow(bpy, _arms_up(found))
+    assert shape(bpy, avatar)[:, 2].max() > 1.1 * rest[:, 2].max()
+    for bone in bones.pose.bones:
+        bone.rotation_mode = "XYZ"
+    bpy.ops.mirror_scan.apply_motion(clip="arms_up")
+    bpy.context.scene.frame_set(bpy.context.scene.frame_end // 2)
+    assert shape(bpy, avatar)[:, 2].max() > 1.1 * rest[:, 2].max()
+
+
+def test_the_avatar_stays_with_its_parent(bpy, avatar):
+    platform = bpy.data.objects.new("Platform", None)
+    bpy.context.scene.collection.objects.link(platform)
+    platform.location, platform.rotation_euler.z, platform.scale = (1, 2, 0), 0.5, (1.2, 1.2, 1.2)
+    avatar.parent, avatar.location = platform, (0.3, 0, 0)
+    bpy.context.view_layer.update()
+    avatar.matrix_parent_inverse = platform.matrix_world.inverted()
+    bpy.context.view_layer.update()
+    before = shape(bpy, avatar)
+    bpy.ops.mirror_scan.add_skeleton()
+    np.testing.assert_allclose(shape(bpy, avatar)[: len(before)], before, atol=2e-4)
+    platform.location.x += 3
+    bpy.context.view_layer.update()
+    np.testing.assert_allclose(shape(bpy, avatar)[: len(before)], before + [3, 0, 0], atol=2e-4)
+
+
 def _follow(bpy, *datagrams: bytes):
     """Follow Stream while these come."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
