@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from ..numeric.rotations import euler_zyx, from_euler
 from .motion import Motion, posed
 
 _LARGEST = 2_000_000_000  # bytes; a BVH of an hour at 120 frames a second has a quarter of that
+_HIGHEST = 1e9  # of a place, in any unit, and of an angle
 _CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis in "XYZ")
 
 
@@ -169,6 +171,8 @@ def _statement(path: Path, number: int, words: list[str], joints: list[_Joint], 
         offset = _numbers(path, number, words[1:])
         if len(offset) != 3:
             raise _damaged(path, number, f"an OFFSET has 3 numbers, not {len(offset)}")
+        if not max(map(abs, offset)) < _HIGHEST or any(map(math.isnan, offset)):
+            raise _damaged(path, number, "this OFFSET is not possible")
         joint.offset = (offset[0], offset[1], offset[2])
     elif key == "CHANNELS":
         named = {channel.upper(): channel for channel in _CHANNELS}
@@ -197,7 +201,7 @@ def _frames(path: Path, lines: list[list[str]], at: int, width: int, rate: float
     if stated is None or seconds is None:
         raise MirrorScanError("{path}: Frames or Frame Time is missing after MOTION; export it again", path=path)
     if rate is None and not 1e-4 <= seconds <= 10:
-        raise _damaged(path, at - 1, f"a frame time of {seconds:g} s is not possible; give the rate")
+        raise _damaged(path, at - 1, f"a frame time of {seconds:g} s is not possible; write the seconds a frame lasts")
     rows = [number for number in range(at, len(lines)) if lines[number]]
     flat, wrong = [], 0
     for number in rows:
@@ -214,9 +218,10 @@ def _frames(path: Path, lines: list[list[str]], at: int, width: int, rate: float
         raise _damaged(path, wrong - 1, f"a frame has {width} numbers, not {count}")
     if len(values) < width:
         raise MirrorScanError("{path}: holds no whole frame; export it again", path=path)
-    bad = np.flatnonzero(~np.isfinite(values))
+    bad = np.flatnonzero(~(np.abs(values) < _HIGHEST))  # true for NaN too
     if len(bad):
-        raise _damaged(path, rows[min(int(bad[0]) // width, len(rows) - 1)], "a value is not a finite number")
+        line = rows[min(int(bad[0]) // width, len(rows) - 1)]
+        raise _damaged(path, line, f"a value of {values[bad[0]]:g} is not possible")
     return values.reshape(-1, width), rate or 1 / seconds
 
 

@@ -124,6 +124,7 @@ class _Source:
 
 def _turned(motion: Motion, joints: JointMap, skeleton: Skeleton, rest: RestFrames) -> Clip:
     """A clip of rotations."""
+    leg = _leg_length(motion, joints)
     source = _Source(motion, joints, _rest_stance(motion, joints), shortest_turn(_up_axis(motion, joints), UP))
     out = np.empty((len(motion), len(BONES), 3, 3))
     _turn_trunk(source, out)
@@ -133,9 +134,6 @@ def _turned(motion: Motion, joints: JointMap, skeleton: Skeleton, rest: RestFram
         _turn_hand(source, rest, out, side)
         _turn_foot(source, rest, out, side)
     out = source.world @ out
-    leg = _leg_length(source)
-    if not leg > 0:
-        raise MirrorScanError("{name}: its legs have no length; export it again with the skeleton", name=motion.name)
     thighs = [joints.joints["LeftUpLeg"], joints.joints["RightUpLeg"]]
     middle = motion.positions[:, thighs].mean(axis=1) @ source.world.T * (rest.leg / leg)
     # The middle between the thighs' joints travels; where Hips lies from it differs between skeletons.
@@ -145,13 +143,24 @@ def _turned(motion: Motion, joints: JointMap, skeleton: Skeleton, rest: RestFram
     return _facing_front(motion, out, translations, source.world)
 
 
-def _leg_length(source: _Source) -> float:
-    """Length of thigh and shin, the mean of both legs, in the file's unit."""
+def _leg_length(motion: Motion, joints: JointMap) -> float:
+    """Length of thigh and shin, the mean of both legs, in the file's unit.
+
+    Raises
+    ------
+    MirrorScanError
+        A bone of a limb has no length, so that it points nowhere.
+    """
     length = 0.0
-    for side in _SIDES:
-        places = [source.map.joints[side + part] for part in ("UpLeg", "Leg", "Foot")]
-        bones = np.diff(source.motion.positions[:, places], axis=1)
-        length += float(np.median(np.linalg.norm(bones, axis=2).sum(axis=1))) / 2
+    for upper, lower, end, _ in HINGES:
+        places = [joints.joints[bone] for bone in (upper, lower, end)]
+        lengths = np.linalg.norm(np.diff(motion.positions[:, places], axis=1), axis=2)
+        for bone, own in zip((upper, lower), lengths.T, strict=True):
+            if not own.min() > 0:
+                text = "{name}: {bone} has no length in frame {frame}; export it again with a whole skeleton"
+                raise MirrorScanError(text, name=motion.name, bone=bone, frame=int(np.argmin(own)) + 1)
+        if upper.endswith("UpLeg"):
+            length += float(np.median(lengths.sum(axis=1))) / 2
     return length
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mirror_scan.core.avatar.pose import SkinWeights
 from mirror_scan.core.avatar.skeleton import BONES
+from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.motion import Motion, palm_directions, retarget
 from motion_figures import along_x, angles, apart, changed, gymnastics, other_person, skeleton
 from scipy.spatial.transform import Rotation
@@ -190,3 +191,23 @@ def test_palms_of_a_skin_are_those_of_its_fingers():
     fallen_back = palm_directions(lump, weights, person)
     clip, other = (retarget(gymnastics(), person, palms=each) for each in (None, fallen_back))
     np.testing.assert_allclose(other.rotations, clip.rotations, atol=1e-9)
+
+
+@pytest.mark.parametrize("bone", ["LeftForeArm", "RightLeg", "LeftUpLeg", "RightArm"])
+@pytest.mark.parametrize("frames", [slice(None), slice(4, 5)])
+def test_a_limb_that_points_nowhere_is_refused(bone, frames):
+    motion = gymnastics()
+    names = list(motion.joints)
+    child = {"Leg": "Foot", "UpLeg": "Leg", "ForeArm": "Hand", "Arm": "ForeArm"}
+    side = bone[: 4 if bone.startswith("Left") else 5]
+    end = names.index(side + child[bone.removeprefix(side)])
+    motion.positions[frames, end] = motion.positions[frames, names.index(bone)]
+    with pytest.raises(MirrorScanError, match=f"gymnastics: {bone} has no length in frame"):
+        retarget(motion, skeleton())
+
+
+def test_one_place_for_all_joints_is_refused():
+    motion = gymnastics()
+    motion.positions[:], motion.rest[:] = 0, 0
+    with pytest.raises(MirrorScanError, match="has no length"):
+        retarget(motion, skeleton())
