@@ -104,7 +104,7 @@ def _add_animate(subparsers: _Commands) -> None:
     )
     command.add_argument(
         "motion", metavar="MOTION",
-        help="file of a motion: .bvh, or with Blender .fbx; or one of our own: idle, walk, arms up, squat, turn",
+        help="file of a motion: .bvh, or with Blender .fbx; or one of our own: idle, walk, arms_up, squat, turn",
     )  # fmt: skip
     command.add_argument(
         "-o", dest="outputs", metavar="OUT", type=Path, action="append", required=True,

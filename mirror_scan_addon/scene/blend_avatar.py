@@ -5,8 +5,6 @@ What is open in this Blender is gone afterwards.
 
 from __future__ import annotations
 
-import contextlib
-import io
 from pathlib import Path
 
 import bpy
@@ -15,6 +13,7 @@ from ...core.avatar.avatar_file import Avatar
 from ...core.errors import CaptureError
 from ..language.texts import say
 from .armature import armature_of, read_avatar
+from .blender_files import quiet, silent
 from .units import metres_per_unit
 
 
@@ -41,7 +40,7 @@ def _open(path: Path, operator: bpy.types.Operator) -> None:
     if not path.is_file():
         raise CaptureError(say("{path}: no such file").format(path=path))
     try:
-        with contextlib.redirect_stdout(io.StringIO()):
+        with quiet(), silent():
             operator(filepath=str(path))
     except RuntimeError as error:
         reason = str(error).strip().splitlines()[-1]

@@ -80,9 +80,11 @@ def shown(target: bpy.types.Scene) -> Iterator[None]:
         window.view_layer = layer
 
 
-def quiet() -> contextlib.AbstractContextManager:
-    """Keep what exporters print from the terminal."""
-    return contextlib.redirect_stdout(io.StringIO())
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Keep what exporters and importers print from the terminal: ours tell what went wrong."""
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        yield
 
 
 @contextlib.contextmanager

@@ -103,12 +103,17 @@ def test_a_rest_pose_that_the_file_keeps_is_used(read_fbx_motion, tmp_path):
     np.testing.assert_allclose(ours.translations, plain.translations, atol=0.01)
 
 
-def test_files_without_a_motion_are_told(read_fbx_motion, tmp_path):
+def test_files_without_a_motion_are_told(read_fbx_motion, tmp_path, capfd):
     with pytest.raises(MirrorScanError, match="there is no such file"):
         read_fbx_motion(tmp_path / "none.fbx")
     (tmp_path / "noise.fbx").write_bytes(b"Kaydara FBX Binary  \0" + bytes(50))
     with pytest.raises(MirrorScanError, match="noise.fbx: Blender cannot read it"):
         read_fbx_motion(tmp_path / "noise.fbx")
+    (tmp_path / "picture.fbx").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(50))
+    capfd.readouterr()
+    with pytest.raises(MirrorScanError, match=r"picture.fbx: Blender cannot read it \([^\n]+\)$"):
+        read_fbx_motion(tmp_path / "picture.fbx")
+    assert capfd.readouterr().err == ""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.mesh.primitive_cube_add()
     bpy.ops.export_scene.fbx(filepath=str(tmp_path / "cube.fbx"))
