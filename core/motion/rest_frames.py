@@ -8,6 +8,7 @@ import numpy as np
 
 from ..avatar.pose import SkinWeights
 from ..avatar.skeleton import BONES, Skeleton
+from ..errors import MirrorScanError
 from ..numeric.rotations import frames, unit
 
 UP, FRONT, LEFT = np.array([0.0, 0, 1]), np.array([0.0, -1, 0]), np.array([1.0, 0, 0])
@@ -17,6 +18,7 @@ HINGES = tuple(
     for side in ("Left", "Right")
     for upper, lower, end, towards in (("Arm", "ForeArm", "Hand", FRONT), ("UpLeg", "Leg", "Foot", -FRONT))
 )
+_UPRIGHT = 0.5  # cosine of how far a person in the avatar frame may lean or be turned
 _CLEAR_BEND = (np.radians(10), np.radians(25))  # below, a rest pose's bend says nothing of its axis; above, all
 
 
@@ -45,7 +47,20 @@ def rest_frames(skeleton: Skeleton, palms: np.ndarray | None = None) -> RestFram
     """The frames of a skeleton; ``palms`` (2, 3): directions out of the left and the right palm in the rest pose.
 
     Without ``palms`` thumbs point ahead: as arms hang, and as they do in an A- or T-pose with palms down.
+
+    Raises
+    ------
+    MirrorScanError
+        The skeleton does not stand as in the avatar frame.
     """
+    hips, neck, left, right = (
+        skeleton.joints[BONES.index(name)] for name in ("Hips", "Neck", "LeftUpLeg", "RightUpLeg")
+    )
+    if unit(neck - hips) @ UP < _UPRIGHT or unit(left - right) @ LEFT < _UPRIGHT:
+        raise MirrorScanError(
+            "the skeleton does not stand upright and face −Y in its own axes; reconstruct in the avatar frame, and turn "
+            "the object, not its mesh"
+        )
     along = unit(skeleton.tails() - skeleton.joints)
     out = np.tile(frames(LEFT, UP), (len(BONES), 1, 1))
     leg = 0.0

@@ -211,3 +211,14 @@ def test_one_place_for_all_joints_is_refused():
     motion.positions[:], motion.rest[:] = 0, 0
     with pytest.raises(MirrorScanError, match="has no length"):
         retarget(motion, skeleton())
+
+
+@pytest.mark.parametrize("turn", [("x", 90), ("x", 180), ("z", 90), ("z", 180)])
+def test_a_skeleton_in_other_axes_is_refused(turn):
+    """As of “--frame camera”, or of a mesh that was turned: no motion fits it."""
+    lying = np.eye(4)
+    lying[:3, :3] = Rotation.from_euler(*turn, degrees=True).as_matrix()
+    with pytest.raises(MirrorScanError, match="does not stand upright"):
+        retarget(gymnastics(), skeleton().transformed(lying))
+    lying[:3, :3] = Rotation.from_euler(turn[0], 35, degrees=True).as_matrix()
+    retarget(gymnastics(), skeleton().transformed(lying))
