@@ -58,8 +58,8 @@ def rest_frames(skeleton: Skeleton, palms: np.ndarray | None = None) -> RestFram
     )
     if unit(neck - hips) @ UP < _UPRIGHT or unit(left - right) @ LEFT < _UPRIGHT:
         raise MirrorScanError(
-            "the skeleton does not stand upright and face −Y in its own axes; reconstruct in the avatar frame, and turn "
-            "the object, not its mesh"
+            "the skeleton does not stand upright and face −Y in its own axes; reconstruct in the avatar frame, and "
+            "turn the object, not its mesh"
         )
     along = unit(skeleton.tails() - skeleton.joints)
     out = np.tile(frames(LEFT, UP), (len(BONES), 1, 1))

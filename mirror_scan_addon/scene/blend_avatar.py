@@ -13,6 +13,7 @@ from ...core.avatar.avatar_file import Avatar
 from ...core.errors import CaptureError
 from ..language.texts import say
 from .armature import armature_of, read_avatar
+from .avatar_objects import size_of
 from .blender_files import quiet, silent
 from .units import metres_per_unit
 
@@ -33,7 +34,11 @@ def read_blend_avatar(path: Path) -> Avatar:
     if avatar is None:
         text = say("{path}: no mesh in it has a skeleton; make it with “reconstruct --skeleton”")
         raise CaptureError(text.format(path=path))
-    return read_avatar(avatar, metres_per_unit(scene))
+    size = size_of(avatar, metres_per_unit(scene))
+    if size.max() > 1.01 * size.min():
+        text = say("{name} is scaled unevenly; apply its scale first (Ctrl A)")
+        raise CaptureError(text.format(name=avatar.name))
+    return read_avatar(avatar, float(size.mean()))
 
 
 def _open(path: Path, operator: bpy.types.Operator) -> None:

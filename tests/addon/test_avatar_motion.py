@@ -233,6 +233,18 @@ def test_bones_that_turned_by_angles_are_moved_too(bpy, avatar, found):
     assert shape(bpy, avatar)[:, 2].max() > 1.1 * rest[:, 2].max()
 
 
+def test_a_blend_file_gives_the_avatar_in_its_size(bpy, avatar, found, tmp_path):
+    from mirror_scan.mirror_scan_addon.scene.blend_avatar import read_blend_avatar
+
+    bpy.ops.mirror_scan.add_skeleton()
+    bones = avatar.parent
+    bones.location, bones.rotation_euler.z, bones.scale = (1, 2, 3), 1.0, (1.15, 1.15, 1.15)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "taller.blend"))
+    read = read_blend_avatar(tmp_path / "taller.blend")
+    np.testing.assert_allclose(read.skeleton.joints, 1.15 * found.skeleton.joints, atol=1e-4)
+    assert np.ptp(read.mesh.vertices[:, 2]) == pytest.approx(1.15 * np.ptp(found.mesh.vertices[:, 2]), abs=1e-4)
+
+
 def test_the_avatar_stays_with_its_parent(bpy, avatar):
     platform = bpy.data.objects.new("Platform", None)
     bpy.context.scene.collection.objects.link(platform)
