@@ -8,7 +8,7 @@ blend lies and how wide it is. ``tools/weight_fields.py`` makes the tables.
 from __future__ import annotations
 
 import functools
-from pathlib import Path
+from importlib.resources import files
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ from .skeleton import BONES, OTHER_SIDE, Skeleton
 
 TABLES = tuple(bone for bone, name in enumerate(BONES) if not name.startswith("Right"))
 """Bones that have a table of their own."""
-_FILE = Path(__file__).with_name("weight_fields.npz")
+_FILE = "weight_fields.npz"  # beside this module
 
 
 class WeightFields(NamedTuple):
@@ -43,7 +43,7 @@ class WeightFields(NamedTuple):
 @functools.cache
 def known_fields() -> WeightFields:
     """The tables that come with the program."""
-    with np.load(_FILE) as stored:
+    with files(__package__).joinpath(_FILE).open("rb") as file, np.load(file) as stored:
         return WeightFields(*(stored[name].astype(np.float64) for name in WeightFields._fields))
 
 

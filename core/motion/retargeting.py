@@ -157,8 +157,10 @@ def _leg_length(motion: Motion, joints: JointMap) -> float:
         lengths = np.linalg.norm(np.diff(motion.positions[:, places], axis=1), axis=2)
         for bone, own in zip((upper, lower), lengths.T, strict=True):
             if not own.min() > 0:
-                text = "{name}: {bone} has no length in frame {frame}; export it again with a whole skeleton"
-                raise MirrorScanError(text, name=motion.name, bone=bone, frame=int(np.argmin(own)) + 1)
+                raise MirrorScanError(
+                    "{name}: {bone} has no length in frame {frame}; export it again with a whole skeleton",
+                    name=motion.name, bone=bone, frame=int(np.argmin(own)) + 1,
+                )  # fmt: skip
         if upper.endswith("UpLeg"):
             length += float(np.median(lengths.sum(axis=1))) / 2
     return length

@@ -9,7 +9,7 @@ import numpy as np
 from ..camera import RgbdImage, unproject
 from ..camera.noise_models import SENSORS
 from ..capture import Capture, MirrorPicks
-from ..depth.sensor_recognition import Principle
+from ..depth.sensor_recognition import Principle, measuring_principle
 from ..errors import MirrorError, Notice, PicksDisagreeError
 from ..mirror_alignment.floor_alignment import align_floor
 from ..mirror_alignment.frame_shape import honest_error
@@ -34,6 +34,15 @@ from ..mirrors.picked_mirror import place_mirror
 from ..views.view_correspondences import likeness
 from .rig_calibration import moved_warnings
 from .settings import Settings
+
+
+def place_mirrors(
+    known: tuple[MirrorPicks | Mirror, ...], depth: np.ndarray, capture: Capture, settings: Settings
+) -> tuple[list[Mirror], tuple[str, ...]]:
+    """The mirrors that were picked or given, or else those that the depth map shows; and what to warn of."""
+    first = first_mirrors(known, depth, capture, settings)
+    principle = measuring_principle(capture, settings.depth, settings.light.phase_said)
+    return align_mirrors(first, RgbdImage(depth, capture.intrinsics), capture, settings, principle)
 
 
 def first_mirrors(

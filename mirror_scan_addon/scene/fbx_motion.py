@@ -9,6 +9,7 @@ import numpy as np
 
 from ...core.errors import MirrorScanError, OutputError
 from ...core.motion import Motion
+from ..language.texts import say
 from .blender_files import enabled, quiet, reason_of, shown, temporary_scene
 
 _UP = np.array([0.0, 0, 1])
@@ -26,16 +27,18 @@ def read_fbx_motion(path: str | Path) -> Motion:
     """
     path = Path(path)
     if not path.is_file():
-        raise MirrorScanError("{path}: there is no such file", path=path)
+        raise MirrorScanError(say("{path}: there is no such file").format(path=path))
     with temporary_scene() as scene, enabled("io_scene_fbx"), shown(scene), quiet():
         try:
             bpy.ops.import_scene.fbx(filepath=str(path), ignore_leaf_bones=False, automatic_bone_orientation=False)
         except (RuntimeError, OutputError) as error:
             said = reason_of(str(error))
-            raise MirrorScanError("{path}: Blender cannot read it ({reason})", path=path, reason=said) from error
+            text = say("{path}: Blender cannot read it: {reason}")
+            raise MirrorScanError(text.format(path=path, reason=said)) from error
         moved = [thing for thing in scene.objects if thing.type == "ARMATURE" and _action(thing) is not None]
         if not moved:
-            raise MirrorScanError("{path}: nothing in it moves a skeleton; export it with its animation", path=path)
+            text = say("{path}: nothing in it moves a skeleton; export it with its animation")
+            raise MirrorScanError(text.format(path=path))
         return _motion(path.name, scene, max(moved, key=lambda thing: len(thing.data.bones)))
 
 

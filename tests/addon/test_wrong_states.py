@@ -23,6 +23,11 @@ OPERATORS = {
     "check": {},
     "jump_to_problem": {},
     "color_by": {"mode": "KIND"},
+    "add_skeleton": {},
+    "apply_motion": {"clip": "idle"},
+    "follow_stream": {"seconds": 0.01},
+    "use_controls": {},
+    "rest_in_t_pose": {},
     "export_avatar": {"filepath": "/proc/avatar.glb"},
     "simulate": {"frames": 1, "filepath": "/proc/scan"},
     # last, since these may well be possible

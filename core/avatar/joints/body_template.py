@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
+from importlib.resources import files
 
 import numpy as np
 
 from ..skeleton import BONES, PARENTS
 
-_FILE = Path(__file__).with_name("body_template.npz")
+_FILE = "body_template.npz"  # beside this module
 _BELOW = np.eye(len(BONES), dtype=np.bool_)
 for _bone in reversed(range(1, len(BONES))):
     _BELOW[PARENTS[_bone]] |= _BELOW[_bone]
@@ -78,7 +78,7 @@ class PosedBody:
 @cache
 def body_template() -> BodyTemplate:
     """The template that is shipped."""
-    with np.load(_FILE) as stored:
+    with files(__package__).joinpath(_FILE).open("rb") as file, np.load(file) as stored:
         weights = np.zeros((len(stored["normals"]), len(BONES)))
         np.put_along_axis(weights, stored["index"].astype(np.int64), stored["weight"].astype(np.float64), axis=1)
         normals = stored["normals"].astype(np.float64)
