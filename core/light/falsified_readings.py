@@ -8,6 +8,7 @@ from .evidence import GHOST
 from .irradiance import path_lengths, seen_at, through_glass
 from .limb_correction import DEVIATIONS, Corrected, reading_noise
 from .lit_scene import LitScene, grown, shifted
+from .outer_readings import standing_out
 
 _ON_FLOOR, _LOW = 0.03, 0.2  # so near the floor a reading is the floor's; so low a misread one seems to be [m]
 _IN_FRONT = 0.006, 0.0015  # so far in front of what another view sees a reading is wrong [m], and times z
@@ -15,8 +16,9 @@ _TOGETHER = 4  # of 3 x 3 readings that are left out, so many are no noise
 
 
 def without_contradicted(scene: LitScene, limbs: Corrected) -> np.ndarray:
-    """The trusted readings (H, W) that no other view contradicts."""
+    """The trusted readings (H, W) that neither another view nor the surface farther inside contradicts."""
     trusted = limbs.trusted & ~contradicted(scene, limbs.depth, limbs.trusted, limbs.edge)
+    trusted &= ~standing_out(scene, limbs.depth, trusted)
     # where a mirror's reading borders on some that are left out, it is half wrong itself; one alone is noise
     left_out = (scene.labels > 0) & ~trusted
     together = sum(shifted(left_out.astype(np.int8), dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1))

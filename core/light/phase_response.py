@@ -82,11 +82,6 @@ def predicted_bias(
     for part, (bias, error) in zip(parts, found, strict=True):
         predicted[part], uncertain[part] = bias, error
     return predicted, uncertain
-    predicted[lit] = response.bias(ratio[lit], longer[lit])
-    by_ratio = response.bias((1.0 + _RATIO_ERROR) * ratio[lit], longer[lit]) - predicted[lit]
-    by_length = response.bias(ratio[lit], longer[lit] + _LENGTH_ERROR) - predicted[lit]
-    uncertain[lit] = np.hypot(by_ratio, by_length)
-    return predicted, uncertain
 
 
 @njit(cache=True, nogil=True)
