@@ -25,7 +25,7 @@ def standing_out(scene: LitScene, depth: np.ndarray, trusted: np.ndarray) -> np.
     inside = nearest_inside(inner, scene.labels, rows, columns)
     rows, columns, inside = rows[inside >= 0], columns[inside >= 0], inside[inside >= 0]
     where, touching = np.unique(inside, return_inverse=True)
-    surface = scene.surface(depth, inner, *np.unravel_index(where, depth.shape))
+    surface = scene.surface(depth, inner, where // depth.shape[1], where % depth.shape[1])
     view = scene.labels[rows, columns].astype(np.intp)
     points = scene.place(rows, columns, depth[rows, columns].astype(np.float64), view)
     rays = points - scene.sources[view]
@@ -53,7 +53,7 @@ def nearest_inside(inner: np.ndarray, labels: np.ndarray, rows: np.ndarray, colu
     return index
 
 
-def _mean_along(rows: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def _mean_along(rows: np.ndarray, columns: np.ndarray, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Mean of the values (N,) of each pixel and of those just above and below it."""
     total, count = np.zeros((shape[0] + 2 * _ALONG, shape[1])), np.zeros((shape[0] + 2 * _ALONG, shape[1]))
     for down in range(2 * _ALONG + 1):
