@@ -1,4 +1,4 @@
-"""Readings of a pole in a mirror: those that light bends towards the viewer at an edge are found, sound ones are not."""
+"""Readings of a pole in a mirror: those that light bends forward at an edge are found, sound ones are not."""
 
 from __future__ import annotations
 
