@@ -16,7 +16,7 @@ _MET, _STRANGE = 0.035, 0.05  # of body height: a sample belongs to the body nea
 _MOST_STRANGE = 0.1  # share of strange surface that clothes, hair and noise may make up
 _MISSING = 0.25  # share of a part's usual surface below which it is not there
 _CUT = 0.035  # of body height: so far below the fitted crown the head is cut off
-_ODD = 0.6  # standard deviations, all components together: no person's shape is further from the mean
+_ODD = 0.75  # standard deviations, all components together: no person's shape is further from the mean
 # Bones of each part, and how many samples it gets, next to its share of the template's points, from whole people.
 _PARTS = {
     "head": (("Head", "Neck"), 0.9),

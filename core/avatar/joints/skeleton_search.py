@@ -14,7 +14,7 @@ from .template_fit import Fit, Surface, fit, joint_spread
 
 _SAMPLES = 3000
 _ARMS_DOWN = (-80.0, -25.0, 0.0, 25.0)  # from the template's rest pose, which has them some 45° down [deg]
-_COARSE, _FINE = np.geomspace(0.12, 0.05, 8), np.geomspace(0.05, 0.015, 12)
+_COARSE, _FINE = np.geomspace(0.12, 0.05, 8), np.geomspace(0.05, 0.025, 12)
 _RIGID = 2  # first steps without change of shape
 _BUMPS, _ROUNDS = 0.03, 30  # of body height; rounds of smoothing at most
 _FAR = 0.05  # of body height: a point is not farther off than this when starts are compared

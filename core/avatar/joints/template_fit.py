@@ -15,8 +15,7 @@ from ..skeleton import BONES
 from .body_template import BodyState, BodyTemplate, PosedBody, derivatives, moved, posed, turn_vectors
 
 _TANGENT = 0.1  # weight of the distance along the surface, of that across it
-_NOISE = 0.035  # of body height: what one pair of many, which err together, says about the body
-_SHAPE = 1.0
+_NOISE = 0.025  # of body height: what one pair of many, which err together, says about the body
 # How far bones turn from the rest pose, about x, y, z [deg]; the rest has arms some 45° down and elbows a little bent.
 _SPREADS = {
     "Hips": (10, 8, 12), "Spine": (5, 4, 5), "Spine1": (5, 4, 5), "Spine2": (5, 4, 5), "Neck": (6, 5, 12),
@@ -129,8 +128,8 @@ def _add_prior(information, gradient, state, body, size) -> None:
     """What is likely of a body, weighed against ``_NOISE`` of a pair."""
     noise = (_NOISE * state.height) ** 2
     at = np.arange(4, 4 + size)
-    information[at, at] += noise * _SHAPE
-    gradient[at] -= noise * _SHAPE * state.shape
+    information[at, at] += noise
+    gradient[at] -= noise * state.shape
     for bone in range(len(BONES)):
         # the step turns about the world's axes, the spread is about the rest pose's; the parent's turn is between them
         frame = body.turns[bone] @ state.turns[bone].T
@@ -160,7 +159,7 @@ def _nearest_kernel(queries, points, nearest):
 def joint_spread(template: BodyTemplate, found: Fit) -> np.ndarray:
     """How far each joint (22,) may lie off, one standard deviation [m].
 
-    From the information of the last step; pairs of neighbours err together, so each counts as ``_TOGETHER``-th.
+    From the information of the last step.
     """
     _, joints = derivatives(template, found.state, found.body)
     covariance = (_NOISE * found.state.height) ** 2 * np.linalg.inv(found.information)

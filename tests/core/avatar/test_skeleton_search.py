@@ -86,7 +86,7 @@ def test_a_lost_hand_is_guessed_and_said_to_be(standing):
 
 @pytest.mark.parametrize(
     ("part", "word"),
-    [("legs", "foot"), ("knees up", "foot"), ("head", "head"), ("left arm", "left"), ("chest", "whole")],
+    [("legs", "foot"), ("knees up", "whole"), ("head", "head"), ("left arm", "left"), ("chest", "whole")],
 )
 def test_who_is_not_whole_gets_no_skeleton(standing, part, word):
     mesh, truth = standing
