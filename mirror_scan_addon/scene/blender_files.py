@@ -20,7 +20,7 @@ def reason_of(text: str) -> str:
     if "Traceback" in text:
         lines = [line for line in text.split("\nLocation:")[0].splitlines() if line and not line.startswith(" ")]
         text = lines[-1]
-    return text.strip()
+    return text.strip().removeprefix("Error: ")
 
 
 @contextlib.contextmanager
