@@ -90,7 +90,6 @@ def walk(compiling) -> list:
         for capture in captures:
             built = finish(tasks.build_steps(str(capture), 0))
             finish(tasks.check_steps(built.mesh))
-            finish(tasks.skeleton_steps(built.mesh))
         look("build")
     return list(found.values())
 
