@@ -112,6 +112,9 @@ def run_animate(options: argparse.Namespace, writers: Writers) -> None:
     """``animate``: give an avatar with a skeleton a motion."""
     outputs = [(path, motion_writer_of(path, writers, options.vrm)) for path in options.outputs]
     check_targets(options.outputs)
+    for path in options.outputs:
+        if path.resolve() == Path(options.motion).resolve():
+            raise OutputError(f"{path}: is the motion that is read; choose another name for what is written")
 
     from ..io.atomic_files import replacing
 

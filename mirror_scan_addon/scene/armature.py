@@ -64,6 +64,8 @@ def add_armature(
     data["confidence"] = skeleton.confidence.tolist()
     use_quaternions(armature)
     set_weights(avatar, weights)
+    for left in [m for m in avatar.modifiers if m.type == "ARMATURE" and m.object is None]:
+        avatar.modifiers.remove(left)  # of an armature that was deleted
     modifier = avatar.modifiers.new("Armature", "ARMATURE")
     modifier.object = armature
     armature.parent, armature.parent_type = avatar.parent, avatar.parent_type

@@ -30,6 +30,13 @@ def avatar(tmp_path):
     return path
 
 
+def test_a_motion_is_not_replaced_by_what_is_made_of_it(avatar, tmp_path, capsys):
+    path = tmp_path / "dance.glb"
+    path.write_bytes(b"a motion")
+    assert cli.main(["animate", str(avatar), str(path), "-o", str(tmp_path / "." / "dance.glb")]) == 1
+    assert "is the motion that is read" in capsys.readouterr().err and path.read_bytes() == b"a motion"
+
+
 @pytest.mark.parametrize("name", sorted(CLIPS))
 def test_own_clips_go_into_a_glb(avatar, tmp_path, capsys, name):
     out = tmp_path / "moving.glb"
