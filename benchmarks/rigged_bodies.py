@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from mirror_scan.core.avatar.joints.body_template import rotations
 from mirror_scan.core.avatar.pose import Pose, SkinWeights, bone_matrices, posed_joints, skinned
 from mirror_scan.core.avatar.skeleton import BONES, ENDS, Skeleton
 from mirror_scan.core.io import read_mesh
 from mirror_scan.core.mesh import Mesh
+from mirror_scan.core.numeric.rotations import from_vectors
 
 from .scenes import SHARED
 
@@ -62,6 +62,6 @@ def with_arms(body: RiggedBody, down: float) -> tuple[Mesh, np.ndarray]:
         along = joints[arm + 1] - joints[arm]
         now = np.degrees(np.arctan2(-along[2], np.hypot(along[0], along[1])))
         axis = np.cross((*along[:2], 0.0), (0.0, 0.0, 1.0)) / np.hypot(along[0], along[1])
-        pose.rotations[arm : arm + 3] = rotations(axis * np.radians(now - down))
+        pose.rotations[arm : arm + 3] = from_vectors(axis * np.radians(now - down))
     vertices = skinned(body.mesh.vertices, body.weights, bone_matrices(body.skeleton, pose))
     return replace(body.mesh, vertices=vertices), posed_joints(body.skeleton, pose)

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 from makehuman import BODY, MakeHuman
-from mirror_scan.core.avatar.bone_axes import shortest_turn
 from mirror_scan.core.avatar.pose import Pose, SkinWeights, bone_matrices, posed_joints, skinned
 from mirror_scan.core.avatar.skeleton import BONES, ENDS, OTHER_SIDE, PARENTS, Skeleton
 from mirror_scan.core.avatar.skin_weights import LIMBS
 from mirror_scan.core.avatar.weight_fields import TABLES, bone_coordinates
 from mirror_scan.core.mesh.normals import vertex_normals
+from mirror_scan.core.numeric.rotations import shortest_turn
 from scipy import sparse
 from scipy.optimize import minimize
 from train_body_template import covered, outfit
@@ -96,7 +96,7 @@ def random_pose(skeleton: Skeleton, rng: np.random.Generator) -> Pose:
         arm = joints[BONES.index(f"{side}ForeArm")] - joints[BONES.index(f"{side}Arm")]
         down, ahead = np.radians((rng.triangular(-60, 45, 85), rng.uniform(-15, 45)))
         wanted = np.array([sign * np.cos(down) * np.cos(ahead), -np.cos(down) * np.sin(ahead), -np.sin(down)])
-        local[f"{side}Arm"] = shortest_turn(arm / np.linalg.norm(arm), wanted)
+        local[f"{side}Arm"] = shortest_turn(arm, wanted)
     rotations = np.tile(np.eye(3), (len(BONES), 1, 1))
     for bone, (name, parent) in enumerate(zip(BONES, PARENTS, strict=True)):
         rotations[bone] = (rotations[parent] if parent >= 0 else np.eye(3)) @ local.get(name, np.eye(3))

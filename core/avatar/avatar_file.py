@@ -16,6 +16,7 @@ from ..errors import CaptureError, OutputError
 from ..io.gltf import INDICES, VERTICES, Gltf, read_gltf, write_gltf
 from ..mesh import KIND_NAMES, Mesh
 from ..mesh.normals import vertex_normals
+from ..numeric.rotations import continuous, from_quaternions, quaternions
 from .bone_axes import rest_axes
 from .clip import Clip
 from .pose import SkinWeights
@@ -197,9 +198,7 @@ def _add_clip(gltf: Gltf, skeleton: Skeleton, clip: Clip) -> None:
     frames = len(clip.rotations)
     times = gltf.add((np.arange(frames) / clip.rate).astype(np.float32), bounds=True)
     world = _TO_FILE @ (clip.rotations @ rest_axes(skeleton))
-    turns = quaternions(_relative(world)).astype(np.float32)
-    for frame in range(1, frames):  # q and -q are the same turn: the nearer one, to go the shorter way between frames
-        turns[frame] *= np.where((turns[frame] * turns[frame - 1]).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
+    turns = continuous(quaternions(_relative(world))).astype(np.float32)
     channels, samplers = [], []
 
     def channel(bone: int, path: str, values: np.ndarray) -> None:
@@ -237,33 +236,6 @@ def _relative(world: np.ndarray) -> np.ndarray:
         if parent >= 0:
             local[..., bone, :, :] = np.swapaxes(world[..., parent, :, :], -1, -2) @ world[..., bone, :, :]
     return local
-
-
-def quaternions(rotations: np.ndarray) -> np.ndarray:
-    """Unit quaternions (..., 4), x y z w, of rotations (..., 3, 3): the eigenvector of Bar-Itzhack (2000)."""
-    m = rotations
-    sums = np.empty((*m.shape[:-2], 4, 4))
-    for i in range(3):
-        for j in range(3):
-            sums[..., i, j] = m[..., i, j] + m[..., j, i]
-        sums[..., i, i] = 2.0 * m[..., i, i] - np.trace(m, axis1=-2, axis2=-1)
-        j, k = (i + 1) % 3, (i + 2) % 3
-        sums[..., i, 3] = sums[..., 3, i] = m[..., k, j] - m[..., j, k]
-    sums[..., 3, 3] = np.trace(m, axis1=-2, axis2=-1)
-    vector = np.linalg.eigh(sums)[1][..., -1]
-    return vector * np.where(vector[..., 3:] < 0, -1.0, 1.0)
-
-
-def rotations_of(quaternion: np.ndarray) -> np.ndarray:
-    """Rotations (..., 3, 3) of quaternions (..., 4), x y z w, of any length."""
-    x, y, z, w = np.moveaxis(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True), -1, 0)
-    return np.stack(
-        (
-            1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w),
-            2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w),
-            2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y),
-        ), axis=-1,
-    ).reshape(*x.shape, 3, 3)  # fmt: skip
 
 
 # --- reading ---------------------------------------------------------------------------------------------------------
@@ -372,7 +344,7 @@ def _clip_of(gltf: Gltf, animation: dict, bones: dict[int, int], skeleton: Skele
     world = np.empty((len(times), len(BONES), 3, 3))
     for bone, parent in enumerate(PARENTS):
         track = tracks.get((bones[bone], "rotation"))
-        local = rest[bone][None] if track is None else rotations_of(_sampled(track, times))
+        local = rest[bone][None] if track is None else from_quaternions(_sampled(track, times))
         world[:, bone] = local if parent < 0 else world[:, parent] @ local
     rotations = _TO_FILE.T @ world @ np.swapaxes(axes, 1, 2)
     hips = tracks.get((bones[0], "translation"))

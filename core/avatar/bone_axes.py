@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..numeric.rotations import shortest_turn
 from .skeleton import BONES, PARENTS, Skeleton
 
 _LEFT, _UP, _AHEAD = np.eye(3)[0], np.eye(3)[2], -np.eye(3)[1]
@@ -36,14 +37,3 @@ def rest_axes(skeleton: Skeleton) -> np.ndarray:
         along = directions[bone] / lengths[bone] if lengths[bone] > 1e-6 else start[:, 1]
         axes[bone] = shortest_turn(start[:, 1], along) @ start
     return axes
-
-
-def shortest_turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Rotation (3, 3) that takes the unit vector ``start`` into ``end``, about the axis square to both."""
-    axis, cosine = np.cross(start, end), float(start @ end)
-    if cosine < -1.0 + 1e-9:  # half a turn: about whatever is square to it
-        side = np.cross(start, np.eye(3)[np.abs(start).argmin()])
-        side /= np.linalg.norm(side)
-        return 2.0 * np.outer(side, side) - np.eye(3)
-    cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
-    return np.eye(3) + cross + cross @ cross / (1.0 + cosine)

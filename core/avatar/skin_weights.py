@@ -18,8 +18,8 @@ from ..mesh.normals import vertex_normals
 from ..mesh.submesh import triangle_components
 from ..numeric.kernels import njit
 from ..numeric.point_products import dot
+from ..numeric.rotations import shortest_turn
 from ..numeric.sparse_least_squares import elimination_order, solve_squares
-from .bone_axes import shortest_turn
 from .pose import Pose, SkinWeights, bone_matrices, skinned
 from .skeleton import BONES, PARENTS, Skeleton
 from .weight_fields import WeightFields, body_size, bone_likelihoods, known_fields
@@ -293,7 +293,7 @@ def limbs_apart(skeleton: Skeleton) -> Pose:
         for name, direction in wanted.items():
             bone = BONES.index(side + name)
             along = tails[bone] - skeleton.joints[bone]
-            rotations[bone] = shortest_turn(along / np.linalg.norm(along), np.array(direction))
+            rotations[bone] = shortest_turn(along, np.array(direction))
         for start, rest in (("Arm", ("ForeArm", "Hand")), ("UpLeg", ("Leg", "Foot", "ToeBase"))):
             for name in rest:
                 rotations[BONES.index(side + name)] = rotations[BONES.index(side + start)]

@@ -35,6 +35,7 @@ import numpy as np
 from ..avatar.pose import Pose
 from ..avatar.skeleton import BONES, Skeleton
 from ..errors import MirrorScanError, Notice
+from ..numeric.rotations import from_quaternions
 from .foot_lock import Soles
 from .joint_names import JOINT_SETS
 from .pose_follower import PoseFollower
@@ -270,15 +271,8 @@ def _quaternions(values: object) -> np.ndarray:
     if turns.shape != (len(BONES), 4):
         raise _MalformedError(f"rotations are {len(BONES)} times w x y z")
     length = np.linalg.norm(turns, axis=1, keepdims=True)
-    w, x, y, z = np.where((length > 1e-6) & (length < 1e6), turns / np.where(length > 0, length, 1), np.nan).T
-    return np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=-1),
-            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], axis=-1),
-            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=-1),
-        ],
-        axis=-2,
-    )
+    turns = np.where((length > 1e-6) & (length < 1e6), turns, np.nan)
+    return from_quaternions(turns[:, [1, 2, 3, 0]])
 
 
 def _axis(name: object) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Rotation matrices by the many: from Euler angles, axes and directions, blends between them, twist about an axis."""
+"""Rotation matrices by the many: from and to Euler angles, vectors, quaternions; blends, and twist about an axis."""
 
 from __future__ import annotations
 
@@ -164,3 +164,36 @@ def mean_rotation(matrices: np.ndarray, weights: np.ndarray | None = None) -> np
     u, _, vt = np.linalg.svd(np.average(matrices, axis=0, weights=weights))
     u[:, 2] *= np.linalg.det(u) * np.linalg.det(vt)
     return u @ vt
+
+
+def quaternions(rotations: np.ndarray) -> np.ndarray:
+    """Unit quaternions (..., 4), x y z w, of rotations (..., 3, 3): the eigenvector of Bar-Itzhack (2000)."""
+    m = rotations
+    sums = np.empty((*m.shape[:-2], 4, 4))
+    for i in range(3):
+        for j in range(3):
+            sums[..., i, j] = m[..., i, j] + m[..., j, i]
+        sums[..., i, i] = 2.0 * m[..., i, i] - np.trace(m, axis1=-2, axis2=-1)
+        j, k = (i + 1) % 3, (i + 2) % 3
+        sums[..., i, 3] = sums[..., 3, i] = m[..., k, j] - m[..., j, k]
+    sums[..., 3, 3] = np.trace(m, axis1=-2, axis2=-1)
+    vector = np.linalg.eigh(sums)[1][..., -1]
+    return vector * np.where(vector[..., 3:] < 0, -1.0, 1.0)
+
+
+def from_quaternions(quaternion: np.ndarray) -> np.ndarray:
+    """Rotations (..., 3, 3) of quaternions (..., 4), x y z w, of any length."""
+    x, y, z, w = np.moveaxis(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True), -1, 0)
+    return np.stack(
+        (
+            1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w),
+            2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w),
+            2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y),
+        ), axis=-1,
+    ).reshape(*x.shape, 3, 3)  # fmt: skip
+
+
+def continuous(turns: np.ndarray) -> np.ndarray:
+    """Quaternions over time (F, ..., 4), each of the two of its rotation that is nearer to the one before."""
+    signs = np.where((turns[1:] * turns[:-1]).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
+    return np.concatenate((turns[:1], turns[1:] * np.cumprod(signs, axis=0)))

@@ -12,12 +12,13 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from ...core.avatar.avatar_file import PREFIX, Avatar, bone_named, quaternions
+from ...core.avatar.avatar_file import PREFIX, Avatar, bone_named
 from ...core.avatar.bone_axes import rest_axes
 from ...core.avatar.clip import Clip
 from ...core.avatar.pose import Pose, SkinWeights
 from ...core.avatar.skeleton import BONES, ENDS, PARENTS, Skeleton
 from ...core.errors import CaptureError
+from ...core.numeric.rotations import continuous, quaternions
 from ..language.texts import say
 from .avatar_objects import read_surface
 from .scan_records import CONTROL, armature_of
@@ -127,8 +128,7 @@ def add_clip(
     frames = len(clip.rotations)
     use_quaternions(armature)
     places, turns = _in_bones(armature, clip.rotations, clip.translations, unit)
-    for frame in range(1, frames):
-        turns[frame] *= np.where((turns[frame] * turns[frame - 1]).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
+    turns = continuous(turns)
     action = bpy.data.actions.new(clip.name or "Motion")
     armature.animation_data_create().action = action
     slot = action.slots.new("OBJECT", armature.name)

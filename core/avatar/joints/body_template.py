@@ -12,6 +12,7 @@ from importlib.resources import files
 
 import numpy as np
 
+from ...numeric.rotations import from_vectors
 from ..skeleton import BONES, PARENTS
 
 _FILE = "body_template.npz"  # beside this module
@@ -167,32 +168,10 @@ def moved(state: BodyState, body: PosedBody, step: np.ndarray) -> BodyState:
     """The state after a ``step`` (P,) in the numbers of :func:`derivatives`."""
     size = len(state.shape)
     turns = state.turns.copy()
-    world = rotations(step[4 + size :].reshape(-1, 3))
+    world = from_vectors(step[4 + size :].reshape(-1, 3))
     for bone, parent in enumerate(PARENTS):
         frame = np.eye(3) if parent < 0 else body.turns[parent]
         turns[bone] = frame.T @ world[bone] @ frame @ state.turns[bone]
     return BodyState(
         state.hips + step[:3], state.height * float(np.exp(step[3])), state.shape + step[4 : 4 + size], turns
     )
-
-
-def rotations(vectors: np.ndarray) -> np.ndarray:
-    """Rotation matrices (..., 3, 3) about vectors (..., 3) by their length [rad]."""
-    angle = np.linalg.norm(vectors, axis=-1)[..., None]
-    x, y, z = np.moveaxis(vectors / np.maximum(angle, 1e-12), -1, 0)
-    zero = np.zeros_like(x)
-    cross = np.stack((zero, -z, y, z, zero, -x, -y, x, zero), axis=-1).reshape(*x.shape, 3, 3)
-    angle = angle[..., None]
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
-
-
-def turn_vectors(matrices: np.ndarray) -> np.ndarray:
-    """The inverse of :func:`rotations` for turns of less than 180°: (..., 3) [rad]."""
-    cosine = np.clip((np.trace(matrices, axis1=-2, axis2=-1) - 1) / 2, -1, 1)
-    axis = np.stack(
-        [matrices[..., 2, 1] - matrices[..., 1, 2], matrices[..., 0, 2] - matrices[..., 2, 0],
-         matrices[..., 1, 0] - matrices[..., 0, 1]], axis=-1
-    )  # fmt: skip
-    sine = np.linalg.norm(axis, axis=-1) / 2
-    angle = np.arctan2(sine, cosine)
-    return axis * (0.5 * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1.0))[..., None]

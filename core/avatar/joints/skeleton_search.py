@@ -7,8 +7,9 @@ import numpy as np
 from ...mesh import Mesh
 from ...mesh.normals import vertex_normals
 from ...mesh.surface_distance import sample_surface
+from ...numeric.rotations import from_vectors, unit
 from ..skeleton import BONES, Skeleton
-from .body_template import BodyState, BodyTemplate, body_template, posed, rotations
+from .body_template import BodyState, BodyTemplate, body_template, posed
 from .person_check import check_person, check_standing
 from .template_fit import Fit, Surface, fit, joint_spread
 
@@ -56,8 +57,8 @@ def sampled(mesh: Mesh) -> tuple[Surface, Surface]:
     corners = mesh.triangles[triangle]
     normals = vertex_normals(mesh.vertices, mesh.triangles)
     smooth = _smoothed(mesh, normals.copy())
-    return Surface(points, _unit(normals[corners].sum(axis=1))), Surface(
-        points[::3], _unit(smooth[corners[::3]].sum(axis=1))
+    return Surface(points, unit(normals[corners].sum(axis=1))), Surface(
+        points[::3], unit(smooth[corners[::3]].sum(axis=1))
     )
 
 
@@ -74,10 +75,6 @@ def _smoothed(mesh: Mesh, normals: np.ndarray) -> np.ndarray:
     return normals
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
-
-
 def confidence(found: Fit) -> np.ndarray:
     """Of each joint (22,), 0 to 1: how little the fit leaves open."""
     return np.clip(np.exp(-joint_spread(body_template(), found) / (0.02 * found.state.height)), 0.0, 1.0)
@@ -88,7 +85,7 @@ def _start(template: BodyTemplate, mesh: Mesh, down: float) -> BodyState:
     low, high = mesh.vertices[:, 2].min(), mesh.vertices[:, 2].max()
     turns = np.tile(np.eye(3), (len(BONES), 1, 1))
     for side, name in ((1, "LeftArm"), (-1, "RightArm")):
-        turns[BONES.index(name)] = rotations(np.array([0.0, side * np.radians(down), 0.0]))
+        turns[BONES.index(name)] = from_vectors(np.array([0.0, side * np.radians(down), 0.0]))
     state = BodyState(np.zeros(3), float(high - low), np.zeros(len(template.basis)), turns)
     points = posed(template, state).points
     middle = np.median(mesh.vertices, axis=0) - np.median(points, axis=0)

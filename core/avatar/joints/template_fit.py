@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...numeric.kernels import njit, prange
+from ...numeric.rotations import to_vectors
 from ..skeleton import BONES
-from .body_template import BodyState, BodyTemplate, PosedBody, derivatives, moved, posed, turn_vectors
+from .body_template import BodyState, BodyTemplate, PosedBody, derivatives, moved, posed
 
 _TANGENT = 0.1  # weight of the distance along the surface, of that across it
 _NOISE = 0.025  # of body height: what one pair of many, which err together, says about the body
@@ -136,7 +137,7 @@ def _add_prior(information, gradient, state, body, size) -> None:
         stiff = frame @ np.diag(noise / SPREAD[bone] ** 2) @ frame.T
         rows = slice(4 + size + 3 * bone, 7 + size + 3 * bone)
         information[rows, rows] += stiff
-        gradient[rows] -= stiff @ frame @ turn_vectors(state.turns[bone])
+        gradient[rows] -= stiff @ frame @ to_vectors(state.turns[bone])
     # height is free; numbers that no pair speaks of stay
     information[np.diag_indices(len(information))] += 1e-9
 

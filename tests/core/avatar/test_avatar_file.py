@@ -13,9 +13,7 @@ from mirror_scan.core.avatar.avatar_file import (
     PREFIX,
     Avatar,
     bone_named,
-    quaternions,
     read_avatar,
-    rotations_of,
     write_avatar,
 )
 from mirror_scan.core.avatar.clip import Clip
@@ -24,6 +22,7 @@ from mirror_scan.core.avatar.skeleton import BONES, PARENTS
 from mirror_scan.core.errors import CaptureError, OutputError
 from mirror_scan.core.io.gltf import read_gltf, write_gltf
 from mirror_scan.core.mesh import Mesh
+from mirror_scan.core.numeric.rotations import from_quaternions, quaternions
 from scipy.spatial.transform import Rotation
 from standing_body import skeleton_of
 
@@ -202,4 +201,4 @@ def test_quaternions_are_scipys():
     for rotation in (turns, halves):
         ours, theirs = quaternions(rotation.as_matrix()), rotation.as_quat()
         np.testing.assert_allclose(np.abs((ours * theirs).sum(axis=1)), 1.0, atol=1e-9)
-        np.testing.assert_allclose(rotations_of(3.0 * ours), rotation.as_matrix(), atol=1e-9)
+        np.testing.assert_allclose(from_quaternions(3.0 * ours), rotation.as_matrix(), atol=1e-9)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mirror_scan.core.avatar.bone_axes import rest_axes, shortest_turn
+from mirror_scan.core.avatar.bone_axes import rest_axes
 from mirror_scan.core.avatar.skeleton import BONES, OTHER_SIDE, PARENTS, Skeleton
+from mirror_scan.core.numeric.rotations import shortest_turn
 
 LEFT, UP, AHEAD = np.array([1.0, 0, 0]), np.array([0, 0, 1.0]), np.array([0, -1.0, 0])
 # What the FBX files of Mixamo's characters have, in our frame: Y, Z of bones of a T-pose.
