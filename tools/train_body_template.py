@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 from makehuman import BODY, MakeHuman, Person
-from mirror_scan.core.avatar.joints.body_template import END_BONES, BodyTemplate
+from mirror_scan.core.avatar.joints.body_template import BodyTemplate
 from mirror_scan.core.avatar.joints.skeleton_search import fitted_body
-from mirror_scan.core.avatar.skeleton import BONES, OTHER_SIDE, PARENTS
+from mirror_scan.core.avatar.skeleton import BONES, END_BONES, OTHER_SIDE, PARENTS
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.bvh import build_bvh, closest_point, raycast
 from mirror_scan.core.mesh.normals import vertex_normals
@@ -78,7 +78,7 @@ def mannequin_rows(template: BodyTemplate, seed: int) -> list[np.ndarray]:
         moves = np.vstack((
             np.einsum("vji,vj->vi", blend, out),
             np.einsum("bji,bj->bi", found.body.turns[owner], joints - found.body.joints),
-            np.einsum("bji,bj->bi", found.body.turns[END_BONES], ends - found.body.ends),
+            np.einsum("bji,bj->bi", found.body.turns[list(END_BONES)], ends - found.body.ends),
         ))  # fmt: skip
         row = template.mean + np.tensordot(found.state.shape, template.basis, 1) + moves / found.state.height
         rows.append(row - row[POINTS])

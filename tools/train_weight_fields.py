@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 from makehuman import BODY, MakeHuman
-from mirror_scan.core.avatar.pose import Pose, SkinWeights, bone_matrices, posed_joints, skinned
-from mirror_scan.core.avatar.skeleton import BONES, ENDS, OTHER_SIDE, PARENTS, Skeleton
+from mirror_scan.core.avatar.pose import Pose, SkinWeights, bone_matrices, posed_skeleton, skinned
+from mirror_scan.core.avatar.skeleton import BONES, OTHER_SIDE, PARENTS, Skeleton
 from mirror_scan.core.avatar.skin_weights import LIMBS
 from mirror_scan.core.avatar.weight_fields import TABLES, bone_coordinates
 from mirror_scan.core.mesh.normals import vertex_normals
-from mirror_scan.core.numeric.rotations import shortest_turn
+from mirror_scan.core.numeric.rotations import from_vectors, shortest_turn
 from scipy import sparse
 from scipy.optimize import minimize
 from train_body_template import covered, outfit
@@ -34,7 +34,6 @@ JOINT_ERROR = 0.003
 BENDING, SIZE = 1e-6, 1e-7
 """How much tables are kept smooth, and near 0."""
 CLOTHED = 0.3
-_ENDS_OF = ("Head", "LeftHand", "RightHand", "LeftToeBase", "RightToeBase")
 _TABLE_OF = np.array([TABLES.index(bone if bone in TABLES else OTHER_SIDE[bone]) for bone in range(len(BONES))])
 
 
@@ -105,20 +104,7 @@ def random_pose(skeleton: Skeleton, rng: np.random.Generator) -> Pose:
 
 def small_turn(rng: np.random.Generator, angle: float) -> np.ndarray:
     """A rotation (3, 3) by about ``angle`` [rad]."""
-    vector = rng.normal(0.0, angle / np.sqrt(3.0), 3)
-    length = np.linalg.norm(vector)
-    x, y, z = vector / length
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(length) * cross + (1.0 - np.cos(length)) * cross @ cross
-
-
-def posed_skeleton(skeleton: Skeleton, pose: Pose) -> Skeleton:
-    joints = posed_joints(skeleton, pose)
-    ends = np.empty((len(ENDS), 3))
-    for end, name in enumerate(_ENDS_OF):
-        bone = BONES.index(name)
-        ends[end] = joints[bone] + pose.rotations[bone] @ (skeleton.ends[end] - skeleton.joints[bone])
-    return Skeleton(joints, ends, skeleton.confidence)
+    return from_vectors(rng.normal(0.0, angle / np.sqrt(3.0), 3))
 
 
 def spans(coordinates: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

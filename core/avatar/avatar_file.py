@@ -19,7 +19,7 @@ from ..mesh.normals import vertex_normals
 from ..numeric.rotations import continuous, from_quaternions, quaternions
 from .bone_axes import rest_axes
 from .clip import Clip
-from .pose import SkinWeights
+from .pose import SkinWeights, relative_to_parents
 from .skeleton import BONES, ENDS, PARENTS, Skeleton
 
 PREFIX = "mixamorig:"
@@ -169,7 +169,7 @@ def _add_skeleton(gltf: Gltf, skeleton: Skeleton) -> None:
     armature, first = len(nodes), len(nodes) + 1
     nodes.append({"name": "Armature", "children": [first]})
     bind = np.tile(np.eye(4), (len(BONES), 1, 1))
-    turns = quaternions(_relative(axes))
+    turns = quaternions(relative_to_parents(axes))
     for bone, parent in enumerate(PARENTS):
         offset = joints[bone] if parent < 0 else axes[parent].T @ (joints[bone] - joints[parent])
         node = {"name": PREFIX + BONES[bone], "translation": offset.tolist(), "rotation": turns[bone].tolist()}
@@ -198,7 +198,7 @@ def _add_clip(gltf: Gltf, skeleton: Skeleton, clip: Clip) -> None:
     frames = len(clip.rotations)
     times = gltf.add((np.arange(frames) / clip.rate).astype(np.float32), bounds=True)
     world = _TO_FILE @ (clip.rotations @ rest_axes(skeleton))
-    turns = continuous(quaternions(_relative(world))).astype(np.float32)
+    turns = continuous(quaternions(relative_to_parents(world))).astype(np.float32)
     channels, samplers = [], []
 
     def channel(bone: int, path: str, values: np.ndarray) -> None:
@@ -227,15 +227,6 @@ def _add_vrm(gltf: Gltf) -> None:
             "humanoid": {"humanBones": bones},
         }
     }
-
-
-def _relative(world: np.ndarray) -> np.ndarray:
-    """Rotations (..., 22, 3, 3) in the world → each relative to its parent bone's."""
-    local = world.copy()
-    for bone, parent in enumerate(PARENTS):
-        if parent >= 0:
-            local[..., bone, :, :] = np.swapaxes(world[..., parent, :, :], -1, -2) @ world[..., bone, :, :]
-    return local
 
 
 # --- reading ---------------------------------------------------------------------------------------------------------
@@ -340,7 +331,7 @@ def _clip_of(gltf: Gltf, animation: dict, bones: dict[int, int], skeleton: Skele
     if not known:
         return None
     times = max(known, key=len)
-    rest = _relative(_TO_FILE @ axes)
+    rest = relative_to_parents(_TO_FILE @ axes)
     world = np.empty((len(times), len(BONES), 3, 3))
     for bone, parent in enumerate(PARENTS):
         track = tracks.get((bones[bone], "rotation"))
@@ -357,9 +348,5 @@ def _sampled(track: tuple[np.ndarray, np.ndarray], times: np.ndarray) -> np.ndar
     """A track's values (F, K) at ``times``; between its own, in a straight line."""
     if len(track[0]) == len(times) and np.array_equal(track[0], times):
         return track[1]
-    values = track[1].copy()
-    if values.shape[1] == 4:
-        for k in range(1, len(values)):
-            if values[k] @ values[k - 1] < 0:
-                values[k] *= -1.0
+    values = continuous(track[1]) if track[1].shape[1] == 4 else track[1]
     return np.stack([np.interp(times, track[0], column) for column in values.T], axis=1)

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..errors import MirrorScanError
 from ..numeric.rotations import between
-from .pose import Pose
-from .skeleton import BONES, PARENTS, Skeleton
+from .pose import Pose, chained_joints
+from .skeleton import BONES, Skeleton
 
 
 @dataclass(frozen=True)
@@ -58,14 +58,7 @@ class Clip:
 
     def joints(self, skeleton: Skeleton) -> np.ndarray:
         """Joints (F, 22, 3) over time [m]."""
-        joints = np.empty((len(self), len(BONES), 3))
-        for bone, parent in enumerate(PARENTS):
-            if parent < 0:
-                joints[:, bone] = skeleton.joints[bone] + self.translations
-            else:
-                offset = skeleton.joints[bone] - skeleton.joints[parent]
-                joints[:, bone] = joints[:, parent] + self.rotations[:, parent] @ offset
-        return joints
+        return chained_joints(skeleton.joints, self.rotations, skeleton.joints[0] + self.translations)
 
     def at(self, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rotations (N, 22, 3, 3) and translations (N, 3) at times (N,), between frames on the shortest way."""

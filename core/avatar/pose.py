@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .skeleton import BONES, PARENTS, Skeleton
+from .skeleton import BONES, END_BONES, PARENTS, Skeleton
 
 
 @dataclass(frozen=True)
@@ -47,16 +47,42 @@ class Pose:
         return cls(np.tile(np.eye(3), (len(BONES), 1, 1)), np.zeros(3))
 
 
+def chained_joints(rest: np.ndarray, rotations: np.ndarray, hips: np.ndarray) -> np.ndarray:
+    """Joints (..., 22, 3) of bones that keep their lengths [m].
+
+    Parameters
+    ----------
+    rest : np.ndarray [shape=(22, 3)]
+        Joints in the rest pose [m].
+    rotations : np.ndarray [shape=(..., 22, 3, 3)]
+        As of :class:`Pose`.
+    hips : np.ndarray [shape=(..., 3)]
+        Where the joint Hips is [m].
+    """
+    joints = np.empty((*rotations.shape[:-2], 3))
+    joints[..., 0, :] = hips
+    for bone in range(1, len(BONES)):
+        parent = PARENTS[bone]
+        joints[..., bone, :] = joints[..., parent, :] + rotations[..., parent, :, :] @ (rest[bone] - rest[parent])
+    return joints
+
+
+def relative_to_parents(rotations: np.ndarray) -> np.ndarray:
+    """Rotations (..., 22, 3, 3) in the avatar frame → each relative to its parent bone's; the hips' stay."""
+    above = np.swapaxes(rotations[..., list(PARENTS[1:]), :, :], -1, -2)
+    return np.concatenate((rotations[..., :1, :, :], above @ rotations[..., 1:, :, :]), axis=-3)
+
+
 def posed_joints(skeleton: Skeleton, pose: Pose) -> np.ndarray:
     """Joints (22, 3) in ``pose`` [m]; every bone keeps its length."""
-    joints = np.empty((len(BONES), 3))
-    for bone, parent in enumerate(PARENTS):
-        if parent < 0:
-            joints[bone] = skeleton.joints[bone] + pose.translation
-        else:
-            offset = skeleton.joints[bone] - skeleton.joints[parent]
-            joints[bone] = joints[parent] + pose.rotations[parent] @ offset
-    return joints
+    return chained_joints(skeleton.joints, pose.rotations, skeleton.joints[0] + pose.translation)
+
+
+def posed_skeleton(skeleton: Skeleton, pose: Pose) -> Skeleton:
+    """Joints and ends in ``pose``."""
+    at = bone_matrices(skeleton, pose)[list(END_BONES)]
+    moved = np.einsum("eij,ej->ei", at[:, :3, :3], skeleton.ends) + at[:, :3, 3]
+    return Skeleton(posed_joints(skeleton, pose), moved, skeleton.confidence)
 
 
 def bone_matrices(skeleton: Skeleton, pose: Pose) -> np.ndarray:

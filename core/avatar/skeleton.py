@@ -42,7 +42,9 @@ OTHER_SIDE = tuple(
 )
 # Where bones without a child end.
 ENDS = ("HeadTop_End", "LeftHand_End", "RightHand_End", "LeftToe_End", "RightToe_End")
-_END_OF = {"Head": 0, "LeftHand": 1, "RightHand": 2, "LeftToeBase": 3, "RightToeBase": 4}
+END_BONES = tuple(BONES.index(name) for name in ("Head", "LeftHand", "RightHand", "LeftToeBase", "RightToeBase"))
+"""The bone that each of ``ENDS`` is the end of."""
+
 # The one child that a bone with several points at.
 _POINTS_AT = {"Hips": "Spine", "Spine2": "Neck"}
 
@@ -79,9 +81,8 @@ class Skeleton:
         """Where each bone ends (22, 3): at the next joint of its limb, or at its end [m]."""
         tails = np.empty((len(BONES), 3))
         for bone, name in enumerate(BONES):
-            if name in _END_OF:
-                tails[bone] = self.ends[_END_OF[name]]
-            else:
+            if bone not in END_BONES:
                 child = BONES.index(_POINTS_AT[name]) if name in _POINTS_AT else PARENTS.index(bone)
                 tails[bone] = self.joints[child]
+        tails[list(END_BONES)] = self.ends
         return tails

@@ -11,8 +11,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ..avatar.clip import Clip
-from ..avatar.pose import Pose, SkinWeights, bone_matrices, posed_joints, skinned
-from ..avatar.skeleton import BONES, ENDS, Skeleton
+from ..avatar.pose import Pose, SkinWeights, bone_matrices, posed_joints, posed_skeleton, skinned
+from ..avatar.skeleton import BONES, Skeleton
 from ..errors import MirrorScanError
 from ..numeric.rotations import about_axis, between, frames, from_vectors, unit
 from .foot_lock import estimated_soles
@@ -21,7 +21,6 @@ from .rest_frames import FRONT, LEFT, UP, rest_frames
 _SIDES = (("Left", 1), ("Right", -1))
 _STRAIGHT = 0.997  # of the leg's length: knees are never quite straight
 _HANGING_ARM, _HANGING_LEG, _LEVEL_FOOT = frames(-UP, -LEFT), frames(-UP, LEFT), frames(FRONT, UP)
-_END_OF = ("Head", "LeftHand", "RightHand", "LeftToeBase", "RightToeBase")
 
 
 def make_clip(name: str, skeleton: Skeleton, rate: float = 30.0, in_place: bool = False) -> Clip:
@@ -66,12 +65,7 @@ def take_as_rest(
 
     Clips go along by :meth:`.Clip.from_rest`.
     """
-    matrices = bone_matrices(skeleton, pose)
-    at = matrices[[BONES.index(bone) for bone in _END_OF]]
-    ends = np.einsum("eij,ej->ei", at[:, :3, :3], skeleton.ends) + at[:, :3, 3]
-    assert len(ends) == len(ENDS)
-    moved = Skeleton(posed_joints(skeleton, pose), ends, skeleton.confidence)
-    return skinned(vertices, weights, matrices), moved
+    return skinned(vertices, weights, bone_matrices(skeleton, pose)), posed_skeleton(skeleton, pose)
 
 
 class _Body:

@@ -15,15 +15,14 @@ from mathutils import Vector
 from ...core.avatar.avatar_file import PREFIX, Avatar, bone_named
 from ...core.avatar.bone_axes import rest_axes
 from ...core.avatar.clip import Clip
-from ...core.avatar.pose import Pose, SkinWeights
-from ...core.avatar.skeleton import BONES, ENDS, PARENTS, Skeleton
+from ...core.avatar.pose import Pose, SkinWeights, relative_to_parents
+from ...core.avatar.skeleton import BONES, END_BONES, PARENTS, Skeleton
 from ...core.errors import CaptureError
 from ...core.numeric.rotations import continuous, quaternions
 from ..language.texts import say
 from .avatar_objects import read_surface
 from .scan_records import CONTROL, armature_of
 
-_ENDS_OF = ("Head", "LeftHand", "RightHand", "LeftToeBase", "RightToeBase")
 _SHORTEST = 0.002  # Blender removes bones without length [m]
 
 
@@ -166,10 +165,7 @@ def _in_bones(
     """Poses as the bones have them: places (F, 3) of the hips, turns (F, 22, 4) w x y z relative to the parent."""
     bones = armature.data.bones
     axes = np.array([bones[PREFIX + name].matrix_local.to_3x3() for name in BONES])
-    above = np.array([max(parent, 0) for parent in PARENTS])
-    relative = np.swapaxes(rotations[:, above], -1, -2) @ rotations
-    relative[:, 0] = rotations[:, 0]
-    turns = quaternions(np.swapaxes(axes, 1, 2) @ relative @ axes)[..., [3, 0, 1, 2]]
+    turns = quaternions(np.swapaxes(axes, 1, 2) @ relative_to_parents(rotations) @ axes)[..., [3, 0, 1, 2]]
     return translations @ axes[0] / unit, turns
 
 
@@ -226,8 +222,7 @@ def read_skeleton(armature: bpy.types.Object, unit: float = 1.0) -> Skeleton:
     """The skeleton of an armature, in its own frame [m]."""
     bones = {bone_named(bone.name): bone for bone in armature.data.bones}
     joints = unit * np.array([bones[bone].head_local for bone in range(len(BONES))])
-    ends = unit * np.array([bones[BONES.index(name)].tail_local for name in _ENDS_OF])
-    assert len(ends) == len(ENDS)
+    ends = unit * np.array([bones[bone].tail_local for bone in END_BONES])
     confidence = armature.data.get("confidence")
     known = np.ones(len(BONES)) if confidence is None else np.array(confidence, dtype=np.float64)
     return Skeleton(joints, ends, known)

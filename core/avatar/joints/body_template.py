@@ -13,7 +13,8 @@ from importlib.resources import files
 import numpy as np
 
 from ...numeric.rotations import from_vectors
-from ..skeleton import BONES, PARENTS
+from ..pose import chained_joints
+from ..skeleton import BONES, END_BONES, PARENTS
 
 _FILE = "body_template.npz"  # beside this module
 _BELOW = np.eye(len(BONES), dtype=np.bool_)
@@ -102,22 +103,16 @@ def posed(template: BodyTemplate, state: BodyState) -> PosedBody:
     points = np.einsum("vij,vj->vi", blend, at) + template.weights @ offset
     normals = np.einsum("vij,vj->vi", blend, template.normals)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    bones = END_BONES
+    bones = list(END_BONES)
     ends = np.einsum("bij,bj->bi", turns[bones], rest[count + len(BONES) :]) + offset[bones]
     return PosedBody(points, normals, joints, ends, turns)
 
 
 def _chain(rest_joints, state):
-    turns, joints = np.empty((len(BONES), 3, 3)), np.empty((len(BONES), 3))
-    turns[0], joints[0] = state.turns[0], state.hips
+    turns = state.turns.copy()
     for bone in range(1, len(BONES)):
-        parent = PARENTS[bone]
-        turns[bone] = turns[parent] @ state.turns[bone]
-        joints[bone] = joints[parent] + turns[parent] @ (rest_joints[bone] - rest_joints[parent])
-    return turns, joints
-
-
-END_BONES = np.array([BONES.index(b) for b in ("Head", "LeftHand", "RightHand", "LeftToeBase", "RightToeBase")])
+        turns[bone] = turns[PARENTS[bone]] @ state.turns[bone]
+    return turns, chained_joints(rest_joints, turns, state.hips)
 
 
 def derivatives(template: BodyTemplate, state: BodyState, body: PosedBody) -> tuple[np.ndarray, np.ndarray]:
