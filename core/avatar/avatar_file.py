@@ -17,6 +17,7 @@ from ..io.gltf import INDICES, VERTICES, Gltf, read_gltf, write_gltf
 from ..mesh import KIND_NAMES, Mesh
 from ..mesh.normals import vertex_normals
 from ..numeric.rotations import continuous, from_quaternions, quaternions
+from ..numeric.srgb import from_linear, to_linear
 from .bone_axes import rest_axes
 from .clip import Clip
 from .pose import SkinWeights, relative_to_parents
@@ -123,7 +124,7 @@ def _add_mesh(gltf: Gltf, avatar: Avatar) -> None:
     accessors = gltf.content["accessors"]
     if mesh.colors is not None:
         linear = np.full((len(points), 4), 65535, np.uint16)
-        linear[:, :3] = np.rint(65535 * _linear(mesh.colors))
+        linear[:, :3] = np.rint(65535 * to_linear(mesh.colors / 255.0))
         attributes["COLOR_0"] = gltf.add(linear, VERTICES)
         accessors[-1]["normalized"] = True
     if avatar.weights is not None:
@@ -146,20 +147,6 @@ def _exact(weight: np.ndarray) -> np.ndarray:
     weight = weight.astype(np.float32)
     weight[:, 0] = np.float32(1.0) - weight[:, 1:].sum(axis=1, dtype=np.float32)
     return weight
-
-
-def _linear(colors: np.ndarray) -> np.ndarray:
-    """SRGB bytes → linear light, 0 to 1. IEC 61966-2-1."""
-    value = colors / 255.0
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-
-
-def _srgb(linear: np.ndarray) -> np.ndarray:
-    """Linear light, 0 to 1 → sRGB bytes."""
-    value = np.clip(linear, 0.0, 1.0)
-    return np.rint(255 * np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1 / 2.4) - 0.055)).astype(
-        np.uint8
-    )
 
 
 def _add_skeleton(gltf: Gltf, skeleton: Skeleton) -> None:
@@ -276,7 +263,8 @@ def _mesh_of(gltf: Gltf, primitive: dict, kinds: dict | None) -> Mesh:
         raise CaptureError("a triangle names a vertex that does not exist; the file is damaged")
     colors = view = kind = None
     if "COLOR_0" in attributes:
-        colors = _srgb(gltf.array(attributes["COLOR_0"])[:, :3].astype(np.float64))
+        linear = np.clip(gltf.array(attributes["COLOR_0"])[:, :3].astype(np.float64), 0.0, 1.0)
+        colors = np.rint(255 * from_linear(linear)).astype(np.uint8)
     if "_VIEW" in attributes:
         view = gltf.array(attributes["_VIEW"]).astype(np.int8)
     if kinds is not None and sum(kinds.values()) == len(triangles):

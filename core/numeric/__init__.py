@@ -7,6 +7,7 @@ __all__ = [
     "point_products",
     "rotations",
     "sparse_least_squares",
+    "srgb",
     "threads",
     "union_find",
 ]

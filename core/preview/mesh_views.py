@@ -13,6 +13,7 @@ from ..io.images import write_png
 from ..mesh import FILL, KIND_NAMES, SEAM, SURFACE, Mesh
 from ..mesh.bvh import Bvh, build_bvh, raycast
 from ..mesh.normals import triangle_normals, vertex_normals
+from ..numeric.srgb import from_linear, to_linear
 from .posed_views import POSES, posed_meshes
 
 if TYPE_CHECKING:
@@ -250,15 +251,13 @@ def _borders(first: _Samples, by_triangle, shape, pixel) -> np.ndarray:
 
 def _decode(colors: np.ndarray) -> np.ndarray:
     """Linear light of sRGB bytes."""
-    table = np.arange(256) / 255
-    return np.where(table <= 0.04045, table / 12.92, ((table + 0.055) / 1.055) ** 2.4)[colors]
+    return to_linear(np.arange(256) / 255)[colors]
 
 
 def _encode(linear: np.ndarray) -> np.ndarray:
     """SRGB bytes of linear light, brightest parts cut."""
     steps = np.clip(linear, 0.0, 1.0) * 4095
-    table = np.arange(4096) / 4095
-    table = np.where(table <= 0.0031308, table * 12.92, 1.055 * table ** (1 / 2.4) - 0.055)
+    table = from_linear(np.arange(4096) / 4095)
     return (table * 255 + 0.5).astype(np.uint8)[(steps + 0.5).astype(np.int16)]
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..mesh import Mesh
 from ..mesh.bvh import Bvh, raycast
+from ..numeric.srgb import to_linear
 from .multipath import ray_lengths
 from .optics import Optics
 from .props import together
@@ -32,8 +33,7 @@ def albedo(sight: Sight, subject: Mesh, props: Sequence[Mesh], optics: Optics) -
     for kind, value in _FIXED.items():
         result[sight.object == kind] = value
     at = (sight.object == BODY) | (sight.object == PROP)
-    linear = _triangle_colors(subject, props)[sight.index[at]] / 255.0
-    linear = np.where(linear <= 0.04045, linear / 12.92, ((linear + 0.055) / 1.055) ** 2.4)  # sRGB, IEC 61966-2-1
+    linear = to_linear(_triangle_colors(subject, props)[sight.index[at]] / 255.0)
     result[at] = np.interp(linear @ (0.2126, 0.7152, 0.0722), *ALBEDO)
     return result
 
