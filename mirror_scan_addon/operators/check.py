@@ -39,8 +39,9 @@ class MIRRORSCAN_OT_check(job_operators.JobOperator, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         from ...core.errors import OutputError
+        from ..scene import avatar_objects
 
-        avatar = next((item for item in bpy.data.objects if item.session_uid == self._uid), None)
+        avatar = avatar_objects.object_of(self._uid)
         if avatar is None:
             raise OutputError(say("The object that was checked no longer exists"))
         report = report_text.avatar_report(avatar) or {}

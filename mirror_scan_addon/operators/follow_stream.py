@@ -13,7 +13,6 @@ from ..background import job_operators
 from ..language.texts import CONTEXT, say, tell
 from ..scene import scan_records
 from ..scene.scan_records import armature_of, no_skeleton
-from ..scene.units import metres_per_unit
 
 TICK_S = 1 / 60
 SAY_S = 0.5  # how often the status bar is written
@@ -127,17 +126,17 @@ class MIRRORSCAN_OT_follow_stream(bpy.types.Operator):
 
     def _begin(self, context: bpy.types.Context) -> None:
         from ...core.motion import LiveStream, StreamFollower
-        from ..scene import armature, avatar_objects, rig_controls
+        from ..scene import armature, rig_controls
 
         if self.address not in _LOCAL and not bpy.app.online_access:
             text = say("Blender is not allowed online; allow it in the preferences (System, Network), or use {address}")
             raise CaptureError(text.format(address=LOOPBACK))
         bones = armature_of(context.object)
         self._uid = bones.session_uid
-        self._unit = float(avatar_objects.size_of(bones, metres_per_unit(context.scene)).mean())
+        self._unit = armature.unit_of(bones, context.scene)
         self._follower = StreamFollower(armature.read_skeleton(bones, self._unit))
         self._stream = LiveStream(self.port, self.address)
-        action = bones.animation_data.action if bones.animation_data is not None else None
+        action = armature.action_of(bones)
         self._before = (
             {
                 bone.name: (bone.location.copy(), bone.rotation_quaternion.copy(), bone.rotation_mode)
@@ -153,8 +152,9 @@ class MIRRORSCAN_OT_follow_stream(bpy.types.Operator):
         self._began = self._told = time.monotonic()
 
     def _bones(self) -> bpy.types.Object:
-        # by number, as undo and deletion make references to objects invalid
-        bones = next((item for item in bpy.data.objects if item.session_uid == self._uid), None)
+        from ..scene import avatar_objects
+
+        bones = avatar_objects.object_of(self._uid)
         if bones is None:
             raise CaptureError(say("The skeleton no longer exists"))
         return bones
@@ -237,7 +237,8 @@ def _clip_of(poses: list, rate: float):
 
     times = np.array([moment for moment, _ in poses])
     wanted = np.arange(times[0], times[-1] + 1e-9, 1 / rate)
-    nearest = np.abs(times[None, :] - wanted[:, None]).argmin(axis=1)
+    after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
+    nearest = after - (wanted - times[after - 1] <= times[after] - wanted)
     rotations = np.array([poses[k][1].rotations for k in nearest])
     return Clip("Stream", rate, rotations, np.array([poses[k][1].translation for k in nearest]))
 

@@ -11,7 +11,6 @@ from ..background import job_operators
 from ..language.texts import CONTEXT, say
 from ..scene import scan_records
 from ..scene.scan_records import armature_of, no_skeleton
-from ..scene.units import metres_per_unit
 
 CLIPS = (
     ("FILE", "File", "A motion file, BVH or FBX"),
@@ -83,7 +82,7 @@ class MIRRORSCAN_OT_apply_motion(job_operators.FileJobOperator, bpy.types.Operat
         import os
 
         from ...core.motion import palm_directions, sole_points
-        from ..scene import armature, avatar_objects
+        from ..scene import armature
 
         source = self.clip
         if source == "FILE":
@@ -100,7 +99,7 @@ class MIRRORSCAN_OT_apply_motion(job_operators.FileJobOperator, bpy.types.Operat
                 source = read_fbx_motion(source)
         avatar, bones = armature.body_of(context.object), armature_of(context.object)
         self._uid = bones.session_uid
-        self._unit = float(avatar_objects.size_of(bones, metres_per_unit(context.scene)).mean())
+        self._unit = armature.unit_of(bones, context.scene)
         rigged = armature.read_avatar(avatar, self._unit)
         skin = rigged.mesh.vertices, rigged.weights, rigged.skeleton
         rate = context.scene.render.fps / context.scene.render.fps_base
@@ -110,12 +109,12 @@ class MIRRORSCAN_OT_apply_motion(job_operators.FileJobOperator, bpy.types.Operat
         )
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
-        from ..scene import armature, rig_controls
+        from ..scene import armature, avatar_objects, rig_controls
 
-        bones = next((item for item in bpy.data.objects if item.session_uid == self._uid), None)
+        bones = avatar_objects.object_of(self._uid)
         if bones is None:
             raise OutputError(say("The skeleton no longer exists"))
-        armature.add_clip(bones, result, self._unit, start=target.frame_start, loops=result.loops)
+        armature.add_clip(bones, result, self._unit, start=target.frame_start)
         if rig_controls.switch_controls(bones, False):
             self.report({"INFO"}, say("The control bones rest while the motion moves the limbs"))
         if self.fit_range:

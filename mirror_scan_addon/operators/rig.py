@@ -143,7 +143,7 @@ class MIRRORSCAN_OT_simulate(job_operators.JobOperator, bpy.types.Operator):
         from ...core.preview import palette
         from ..scene import avatar_objects, virtual_rig
 
-        body = next((item for item in bpy.data.objects if self._uid and item.session_uid == self._uid), None)
+        body = avatar_objects.object_of(self._uid)
         if body is not None and len(body.data.vertices) == len(result.coverage) and body.data.is_editable:
             avatar_objects.set_colors(body.data, virtual_rig.COVERAGE, palette.view_colors(result.coverage), "POINT")
             avatar_objects.show_colors(body, virtual_rig.COVERAGE)

@@ -59,7 +59,7 @@ class MIRRORSCAN_OT_add_skeleton(job_operators.JobOperator, bpy.types.Operator):
         from ...core.avatar.skeleton import BONES
         from ..scene import armature, avatar_objects, rig_controls
 
-        avatar = next((item for item in bpy.data.objects if item.session_uid == self._uid), None)
+        avatar = avatar_objects.object_of(self._uid)
         if avatar is None:
             raise OutputError(say("The avatar no longer exists"))
         if len(result.mesh.vertices) != len(avatar.data.vertices):
@@ -97,15 +97,14 @@ class MIRRORSCAN_OT_rest_in_t_pose(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...core.motion import t_pose, take_as_rest
-        from ..scene import armature, avatar_objects
+        from ..scene import armature
 
         bones = armature_of(context.object)
-        unit = metres_per_unit(context.scene)
         try:
             avatar = armature.body_of(context.object)
             _check_shape_keys(avatar)
-            size = float(avatar_objects.size_of(avatar, unit).mean())
-            had_motion = bones.animation_data is not None and bones.animation_data.action is not None
+            size = armature.unit_of(avatar, context.scene)
+            had_motion = armature.action_of(bones) is not None
             rigged = armature.read_avatar(avatar, size)
             vertices, skeleton = take_as_rest(
                 rigged.mesh.vertices, rigged.weights, rigged.skeleton, t_pose(rigged.skeleton)

@@ -20,8 +20,9 @@ from ...core.avatar.skeleton import BONES, END_BONES, PARENTS, Skeleton
 from ...core.errors import CaptureError
 from ...core.numeric.rotations import continuous, quaternions
 from ..language.texts import say
-from .avatar_objects import read_surface
+from .avatar_objects import read_surface, size_of
 from .scan_records import CONTROL, armature_of
+from .units import metres_per_unit
 
 _SHORTEST = 0.002  # Blender removes bones without length [m]
 
@@ -53,14 +54,8 @@ def add_armature(
     collection.objects.link(armature)
     layer = bpy.context.view_layer
     layer.update()
-    active = layer.objects.active
-    layer.objects.active = armature
-    bpy.ops.object.mode_set(mode="EDIT")
-    try:
+    with edit_mode(armature):
         _place_bones(data, skeleton, unit)
-    finally:
-        bpy.ops.object.mode_set(mode="OBJECT")
-        layer.objects.active = active
     data["confidence"] = skeleton.confidence.tolist()
     use_quaternions(armature)
     set_weights(avatar, weights)
@@ -117,12 +112,10 @@ def set_weights(avatar: bpy.types.Object, weights: SkinWeights) -> None:
             groups[bone].add((vertex,), weight, "REPLACE")
 
 
-def add_clip(
-    armature: bpy.types.Object, clip: Clip, unit: float = 1.0, start: int = 0, loops: bool = False
-) -> bpy.types.Action:
+def add_clip(armature: bpy.types.Object, clip: Clip, unit: float = 1.0, start: int = 0) -> bpy.types.Action:
     """A clip as an action of the armature, a key a frame, from frame ``start`` on; it becomes the armature's own.
 
-    ``loops`` repeats it for ever; what it walks over the floor it walks on.
+    A loop repeats for ever; what it walks over the floor it walks on.
     """
     frames = len(clip.rotations)
     use_quaternions(armature)
@@ -142,7 +135,7 @@ def add_clip(
             keys = np.column_stack((start + np.arange(frames), values[:, index])).astype(np.float32)
             curve.keyframe_points.foreach_set("co", keys.ravel())
             curve.keyframe_points.foreach_set("interpolation", np.ones(frames, np.uint8))  # linear
-            if loops:
+            if clip.loops:
                 cycle = curve.modifiers.new("CYCLES")
                 if values is places:
                     cycle.mode_before = cycle.mode_after = "REPEAT_OFFSET"
@@ -179,15 +172,22 @@ def move_rest(
         armature.animation_data.action = None
     for bone in armature.pose.bones:
         bone.matrix_basis.identity()
-    layer = bpy.context.view_layer
-    active = layer.objects.active
-    layer.objects.active = armature
+    with edit_mode(armature):
+        _place_bones(armature.data, skeleton, unit)
+
+
+@contextlib.contextmanager
+def edit_mode(armature: bpy.types.Object) -> Iterator[None]:
+    """An armature of the context's view layer in edit mode, in which alone bones can be made and placed."""
+    objects = bpy.context.view_layer.objects
+    active = objects.active
+    objects.active = armature
     bpy.ops.object.mode_set(mode="EDIT")
     try:
-        _place_bones(armature.data, skeleton, unit)
+        yield
     finally:
         bpy.ops.object.mode_set(mode="OBJECT")
-        layer.objects.active = active
+        objects.active = active
 
 
 @contextlib.contextmanager
@@ -200,6 +200,16 @@ def object_mode(context: bpy.types.Context, target: bpy.types.Scene) -> Iterator
         return
     with context.temp_override(scene=target, view_layer=target.view_layers[0]):
         yield
+
+
+def action_of(armature: bpy.types.Object) -> bpy.types.Action | None:
+    """The motion that an armature has."""
+    return armature.animation_data.action if armature.animation_data is not None else None
+
+
+def unit_of(item: bpy.types.Object, scene: bpy.types.Scene) -> float:
+    """Metres in one of an object's own units, the mean along its axes."""
+    return float(size_of(item, metres_per_unit(scene)).mean())
 
 
 def body_of(item: bpy.types.Object) -> bpy.types.Object:

@@ -228,6 +228,11 @@ def show_colors(avatar: bpy.types.Object, name: str) -> None:
     data.update_tag()
 
 
+def object_of(uid: int) -> bpy.types.Object | None:
+    """The object with that ``session_uid``; undo and deletion make references to objects invalid, not this number."""
+    return next((item for item in bpy.data.objects if item.session_uid == uid), None)
+
+
 def select_only(context: bpy.types.Context, target: bpy.types.Object) -> None:
     """Make ``target`` the one selected and the active object, unless its collection is not in the view layer."""
     layer = context.view_layer

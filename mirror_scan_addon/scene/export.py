@@ -22,7 +22,7 @@ from ...core.errors import OutputError
 from ...core.io.atomic_files import replacing
 from ..language.texts import say
 from . import avatar_objects as avatar_scene
-from .armature import add_armature, add_clip
+from .armature import action_of, add_armature, add_clip
 from .blender_files import enabled, quiet, reason_of, removed_again, shown, silent, temporary_scene
 from .scan_records import armature_of
 from .units import metres_per_unit
@@ -233,7 +233,7 @@ _EXPORTERS: dict[str, Callable[[str, bpy.types.Object], object]] = {
 def _moves(copy: bpy.types.Object) -> bool:
     """Whether a motion goes into the file with the object."""
     bones = armature_of(copy)
-    return bones is not None and bones.animation_data is not None and bones.animation_data.action is not None
+    return bones is not None and action_of(bones) is not None
 
 
 def _check_holds_faces(path: str | os.PathLike, file: Path, kind: str) -> None:
@@ -340,7 +340,7 @@ def _hang(copy: bpy.types.Object, bones: bpy.types.Object, placed: Matrix, targe
     """Have a copy of the armature move the copied object, both at ``placed``."""
     own = bones.copy()
     if _moves(copy):
-        target.name = bones.animation_data.action.name  # FBX names a motion after the scene
+        target.name = action_of(bones).name  # FBX names a motion after the scene
     own.hide_select = own.hide_viewport = own.hide_render = False
     own.parent = None
     own.constraints.clear()
@@ -396,7 +396,7 @@ def _add_avatar(target: bpy.types.Scene, reconstruction: Rigged, clip: Clip | No
         with shown(target):
             bones = add_armature(avatar, reconstruction.skeleton, reconstruction.weights, target.collection)
         if clip is not None:
-            add_clip(bones, clip, loops=clip.loops)
+            add_clip(bones, clip)
             target.render.fps_base = 1.0 if clip.rate == round(clip.rate) else math.ceil(clip.rate) / clip.rate
             target.render.fps = math.ceil(clip.rate)
             target.frame_start, target.frame_end = 0, len(clip.rotations) - 1

@@ -10,6 +10,7 @@ import numpy as np
 from ...core.errors import MirrorScanError, OutputError
 from ...core.motion import Motion
 from ..language.texts import say
+from .armature import action_of
 from .blender_files import enabled, quiet, reason_of, shown, temporary_scene
 
 _UP = np.array([0.0, 0, 1])
@@ -35,15 +36,11 @@ def read_fbx_motion(path: str | Path) -> Motion:
             said = reason_of(str(error))
             text = say("{path}: Blender cannot read it: {reason}")
             raise MirrorScanError(text.format(path=path, reason=said)) from error
-        moved = [thing for thing in scene.objects if thing.type == "ARMATURE" and _action(thing) is not None]
+        moved = [thing for thing in scene.objects if thing.type == "ARMATURE" and action_of(thing) is not None]
         if not moved:
             text = say("{path}: nothing in it moves a skeleton; export it with its animation")
             raise MirrorScanError(text.format(path=path))
         return _motion(path.name, scene, max(moved, key=lambda thing: len(thing.data.bones)))
-
-
-def _action(armature: bpy.types.Object) -> bpy.types.Action | None:
-    return armature.animation_data.action if armature.animation_data else None
 
 
 def _motion(name: str, scene: bpy.types.Scene, armature: bpy.types.Object) -> Motion:

@@ -10,6 +10,7 @@ from ...core.avatar.avatar_file import PREFIX
 from ...core.avatar.skeleton import BONES, Skeleton
 from ...core.errors import OutputError
 from ..language.texts import say
+from .armature import edit_mode
 from .scan_records import CONTROL
 
 _LIMBS = {"LeftHand": "LeftForeArm", "RightHand": "RightForeArm", "LeftFoot": "LeftLeg", "RightFoot": "RightLeg"}
@@ -17,20 +18,13 @@ _LIMBS = {"LeftHand": "LeftForeArm", "RightHand": "RightForeArm", "LeftFoot": "L
 
 def add_controls(armature: bpy.types.Object) -> None:
     """A bone for each hand and foot, which the two bones of the arm or leg follow; elbows and knees bend one way."""
-    layer = bpy.context.view_layer
-    active = layer.objects.active
-    layer.objects.active = armature
-    bpy.ops.object.mode_set(mode="EDIT")
-    try:
+    with edit_mode(armature):
         bones = armature.data.edit_bones
         for end in _LIMBS:
             made = bones.new(CONTROL + end)
             own = bones[PREFIX + end]
             made.head, made.tail, made.roll = own.head, own.tail, own.roll
             made.use_deform = False
-    finally:
-        bpy.ops.object.mode_set(mode="OBJECT")
-        layer.objects.active = active
     for end, lower in _LIMBS.items():
         bone = armature.pose.bones[PREFIX + lower]
         bone.lock_ik_y = bone.lock_ik_z = True
@@ -65,11 +59,20 @@ def add_metarig(avatar: bpy.types.Object, skeleton: Skeleton, unit: float) -> bp
     metarig = bpy.context.object
     metarig.name = f"{avatar.name} Metarig"
     metarig.matrix_world = avatar.matrix_world
+    with edit_mode(metarig):
+        bones = metarig.data.edit_bones
+        _remove_fine_bones(bones)
+        for name, (head, tail) in _metarig_places(skeleton, unit).items():
+            bone = bones.get(name)
+            if bone is not None:
+                bone.head, bone.tail = head, tail
+    return metarig
+
+
+def _metarig_places(skeleton: Skeleton, unit: float) -> dict[str, tuple[Vector, Vector]]:
+    """Head and tail of each of the metarig's bones that a skeleton says something of."""
     at = {name: Vector(joint / unit) for name, joint in zip(BONES, skeleton.joints, strict=True)}
     crown, left_tip, right_tip, left_toe, right_toe = (Vector(end / unit) for end in skeleton.ends)
-    bpy.ops.object.mode_set(mode="EDIT")
-    bones = metarig.data.edit_bones
-    _remove_fine_bones(bones)
     chain = [at[name] for name in ("Hips", "Spine", "Spine1", "Spine2", "Neck")]
     middle = chain[4].lerp(at["Head"], 0.5)
     stops = [*chain, middle, at["Head"], crown]
@@ -92,12 +95,7 @@ def add_metarig(avatar: bpy.types.Object, skeleton: Skeleton, unit: float) -> bp
         ways[f"heel.02{end}"] = (heel - Vector((wide, 0, 0)), heel + Vector((wide, 0, 0)))
         chest = at["Spine2"].lerp(at[f"{side}Arm"], 0.5)
         ways[f"breast{end}"] = (chest, chest + Vector((0.0, -0.1 / unit, 0.0)))
-    for name, (head, tail) in ways.items():
-        bone = bones.get(name)
-        if bone is not None:
-            bone.head, bone.tail = head, tail
-    bpy.ops.object.mode_set(mode="OBJECT")
-    return metarig
+    return ways
 
 
 def _remove_fine_bones(bones: bpy.types.ArmatureEditBones) -> None:
