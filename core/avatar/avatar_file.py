@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import CaptureError, OutputError
 from ..io.gltf import INDICES, VERTICES, Gltf, read_gltf, write_gltf
-from ..mesh import KIND_NAMES, Mesh
+from ..mesh import KIND_NAMES, Mesh, Texture
 from ..mesh.normals import vertex_normals
 from ..numeric.rotations import continuous, from_quaternions, quaternions
 from ..numeric.srgb import from_linear, to_linear
@@ -46,12 +46,15 @@ class Avatar:
         Where there is a skeleton.
     clips : sequence of Clip
         Motions of the skeleton.
+    texture : Texture or None
+        Of the mesh's triangles.
     """
 
     mesh: Mesh
     skeleton: Skeleton | None = None
     weights: SkinWeights | None = None
     clips: Sequence[Clip] = ()
+    texture: Texture | None = None
 
 
 def write_avatar(path: str | os.PathLike, avatar: Avatar, vrm: bool = False) -> None:

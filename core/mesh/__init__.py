@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .texture import Texture
 from .triangle_mesh import FILL, KIND_NAMES, SEAM, SURFACE, Mesh
 
 __all__ = [
@@ -10,6 +11,7 @@ __all__ = [
     "Mesh",
     "SEAM",
     "SURFACE",
+    "Texture",
     "boundary_loops",
     "bvh",
     "edge_lists",
@@ -19,5 +21,6 @@ __all__ = [
     "soundness",
     "submesh",
     "surface_distance",
+    "texture",
     "triangle_mesh",
 ]

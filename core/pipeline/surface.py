@@ -16,7 +16,7 @@ from ..checks.view_disagreement import check_seams
 from ..closing.mesh_closing import close_mesh
 from ..errors import MirrorScanError, Notice
 from ..hole_filling.foot_hulls import foot_hulls
-from ..mesh import Mesh
+from ..mesh import Mesh, Texture
 from ..mirror_alignment.seam_alignment import align_seams, mirrored_views, move_views
 from ..mirror_alignment.seam_glass import glass_by_seams, seen_through
 from ..mirrors import Mirror
@@ -60,6 +60,8 @@ class Reconstruction:
         In ``frame``; None where none was asked for, or none was found.
     weights : SkinWeights or None
         Of the mesh's vertices, where there is a skeleton.
+    texture : Texture or None
+        Of the mesh's triangles, where one was asked for.
     """
 
     mesh: Mesh
@@ -71,6 +73,7 @@ class Reconstruction:
     mirrors: tuple[Mirror, ...] = field(default=())
     skeleton: Skeleton | None = None
     weights: SkinWeights | None = None
+    texture: Texture | None = None
 
 
 def joining_steps(
