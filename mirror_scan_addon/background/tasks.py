@@ -471,6 +471,18 @@ def check_steps(mesh: Mesh) -> Steps[Checked]:
     return Checked(report, [dataclasses.asdict(problem) for problem in find_problems(mesh)])
 
 
+PICTURE_SIZE = 256
+"""Width and height of an asset's picture [px]."""
+
+
+def picture_steps(mesh: Mesh, front: tuple[float, float, float]) -> Steps[np.ndarray]:
+    """A picture (S, S, 3) uint8 of a mesh, seen from ``front``, in its own frame."""
+    yield 0.0, "Drawing a picture"
+    from ...core.preview.mesh_views import render_views
+
+    return render_views(mesh, mesh.colors, [front], PICTURE_SIZE, PICTURE_SIZE)
+
+
 # --- skeleton and motion ---------------------------------------------------------------------------------------------
 
 

@@ -19,11 +19,12 @@ from . import (
     rig,
     rig_file,
     skeleton,
+    studio,
 )
 
 _modules = (
     load_capture, mirrors, pick_mirror_points, rig_file, find_subject, pick_subject, build_avatar, check, color_by,
-    skeleton, motion, follow_stream, export_avatar, rig,
+    skeleton, motion, follow_stream, export_avatar, studio, rig,
 )  # fmt: skip
 
 register, unregister = bpy.utils.register_classes_factory(tuple(kind for module in _modules for kind in module.CLASSES))

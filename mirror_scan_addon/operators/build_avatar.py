@@ -111,11 +111,12 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
 
 
 def _show_colors(context: bpy.types.Context) -> None:
-    """Have a viewport in Solid mode show the colours of the mesh instead of those of its materials."""
+    """Have a viewport in Solid mode show the colours of the mesh instead of those of its materials, without light of
+    its own: the colours hold the light of the capture."""
     space = context.space_data
     if space is not None and space.type == "VIEW_3D" and space.shading.type == "SOLID":
         if space.shading.color_type == "MATERIAL":
-            space.shading.color_type = "VERTEX"
+            space.shading.color_type, space.shading.light = "VERTEX", "FLAT"
 
 
 CLASSES = (MIRRORSCAN_OT_build_avatar,)

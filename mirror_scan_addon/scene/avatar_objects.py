@@ -228,6 +228,15 @@ def show_colors(avatar: bpy.types.Object, name: str) -> None:
     data.update_tag()
 
 
+def set_picture(item: bpy.types.ID, picture: np.ndarray) -> None:
+    """Give a data-block the picture (H, W, 3) uint8 that Blender's browsers show of it."""
+    rgba = np.ones((*picture.shape[:2], 4), np.float32)
+    rgba[..., :3] = picture[::-1] / np.float32(255.0)  # Blender's pictures begin below
+    preview = item.preview_ensure()
+    preview.image_size = picture.shape[1::-1]
+    preview.image_pixels_float.foreach_set(rgba.ravel())
+
+
 def object_of(uid: int) -> bpy.types.Object | None:
     """The object with that ``session_uid``; undo and deletion make references to objects invalid, not this number."""
     return next((item for item in bpy.data.objects if item.session_uid == uid), None)

@@ -27,7 +27,8 @@ def reason_of(text: str) -> str:
 def removed_again() -> Iterator[None]:
     """What is added to the open file meanwhile is removed at the end."""
     data = bpy.data
-    collections = (data.objects, data.meshes, data.materials, data.cameras, data.lights, data.armatures, data.actions)
+    collections = (data.objects, data.meshes, data.materials, data.cameras, data.lights, data.armatures, data.actions,
+                   data.collections, data.images)  # fmt: skip
     before = {block for blocks in collections for block in blocks}
     try:
         yield

@@ -25,6 +25,7 @@ from . import avatar_objects as avatar_scene
 from .armature import action_of, add_armature, add_clip
 from .blender_files import enabled, quiet, reason_of, removed_again, shown, silent, temporary_scene
 from .scan_records import armature_of
+from .studio import VIEW_ANGLE, add_studio
 from .units import metres_per_unit
 
 if TYPE_CHECKING:
@@ -34,14 +35,13 @@ if TYPE_CHECKING:
 
     Rigged = Reconstruction | Avatar
 
-VIEW_ANGLE = math.radians(25)  # the camera stands that far to the side of the person's front
-CAMERA_LENS, VIEWPORT_LENS = 50.0, 50.0  # [mm]
+VIEWPORT_LENS = 50.0  # [mm]
 
 
 def write_blend(
     path: str | os.PathLike, reconstruction: Rigged, *, own_process: bool = False, clip: Clip | None = None
 ) -> None:
-    """Write a .blend with the avatar, a camera and a light.
+    """Write a .blend with the avatar in a studio, see :mod:`.studio`.
 
     Parameters
     ----------
@@ -407,26 +407,9 @@ def _add_avatar(target: bpy.types.Scene, reconstruction: Rigged, clip: Clip | No
 
 
 def _stage(target: bpy.types.Scene, reconstruction: Rigged, clip: Clip | None = None) -> bpy.types.Object:
-    """Avatar, camera and sun in an empty scene, ready to render."""
+    """The avatar in a studio, in an empty scene: ready to render."""
     avatar = _add_avatar(target, reconstruction, clip)
-    center, radius = _bounds(avatar)
-
-    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    camera.data.lens = CAMERA_LENS
-    target.collection.objects.link(camera)
-    target.render.resolution_x, target.render.resolution_y = 1080, 1920
-    rotation = _view_rotation()
-    # The sensor is fitted to the longer side of the picture, here its height; a little air around the sphere.
-    distance = 1.1 * radius / math.sin(camera.data.angle / 2)
-    camera.matrix_world = Matrix.Translation(center + rotation @ Vector((0, 0, distance))) @ rotation.to_4x4()
-    camera.data.clip_end = max(camera.data.clip_end, 4 * distance)
-    target.camera = camera
-
-    sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
-    sun.data.energy, sun.data.angle = 3.0, math.radians(20)
-    sun.matrix_world = Matrix.Translation(center) @ Matrix.Rotation(math.radians(55), 4, "X")
-    sun.location = center + Vector((0, -2, 2)) * radius
-    target.collection.objects.link(sun)
+    add_studio(target, avatar)
     return avatar
 
 
@@ -451,7 +434,7 @@ def _viewports() -> Iterator[bpy.types.SpaceView3D]:
 
 def _frame_viewport(viewport: bpy.types.SpaceView3D, avatar: bpy.types.Object) -> None:
     center, radius = _bounds(avatar)
-    viewport.shading.color_type = "VERTEX"
+    viewport.shading.color_type, viewport.shading.light = "VERTEX", "FLAT"
     viewport.lens = VIEWPORT_LENS
     region = viewport.region_3d
     region.view_perspective = "PERSP"

@@ -60,6 +60,13 @@ def no_skeleton(context: bpy.types.Context) -> str:
     return ""
 
 
+def studio_of(scene: bpy.types.Scene) -> bpy.types.Collection | None:
+    """The studio's collection in a scene; None when there is none."""
+    return next((found for found in scene.collection.children_recursive if STUDIO in found), None)
+
+
+STUDIO = "mirror_scan_studio"
+"""Custom property of the studio's collection: the scene's settings that it changed, as JSON."""
 CONTROL = "Control "  # what names of control bones begin with
 _BONES = tuple(
     f"mixamorig:{name}" for name in (

@@ -75,13 +75,15 @@ def test_blend_opens_with_the_avatar(bpy, tmp_path, reconstruction, own_process)
     path = write("blend", tmp_path, reconstruction, own_process=own_process)
     bpy.ops.wm.open_mainfile(filepath=str(path))
     scene = bpy.context.scene
-    assert sorted(item.type for item in scene.objects) == ["CAMERA", "LIGHT", "MESH"]
+    assert [item.type for item in scene.collection.objects] == ["MESH"]
+    studio = scene.collection.children["Studio"].objects
+    assert sorted(item.type for item in studio) == ["CAMERA", "LIGHT", "LIGHT", "LIGHT", "MESH"]
     avatar = bpy.context.view_layer.objects.active
     assert avatar.name == "Avatar" and avatar.select_get() and avatar.visible_get()
     assert len(avatar.data.vertices) == len(reconstruction.mesh.vertices)
     assert json.loads(avatar["mirror_scan_report"]) == reconstruction.report
     assert scene.unit_settings.system == "METRIC" and scene.unit_settings.scale_length == 1
-    assert scene.camera.name == "Camera"
+    assert scene.camera.name == "Studio Camera"
     assert camera_sees(scene, avatar)
     if own_process:
         spaces = [a.spaces.active for s in bpy.data.screens for a in s.areas if a.type == "VIEW_3D"]
