@@ -16,15 +16,17 @@ from ..errors import CaptureError, OutputError
 from ..io.gltf import INDICES, VERTICES, Gltf, read_gltf, write_gltf
 from ..mesh import KIND_NAMES, Mesh, Texture
 from ..mesh.normals import vertex_normals
+from ..numeric.point_products import transform
 from ..numeric.rotations import continuous, from_quaternions, quaternions
 from ..numeric.srgb import from_linear, to_linear
 from .bone_axes import rest_axes
 from .clip import Clip
 from .pose import SkinWeights, relative_to_parents
 from .skeleton import BONES, ENDS, PARENTS, Skeleton
+from .skin_nodes import TO_FILE as _TO_FILE
+from .skin_nodes import SkinRest, bones_above, check_finite, moved_mesh, skin_rest
 
 PREFIX = "mixamorig:"
-_TO_FILE = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # avatar frame → glTF's
 _VRM_NAMES = {
     "Hips": "hips", "Spine": "spine", "Spine1": "chest", "Spine2": "upperChest", "Neck": "neck", "Head": "head",
     "Shoulder": "Shoulder", "Arm": "UpperArm", "ForeArm": "LowerArm", "Hand": "Hand",
@@ -102,7 +104,7 @@ def read_avatar(path: str | os.PathLike) -> Avatar:
     gltf = read_gltf(path)
     try:
         return _avatar_of(gltf, Path(path))
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, np.linalg.LinAlgError) as error:
         raise CaptureError(f"{path}: is not as glTF files are; it is damaged") from error
     except CaptureError as error:
         raise CaptureError(f"{path}: {error}") from error
@@ -241,27 +243,27 @@ def _avatar_of(gltf: Gltf, path: Path) -> Avatar:
     missing = [name for bone, name in enumerate(BONES) if bone not in bones]
     if missing:
         raise CaptureError(f"its skeleton lacks the bone {PREFIX}{missing[0]}; give an avatar made by Mirror Scan")
-    place = {node: k for k, node in enumerate(skin["joints"])}
-    bind = np.linalg.inv(gltf.array(skin["inverseBindMatrices"]).astype(np.float64))
-    bind = bind[[place[bones[bone]] for bone in range(len(BONES))]]
-    joints = bind[:, :3, 3] @ _TO_FILE
-    axes = _TO_FILE.T @ bind[:, :3, :3]
+    rest = skin_rest(gltf, skin, bones)
+    weights, mesh = _skin_of(gltf, primitive["attributes"], bones_above(nodes, skin["joints"], bones), rest, mesh)
     extras = skin.get("extras") or {}
-    ends = np.array([extras["ends"][name] for name in ENDS]) @ _TO_FILE if "ends" in extras else _ends(joints, axes)
-    confidence = extras.get("confidence") or {}
-    skeleton = Skeleton(joints, ends, np.array([float(confidence.get(name, 1.0)) for name in BONES]))
-    weights = _weights_of(gltf, primitive["attributes"], {place[node]: bone for bone, node in bones.items()})
+    ends = _ends(rest.joints, rest.axes)
+    if "ends" in extras:
+        said = np.array([extras["ends"][name] for name in ENDS], np.float64)
+        ends = transform(check_finite(said, "the end of a bone"), rest.place)
+    known = [float((extras.get("confidence") or {}).get(name, 1.0)) for name in BONES]
+    skeleton = Skeleton(rest.joints, ends, np.clip(check_finite(np.array(known), "a joint's confidence"), 0.0, 1.0))
     clips = [
         clip for animation in content.get("animations", [])
-        if (clip := _clip_of(gltf, animation, bones, skeleton, axes)) is not None
+        if (clip := _clip_of(gltf, animation, bones, rest)) is not None
     ]  # fmt: skip
     return Avatar(mesh, skeleton, weights, clips)
 
 
 def _mesh_of(gltf: Gltf, primitive: dict, kinds: dict | None) -> Mesh:
     attributes = primitive["attributes"]
-    vertices = gltf.array(attributes["POSITION"]).astype(np.float64) @ _TO_FILE
-    triangles = gltf.array(primitive["indices"]).astype(np.int64).reshape(-1, 3)
+    vertices = check_finite(gltf.array(attributes["POSITION"]).astype(np.float64), "the place of a vertex") @ _TO_FILE
+    corners = gltf.array(primitive["indices"]) if "indices" in primitive else np.arange(len(vertices))
+    triangles = corners.astype(np.int64).reshape(-1, 3)
     if len(triangles) and triangles.max() >= len(vertices):
         raise CaptureError("a triangle names a vertex that does not exist; the file is damaged")
     colors = view = kind = None
@@ -275,22 +277,26 @@ def _mesh_of(gltf: Gltf, primitive: dict, kinds: dict | None) -> Mesh:
     return Mesh(vertices, triangles.astype(np.int32), colors, view, kind)
 
 
-def _weights_of(gltf: Gltf, attributes: dict, bone_of: dict[int, int]) -> SkinWeights:
-    """Weights in our order of bones; what other joints hold, such as fingers, falls to none."""
+def _skin_of(gltf: Gltf, attributes: dict, bone_of: np.ndarray, rest: SkinRest, mesh: Mesh) -> tuple[SkinWeights, Mesh]:
+    """Weights in our order of bones, and the mesh in its rest pose.
+
+    Other joints, such as fingers, count with the bone they hang on, ``bone_of`` (J,); what hangs on none falls to none.
+    """
     index = gltf.array(attributes["JOINTS_0"])
-    weight = gltf.array(attributes["WEIGHTS_0"]).astype(np.float32)
-    table = np.full(int(index.max()) + 1, -1)
-    for joint, bone in bone_of.items():
-        if joint < len(table):
-            table[joint] = bone
-    bones = table[index]
-    weight = np.where(bones >= 0, weight, 0.0)
+    weight = check_finite(gltf.array(attributes["WEIGHTS_0"]).astype(np.float32), "the weight of a vertex")
+    if index.shape != weight.shape or len(index) != len(mesh.vertices):
+        raise CaptureError("its weights are not those of its vertices; the file is damaged")
+    if index.max(initial=0) >= len(bone_of):
+        raise CaptureError("a vertex hangs on a joint that does not exist; the file is damaged")
+    weight = np.maximum(weight, 0.0)
+    mesh = moved_mesh(mesh, rest, index, weight)
+    dense = np.zeros((len(weight), len(BONES) + 1), np.float32)  # the last of what is no bone
+    np.add.at(dense, (np.arange(len(weight))[:, None], bone_of[index]), weight)
+    bones = np.argsort(-dense[:, :-1], axis=1, kind="stable")[:, : index.shape[1]]
+    weight = np.take_along_axis(dense, bones, axis=1)
     total = weight.sum(axis=1, keepdims=True)
     weight = np.where(total > 0, weight / np.maximum(total, 1e-9), (1.0, 0.0, 0.0, 0.0))
-    order = np.argsort(-weight, axis=1, kind="stable")
-    weight = np.take_along_axis(weight, order, axis=1)
-    bones = np.take_along_axis(np.maximum(bones, 0), order, axis=1)
-    return SkinWeights(np.where(weight > 0, bones, 0).astype(np.uint8), weight.astype(np.float32))
+    return SkinWeights(np.where(weight > 0, bones, 0).astype(np.uint8), weight.astype(np.float32)), mesh
 
 
 def _ends(joints: np.ndarray, axes: np.ndarray) -> np.ndarray:
@@ -308,7 +314,7 @@ def _ends(joints: np.ndarray, axes: np.ndarray) -> np.ndarray:
     return np.array(ends)
 
 
-def _clip_of(gltf: Gltf, animation: dict, bones: dict[int, int], skeleton: Skeleton, axes: np.ndarray) -> Clip | None:
+def _clip_of(gltf: Gltf, animation: dict, bones: dict[int, int], rest: SkinRest) -> Clip | None:
     """An animation of the skeleton's bones, None when it is of something else; sampled at its own frames."""
     tracks = {}
     for channel in animation["channels"]:
@@ -317,22 +323,30 @@ def _clip_of(gltf: Gltf, animation: dict, bones: dict[int, int], skeleton: Skele
             times, values = gltf.array(sampler["input"]), gltf.array(sampler["output"])
             if sampler.get("interpolation") == "CUBICSPLINE":
                 values = values[1::3]
-            tracks[target["node"], target["path"]] = (times.astype(np.float64), values.astype(np.float64))
+            if len(times) != len(values) or not len(times):
+                raise CaptureError("an animation has not as many values as times; the file is damaged")
+            tracks[target["node"], target["path"]] = (
+                check_finite(times.astype(np.float64), "a time of an animation"),
+                check_finite(values.astype(np.float64), "a value of an animation"),
+            )
     known = [times for (node, _), (times, _) in tracks.items() if node in bones.values()]
     if not known:
         return None
     times = max(known, key=len)
-    rest = relative_to_parents(_TO_FILE @ axes)
+    turned = rest.armature[:3, :3] / np.cbrt(np.linalg.det(rest.armature[:3, :3]))
+    local = relative_to_parents(turned.T @ rest.axes)
     world = np.empty((len(times), len(BONES), 3, 3))
     for bone, parent in enumerate(PARENTS):
         track = tracks.get((bones[bone], "rotation"))
-        local = rest[bone][None] if track is None else from_quaternions(_sampled(track, times))
-        world[:, bone] = local if parent < 0 else world[:, parent] @ local
-    rotations = _TO_FILE.T @ world @ np.swapaxes(axes, 1, 2)
+        turns = local[bone][None] if track is None else from_quaternions(_sampled(track, times))
+        world[:, bone] = turns if parent < 0 else world[:, parent] @ turns
+    rotations = turned @ world @ np.swapaxes(rest.axes, 1, 2)
     hips = tracks.get((bones[0], "translation"))
-    places = np.tile(skeleton.joints[0], (len(times), 1)) if hips is None else _sampled(hips, times) @ _TO_FILE
+    places = np.tile(rest.joints[0], (len(times), 1))
+    if hips is not None:
+        places = transform(_sampled(hips, times), rest.armature)
     rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 and times[-1] > times[0] else 30.0
-    return Clip(str(animation.get("name", "")), round(float(rate), 3), rotations, places - skeleton.joints[0])
+    return Clip(str(animation.get("name", "")), round(float(rate), 3), rotations, places - rest.joints[0])
 
 
 def _sampled(track: tuple[np.ndarray, np.ndarray], times: np.ndarray) -> np.ndarray:

@@ -88,9 +88,11 @@ class Gltf:
         length = width * dtype.itemsize
         if min(start, count) < 0 or stride < length or start + stride * max(count - 1, 0) + length > len(self.binary):
             raise CaptureError(f"array {number} of the glTF file is not within it; it is truncated or damaged")
+        if start % dtype.itemsize or stride % dtype.itemsize:
+            raise CaptureError(f"array {number} of the glTF file does not lie at a whole number; the file is damaged")
         octets = np.frombuffer(self.binary, np.uint8)
         rows = np.lib.stride_tricks.as_strided(octets[start:], (count, length), (stride, 1))
-        values = np.ascontiguousarray(rows).view(dtype).reshape(count, *shape)
+        values = np.array(rows).view(dtype).reshape(count, *shape)
         if accessor.get("normalized"):
             values = np.maximum(values / np.float32(np.iinfo(dtype).max), np.float32(-1.0))
         return np.swapaxes(values, 1, 2) if accessor["type"] == "MAT4" else values
