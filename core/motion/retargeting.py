@@ -33,6 +33,7 @@ from .pose_follower import PoseFollower
 from .rest_frames import FRONT, HINGES, LEFT, UP, RestFrames, level_frame, rest_frames
 
 _SIDES = ("Left", "Right")
+_SAME_REST = 0.003  # of the skeleton's height: rest poses whose joints lie as near are the same
 _USUAL_SLOPE = np.radians(20)  # of the way from ankle to toes, on a level sole
 _SLOPE_TRUSTED = np.radians(12)
 _STANDS, _STANDS_LONG = 1.0, 0.3  # lengths of the foot a second: slower it stands; s: so long it must
@@ -76,6 +77,8 @@ def retarget(
     rest = rest_frames(skeleton, palms)
     if motion.rotations is None:
         clip = _followed(motion, joints, skeleton, palms)
+    elif (own := _as_it_is(motion, joints, skeleton)) is not None:
+        clip = own
     else:
         clip = _turned(motion, joints, skeleton, rest)
     clip = locked(clip, skeleton, soles) if lock_feet else stand_on_floor(clip, skeleton, soles)
@@ -93,6 +96,40 @@ def _followed(motion: Motion, joints: JointMap, skeleton: Skeleton, palms: np.nd
     rotations = np.array([pose.rotations for pose in poses])
     translations = np.array([pose.translation for pose in poses])
     return _facing_front(motion, rotations, translations, follower.world)
+
+
+def _as_it_is(motion: Motion, joints: JointMap, skeleton: Skeleton) -> Clip | None:
+    """The clip of a motion whose rest pose is the skeleton's own, whatever its size; None where it is another.
+
+    What such a file does not say, where its palms and soles face, is then as the avatar has them: its own motion comes
+    back as it went.
+    """
+    assert motion.rotations is not None and motion.rest is not None
+    known = joints.joints | dict(zip(("Spine", "Spine1", "Spine2"), joints.trunk, strict=False))
+    if len(joints.trunk) != 3 or not all(bone in known for bone in BONES):
+        return None
+    places = [known[bone] for bone in BONES]
+    turn, scale, shift = _similarity(motion.rest[places], skeleton.joints)
+    moved = scale * motion.rest[places] @ turn.T + shift
+    if np.linalg.norm(moved - skeleton.joints, axis=1).max() > _SAME_REST * np.ptp(skeleton.joints[:, 2]):
+        return None
+    rotations = turn @ motion.rotations[:, places] @ turn.T
+    translations = scale * motion.positions[:, places[0]] @ turn.T + shift - skeleton.joints[0]
+    return _facing_front(motion, rotations, translations, turn)
+
+
+def _similarity(points: np.ndarray, to: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
+    """Rotation (3, 3), scale and shift (3,) that bring points (N, 3) nearest to others, by least squares.
+
+    Umeyama 1991.
+    """
+    middle, there = points.mean(axis=0), to.mean(axis=0)
+    u, sizes, vt = np.linalg.svd((to - there).T @ (points - middle))
+    sizes[2] *= (sign := np.sign(np.linalg.det(u @ vt)))
+    u[:, 2] *= sign
+    turn = u @ vt
+    scale = float(sizes.sum() / max(np.sum((points - middle) ** 2), 1e-30))
+    return turn, scale, there - scale * turn @ middle
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mirror_scan.core.avatar.pose import SkinWeights
-from mirror_scan.core.avatar.skeleton import BONES
+from mirror_scan.core.avatar.skeleton import BONES, PARENTS
 from mirror_scan.core.errors import MirrorScanError
-from mirror_scan.core.motion import Motion, palm_directions, retarget
+from mirror_scan.core.motion import Motion, make_clip, palm_directions, retarget
 from motion_figures import along_x, angles, apart, changed, gymnastics, other_person, skeleton
 from scipy.spatial.transform import Rotation
 
@@ -222,3 +222,20 @@ def test_a_skeleton_in_other_axes_is_refused(turn):
         retarget(gymnastics(), skeleton().transformed(lying))
     lying[:3, :3] = Rotation.from_euler(turn[0], 35, degrees=True).as_matrix()
     retarget(gymnastics(), skeleton().transformed(lying))
+
+
+def test_a_motion_of_the_same_rest_pose_comes_back_as_it_is():
+    """As from the avatar's own file, turned and in centimetres: palms that the file does not say stay as they are."""
+    person = skeleton()
+    clip = make_clip("arms_up", person)
+    axes = Rotation.from_euler("xz", (-90, 40), degrees=True).as_matrix()
+    motion = Motion(
+        "own", tuple(f"mixamorig:{bone}" for bone in BONES), np.array(PARENTS), 100 * clip.joints(person) @ axes.T,
+        axes @ clip.rotations @ axes.T, 100 * person.joints @ axes.T, clip.rate, axes[:, 2],
+    )  # fmt: skip
+    hands = [BONES.index("LeftHand"), BONES.index("RightHand")]
+    along = person.tails()[hands] - person.joints[hands]
+    palms = np.array([np.cross(along[0], (0.7, -1, 0)), -np.cross(along[1], (0.7, -1, 0))])
+    back = retarget(motion, person, lock_feet=False, palms=palms / np.linalg.norm(palms, axis=1, keepdims=True))
+    assert apart(back.rotations, clip.rotations).max() < 0.5
+    np.testing.assert_allclose(back.translations[:, :2], clip.translations[:, :2], atol=0.005)
