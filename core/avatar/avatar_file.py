@@ -338,7 +338,7 @@ def _clip_of(gltf: Gltf, animation: dict, bones: dict[int, int], rest: SkinRest)
     world = np.empty((len(times), len(BONES), 3, 3))
     for bone, parent in enumerate(PARENTS):
         track = tracks.get((bones[bone], "rotation"))
-        turns = local[bone][None] if track is None else from_quaternions(_sampled(track, times))
+        turns = local[bone][None] if track is None else from_quaternions(_turning(_sampled(track, times)))
         world[:, bone] = turns if parent < 0 else world[:, parent] @ turns
     rotations = turned @ world @ np.swapaxes(rest.axes, 1, 2)
     hips = tracks.get((bones[0], "translation"))
@@ -347,6 +347,13 @@ def _clip_of(gltf: Gltf, animation: dict, bones: dict[int, int], rest: SkinRest)
         places = transform(_sampled(hips, times), rest.armature)
     rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 and times[-1] > times[0] else 30.0
     return Clip(str(animation.get("name", "")), round(float(rate), 3), rotations, places - rest.joints[0])
+
+
+def _turning(turns: np.ndarray) -> np.ndarray:
+    """The quaternions (F, 4) themselves, none of which may be 0."""
+    if not (np.linalg.norm(turns, axis=1) > 1e-6).all():
+        raise CaptureError("a rotation of an animation is no usable number; the file is damaged")
+    return turns
 
 
 def _sampled(track: tuple[np.ndarray, np.ndarray], times: np.ndarray) -> np.ndarray:
