@@ -102,10 +102,13 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
             wanted = next(end for end, name in _endings().items() if name == kind)
             if _endings().get(ending) != kind:
                 path += wanted
-            export.write_object(path, context.object, kind)
+            stiff = export.write_object(path, context.object, kind)
         except job_operators.REPORTED as error:
             self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}
+        if stiff:
+            text = say("{name} is mirrored or sheared: written without its skeleton; apply its scale first (Ctrl A)")
+            self.report({"WARNING"}, text.format(name=context.object.name))
         self.report({"INFO"}, say("{name} written to {path}").format(name=context.object.name, path=path))
         return {"FINISHED"}
 

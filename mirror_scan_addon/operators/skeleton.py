@@ -105,6 +105,7 @@ class MIRRORSCAN_OT_rest_in_t_pose(bpy.types.Operator):
             _check_shape_keys(avatar)
             size = armature.unit_of(avatar, context.scene)
             had_motion = armature.action_of(bones) is not None
+            shared = [armature.make_own(item) for item in (avatar, bones)]
             rigged = armature.read_avatar(avatar, size)
             vertices, skeleton = take_as_rest(
                 rigged.mesh.vertices, rigged.weights, rigged.skeleton, t_pose(rigged.skeleton)
@@ -114,6 +115,9 @@ class MIRRORSCAN_OT_rest_in_t_pose(bpy.types.Operator):
         except job_operators.REPORTED as error:
             self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}
+        if any(shared):
+            text = say("{name}: others shared its mesh or its bones and keep them as they are; it has its own now")
+            self.report({"INFO"}, text.format(name=avatar.name))
         if had_motion:
             self.report({"WARNING"}, say("The motion was of the old rest pose and is no longer played; apply it again"))
         return {"FINISHED"}

@@ -162,6 +162,16 @@ def _in_bones(
     return translations @ axes[0] / unit, turns
 
 
+def make_own(item: bpy.types.Object) -> bool:
+    """Give an object a mesh or armature of its own where others have the same; whether they did."""
+    others = [other for other in bpy.data.objects if other != item and other.data == item.data]
+    if others:
+        name = item.data.name
+        item.data = item.data.copy()
+        item.data.name = name  # Blender adds a number, for the others keep it
+    return bool(others)
+
+
 def move_rest(
     avatar: bpy.types.Object, armature: bpy.types.Object, vertices: np.ndarray, skeleton: Skeleton, unit: float
 ) -> None:

@@ -152,7 +152,7 @@ def write_usd(path: str | os.PathLike, reconstruction: Rigged, *, clip: Clip | N
         _check_holds_faces(path, temporary, "USDC")
 
 
-def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -> None:
+def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -> bool:
     """Write an object of the open file by Blender's own exporter; selection and scene stay as they are.
 
     What is written is a copy in a scene of its own, so that nothing which hides an object, or keeps it from being
@@ -166,6 +166,12 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -
         A mesh in the context's scene.
     kind : {"GLB", "FBX", "OBJ", "PLY", "STL", "USDC", "ABC", "BLEND"}
 
+    Returns
+    -------
+    bool
+        Whether the file lacks the object's skeleton although the format could hold it: an object that is mirrored or
+        sheared is written in its final shape.
+
     Notes
     -----
     Files are in metres, whatever the scene's unit is: only Blender's FBX exporter heeds it, so for the others the
@@ -178,6 +184,7 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -
     """
     avatar_scene.check_finite(avatar, np.array(avatar.matrix_world))
     size = 1.0 if kind in ("FBX", "BLEND") else metres_per_unit(bpy.context.scene)
+    stiff = False
     with replacing(path) as temporary:
         file = str(temporary)
         try:
@@ -187,20 +194,24 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -
             else:
                 bones = armature_of(avatar) if kind in _WITH_SKELETON else None
                 with _copy_alone(avatar, size, bones) as (target, copy), shown(target), quiet():
+                    stiff = bones is not None and armature_of(copy) is None
                     _EXPORTERS[kind](file, copy)
         # What an operator reports reaches scripts as RuntimeError; without the format there is no such operator.
         except (RuntimeError, AttributeError) as error:
             text = say("{path}: Blender cannot write it: {reason}")
             raise OutputError(text.format(path=path, reason=reason_of(str(error)))) from error
         _check_holds_faces(path, temporary, kind)
+    return stiff
 
 
 def _write_glb(file: str, copy: bpy.types.Object) -> None:
+    moves = _moves(copy)
     with enabled("io_scene_gltf2"):
         bpy.ops.export_scene.gltf(
             filepath=file, export_format="GLB", use_selection=True, use_active_scene=True, export_yup=True,
-            export_vertex_color="MATERIAL", export_animations=_moves(copy),
+            export_vertex_color="MATERIAL", export_animations=moves,
             export_animation_mode="ACTIVE_ACTIONS", export_extras=False,
+            export_nla_strips_merged_animation_name=action_of(armature_of(copy)).name if moves else "Animation",
             export_apply=copy.data.shape_keys is None, export_rest_position_armature=True,
         )  # fmt: skip
 

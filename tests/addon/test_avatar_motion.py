@@ -168,6 +168,60 @@ def test_the_t_pose_becomes_the_rest_pose(bpy, avatar):
     assert shape(bpy, avatar)[:, 2].max() > 1.15 * points[:, 2].max()
 
 
+def test_the_t_pose_of_one_leaves_others_of_its_mesh_as_they_are(bpy, avatar):
+    bpy.ops.mirror_scan.add_skeleton()
+    twin = avatar.copy()
+    twin.parent = avatar.parent.copy()
+    for item in (twin, twin.parent):
+        bpy.context.scene.collection.objects.link(item)
+    twin.modifiers["Armature"].object = twin.parent
+    bpy.context.view_layer.update()
+    before, rest = shape(bpy, twin), [bone.head_local.copy() for bone in twin.parent.data.bones]
+    assert bpy.ops.mirror_scan.rest_in_t_pose() == {"FINISHED"}
+    bpy.context.view_layer.update()
+    np.testing.assert_array_equal(shape(bpy, twin), before)
+    assert rest == [bone.head_local for bone in twin.parent.data.bones]
+    assert np.ptp(shape(bpy, avatar)[:, 0]) > 1.1 * np.ptp(before[:, 0])
+    assert avatar.data != twin.data and avatar.parent.data != twin.parent.data
+    mesh = avatar.data
+    assert bpy.ops.mirror_scan.rest_in_t_pose() == {"FINISHED"} and avatar.data == mesh  # its own already
+
+
+def test_a_turned_and_lifted_avatar_is_animated_from_its_file(bpy, avatar, found, tmp_path):
+    """Exported where it stands; read, it stands in the avatar frame again, with its clip and the clip's name."""
+    from mirror_scan.core.avatar.avatar_file import read_avatar
+
+    bpy.ops.mirror_scan.add_skeleton()
+    bpy.ops.mirror_scan.apply_motion(clip="squat")
+    avatar.parent.location, avatar.parent.rotation_euler = (1.0, -2.0, 0.8), (0.3, 0.1, 2.0)
+    bpy.context.view_layer.update()
+    assert bpy.ops.mirror_scan.export_avatar(filepath=str(tmp_path / "a.glb")) == {"FINISHED"}
+    read = read_avatar(tmp_path / "a.glb")
+    np.testing.assert_allclose(read.skeleton.joints, found.skeleton.joints, atol=1e-4)
+    np.testing.assert_allclose(np.ptp(read.mesh.vertices, axis=0), np.ptp(found.mesh.vertices, axis=0), atol=1e-4)
+    (clip,) = read.clips
+    assert clip.name == avatar.parent.animation_data.action.name != "Animation"
+    joints, pose = clip.joints(read.skeleton), avatar.parent.pose
+    for frame in (0, len(clip) // 2, len(clip) - 1):
+        bpy.context.scene.frame_set(bpy.context.scene.frame_start + frame)
+        heads = [pose.bones[f"mixamorig:{name}"].head for name in _bones()]
+        np.testing.assert_allclose(joints[frame], heads, atol=1e-3)
+
+
+@pytest.mark.parametrize("ending", ["glb", "fbx", "obj"])
+def test_a_mirrored_avatar_says_that_its_skeleton_stays_behind(bpy, avatar, tmp_path, ending):
+    from mirror_scan.mirror_scan_addon.scene import export
+
+    bpy.ops.mirror_scan.add_skeleton()
+    file, kind = tmp_path / f"avatar.{ending}", ending.upper()
+    assert not export.write_object(file, avatar, kind)
+    avatar.parent.scale.x = -1.0
+    bpy.context.view_layer.update()
+    assert export.write_object(file, avatar, kind) == (ending != "obj")
+    said = bpy.ops.mirror_scan.export_avatar(filepath=str(file))
+    assert said == {"FINISHED"} and file.exists()
+
+
 def test_control_bones_lead_hands_and_feet(bpy, avatar):
     bpy.ops.mirror_scan.add_skeleton(controls=True)
     bones = avatar.parent
