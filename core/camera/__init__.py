@@ -5,4 +5,13 @@ from __future__ import annotations
 from .pinhole import Intrinsics, project, unproject
 from .rgbd_image import RgbdImage
 
-__all__ = ["Intrinsics", "RgbdImage", "project", "unproject", "image_registration", "noise_models", "pinhole"]
+__all__ = [
+    "Intrinsics",
+    "RgbdImage",
+    "project",
+    "unproject",
+    "image_registration",
+    "image_resampling",
+    "noise_models",
+    "pinhole",
+]

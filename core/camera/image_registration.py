@@ -12,7 +12,8 @@ import numpy as np
 
 from ..errors import CaptureError
 from ..numeric.kernels import njit
-from .pinhole import Intrinsics, padded, undistort
+from ..numeric.threads import each
+from .pinhole import Intrinsics, is_rigid, padded, undistort
 
 MAX_GROWTH = 2.25  # of the pixel count, when a wide-angle image is straightened
 _SAME_SURFACE = 0.03  # neighbouring readings differ by less than this share of their depth
@@ -88,6 +89,42 @@ def undistort_color(color: np.ndarray, intrinsics: Intrinsics, straight: Intrins
     return out
 
 
+def straight_color(color: np.ndarray, intrinsics: Intrinsics) -> tuple[np.ndarray, Intrinsics]:
+    """A colour image as a pinhole camera of the same focal lengths takes it, and that camera.
+
+    Bicubic (Keys 1981, a = -1/2), which keeps fine patterns that bilinear interpolation blurs: at half a pixel's shift
+    a period of 4 px keeps 88 % of its contrast, not 71 %. An image without distortion is handed back as it is.
+
+    Parameters
+    ----------
+    color : np.ndarray [shape=(Hc, Wc, 3), dtype=uint8]
+    intrinsics : Intrinsics
+        Of the image.
+
+    Returns
+    -------
+    color : np.ndarray [shape=(H', W', 3), dtype=uint8]
+        Black where the lens saw nothing.
+    straight : Intrinsics
+        See :func:`straightened`.
+
+    Raises
+    ------
+    CaptureError
+        When the image is of another size than ``intrinsics``, or the lens model does not hold inside it.
+    """
+    _check_size(color, intrinsics, "colour image")
+    if intrinsics.is_pinhole:
+        return color, intrinsics
+    straight = straightened(intrinsics)
+    out = np.zeros((straight.height, straight.width, 3), np.uint8)
+    source, lens, target = np.ascontiguousarray(color, np.uint8), _pack(intrinsics), _pack(straight)
+    fold = _fold_radius(intrinsics)
+    bands = np.array_split(np.arange(straight.height), max(1, straight.height // 64))
+    each(lambda band: _straight_color(source, lens, target, fold, band[0], band[-1] + 1, out), bands)
+    return out, straight
+
+
 def color_on_depth(
     depth: np.ndarray,
     intrinsics: Intrinsics,
@@ -160,13 +197,7 @@ def _check_size(image: np.ndarray, intrinsics: Intrinsics, what: str) -> None:
 def _rigid(pose: np.ndarray) -> np.ndarray:
     """``pose`` as (3, 4) float64, checked to be a rotation and a shift."""
     pose = np.asarray(pose, np.float64)
-    rotation = pose[:3, :3]
-    if (
-        pose.shape != (4, 4)
-        or not np.isfinite(pose).all()
-        or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-2
-        or np.linalg.det(rotation) < 0
-    ):
+    if not is_rigid(pose):
         raise CaptureError("the transform from depth to colour must be a rotation and a shift (4, 4) in metres")
     return np.ascontiguousarray(pose[:3])
 
@@ -270,6 +301,44 @@ def _undistort_color(color, intrinsics, straight, out):
             u, v = _pixel((column - straight[2]) / straight[0], y, intrinsics)
             if u > -0.5 and v > -0.5 and u < width - 0.5 and v < height - 0.5:
                 _sample(color, u, v, out[row, column])
+
+
+@njit(cache=True, nogil=True)
+def _cubic(at, weights):
+    """Keys's weights of the four neighbours of a place ``at`` between the middle two, 0 to 1."""
+    weights[0] = at * (at * (1.0 - 0.5 * at) - 0.5)
+    weights[1] = 1.0 + at * at * (1.5 * at - 2.5)
+    weights[2] = at * (0.5 + at * (2.0 - 1.5 * at))
+    weights[3] = at * at * (0.5 * at - 0.5)
+
+
+@njit(cache=True, nogil=True)
+def _straight_color(color, intrinsics, straight, fold, first, last, out):
+    height, width = color.shape[:2]
+    across, down = np.empty(4), np.empty(4)
+    for row in range(first, last):
+        y = (row - straight[3]) / straight[1]
+        for column in range(out.shape[1]):
+            x = (column - straight[2]) / straight[0]
+            if x * x + y * y >= fold:
+                continue
+            u, v = _pixel(x, y, intrinsics)
+            if not (u > -0.5 and v > -0.5 and u < width - 0.5 and v < height - 0.5):
+                continue
+            left, top = int(math.floor(u)), int(math.floor(v))
+            _cubic(u - left, across)
+            _cubic(v - top, down)
+            red = green = blue = 0.5
+            for k in range(4):
+                i = min(max(top - 1 + k, 0), height - 1)
+                for m in range(4):
+                    j, weight = min(max(left - 1 + m, 0), width - 1), down[k] * across[m]
+                    red += weight * color[i, j, 0]
+                    green += weight * color[i, j, 1]
+                    blue += weight * color[i, j, 2]
+            out[row, column, 0] = np.uint8(min(max(red, 0.0), 255.0))
+            out[row, column, 1] = np.uint8(min(max(green, 0.0), 255.0))
+            out[row, column, 2] = np.uint8(min(max(blue, 0.0), 255.0))
 
 
 @njit(cache=True, nogil=True)

@@ -193,6 +193,14 @@ def brown_of_inverse(inverse: tuple[float, ...], intrinsics: Intrinsics) -> tupl
     return tuple(float(k) for k in solution)
 
 
+def is_rigid(pose: np.ndarray) -> bool:
+    """Whether a matrix is a rotation, within a hundredth, and a shift: (4, 4), finite, last row 0 0 0 1."""
+    if pose.shape != (4, 4) or not np.isfinite(pose).all() or np.abs(pose[3] - (0, 0, 0, 1)).max() > 1e-6:
+        return False
+    rotation = pose[:3, :3]
+    return bool(np.abs(rotation @ rotation.T - np.eye(3)).max() <= 1e-2 and np.linalg.det(rotation) > 0)
+
+
 def unproject(depth: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
     """Points of a depth map in the camera frame.
 

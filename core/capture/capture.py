@@ -44,9 +44,10 @@ class Capture:
     name, format : str
         For messages and reports.
     color_intrinsics : Intrinsics or None
-        Of a colour image not yet aligned; None once opened.
+        As a reader made it: of a ``color`` not yet aligned. Once opened: of ``native_color``, a pinhole; None without it.
     depth_to_color : np.ndarray [shape=(4, 4)] or None
-        Takes camera-frame points [m] into the colour camera's frame; None once opened.
+        Takes camera-frame points [m] into the colour camera's frame: a rotation and a shift. None as
+        ``color_intrinsics`` is, and where a reader knows that a ``color`` of another size is aligned to depth.
     sensor : str
         The camera that took it, where the file names it: ``kinect_v1``, ``kinect_v2``, ``azure_kinect``,
         ``realsense_d415``, ``realsense_d435``, ``realsense_d455``, ``phone``, or ``unknown``.
@@ -60,6 +61,11 @@ class Capture:
     sensor_from : {"file", "format", "name", "size"}
         Who says so: the file; its format, which only that camera has; a folder's name; or nobody, and the image has the
         size of that camera's.
+    native_color : np.ndarray [shape=(Hc, Wc, 3), dtype=uint8] or None
+        sRGB, the colour camera's own pixels, as sharp as they were recorded: straightened where its lens distorts
+        (black where the lens saw nothing), else untouched; rotated and mirrored as depth is. Only where
+        :attr:`ReadOptions.native_color` asks for it. Where the file holds nothing but colour of depth's size and aligned
+        to it, ``color`` itself.
     """
 
     depth: np.ndarray
@@ -76,6 +82,7 @@ class Capture:
     mirrored: bool = False
     notes: tuple[str, ...] = ()
     sensor_from: str = "file"
+    native_color: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -106,6 +113,9 @@ class ReadOptions:
         Metres that one stored unit means, as the file of ``intrinsics`` states it; for RGB-D folders and lone images.
     notes : tuple of str
         What was found out about these options, to stand among the capture's notes.
+    native_color : bool
+        Whether to keep the colour camera's own pixels beside the colour that is aligned to depth, for a texture; it
+        costs their memory, and time where its lens must be straightened.
     """
 
     intrinsics: Intrinsics | None = None
@@ -119,6 +129,7 @@ class ReadOptions:
     color: bool = True
     lens_unit_m: float | None = None
     notes: tuple[str, ...] = ()
+    native_color: bool = False
 
     def __post_init__(self) -> None:
         if self.depth_unit_m is not None and not 1e-7 <= self.depth_unit_m <= 1e3:

@@ -36,7 +36,7 @@ def words(capture: Capture) -> Iterator[str]:
         if steady.any():
             noise = np.median(np.abs(depth[1][steady] - depth[0][steady])) / (math.sqrt(2) * 0.6745)
             yield f"  noise    {noise * 1e3:.1f} mm from frame to frame (median over the pixels)"
-    yield "  colour   " + ("none" if capture.color is None else f"{capture.color.shape[1]}×{capture.color.shape[0]}")
+    yield "  colour   " + _color(capture)
     if not capture.mirrors:
         yield "  mirrors  none in the file; pick points on their frames and save them in mirrors.json"
     for mirror in capture.mirrors:
@@ -50,6 +50,17 @@ def words(capture: Capture) -> Iterator[str]:
     for low, high, share in zip(edges, edges[1:], shares, strict=False):
         bar = "#" * round(40 * share / shares.max())
         yield f"    {low:5.2f} to {high:5.2f} m {share:6.1%} {bar}"
+
+
+def _color(capture: Capture) -> str:
+    """Size of the colour image, and of the colour camera's own where that is another."""
+    color, own = capture.color, capture.native_color
+    if color is None:
+        return "none"
+    size = f"{color.shape[1]}×{color.shape[0]}"
+    if own is None or own.shape == color.shape:
+        return size
+    return f"{size}, aligned to depth; the colour camera's own {own.shape[1]}×{own.shape[0]}"
 
 
 def picture(capture: Capture) -> np.ndarray:

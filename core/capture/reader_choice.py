@@ -14,10 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ..camera.image_resampling import area_resampled
 from ..errors import CaptureError, MirrorScanError, Notice
 from .capture import Capture, ReadOptions
 from .depth_units import SCENE_DEPTH_M, background_limit
 from .folders.lens_file import check_principal_point
+from .folders.rgbd_folder import holds_scaled
 from .frames import FrameChoice, parse_frames
 
 MAX_MESSAGE = 400  # characters of an error beside the path
@@ -58,7 +60,8 @@ def open_capture(path: str | os.PathLike, frames: FrameChoice = None, options: R
     Returns
     -------
     Capture
-        Upright, right-handed, undistorted; colour aligned to depth.
+        Upright, right-handed, undistorted; colour aligned to depth, and with ``ReadOptions(native_color=True)`` as its
+        own camera took it, too.
 
     Raises
     ------
@@ -120,16 +123,18 @@ def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:
     color = capture.color if options.color else None
     capture = replace(capture, depth=depth, color=color, intrinsics=camera)
     capture = replace(capture, notes=(*options.notes, *capture.notes))
-    if not camera.is_pinhole or (color is not None and capture.color_intrinsics is not None):
+    if color is not None and capture.native_color is None and capture.depth_to_color is None:
+        capture = _scaled_to_depth(path, capture, options.native_color)
+    elsewhere = color is not None and capture.native_color is None and capture.color_intrinsics is not None
+    if elsewhere or not (camera.is_pinhole and (capture.color_intrinsics or camera).is_pinhole):
         from .upright_grid import align  # brings numba, which a plain RGB-D folder does not need
 
-        capture = align(capture)
+        capture = align(capture, options.native_color)
         if not capture.depth.any():
             raise CaptureError(f"{path}: no reading is left after straightening; check the distortion coefficients")
-    elif color is not None and color.shape[:2] != (height, width):
-        raise CaptureError(
-            f"{path}: colour is {color.shape[1]}×{color.shape[0]} pixels, but depth has {width}×{height}; their "
-            "alignment is unknown; align colour to depth when recording, or leave colour out"
+    if options.native_color and capture.color is not None and capture.native_color is None:
+        capture = replace(
+            capture, native_color=capture.color, color_intrinsics=capture.intrinsics, depth_to_color=np.eye(4)
         )
     mirrored = capture.mirrored if options.mirrored is None else options.mirrored
     degrees = capture.turn_degrees if options.turn_degrees is None else options.turn_degrees
@@ -143,7 +148,40 @@ def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:
         from .upright_grid import turned, unmirrored
 
         capture = turned(unmirrored(capture) if mirrored else capture, degrees)
-    return replace(capture, color_intrinsics=None, depth_to_color=None, turn_degrees=0, mirrored=False)
+    capture = replace(capture, turn_degrees=0, mirrored=False)
+    return capture if capture.native_color is not None else replace(capture, color_intrinsics=None, depth_to_color=None)
+
+
+def _scaled_to_depth(path: Path, capture: Capture, native: bool) -> Capture:
+    """``capture`` with colour of depth's size, where a larger image is aligned to depth, or nothing says otherwise.
+
+    Raises
+    ------
+    CaptureError
+        When colour is smaller than depth or of another shape, so that it cannot be aligned.
+    """
+    color, camera = capture.color, capture.intrinsics
+    assert color is not None  # the caller has looked
+    height, width = capture.depth.shape[1:]
+    if color.shape[:2] == (height, width):
+        return replace(capture, color_intrinsics=None)
+    if not holds_scaled(color, camera):
+        raise CaptureError(
+            f"{path}: colour is {color.shape[1]}×{color.shape[0]} pixels, but depth has {width}×{height}; their "
+            "alignment is unknown; align colour to depth when recording, or leave colour out"
+        )
+    if capture.color_intrinsics is None:
+        note = Notice(
+            "colour of {color_width}×{color_height} pixels is taken as aligned to depth of {width}×{height}, only "
+            "larger: nothing says where its camera is",
+            color_width=color.shape[1], color_height=color.shape[0], width=width, height=height,
+        )  # fmt: skip
+        capture = replace(capture, notes=(*capture.notes, note))
+    capture = replace(capture, color=area_resampled(color, width, height), color_intrinsics=None)
+    if not native:
+        return capture
+    own = camera.scaled(color.shape[1], color.shape[0])
+    return replace(capture, native_color=color, color_intrinsics=own, depth_to_color=np.eye(4))
 
 
 def _without_background(capture: Capture) -> Capture:

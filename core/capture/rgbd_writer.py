@@ -12,7 +12,8 @@ from ..camera import Intrinsics
 from ..errors import Notice, OutputError
 from ..io.images import write_png
 from .capture import Capture
-from .folders.rgbd_folder import mirrors_to
+from .folders.lens_file import color_file
+from .folders.rgbd_folder import COLOR_INTRINSIC_NAME, mirrors_to
 
 MAX_METRES = 65.535  # what 16-bit millimetres hold
 
@@ -70,10 +71,25 @@ class FolderWriter:
         write_png(self.folder / "depth" / f"{self.frames:06d}.png", units)
         self.frames += 1
 
-    def set_color(self, color: np.ndarray) -> None:
-        """The colour image (H, W, 3) uint8, aligned to depth."""
-        if color.shape[:2] != self._shape:
-            raise OutputError(f"{self.folder}: colour is {color.shape[:2]}, depth {self._shape}; align it first")
+    def set_color(
+        self, color: np.ndarray, intrinsics: Intrinsics | None = None, depth_to_color: np.ndarray | None = None
+    ) -> None:
+        """The colour image: (H, W, 3) uint8 aligned to depth, or of any size with the pinhole that took it.
+
+        Parameters
+        ----------
+        color : np.ndarray [shape=(Hc, Wc, 3), dtype=uint8]
+        intrinsics, depth_to_color
+            As :class:`.capture.Capture` has them once opened; None where ``color`` is aligned to depth.
+        """
+        shape = self._shape if intrinsics is None else (intrinsics.height, intrinsics.width)
+        if color.shape[:2] != shape:
+            other = "depth" if intrinsics is None else "its camera"
+            raise OutputError(f"{self.folder}: colour is {color.shape[:2]}, {other} {shape}; align it first")
+        if intrinsics is not None:
+            if not intrinsics.is_pinhole or depth_to_color is None:
+                raise OutputError(f"{self.folder}: an RGB-D folder holds straight pictures and where they were taken")
+            self.write_json(COLOR_INTRINSIC_NAME, color_file(intrinsics, depth_to_color))
         try:
             (self.folder / "color").mkdir(exist_ok=True)
         except OSError as error:
@@ -91,7 +107,8 @@ class FolderWriter:
 def write_folder(folder: str | os.PathLike, capture: Capture) -> tuple[str, ...]:
     """Write an opened capture as an RGB-D folder.
 
-    Depth is rounded to millimetres. Metadata an RGB-D folder has no place for (confidence, notes) is left out.
+    Depth is rounded to millimetres. Of colour, the colour camera's own pixels are written where the capture has them
+    (:attr:`.capture.Capture.native_color`); else those aligned to depth. Metadata an RGB-D folder has no place for (confidence, notes) is left out.
 
     Returns
     -------
@@ -106,7 +123,9 @@ def write_folder(folder: str | os.PathLike, capture: Capture) -> tuple[str, ...]
     writer = FolderWriter(folder, capture.intrinsics, capture.sensor, capture.sensor_from)
     for frame in capture.depth:
         writer.add(frame)
-    if capture.color is not None:
+    if capture.native_color is not None and capture.native_color is not capture.color:
+        writer.set_color(capture.native_color, capture.color_intrinsics, capture.depth_to_color)
+    elif capture.color is not None:
         writer.set_color(capture.color)
     if capture.mirrors:
         writer.write_json("mirrors.json", {"mirrors": mirrors_to(capture.mirrors)})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from ..camera import Intrinsics, project
 from ..camera.image_registration import (
     color_on_depth,
     first_readings,
+    straight_color,
     straightened,
     undistort_color,
     undistort_depth,
@@ -20,22 +22,26 @@ from ..errors import CaptureError, Notice
 from .capture import Capture, MirrorPicks
 
 _TURNS = {0: 0, 90: 1, 180: 2, 270: 3}
+_QUARTER_TURN = np.array(((0.0, -1, 0, 0), (1, 0, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)))  # clockwise, about the view
 
 
-def align(capture: Capture) -> Capture:
+def align(capture: Capture, native: bool = False) -> Capture:
     """Straighten depth and bring colour onto its grid.
 
     Parameters
     ----------
     capture : Capture
         As a reader made it: ``intrinsics`` may have distortion; ``color`` is of any size when ``color_intrinsics`` and
-        ``depth_to_color`` are given, else aligned to the depth map as it is stored.
+        ``depth_to_color`` are given, else aligned to the depth map as it is stored. Where ``native_color`` is given,
+        those two are its own, and ``color`` is aligned.
+    native : bool
+        Whether a ``color`` that was not aligned is kept as ``native_color``.
 
     Returns
     -------
     Capture
-        Pinhole ``intrinsics``, ``color`` of the depth map's size, ``color_intrinsics`` and ``depth_to_color`` None;
-        picks on mirrors moved along.
+        Pinhole ``intrinsics``, ``color`` of the depth map's size; picks on mirrors moved along. ``native_color``
+        straightened, described by a pinhole ``color_intrinsics`` and ``depth_to_color``; without it all three are None.
 
     Raises
     ------
@@ -44,7 +50,9 @@ def align(capture: Capture) -> Capture:
     """
     depth, color, camera = capture.depth, capture.color, capture.intrinsics
     notes = capture.notes
-    if color is not None and capture.color_intrinsics is None and color.shape[:2] != depth.shape[1:]:
+    own, own_camera = capture.native_color, capture.color_intrinsics
+    aligned = own is not None or own_camera is None
+    if color is not None and aligned and color.shape[:2] != depth.shape[1:]:
         raise CaptureError(
             f"{capture.name}: colour is {color.shape[1]}×{color.shape[0]} px, depth {camera.width}×{camera.height}; "
             "their alignment is unknown; align them when recording, or leave colour out"
@@ -53,17 +61,23 @@ def align(capture: Capture) -> Capture:
         straight = straightened(camera)
         depth = undistort_depth(depth, camera, straight, interpolate=capture.sensor != "kinect_v1")
         confidence = None if capture.confidence is None else undistort_labels(capture.confidence, camera, straight)
-        if color is not None and capture.color_intrinsics is None:
+        if color is not None and aligned:
             color = undistort_color(color, camera, straight)
         mirrors = tuple(_moved(pick, lambda uv: _straight_pixels(uv, camera, straight)) for pick in capture.mirrors)
         capture = replace(capture, depth=depth, confidence=confidence, intrinsics=straight, mirrors=mirrors)
-    if color is not None and capture.color_intrinsics is not None:
-        pose = np.eye(4) if capture.depth_to_color is None else capture.depth_to_color
-        color, seen = color_on_depth(first_readings(depth), capture.intrinsics, color, capture.color_intrinsics, pose)
+    pose = np.eye(4) if capture.depth_to_color is None else capture.depth_to_color
+    if color is not None and not aligned:
+        assert own_camera is not None  # it is what makes colour unaligned
+        own = color if native else None
+        color, seen = color_on_depth(first_readings(depth), capture.intrinsics, color, own_camera, pose)
         if seen < 0.9:
             note = Notice("the colour camera sees only {seen:.0%} of the readings; the rest stays black", seen=seen)
             notes = (*notes, note)
-    return replace(capture, color=color, color_intrinsics=None, depth_to_color=None, notes=notes)
+    capture = replace(capture, color=color, native_color=None, color_intrinsics=None, depth_to_color=None, notes=notes)
+    if own is None or own_camera is None:
+        return capture
+    own, own_camera = straight_color(own, own_camera)
+    return replace(capture, native_color=own, color_intrinsics=own_camera, depth_to_color=pose)
 
 
 def turned(capture: Capture, degrees: int) -> Capture:
@@ -80,13 +94,13 @@ def turned(capture: Capture, degrees: int) -> Capture:
         raise CaptureError(f"{capture.name}: a capture can be rotated by 0, 90, 180 or 270 degrees, not {degrees}")
     for _ in range(_TURNS[degrees]):
         height = capture.intrinsics.height
-        old = capture.intrinsics
+        color = None if capture.color is None else _turn_color(capture.color)
         capture = replace(
-            capture,
+            _with_native(capture, color, _turn_color, _turn_camera, _QUARTER_TURN),
             depth=_turn(capture.depth),
-            color=None if capture.color is None else np.ascontiguousarray(np.rot90(capture.color, -1)),
+            color=color,
             confidence=None if capture.confidence is None else _turn(capture.confidence),
-            intrinsics=Intrinsics(old.height, old.width, old.fy, old.fx, old.height - 1 - old.cy, old.cx),
+            intrinsics=_turn_camera(capture.intrinsics),
             mirrors=tuple(
                 _moved(
                     pick,
@@ -101,13 +115,14 @@ def turned(capture: Capture, degrees: int) -> Capture:
 
 def unmirrored(capture: Capture) -> Capture:
     """``capture`` with left and right exchanged: for streams that are mirrored (Kinect v2's SDK)."""
-    width, old = capture.intrinsics.width, capture.intrinsics
+    width = capture.intrinsics.width
+    color = None if capture.color is None else _flip_color(capture.color)
     return replace(
-        capture,
+        _with_native(capture, color, _flip_color, _flip_camera, np.diag((-1.0, 1.0, 1.0, 1.0))),
         depth=np.ascontiguousarray(capture.depth[:, :, ::-1]),
-        color=None if capture.color is None else np.ascontiguousarray(capture.color[:, ::-1]),
+        color=color,
         confidence=None if capture.confidence is None else np.ascontiguousarray(capture.confidence[:, :, ::-1]),
-        intrinsics=replace(old, cx=width - 1 - old.cx),
+        intrinsics=_flip_camera(capture.intrinsics),
         mirrors=tuple(
             _moved(
                 pick,
@@ -119,8 +134,47 @@ def unmirrored(capture: Capture) -> Capture:
     )
 
 
+def _with_native(
+    capture: Capture,
+    color: np.ndarray | None,
+    image: Callable[[np.ndarray], np.ndarray],
+    camera: Callable[[Intrinsics], Intrinsics],
+    frame: np.ndarray,
+) -> Capture:
+    """``capture`` with its native colour moved as depth is: by ``image``, ``camera``, and ``frame`` (4, 4) for points.
+
+    Both cameras' frames take the same motion, so the pose between them is seen from there. Where native colour is the
+    aligned one, it stays so: ``color`` is that one, moved.
+    """
+    own, own_camera, pose = capture.native_color, capture.color_intrinsics, capture.depth_to_color
+    if own is None or own_camera is None or pose is None:
+        return capture
+    own = color if own is capture.color else image(own)
+    return replace(
+        capture, native_color=own, color_intrinsics=camera(own_camera), depth_to_color=frame @ pose @ frame.T
+    )
+
+
 def _turn(maps: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.rot90(maps, -1, axes=(1, 2)))
+
+
+def _turn_color(color: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(np.rot90(color, -1))
+
+
+def _turn_camera(pinhole: Intrinsics) -> Intrinsics:
+    return Intrinsics(
+        pinhole.height, pinhole.width, pinhole.fy, pinhole.fx, pinhole.height - 1 - pinhole.cy, pinhole.cx
+    )
+
+
+def _flip_color(color: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(color[:, ::-1])
+
+
+def _flip_camera(pinhole: Intrinsics) -> Intrinsics:
+    return replace(pinhole, cx=pinhole.width - 1 - pinhole.cx)
 
 
 def _moved(pick: MirrorPicks, pixels, vector=lambda p: p) -> MirrorPicks:

@@ -1,5 +1,7 @@
 """``intrinsic.json``: the lens and the depth unit that a file states, in our spelling or in that of other programs.
 
+``color_intrinsic.json`` is one for the colour camera, and says where that is (:func:`read_color_file`).
+
 A key that looks like a lens or a unit and has no effect is named in a note: what nobody uses must not pass for used.
 """
 
@@ -17,11 +19,12 @@ from typing import Any
 import numpy as np
 
 from ...camera import Intrinsics
-from ...camera.pinhole import brown_of_inverse
+from ...camera.pinhole import brown_of_inverse, is_rigid
 from ...errors import CaptureError, Notice
 from ...io.json_files import load_json, number, numbers, short
 
 DEFAULT_DEPTH_SCALE = 1000.0  # depth units per metre
+MAX_SHIFT_M = 1.0  # between the depth and the colour camera of one device
 _DISTORTION_KEYS = (
     "distortioncoefficients", "distortioncoeffs", "distortioncoefs", "distcoeffs", "distcoeff", "distcoefs",
     "coeffs", "coefficients", "distortionparameters", "distortionparams", "distortionvector", "lensdistortion",
@@ -140,6 +143,44 @@ def read_lens_file(path: str | os.PathLike, need_intrinsics: bool = True) -> Len
             )
         )  # fmt: skip
     return LensFile(intrinsics, unit, content.get("sensor"), sensor_from, tuple(notes[:_MAX_NOTES]))
+
+
+def read_color_file(path: Path) -> tuple[Intrinsics, np.ndarray | None, tuple[str, ...]]:
+    """Read a ``color_intrinsic.json``: as ``intrinsic.json``, of the colour camera, plus ``depth_to_color``.
+
+    ``depth_to_color`` is sixteen numbers column by column, as Open3D writes matrices, or four rows of four.
+
+    Returns
+    -------
+    intrinsics : Intrinsics
+        With its distortion.
+    depth_to_color : np.ndarray [shape=(4, 4), dtype=float64] or None
+        Takes points [m] of the depth camera's frame into the colour camera's; None where the file does not have it.
+    notes : tuple of str
+
+    Raises
+    ------
+    CaptureError
+        As :func:`read_lens_file` does, and when ``depth_to_color`` is not a rotation and a shift in metres.
+    """
+    lens = read_lens_file(path)
+    assert lens.intrinsics is not None  # they were asked for
+    content = load_json(path, CaptureError)
+    assert isinstance(content, dict)  # as was read above
+    if "depth_to_color" not in content:
+        return lens.intrinsics, None, lens.notes
+    return lens.intrinsics, _depth_to_color(path, content["depth_to_color"]), lens.notes
+
+
+def color_file(intrinsics: Intrinsics, depth_to_color: np.ndarray) -> dict[str, object]:
+    """The content of a ``color_intrinsic.json`` that :func:`read_color_file` reads; ``intrinsics`` is a pinhole."""
+    matrix = [intrinsics.fx, 0, 0, 0, intrinsics.fy, 0, intrinsics.cx, intrinsics.cy, 1]
+    return {
+        "width": intrinsics.width,
+        "height": intrinsics.height,
+        "intrinsic_matrix": matrix,
+        "depth_to_color": np.asarray(depth_to_color, np.float64).T.ravel().tolist(),
+    }
 
 
 def check_principal_point(where: object, intrinsics: Intrinsics) -> None:
@@ -376,6 +417,32 @@ def _pinhole(path: Path, value: object) -> tuple[float, float, float, float]:
             f"{path}: intrinsic_matrix is not that of a pinhole camera; it must be [fx,0,0, 0,fy,0, cx,cy,1]"
         )
     return fx, fy, cx, cy
+
+
+def _depth_to_color(path: Path, value: object) -> np.ndarray:
+    nested = isinstance(value, list) and len(value) == 4 and all(isinstance(row, list) for row in value)
+    flat = numbers([v for row in value for v in row] if nested else value, 16)  # type: ignore[attr-defined]
+    if flat is None:
+        raise CaptureError(
+            f"{path}: depth_to_color must be sixteen finite numbers, column by column: a rotation, and a shift in "
+            f"metres, not {short(value)}"
+        )
+    pose = flat.reshape(4, 4) if nested else flat.reshape(4, 4).T
+    if not pose[:3, 3].any() and pose[3, :3].any():
+        order, wanted = ("column by column", pose.T.tolist()) if nested else ("row by row", pose.ravel().tolist())
+        raise CaptureError(f"{path}: depth_to_color is written {order}; write it as {json.dumps(wanted)}")
+    if not is_rigid(pose):
+        raise CaptureError(
+            f"{path}: depth_to_color is not a rotation and a shift; write the transform of points of the depth camera's "
+            "frame into the colour camera's (x right, y down, z forward), column by column"
+        )
+    shift = float(np.linalg.norm(pose[:3, 3]))
+    if shift > MAX_SHIFT_M:
+        raise CaptureError(
+            f"{path}: depth_to_color moves points by {shift:.4g} m, and the two cameras of one device are not that far "
+            "apart; its shift is in metres"
+        )
+    return pose
 
 
 def _check_plausible(path: Path, width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> None:

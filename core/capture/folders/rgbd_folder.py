@@ -1,5 +1,7 @@
 """RGB-D folder (the convention of Open3D's recorders): ``intrinsic.json``, ``depth/``, ``color/``, ``mirrors.json``.
 
+Colour may be larger than depth; ``color_intrinsic.json`` says what took it and from where.
+
 Every check answers in one line that names the file, what is wrong with it and what to do.
 """
 
@@ -15,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from ...camera import Intrinsics
-from ...errors import CaptureError, MirrorError
+from ...errors import CaptureError, MirrorError, Notice
 from ...io.images import checked_png, read_image
 from ...io.json_files import load_json, numbers, short
 from ...numeric.threads import each
@@ -23,11 +25,12 @@ from ..capture import Capture, MirrorPicks, ReadOptions, stored_capture
 from ..depth_units import SCENE_DEPTH_M, DepthUnit, doubt, in_metres, recognise_unit
 from ..frames import FrameChoice, chosen_frames, empty_burst, paired_color
 from ..nominal_intrinsics import nominal_camera
-from .lens_file import LensFile, read_lens_file
+from .lens_file import LensFile, read_color_file, read_lens_file
 from .lens_file import read_intrinsics as read_intrinsics
 
 FORMAT = "RGB-D folder"
 INTRINSIC_NAMES = ("intrinsic.json", "camera_intrinsic.json")
+COLOR_INTRINSIC_NAME = "color_intrinsic.json"
 COLOR_FOLDERS = ("color", "rgb", "image", "images")  # Open3D's and RealSense's recorders; Redwood has the others
 COLOR_SUFFIXES = (".png", ".jpg", ".jpeg")
 SENSOR_WORDS = {
@@ -86,19 +89,94 @@ def read(path: Path, frames: FrameChoice = None, options: ReadOptions | None = N
     if stated is not None and options.depth_unit_m is None:
         first = next(frame for frame in depth if frame.any())
         notes += doubt(np.rint(first / np.float32(stated)).clip(0, 65535).astype(np.uint16), stated)
-    color = None
+    color = color_camera = pose = None
     if options.color:
         color_files = next(filter(None, (_images(path / name, COLOR_SUFFIXES) for name in COLOR_FOLDERS)), [])
         if color_files:
             matching, note = paired_color(depth_files, chosen[0], color_files)
-            color = _read_color(color_files[matching], intrinsics)
+            color = _read_color(color_files[matching])
             notes += [note] if note else []
+            color_camera, pose, said = color_camera_of(path, color_files[matching], color, intrinsics)
+            notes += said
     mirror_file = path / "mirrors.json"
     mirrors = read_mirrors(mirror_file, intrinsics) if mirror_file.exists() else ()
     return stored_capture(
-        path, FORMAT, depth, color, intrinsics, mirrors=mirrors, sensor=sensor_named(lens.sensor),
+        path, FORMAT, depth, color, intrinsics, color_camera, pose, mirrors=mirrors, sensor=sensor_named(lens.sensor),
         sensor_from=lens.sensor_from, notes=notes,
     )  # fmt: skip
+
+
+def color_camera_of(
+    folder: Path, file: Path, color: np.ndarray, intrinsics: Intrinsics
+) -> tuple[Intrinsics | None, np.ndarray | None, list[str]]:
+    """What ``color_intrinsic.json`` of a folder says of a colour image.
+
+    Parameters
+    ----------
+    folder, file : Path
+        Where that file lies, and the image.
+    color : np.ndarray [shape=(Hc, Wc, 3)]
+        The image.
+    intrinsics : Intrinsics
+        Of the depth map.
+
+    Returns
+    -------
+    color_intrinsics, depth_to_color, notes
+        As :func:`.capture.stored_capture` takes them: both None where colour is aligned to depth, the pose alone None
+        where it is aligned and larger.
+
+    Raises
+    ------
+    CaptureError
+        When the file is wrong or for another size, or there is none and colour has neither depth's size nor, larger,
+        its shape.
+    """
+    height, width = color.shape[:2]
+    aligned = (width, height) == (intrinsics.width, intrinsics.height)
+    described = folder / COLOR_INTRINSIC_NAME
+    if not described.is_file():
+        if not aligned and not holds_scaled(color, intrinsics):
+            raise CaptureError(
+                f"{file}: is {width}×{height} pixels, but depth has {intrinsics.width}×{intrinsics.height}; align colour "
+                f"to depth when recording, write {COLOR_INTRINSIC_NAME} with its intrinsics and depth_to_color, or "
+                "remove the color folder to go without"
+            )
+        return None, None, []
+    camera, pose, notes = read_color_file(described)
+    if (camera.width, camera.height) != (width, height):
+        if not aligned:
+            raise CaptureError(
+                f"{described}: is for {camera.width}×{camera.height} pixels, {file.name} has {width}×{height}; give the "
+                "intrinsics of this resolution"
+            )
+        note = Notice(
+            "{name} is for {lens_width}×{lens_height} pixels, {image} has {width}×{height}, as depth: it was not used",
+            name=described.name, lens_width=camera.width, lens_height=camera.height, image=file.name, width=width,
+            height=height,
+        )  # fmt: skip
+        return None, None, [note]
+    if pose is None:
+        note = Notice(
+            "{name} has no “depth_to_color”: the colour camera is taken to be where the depth camera is",
+            name=described.name,
+        )
+        notes, pose = (*notes, note), np.eye(4)
+    same = np.array_equal(pose, np.eye(4)) and _same_view(camera, intrinsics.scaled(width, height))
+    return camera, None if same else pose, list(notes)
+
+
+def holds_scaled(color: np.ndarray, intrinsics: Intrinsics) -> bool:
+    """Whether a colour image is larger than the depth map of ``intrinsics`` and of its shape, within 2 %."""
+    height, width = color.shape[:2]
+    across, along = width / intrinsics.width, height / intrinsics.height
+    return min(across, along) >= 1 and abs(across - along) <= 0.02 * max(across, along)
+
+
+def _same_view(one: Intrinsics, other: Intrinsics) -> bool:
+    """Whether two cameras for images of one size see the same in each pixel, within a hundredth of one."""
+    near = np.abs(one.packed - other.packed).max() < 0.01
+    return bool(near and not any(one.distortion) and not any(other.distortion)) or one == other
 
 
 def mirrors_to(mirrors: tuple[MirrorPicks, ...]) -> list[dict]:
@@ -250,15 +328,9 @@ def _depth_frame(file: Path, intrinsics: Intrinsics, files: list[Path]) -> np.nd
     return frame
 
 
-def _read_color(file: Path, intrinsics: Intrinsics) -> np.ndarray:
+def _read_color(file: Path) -> np.ndarray:
     """Colour (H, W, 3) uint8; gray is repeated, alpha dropped, 16 bit cut to 8."""
     color = read_image(file)
-    if color.shape[:2] != (intrinsics.height, intrinsics.width):
-        raise CaptureError(
-            f"{file}: is {color.shape[1]}×{color.shape[0]} pixels, but depth has "
-            f"{intrinsics.width}×{intrinsics.height}; align colour to depth when recording, "
-            "or remove the color folder to go without"
-        )
     if color.dtype == np.uint16:
         color = (color >> 8).astype(np.uint8)
     elif color.dtype != np.uint8:

@@ -2,7 +2,9 @@
 
 Members: ``depth`` (F, H, W) float32 m, ``camera`` (6,) float64 width, height, fx, fy, cx, cy, ``color`` (H, W, 3)
 uint8 and ``confidence`` (F, H, W) uint8 where there are any, and ``about``, a JSON text with name, format, sensor,
-notes and mirrors.
+notes and mirrors. Where the colour camera's own pixels were kept and are others than ``color``: ``native_color``
+(Hc, Wc, 3) uint8, ``color_camera`` (6,) float64 as ``camera``, and ``depth_to_color`` (4, 4) float64; they are read only
+when they are asked for.
 """
 
 from __future__ import annotations
@@ -13,10 +15,12 @@ import os
 import zipfile
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ...camera import Intrinsics
+from ...camera.pinhole import is_rigid
 from ...errors import CaptureError, OutputError
 from ...io.atomic_files import replacing
 from ..capture import Capture, ReadOptions
@@ -48,14 +52,18 @@ def write_npz(path: str | os.PathLike, capture: Capture) -> None:
         When the file cannot be written, or the capture is not one that was opened.
     """
     path, camera = Path(path), capture.intrinsics
-    if not camera.is_pinhole or capture.color_intrinsics is not None:
+    own, own_camera, pose = capture.native_color, capture.color_intrinsics, capture.depth_to_color
+    straight = camera.is_pinhole and (own_camera is None or own_camera.is_pinhole)
+    if not straight or (own is None) != (own_camera is None) or (own is None) != (pose is None):
         raise OutputError(f"{path}: holds opened captures only; straighten and align this one first")
     arrays: dict[str, np.ndarray | None] = {
         "depth": np.asarray(capture.depth, np.float32),
-        "camera": np.array((camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy), np.float64),
+        "camera": _six(camera),
         "color": capture.color,
         "confidence": capture.confidence,
     }
+    if own is not None and own is not capture.color and own_camera is not None:
+        arrays |= {"native_color": own, "color_camera": _six(own_camera), "depth_to_color": np.asarray(pose, float)}
     about = {
         "name": capture.name,
         "format": capture.format,
@@ -77,12 +85,8 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     with blaming(path, "a capture of Mirror Scan"):
         try:
             with zipfile.ZipFile(path) as archive:
-                camera = _member(archive, path, "camera", ("f8",), 1)
-                if camera.shape != (6,) or not np.isfinite(camera).all():
-                    raise ValueError("camera is not six numbers")
-                width, height = (int(n) for n in camera[:2])
-                fx, fy, cx, cy = (float(v) for v in camera[2:])
-                intrinsics = Intrinsics(width, height, fx, fy, cx, cy)
+                intrinsics = _camera(archive, path, "camera")
+                width, height = intrinsics.width, intrinsics.height
                 stored = _member(archive, path, "depth", ("f4",), 3)
                 if stored.shape[1:] != (height, width):
                     raise ValueError("depth is not of the camera's size")
@@ -99,6 +103,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
                     confidence = confidence[chosen.start : chosen.stop : chosen.step]
                 if color is not None and color.shape != (height, width, 3):
                     raise ValueError("colour is not of the depth's size")
+                own = _native(archive, path) if options.native_color and options.color and color is not None else {}
                 about = json.loads(_member(archive, path, "about", ("u1",), 1).tobytes())
         except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RecursionError, RuntimeError) as error:
             raise CaptureError(f"{path}: is damaged ({error}); copy or save it again") from error
@@ -113,7 +118,35 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             sensor_from=str(about.get("sensor_from", "file"))[:40],
             confidence=confidence,
             notes=tuple(str(note)[:400] for note in list(about["notes"])[:20]),
+            **own,
         )
+
+
+def _six(camera: Intrinsics) -> np.ndarray:
+    return np.array((camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy), np.float64)
+
+
+def _camera(archive: zipfile.ZipFile, path: Path, name: str) -> Intrinsics:
+    camera = _member(archive, path, name, ("f8",), 1)
+    if camera.shape != (6,) or not np.isfinite(camera).all():
+        raise ValueError(f"{name} is not six numbers")
+    width, height = (int(n) for n in camera[:2])
+    fx, fy, cx, cy = (float(v) for v in camera[2:])
+    return Intrinsics(width, height, fx, fy, cx, cy)
+
+
+def _native(archive: zipfile.ZipFile, path: Path) -> dict[str, Any]:
+    """The fields of native colour, where the file has it."""
+    if "native_color.npy" not in archive.namelist():
+        return {}
+    camera = _camera(archive, path, "color_camera")
+    pose = _member(archive, path, "depth_to_color", ("f8",), 2)
+    if pose.shape != (4, 4) or not is_rigid(pose):
+        raise ValueError("depth_to_color is not a rotation and a shift")
+    color = _member(archive, path, "native_color", ("u1",), 3)
+    if color.shape != (camera.height, camera.width, 3):
+        raise ValueError("native_color is not of its camera's size")
+    return {"native_color": color, "color_intrinsics": camera, "depth_to_color": pose}
 
 
 def _member(archive: zipfile.ZipFile, path: Path, name: str, kinds: tuple[str, ...], dimensions: int) -> np.ndarray:
