@@ -20,4 +20,5 @@ __all__ = [
     "frames",
     "live_camera",
     "rgbd_writer",
+    "upright_grid",
 ]

@@ -44,7 +44,7 @@ class Capture:
     name, format : str
         For messages and reports.
     color_intrinsics : Intrinsics or None
-        As a reader made it: of a ``color`` not yet aligned. Once opened: of ``native_color``, a pinhole; None without it.
+        As a reader made it: of a ``color`` not yet aligned. Once opened: of ``native_color``, a pinhole; None without.
     depth_to_color : np.ndarray [shape=(4, 4)] or None
         Takes camera-frame points [m] into the colour camera's frame: a rotation and a shift. None as
         ``color_intrinsics`` is, and where a reader knows that a ``color`` of another size is aligned to depth.
@@ -64,8 +64,8 @@ class Capture:
     native_color : np.ndarray [shape=(Hc, Wc, 3), dtype=uint8] or None
         sRGB, the colour camera's own pixels, as sharp as they were recorded: straightened where its lens distorts
         (black where the lens saw nothing), else untouched; rotated and mirrored as depth is. Only where
-        :attr:`ReadOptions.native_color` asks for it. Where the file holds nothing but colour of depth's size and aligned
-        to it, ``color`` itself.
+        :attr:`ReadOptions.native_color` asks for it. Where the file holds nothing but colour of depth's size and
+        aligned to it, ``color`` itself.
     """
 
     depth: np.ndarray

@@ -108,7 +108,8 @@ def write_folder(folder: str | os.PathLike, capture: Capture) -> tuple[str, ...]
     """Write an opened capture as an RGB-D folder.
 
     Depth is rounded to millimetres. Of colour, the colour camera's own pixels are written where the capture has them
-    (:attr:`.capture.Capture.native_color`); else those aligned to depth. Metadata an RGB-D folder has no place for (confidence, notes) is left out.
+    (:attr:`.capture.Capture.native_color`), else those aligned to depth. Metadata an RGB-D folder has no place for
+    (confidence, notes) is left out.
 
     Returns
     -------

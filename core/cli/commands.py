@@ -251,7 +251,7 @@ def run_simulate(options: argparse.Namespace, writers: Writers) -> None:
         advance(progress, 0.0, "scanning a virtual body")
         write_simulation(
             options.folder, sensor=options.sensor, frames=options.frames, seed=options.seed, mirrors=options.mirrors,
-            body=options.body, optics=options.optics, frequencies=options.frequencies,
+            body=options.body, optics=options.optics, frequencies=options.frequencies, color_scale=options.color_scale,
         )  # fmt: skip
     if not options.quiet:
         say(f"{options.folder}: {options.sensor}, {options.frames} frames, {options.mirrors} mirrors, truth in truth/")

@@ -27,7 +27,7 @@ Readers = Mapping[str, Callable[["Path"], object]]
 
 BLENDER_SUFFIXES = (".blend", ".glb", ".fbx", ".usd", ".usdc")
 PLAIN_SUFFIXES = (".ply", ".obj", ".stl")
-SIMULATION_ENTRIES = {"intrinsic.json", "mirrors.json", "depth", "color", "truth"}
+SIMULATION_ENTRIES = {"intrinsic.json", "color_intrinsic.json", "mirrors.json", "depth", "color", "truth"}
 
 
 def writer_of(
@@ -162,7 +162,7 @@ def make_folder(folder: Path) -> None:
 
 def write_simulation(
     folder: Path, *, sensor: str, frames: int, seed: int, mirrors: int, body: Path | None, optics: str = "ideal",
-    frequencies: tuple[float, ...] | None = None,
+    frequencies: tuple[float, ...] | None = None, color_scale: int = 1,
 ) -> None:  # fmt: skip
     """Simulate into a folder beside ``folder``, then swap; only a simulation may be replaced, never a recording."""
     from ..io.atomic_files import fresh_folder
@@ -176,7 +176,7 @@ def write_simulation(
         if entries is None or (entries and not ("truth" in entries and entries <= SIMULATION_ENTRIES)):
             raise OutputError(f"{folder}: exists and is not an earlier simulation; choose another name or remove it")
     subject = stand(read_surface(body), body) if body else mannequin()
-    rig = default_rig(sensor=sensor, mirrors=mirrors, frames=frames, seed=seed)
+    rig = default_rig(sensor=sensor, mirrors=mirrors, frames=frames, seed=seed, color_scale=color_scale)
     if optics != "ideal":
         rig = with_real_optics(rig, frequencies, EFFECTS if optics == "real" else optics.split(","))
     simulation = simulate(subject, rig)

@@ -154,6 +154,10 @@ def _add_simulate(subparsers: _Commands) -> None:
     )
     command.add_argument("--mirrors", metavar="N", type=_whole(1, 8), default=2, help="number of mirrors, default 2")
     command.add_argument("--body", metavar="FILE", type=Path, help="mesh to scan, Z up, in metres; default a mannequin")
+    command.add_argument(
+        "--color-scale", metavar="N", type=_whole(1, 8), default=1,
+        help="colour image N times as wide and high as depth, default 1",
+    )  # fmt: skip
     _add_optics(command, one_by_one=True)
     _add_quiet(command)
     command.set_defaults(run=commands.run_simulate)

@@ -44,6 +44,9 @@ class FramedMirror:
         like a parabola, and the frame bends with it. ``centre`` and ``normal`` are its mean plane; negative = hollow.
     glass_thickness : float
         Of the glass before the silver [m]; 0 = a front surface mirror. ``centre`` lies on the front.
+    tint : tuple of float
+        By how much one reflection is redder, greener and bluer than that of a plain mirror (:data:`.rays.SILVER`):
+        gains of linear light. It shows in colour alone.
     """
 
     name: str
@@ -57,6 +60,7 @@ class FramedMirror:
     reflectivity: float = 0.85
     sag: tuple[float, float] = (0.0, 0.0)
     glass_thickness: float = 0.0
+    tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     def __post_init__(self) -> None:
         sizes = (self.width, self.height, self.frame_width, self.frame_depth)
@@ -75,6 +79,8 @@ class FramedMirror:
             raise MirrorScanError(
                 f"rig: mirror '{self.name}' has glass of {self.glass_thickness} m; give 0 to {BACKING / 2:g} m"
             )
+        if not all(0.0 < gain <= 2.0 for gain in self.tint):
+            raise MirrorScanError(f"rig: mirror '{self.name}' has a tint of {self.tint}; give gains from 0 to 2")
         lengths = np.linalg.norm(self.up) * np.linalg.norm(self.normal)
         if np.linalg.norm(np.cross(self.up, self.normal)) <= 1e-6 * lengths:
             raise MirrorScanError(f"rig: mirror '{self.name}': up and normal are parallel or zero; change one of them")
@@ -136,7 +142,7 @@ class Rig:
     Parameters
     ----------
     intrinsics : Intrinsics
-        Of depth map and colour image.
+        Of the depth map, and of a colour image of its size.
     camera : tuple of float
         Where the camera is, avatar frame [m]. Untilted it looks along +Y, level.
     mirrors : tuple of FramedMirror
@@ -157,6 +163,14 @@ class Rig:
         Readings are lost where the sensor's pattern arrives by two ways; None = as the sensor is.
     optics : Optics
         What light, glass and surfaces do besides; :data:`~.optics.IDEAL` = nothing.
+    color_scale : int
+        The colour image is this many times as wide and high as the depth map and shows the same field.
+    color_intrinsics : Intrinsics or None
+        Of the colour image, a pinhole; None = by ``color_scale``.
+    color_offset : tuple of float
+        Where the colour camera is in the depth camera's frame [m].
+    color_tilt_deg : float
+        By how much it looks further down than the depth camera.
     """
 
     intrinsics: Intrinsics
@@ -172,6 +186,10 @@ class Rig:
     seed: int = 0
     interference: bool | None = None
     optics: Optics = IDEAL
+    color_scale: int = 1
+    color_intrinsics: Intrinsics | None = None
+    color_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    color_tilt_deg: float = 0.0
 
     def __post_init__(self) -> None:
         find_sensor(self.sensor)
@@ -183,6 +201,12 @@ class Rig:
             x0, x1, y0, y1, z1 = self.room
             if not (x0 < self.camera[0] < x1 and y0 < self.camera[1] < y1 and self.camera[2] < z1):
                 raise MirrorScanError("rig: the camera stands outside the room; enlarge the room or move the camera")
+        if not 1 <= self.color_scale <= 16 or self.color_scale != int(self.color_scale):
+            raise MirrorScanError(f"rig: color_scale = {self.color_scale}; give a whole number from 1 to 16")
+        if self.color_intrinsics is not None and not self.color_intrinsics.is_pinhole:
+            raise MirrorScanError("rig: the virtual colour camera is a pinhole; leave its distortion out")
+        if not np.isfinite((*self.color_offset, self.color_tilt_deg)).all() or np.abs(self.color_offset).max() > 1.0:
+            raise MirrorScanError("rig: the colour camera is not within 1 m of the depth camera; move it nearer")
 
     @property
     def camera_to_avatar(self) -> np.ndarray:
@@ -192,6 +216,42 @@ class Rig:
         matrix[:3, :3] = _turn(2, -self.pan_deg) @ _turn(0, -self.tilt_deg) @ looking @ _turn(2, self.roll_deg)
         matrix[:3, 3] = self.camera
         return matrix
+
+    @property
+    def color_camera(self) -> Intrinsics:
+        """Intrinsics of the colour image."""
+        if self.color_intrinsics is not None:
+            return self.color_intrinsics
+        depth = self.intrinsics
+        return depth if self.color_scale == 1 else depth.scaled(
+            self.color_scale * depth.width, self.color_scale * depth.height
+        )  # fmt: skip
+
+    @property
+    def depth_to_color(self) -> np.ndarray:
+        """(4, 4); takes points of the depth camera's frame [m] into the colour camera's."""
+        color_to_depth = np.eye(4)
+        color_to_depth[:3, :3] = _turn(0, -self.color_tilt_deg)
+        color_to_depth[:3, 3] = self.color_offset
+        return np.linalg.inv(color_to_depth)
+
+    @property
+    def seen_by_color(self) -> Rig:
+        """The same scene, seen by the colour camera: its intrinsics and its place take the depth camera's."""
+        beside = replace(
+            self, intrinsics=self.color_camera, color_intrinsics=None, color_scale=1, color_offset=(0.0, 0.0, 0.0),
+            color_tilt_deg=0.0,
+        )  # fmt: skip
+        if self.color_offset == (0.0, 0.0, 0.0) and self.color_tilt_deg == 0.0:
+            return beside
+        pose = self.camera_to_avatar @ np.linalg.inv(self.depth_to_color)
+        ahead = pose[:3, 2]
+        pan, tilt = np.degrees((np.arctan2(ahead[0], ahead[1]), np.arcsin(np.clip(-ahead[2], -1.0, 1.0))))
+        level = replace(beside, pan_deg=float(pan), tilt_deg=float(tilt), roll_deg=0.0).camera_to_avatar
+        rolled = level[:3, :3].T @ pose[:3, :3]
+        roll = np.degrees(np.arctan2(rolled[1, 0], rolled[0, 0]))
+        x, y, z = (float(value) for value in pose[:3, 3])
+        return replace(beside, camera=(x, y, z), pan_deg=float(pan), tilt_deg=float(tilt), roll_deg=float(roll))
 
 
 def room_waves(rig: Rig) -> np.ndarray:
@@ -265,6 +325,7 @@ def default_rig(
     seed: int = 0,
     interference: bool | None = None,
     optics: Optics = IDEAL,
+    color_scale: int = 1,
 ) -> Rig:
     """The paper's arrangement: camera in front of the subject, mirrors behind it on either side.
 
@@ -290,7 +351,7 @@ def default_rig(
         See :class:`FramedMirror`.
     lean_deg : float or sequence of float
         Each mirror's top towards the subject.
-    camera_height, tilt_deg, roll_deg, frames, seed, interference, optics
+    camera_height, tilt_deg, roll_deg, frames, seed, interference, optics, color_scale
         See :class:`Rig`.
 
     Raises
@@ -333,5 +394,5 @@ def default_rig(
     room = (-max(xs), max(xs), -subject_distance - 2.0, max(ys), 2.8)
     return Rig(
         find_sensor(sensor).intrinsics, tuple(camera), tuple(framed), tilt_deg=tilt_deg, roll_deg=roll_deg, room=room,
-        sensor=sensor, frames=frames, seed=seed, interference=interference, optics=optics,
+        sensor=sensor, frames=frames, seed=seed, interference=interference, optics=optics, color_scale=color_scale,
     )  # fmt: skip

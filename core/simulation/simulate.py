@@ -4,25 +4,32 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ..camera import Intrinsics, project
+from ..camera.image_resampling import area_resampled
 from ..capture import Capture, MirrorPicks
-from ..errors import OutputError
+from ..capture.folders.lens_file import color_file
+from ..capture.folders.rgbd_folder import COLOR_INTRINSIC_NAME
+from ..capture.upright_grid import align
+from ..errors import MirrorScanError, OutputError
 from ..io import write_mesh
 from ..io.images import write_png
 from ..mesh import Mesh
 from ..mesh.bvh import Bvh
+from ..numeric.srgb import from_linear, to_linear
 from .multipath import by_one_way, by_phase, by_pulse
 from .rays import BODY, FRAME, Sight, lit, look
 from .returned_light import albedo, depth_warp, noise_gain, signal, skin_delay
 from .scene import FramedMirror, Rig, apparent_plane
 from .sensors import find_sensor, measure
 
+Paint = Callable[[np.ndarray], np.ndarray]
+"""Colours (N, 3) of points (N, 3); see :func:`simulate`."""
 PICKS = 8
 PICK_JITTER = 0.7
 """How far a click misses, each way [px]."""
@@ -30,6 +37,8 @@ INTERFERENCE_RATIO = 0.4
 """Light by other ways this strong, relative to the reading's own, spoils it.
 
 It leaves the gaps of some centimetres between the views that Kinect v1 captures with mirrors show."""
+_GRAY = 240  # of a body whose light is to be known: the brightest light there is, 1.06, leaves it below 255
+_BAND_PIXELS = 1_500_000  # of a large colour image traced at a time, 120 bytes each
 
 
 @dataclass(frozen=True)
@@ -69,8 +78,15 @@ class Simulation:
     rig: Rig
 
 
-def simulate(subject: Mesh, rig: Rig, props: Sequence[Mesh] = ()) -> Simulation:
+def simulate(subject: Mesh, rig: Rig, props: Sequence[Mesh] = (), paint: Paint | None = None) -> Simulation:
     """Take a virtual snapshot of ``subject`` (avatar frame) with ``rig``; ``props`` stand in the room as well.
+
+    Where the rig's colour camera is not the depth camera, ``native_color`` is its image, and ``color`` is aligned
+    to what the sensor read, as :func:`..capture.open_capture` does it.
+
+    ``paint`` gives the subject's colour at each point of its surface, where vertex colours would blur a pattern finer
+    than the triangles: (N, 3) float64 points, avatar frame [m], of the subject as it was handed over → (N, 3) sRGB
+    values, 0 to 255. Light and mirrors change it as they change vertex colours, which are then those of the vertices.
 
     The capture's ``mirrors`` are eight picks on each frame, missed by up to 0.7 px like a careful click; a mirror
     whose frame is almost outside the picture (or that has no frame) comes with its true plane instead.
@@ -78,8 +94,10 @@ def simulate(subject: Mesh, rig: Rig, props: Sequence[Mesh] = ()) -> Simulation:
     Raises
     ------
     MirrorScanError
-        When the subject's arrays cannot be a mesh.
+        When the subject's arrays cannot be a mesh, or ``paint`` does not give a colour for each point.
     """
+    if paint is not None:
+        subject = replace(subject, colors=np.rint(_painted(paint, subject.vertices)).astype(np.uint8))
     sensor = find_sensor(rig.sensor)
     seeds = np.random.SeedSequence(rig.seed).spawn(3)
     noise, clicks, grain = (np.random.default_rng(s) for s in seeds)
@@ -106,7 +124,7 @@ def simulate(subject: Mesh, rig: Rig, props: Sequence[Mesh] = ()) -> Simulation:
         sensor, np.where(readable, apparent, 0.0), sight.incidence, rig.intrinsics.fx, rig.frames, noise,
         gain=gain, strength=strength, fixed=fixed,
     )  # fmt: skip
-    color = _color_image(sight, subject, rig, props)
+    color = _color_image(sight, subject, rig, props, paint)
     color = color + np.rint(1.5 * grain.standard_normal(color.shape, dtype=np.float32))
     color = np.clip(color, 0, 255).astype(np.uint8)
     avatar_to_camera = np.linalg.inv(rig.camera_to_avatar)
@@ -116,8 +134,9 @@ def simulate(subject: Mesh, rig: Rig, props: Sequence[Mesh] = ()) -> Simulation:
         for i, (m, plane) in enumerate(zip(rig.mirrors, planes, strict=True))
     )
     labels = np.where((sight.object == BODY) & (sight.bounces <= 1), sight.view, -1).astype(np.int8)
+    capture = Capture(depth, None, rig.intrinsics, picks, f"simulated {rig.sensor}", "simulation")
     return Simulation(
-        Capture(depth, color, rig.intrinsics, picks, f"simulated {rig.sensor}", "simulation"),
+        _with_color(capture, color, rig),
         Truth(subject.transformed(avatar_to_camera), planes, rig.camera_to_avatar, labels, readable, sight),
         rig,
     )
@@ -140,16 +159,76 @@ def _apparent_depth(sight: Sight, bvh: Bvh, rig: Rig, subject: Mesh) -> np.ndarr
     return depth
 
 
-def _color_image(sight: Sight, subject: Mesh, rig: Rig, props: Sequence[Mesh]) -> np.ndarray:
-    """The colour image without its grain: beside the depth map and later, if the optics say so (H, W, 3)."""
-    optics, lens = rig.optics, rig.intrinsics
+def _color_image(
+    sight: Sight, subject: Mesh, rig: Rig, props: Sequence[Mesh], paint: Paint | None
+) -> np.ndarray:  # fmt: skip
+    """The colour image without its grain (Hc, Wc, 3): by its own camera; moved and later, if the optics say so."""
+    optics, beside = rig.optics, rig.seen_by_color
+    lens = beside.intrinsics
     moved = optics.sway * optics.color_delay
-    if moved == 0.0 and optics.color_shift == (0.0, 0.0):
-        return sight.color
+    own = _own_color_camera(rig)
+    if not own and moved == 0.0 and optics.color_shift == (0.0, 0.0) and paint is None:
+        return _tinted(sight.color, sight, rig)
     step = np.eye(4)
     step[0, 3] = moved
-    beside = replace(lens, cx=lens.cx + optics.color_shift[0], cy=lens.cy + optics.color_shift[1])
-    return look(subject.transformed(step), replace(rig, intrinsics=beside), props)[0].color
+    # The shift is given in pixels of the depth map.
+    across, down = lens.fx / rig.intrinsics.fx, lens.fy / rig.intrinsics.fy
+    shifted = replace(
+        lens, cx=lens.cx + across * optics.color_shift[0], cy=lens.cy + down * optics.color_shift[1]
+    )  # fmt: skip
+    there = subject if moved == 0.0 else subject.transformed(step)
+    if paint is not None:
+        there = replace(there, colors=np.full((len(there.vertices), 3), _GRAY, np.uint8))
+    bands = []
+    most = max(1, _BAND_PIXELS // lens.width)
+    for first in range(0, lens.height, most):
+        height = min(most, lens.height - first)
+        band = replace(shifted, height=height, cy=shifted.cy - first)
+        seen = look(there, replace(beside, intrinsics=band), props)[0]
+        image = seen.color
+        if paint is not None:
+            image = image.copy()
+            body = seen.object == BODY
+            points = seen.point[body] - step[:3, 3]
+            image[body] = np.clip(np.rint(_painted(paint, points) * (image[body] / _GRAY)), 0, 255)
+        bands.append(_tinted(image, seen, rig))
+    return np.concatenate(bands)
+
+
+def _painted(paint: Paint, points: np.ndarray) -> np.ndarray:
+    """Colours (N, 3) float64 of points (N, 3), 0 to 255."""
+    colors = np.asarray(paint(points), np.float64)
+    if colors.shape != (len(points), 3) or not np.isfinite(colors).all():
+        raise MirrorScanError(f"paint gave an array of {colors.shape} for {len(points)} points; give (N, 3) numbers")
+    return np.clip(colors, 0.0, 255.0)
+
+
+def _tinted(color: np.ndarray, sight: Sight, rig: Rig) -> np.ndarray:
+    """Colours as the mirrors on the way tint them; images of images are taken to come by one mirror."""
+    if all(m.tint == (1.0, 1.0, 1.0) for m in rig.mirrors):
+        return color
+    gains = np.array([(1.0, 1.0, 1.0), *(m.tint for m in rig.mirrors)])
+    at = sight.bounces > 0
+    light = to_linear(color[at] / 255.0) * gains[sight.view[at]] ** sight.bounces[at][:, None].astype(float)
+    tinted = color.copy()
+    tinted[at] = np.clip(np.rint(255.0 * from_linear(light)), 0, 255)
+    return tinted
+
+
+def _own_color_camera(rig: Rig) -> bool:
+    """Whether the colour camera sees anything else than the depth camera."""
+    return rig.color_camera != rig.intrinsics or not np.array_equal(rig.depth_to_color, np.eye(4))
+
+
+def _with_color(capture: Capture, color: np.ndarray, rig: Rig) -> Capture:
+    """The capture with its colour image: aligned to depth, and as its own camera took it where that is another."""
+    if not _own_color_camera(rig):
+        return replace(capture, color=color)
+    pose, camera, depth = rig.depth_to_color, rig.color_camera, rig.intrinsics
+    if np.array_equal(pose, np.eye(4)) and camera == depth.scaled(camera.width, camera.height):
+        aligned = area_resampled(color, depth.width, depth.height)
+        return replace(capture, color=aligned, native_color=color, color_intrinsics=camera, depth_to_color=pose)
+    return align(replace(capture, color=color, color_intrinsics=camera, depth_to_color=pose), native=True)
 
 
 def _plane(mirror: FramedMirror, eye: Sequence[float], avatar_to_camera: np.ndarray) -> MirrorPicks:
@@ -212,6 +291,10 @@ def write_simulation(simulation: Simulation, folder: str | os.PathLike) -> None:
             folder / "intrinsic.json",
             {"width": intrinsics.width, "height": intrinsics.height, "intrinsic_matrix": matrix},
         )
+        described = folder / COLOR_INTRINSIC_NAME
+        described.unlink(missing_ok=True)
+        if capture.color_intrinsics is not None and capture.depth_to_color is not None:
+            _write_json(described, color_file(capture.color_intrinsics, capture.depth_to_color))
         mirrors = [
             {"name": m.name, "frame_pixels": m.frame_pixels.tolist()}
             if m.frame_pixels is not None
@@ -222,7 +305,7 @@ def write_simulation(simulation: Simulation, folder: str | os.PathLike) -> None:
         planes = [
             {
                 "name": m.name, **_plane_entry(m), "sag": list(made.sag), "glass_thickness": made.glass_thickness,
-                "reflectivity": made.reflectivity,
+                "reflectivity": made.reflectivity, "tint": list(made.tint),
             }
             for m, made in zip(truth.mirrors, rig.mirrors, strict=True)
         ]  # fmt: skip
@@ -236,8 +319,9 @@ def write_simulation(simulation: Simulation, folder: str | os.PathLike) -> None:
         raise OutputError(f"cannot write into {folder}: {error.strerror}; choose another folder") from error
     for name, frame in zip(names, capture.depth, strict=True):
         write_png(folder / "depth" / name, np.rint(frame * 1000.0).clip(0, 65535).astype(np.uint16))
-    assert capture.color is not None  # simulate always gives a colour image
-    write_png(folder / "color" / "000000.png", capture.color)
+    image = capture.color if capture.native_color is None else capture.native_color
+    assert image is not None  # simulate always gives a colour image
+    write_png(folder / "color" / "000000.png", image)
     write_png(folder / "truth" / "labels.png", (truth.labels + 1).astype(np.uint8))
     write_mesh(folder / "truth" / "body.ply", truth.body)
 

@@ -433,8 +433,8 @@ def _depth_to_color(path: Path, value: object) -> np.ndarray:
         raise CaptureError(f"{path}: depth_to_color is written {order}; write it as {json.dumps(wanted)}")
     if not is_rigid(pose):
         raise CaptureError(
-            f"{path}: depth_to_color is not a rotation and a shift; write the transform of points of the depth camera's "
-            "frame into the colour camera's (x right, y down, z forward), column by column"
+            f"{path}: depth_to_color is not a rotation and a shift; write the transform of points of the depth "
+            "camera's frame into the colour camera's (x right, y down, z forward), column by column"
         )
     shift = float(np.linalg.norm(pose[:3, 3]))
     if shift > MAX_SHIFT_M:

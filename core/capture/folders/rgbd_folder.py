@@ -138,17 +138,17 @@ def color_camera_of(
     if not described.is_file():
         if not aligned and not holds_scaled(color, intrinsics):
             raise CaptureError(
-                f"{file}: is {width}×{height} pixels, but depth has {intrinsics.width}×{intrinsics.height}; align colour "
-                f"to depth when recording, write {COLOR_INTRINSIC_NAME} with its intrinsics and depth_to_color, or "
-                "remove the color folder to go without"
+                f"{file}: is {width}×{height} pixels, but depth has {intrinsics.width}×{intrinsics.height}; align "
+                f"colour to depth when recording, write {COLOR_INTRINSIC_NAME} with its intrinsics and depth_to_color, "
+                "or remove the color folder to go without"
             )
         return None, None, []
     camera, pose, notes = read_color_file(described)
     if (camera.width, camera.height) != (width, height):
         if not aligned:
             raise CaptureError(
-                f"{described}: is for {camera.width}×{camera.height} pixels, {file.name} has {width}×{height}; give the "
-                "intrinsics of this resolution"
+                f"{described}: is for {camera.width}×{camera.height} pixels, {file.name} has {width}×{height}; give "
+                "the intrinsics of this resolution"
             )
         note = Notice(
             "{name} is for {lens_width}×{lens_height} pixels, {image} has {width}×{height}, as depth: it was not used",

@@ -3,8 +3,8 @@
 Members: ``depth`` (F, H, W) float32 m, ``camera`` (6,) float64 width, height, fx, fy, cx, cy, ``color`` (H, W, 3)
 uint8 and ``confidence`` (F, H, W) uint8 where there are any, and ``about``, a JSON text with name, format, sensor,
 notes and mirrors. Where the colour camera's own pixels were kept and are others than ``color``: ``native_color``
-(Hc, Wc, 3) uint8, ``color_camera`` (6,) float64 as ``camera``, and ``depth_to_color`` (4, 4) float64; they are read only
-when they are asked for.
+(Hc, Wc, 3) uint8, ``color_camera`` (6,) float64 as ``camera``, and ``depth_to_color`` (4, 4) float64; they are read
+only when they are asked for.
 """
 
 from __future__ import annotations
