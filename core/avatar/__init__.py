@@ -5,6 +5,7 @@ __all__ = [
     "bone_axes",
     "clip",
     "coordinate_frame",
+    "garment",
     "joints",
     "pose",
     "skeleton",

@@ -21,6 +21,7 @@ from ..numeric.rotations import continuous, from_quaternions, quaternions
 from ..numeric.srgb import from_linear, to_linear
 from .bone_axes import rest_axes
 from .clip import Clip
+from .garment import Garment
 from .pose import SkinWeights, relative_to_parents
 from .skeleton import BONES, ENDS, PARENTS, Skeleton
 from .skin_nodes import TO_FILE as _TO_FILE
@@ -50,6 +51,8 @@ class Avatar:
         Motions of the skeleton.
     texture : Texture or None
         Of the mesh's triangles.
+    garments : sequence of Garment
+        What the avatar wears, where there is a skeleton.
     """
 
     mesh: Mesh
@@ -57,6 +60,7 @@ class Avatar:
     weights: SkinWeights | None = None
     clips: Sequence[Clip] = ()
     texture: Texture | None = None
+    garments: Sequence[Garment] = ()
 
 
 def write_avatar(path: str | os.PathLike, avatar: Avatar, vrm: bool = False) -> None:
@@ -86,6 +90,7 @@ def write_avatar(path: str | os.PathLike, avatar: Avatar, vrm: bool = False) -> 
     if avatar.skeleton is not None and avatar.weights is not None:
         _add_skeleton(gltf, avatar.skeleton)
         body["skin"] = 0
+        _add_garments(gltf, avatar.garments)
         for clip in avatar.clips:
             _add_clip(gltf, avatar.skeleton, clip)
         if vrm:
@@ -145,6 +150,49 @@ def _add_mesh(gltf: Gltf, avatar: Avatar) -> None:
         whole["extras"] = {"kinds": dict(zip(KIND_NAMES, counts.tolist(), strict=True))}
     indices = gltf.add(triangles.astype(np.uint32).ravel(), INDICES)
     whole["primitives"].append({"attributes": attributes, "indices": indices, "material": 0, "mode": 4})
+
+
+def _add_garments(gltf: Gltf, garments: Sequence[Garment]) -> None:
+    """Each garment as a mesh of its own on the avatar's skin; a vertex with several places in its image is repeated."""
+    content = gltf.content
+    for garment in garments:
+        corners = garment.mesh.triangles.ravel()
+        uv = np.zeros((len(corners), 2), np.float32) if garment.uv is None else garment.uv.reshape(-1, 2)
+        rows = np.column_stack((corners, uv))
+        _, first, place = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+        own = corners[first]
+        mesh = garment.mesh
+        normals = vertex_normals(mesh.vertices, mesh.triangles)[own] @ _TO_FILE.T
+        normals = np.where(np.linalg.norm(normals, axis=1, keepdims=True) > 0.5, normals, (0.0, 1.0, 0.0))
+        points = (mesh.vertices[own] @ _TO_FILE.T).astype(np.float32)
+        attributes = {
+            "POSITION": gltf.add(points, VERTICES, bounds=True),
+            "NORMAL": gltf.add(normals.astype(np.float32), VERTICES),
+            "JOINTS_0": gltf.add(garment.weights.index[own], VERTICES),
+            "WEIGHTS_0": gltf.add(_exact(garment.weights.weight)[own], VERTICES),
+            "_PINNED": gltf.add(garment.pinned[own].astype(np.float32), VERTICES),
+            "_VERTEX": gltf.add(own.astype(np.float32), VERTICES),  # exact up to 16 million
+        }
+        if garment.uv is not None:
+            places = rows[first, 1:] * (1.0, -1.0) + (0.0, 1.0)  # glTF's v runs downwards
+            attributes["TEXCOORD_0"] = gltf.add(places.astype(np.float32), VERTICES)
+        if mesh.colors is not None:
+            linear = np.full((len(own), 4), 65535, np.uint16)
+            linear[:, :3] = np.rint(65535 * to_linear(mesh.colors[own] / 255.0))
+            attributes["COLOR_0"] = gltf.add(linear, VERTICES)
+            content["accessors"][-1]["normalized"] = True
+        content["materials"].append(
+            {
+                "name": garment.name, "doubleSided": True,
+                "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.95},
+            }
+        )  # fmt: skip
+        indices = gltf.add(np.ravel(place).astype(np.uint32), INDICES)
+        primitive = {"attributes": attributes, "indices": indices, "material": len(content["materials"]) - 1, "mode": 4}
+        notes = {"tight": bool(garment.tight), "vertices": len(mesh.vertices)}
+        content["meshes"].append({"name": garment.name, "primitives": [primitive], "extras": {"garment": notes}})
+        content["scenes"][0]["nodes"].append(len(content["nodes"]))
+        content["nodes"].append({"name": garment.name, "mesh": len(content["meshes"]) - 1, "skin": 0})
 
 
 def _exact(weight: np.ndarray) -> np.ndarray:
@@ -227,7 +275,7 @@ def _add_vrm(gltf: Gltf) -> None:
 def _avatar_of(gltf: Gltf, path: Path) -> Avatar:
     content = gltf.content
     nodes = content.get("nodes", [])
-    bodies = [node for node in nodes if "mesh" in node]
+    bodies = [node for node in nodes if "mesh" in node and _garment_notes(content, node) is None]
     if not bodies:
         raise CaptureError("holds no mesh")
     body = next((node for node in bodies if "skin" in node), bodies[0])
@@ -244,7 +292,8 @@ def _avatar_of(gltf: Gltf, path: Path) -> Avatar:
     if missing:
         raise CaptureError(f"its skeleton lacks the bone {PREFIX}{missing[0]}; give an avatar made by Mirror Scan")
     rest = skin_rest(gltf, skin, bones)
-    weights, mesh = _skin_of(gltf, primitive["attributes"], bones_above(nodes, skin["joints"], bones), rest, mesh)
+    bone_of = bones_above(nodes, skin["joints"], bones)
+    weights, mesh = _skin_of(gltf, primitive["attributes"], bone_of, rest, mesh)
     extras = skin.get("extras") or {}
     ends = _ends(rest.joints, rest.axes)
     if "ends" in extras:
@@ -256,7 +305,7 @@ def _avatar_of(gltf: Gltf, path: Path) -> Avatar:
         clip for animation in content.get("animations", [])
         if (clip := _clip_of(gltf, animation, bones, rest)) is not None
     ]  # fmt: skip
-    return Avatar(mesh, skeleton, weights, clips)
+    return Avatar(mesh, skeleton, weights, clips, garments=_garments_of(gltf, body["skin"], bone_of, rest))
 
 
 def _mesh_of(gltf: Gltf, primitive: dict, kinds: dict | None) -> Mesh:
@@ -275,6 +324,39 @@ def _mesh_of(gltf: Gltf, primitive: dict, kinds: dict | None) -> Mesh:
     if kinds is not None and sum(kinds.values()) == len(triangles):
         kind = np.repeat(np.arange(len(KIND_NAMES), dtype=np.int8), [int(kinds[name]) for name in KIND_NAMES])
     return Mesh(vertices, triangles.astype(np.int32), colors, view, kind)
+
+
+def _garment_notes(content: dict, node: dict) -> dict | None:
+    """What :func:`_add_garments` noted of a node's mesh; None when it is no garment."""
+    return (content["meshes"][node["mesh"]].get("extras") or {}).get("garment")
+
+
+def _garments_of(gltf: Gltf, skin: int, bone_of: np.ndarray, rest: SkinRest) -> list[Garment]:
+    """The garments that :func:`_add_garments` wrote and that hang on the avatar's ``skin``."""
+    content, found = gltf.content, []
+    for node in content.get("nodes", []):
+        notes = _garment_notes(content, node) if "mesh" in node and node.get("skin") == skin else None
+        if notes is None:
+            continue
+        whole = content["meshes"][node["mesh"]]
+        primitive = whole["primitives"][0]
+        attributes = primitive["attributes"]
+        repeated = _mesh_of(gltf, primitive, None)
+        own = gltf.array(attributes["_VERTEX"]).astype(np.int64)
+        first = np.full(int(notes["vertices"]), -1)
+        first[own] = np.arange(len(own))
+        if (first < 0).any():
+            raise CaptureError("a garment in it lacks vertices; the file is damaged")
+        weights, repeated = _skin_of(gltf, attributes, bone_of, rest, repeated)
+        uv = None
+        if "TEXCOORD_0" in attributes:
+            uv = gltf.array(attributes["TEXCOORD_0"])[repeated.triangles] * np.float32([1, -1]) + np.float32([0, 1])
+        colors = None if repeated.colors is None else repeated.colors[first]
+        mesh = Mesh(repeated.vertices[first], own[repeated.triangles].astype(np.int32), colors)
+        pinned = gltf.array(attributes["_PINNED"]).astype(np.float32)[first]
+        weights = SkinWeights(weights.index[first], weights.weight[first])
+        found.append(Garment(str(whole.get("name", "Garment")), mesh, weights, pinned, bool(notes["tight"]), uv))
+    return found
 
 
 def _skin_of(gltf: Gltf, attributes: dict, bone_of: np.ndarray, rest: SkinRest, mesh: Mesh) -> tuple[SkinWeights, Mesh]:

@@ -276,7 +276,7 @@ def _relax(weights: np.ndarray, vertices: np.ndarray, skeleton: Skeleton, edges:
         start[edges[asked[stretch > _STRETCHED]]] = True
         region |= np.isfinite(_surface_distances(start, near, _RELAXED * size))
         stiffness[asked] *= np.maximum(stretch / _STRETCHED, 1.0)
-        _make_harmonic(weights, region, edges, stiffness)
+        make_harmonic(weights, region, edges, stiffness)
         raised[region] = skinned(vertices[region], strongest(weights[region]), matrices)
         asked = np.flatnonzero(region[edges].any(axis=1))
 
@@ -300,7 +300,7 @@ def limbs_apart(skeleton: Skeleton) -> Pose:
     return Pose(rotations, np.zeros(3))
 
 
-def _make_harmonic(weights: np.ndarray, region: np.ndarray, edges: np.ndarray, stiffness: np.ndarray) -> None:
+def make_harmonic(weights: np.ndarray, region: np.ndarray, edges: np.ndarray, stiffness: np.ndarray) -> None:
     """Replace ``weights`` (V, K) in ``region`` by what is in balance with the rest over edges of given stiffness."""
     inside = np.flatnonzero(region)
     place = np.full(len(region), -1)

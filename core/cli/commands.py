@@ -120,7 +120,7 @@ def run_animate(options: argparse.Namespace, writers: Writers) -> None:
 
     with progress_bar(options.quiet) as progress:
         advance(progress, 0.0, "reading the avatar")
-        avatar = _rigged_avatar(options.avatar, options.readers)
+        avatar = rigged_avatar(options.avatar, options.readers)
         advance(progress, 0.3, "moving it")
         clip = _clip_for(avatar, options)
         advance(progress, 0.6, "writing")
@@ -136,7 +136,7 @@ def run_animate(options: argparse.Namespace, writers: Writers) -> None:
             say(f"  {path}")
 
 
-def _rigged_avatar(path: Path, readers: Readers) -> Avatar:
+def rigged_avatar(path: Path, readers: Readers) -> Avatar:
     """The avatar in a file, which must have a skeleton."""
     from ..avatar.avatar_file import read_avatar
 

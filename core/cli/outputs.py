@@ -72,6 +72,21 @@ def motion_writer_of(path: Path, writers: Writers, vrm: bool = False) -> Callabl
     raise OutputError(f"{path}: a motion goes into one of .glb, .blend, .fbx, .usd, .usdc, not into “{path.suffix}”")
 
 
+def dressed_writer_of(path: Path, writers: Writers) -> Callable[[Path, Avatar], object]:
+    """What writes an avatar with garments to ``path``, by its suffix."""
+    from ..avatar.avatar_file import write_avatar
+
+    suffix = path.suffix.lower()
+    if suffix == ".glb":
+        return lambda target, avatar: write_avatar(target, avatar)
+    if suffix in BLENDER_SUFFIXES and suffix in writers:
+        write = writers[suffix]
+        return lambda target, avatar: write(target, avatar)
+    if suffix in BLENDER_SUFFIXES:
+        raise OutputError(f"{_needs_blender(path)}. Without it, write .glb")
+    raise OutputError(f"{path}: garments go into one of .glb, .blend, .fbx, .usd, .usdc, not into “{path.suffix}”")
+
+
 def reader_of(path: Path, readers: Readers) -> Callable[[Path], Any]:
     """What reads ``path`` by Blender.
 

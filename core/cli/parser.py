@@ -9,13 +9,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from . import commands
+from . import commands, dressing
 from .terminal import show
 
 SENSORS = ("ideal", "kinect_v1", "kinect_v2", "azure_kinect", "femto_bolt", "realsense_d455", "phone_dtof")
 OPTICS = ("ideal", "real")
 EFFECTS = ("multipath", "glass", "bow", "attenuation", "dark", "skin", "noise", "warp", "color", "uneven")
 CAMERAS = ("realsense",)
+GARMENTS = ("tshirt", "trousers", "skirt")
 DEMO_FOLDER = "mirror_scan_demo"
 EXPERIMENT_FOLDER = "{}_experiment"
 
@@ -42,6 +43,7 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     _add_reconstruct(subparsers)
     _add_animate(subparsers)
+    _add_dress(subparsers)
     _add_calibrate(subparsers)
     _add_demo(subparsers)
     _add_simulate(subparsers)
@@ -115,6 +117,29 @@ def _add_animate(subparsers: _Commands) -> None:
     command.add_argument("--vrm", action="store_true", help="name the bones of VRM's humanoid in .glb, too")
     _add_quiet(command)
     command.set_defaults(run=commands.run_animate)
+
+
+def _add_dress(subparsers: _Commands) -> None:
+    command = subparsers.add_parser("dress", help="give an avatar with a skeleton clothes")
+    command.add_argument(
+        "avatar", metavar="AVATAR", type=Path, help=".glb, or with Blender .blend, written by “reconstruct --skeleton”"
+    )
+    command.add_argument(
+        "garments", metavar="GARMENT", nargs="+", choices=GARMENTS, help=f"one or several of {', '.join(GARMENTS)}"
+    )
+    command.add_argument(
+        "-o", dest="outputs", metavar="OUT", type=Path, action="append", required=True,
+        help="file to write, by suffix: .glb, with Blender also .blend (as cloth) .fbx .usd; may be repeated",
+    )  # fmt: skip
+    command.add_argument(
+        "--ease", metavar="MM", type=_millimetres(2, 80), default=15.0,
+        help="distance from skin to cloth, 2 to 80 mm (default 15)",
+    )  # fmt: skip
+    command.add_argument(
+        "--tight", action="store_true", help="nowhere wider than the ease; the skeleton alone moves it"
+    )
+    _add_quiet(command)
+    command.set_defaults(run=dressing.run_dress)
 
 
 def _add_calibrate(subparsers: _Commands) -> None:

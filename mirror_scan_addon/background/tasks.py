@@ -513,6 +513,25 @@ def motion_steps(
     return choose_clip(source, skeleton, soles, palms, MotionOptions(**options), rate)
 
 
+def dress_steps(avatar: Avatar, kind: str, ease: float, tight: bool) -> Steps[Garment]:
+    """A garment cut to an avatar with a skeleton: ``core.clothes.make_garment``; ``ease`` in metres."""
+    yield 0.0, "Cutting out the garment"
+    from ...core.clothes import make_garment
+
+    return make_garment(avatar.mesh, avatar.skeleton, avatar.weights, kind, ease, tight)
+
+
+def garment_weight_steps(garments: Sequence[Mesh], avatar: Avatar) -> Steps[list[SkinWeights]]:
+    """Skin weights of garments that lie around an avatar, in its frame and rest pose [m]."""
+    found = []
+    for number, garment in enumerate(garments):
+        yield number / len(garments), "Weighting the garment"
+        from ...core.clothes.weight_transfer import garment_weights
+
+        found.append(garment_weights(garment, avatar.mesh, avatar.weights))
+    return found
+
+
 # --- virtual rig -----------------------------------------------------------------------------------------------------
 
 

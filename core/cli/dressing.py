@@ -1,0 +1,57 @@
+"""The command ``dress``: garments for an avatar with a skeleton."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+from dataclasses import replace
+
+from ..errors import OutputError
+from .commands import rigged_avatar
+from .outputs import Writers, blaming, check_targets, dressed_writer_of
+from .terminal import advance, progress_bar, say
+
+
+def run_dress(options: argparse.Namespace, writers: Writers) -> None:
+    """``dress``: give an avatar garments."""
+    _check_kinds(options.garments)
+    outputs = [(path, dressed_writer_of(path, writers)) for path in options.outputs]
+    check_targets(options.outputs)
+
+    from ..io.atomic_files import replacing
+
+    with progress_bar(options.quiet) as progress:
+        advance(progress, 0.0, "reading the avatar")
+        avatar = rigged_avatar(options.avatar, options.readers)
+        assert avatar.skeleton is not None and avatar.weights is not None  # seen to when it was read
+        made = []
+        from ..clothes import make_garment  # brings numba; an avatar that cannot be read is reported before that
+
+        for number, kind in enumerate(options.garments):
+            advance(progress, 0.2 + 0.6 * number / len(options.garments), f"cutting out: {kind}")
+            made.append(
+                make_garment(
+                    avatar.mesh, avatar.skeleton, avatar.weights, kind, options.ease / 1000.0, options.tight
+                )
+            )  # fmt: skip
+        names = {garment.name for garment in made}
+        kept = [garment for garment in avatar.garments if garment.name not in names]
+        avatar = replace(avatar, garments=(*kept, *made))
+        advance(progress, 0.85, "writing")
+        with contextlib.ExitStack() as stack:
+            temporaries = [stack.enter_context(replacing(path)) for path, _ in outputs]
+            for (path, write), temporary in zip(outputs, temporaries, strict=True):
+                with blaming(path):
+                    write(temporary, avatar)
+    if not options.quiet:
+        for garment in made:
+            say(f"{garment.name}: {len(garment.mesh.vertices):,} vertices, {len(garment.mesh.triangles):,} triangles")
+        for path, _ in outputs:
+            say(f"  {path}")
+
+
+def _check_kinds(kinds: list[str]) -> None:
+    """Refuse a garment that is asked for twice."""
+    for kind in kinds:
+        if kinds.count(kind) > 1:
+            raise OutputError(f"{kind}: is asked for twice; name each garment once")

@@ -1,0 +1,11 @@
+"""Clothes: garments cut to an avatar's body, with weights and pins."""
+
+from .tailoring import KINDS, make_garment
+
+__all__ = [
+    "KINDS",
+    "body_distance",
+    "make_garment",
+    "tailoring",
+    "weight_transfer",
+]
