@@ -23,6 +23,8 @@ from ...core.mirrors import Mirror
 from ...core.preview.palette import depth_colors
 
 if TYPE_CHECKING:
+    from ...core.avatar.avatar_file import Avatar
+    from ...core.avatar.garment import Garment
     from ...core.avatar.pose import SkinWeights
     from ...core.avatar.skeleton import Skeleton
     from ...core.capture import Capture

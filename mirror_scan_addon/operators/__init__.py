@@ -8,6 +8,7 @@ from . import (
     build_avatar,
     check,
     color_by,
+    dress,
     export_avatar,
     find_subject,
     follow_stream,
@@ -24,7 +25,7 @@ from . import (
 
 _modules = (
     load_capture, mirrors, pick_mirror_points, rig_file, find_subject, pick_subject, build_avatar, check, color_by,
-    skeleton, motion, follow_stream, export_avatar, studio, rig,
+    skeleton, motion, dress, follow_stream, export_avatar, studio, rig,
 )  # fmt: skip
 
 register, unregister = bpy.utils.register_classes_factory(tuple(kind for module in _modules for kind in module.CLASSES))

@@ -24,6 +24,7 @@ from .avatar_objects import read_surface, size_of
 from .scan_records import CONTROL, armature_of
 from .units import metres_per_unit
 
+_NOT_BODY = ("mirror_scan_garment", "mirror_scan_collider")  # custom properties that :mod:`.cloth` gives
 _SHORTEST = 0.002  # Blender removes bones without length [m]
 
 
@@ -233,7 +234,7 @@ def body_of(item: bpy.types.Object) -> bpy.types.Object:
     if item.type == "MESH":
         return item
     for child in item.children_recursive:
-        if child.type == "MESH" and armature_of(child) == item:
+        if child.type == "MESH" and armature_of(child) == item and not set(_NOT_BODY).intersection(child.keys()):
             return child
     raise CaptureError(say("{name}: moves no mesh").format(name=item.name))
 

@@ -5,6 +5,7 @@ What is open in this Blender is gone afterwards.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
@@ -12,6 +13,7 @@ import bpy
 from ...core.avatar.avatar_file import Avatar
 from ...core.errors import CaptureError
 from ..language.texts import say
+from . import cloth
 from .armature import armature_of, read_avatar
 from .avatar_objects import size_of
 from .blender_files import quiet, silent
@@ -29,7 +31,8 @@ def read_blend_avatar(path: Path) -> Avatar:
     _open(path, bpy.ops.wm.open_mainfile)
     scene = bpy.context.scene
     active = bpy.context.view_layer.objects.active
-    objects = sorted((item for item in scene.objects if item.type == "MESH"), key=lambda item: item != active)
+    meshes = [item for item in scene.objects if item.type == "MESH" and not cloth.is_worn(item)]
+    objects = sorted(meshes, key=lambda item: item != active)
     avatar = next((item for item in objects if armature_of(item) is not None), None)
     if avatar is None:
         text = say("{path}: no mesh in it has a skeleton; make it with “reconstruct --skeleton”")
@@ -38,7 +41,8 @@ def read_blend_avatar(path: Path) -> Avatar:
     if size.max() > 1.01 * size.min():
         text = say("{name} is scaled unevenly; apply its scale first (Ctrl A)")
         raise CaptureError(text.format(name=avatar.name))
-    return read_avatar(avatar, float(size.mean()))
+    unit = float(size.mean())
+    return replace(read_avatar(avatar, unit), garments=cloth.read_garments(avatar, unit))
 
 
 def _open(path: Path, operator: bpy.types.Operator) -> None:

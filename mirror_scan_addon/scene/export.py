@@ -10,7 +10,7 @@ import contextlib
 import math
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,7 @@ from ...core.errors import OutputError
 from ...core.io.atomic_files import replacing
 from ..language.texts import say
 from . import avatar_objects as avatar_scene
+from . import cloth as scene_cloth
 from .armature import action_of, add_armature, add_clip
 from .blender_files import enabled, quiet, reason_of, removed_again, shown, silent, temporary_scene
 from .scan_records import armature_of
@@ -31,6 +32,7 @@ from .units import metres_per_unit
 if TYPE_CHECKING:
     from ...core.avatar.avatar_file import Avatar
     from ...core.avatar.clip import Clip
+    from ...core.avatar.garment import Garment
     from ...core.pipeline import Reconstruction
 
     Rigged = Reconstruction | Avatar
@@ -396,7 +398,10 @@ def _renamed(avatar: bpy.types.Object) -> Iterator[None]:
         avatar.name = name
 
 
-def _add_avatar(target: bpy.types.Scene, reconstruction: Rigged, clip: Clip | None = None) -> bpy.types.Object:
+def _add_avatar(
+    target: bpy.types.Scene, reconstruction: Rigged, clip: Clip | None = None, cloth: bool = False
+) -> bpy.types.Object:
+    """The avatar with skeleton, motion and what it wears, which falls as cloth where ``cloth`` says so."""
     report = getattr(reconstruction, "report", None)
     if report is not None:
         report = report | {"warnings": list(reconstruction.warnings)}
@@ -411,15 +416,30 @@ def _add_avatar(target: bpy.types.Scene, reconstruction: Rigged, clip: Clip | No
             target.render.fps_base = 1.0 if clip.rate == round(clip.rate) else math.ceil(clip.rate) / clip.rate
             target.render.fps = math.ceil(clip.rate)
             target.frame_start, target.frame_end = 0, len(clip.rotations) - 1
+        _add_garments(target, avatar, getattr(reconstruction, "garments", ()), cloth)
         bones.select_set(True, view_layer=layer)
     avatar.select_set(True, view_layer=layer)
     layer.objects.active = avatar
     return avatar
 
 
+def _add_garments(
+    target: bpy.types.Scene, avatar: bpy.types.Object, garments: Sequence[Garment], cloth: bool
+) -> None:  # fmt: skip
+    layer = target.view_layers[0]
+    for garment in garments:
+        made = scene_cloth.add_garment(avatar, garment, target.collection)
+        if cloth and not garment.tight:
+            if scene_cloth.collider_of(avatar) is None:
+                scene_cloth.add_collider(avatar, target.collection, target)
+            scene_cloth.make_cloth(made, avatar, target)
+        layer.update()
+        made.select_set(True, view_layer=layer)
+
+
 def _stage(target: bpy.types.Scene, reconstruction: Rigged, clip: Clip | None = None) -> bpy.types.Object:
     """The avatar in a studio, in an empty scene: ready to render."""
-    avatar = _add_avatar(target, reconstruction, clip)
+    avatar = _add_avatar(target, reconstruction, clip, cloth=True)
     add_studio(target, avatar)
     return avatar
 
