@@ -275,10 +275,10 @@ def calibration(fx=0.49, shift=(-0.032, -0.002, 0.004)):
 
 
 def realsense_bag(
-    frames, color=None, compression="none", unit=0.001, intrinsics=(), model="Brown Conrady", indexed=True
-):
-    """A ROS 1 bag with the SDK's topics; ``compression`` none, bz2 or lz4."""
-    height, width = frames[0].shape
+    frames, color=None, compression="none", unit=0.001, intrinsics=(), model="Brown Conrady", indexed=True,
+    color_shift=(0, 0, 0),
+):  # fmt: skip
+    """A ROS 1 bag with the SDK's topics; ``compression`` none, bz2 or lz4. Colour may be larger, from elsewhere."""
 
     def text(value):
         return struct.pack("<I", len(value)) + value
@@ -288,7 +288,9 @@ def realsense_bag(
         head = struct.pack("<III", 0, 0, 0) + text(b"0") + struct.pack("<II", *pixels.shape[:2]) + text(encoding)
         return head + struct.pack("<BI", 0, len(raw) // pixels.shape[0]) + text(raw)
 
-    def info(f):
+    def info(pixels):
+        height, width = pixels.shape[:2]
+        f = 60.0 * width / frames[0].shape[1]
         k = (f, 0, width / 2, 0, f + 1, height / 2, 0, 0, 1)
         return (
             struct.pack("<III", 0, 0, 0) + text(b"") + struct.pack("<II", height, width) + text(model.encode())
@@ -300,7 +302,7 @@ def realsense_bag(
     base, paint = b"/device_0/sensor_0/Depth_0", b"/device_0/sensor_1/Color_0"
     still = struct.pack("<7d", 0, 0, 0, 0, 0, 0, 1)
     messages = [
-        (base + b"/info/camera_info", b"sensor_msgs/CameraInfo", info(60.0)),
+        (base + b"/info/camera_info", b"sensor_msgs/CameraInfo", info(frames[0])),
         (b"/device_0/sensor_0/option/Depth_Units/value", b"std_msgs/Float32", struct.pack("<f", unit)),
         (b"/device_0/info", b"diagnostic_msgs/KeyValue", text(b"Name") + text(b"Intel RealSense D455")),
         (base + b"/tf/0", b"geometry_msgs/Transform", still),
@@ -308,8 +310,8 @@ def realsense_bag(
     messages += [(base + b"/image/data", b"sensor_msgs/Image", image(f.astype("<u2"), b"mono16")) for f in frames]
     if color is not None:
         messages += [
-            (paint + b"/info/camera_info", b"sensor_msgs/CameraInfo", info(60.0)),
-            (paint + b"/tf/0", b"geometry_msgs/Transform", still),
+            (paint + b"/info/camera_info", b"sensor_msgs/CameraInfo", info(color)),
+            (paint + b"/tf/0", b"geometry_msgs/Transform", struct.pack("<7d", *color_shift, 0, 0, 0, 1)),
             (paint + b"/image/data", b"sensor_msgs/Image", image(color, b"rgb8")),
         ]
 
@@ -348,11 +350,9 @@ def realsense_bag(
     return out
 
 
-def realsense_db3(path, frames, color=None, unit=0.001):
-    """A recording of RealSense's SDK since 2.57, as an SQLite file at ``path``."""
+def realsense_db3(path, frames, color=None, unit=0.001, color_shift=(0, 0, 0)):
+    """A recording of RealSense's SDK since 2.57, as an SQLite file at ``path``. Colour may be larger."""
     import sqlite3
-
-    height, width = frames[0].shape
 
     def text(value):
         return b"\0\1\0\0" + struct.pack("<I", len(value) + 1) + value.encode() + b"\0"
@@ -361,17 +361,24 @@ def realsense_db3(path, frames, color=None, unit=0.001):
         write_png(path.with_suffix(".png"), pixels)
         return b"\0\1\0\0" + bytes(40) + path.with_suffix(".png").read_bytes()
 
-    intrinsics = "model=Brown Conrady;coeffs=0,0,0,0,0"
-    info = f"width={width};height={height};fx=60;ppx={width / 2};fy=61;ppy={height / 2};{intrinsics}"
-    place = "rotation=1,0,0,0,1,0,0,0,1;translation=0,0,0"
+    def info(pixels):
+        height, width = pixels.shape[:2]
+        f = 60 * width // frames[0].shape[1]
+        intrinsics = "model=Brown Conrady;coeffs=0,0,0,0,0"
+        return f"width={width};height={height};fx={f};ppx={width / 2};fy={f + 1};ppy={height / 2};{intrinsics}"
+
+    def place(shift):
+        return f"rotation=1,0,0,0,1,0,0,0,1;translation={','.join(map(str, shift))}"
+
     base, paint = "/device_0/sensor_0/Depth_0", "/device_0/sensor_1/Color_0"
     messages = [
-        ("/device_0/info", text("Name=Intel RealSense D435I")), (f"{base}/camera_info", text(info)),
-        ("/device_0/sensor_0/option/Depth_Units/value", text(f"{unit:f}")), (f"{base}/tf/ref_1", text(place)),
+        ("/device_0/info", text("Name=Intel RealSense D435I")), (f"{base}/camera_info", text(info(frames[0]))),
+        ("/device_0/sensor_0/option/Depth_Units/value", text(f"{unit:f}")),
+        (f"{base}/tf/ref_1", text(place((0, 0, 0)))),
     ]  # fmt: skip
     messages += [(f"{base}/image/data/compressedDepth", png(frame)) for frame in frames]
     if color is not None:
-        messages += [(f"{paint}/camera_info", text(info)), (f"{paint}/tf/ref_1", text(place))]
+        messages += [(f"{paint}/camera_info", text(info(color))), (f"{paint}/tf/ref_1", text(place(color_shift)))]
         messages += [(f"{paint}/image/data/compressed", png(color))]
     names = list(dict.fromkeys(name for name, _ in messages))
     with sqlite3.connect(path) as file:

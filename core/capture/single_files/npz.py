@@ -63,7 +63,11 @@ def write_npz(path: str | os.PathLike, capture: Capture) -> None:
         "confidence": capture.confidence,
     }
     if own is not None and own is not capture.color and own_camera is not None:
-        arrays |= {"native_color": own, "color_camera": _six(own_camera), "depth_to_color": np.asarray(pose, float)}
+        arrays |= {
+            "native_color": own,
+            "color_camera": _six(own_camera),
+            "depth_to_color": np.asarray(pose, np.float64),
+        }
     about = {
         "name": capture.name,
         "format": capture.format,
@@ -76,7 +80,7 @@ def write_npz(path: str | os.PathLike, capture: Capture) -> None:
         np.savez(
             file,
             about=np.frombuffer(json.dumps(about).encode(), np.uint8),
-            **{name: array for name, array in arrays.items() if array is not None},
+            **{name: np.ascontiguousarray(array) for name, array in arrays.items() if array is not None},
         )
 
 

@@ -18,7 +18,7 @@ from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, npy_header, read_limited, rgb, starts_with
 from ..depth_units import doubt, is_raw_disparity, metres
 from ..folders.lens_file import read_lens_file
-from ..folders.rgbd_folder import INTRINSIC_NAMES, sensor_named
+from ..folders.rgbd_folder import COLOR_INTRINSIC_NAME, INTRINSIC_NAMES, color_camera_of, sensor_named
 from ..frames import MAX_BURST_PIXELS, FrameChoice, chosen_frames
 from ..kinect_disparity import calibration, depth_of_disparity
 from ..nominal_intrinsics import nominal_camera
@@ -87,7 +87,12 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         found = _color_beside(path)
         if found is not None:
             color = rgb(read_image(found))
-            if color_camera is None and color.shape[:2] != (height, width):
+            intrinsics = options.intrinsics or camera
+            described = (found.parent / COLOR_INTRINSIC_NAME).is_file()
+            if described and intrinsics is not None:
+                color_camera, pose, said = color_camera_of(found.parent, found, color, intrinsics)
+                notes += said
+            elif color_camera is None and color.shape[:2] != (height, width):
                 notes.append(
                     Notice(
                         "{name} is left out: it is {width}×{height}, not aligned to depth",
