@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from command_line import HEIGHT, PICKS, TETRAHEDRON, WIDTH, intrinsic, listing, refused, remove, write_json
 from mirror_scan.core import cli
-from mirror_scan.core.capture import open_capture
+from mirror_scan.core.capture import ReadOptions, open_capture
 from mirror_scan.core.capture.rgbd_writer import write_folder
 from mirror_scan.core.capture.single_files.npz import write_npz
 from mirror_scan.core.io import read_mesh, write_mesh
@@ -243,6 +243,12 @@ def test_simulate_replaces_a_simulation_but_never_a_recording(folder, capsys):
     assert cli.main([*arguments, "--frames", "2"]) == 0
     capture = open_capture(target)
     assert len(capture.depth) == 2 and len(capture.mirrors) == 1
+    assert cli.main([*arguments, "--frames", "2", "--color-scale", "3"]) == 0
+    larger = open_capture(target, options=ReadOptions(native_color=True))
+    assert larger.native_color.shape == (1440, 1920, 3) and larger.color.shape == capture.color.shape
+    np.testing.assert_array_equal(larger.depth, capture.depth)
+    assert cli.main([*arguments, "--frames", "2"]) == 0
+    assert open_capture(target).color.tobytes() == capture.color.tobytes()
     assert np.isfinite(read_mesh(target / "truth" / "body.ply").vertices).all()
     assert sorted(p.name for p in folder.parent.iterdir()) == ["body.ply", "scan", "virtual"]
 

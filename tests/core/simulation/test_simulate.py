@@ -8,13 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from mirror_scan.core.camera import Intrinsics, unproject
-from mirror_scan.core.capture import open_capture
+from mirror_scan.core.camera import Intrinsics, project, unproject
+from mirror_scan.core.capture import ReadOptions, open_capture
 from mirror_scan.core.errors import MirrorScanError, OutputError
 from mirror_scan.core.io import read_mesh
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.bvh import build_bvh, closest_point
+from mirror_scan.core.numeric.srgb import from_linear, to_linear
 from mirror_scan.core.simulation.mannequin import mannequin
+from mirror_scan.core.simulation.optics import Optics
 from mirror_scan.core.simulation.rays import BODY, FLOOR, FRAME, WALL, look
 from mirror_scan.core.simulation.scene import FramedMirror, Rig, default_rig
 from mirror_scan.core.simulation.sensors import SENSORS, measure
@@ -314,9 +316,112 @@ def test_folder_reads_back(body, tmp_path):
         write_simulation(one, tmp_path / "scan")
 
 
+def checks(points, size=0.03):
+    """A pattern of red and blue cubes, of more than two colours where a sample lies on an edge."""
+    odd = np.floor(points / size).sum(axis=1) % 2 == 0
+    return np.where(odd[:, None], (200.0, 50.0, 50.0), (50.0, 50.0, 200.0))
+
+
+def own_camera(rig, **changes):
+    """The rig at a third of its size, its colour camera larger, beside the depth camera, rotated."""
+    lens = rig.intrinsics.scaled(rig.intrinsics.width // 3, rig.intrinsics.height // 3)
+    values = {"color_scale": 4, "color_offset": (-0.03, -0.004, 0.006), "color_tilt_deg": 3.0} | changes
+    return replace(rig, intrinsics=lens, pan_deg=4.0, roll_deg=5.0, **values)
+
+
+@pytest.mark.parametrize("elsewhere", [True, False])
+def test_a_colour_camera_of_its_own_sees_each_point_where_it_projects(body, elsewhere):
+    """The painted pattern, in the large image, at what each depth pixel shows: directly, and in the mirrors."""
+    place = {} if elsewhere else {"color_offset": (0.0, 0.0, 0.0), "color_tilt_deg": 0.0}
+    rig = own_camera(default_rig("ideal", frames=1), **place)
+    simulation = simulate(body, rig, paint=checks)
+    capture, sight = simulation.capture, simulation.truth.sight
+    camera, pose = capture.color_intrinsics, capture.depth_to_color
+    assert capture.native_color.shape == (640, 852, 3) == (camera.height, camera.width, 3)
+    assert capture.color.shape == (160, 213, 3)
+    np.testing.assert_allclose(rig.seen_by_color.camera_to_avatar @ pose, rig.camera_to_avatar, atol=1e-12)
+    if elsewhere:
+        np.testing.assert_allclose(np.linalg.inv(pose)[:3, 3], rig.color_offset)
+    points = unproject(sight.depth, rig.intrinsics) @ pose[:3, :3].T + pose[:3, 3]
+    u, v = np.moveaxis(np.nan_to_num(np.rint(project(points, camera))).astype(int), -1, 0)
+    edge = np.abs((sight.point / 0.03 + 0.5) % 1 - 0.5).min(axis=-1) * 0.03  # to the nearest edge of the pattern
+    for view in (0, 1, 2):
+        at = (simulation.truth.labels == view) & (edge > 0.006) & (sight.incidence < 1.0)
+        at &= (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
+        assert at.sum() > 150
+        seen = capture.native_color[v[at], u[at]].astype(int)
+        red = checks(sight.point[at])[:, 0] > 100
+        right = (seen[:, 0] > seen[:, 2]) == red
+        assert right.mean() > 0.98, (view, right.mean())  # the few others are behind a limb for the other camera
+
+
+def test_a_larger_colour_image_comes_in_bands_and_reads_back(body, tmp_path, monkeypatch):
+    rig = own_camera(default_rig("ideal", frames=1))
+    simulation = simulate(body, rig, paint=checks)
+    monkeypatch.setattr("mirror_scan.core.simulation.simulate._BAND_PIXELS", 100_000)
+    again = simulate(body, rig, paint=checks)
+    np.testing.assert_array_equal(again.capture.native_color, simulation.capture.native_color)
+    write_simulation(simulation, tmp_path / "scan")
+    capture = open_capture(tmp_path / "scan", options=ReadOptions(native_color=True))
+    for name in ("depth", "color", "native_color", "depth_to_color"):
+        np.testing.assert_array_equal(getattr(capture, name), getattr(simulation.capture, name), err_msg=name)
+    assert capture.color_intrinsics == simulation.capture.color_intrinsics
+    plain = simulate(body, replace(rig, color_scale=1, color_offset=(0.0, 0.0, 0.0), color_tilt_deg=0.0))
+    assert plain.capture.native_color is None and plain.capture.color_intrinsics is None
+    np.testing.assert_array_equal(plain.capture.depth, simulation.capture.depth)
+    write_simulation(plain, tmp_path / "scan")
+    assert not (tmp_path / "scan" / "color_intrinsic.json").exists()
+    assert open_capture(tmp_path / "scan").color.tobytes() == plain.capture.color.tobytes()
+
+
+def test_mirrors_tint_what_they_show(body):
+    rig = small(default_rig("ideal", frames=1))
+    gains = ((0.8, 1.0, 0.6), (1.0, 0.7, 0.9))
+    tinted = replace(rig, mirrors=tuple(replace(m, tint=g) for m, g in zip(rig.mirrors, gains, strict=True)))
+    plain, other = simulate(body, rig), simulate(body, tinted)
+    np.testing.assert_array_equal(other.capture.depth, plain.capture.depth)
+    sight = plain.truth.sight
+    direct = sight.bounces == 0
+    np.testing.assert_array_equal(other.capture.color[direct], plain.capture.color[direct])
+    for view, gain in enumerate(gains, start=1):
+        at = (sight.view == view) & (sight.bounces == 1)
+        light = to_linear(sight.color[at] / 255.0) * gain
+        expected = 255 * from_linear(light)
+        grain = plain.capture.color[at].astype(float) - sight.color[at]
+        assert np.abs(other.capture.color[at] - expected - grain).max() < 1.01
+
+
+def test_optics_move_a_large_colour_image_in_proportion(body):
+    """A shift of pixels of the depth map is one of as many times more pixels; a pattern moves with the body."""
+    rig = own_camera(default_rig("ideal", frames=1), color_offset=(0.0, 0.0, 0.0), color_tilt_deg=0.0)
+    plain = simulate(body, rig, paint=checks).capture.native_color.astype(float)
+    moved = simulate(body, replace(rig, optics=Optics(color_shift=(2.0, -1.0))), paint=checks).capture
+    changed = np.abs(moved.native_color[100:500, 208:708] - plain[104:504, 200:700]).max(axis=-1)
+    assert np.percentile(changed, 99) < 15  # twice the grain
+    assert moved.color_intrinsics == rig.color_camera  # nobody calibrated it
+    late = simulate(body, replace(rig, optics=Optics(color_delay=0.05, sway=0.4)), paint=checks)
+    sight = late.truth.sight
+    edge = np.abs((sight.point / 0.03 + 0.5) % 1 - 0.5).min(axis=-1) * 0.03
+    points = sight.point[(late.truth.labels == 0) & (sight.incidence < 0.8) & (edge > 0.006)]
+    u, v = np.rint(project(to_camera(rig, points + (0.02, 0.0, 0.0)), rig.color_camera)).astype(int).T
+    now = late.capture.native_color[v, u].astype(int)
+    assert ((now[:, 0] > now[:, 2]) == (checks(points)[:, 0] > 100)).mean() > 0.98
+
+
+def test_paint_of_the_wrong_shape_is_refused(body):
+    for wrong in (lambda p: p[:, :2], lambda p: np.full(p.shape, np.nan)):
+        with pytest.raises(MirrorScanError, match="paint gave"):
+            simulate(body, small(default_rig(frames=1)), paint=wrong)
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
+        (lambda: default_rig(color_scale=0), "color_scale = 0"),
+        (lambda: default_rig(color_scale=1.5), "whole number"),
+        (lambda: replace(default_rig(), color_offset=(2.0, 0.0, 0.0)), "within 1 m"),
+        (lambda: replace(default_rig(), color_intrinsics=replace(LENS, distortion=(0.1, 0, 0, 0))), "pinhole"),
+        (lambda: FramedMirror("x", (0, 0, 0), (0, 1, 0), tint=(0.0, 1.0, 1.0)), "tint"),
         (lambda: default_rig("kinect_v9"), "no sensor 'kinect_v9'"),
         (lambda: default_rig(frames=0), "frames = 0"),
         (lambda: default_rig(mirrors=-1), "mirrors = -1"),
