@@ -28,12 +28,16 @@ from ..numeric.kernels import njit
 
 _INNER, _SEAM, _FIXED = 0, 1, 2
 _COSINE_75 = 0.26  # a triangle that rotates by more is a fold
-_SLIVER = 0.1  # shape of a triangle, 1 = equilateral, below which it must not get worse
+_SLIVER = 0.1 / 3.4641016  # twice the area by the squares of the sides: of a shape, 1 = equilateral, of 0.1
 _PULL = 1e-3  # share of a quadric's trace that draws the vertex to the middle of the edge: flat places stay solvable
 _FAR = 2.0  # edge lengths from the middle of the edge beyond which the solution is not believed
 _SEAM_WEIGHT = 1.0  # of planes through a seam, beside those of triangles
 _BORDER_WEIGHT = 10.0  # of planes through a boundary
 _LEAST_TEXTURE_AREA = 0.02  # share of a triangle's area in the texture that must be left; it also must not turn over
+
+
+# called by kernels only: what calls a function from Python is left out, which spares half of the time to compile it
+_inner = njit(cache=True, nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 class Collapse(NamedTuple):
@@ -131,7 +135,7 @@ def begin_collapse(
 
     tail_, head_ = corner.ravel(), ends.ravel()
     first = np.flatnonzero((twin < 0) | (np.arange(3 * total) < twin))
-    edges = np.unique(np.sort(np.column_stack((tail_[first], head_[first])), axis=1), axis=0)
+    edges = np.column_stack((tail_[first], head_[first]))
     room = 3 * len(edges) + 1024
     state = Collapse(
         np.ascontiguousarray(points, np.float64), corner.copy(), wedge.astype(np.int32),
@@ -140,8 +144,13 @@ def begin_collapse(
         head, tail, after, np.arange(count, dtype=np.int32), np.zeros(count, np.int32), np.zeros(count, np.int32),
         np.array((total, 0, 0), np.int64), np.empty(room), np.empty((room, 4), np.int32),
     )  # fmt: skip
-    _queue_all(state, edges.astype(np.int32))
+    _collapse_kernel(state, edges.astype(np.int32), len(edges), total)
     return state
+
+
+def collapse_until(state: Collapse, count: int) -> None:
+    """Collapse edges, the least visible first, until ``count`` triangles are left or no edge can be collapsed."""
+    _collapse_kernel(state, np.empty((16, 2), np.int32), 0, count)
 
 
 def _quadrics(
@@ -173,7 +182,7 @@ def _quadrics(
 # --- the heap: a binary heap in arrays; an entry whose ends have changed since is stale ------------------------------
 
 
-@njit(cache=True, nogil=True)
+@_inner
 def _sift_down(cost, edge, i, n):
     while True:
         child = 2 * i + 1
@@ -187,52 +196,44 @@ def _sift_down(cost, edge, i, n):
         i = child
 
 
-@njit(cache=True, nogil=True)
+@_inner
 def _swap(cost, edge, i, j):
     cost[i], cost[j] = cost[j], cost[i]
     for k in range(4):
         edge[i, k], edge[j, k] = edge[j, k], edge[i, k]
 
 
-@njit(cache=True, nogil=True)
+@_inner
 def _is_stale(s, i):
     u, v = s.heap_edge[i, 0], s.heap_edge[i, 1]
     return s.stamp[u] != s.heap_edge[i, 2] or s.stamp[v] != s.heap_edge[i, 3]
 
 
-@njit(cache=True, nogil=True)
-def _append(s, cost, u, v):
-    """At the end of the heap, out of order; stale entries are thrown out where there is no more room."""
-    if s.counts[1] == len(s.heap_cost):
+@_inner
+def _push(s, cost, u, v):
+    """Into the heap; stale entries are thrown out where there is no more room."""
+    n = s.counts[1]
+    if n == len(s.heap_cost):
         n = 0
         for i in range(s.counts[1]):
             if not _is_stale(s, i):
-                s.heap_cost[n] = s.heap_cost[i]
-                s.heap_edge[n] = s.heap_edge[i]
+                _swap(s.heap_cost, s.heap_edge, n, i)
                 n += 1
-        s.counts[1] = n
         for i in range(n // 2 - 1, -1, -1):
             _sift_down(s.heap_cost, s.heap_edge, i, n)
-    i = s.counts[1]
-    s.counts[1] += 1
-    s.heap_cost[i] = cost
-    s.heap_edge[i, 0], s.heap_edge[i, 1] = u, v
-    s.heap_edge[i, 2], s.heap_edge[i, 3] = s.stamp[u], s.stamp[v]
-    return i
-
-
-@njit(cache=True, nogil=True)
-def _push(s, cost, u, v):
-    i = _append(s, cost, u, v)
-    while i > 0 and s.heap_cost[i] < s.heap_cost[(i - 1) // 2]:
-        _swap(s.heap_cost, s.heap_edge, i, (i - 1) // 2)
-        i = (i - 1) // 2
+    s.heap_cost[n] = cost
+    s.heap_edge[n, 0], s.heap_edge[n, 1] = u, v
+    s.heap_edge[n, 2], s.heap_edge[n, 3] = s.stamp[u], s.stamp[v]
+    s.counts[1] = n + 1
+    while n > 0 and s.heap_cost[n] < s.heap_cost[(n - 1) // 2]:
+        _swap(s.heap_cost, s.heap_edge, n, (n - 1) // 2)
+        n = (n - 1) // 2
 
 
 # --- what a collapse would do ----------------------------------------------------------------------------------------
 
 
-@njit(cache=True, nogil=True)
+@_inner
 def _sides(s, u, v, found):
     """Triangles of the edge u v: for the first two into ``found`` (2, 4) their corners at u, v and opposite, and the
     triangle; returns how many there are."""
@@ -253,7 +254,7 @@ def _sides(s, u, v, found):
     return n
 
 
-@njit(cache=True, nogil=True)
+@_inner
 def _is_seam(s, u, v, found):
     """Whether the edge u v is a seam or a boundary."""
     if _sides(s, u, v, found) != 2:
@@ -265,7 +266,7 @@ def _is_seam(s, u, v, found):
     return False
 
 
-@njit(cache=True, nogil=True)
+@_inner
 def _least(s, u, v, along, to):
     """Where the sum of both ends' quadrics is least, on the edge itself if ``along``; returns the cost there [m⁴]."""
     q, r, p = s.quadric[u], s.quadric[v], s.points
@@ -297,7 +298,7 @@ def _least(s, u, v, along, to):
     return _cost_at(s, u, v, to) + pull * length
 
 
-@njit(cache=True, nogil=True)
+@_inner
 def _cost_at(s, u, v, at):
     q, r = s.quadric[u], s.quadric[v]
     x, y, z = at[0], at[1], at[2]
@@ -306,7 +307,7 @@ def _cost_at(s, u, v, at):
     return max(cost + z * ((q[5] + r[5]) * z + 2 * (q[8] + r[8])) + q[9] + r[9], 0.0)
 
 
-@njit(cache=True, nogil=True)
+@_inner
 def _plan(s, u, v, found, to):
     """How the edge collapses by the table above: which vertex stays (-1: it may not), whether along a seam, the cost.
 
@@ -328,18 +329,18 @@ def _plan(s, u, v, found, to):
     return stays, seam, cost * max(s.factor[u], s.factor[v])
 
 
-@njit(cache=True, nogil=True)
-def _keeps_topology(s, u, v, sides, found):
-    """The link condition: what both ends of an edge are joined to is just what lies opposite to it.
+@_inner
+def _triangles_lost(s, u, v, sides, found):
+    """How many triangles, ``sides`` of :func:`_sides`, go with the edge; 0 when its collapse would break the topology.
 
-    Nor may a vertex opposite to it lose its last but one triangle, or an inner one its last but three; nor may two
-    seams become one.
+    The link condition: what both ends of an edge are joined to is just what lies opposite to it. Nor may a vertex
+    opposite to it lose its last but one triangle, or an inner one its last but three; nor may two seams become one.
     """
     s.counts[2] += 2
     tick = s.counts[2]
     shared = _sides(s, u, v, sides)
-    if shared < 1 or shared > 2:
-        return False
+    if shared > 2:
+        return 0
     common = 0
     for end in range(2):
         c = s.head[u if end == 0 else v]
@@ -347,32 +348,36 @@ def _keeps_topology(s, u, v, sides, found):
             t, k = c // 3, c % 3
             c = s.after[c]
             if s.alive[t]:
-                for w in (s.triangles[t, (k + 1) % 3], s.triangles[t, (k + 2) % 3]):
+                for step in range(1, 3):
+                    w = s.triangles[t, (k + step) % 3]
                     if end == 0:
                         s.mark[w] = tick
                     elif s.mark[w] == tick:
                         s.mark[w] = tick + 1
                         common += 1
     if common != shared:
-        return False
+        return 0
     for n in range(shared):
         apex = s.triangles[sides[n, 3], sides[n, 2]]
         if s.seams[apex] != _INNER and s.seams[u] != _INNER and s.seams[v] != _INNER:
-            if _is_seam(s, u, apex, found) and _is_seam(s, v, apex, found):
-                return False
+            both = 0
+            for end in range(2):
+                both += _is_seam(s, u if end == 0 else v, apex, found)
+            if both == 2:
+                return 0
         left = 0
         c = s.head[apex]
         while c >= 0:
             left += s.alive[c // 3]
             c = s.after[c]
         if left <= 3:
-            return False
-    return True
+            return 0
+    return shared
 
 
-@njit(cache=True, nogil=True)
+@_inner
 def _ring_uv(s, u, v, to, uv):
-    """Place in the texture of the point ``to`` on the triangles of u and v, all of one wedge there, into ``uv`` (2,)."""
+    """Place in the texture of the point ``to`` on the triangles of u and v, all of one wedge there, into ``uv[0]``."""
     best = np.inf
     for end in range(2):
         c = s.head[u if end == 0 else v]
@@ -399,21 +404,22 @@ def _ring_uv(s, u, v, to, uv):
                 best = x * x + y * y + z * z
                 e, f, g = s.wedge[t, 0], s.wedge[t, 1], s.wedge[t, 2]
                 for q in range(2):
-                    uv[q] = s.uv[e, q] * (1 - m - n) + s.uv[f, q] * m + s.uv[g, q] * n
+                    uv[0, q] = s.uv[e, q] * (1 - m - n) + s.uv[f, q] * m + s.uv[g, q] * n
 
 
-@njit(cache=True, nogil=True)
-def _turns_over(s, v, other, to):
-    """Whether a triangle of v that does not hold ``other`` folds, or becomes a sliver, when v moves to ``to``."""
+@_inner
+def _breaks(s, v, other, to, places, sides, shared, end):
+    """Whether a triangle of v that does not hold ``other`` folds, or becomes a sliver, when v moves to ``to``.
+
+    Or turns over in the texture, when v's wedge of side n moves to ``places[n]``. ``end``: where ``sides`` has v.
+    """
+    p, uv, wedge = s.points, s.uv, s.wedge
     c = s.head[v]
-    p = s.points
     while c >= 0:
         t, k = c // 3, c % 3
         c = s.after[c]
-        if not s.alive[t]:
-            continue
         i, j = s.triangles[t, (k + 1) % 3], s.triangles[t, (k + 2) % 3]
-        if i == other or j == other:
+        if not s.alive[t] or i == other or j == other:
             continue
         ex, ey, ez = p[j, 0] - p[i, 0], p[j, 1] - p[i, 1], p[j, 2] - p[i, 2]
         ax, ay, az = p[v, 0] - p[i, 0], p[v, 1] - p[i, 1], p[v, 2] - p[i, 2]
@@ -424,40 +430,26 @@ def _turns_over(s, v, other, to):
         if lx * mx + ly * my + lz * mz <= _COSINE_75 * old * new:
             return True
         edge = ex * ex + ey * ey + ez * ez
-        before, behind = ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz
-        before += edge + (ax - ex) ** 2 + (ay - ey) ** 2 + (az - ez) ** 2
-        behind += edge + (bx - ex) ** 2 + (by - ey) ** 2 + (bz - ez) ** 2
-        shape = 3.4641016 * new / behind  # 2 √3 · 2 A / Σ l²: 1 for an equilateral triangle
-        if shape < _SLIVER and shape < 3.4641016 * old / before:
+        before = edge + ax * ax + ay * ay + az * az + (ax - ex) ** 2 + (ay - ey) ** 2 + (az - ez) ** 2
+        behind = edge + bx * bx + by * by + bz * bz + (bx - ex) ** 2 + (by - ey) ** 2 + (bz - ez) ** 2
+        # 2 √3 · 2 A / Σ l² is 1 for an equilateral triangle
+        if new < _SLIVER * behind and new * before < old * behind:
             return True
-    return False
-
-
-@njit(cache=True, nogil=True)
-def _turns_over_in_texture(s, v, other, places, sides, shared, end):
-    """The same in the texture, where v's wedge of side n moves to ``places[n]``."""
-    c = s.head[v]
-    while c >= 0:
-        t, k = c // 3, c % 3
-        c = s.after[c]
-        if not s.alive[t]:
+        if len(uv) == 0:
             continue
-        i, j = (k + 1) % 3, (k + 2) % 3
-        if s.triangles[t, i] == other or s.triangles[t, j] == other:
-            continue
-        w, e, f = s.wedge[t, k], s.wedge[t, i], s.wedge[t, j]
+        w, e, f = wedge[t, k], wedge[t, (k + 1) % 3], wedge[t, (k + 2) % 3]
         for n in range(shared):
-            if s.wedge[sides[n, 3], sides[n, end]] == w:
-                ex, ey = s.uv[f, 0] - s.uv[e, 0], s.uv[f, 1] - s.uv[e, 1]
-                old = ex * (s.uv[w, 1] - s.uv[e, 1]) - ey * (s.uv[w, 0] - s.uv[e, 0])
-                new = ex * (places[n, 1] - s.uv[e, 1]) - ey * (places[n, 0] - s.uv[e, 0])
-                if new * old <= _LEAST_TEXTURE_AREA * old * old:
+            if wedge[sides[n, 3], sides[n, end]] == w:
+                dx, dy = uv[f, 0] - uv[e, 0], uv[f, 1] - uv[e, 1]
+                area = dx * (uv[w, 1] - uv[e, 1]) - dy * (uv[w, 0] - uv[e, 0])
+                left = dx * (places[n, 1] - uv[e, 1]) - dy * (places[n, 0] - uv[e, 0])
+                if left * area <= _LEAST_TEXTURE_AREA * area * area:
                     return True
                 break
     return False
 
 
-@njit(cache=True, nogil=True)
+@_inner
 def _join(s, u, v, sides, shared):
     """Make v one with u: v's triangles get the corner u and its wedges, those of the edge between them die."""
     for k in range(10):
@@ -483,87 +475,95 @@ def _join(s, u, v, sides, shared):
     s.stamp[u] += 1
 
 
-@njit(cache=True, nogil=True)
-def _queue_around(s, u, found, to):
-    """Unlink what died around u, and queue the edges there anew; only the corners of u moved."""
+@_inner
+def _tidy(s, u, edges):
+    """Unlink what died around u; the edges there (E, 2), which all have to be queued anew, and how many."""
     s.counts[2] += 2
     tick = s.counts[2]
-    previous = np.int32(-1)
+    previous, n = np.int32(-1), 0
     c = s.head[u]
     while c >= 0:
         t, k = c // 3, c % 3
         if s.alive[t]:
             previous = c
-            for w in (s.triangles[t, (k + 1) % 3], s.triangles[t, (k + 2) % 3]):
+            for step in range(1, 3):
+                w = s.triangles[t, (k + step) % 3]
                 if s.mark[w] != tick:
                     s.mark[w] = tick
-                    stays, _, cost = _plan(s, u, w, found, to)
-                    if stays >= 0:
-                        _push(s, cost, u, w)
+                    if n == len(edges):
+                        edges = np.concatenate((edges, edges))
+                    edges[n, 0], edges[n, 1] = u, w
+                    n += 1
         elif previous < 0:
             s.head[u] = s.after[c]
         else:
             s.after[previous] = s.after[c]
         c = s.after[c]
     s.tail[u] = previous
+    return edges, n
 
 
-@njit(cache=True, nogil=True)
-def _queue_all(s, edges):
-    """Fill the heap with ``edges`` (E, 2)."""
-    found, to = np.empty((2, 4), np.int64), np.empty(3)
-    for i in range(len(edges)):
-        stays, _, cost = _plan(s, edges[i, 0], edges[i, 1], found, to)
-        if stays >= 0:
-            _append(s, cost, edges[i, 0], edges[i, 1])
-    for i in range(s.counts[1] // 2 - 1, -1, -1):
-        _sift_down(s.heap_cost, s.heap_edge, i, s.counts[1])
+@_inner
+def _new_places(s, u, v, seam, to, sides, shared, places):
+    """Where the wedges go that become one, on each side of the edge: ``places`` (2, 2)."""
+    share = 0.0  # of the way from u to v
+    if seam:
+        length = along = 0.0
+        for k in range(3):
+            step = s.points[v, k] - s.points[u, k]
+            length += step * step
+            along += step * (to[k] - s.points[u, k])
+        share = along / length if length > 0 else 0.0
+    inner = s.seams[u] == _INNER
+    if inner:
+        _ring_uv(s, u, v, to, places)
+    for n in range(shared):
+        w, x = s.wedge[sides[n, 3], sides[n, 0]], s.wedge[sides[n, 3], sides[n, 1]]
+        for k in range(2):
+            places[n, k] = places[0, k] if inner else s.uv[w, k] + share * (s.uv[x, k] - s.uv[w, k])
 
 
-@njit(cache=True, nogil=True)
-def collapse_until(s, count):
-    """Collapse edges, the least visible first, until ``count`` triangles are left or no edge can be collapsed."""
-    sides, found, to = np.empty((2, 4), np.int64), np.empty((2, 4), np.int64), np.empty(3)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _collapse_kernel(s, edges, waiting, count):
+    """Queue the first ``waiting`` of ``edges`` (E > 0, 2), then collapse the cheapest until ``count`` triangles are left.
+
+    Or until no edge is left.
+    """
+    sides, found, to = np.empty((2, 4), np.int32), np.empty((2, 4), np.int32), np.empty(3)
     places = np.empty((2, 2))
-    while s.counts[0] > count and s.counts[1] > 0:
+    while True:
+        for i in range(waiting):
+            stays, seam, cost = _plan(s, edges[i, 0], edges[i, 1], found, to)
+            if stays >= 0:
+                _push(s, cost, edges[i, 0], edges[i, 1])
+        waiting = 0
+        if s.counts[0] <= count or s.counts[1] == 0:
+            return
         u, v, stale = s.heap_edge[0, 0], s.heap_edge[0, 1], _is_stale(s, 0)
         s.counts[1] -= 1
         _swap(s.heap_cost, s.heap_edge, 0, s.counts[1])
         _sift_down(s.heap_cost, s.heap_edge, 0, s.counts[1])
         if stale:
             continue
-        stays, seam, _ = _plan(s, u, v, found, to)
-        if stays < 0:
-            continue
-        if stays != u:
+        stays, seam, cost = _plan(s, u, v, found, to)
+        if stays == v:
             u, v = v, u
-        if not _keeps_topology(s, u, v, sides, found) or _turns_over(s, u, v, to) or _turns_over(s, v, u, to):
+        shared = _triangles_lost(s, u, v, sides, found) if stays >= 0 else 0
+        if shared == 0:
             continue
-        shared = 1 if _sides(s, u, v, sides) == 1 else 2
         if len(s.uv):
-            for n in range(shared):
-                w, x = s.wedge[sides[n, 3], sides[n, 0]], s.wedge[sides[n, 3], sides[n, 1]]
-                share = 0.0  # of the way from u to v
-                if seam:
-                    length = along = 0.0
-                    for k in range(3):
-                        step = s.points[v, k] - s.points[u, k]
-                        length += step * step
-                        along += step * (to[k] - s.points[u, k])
-                    share = along / length if length > 0 else 0.0
-                for k in range(2):
-                    places[n, k] = s.uv[w, k] + share * (s.uv[x, k] - s.uv[w, k])
-            if s.seams[u] == _INNER:
-                _ring_uv(s, u, v, to, places[0])
-                places[1] = places[0]
-            if _turns_over_in_texture(s, u, v, places, sides, shared, 0) or _turns_over_in_texture(
-                s, v, u, places, sides, shared, 1
-            ):
-                continue
-            for n in range(shared):
-                w = s.wedge[sides[n, 3], sides[n, 0]]
-                s.uv[w, 0], s.uv[w, 1] = places[n, 0], places[n, 1]
+            _new_places(s, u, v, seam, to, sides, shared, places)
+        broken = False
+        for end in range(2):
+            if not broken:
+                one, other = (u, v) if end == 0 else (v, u)
+                broken = _breaks(s, one, other, to, places, sides, shared, end)
+        if broken:
+            continue
+        for n in range(shared if len(s.uv) else 0):
+            w = s.wedge[sides[n, 3], sides[n, 0]]
+            s.uv[w, 0], s.uv[w, 1] = places[n, 0], places[n, 1]
         for k in range(3):
             s.points[u, k] = to[k]
         _join(s, u, v, sides, shared)
-        _queue_around(s, u, found, to)
+        edges, waiting = _tidy(s, u, edges)
