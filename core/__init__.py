@@ -26,6 +26,8 @@ __all__ = [
     "checks",
     "avatar",
     "motion",
+    "decimation",
+    "measurements",
     "clothes",
     "preview",
     "pipeline",
