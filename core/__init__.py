@@ -26,6 +26,7 @@ __all__ = [
     "checks",
     "avatar",
     "motion",
+    "texture",
     "decimation",
     "measurements",
     "clothes",

@@ -1,0 +1,202 @@
+"""Which triangles lie together in the image: regions of a mesh, each a topological disk."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..avatar.pose import SkinWeights
+from ..avatar.skeleton import BONES
+from ..mesh.half_edges import boundary_vertices, twins
+from ..mesh.normals import triangle_normals
+from ..mesh.submesh import components_of, remove_bowties, renumbered
+from ..mesh.triangle_mesh import Mesh
+
+_REGIONS = (
+    ("Hips", "Spine", "Spine1", "Spine2", "LeftShoulder", "RightShoulder"), ("Neck", "Head"),
+    ("LeftArm", "LeftForeArm"), ("RightArm", "RightForeArm"), ("LeftHand",), ("RightHand",),
+    ("LeftUpLeg", "LeftLeg"), ("RightUpLeg", "RightLeg"), ("LeftFoot", "LeftToeBase"), ("RightFoot", "RightToeBase"),
+)  # fmt: skip
+"""Bones whose skin is cut as one piece."""
+
+_SMALL = 0.002  # of the surface: a piece below goes to the neighbour with which it shares most of its border
+_SMOOTHING = 6  # rounds in which a triangle takes the region of most of its neighbours
+_SIDES = 6  # directions that things are first cut by
+_LEAST = 8  # triangles of a piece that is still cut
+
+
+def find_islands(mesh: Mesh, weights: SkinWeights | None = None) -> np.ndarray:
+    """Number (T,) int32 of each triangle's island; every island is a disk.
+
+    With weights the skin is cut along the regions of bones, each into its front and its back; without, by the side
+    that the surface faces. Pieces that are no disk are halved across.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Edges with at most two triangles.
+    weights : SkinWeights, optional
+        Of its vertices.
+
+    Notes
+    -----
+    O(T) times the number of halvings of a piece, which is about 1.
+    """
+    triangles = mesh.triangles
+    twin = twins(triangles, len(mesh.vertices))
+    normals = triangle_normals(mesh.vertices, triangles)
+    area = 0.5 * np.linalg.norm(normals, axis=1)
+    if weights is None:
+        label = _by_side(normals, twin)
+    else:
+        label = _by_bone(mesh, weights, normals)
+    label = _smoothed(label, twin, area)
+    label = _without_small(label, twin, area)
+    pieces = [np.flatnonzero(label == k) for k in range(int(label.max()) + 1)] if len(label) else []
+    island = np.full(len(triangles), -1, np.int32)
+    count = 0
+    while pieces:
+        piece = pieces.pop()
+        if is_disk(triangles[piece], len(mesh.vertices)):
+            island[piece] = count
+            count += 1
+        else:
+            pieces.extend(halved(mesh, piece))
+    return island
+
+
+def is_disk(triangles: np.ndarray, vertex_count: int) -> bool:
+    """Whether connected triangles have one boundary and no handle, places where they touch in a vertex set apart."""
+    if len(triangles) == 1:
+        return True
+    vertices, edges, single = _counts(triangles, vertex_count)
+    # One piece with Euler characteristic 1 and a boundary is a disk.
+    return single and vertices - edges + len(triangles) == 1
+
+
+def _counts(triangles: np.ndarray, vertex_count: int) -> tuple[int, int, bool]:
+    """Vertices and edges of triangles, and whether they are one piece; fans that touch in a vertex count apart."""
+    used, own = renumbered(triangles, vertex_count)
+    apart = remove_bowties(Mesh(np.zeros((len(used), 3)), own)).triangles
+    vertices = int(apart.max()) + 1
+    twin = twins(apart, vertices)
+    edges = (len(twin) + int((twin < 0).sum())) // 2
+    return vertices, edges, components_of(twin, len(apart))[1] == 1
+
+
+def halved(mesh: Mesh, piece: np.ndarray) -> list[np.ndarray]:
+    """A piece's triangles (K,) in two or more parts: cut across by the plane that gives the fewest that are no disks.
+
+    Of those with equally many the one with the shortest cut.
+    """
+    if len(piece) <= _LEAST:
+        return [piece[k : k + 1] for k in range(len(piece))]
+    triangles = mesh.triangles[piece]
+    middle = mesh.vertices[triangles].mean(axis=1)
+    area = np.linalg.norm(triangle_normals(mesh.vertices, triangles), axis=1) + 1e-15
+    centre = np.average(middle, axis=0, weights=area)
+    spread = middle - centre
+    axes = np.linalg.eigh((spread * area[:, None]).T @ spread)[1].T
+    best: tuple | None = None
+    for axis in (*axes, axes[0] + axes[1], axes[0] - axes[1]):
+        along = spread @ axis
+        side = (along > np.average(along, weights=area)).astype(np.int64)
+        parts = _components(triangles, side, len(mesh.vertices))
+        parts = _without_small(parts, twins(triangles, len(mesh.vertices)), area, 0.02)
+        groups = [piece[parts == k] for k in range(int(parts.max()) + 1)]
+        if len(groups) < 2:
+            continue
+        bad = sum(not is_disk(mesh.triangles[g], len(mesh.vertices)) for g in groups)
+        rank = (bad + len(groups), float(np.ptp(along)) * -1.0)
+        if best is None or rank < best[0]:
+            best = (rank, groups)
+    if best is None:
+        middle_place = len(piece) // 2
+        return [piece[:1], piece[1:]] if middle_place == 0 else _split_connected(triangles, piece, len(mesh.vertices))
+    return best[1]
+
+
+def _split_connected(triangles: np.ndarray, piece: np.ndarray, vertex_count: int) -> list[np.ndarray]:
+    """Two halves of a piece in the order of its triangles, each into its connected parts."""
+    parts = _components(triangles, (np.arange(len(piece)) >= len(piece) // 2).astype(np.int64), vertex_count)
+    return [piece[parts == k] for k in range(int(parts.max()) + 1)]
+
+
+def _by_bone(mesh: Mesh, weights: SkinWeights, normals: np.ndarray) -> np.ndarray:
+    """Region and side (T,) of each triangle: its bones', and front or back; of feet top or sole, of hands which face."""
+    triangles = mesh.triangles
+    region_of = np.empty(len(BONES), np.int64)
+    for region, names in enumerate(_REGIONS):
+        region_of[[BONES.index(name) for name in names]] = region
+    dense = np.zeros((len(weights.index), len(_REGIONS)))
+    rows = np.arange(len(dense))
+    for k in range(4):
+        dense[rows, region_of[weights.index[:, k]]] += weights.weight[:, k]
+    region = dense[triangles].sum(axis=1).argmax(axis=1)
+    side = normals[:, 1] > 0
+    for number, names in enumerate(_REGIONS):
+        own = region == number
+        if names[0].endswith("Foot"):
+            side[own] = normals[own, 2] < 0
+        elif names[0].endswith("Hand") and own.any():
+            middle = mesh.vertices[triangles[own]].mean(axis=1)
+            across = np.linalg.eigh(np.cov(middle.T))[1][:, 0] if len(middle) > 2 else np.array((0.0, 1.0, 0.0))
+            side[own] = normals[own] @ across > 0
+    return 2 * region + side
+
+
+def _by_side(normals: np.ndarray, twin: np.ndarray) -> np.ndarray:
+    """Side (T,) that each triangle faces: the nearest of six directions, of normals that are smoothed first."""
+    smooth = normals.copy()
+    neighbour = np.where(twin >= 0, twin // 3, np.arange(len(twin)) // 3).reshape(-1, 3)
+    for _ in range(2 * _SMOOTHING):
+        smooth = smooth + smooth[neighbour].sum(axis=1)
+    axes = np.concatenate((np.eye(3), -np.eye(3)))
+    return (smooth @ axes.T).argmax(axis=1)
+
+
+def _smoothed(label: np.ndarray, twin: np.ndarray, area: np.ndarray) -> np.ndarray:
+    """Labels whose borders run straighter: a triangle takes what most of the area around it has."""
+    count = int(label.max()) + 1
+    neighbour = np.where(twin >= 0, twin // 3, np.arange(len(twin)) // 3).reshape(-1, 3)
+    share = np.zeros((len(label), count))
+    share[np.arange(len(label)), label] = 1.0
+    weight = area[neighbour] + 1e-15
+    own = area + 1e-15
+    total = own + weight.sum(axis=1)
+    for _ in range(_SMOOTHING):
+        share = share * (own / total)[:, None]+ sum((weight[:, k] / total)[:, None] * share[neighbour[:, k]] for k in range(3))
+    return share.argmax(axis=1)
+
+
+def _components(triangles: np.ndarray, label: np.ndarray, vertex_count: int) -> np.ndarray:
+    """Connected pieces (T,) of triangles with one label."""
+    twin = twins(triangles, vertex_count)
+    other = twin // 3
+    same = (twin >= 0) & (label[np.arange(len(twin)) // 3] == label[other])
+    return components_of(np.where(same, twin, -1).astype(np.int32), len(triangles))[0]
+
+
+def _without_small(label: np.ndarray, twin: np.ndarray, area: np.ndarray, share: float = _SMALL) -> np.ndarray:
+    """Connected pieces (T,) of the labels, those of little area joined to the neighbour along most of their border."""
+    own = np.arange(len(twin)) // 3
+    other = np.where(twin >= 0, twin // 3, own)
+    while True:
+        same = (twin >= 0) & (label[own] == label[other])
+        piece = components_of(np.where(same, twin, -1).astype(np.int32), len(label))[0].astype(np.int64)
+        size = np.bincount(piece, weights=area)
+        border = piece[own] != piece[other]
+        a, b = piece[own[border]], piece[other[border]]
+        small = np.flatnonzero((size < share * size.sum()) & (np.bincount(a, minlength=len(size)) > 0))
+        if not len(small):
+            return piece
+        # the smallest first: others may have grown by then
+        smallest = small[size[small].argsort()[: max(1, len(small) // 2)]]
+        target = np.arange(len(size))
+        joined = np.zeros(len(size), np.bool_)
+        for k in smallest:
+            beside = np.bincount(b[a == k], minlength=len(size))
+            best = int(beside.argmax())
+            if not joined[k] and not joined[best]:
+                target[k] = best
+                joined[k] = joined[best] = True
+        label = target[piece]

@@ -1,0 +1,191 @@
+"""How well each colour view shows each vertex: not hidden, away from outlines, facing the camera, near."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..camera import Intrinsics
+from ..mesh import Mesh
+from ..mesh.normals import vertex_normals
+from ..numeric.kernels import njit
+from .color_cameras import ColorView
+
+_WIDEST = 1600  # longest side of the depth buffers [px]
+_JUMP = 0.03  # neighbours at a larger distance are an outline [m]
+_TOLERANCE = 0.006  # a vertex so far behind the depth buffer is still what is seen there [m]
+_NEAREST = 0.05  # what is nearer than this to a camera is behind it [m]
+_RIM, _INSIDE = 1.0, 6.0  # nothing is taken so near to an outline; from there on colours are worth their all [px]
+_AT_RIM = 0.02  # what colours at the rim are worth
+_GRAZING = 0.08  # cosine below which nothing is taken
+
+
+class Seen(NamedTuple):
+    """What K views show of V vertices.
+
+    Attributes
+    ----------
+    score : np.ndarray [shape=(V, K), dtype=float32]
+        Pixels a square metre of skin, less near outlines; 0 = not seen.
+    pixels : np.ndarray [shape=(V, K, 2), dtype=float32]
+        Where in the image [px].
+    """
+
+    score: np.ndarray
+    pixels: np.ndarray
+
+
+class DepthBuffer(NamedTuple):
+    """What a view sees of a mesh: z of each pixel (h, w) float32, inf for nothing, and the image's scale."""
+
+    depth: np.ndarray
+    scale: float
+
+
+def seen_vertices(mesh: Mesh, views: Sequence[ColorView], shifts: np.ndarray) -> Seen:
+    """How well each view shows each vertex.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    views : sequence of ColorView
+    shifts : np.ndarray [shape=(K, 2)]
+        By how much each view's image lies beside where its camera sees the mesh [px].
+
+    Notes
+    -----
+    O(T + pixels) a view.
+    """
+    normals = vertex_normals(mesh.vertices, mesh.triangles)
+    score = np.zeros((len(mesh.vertices), len(views)), np.float32)
+    pixels = np.zeros((len(mesh.vertices), len(views), 2), np.float32)
+    for k, view in enumerate(views):
+        points = mesh.vertices @ view.from_avatar[:3, :3].T + view.from_avatar[:3, 3]
+        z = np.maximum(points[:, 2], _NEAREST)
+        lens = view.intrinsics
+        at = points[:, :2] / z[:, None] * (lens.fx, lens.fy) + (lens.cx, lens.cy)
+        pixels[:, k] = at + shifts[k]
+        buffer = depth_buffer(mesh, view.from_avatar, lens)
+        worth = _worth(mesh, view, buffer)
+        towards = np.linalg.inv(view.from_avatar)[:3, 3] - mesh.vertices
+        cosine = np.einsum("vi,vi->v", normals, towards) / np.linalg.norm(towards, axis=1)
+        u, v = np.rint((at + 0.5) * buffer.scale - 0.5).astype(np.int64).T
+        inside = (u >= 0) & (v >= 0) & (u < worth.shape[1]) & (v < worth.shape[0]) & (points[:, 2] > _NEAREST)
+        u, v = np.clip(u, 0, worth.shape[1] - 1), np.clip(v, 0, worth.shape[0] - 1)
+        pixel = z / (lens.fx * buffer.scale)
+        slack = _TOLERANCE + 1.5 * pixel * np.sqrt(1 - np.clip(cosine, 0, 1) ** 2) / np.maximum(cosine, _GRAZING)
+        shown = inside & (cosine > _GRAZING) & (z <= buffer.depth[v, u] + slack)
+        within = (pixels[:, k] > 1).all(axis=1) & (pixels[:, k] < (lens.width - 2, lens.height - 2)).all(axis=1)
+        score[:, k] = np.where(shown & within, worth[v, u] * lens.fx * lens.fy * cosine / (z * z), 0.0)
+    return Seen(score, pixels)
+
+
+def depth_buffer(mesh: Mesh, from_avatar: np.ndarray, intrinsics: Intrinsics) -> DepthBuffer:
+    """z of the nearest surface in each pixel of an image at most ``_WIDEST`` px wide."""
+    scale = min(1.0, _WIDEST / max(intrinsics.width, intrinsics.height))
+    width, height = (max(1, round(scale * n)) for n in (intrinsics.width, intrinsics.height))
+    points = mesh.vertices @ from_avatar[:3, :3].T + from_avatar[:3, 3]
+    z = np.maximum(points[:, 2], 1e-6)
+    corners = np.empty((len(points), 3))
+    corners[:, 0] = (points[:, 0] / z * intrinsics.fx + intrinsics.cx + 0.5) * scale - 0.5
+    corners[:, 1] = (points[:, 1] / z * intrinsics.fy + intrinsics.cy + 0.5) * scale - 0.5
+    corners[:, 2] = np.where(points[:, 2] > _NEAREST, 1.0 / z, -1.0)
+    inverse = np.zeros((height, width), np.float32)
+    _depth_kernel(corners, mesh.triangles, inverse)
+    with np.errstate(divide="ignore"):
+        return DepthBuffer(1.0 / inverse, scale)
+
+
+def _worth(mesh: Mesh, view: ColorView, buffer: DepthBuffer) -> np.ndarray:
+    """0..1 (h, w) float32: how much the colours of each pixel of a view are worth."""
+    depth = buffer.depth
+    edge = ~np.isfinite(depth)
+    if view.outline is not None:
+        rows, columns = depth.shape
+        edge |= ~_inside_polygon((view.outline + 0.5) * buffer.scale - 0.5, columns, rows)
+    if view.mirrored:  # what stands in front of the mirror
+        before = depth_buffer(mesh, view.camera, view.intrinsics).depth
+        edge |= before < np.where(edge, np.inf, depth)
+    for axis in (0, 1):
+        low, high = [slice(None)] * 2, [slice(None)] * 2
+        low[axis], high[axis] = slice(None, -1), slice(1, None)
+        with np.errstate(invalid="ignore"):
+            jump = np.abs(depth[tuple(high)] - depth[tuple(low)]) > _JUMP
+        edge[tuple(low)] |= jump
+        edge[tuple(high)] |= jump
+    distance = np.where(edge, 0.0, 1e6).astype(np.float32)
+    _distance_kernel(distance)
+    # an outline's own pixels are half outside
+    share = np.clip((distance / buffer.scale - 0.5 - _RIM) / (_INSIDE - _RIM), 0.0, 1.0)
+    return np.where(distance / buffer.scale > 0.5 + _RIM, _AT_RIM + (1 - _AT_RIM) * share, 0.0).astype(np.float32)
+
+
+def _inside_polygon(polygon: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Pixels, bool (height, width), whose middle lies in a polygon (K, 2), by the even-odd rule."""
+    x, y = np.arange(width)[None], np.arange(height)[:, None]
+    inside = np.zeros((height, width), np.bool_)
+    for (ax, ay), (bx, by) in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        if ay != by:
+            crosses = (ay > y) != (by > y)
+            inside ^= crosses & (x < (bx - ax) * (y - ay) / (by - ay) + ax)
+    return inside
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _depth_kernel(corners, triangles, inverse):
+    """Largest 1/z in each pixel; corners (V, 3) are pixels and 1/z, triangles with a corner behind are left out."""
+    height, width = inverse.shape
+    for t in range(len(triangles)):
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        ax, ay, az = corners[a, 0], corners[a, 1], corners[a, 2]
+        bx, by, bz = corners[b, 0], corners[b, 1], corners[b, 2]
+        cx, cy, cz = corners[c, 0], corners[c, 1], corners[c, 2]
+        if az < 0.0 or bz < 0.0 or cz < 0.0:
+            continue
+        doubled = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if doubled == 0.0:
+            continue
+        u0, u1 = max(int(np.ceil(min(ax, bx, cx))), 0), min(int(np.floor(max(ax, bx, cx))), width - 1)
+        v0, v1 = max(int(np.ceil(min(ay, by, cy))), 0), min(int(np.floor(max(ay, by, cy))), height - 1)
+        for v in range(v0, v1 + 1):
+            for u in range(u0, u1 + 1):
+                wb = ((u - ax) * (cy - ay) - (v - ay) * (cx - ax)) / doubled
+                wc = ((bx - ax) * (v - ay) - (by - ay) * (u - ax)) / doubled
+                if wb >= 0.0 and wc >= 0.0 and wb + wc <= 1.0:
+                    z = az + wb * (bz - az) + wc * (cz - az)
+                    if z > inverse[v, u]:
+                        inverse[v, u] = z
+
+
+@njit(cache=True, nogil=True)
+def _distance_kernel(distance):
+    """Chamfer distance (H, W) to where it is 0, in place, in pixels: Borgefors 1986, steps of 1 and √2."""
+    height, width = distance.shape
+    across = np.float32(np.sqrt(2.0))
+    one = np.float32(1.0)
+    for v in range(height):
+        for u in range(width):
+            d = distance[v, u]
+            if v > 0:
+                d = min(d, distance[v - 1, u] + one)
+                if u > 0:
+                    d = min(d, distance[v - 1, u - 1] + across)
+                if u < width - 1:
+                    d = min(d, distance[v - 1, u + 1] + across)
+            if u > 0:
+                d = min(d, distance[v, u - 1] + one)
+            distance[v, u] = d
+    for v in range(height - 1, -1, -1):
+        for u in range(width - 1, -1, -1):
+            d = distance[v, u]
+            if v < height - 1:
+                d = min(d, distance[v + 1, u] + one)
+                if u > 0:
+                    d = min(d, distance[v + 1, u - 1] + across)
+                if u < width - 1:
+                    d = min(d, distance[v + 1, u + 1] + across)
+            if u < width - 1:
+                d = min(d, distance[v, u + 1] + one)
+            distance[v, u] = d
