@@ -14,8 +14,10 @@ import numpy as np
 
 from ..errors import CaptureError, OutputError
 from ..io.gltf import INDICES, VERTICES, Gltf, read_gltf, write_gltf
+from ..io.images import image_of_bytes, png_bytes
 from ..mesh import KIND_NAMES, Mesh, Texture
 from ..mesh.normals import vertex_normals
+from ..mesh.submesh import triangle_components
 from ..numeric.point_products import transform
 from ..numeric.rotations import continuous, from_quaternions, quaternions
 from ..numeric.srgb import from_linear, to_linear
@@ -65,6 +67,9 @@ class Avatar:
 
 def write_avatar(path: str | os.PathLike, avatar: Avatar, vrm: bool = False) -> None:
     """Write ``avatar`` as .glb; ``vrm`` names the bones of VRM 1.0's humanoid, too.
+
+    A texture lies in the file as PNG. Vertices then stand once for each place in the image, and their colours are kept
+    as ``_COLOR_0``: viewers would multiply the texture with ``COLOR_0``.
 
     Raises
     ------
@@ -125,24 +130,32 @@ def bone_named(name: str) -> int | None:
 
 
 def _add_mesh(gltf: Gltf, avatar: Avatar) -> None:
-    mesh = avatar.mesh
-    points = (mesh.vertices @ _TO_FILE.T).astype(np.float32)
+    mesh, texture = avatar.mesh, avatar.texture
     normals = vertex_normals(mesh.vertices, mesh.triangles) @ _TO_FILE.T
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.where(lengths > 1e-9, normals / np.maximum(lengths, 1e-9), (0.0, 1.0, 0.0)).astype(np.float32)
-    attributes = {"POSITION": gltf.add(points, VERTICES, bounds=True), "NORMAL": gltf.add(normals, VERTICES)}
+    points = (mesh.vertices @ _TO_FILE.T).astype(np.float32)
+    triangles, rows = mesh.triangles, np.arange(len(points))
+    if texture is not None:
+        rows, places, triangles = texture.split(mesh.triangles)
+    attributes = {
+        "POSITION": gltf.add(points[rows], VERTICES, bounds=True), "NORMAL": gltf.add(normals[rows], VERTICES)
+    }  # fmt: skip
     accessors = gltf.content["accessors"]
+    if texture is not None:
+        attributes["TEXCOORD_0"] = gltf.add(places * np.float32((1, -1)) + np.float32((0, 1)), VERTICES)
+        attributes["_VERTEX"] = gltf.add(rows.astype(np.float32), VERTICES)
+        _add_image(gltf, texture.image)
     if mesh.colors is not None:
         linear = np.full((len(points), 4), 65535, np.uint16)
         linear[:, :3] = np.rint(65535 * to_linear(mesh.colors / 255.0))
-        attributes["COLOR_0"] = gltf.add(linear, VERTICES)
+        attributes["COLOR_0" if texture is None else "_COLOR_0"] = gltf.add(linear[rows], VERTICES)
         accessors[-1]["normalized"] = True
     if avatar.weights is not None:
-        attributes["JOINTS_0"] = gltf.add(avatar.weights.index, VERTICES)
-        attributes["WEIGHTS_0"] = gltf.add(_exact(avatar.weights.weight), VERTICES)
+        attributes["JOINTS_0"] = gltf.add(avatar.weights.index[rows], VERTICES)
+        attributes["WEIGHTS_0"] = gltf.add(_exact(avatar.weights.weight)[rows], VERTICES)
     if mesh.view is not None:
-        attributes["_VIEW"] = gltf.add(mesh.view.astype(np.int8), VERTICES)
-    triangles = mesh.triangles
+        attributes["_VIEW"] = gltf.add(mesh.view.astype(np.int8)[rows], VERTICES)
     whole = gltf.content["meshes"][0]
     if mesh.kind is not None:  # glTF has nothing a triangle: they stand in the order of their kinds
         triangles = triangles[np.argsort(mesh.kind, kind="stable")]
@@ -193,6 +206,16 @@ def _add_garments(gltf: Gltf, garments: Sequence[Garment]) -> None:
         content["meshes"].append({"name": garment.name, "primitives": [primitive], "extras": {"garment": notes}})
         content["scenes"][0]["nodes"].append(len(content["nodes"]))
         content["nodes"].append({"name": garment.name, "mesh": len(content["meshes"]) - 1, "skin": 0})
+
+
+def _add_image(gltf: Gltf, image: np.ndarray) -> None:
+    """The texture's image, as the colour of the material."""
+    gltf.content["images"] = [
+        {"name": "Avatar", "mimeType": "image/png", "bufferView": gltf.add_bytes(png_bytes(image))}
+    ]
+    gltf.content["samplers"] = [{"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}]
+    gltf.content["textures"] = [{"source": 0, "sampler": 0}]
+    gltf.content["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = {"index": 0}
 
 
 def _exact(weight: np.ndarray) -> np.ndarray:
@@ -284,8 +307,9 @@ def _avatar_of(gltf: Gltf, path: Path) -> Avatar:
     if primitive.get("mode", 4) != 4 or len(whole["primitives"]) != 1:
         raise CaptureError("its mesh is not one set of triangles")
     mesh = _mesh_of(gltf, primitive, whole.get("extras", {}).get("kinds"))
-    if "skin" not in body or "JOINTS_0" not in primitive["attributes"]:
-        return Avatar(mesh)
+    texture, attributes = _texture_of(gltf, primitive, mesh), primitive["attributes"]
+    if "skin" not in body or "JOINTS_0" not in attributes:
+        return Avatar(mesh if texture is None else _welded(gltf, attributes, mesh)[0], texture=texture)
     skin = content["skins"][body["skin"]]
     bones = {bone: node for node in skin["joints"] if (bone := bone_named(nodes[node].get("name", ""))) is not None}
     missing = [name for bone, name in enumerate(BONES) if bone not in bones]
@@ -293,7 +317,10 @@ def _avatar_of(gltf: Gltf, path: Path) -> Avatar:
         raise CaptureError(f"its skeleton lacks the bone {PREFIX}{missing[0]}; give an avatar made by Mirror Scan")
     rest = skin_rest(gltf, skin, bones)
     bone_of = bones_above(nodes, skin["joints"], bones)
-    weights, mesh = _skin_of(gltf, primitive["attributes"], bone_of, rest, mesh)
+    weights, mesh = _skin_of(gltf, attributes, bone_of, rest, mesh)
+    if texture is not None:
+        mesh, rows = _welded(gltf, attributes, mesh)
+        weights = SkinWeights(weights.index[rows], weights.weight[rows])
     extras = skin.get("extras") or {}
     ends = _ends(rest.joints, rest.axes)
     if "ends" in extras:
@@ -305,7 +332,8 @@ def _avatar_of(gltf: Gltf, path: Path) -> Avatar:
         clip for animation in content.get("animations", [])
         if (clip := _clip_of(gltf, animation, bones, rest)) is not None
     ]  # fmt: skip
-    return Avatar(mesh, skeleton, weights, clips, garments=_garments_of(gltf, body["skin"], bone_of, rest))
+    garments = _garments_of(gltf, body["skin"], bone_of, rest)
+    return Avatar(mesh, skeleton, weights, clips, texture, garments)
 
 
 def _mesh_of(gltf: Gltf, primitive: dict, kinds: dict | None) -> Mesh:
@@ -316,14 +344,51 @@ def _mesh_of(gltf: Gltf, primitive: dict, kinds: dict | None) -> Mesh:
     if len(triangles) and triangles.max() >= len(vertices):
         raise CaptureError("a triangle names a vertex that does not exist; the file is damaged")
     colors = view = kind = None
-    if "COLOR_0" in attributes:
-        linear = np.clip(gltf.array(attributes["COLOR_0"])[:, :3].astype(np.float64), 0.0, 1.0)
+    named = next((name for name in ("_COLOR_0", "COLOR_0") if name in attributes), None)
+    if named is not None:
+        linear = np.clip(gltf.array(attributes[named])[:, :3].astype(np.float64), 0.0, 1.0)
         colors = np.rint(255 * from_linear(linear)).astype(np.uint8)
     if "_VIEW" in attributes:
         view = gltf.array(attributes["_VIEW"]).astype(np.int8)
     if kinds is not None and sum(kinds.values()) == len(triangles):
         kind = np.repeat(np.arange(len(KIND_NAMES), dtype=np.int8), [int(kinds[name]) for name in KIND_NAMES])
     return Mesh(vertices, triangles.astype(np.int32), colors, view, kind)
+
+
+def _texture_of(gltf: Gltf, primitive: dict, mesh: Mesh) -> Texture | None:
+    """The image of the primitive's material and where the triangles lie in it; None where it has none in the file."""
+    attributes, content = primitive["attributes"], gltf.content
+    material = content.get("materials", [{}])[primitive["material"]] if "material" in primitive else {}
+    used = material.get("pbrMetallicRoughness", {}).get("baseColorTexture")
+    place = f"TEXCOORD_{used.get('texCoord', 0)}" if used is not None else ""
+    if used is None or place not in attributes:
+        return None
+    source = content["images"][content["textures"][used["index"]]["source"]]
+    if "bufferView" not in source:
+        return None
+    image = image_of_bytes(gltf.view_bytes(source["bufferView"]))
+    if image.ndim != 3 or image.shape[2] < 3 or image.dtype != np.uint8:
+        return None
+    uv = gltf.array(attributes[place]).astype(np.float32)[mesh.triangles]
+    uv[..., 1] = np.float32(1) - uv[..., 1]
+    island = triangle_components(mesh.triangles, len(mesh.vertices))[0]
+    return Texture(uv, np.ascontiguousarray(image[..., :3]), island)
+
+
+def _welded(gltf: Gltf, attributes: dict, mesh: Mesh) -> tuple[Mesh, np.ndarray]:
+    """The mesh with one vertex where the file has several for their places in the image, and which each was (V,)."""
+    if "_VERTEX" in attributes:
+        number = np.rint(gltf.array(attributes["_VERTEX"]).ravel()).astype(np.int64)
+    else:
+        number = np.unique(mesh.vertices, axis=0, return_inverse=True)[1].ravel()
+    _, rows, inverse = np.unique(number, return_index=True, return_inverse=True)
+    return Mesh(
+        mesh.vertices[rows],
+        inverse.ravel()[mesh.triangles].astype(np.int32),
+        None if mesh.colors is None else mesh.colors[rows],
+        None if mesh.view is None else mesh.view[rows],
+        mesh.kind,
+    ), rows
 
 
 def _garment_notes(content: dict, node: dict) -> dict | None:

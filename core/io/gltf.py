@@ -97,6 +97,31 @@ class Gltf:
             values = np.maximum(values / np.float32(np.iinfo(dtype).max), np.float32(-1.0))
         return np.swapaxes(values, 1, 2) if accessor["type"] == "MAT4" else values
 
+    def add_bytes(self, data: bytes) -> int:
+        """Append what is no array, such as an image's file, and give the number of its buffer view."""
+        self.binary += bytes(-len(self.binary) % 4)
+        views = self.content.setdefault("bufferViews", [])
+        views.append({"buffer": 0, "byteOffset": len(self.binary), "byteLength": len(data)})
+        self.binary += data
+        return len(views) - 1
+
+    def view_bytes(self, number: int) -> bytes:
+        """The bytes of a buffer view.
+
+        Raises
+        ------
+        CaptureError
+            When it is not within the file.
+        """
+        try:
+            view = self.content["bufferViews"][number]
+            start, length = int(view.get("byteOffset", 0)), int(view["byteLength"])
+        except (KeyError, IndexError, TypeError, ValueError) as error:
+            raise CaptureError(f"part {number} of the glTF file is missing") from error
+        if min(start, length) < 0 or start + length > len(self.binary):
+            raise CaptureError(f"part {number} of the glTF file is not within it; it is truncated or damaged")
+        return bytes(self.binary[start : start + length])
+
     def to_bytes(self) -> bytes:
         """The file's bytes."""
         self.binary += bytes(-len(self.binary) % 4)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import struct
 import sys
+import tempfile
 import zlib
 from pathlib import Path
 from types import ModuleType
@@ -15,7 +16,7 @@ from ..errors import CaptureError, MirrorScanError, OutputError
 from .atomic_files import replacing
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-MAX_PIXELS = 64_000_000  # of one image; no depth camera comes near, and a forged header cannot fill the memory
+MAX_PIXELS = 8192 * 8192  # of one image, our largest texture; a forged header cannot fill the memory
 
 
 def openimageio() -> ModuleType:
@@ -129,6 +130,36 @@ def write_png(path: str | os.PathLike, array: np.ndarray) -> None:
         written = output.open(_name(temporary), spec) and output.write_image(array.reshape(height, width, -1))
         if not (output.close() and written):
             raise OutputError(f"{path}: cannot be written ({_reason(output.geterror())})")
+
+
+def png_bytes(array: np.ndarray) -> bytes:
+    """What :func:`write_png` would write.
+
+    Raises
+    ------
+    OutputError
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "image.png"
+        write_png(path, array)
+        return path.read_bytes()
+
+
+def image_of_bytes(data: bytes) -> np.ndarray:
+    """Pixels of an image that lies within another file; see :func:`read_image`.
+
+    Raises
+    ------
+    CaptureError
+    """
+    suffix = ".png" if data.startswith(PNG_SIGNATURE) else ".jpg"
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"image{suffix}"
+        path.write_bytes(data)
+        try:
+            return read_image(path)
+        except CaptureError as error:
+            raise CaptureError(str(error).replace(str(path), "the image in the file", 1)) from error
 
 
 def checked_png(path: Path) -> bytes | None:

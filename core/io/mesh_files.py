@@ -12,18 +12,22 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import CaptureError, MirrorScanError, OutputError
-from ..mesh import Mesh
+from ..mesh import Mesh, Texture
 from .atomic_files import replacing
-from .obj import read_obj, write_obj
+from .images import write_png
+from .obj import material, read_obj, write_obj
 from .ply import read_ply, write_ply
 from .stl import read_stl, write_stl
 
 
-def write_mesh(path: str | os.PathLike, mesh: Mesh) -> None:
+def write_mesh(path: str | os.PathLike, mesh: Mesh, texture: Texture | None = None) -> None:
     """Write ``mesh`` as .ply (binary), .obj (with vertex colours) or .stl (binary, geometry only), by suffix.
 
     PLY holds all a :class:`.triangle_mesh.Mesh` has: ``red green blue`` (uchar) and ``view`` (char) per vertex,
     ``kind`` (uchar) per face. Coordinates are float32 in PLY and STL (0.1 µm at 2 m), micrometres in OBJ.
+
+    A ``texture`` of the mesh's triangles goes into OBJ files, which then have an .mtl and a .png of the same name beside
+    them; the other formats have no place for it.
 
     Raises
     ------
@@ -47,8 +51,19 @@ def write_mesh(path: str | os.PathLike, mesh: Mesh) -> None:
     if not fit.all():
         bad = int((~fit.all(axis=1)).sum())
         raise OutputError(f"{path}: {bad} of {count} vertices are not finite; nothing was written")
+    pieces = writer(mesh)
+    if texture is not None and writer is write_obj:
+        if len(texture.uv) != len(mesh.triangles):
+            raise OutputError(
+                f"{path}: the texture is of {len(texture.uv)} triangles, the mesh has {len(mesh.triangles)}; "
+                "nothing was written"
+            )
+        pieces = write_obj(mesh, texture, path.stem)
+        write_png(path.with_suffix(".png"), texture.image)
+        with replacing(path.with_suffix(".mtl")) as temporary:
+            temporary.write_bytes(material(path.stem))
     with replacing(path) as temporary, open(temporary, "wb") as file:
-        file.writelines(writer(mesh))
+        file.writelines(pieces)
 
 
 def read_mesh(path: str | os.PathLike) -> Mesh:

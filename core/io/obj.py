@@ -7,21 +7,36 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..errors import CaptureError
-from ..mesh import Mesh
+from ..mesh import Mesh, Texture
 from ..mesh.triangle_mesh import triangulate_polygons
 from .json_files import plain_text
 
 # --- OBJ -------------------------------------------------------------------------------------------------------------
 
 
-def write_obj(mesh: Mesh) -> Iterator[bytes]:
-    """The file in pieces."""
-    yield b"# Mirror Scan, metres; vertex colours behind the coordinates, 0..1\no Avatar\n"
+def write_obj(mesh: Mesh, texture: Texture | None = None, stem: str = "") -> Iterator[bytes]:
+    """The file in pieces; with a texture it names ``stem``.mtl, which :func:`material` makes."""
+    yield b"# Mirror Scan, metres; vertex colours behind the coordinates, 0..1\n"
+    if texture is not None:
+        yield f"mtllib {stem}.mtl\n".encode()
+    yield b"o Avatar\n"
     table, line = mesh.vertices, "v %.6f %.6f %.6f\n"
     if mesh.colors is not None:
         table, line = np.hstack((mesh.vertices, mesh.colors / 255.0)), "v %.6f %.6f %.6f %.4f %.4f %.4f\n"
     yield from _format_rows(line, table)
-    yield from _format_rows("f %d %d %d\n", mesh.triangles.astype(np.int64) + 1)
+    if texture is None:
+        yield from _format_rows("f %d %d %d\n", mesh.triangles.astype(np.int64) + 1)
+        return
+    _, places, corners = texture.split(mesh.triangles)
+    yield from _format_rows("vt %.6f %.6f\n", places)
+    yield b"usemtl Avatar\n"
+    pairs = np.stack((mesh.triangles, corners), axis=2).astype(np.int64) + 1
+    yield from _format_rows("f %d/%d %d/%d %d/%d\n", pairs.reshape(-1, 6))
+
+
+def material(stem: str) -> bytes:
+    """The file of materials of an OBJ file whose image is ``stem``.png."""
+    return f"newmtl Avatar\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {stem}.png\n".encode()
 
 
 def _format_rows(line: str, table: np.ndarray, block: int = 20_000) -> Iterator[bytes]:

@@ -25,6 +25,7 @@ from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.numeric.rotations import from_quaternions, quaternions
 from scipy.spatial.transform import Rotation
 from standing_body import skeleton_of
+from textured import colors_at, textured_ball
 
 FRAMES = 7
 
@@ -202,3 +203,64 @@ def test_quaternions_are_scipys():
         ours, theirs = quaternions(rotation.as_matrix()), rotation.as_quat()
         np.testing.assert_allclose(np.abs((ours * theirs).sum(axis=1)), 1.0, atol=1e-9)
         np.testing.assert_allclose(from_quaternions(3.0 * ours), rotation.as_matrix(), atol=1e-9)
+
+
+def test_a_texture_lies_where_other_programs_look_for_it(tmp_path):
+    mesh, texture, colors = textured_ball()
+    write_avatar(tmp_path / "ball.glb", Avatar(mesh, texture=texture))
+    (shown,) = trimesh.load(tmp_path / "ball.glb", process=False).geometry.values()
+    image = np.asarray(shown.visual.material.baseColorTexture)
+    at = shown.visual.uv[shown.faces].mean(axis=1)  # trimesh turns v upwards
+    middles = (mesh.vertices[mesh.triangles].mean(axis=1) @ np.array(((1, 0, 0), (0, 0, 1), (0, -1, 0))).T).round(5)
+    place = {tuple(middle): k for k, middle in enumerate(middles)}
+    ours = [place[tuple(middle)] for middle in shown.vertices[shown.faces].mean(axis=1).round(5)]
+    np.testing.assert_array_equal(colors_at(at, image), colors[ours])
+    attributes = read_gltf(tmp_path / "ball.glb").content["meshes"][0]["primitives"][0]["attributes"]
+    assert "COLOR_0" not in attributes, "viewers would multiply the texture with it"
+
+
+def test_a_textured_avatar_comes_back_welded(avatar, tmp_path):
+    mesh, texture, colors = textured_ball()
+    rng = np.random.default_rng(2)
+    weight = np.tile(np.float32((0.75, 0.25, 0, 0)), (len(mesh.vertices), 1))
+    index = np.zeros((len(mesh.vertices), 4), np.uint8)
+    index[:, 0], index[:, 1] = rng.integers(0, 11, len(index)), rng.integers(11, 22, len(index))
+    written = Avatar(mesh, avatar.skeleton, SkinWeights(index, weight), (), texture)
+    write_avatar(tmp_path / "ball.glb", written)
+    back = read_avatar(tmp_path / "ball.glb")
+    np.testing.assert_allclose(back.mesh.vertices, mesh.vertices, atol=1e-6)
+    np.testing.assert_array_equal(back.mesh.colors, mesh.colors)
+    np.testing.assert_array_equal(back.weights.index, index)
+    order = np.argsort(mesh.kind, kind="stable")
+    np.testing.assert_array_equal(back.mesh.triangles, mesh.triangles[order])
+    np.testing.assert_array_equal(back.mesh.kind, mesh.kind[order])
+    np.testing.assert_allclose(back.texture.uv, texture.uv[order], atol=1e-6)
+    np.testing.assert_array_equal(back.texture.image, texture.image)
+    np.testing.assert_array_equal(colors_at(back.texture.uv.mean(axis=1), back.texture.image), colors[order])
+    # another program may drop what glTF does not know: vertices in one place are one then
+    gltf = read_gltf(tmp_path / "ball.glb")
+    attributes = gltf.content["meshes"][0]["primitives"][0]["attributes"]
+    del attributes["_VERTEX"], attributes["_COLOR_0"]
+    write_gltf(tmp_path / "other.glb", gltf)
+    other = read_avatar(tmp_path / "other.glb")
+    assert len(other.mesh.vertices) == len(mesh.vertices) and other.mesh.colors is None
+    moved = other.mesh.vertices[other.mesh.triangles]
+    np.testing.assert_allclose(moved, mesh.vertices[mesh.triangles[order]], atol=1e-6)
+
+
+@pytest.mark.parametrize("damage", ["image", "view", "png"])
+def test_a_damaged_texture_is_reported(damage, tmp_path):
+    mesh, texture, _ = textured_ball()
+    write_avatar(tmp_path / "ball.glb", Avatar(mesh, texture=texture))
+    gltf = read_gltf(tmp_path / "ball.glb")
+    view = gltf.content["images"][0]["bufferView"]
+    if damage == "image":
+        gltf.content["textures"][0]["source"] = 9
+    elif damage == "view":
+        gltf.content["bufferViews"][view]["byteLength"] = 10**9
+    else:
+        start = gltf.content["bufferViews"][view]["byteOffset"]
+        gltf.binary[start + 60 : start + 90] = bytes(30)
+    write_gltf(tmp_path / "bad.glb", gltf)
+    with pytest.raises(CaptureError, match="bad.glb"):
+        read_avatar(tmp_path / "bad.glb")

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mirror_scan.core.io import read_mesh
+import trimesh
+from mirror_scan.core.errors import OutputError
+from mirror_scan.core.io import read_mesh, write_mesh
+from textured import colors_at, textured_ball
 
 
 def test_obj_with_everything_obj_allows(tmp_path):
@@ -55,3 +58,24 @@ def test_spellings_of_one_tetrahedron(tmp_path, case, encoding):
 def test_colours_behind_the_coordinates(tmp_path, colors):
     (tmp_path / "a.obj").write_text("".join(f"v {i} {i * i} 0 {colors}\n" for i in range(3)) + "f 1 2 3\n")
     assert read_mesh(tmp_path / "a.obj").colors.tolist() == [[255, 128, 0]] * 3
+
+
+def test_a_texture_stands_beside_the_file_and_lies_where_it_should(tmp_path):
+    mesh, texture, colors = textured_ball()
+    write_mesh(tmp_path / "the ball.obj", mesh, texture)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["the ball.mtl", "the ball.obj", "the ball.png"]
+    shown = trimesh.load(tmp_path / "the ball.obj", process=False)
+    image = np.asarray(shown.visual.material.image)
+    place = {tuple(middle): k for k, middle in enumerate(mesh.vertices[mesh.triangles].mean(axis=1).round(4))}
+    ours = [place[tuple(middle)] for middle in shown.vertices[shown.faces].mean(axis=1).round(4)]
+    np.testing.assert_array_equal(colors_at(shown.visual.uv[shown.faces].mean(axis=1), image), colors[ours])
+    plain = read_mesh(tmp_path / "the ball.obj")
+    np.testing.assert_array_equal(plain.triangles, mesh.triangles)
+    np.testing.assert_array_equal(plain.colors, mesh.colors)
+
+
+def test_a_texture_of_another_mesh_is_refused(tmp_path):
+    mesh, texture, _ = textured_ball()
+    with pytest.raises(OutputError, match="texture is of 79 triangles, the mesh has 80"):
+        write_mesh(tmp_path / "ball.obj", mesh, type(texture)(texture.uv[1:], texture.image, texture.island[1:]))
+    assert not list(tmp_path.iterdir())
