@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from mirror_scan.core.avatar.pose import SkinWeights
-from mirror_scan.core.avatar.skeleton import Skeleton
+from mirror_scan.core.avatar.skeleton import BONES, ENDS, Skeleton
 from mirror_scan.core.avatar.skin_weights import skin_weights, skinned_mesh
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.simulation.mannequin import rigged_mannequin
@@ -23,7 +24,6 @@ from .rigged_bodies import rigged_bodies
 FRAMES = 60
 LEAST_GAP, MOST_SECONDS = 2.0, 1.5  # [mm], [s]
 NEAR_SKIN = 0.008  # where skin lies so near to other skin, cloth has no room [m]
-_SAME_SKIN = 0.05  # skin that is nearer than this along the surface is no other skin [m]
 _RESOLUTION = 0.0125  # of the mannequin [m]
 BODIES = ("s006", "s020")
 
@@ -35,32 +35,46 @@ def subjects(names: tuple[str, ...]) -> list[tuple[str, Mesh, Skeleton, SkinWeig
     found = [("mannequin", mesh, skeleton, weights)]
     for body in rigged_bodies():
         if body.name in names:
-            found.append((body.name, body.mesh, body.skeleton, skin_weights(body.mesh, body.skeleton)))
+            skeleton = with_hands(body.skeleton)
+            found.append((body.name, body.mesh, skeleton, skin_weights(body.mesh, skeleton)))
     return found
+
+
+def with_hands(skeleton: Skeleton) -> Skeleton:
+    """The skeleton with hands that have a length: where the truth knows none, they go on from the forearms."""
+    ends = skeleton.ends.copy()
+    for side in ("Left", "Right"):
+        wrist, elbow = (skeleton.joints[BONES.index(side + name)] for name in ("Hand", "ForeArm"))
+        ends[ENDS.index(f"{side}Hand_End")] = wrist + 0.7 * (wrist - elbow)
+    return replace(skeleton, ends=ends)
 
 
 def no_room(body: Mesh, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Which of some points (N, 3) of the body's skin lie within 8 mm of other skin, (N,) bool.
 
-    Other skin is what a ray from just outside the skin meets on its way outwards.
+    Other skin is what rays from just outside the skin meet on their way, straight outwards or aslant.
     """
     from mirror_scan.core.mesh.bvh import build_bvh, raycast
+    from mirror_scan.core.numeric.rotations import frames
 
     tree = build_bvh(np.ascontiguousarray(body.vertices), body.triangles)
-    start = points + 1e-5 * normals
-    return raycast(tree, start, normals, NEAR_SKIN)[1] >= 0
+    start, axes = points + 1e-5 * normals, frames(normals, np.roll(normals, 1, axis=1))
+    met = np.zeros(len(points), np.bool_)
+    for slope in (0.0, 30.0, 60.0):
+        for turn in range(8 if slope else 1):
+            a, b = np.radians(slope), np.pi / 4 * turn
+            aslant = axes @ (np.cos(a), np.sin(a) * np.cos(b), np.sin(a) * np.sin(b))
+            met |= raycast(tree, start, aslant, NEAR_SKIN)[1] >= 0
+    return met
 
 
 def one(name: str, mesh: Mesh, skeleton: Skeleton, weights: SkinWeights, kind: str, frames: int, pictures: Path | None):
     """Dress a body, let the cloth fall over a walk, and measure: a row of the table."""
     import bpy
-    import mirror_scan
     from mirror_scan.core.clothes import make_garment
     from mirror_scan.core.clothes.body_distance import BodyDistance
     from mirror_scan.core.motion import make_clip, sole_points
     from mirror_scan.core.motion.foot_lock import stand_on_floor
-
-    mirror_scan.register()
     from mirror_scan.mirror_scan_addon.scene import armature, avatar_objects, cloth
 
     started = time.perf_counter()
@@ -99,9 +113,10 @@ def one(name: str, mesh: Mesh, skeleton: Skeleton, weights: SkinWeights, kind: s
         least = min(least, float(skin.distance[~between].min()))
         if pictures is not None and frame % max(frames // 6, 1) == 0:
             _picture(pictures / f"{name}_{kind}_{frame:03}.png", body, dress)
-    count = f"{len(garment.mesh.vertices):,}"
-    return (name, kind, count, number(made_in, 1), str(inside), str(excepted), number(1000 * least, 2),
-            number(float(np.mean(own)), 2), number(float(np.mean(seconds)), 2)), (inside, 1000 * least, float(np.mean(own)))  # fmt: skip
+    count, mean = f"{len(garment.mesh.vertices):,}", float(np.mean(own))
+    row = (name, kind, count, number(made_in, 1), str(inside), str(excepted), number(1000 * least, 2),
+           number(mean, 2), number(float(np.mean(seconds)), 2))  # fmt: skip
+    return row, (inside, 1000 * least, mean)
 
 
 def _evaluated(item, graph) -> Mesh:
@@ -132,6 +147,9 @@ def run(
     pictures: Path | None = None,
 ) -> Result:  # fmt: skip
     """Skirt and shirt on every body."""
+    import mirror_scan
+
+    mirror_scan.register()
     rows, worst = [], []
     for subject in subjects(bodies):
         for kind in kinds:

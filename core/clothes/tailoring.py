@@ -40,7 +40,8 @@ _NECK_TILT = np.radians(28.0)  # the neckline is lower in front
 _SLEEVE, _ANKLE = 0.62, 0.86  # where sleeves and trouser legs end, along upper arm and shin
 _SKIRT = 0.94  # and the skirt, along the thighs
 _LOOSER = {"tshirt": 0.8, "trousers": 0.5}  # ease at the hem is so much larger
-_FLARE = 0.13  # of the skirt at its hem, of body size
+_HEM = 0.055  # of the shirt, below the hip joints, on an adult [m]
+_FLARE = 0.1  # of the skirt at its hem, of body size
 _SNAP = 0.35  # vertices nearer to a cut than this share of the spacing are moved onto it
 _RELAXING = 12  # rounds
 _PINNED, _FREE = 0.03, 0.07  # from the edge that holds a garment: pinned so far, free from there on [m on an adult]
@@ -164,7 +165,7 @@ def _planes(body: _Body, kind: str) -> list[_Plane]:
         arm = np.array([name.startswith(side) for name in BONES]) & _ARMS
         inwards = unit(body.joint(f"{side}Arm") - body.joint(f"{side}ForeArm"))
         found.append(_Plane(body.along(f"{side}Arm", _SLEEVE), inwards, arm))
-    hips = 0.5 * (body.joint("LeftUpLeg") + body.joint("RightUpLeg"))
+    hips = 0.5 * (body.joint("LeftUpLeg") + body.joint("RightUpLeg")) + _HEM * body.scale * down
     return [*found, _Plane(hips, -down, ~_ARMS)]
 
 
