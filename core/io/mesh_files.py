@@ -1,4 +1,4 @@
-"""Meshes to and from PLY, OBJ and STL files, without Blender.
+"""Meshes to and from PLY, OBJ, STL and 3MF files, without Blender.
 
 A file appears under its name only when it is complete (:func:`.atomic_files.replacing`). Whatever is read is taken for
 hostile: a header may promise any count, so counts are compared with the bytes that are there before arrays are made.
@@ -14,20 +14,25 @@ import numpy as np
 from ..errors import CaptureError, MirrorScanError, OutputError
 from ..mesh import Mesh, Texture
 from .atomic_files import replacing
-from .images import write_png
+from .images import png_bytes
 from .obj import material, read_obj, write_obj
 from .ply import read_ply, write_ply
 from .stl import read_stl, write_stl
+from .three_mf import packed_3mf
 
 
-def write_mesh(path: str | os.PathLike, mesh: Mesh, texture: Texture | None = None) -> None:
-    """Write ``mesh`` as .ply (binary), .obj (with vertex colours) or .stl (binary, geometry only), by suffix.
+def write_mesh(
+    path: str | os.PathLike, mesh: Mesh, texture: Texture | None = None, companions: str | None = None
+) -> None:
+    """Write ``mesh`` as .ply (binary), .obj (with vertex colours), .stl (binary, geometry only) or .3mf, by suffix.
 
-    PLY holds all a :class:`.triangle_mesh.Mesh` has: ``red green blue`` (uchar) and ``view`` (char) per vertex,
-    ``kind`` (uchar) per face. Coordinates are float32 in PLY and STL (0.1 µm at 2 m), micrometres in OBJ.
+    PLY and OBJ are in metres; STL and 3MF, which are for printing, in millimetres. PLY holds all a
+    :class:`.triangle_mesh.Mesh` has: ``red green blue`` (uchar) and ``view`` (char) per vertex, ``kind`` (uchar) per
+    face. Coordinates are float32 in PLY and STL (0.1 µm at 2 m), micrometres in OBJ. 3MF holds colours.
 
-    A ``texture`` of the mesh's triangles goes into OBJ files, which then have an .mtl and a .png of the same name beside
-    them; the other formats have no place for it.
+    A ``texture`` of the mesh's triangles goes into 3MF files, and into OBJ files, which then have an .mtl and a .png of
+    the same name beside them; the other formats have no place for it. ``companions`` names those two files when somebody
+    else writes them (:func:`obj_companions`).
 
     Raises
     ------
@@ -41,7 +46,7 @@ def write_mesh(path: str | os.PathLike, mesh: Mesh, texture: Texture | None = No
     if writer is None:
         raise OutputError(f"{path}: unknown mesh format “{path.suffix}”; use one of {', '.join(_WRITERS)}")
     count = len(mesh.vertices)
-    if not count or (writer is write_stl and not len(mesh.triangles)):
+    if not count or (writer in (write_stl, packed_3mf) and not len(mesh.triangles)):
         raise OutputError(f"{path}: the mesh has no {'triangles' if count else 'vertices'}; nothing was written")
     if len(mesh.triangles) and not 0 <= mesh.triangles.min() <= mesh.triangles.max() < count:
         raise OutputError(
@@ -51,19 +56,27 @@ def write_mesh(path: str | os.PathLike, mesh: Mesh, texture: Texture | None = No
     if not fit.all():
         bad = int((~fit.all(axis=1)).sum())
         raise OutputError(f"{path}: {bad} of {count} vertices are not finite; nothing was written")
-    pieces = writer(mesh)
-    if texture is not None and writer is write_obj:
-        if len(texture.uv) != len(mesh.triangles):
-            raise OutputError(
-                f"{path}: the texture is of {len(texture.uv)} triangles, the mesh has {len(mesh.triangles)}; "
-                "nothing was written"
-            )
-        pieces = write_obj(mesh, texture, path.stem)
-        write_png(path.with_suffix(".png"), texture.image)
-        with replacing(path.with_suffix(".mtl")) as temporary:
-            temporary.write_bytes(material(path.stem))
+    if texture is not None and len(texture.uv) != len(mesh.triangles):
+        raise OutputError(
+            f"{path}: the texture is of {len(texture.uv)} triangles, the mesh has {len(mesh.triangles)}; "
+            "nothing was written"
+        )
+    if writer is write_obj and texture is not None:
+        pieces = write_obj(mesh, texture, companions or path.stem)
+        for name, content in obj_companions(path, texture).items() if companions is None else ():
+            with replacing(name) as temporary:
+                temporary.write_bytes(content)
+    elif writer is packed_3mf:
+        pieces = packed_3mf(mesh, texture)
+    else:
+        pieces = writer(mesh)
     with replacing(path) as temporary, open(temporary, "wb") as file:
         file.writelines(pieces)
+
+
+def obj_companions(path: Path, texture: Texture) -> dict[Path, bytes]:
+    """The two files beside a textured .obj, which name each other by its stem: material and image."""
+    return {path.with_suffix(".mtl"): material(path.stem), path.with_suffix(".png"): png_bytes(texture.image)}
 
 
 def read_mesh(path: str | os.PathLike) -> Mesh:
@@ -100,6 +113,6 @@ def read_mesh(path: str | os.PathLike) -> Mesh:
     return mesh
 
 
-_WRITERS = {".ply": write_ply, ".obj": write_obj, ".stl": write_stl}
+_WRITERS = {".ply": write_ply, ".obj": write_obj, ".stl": write_stl, ".3mf": packed_3mf}
 _READERS = {".ply": read_ply, ".obj": read_obj, ".stl": read_stl}
 MESH_SUFFIXES = tuple(_WRITERS)

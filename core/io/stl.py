@@ -18,22 +18,26 @@ _STL_ROW = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attr
 _NAMES = re.compile(rb"\b(?:end)?solid\b[^\r\n]*?(?=\bfacet\s+normal\b|[\r\n]|$)")
 
 
+_HEADER, _MILLIMETRES = b"Mirror Scan unit=mm", 1000.0  # printing programs take the numbers of an STL for millimetres
+
+
 def write_stl(mesh: Mesh) -> Iterator[bytes]:
-    """The binary file in pieces."""
-    corners = mesh.vertices[mesh.triangles]
+    """The binary file in pieces: in millimetres, which its header says."""
+    corners = _MILLIMETRES * mesh.vertices[mesh.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     rows = np.zeros(len(corners), _STL_ROW)
     rows["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
     rows["corners"] = corners
-    yield b"Mirror Scan, metres".ljust(80) + struct.pack("<I", len(corners))
+    yield _HEADER.ljust(80) + struct.pack("<I", len(corners))
     yield rows.tobytes()
 
 
 def read_stl(data: bytes) -> Mesh:
     """The mesh in the bytes of a file; equal corners become one vertex.
 
-    Several solids become one mesh. A binary file may begin with “solid”, as an ASCII file does.
+    The format knows no unit: numbers are metres, but millimetres where a binary file's header says ``unit=mm``, as ours
+    does. Several solids become one mesh. A binary file may begin with “solid”, as an ASCII file does.
     """
     count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else -1
     size = 84 + count * _STL_ROW.itemsize
@@ -57,9 +61,10 @@ def read_stl(data: bytes) -> Mesh:
         raise CaptureError("some coordinates are not finite numbers; repair the mesh")
     keys = np.ascontiguousarray(corners + np.float32(0)).view("V12").ravel()  # + 0 makes -0 and 0 one vertex
     _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    unit = 1 / _MILLIMETRES if text is None and re.search(rb"\bunit=mm\b", data[:80]) else 1.0
     triangles = inverse.reshape(-1, 3).astype(np.int32)
     a, b, c = triangles.T
-    return Mesh(corners[first].astype(np.float64), triangles[(a != b) & (b != c) & (c != a)])
+    return Mesh(unit * corners[first].astype(np.float64), triangles[(a != b) & (b != c) & (c != a)])
 
 
 def _ascii_stl(data: bytes) -> bytes | None:
