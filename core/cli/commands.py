@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import CaptureError, OutputError
 from .outputs import (
+    AvatarFiles,
     Readers,
     Writers,
     blaming,
@@ -26,7 +27,7 @@ from .outputs import (
     stand,
     write_outputs,
     write_simulation,
-    writer_of,
+    writers_of,
 )
 from .terminal import advance, complain, distance_lines, progress_bar, say, stage_of, summary_line
 
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from ..mirrors.picked_mirror import MirrorSettings
     from ..motion import Clip
     from ..pipeline import Reconstruction, Settings
+    from ..printing import PrintSettings
 
 
 CLEANING: dict[str, dict[str, float]] = {
@@ -53,8 +55,9 @@ CLEANING: dict[str, dict[str, float]] = {
 def run_reconstruct(options: argparse.Namespace, writers: Writers) -> None:
     """``reconstruct``: make an avatar of one or several captures."""
     options.skeleton = options.skeleton or options.vrm
-    outputs = plan_outputs(options.outputs, writers, options.skeleton, options.vrm)
-    check_targets([*options.outputs, *([options.report] if options.report else [])])
+    files = AvatarFiles(options.vrm, print_settings_of(options), bool(options.texture), options.measure)
+    outputs = plan_outputs(options.outputs, writers, files)
+    check_targets([*(path for path, _ in outputs), *([options.report] if options.report else [])])
 
     result, read_ms = _reconstructed(options)
     for warning in result.warnings:
@@ -194,7 +197,7 @@ def run_demo(options: argparse.Namespace, writers: Writers) -> None:
     targets, left_out = [folder / "avatar.ply"], ""
     for name in ("avatar.blend", "avatar.glb"):
         try:
-            writer_of(folder / name, writers)
+            writers_of(folder / name, writers)
             targets.append(folder / name)
         except OutputError as error:
             left_out = str(error)
@@ -328,7 +331,8 @@ def _reading(options: argparse.Namespace) -> tuple[FrameChoice, ReadOptions]:
     reading = ReadOptions(
         depth_unit_m=options.depth_unit, disparity=options.disparity,
         kinect_calibration=options.kinect_calibration, turn_degrees=options.turn, mirrored=options.mirrored,
-        min_confidence=options.min_confidence, color=not options.no_color, **lens,
+        min_confidence=options.min_confidence, color=not options.no_color,
+        native_color=bool(vars(options).get("texture")), **lens,
     )  # fmt: skip
     return (1 if getattr(options, "single_frame", False) else options.frames), reading
 
@@ -351,6 +355,7 @@ def settings_of(options: argparse.Namespace) -> Settings:
     from ..mirror_alignment.glass_alignment import BowSettings
     from ..pipeline import Settings
     from ..subject.subject_views import ViewSettings
+    from ..texture import TextureSettings
 
     given = vars(options)
     changes: dict = {"sensor": options.sensor}
@@ -364,7 +369,21 @@ def settings_of(options: argparse.Namespace) -> Settings:
         views=ViewSettings(click=given.get("subject"), object=given.get("object", False)),
         closing=ClosingSettings(keep_islands=given.get("keep_islands", False)),
         skeleton=given.get("skeleton", False),
+        measure=given.get("measure", False),
+        triangles=given.get("triangles"),
+        texture=TextureSettings(given["texture"], given["remove_light"]) if given.get("texture") else None,
     )
+
+
+def print_settings_of(options: argparse.Namespace) -> PrintSettings | None:
+    """What the options of :func:`.parser._add_print` say; None when they say nothing."""
+    wanted = {"height_mm": options.print_height, "wall_mm": options.hollow, "base_mm": options.base}
+    given = {name: value for name, value in wanted.items() if value is not None}
+    if not given:
+        return None
+    from ..printing import PrintSettings
+
+    return PrintSettings(**given)
 
 
 def run_evaluate(options: argparse.Namespace, writers: Writers) -> None:

@@ -9,7 +9,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,33 +20,80 @@ if TYPE_CHECKING:
     from ..mesh import Mesh
     from ..motion import Clip
     from ..pipeline import Reconstruction
+    from ..printing import PrintSettings
+
+    Write = Callable[[Path, Reconstruction], object]
 
 
 Writers = Mapping[str, Callable[..., object]]
 Readers = Mapping[str, Callable[["Path"], object]]
 
-BLENDER_SUFFIXES = (".blend", ".glb", ".fbx", ".usd", ".usdc")
-PLAIN_SUFFIXES = (".ply", ".obj", ".stl")
+BLENDER_SUFFIXES = (".blend", ".fbx", ".usd", ".usdc")
+PLAIN_SUFFIXES = (".glb", ".ply", ".obj")
+PRINT_SUFFIXES = (".stl", ".3mf")
+BESIDE_OBJ = (".mtl", ".png")
+"""What belongs to a textured .obj."""
 SIMULATION_ENTRIES = {"intrinsic.json", "color_intrinsic.json", "mirrors.json", "depth", "color", "truth"}
 
 
-def writer_of(
-    path: Path, writers: Writers, skeleton: bool = False, vrm: bool = False
-) -> Callable[[Path, Reconstruction], object]:
-    """What writes ``path``, by its suffix; an avatar with a skeleton goes to .glb without Blender."""
+@dataclass(frozen=True)
+class AvatarFiles:
+    """How an avatar is written.
+
+    ``vrm``: bones of .glb have VRM's names, too. ``prints``: how .stl and .3mf are made ready for a printer; None: as
+    the avatar is. ``textured`` and ``measured``: whether there will be a texture and measurements.
+    """
+
+    vrm: bool = False
+    prints: PrintSettings | None = None
+    textured: bool = False
+    measured: bool = False
+
+
+def writers_of(path: Path, writers: Writers, files: AvatarFiles = AvatarFiles()) -> list[tuple[Path, Write]]:
+    """What writes ``path``, by its suffix, and the files that belong beside it."""
     suffix = path.suffix.lower()
-    if suffix == ".glb" and skeleton:
-        return lambda target, result: write_glb(target, result, vrm)
+    if suffix == ".glb":
+        return [(path, lambda target, result: write_glb(target, result, files.vrm))]
+    if suffix in PRINT_SUFFIXES:
+        return [(path, lambda target, result: write_print(target, result, files.prints))]
+    if suffix == ".csv" and not files.measured:
+        raise OutputError(f"{path}: holds measurements; ask for them with --measure")
+    if suffix == ".csv":
+        return [(path, write_measures)]
+    if suffix == ".obj" and files.textured:
+        return [
+            (path, _write_textured_obj(path)),
+            *((path.with_suffix(end), _companion(path, end)) for end in BESIDE_OBJ),
+        ]
     if suffix in PLAIN_SUFFIXES:
         from ..io import write_mesh
 
-        return lambda target, result: write_mesh(target, result.mesh)
-    if suffix in writers:
-        return writers[suffix]
+        return [(path, lambda target, result: write_mesh(target, result.mesh))]
+    if suffix in BLENDER_SUFFIXES and suffix in writers:
+        return [(path, writers[suffix])]
     if suffix in BLENDER_SUFFIXES:
-        raise OutputError(f"{_needs_blender(path)}. Without it, write .ply, .obj or .stl, or .glb with --skeleton")
-    known = ", ".join((*PLAIN_SUFFIXES, *BLENDER_SUFFIXES))
+        raise OutputError(f"{_needs_blender(path)}. Without it, write .glb, .ply, .obj, .stl or .3mf")
+    known = ", ".join((*PLAIN_SUFFIXES, *PRINT_SUFFIXES, ".csv", *BLENDER_SUFFIXES))
     raise OutputError(f"{path}: unknown format “{path.suffix}”; use one of {known}")
+
+
+def _write_textured_obj(path: Path) -> Write:
+    from ..io import write_mesh
+
+    return lambda target, result: write_mesh(target, result.mesh, result.texture, path.stem)
+
+
+def _companion(path: Path, end: str) -> Write:
+    """What writes the material or the image of a textured .obj at ``path``."""
+
+    def write(target: Path, result: Reconstruction) -> None:
+        from ..io.mesh_files import obj_companions
+
+        assert result.texture is not None  # it was asked for
+        target.write_bytes(obj_companions(path, result.texture)[path.with_suffix(end)])
+
+    return write
 
 
 def _needs_blender(path: Path) -> str:
@@ -109,14 +156,36 @@ def write_glb(path: Path, result: Reconstruction, vrm: bool = False) -> None:
     if result.frame == "camera":
         mesh = mesh.transformed(result.camera_to_avatar)
         skeleton = None if skeleton is None else skeleton.transformed(result.camera_to_avatar)
-    write_avatar(path, Avatar(mesh, skeleton, result.weights), vrm and skeleton is not None)
+    write_avatar(path, Avatar(mesh, skeleton, result.weights, texture=result.texture), vrm and skeleton is not None)
+
+
+def write_print(path: Path, result: Reconstruction, prints: PrintSettings | None) -> None:
+    """Write .stl or .3mf, in millimetres; standing upright, so always in the avatar frame."""
+    from ..io import write_mesh
+
+    mesh = result.mesh if result.frame == "avatar" else result.mesh.transformed(result.camera_to_avatar)
+    if prints is None:
+        write_mesh(path, mesh, result.texture)
+        return
+    from ..printing import prepare_print
+
+    write_mesh(path, prepare_print(mesh, prints))
+
+
+def write_measures(path: Path, result: Reconstruction) -> None:
+    """Write the measurements as .csv."""
+    from ..measurements import write_measurements
+
+    if result.measurements is None:
+        raise OutputError(f"{path}: the body could not be measured; the warnings say why")
+    write_measurements(path, result.measurements)
 
 
 def plan_outputs(
-    paths: Iterable[Path], writers: Writers, skeleton: bool = False, vrm: bool = False
-) -> list[tuple[Path, Callable]]:
-    """Each path with what writes it."""
-    return [(path, writer_of(path, writers, skeleton, vrm)) for path in paths]
+    paths: Iterable[Path], writers: Writers, files: AvatarFiles = AvatarFiles()
+) -> list[tuple[Path, Write]]:
+    """Each path, and those that belong beside it, with what writes it."""
+    return [planned for path in paths for planned in writers_of(path, writers, files)]
 
 
 def check_targets(paths: Sequence[Path]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +18,8 @@ OPTICS = ("ideal", "real")
 EFFECTS = ("multipath", "glass", "bow", "attenuation", "dark", "skin", "noise", "warp", "color", "uneven")
 CAMERAS = ("realsense",)
 GARMENTS = ("tshirt", "trousers", "skirt")
+TEXTURE_SIZE = 2048
+"""Width and height of a texture unless another is asked for [px]."""
 DEMO_FOLDER = "mirror_scan_demo"
 EXPERIMENT_FOLDER = "{}_experiment"
 
@@ -69,7 +72,7 @@ def _add_reconstruct(subparsers: _Commands) -> None:
     )  # fmt: skip
     command.add_argument(
         "-o", dest="outputs", metavar="OUT", type=Path, action="append", required=True,
-        help="file to write, by suffix: .ply .obj .stl, with --skeleton .glb, with Blender also .blend .glb .fbx .usd; "
+        help="file to write, by suffix: .glb .ply .obj .stl .3mf, with --measure .csv, with Blender .blend .fbx .usd; "
         "may be given several times",
     )  # fmt: skip
     command.add_argument("--mirrors", metavar="FILE", type=Path, help="mirrors.json to use instead of the capture's")
@@ -83,20 +86,52 @@ def _add_reconstruct(subparsers: _Commands) -> None:
         "--subject", metavar="U,V", type=_pixel, help="pixel of the depth image on the subject, if another is found"
     )
     command.add_argument("--object", action="store_true", help="the subject is any object: cut off what it stands on")
-    command.add_argument(
-        "--skeleton", action="store_true", help="give the avatar joints and skin weights, so that it can be posed"
-    )
-    command.add_argument("--vrm", action="store_true", help="name the bones of VRM's humanoid in .glb, too")
     command.add_argument("--keep-islands", action="store_true", help="keep pieces that are not connected to the body")
     command.add_argument("--report", metavar="FILE", type=Path, help="write what was found and measured, as JSON")
     command.add_argument("--frame", choices=("avatar", "camera"), default="avatar", help="coordinates (default avatar)")
     command.add_argument("--single-frame", action="store_true", help="use only the first depth frame of a burst")
+    _add_avatar(command)
+    _add_print(command)
     _add_reading(command)
     _add_cleaning(command)
     _add_glass(command)
     _add_light(command)
     _add_quiet(command)
     command.set_defaults(run=commands.run_reconstruct)
+
+
+def _add_avatar(command: argparse.ArgumentParser) -> None:
+    """Options for what the closed mesh becomes."""
+    group = command.add_argument_group("avatar", "what the closed mesh becomes")
+    group.add_argument(
+        "--skeleton", action="store_true", help="give the avatar joints and skin weights, so that it can be posed"
+    )
+    group.add_argument("--vrm", action="store_true", help="name the bones of VRM's humanoid in .glb, too")
+    group.add_argument(
+        "--texture", metavar="SIZE", type=_texture_size, nargs="?", const=TEXTURE_SIZE,
+        help="lay an image of the colour camera's own pixels on the avatar, SIZE pixels wide and high "
+        f"(256 to 8192, or 1K to 8K; default {TEXTURE_SIZE})",
+    )  # fmt: skip
+    group.add_argument(
+        "--remove-light", action="store_true", help="with --texture: take the capture's light out of the colours"
+    )
+    group.add_argument(
+        "--measure", action="store_true",
+        help="measure the body as a tape would; written to the report, and to OUT.csv if that is given with -o",
+    )  # fmt: skip
+    group.add_argument(
+        "--triangles", metavar="N", type=_whole(100, 10_000_000), help="reduce the avatar to N triangles"
+    )
+
+
+def _add_print(command: argparse.ArgumentParser) -> None:
+    """Options for .stl and .3mf, which are printed."""
+    group = command.add_argument_group("print", "for .stl and .3mf, which are written in millimetres")
+    group.add_argument(
+        "--print-height", metavar="MM", type=_millimetres(10, 3000), help="height of the print; default life size"
+    )
+    group.add_argument("--hollow", metavar="MM", type=_millimetres(0.4, 100), help="make it hollow, with walls of MM")
+    group.add_argument("--base", metavar="MM", type=_millimetres(0.4, 100), help="stand it on a base plate, MM thick")
 
 
 def _add_animate(subparsers: _Commands) -> None:
@@ -400,6 +435,26 @@ def _size(text: str) -> tuple[int, int]:
     if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 4096 and 0 < int(height) <= 4096):
         raise argparse.ArgumentTypeError(f"must be as 848x480, not {text}")
     return int(width), int(height)
+
+
+def _texture_size(text: str) -> int:
+    """A type for argparse: width of a texture, as 2048 or 2K."""
+    size = 1024 * int(text[:-1]) if text[-1:] in "kK" else int(text)
+    if not 256 <= size <= 8192:
+        raise argparse.ArgumentTypeError(f"must be from 256 to 8192 pixels, or 1K to 8K, not {text}")
+    return size
+
+
+_texture_size.__name__ = "size in pixels"
+
+
+def with_explicit_sizes(arguments: list[str]) -> list[str]:
+    """Arguments in which ``--texture`` without a size has one: argparse would take the next argument for it."""
+    explicit = []
+    for here, after in zip(arguments, [*arguments[1:], ""], strict=True):
+        bare = here == "--texture" and not re.fullmatch(r"\d+[kK]?", after)
+        explicit.append(f"--texture={TEXTURE_SIZE}" if bare else here)
+    return explicit
 
 
 def _pixel(text: str) -> tuple[float, float]:

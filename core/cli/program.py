@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import MirrorScanError, OutputError
 from .outputs import Readers, Writers
-from .parser import build_parser
+from .parser import build_parser, with_explicit_sizes
 from .terminal import complain, kernels_reported
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def _run(
     argv: Sequence[str] | None, prog: str, writers: Writers, find_bridge: Callable | None, readers: Readers
 ) -> int:
     try:
-        options = build_parser(prog).parse_args(argv)
+        options = build_parser(prog).parse_args(with_explicit_sizes(list(sys.argv[1:] if argv is None else argv)))
     except SystemExit as stop:  # argparse has said what there is to say
         return stop.code if isinstance(stop.code, int) else 2
     except OutputError as error:  # the help, into a file on a full disk

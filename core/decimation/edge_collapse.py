@@ -236,7 +236,8 @@ def _push(s, cost, u, v):
 @_inner
 def _sides(s, u, v, found):
     """Triangles of the edge u v: for the first two into ``found`` (2, 4) their corners at u, v and opposite, and the
-    triangle; returns how many there are."""
+    triangle; returns how many there are.
+    """
     n = 0
     c = s.head[u]
     while c >= 0:

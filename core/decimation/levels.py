@@ -43,9 +43,7 @@ class Reduced:
     notes: tuple[Notice, ...] = ()
 
 
-def decimate(
-    mesh: Mesh, triangles: int, texture: Texture | None = None, weights: SkinWeights | None = None
-) -> Reduced:
+def decimate(mesh: Mesh, triangles: int, texture: Texture | None = None, weights: SkinWeights | None = None) -> Reduced:
     """The mesh with ``triangles`` triangles or one fewer, the surface and what lies on it as near to it as can be.
 
     Edges collapse by quadrics (Garland and Heckbert 1997). A closed manifold stays one, in as many pieces and with as
@@ -215,6 +213,4 @@ def _level(
             "it or shift its texture; ask for more triangles, or reduce before the texture is made",
             found=len(kept), count=count,
         ))  # fmt: skip
-    return Reduced(
-        smaller, smaller_texture, None if weights is None else blended_weights(weights, at), tuple(notes)
-    )
+    return Reduced(smaller, smaller_texture, None if weights is None else blended_weights(weights, at), tuple(notes))

@@ -30,9 +30,9 @@ def write_mesh(
     :class:`.triangle_mesh.Mesh` has: ``red green blue`` (uchar) and ``view`` (char) per vertex, ``kind`` (uchar) per
     face. Coordinates are float32 in PLY and STL (0.1 µm at 2 m), micrometres in OBJ. 3MF holds colours.
 
-    A ``texture`` of the mesh's triangles goes into 3MF files, and into OBJ files, which then have an .mtl and a .png of
-    the same name beside them; the other formats have no place for it. ``companions`` names those two files when somebody
-    else writes them (:func:`obj_companions`).
+    A ``texture`` of the mesh's triangles goes into 3MF files, and into OBJ files, which then have an .mtl and a .png
+    of the same name beside them; the other formats have no place for it. ``companions`` is the stem of those two files
+    where the caller writes them (:func:`obj_companions`).
 
     Raises
     ------

@@ -167,6 +167,12 @@ def plane_mirror(name: str, point: np.ndarray | None, normal: np.ndarray | None)
     return Mirror(name, point, *oriented(normal, point), source="given")
 
 
+def in_frame(mirror: Mirror, pose: np.ndarray) -> Mirror:
+    """The mirror in another frame, to which ``pose`` (4, 4), rigid, leads; its outline stays the camera's."""
+    basis = pose[:3, :3] @ mirror.basis
+    return replace(mirror, point=pose[:3, :3] @ mirror.point + pose[:3, 3], normal=basis[:, 2], basis=basis)
+
+
 def reflection_matrix(mirror: Mirror) -> np.ndarray:
     """Reflection over the mirror as one matrix (4, 4): to mirror coordinates, flip z, and back (paper eq. 2–4)."""
     flip = np.diag((1.0, 1.0, -1.0))

@@ -15,6 +15,7 @@ __all__ = [
     "inspection",
     "multi_camera",
     "reconstruction",
+    "report",
     "rig_calibration",
     "scan",
 ]

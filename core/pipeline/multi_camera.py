@@ -11,15 +11,16 @@ from ..capture import Capture, MirrorPicks
 from ..capture.camera_poses import check_pose
 from ..checks.camera_contradictions import check_cameras
 from ..errors import CaptureError, Notice, ReconstructionError
-from ..mirrors import Mirror
+from ..mirrors.mirror import in_frame
 from ..numeric.blas_threads import one_blas_thread
 from ..numeric.point_products import transform
 from ..views.view_maps import stack_maps
+from .avatar_stages import check_wishes, shares
 from .lines_of_sight import Figures, check_meeting_point, check_way_round, meeting_point_of
 from .reconstruction import Progress, check_frame, finish
 from .scan import Clock, Scan, scan_steps
 from .settings import Settings
-from .surface import Reconstruction, joining_steps
+from .surface import SCAN_SHARE, PlacedCapture, Reconstruction, joining_steps
 
 MAX_VIEWS = 127
 """Views are numbered in one signed byte."""
@@ -74,6 +75,7 @@ def reconstruction_views_steps(
     check_frame(frame)
     if not captures or len(poses) != len(captures):
         raise CaptureError(f"{len(captures)} capture(s) come with {len(poses)} pose(s); give one pose for each capture")
+    check_wishes(captures, settings)
     names = _distinct([capture.name for capture in captures])
     to_world = [check_pose(pose, name) for pose, name in zip(poses, names, strict=True)]
     to_first = [np.linalg.inv(to_world[0]) @ pose for pose in to_world]
@@ -87,10 +89,10 @@ def reconstruction_views_steps(
     clock = Clock()
     figures = Figures(captures, known, settings)
     meeting_point = meeting_point_of(to_first, figures, settings)
-    scans = []
+    scans, whole = [], SCAN_SHARE * shares(settings)["scan"][1]
     for k, (capture, pose) in enumerate(zip(captures, to_first, strict=True)):
         meeting = None if meeting_point is None else transform(meeting_point[None], np.linalg.inv(pose))[0]
-        part = (0.6 * k / len(captures), 0.6 * (k + 1) / len(captures))
+        part = (whole * k / len(captures), whole * (k + 1) / len(captures))
         alone = len(captures) == 1
         try:
             placed = figures.mirrors(k)
@@ -109,8 +111,12 @@ def reconstruction_views_steps(
     except ReconstructionError:
         check_way_round(to_world, figures)
         raise
+    placed = [
+        PlacedCapture(capture, pose, len(scan.mirrors))
+        for capture, pose, scan in zip(captures, to_first, scans, strict=True)
+    ]
     with one_blas_thread():
-        return (yield from joining_steps(joined, settings, frame, clock))
+        return (yield from joining_steps(joined, placed, settings, frame, clock))
 
 
 def join_scans(scans: Sequence[Scan], poses: Sequence[np.ndarray], names: Sequence[str]) -> Scan:
@@ -182,8 +188,8 @@ def join_scans(scans: Sequence[Scan], poses: Sequence[np.ndarray], names: Sequen
         floor,
         [f"{name}: {view}" if len(scan.names) > 1 else name for name, scan in zip(names, scans, strict=True)
          for view in scan.names],
-        [_moved(mirror, pose, name) for name, scan, pose in zip(names, scans, poses, strict=True)
-         for mirror in scan.mirrors],
+        [replace(in_frame(mirror, pose), name=f"{name}: {mirror.name}")
+         for name, scan, pose in zip(names, scans, poses, strict=True) for mirror in scan.mirrors],
         ", ".join(dict.fromkeys(scan.sensor for scan in scans)),
         tuple(warnings),
         np.concatenate([scan.limits for scan in scans]),
@@ -202,13 +208,6 @@ def _lit_twice(scans: Sequence[Scan], weights: np.ndarray) -> tuple[float, float
         return None
     lit, corrected = np.average(shares, axis=0, weights=weights)
     return float(lit), float(corrected)
-
-
-def _moved(mirror: Mirror, pose: np.ndarray, camera: str) -> Mirror:
-    """The mirror in another frame, under the camera's name; its outline stays that camera's."""
-    basis = pose[:3, :3] @ mirror.basis
-    point = transform(mirror.point[None], pose)[0]
-    return replace(mirror, name=f"{camera}: {mirror.name}", point=point, normal=basis[:, 2], basis=basis)
 
 
 def _distinct(names: list[str]) -> list[str]:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 
+import numpy as np
+
 from ..capture import Capture, MirrorPicks
 from ..errors import ReconstructionError
 from ..mirrors import Mirror
 from ..numeric.blas_threads import one_blas_thread
+from .avatar_stages import check_wishes, shares
 from .scan import Clock, scan_steps
 from .settings import Settings
-from .surface import Reconstruction, joining_steps
+from .surface import SCAN_SHARE, PlacedCapture, Reconstruction, joining_steps
 
 Progress = Callable[[float, str], None]
 
@@ -68,11 +71,13 @@ def reconstruction_steps(
     Yields (fraction done, what comes next), returns the :class:`.surface.Reconstruction`.
     """
     check_frame(frame)
+    check_wishes([capture], settings)
     picks = capture.mirrors if mirrors is None else tuple(mirrors)
     clock = Clock()
     with one_blas_thread():
-        scan = yield from scan_steps(capture, picks, settings, clock, (0.0, 0.6))
-        return (yield from joining_steps(scan, settings, frame, clock))
+        scan = yield from scan_steps(capture, picks, settings, clock, (0.0, SCAN_SHARE * shares(settings)["scan"][1]))
+        placed = [PlacedCapture(capture, np.eye(4), len(scan.mirrors))]
+        return (yield from joining_steps(scan, placed, settings, frame, clock))
 
 
 def check_frame(frame: str) -> None:

@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..avatar.skeleton import BONES, Skeleton
 from ..mesh import FILL, SEAM, Mesh
-from ..mesh.soundness import mesh_report
 from ..zippering.seam_strips import Seam
+from .avatar_stages import AvatarParts
 from .scan import Clock, Scan
 
+if TYPE_CHECKING:
+    from ..measurements import Measurements
+    from ..texture import TextureSummary
 
-def make_report(
-    mesh: Mesh,
-    to_avatar: np.ndarray,
-    scan: Scan,
-    patches: list[Mesh],
-    seams: list[Seam],
-    warnings: tuple[str, ...],
-    clock: Clock,
-    skeleton: Skeleton | None = None,
-) -> dict:
-    """The report as plain Python values, ready for JSON."""
-    assert mesh.kind is not None  # a closed mesh says it
-    checked = mesh_report(mesh)
+
+def scan_report(scan: Scan, patches: list[Mesh], seams: list[Seam], to_avatar: np.ndarray) -> dict:
+    """What the report says of cameras, mirrors, views and seams; plain Python values, ready for JSON."""
     names = scan.names
     person = np.concatenate([patch.vertices for patch in patches])[::97]
-    clock.lap("checking")
-    report = {
+    return {
         "camera_to_avatar": to_avatar.tolist(),
         "sensor": scan.sensor,
         "cameras": [{"sensor": one.sensor, "measures": one.measures, "by": one.by} for one in scan.principles],
@@ -65,6 +60,16 @@ def make_report(
             for k, (name, patch) in enumerate(zip(names, patches, strict=True))
         ],
         "seams": _seam_summary(seams, names),
+    }
+
+
+def make_report(
+    of_scan: dict, scan: Scan, avatar: AvatarParts, soundness: dict, warnings: tuple[str, ...], clock: Clock
+) -> dict:
+    """The whole report: what :func:`scan_report` says, and the avatar, whose mesh has that ``soundness``."""
+    mesh, checked = avatar.mesh, soundness
+    assert mesh.kind is not None  # a closed mesh says it
+    report = of_scan | {
         "mesh": {
             "vertices": len(mesh.vertices),
             "triangles": len(mesh.triangles),
@@ -84,7 +89,13 @@ def make_report(
         "timings_ms": {name: round(value, 2) for name, value in clock.laps.items()},
         "warnings": [str(warning) for warning in warnings],  # without the parts of notices
     }
-    return report if skeleton is None else report | {"skeleton": skeleton_summary(skeleton)}
+    if avatar.skeleton is not None:
+        report["skeleton"] = skeleton_summary(avatar.skeleton)
+    if avatar.measurements is not None:
+        report["measurements"] = measurement_summary(avatar.measurements)
+    if avatar.summary is not None:
+        report["texture"] = texture_summary(avatar.summary)
+    return report
 
 
 def skeleton_summary(skeleton: Skeleton) -> dict:
@@ -93,6 +104,20 @@ def skeleton_summary(skeleton: Skeleton) -> dict:
         "joints": dict(zip(BONES, skeleton.joints.tolist(), strict=True)),
         "confidence": dict(zip(BONES, skeleton.confidence.tolist(), strict=True)),
     }
+
+
+def measurement_summary(measurements: Measurements) -> dict:
+    """Each measure with its error and its name in ISO 8559-1, by our own name [mm]."""
+    return {
+        name: {"mm": round(found.mm, 1), "error_mm": round(found.error_mm, 1), "iso_name": found.iso_name}
+        for name, found in measurements.items()
+    }
+
+
+def texture_summary(summary: TextureSummary) -> dict:
+    """What a texture is like; ``used`` and the shares are parts of 1."""
+    found = asdict(summary)
+    return {"size": found.pop("size"), "islands": found.pop("islands"), "used": found.pop("used_share"), **found}
 
 
 def _millimetres(value: float | None) -> float | None:

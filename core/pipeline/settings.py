@@ -21,12 +21,17 @@ from ..patches.grid_triangulation import TriangulationSettings
 from ..patches.outline_colors import ColorSettings
 from ..patches.view_comparison import OverlapSettings
 from ..subject.subject_views import ViewSettings
+from ..texture import TextureSettings
 from ..zippering.zipper import ZipperSettings
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Every stage's settings; the defaults work. ``skeleton``: the avatar gets joints and skin weights."""
+    """Every stage's settings; the defaults work.
+
+    ``skeleton``: the avatar gets joints and skin weights. ``measure``: the body is measured. ``triangles``: how many
+    the avatar is reduced to; None leaves them. ``texture``: how it is made; None makes none.
+    """
 
     depth: DepthSettings = DepthSettings()
     mirror: MirrorSettings = MirrorSettings()
@@ -48,3 +53,6 @@ class Settings:
     seam_glass: SeamGlassSettings = SeamGlassSettings()
     closing: ClosingSettings = ClosingSettings()
     skeleton: bool = False
+    measure: bool = False
+    triangles: int | None = None
+    texture: TextureSettings | None = None

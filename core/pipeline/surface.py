@@ -2,33 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..avatar.coordinate_frame import avatar_frame
 from ..avatar.pose import SkinWeights
 from ..avatar.skeleton import Skeleton
-from ..avatar.skin_weights import skinned_mesh
+from ..capture import Capture
 from ..checks.plausibility import ScanFacts, check_avatar
 from ..checks.view_disagreement import check_seams
 from ..closing.mesh_closing import close_mesh
-from ..errors import MirrorScanError, Notice
 from ..hole_filling.foot_hulls import foot_hulls
 from ..mesh import Mesh, Texture
+from ..mesh.soundness import mesh_report
 from ..mirror_alignment.seam_alignment import align_seams, mirrored_views, move_views
 from ..mirror_alignment.seam_glass import glass_by_seams, seen_through
 from ..mirrors import Mirror
-from ..mirrors.mirror import reflection_matrix
+from ..mirrors.mirror import in_frame, reflection_matrix
 from ..patches.overlap import part_overlaps
 from ..views.view_maps import ViewMaps
 from ..zippering.exposure import match_exposures
 from ..zippering.seam_strips import Seam
 from ..zippering.zipper import zip_patches
-from .report import make_report
+from .avatar_stages import Shot, avatar_steps, scaled, shares
+from .report import make_report, scan_report
 from .scan import Clock, Scan
 from .settings import Settings
+
+if TYPE_CHECKING:
+    from ..measurements import Measurements
+
+SCAN_SHARE = 0.6
+"""Of the progress from capture to closed mesh: as far as the patches."""
 
 _CURVED = 1.0
 """Where light comes two ways readings are missing round the flanks, which are never hollow: along the spine both ways
@@ -62,6 +70,8 @@ class Reconstruction:
         Of the mesh's vertices, where there is a skeleton.
     texture : Texture or None
         Of the mesh's triangles, where one was asked for.
+    measurements : Measurements or None
+        Of the body, where they were asked for and it has a skeleton.
     """
 
     mesh: Mesh
@@ -74,21 +84,81 @@ class Reconstruction:
     skeleton: Skeleton | None = None
     weights: SkinWeights | None = None
     texture: Texture | None = None
+    measurements: Measurements | None = None
+
+
+@dataclass(frozen=True)
+class PlacedCapture:
+    """A capture of a scan.
+
+    Parameters
+    ----------
+    capture : Capture
+    pose : np.ndarray [shape=(4, 4)]
+        Rigid: the camera's frame → that of the scan.
+    mirrors : int
+        How many of the scan's mirrors are this camera's; they stand in the order of the cameras.
+    """
+
+    capture: Capture
+    pose: np.ndarray
+    mirrors: int
+
+
+@dataclass(frozen=True)
+class ClosedSurface:
+    """What zippering and closing made of a scan: the closed ``mesh`` in the avatar frame, and how."""
+
+    mesh: Mesh
+    to_avatar: np.ndarray
+    soundness: dict
+    scan: Scan
+    patches: list[Mesh]
+    seams: list[Seam]
+    warnings: tuple[str, ...]
 
 
 def joining_steps(
-    scan: Scan, settings: Settings, frame: str, clock: Clock
+    scan: Scan, cameras: Sequence[PlacedCapture], settings: Settings, frame: str, clock: Clock
 ) -> Generator[tuple[float, str], None, Reconstruction]:
-    """Patches → one closed mesh: the second half of the job."""
-    yield 0.6, "Cutting overlaps"
+    """Patches → the avatar: the second half of the job."""
+    end = shares(settings)["scan"][1]
+    closed = yield from scaled(closing_steps(scan, settings, clock), (SCAN_SHARE * end, end))
+    scan, to_avatar = closed.scan, closed.to_avatar
+    of_scan = scan_report(scan, closed.patches, closed.seams, to_avatar)
+    shots = _shots(scan, cameras, to_avatar)
+    avatar = yield from avatar_steps(closed.mesh, shots, of_scan, settings, clock)
+    if not settings.skeleton:  # it was of use for other parts only
+        avatar = replace(avatar, skeleton=None, weights=None)
+    soundness = closed.soundness if avatar.mesh is closed.mesh else mesh_report(avatar.mesh)
+    clock.lap("checking")
+    warnings = (*closed.warnings, *avatar.notices)
+    report = make_report(of_scan, scan, avatar, soundness, warnings, clock)
+    if frame == "camera":
+        avatar = avatar.transformed(np.linalg.inv(to_avatar))
+    return Reconstruction(
+        avatar.mesh, frame, to_avatar, report, warnings, tuple(closed.patches), tuple(scan.mirrors),
+        avatar.skeleton, avatar.weights, avatar.texture, avatar.measurements,
+    )  # fmt: skip
+
+
+def closing_steps(scan: Scan, settings: Settings, clock: Clock) -> Generator[tuple[float, str], None, ClosedSurface]:
+    """Patches → one closed mesh that can be right.
+
+    Raises
+    ------
+    ReconstructionError
+        The result cannot be right; the message says the likely cause.
+    """
+    yield 0.0, "Cutting overlaps"
     patches = part_overlaps(scan.patches, scan.maps, settings.overlap)
     clock.lap("overlap")
 
-    yield 0.7, "Zippering the seams"
+    yield 0.25, "Zippering the seams"
     open_mesh, seams, twin = _zippered(patches, scan, settings)
     clock.lap("zippering")
 
-    yield 0.78, "Comparing the seams"
+    yield 0.45, "Comparing the seams"
     scan, thick = glass_shown(scan, open_mesh, settings)
     aligned = None if thick else seams_aligned(scan, open_mesh, settings)
     scan = aligned or scan
@@ -101,46 +171,29 @@ def joining_steps(
         open_mesh = match_exposures(open_mesh, np.linalg.det(scan.maps.to_view[:, :3, :3]) < 0)
     clock.lap("seams")
 
-    yield 0.8, "Closing the mesh"
+    yield 0.5, "Closing the mesh"
     closing = settings.closing if scan.lit_twice is None else replace(settings.closing, curved=_CURVED)
     closed, notes = close_mesh(open_mesh, scan.maps, scan.up, scan.floor, closing, twin)
     clock.lap("closing")
 
-    yield 0.95, "Checking the result"
+    yield 0.87, "Checking the result"
     to_avatar = avatar_frame(closed.vertices, scan.up, scan.axis, scan.floor)
     mesh = closed.transformed(to_avatar)
-    warnings = (*scan.warnings, *notes)
-    skeleton = weights = None
-    if settings.skeleton:
-        yield 0.96, "Finding the skeleton"
-        skeleton, reasons = _skeleton_of(mesh, settings)
-        warnings = (*warnings, *reasons)
-        if skeleton is not None:
-            mesh, weights = skinned_mesh(mesh, skeleton)
-        clock.lap("skeleton")
-    report = make_report(mesh, to_avatar, scan, patches, seams, warnings, clock, skeleton)
-    litres = report["mesh"]["volume_l"]
-    facts = _facts(scan, settings, to_avatar)
-    check_avatar(mesh, None if litres is None else 1e-3 * litres, facts, settings.views.object)
-    if frame == "camera":
-        to_camera = np.linalg.inv(to_avatar)
-        mesh = closed if skeleton is None else mesh.transformed(to_camera)
-        skeleton = None if skeleton is None else skeleton.transformed(to_camera)
-    return Reconstruction(
-        mesh, frame, to_avatar, report, warnings, tuple(patches), tuple(scan.mirrors), skeleton, weights
-    )
+    soundness = mesh_report(mesh)
+    check_avatar(mesh, soundness["volume_m3"], _facts(scan, settings, to_avatar), settings.views.object)
+    clock.lap("checking")
+    return ClosedSurface(mesh, to_avatar, soundness, scan, patches, seams, (*scan.warnings, *notes))
 
 
-def _skeleton_of(mesh: Mesh, settings: Settings) -> tuple[Skeleton | None, tuple[Notice, ...]]:
-    """The skeleton of an avatar, or why it has none."""
-    from ..avatar.joints.skeleton_search import find_skeleton
-
-    if settings.views.object:
-        return None, (Notice("skeleton: none, since the subject is an object and no person"),)
-    try:
-        return find_skeleton(mesh), ()
-    except MirrorScanError as error:
-        return None, (error.notice,)
+def _shots(scan: Scan, cameras: Sequence[PlacedCapture], to_avatar: np.ndarray) -> list[Shot]:
+    """What each camera took, with its own mirrors in its own frame."""
+    shots, first = [], 0
+    for camera in cameras:
+        to_camera = np.linalg.inv(camera.pose)
+        mirrors = tuple(in_frame(mirror, to_camera) for mirror in scan.mirrors[first : first + camera.mirrors])
+        first += camera.mirrors
+        shots.append(Shot(camera.capture, mirrors, to_avatar @ camera.pose))
+    return shots
 
 
 def _zippered(patches: list[Mesh], scan: Scan, settings: Settings) -> tuple[Mesh, list[Seam], np.ndarray]:

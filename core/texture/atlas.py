@@ -228,9 +228,7 @@ def _texel(
                     color[q] += share / (n * n) * sample[q]
         offset = shading.offset
         for q in range(3):
-            color[q] += share * (
-                bary[0] * offset[a, k, q] + bary[1] * offset[b, k, q] + bary[2] * offset[c, k, q]
-            )
+            color[q] += share * (bary[0] * offset[a, k, q] + bary[1] * offset[b, k, q] + bary[2] * offset[c, k, q])
     factor = bary[0] * shading.factor[a] + bary[1] * shading.factor[b] + bary[2] * shading.factor[c]
     for q in range(3):
         color[q] *= factor

@@ -112,7 +112,7 @@ def color_views(capture: ColoredCapture, mirrors: Sequence[Mirror], camera_to_av
         return []
     to_camera = np.linalg.inv(camera_to_avatar)
     straight = to_color @ to_camera
-    views = [ColorView("straight", image, intrinsics, straight, straight)]
+    views = [ColorView("direct", image, intrinsics, straight, straight)]
     for mirror in mirrors:
         through = to_color @ reflection_matrix(mirror) @ to_camera
         outline = _outline(mirror, intrinsics, to_color)

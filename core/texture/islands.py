@@ -164,7 +164,9 @@ def _smoothed(label: np.ndarray, twin: np.ndarray, area: np.ndarray) -> np.ndarr
     own = area + 1e-15
     total = own + weight.sum(axis=1)
     for _ in range(_SMOOTHING):
-        share = share * (own / total)[:, None]+ sum((weight[:, k] / total)[:, None] * share[neighbour[:, k]] for k in range(3))
+        share = share * (own / total)[:, None] + sum(
+            (weight[:, k] / total)[:, None] * share[neighbour[:, k]] for k in range(3)
+        )
     return share.argmax(axis=1)
 
 

@@ -68,9 +68,7 @@ def gain_tables(gains: np.ndarray) -> np.ndarray:
     return (255.0 * from_linear(np.minimum(gains[:, :, None] * light, 1.0))).astype(np.float32)
 
 
-def level_seams(
-    graph: tuple[np.ndarray, np.ndarray], seen: Seen, colors: np.ndarray, weight: np.ndarray
-) -> np.ndarray:
+def level_seams(graph: tuple[np.ndarray, np.ndarray], seen: Seen, colors: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """What is added to each view's colours (V, K, 3) so that views agree at their borders.
 
     Parameters

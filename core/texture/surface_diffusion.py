@@ -37,7 +37,9 @@ def diffuse(
     """
     start, heads = graph
     value = np.where((member & (pull > 0))[:, None], target, 0.0).astype(np.float64)
-    _diffuse_kernel(start, heads, value, np.ascontiguousarray(target, np.float64), pull.astype(np.float64), member, rounds)
+    _diffuse_kernel(
+        start, heads, value, np.ascontiguousarray(target, np.float64), pull.astype(np.float64), member, rounds
+    )
     return value
 
 

@@ -44,9 +44,9 @@ def view_weights(label: np.ndarray, seen: Seen, triangles: np.ndarray) -> np.nda
     weight = np.zeros((count, views + 1))
     taken = np.where(label < 0, views, label)
     for k in range(3):
-        weight += np.bincount(
-            triangles[:, k] * (views + 1) + taken, minlength=count * (views + 1)
-        ).reshape(count, views + 1)
+        weight += np.bincount(triangles[:, k] * (views + 1) + taken, minlength=count * (views + 1)).reshape(
+            count, views + 1
+        )
     weight[:, :views][seen.score <= 0] = 0.0
     weight[weight.sum(axis=1) == 0, views] = 1.0
     return (weight / weight.sum(axis=1, keepdims=True)).astype(np.float32)

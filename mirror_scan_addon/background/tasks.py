@@ -18,7 +18,7 @@ import numpy as np
 
 from ...core.camera import Intrinsics, RgbdImage
 from ...core.errors import CaptureError, MirrorError, MirrorScanError
-from ...core.mesh import Mesh
+from ...core.mesh import Mesh, Texture
 from ...core.mirrors import Mirror
 from ...core.preview.palette import depth_colors
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ...core.avatar.pose import SkinWeights
     from ...core.avatar.skeleton import Skeleton
     from ...core.capture import Capture
+    from ...core.measurements import Measurements
     from ...core.motion import Clip, Motion, Soles
 
 Result = TypeVar("Result")
@@ -136,6 +137,46 @@ class Rigged:
 
 
 @dataclass(frozen=True)
+class Source:
+    """What an avatar was built from.
+
+    Parameters
+    ----------
+    path, frames, reading
+        As :func:`build_steps` takes them; an empty path says that ``cloud`` is all there is.
+    mirrors : list of dict
+        Records of the mirrors as they were in the end.
+    placement : list
+        (4, 4), rigid: camera frame → avatar frame.
+    cloud : Cloud or None
+    """
+
+    path: str
+    frames: int
+    reading: dict
+    mirrors: list[dict]
+    placement: list
+    cloud: Cloud | None
+
+
+@dataclass(frozen=True)
+class Textured:
+    """A texture of an avatar's triangles, and what the report says of it."""
+
+    texture: Texture
+    summary: dict
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A body's measurements, and what the report says of them."""
+
+    measurements: Measurements
+    summary: dict
+
+
+@dataclass(frozen=True)
 class Simulated:
     """A virtual capture, and what of the body (V,) int8 each view sees best, with the shares of its surface."""
 
@@ -167,14 +208,14 @@ def record_steps(camera: str, folder: str, frames: int) -> Steps[Loaded]:
     return (yield from load_steps(folder, 0))
 
 
-def _open(path: str, frames: int, mirrors_path: str, reading: dict | None) -> Capture:
+def _open(path: str, frames: int, mirrors_path: str, reading: dict | None, native_color: bool = False) -> Capture:
     from ...core.capture import ReadOptions, open_capture
     from ...core.capture.folders.lens_file import lens_options
     from ...core.capture.folders.rgbd_folder import read_mirrors
 
     options = dict(reading or {})
     intrinsics = options.pop("intrinsics", "")
-    options = ReadOptions(**(lens_options(intrinsics) if intrinsics else {}), **options)
+    options = ReadOptions(**(lens_options(intrinsics) if intrinsics else {}), **options, native_color=native_color)
     capture = open_capture(path, frames or None, options)
     if mirrors_path:
         capture = dataclasses.replace(capture, mirrors=read_mirrors(mirrors_path, capture.intrinsics))
@@ -503,6 +544,62 @@ def skeleton_steps(mesh: Mesh) -> Steps[Rigged]:
     yield 0.6, "Weighting the skin"
     refined, weights = skinned_mesh(standing, skeleton)
     return Rigged(refined.transformed(back), skeleton.transformed(back), weights)
+
+
+def texture_steps(mesh: Mesh, weights: SkinWeights | None, source: Source, settings: dict) -> Steps[Textured]:
+    """A texture for an avatar's mesh, in the avatar frame; ``settings`` are of ``core.texture.TextureSettings``."""
+    yield 0.0, READING
+    if source.path:
+        capture = _open(source.path, source.frames, "", source.reading, native_color=True)
+    else:
+        capture = _capture_of(source.cloud)
+    yield 0.05, "Loading the program"
+    from ...core.pipeline.report import texture_summary
+    from ...core.texture import TextureSettings, color_views
+    from ...core.texture import texture_steps as steps
+
+    if weights is None:
+        yield 0.1, "Looking for the joints"
+        weights = _weights_of(mesh)
+    mirrors = tuple(mirror_of(record) for record in source.mirrors)
+    views = color_views(capture, mirrors, np.array(source.placement))
+    job = steps(mesh, views, TextureSettings(**settings), weights)
+    while True:
+        try:
+            fraction, message = next(job)
+        except StopIteration as end:
+            texture, summary = end.value
+            return Textured(texture, texture_summary(summary), ())
+        yield 0.3 + 0.7 * fraction, message
+
+
+def _weights_of(mesh: Mesh) -> SkinWeights | None:
+    """Skin weights of a mesh as it is; None when it is not a whole person."""
+    from ...core.avatar.joints.skeleton_search import find_skeleton
+    from ...core.avatar.skin_weights import skin_weights
+
+    try:
+        return skin_weights(mesh, find_skeleton(mesh))
+    except MirrorScanError:  # a thing has none; its texture is cut by angles
+        return None
+
+
+def measure_steps(mesh: Mesh, skeleton: Skeleton | None, weights: SkinWeights | None, report: dict) -> Steps[Measured]:
+    """Measurements of an avatar's mesh, in the avatar frame, with the errors that its ``report`` lets expect."""
+    from ...core.measurements import measure, view_errors
+
+    if skeleton is None or weights is None:
+        yield 0.0, "Looking for the joints"
+        from ...core.avatar.joints.skeleton_search import find_skeleton
+        from ...core.avatar.skin_weights import skin_weights
+
+        skeleton = find_skeleton(mesh)
+        weights = skin_weights(mesh, skeleton)
+    yield 0.6, "Measuring the body"
+    from ...core.pipeline.report import measurement_summary
+
+    found = measure(mesh, skeleton, weights, view_errors(report) if report else ())
+    return Measured(found, measurement_summary(found))
 
 
 def motion_steps(

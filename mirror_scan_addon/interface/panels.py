@@ -507,6 +507,77 @@ class MIRRORSCAN_PT_avatar(_Panel, bpy.types.Panel):
         layout.operator("mirror_scan.rest_in_t_pose", icon="OUTLINER_DATA_ARMATURE", text_ctxt=CONTEXT)
 
 
+class _AvatarPart(_Panel):
+    """What else is made of an avatar, folded below it."""
+
+    bl_parent_id = "MIRRORSCAN_PT_avatar"
+    bl_options = {"DEFAULT_CLOSED"}
+
+
+class MIRRORSCAN_PT_look(_AvatarPart, bpy.types.Panel):
+    bl_label = "Look"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        look = context.scene.mirror_scan.look
+        layout.operator_context = "INVOKE_DEFAULT"
+        row = layout.row(align=True)
+        button = row.operator("mirror_scan.texture", icon=_icon("TEXTURE"), text_ctxt=CONTEXT)
+        button.size, button.remove_light = look.texture_size, look.remove_light
+        row.prop(look, "texture_size", text="")
+        _draw_progress(layout, context, "mirror_scan.texture")
+        layout.prop(look, "remove_light", text_ctxt=CONTEXT)
+        texture = (report_text.avatar_report(context.object) or {}).get("texture")
+        if texture is not None:
+            _table(layout, report_text.texture_lines(texture))
+        row = layout.row(align=True)
+        row.operator("mirror_scan.reduce", icon=_icon("MOD_DECIM"), text_ctxt=CONTEXT).triangles = look.triangles
+        row.prop(look, "triangles", text="")
+        _draw_progress(layout, context, "mirror_scan.reduce")
+        row = layout.row(align=True)
+        row.operator("mirror_scan.add_studio", icon=_icon("LIGHT_AREA"), text_ctxt=CONTEXT)
+        row.operator("mirror_scan.remove_studio", text="", icon="X")
+        layout.operator("mirror_scan.mark_as_asset", icon="ASSET_MANAGER", text_ctxt=CONTEXT)
+        _draw_progress(layout, context, "mirror_scan.mark_as_asset")
+
+
+class MIRRORSCAN_PT_measurements(_AvatarPart, bpy.types.Panel):
+    bl_label = "Measurements"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.operator_context = "INVOKE_DEFAULT"
+        row = layout.row(align=True)
+        row.operator("mirror_scan.measure", icon=_icon("CON_DISTLIMIT"), text_ctxt=CONTEXT)
+        row.operator("mirror_scan.save_measurements", text="", icon="FILE_TICK")
+        _draw_progress(layout, context, "mirror_scan.measure")
+        lines = report_text.measures(report_text.avatar_report(context.object) or {}, context.scene)
+        if lines:
+            _table(layout, lines)
+        else:
+            _text(layout, say("Girths, lengths and height as a tape would give them"), "INFO")
+
+
+class MIRRORSCAN_PT_clothes(_AvatarPart, bpy.types.Panel):
+    bl_label = "Clothes"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        look = context.scene.mirror_scan.look
+        layout.operator_context = "INVOKE_DEFAULT"
+        flow = layout.grid_flow(columns=3, even_columns=True, align=True)
+        for item in bpy.ops.mirror_scan.dress.get_rna_type().properties["kind"].enum_items:
+            button = flow.operator("mirror_scan.dress", text=item.name, text_ctxt=CONTEXT)
+            button.kind, button.ease, button.tight = item.identifier, look.ease, look.tight
+        _draw_progress(layout, context, "mirror_scan.dress")
+        column = _fields(layout)
+        _field(column, look, "ease")
+        column.prop(look, "tight", text_ctxt=CONTEXT)
+        layout.operator("mirror_scan.prepare_for_cloth", icon="MOD_CLOTH", text_ctxt=CONTEXT)
+        _draw_progress(layout, context, "mirror_scan.prepare_for_cloth")
+        _text(layout, say("Your own garment: select it, then the avatar, and press Prepare for Cloth"), "INFO")
+
+
 class MIRRORSCAN_PT_export(_Panel, bpy.types.Panel):
     bl_label = "Export"
 
@@ -557,6 +628,9 @@ register, unregister = bpy.utils.register_classes_factory(
         MIRRORSCAN_PT_build,
         MIRRORSCAN_PT_quality,
         MIRRORSCAN_PT_avatar,
+        MIRRORSCAN_PT_look,
+        MIRRORSCAN_PT_measurements,
+        MIRRORSCAN_PT_clothes,
         MIRRORSCAN_PT_check,
         MIRRORSCAN_PT_export,
         MIRRORSCAN_PT_rig,

@@ -47,3 +47,10 @@ def look_at(context: bpy.types.Context, target: bpy.types.Object) -> None:
     with context.temp_override(area=area, region=region):
         if bpy.ops.view3d.view_selected.poll():
             bpy.ops.view3d.view_selected()
+
+
+def show_texture(context: bpy.types.Context) -> None:
+    """Have a 3D viewport in Solid mode show textures as they are, without light of its own: they hold the capture's."""
+    area = viewport(context)
+    if area is not None and area.spaces.active.shading.type == "SOLID":
+        area.spaces.active.shading.color_type, area.spaces.active.shading.light = "TEXTURE", "FLAT"

@@ -13,6 +13,7 @@ from . import (
     find_subject,
     follow_stream,
     load_capture,
+    measure,
     mirrors,
     motion,
     pick_mirror_points,
@@ -21,11 +22,12 @@ from . import (
     rig_file,
     skeleton,
     studio,
+    texture,
 )
 
 _modules = (
     load_capture, mirrors, pick_mirror_points, rig_file, find_subject, pick_subject, build_avatar, check, color_by,
-    skeleton, motion, dress, follow_stream, export_avatar, studio, rig,
+    skeleton, motion, texture, measure, dress, follow_stream, export_avatar, studio, rig,
 )  # fmt: skip
 
 register, unregister = bpy.utils.register_classes_factory(tuple(kind for module in _modules for kind in module.CLASSES))

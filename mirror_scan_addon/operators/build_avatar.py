@@ -77,10 +77,11 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
                 path, arrays = "", point_cloud.read_cloud(points)
         path = scan_records.absolute(path)
         options, reading = scan_records.build_settings(settings), scan_records.reading_of(settings)
+        self._built_from = path, frames, reading
         return job_operators.Task("build_steps", (path, frames, mirrors, mirrors_path, options, arrays, reading))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
-        from ..scene import avatar_objects, point_cloud
+        from ..scene import avatar_objects, capture_source, point_cloud
 
         # The user may be in another scene by now; the avatar goes to the scene in which the button was pressed.
         here = target == context.scene
@@ -89,6 +90,7 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
         avatar = avatar_objects.create_avatar(result.mesh, collection=collection, report=result.report, unit=unit)
         settings = target.mirror_scan
         settings.problem_index = 0
+        capture_source.keep_source(avatar, *self._built_from, result.mirrors)
         points = point_cloud.cloud_of(target)
         if self._aligns and points is not None and points.library is None:
             point_cloud.place(points, result.report["camera_to_avatar"], unit)

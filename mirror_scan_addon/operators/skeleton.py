@@ -112,6 +112,7 @@ class MIRRORSCAN_OT_rest_in_t_pose(bpy.types.Operator):
             )
             with armature.object_mode(context, context.scene):
                 armature.move_rest(avatar, bones, vertices, skeleton, size)
+            avatar[scan_records.RESTS_OTHERWISE] = True
         except job_operators.REPORTED as error:
             self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}

@@ -14,6 +14,7 @@ from ...core.errors import OutputError
 from ...core.mesh import Mesh
 from ..language.texts import say
 from .report_text import set_report
+from .scan_records import TEXTURED
 
 DERIVED = {"VIEW": "View Colors", "KIND": "Kind Colors"}
 """Colour attributes that are made for showing and removed again, by mode."""
@@ -106,7 +107,7 @@ def avatar_material(attribute: str) -> bpy.types.Material:
     Found by a tag, not by name, so that what a user changed in it survives the next build.
     """
     for material in bpy.data.materials:
-        if material.get(MATERIAL_TAG) == attribute and material.library is None:
+        if material.get(MATERIAL_TAG) == attribute and material.library is None and TEXTURED not in material:
             return material
     with discard_on_error() as made:
         material = bpy.data.materials.new("Avatar")
@@ -222,9 +223,10 @@ def show_colors(avatar: bpy.types.Object, name: str) -> None:
     data.color_attributes.active_color_name = name
     index = data.color_attributes.find(name)
     data.color_attributes.render_color_index = index
+    textured = data.get(TEXTURED) if name == COLOR else None
     for slot in avatar.material_slots:
         if slot.material is not None and slot.material.get(MATERIAL_TAG) is not None:
-            slot.material = avatar_material(name)
+            slot.material = textured or avatar_material(name)
     data.update_tag()
 
 

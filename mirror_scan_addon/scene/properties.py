@@ -357,6 +357,38 @@ class MIRRORSCAN_PG_quality(bpy.types.PropertyGroup):
     )  # fmt: skip
 
 
+class MIRRORSCAN_PG_look(bpy.types.PropertyGroup):
+    """What the buttons of the panel Avatar make."""
+
+    texture_size: EnumProperty(
+        name="Size", description="Width and height of the texture",
+        items=(
+            ("1024", "1K", "1024 × 1024 pixels"),
+            ("2048", "2K", "2048 × 2048 pixels"),
+            ("4096", "4K", "4096 × 4096 pixels"),
+            ("8192", "8K", "8192 × 8192 pixels"),
+        ),
+        default="2048", translation_context=CONTEXT,
+    )  # fmt: skip
+    remove_light: BoolProperty(
+        name="Remove Light",
+        description="Take the light of the capture out of the colours, as far as the views show it",
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    triangles: IntProperty(
+        name="Triangles", description="How many triangles the reduced avatar has at most", default=8000, min=100,
+        soft_max=100_000, step=1000, translation_context=CONTEXT,
+    )  # fmt: skip
+    ease: FloatProperty(
+        name="Ease (mm)", description="Distance from skin to cloth in millimetres; wider towards the hem of cloth",
+        default=15.0, min=2.0, max=80.0, soft_max=40.0, precision=0, translation_context=CONTEXT,
+    )  # fmt: skip
+    tight: BoolProperty(
+        name="Tight", description="The skeleton alone moves the garment; nowhere wider than the ease",
+        translation_context=CONTEXT,
+    )  # fmt: skip
+
+
 def _is_cloud(self, target: bpy.types.Object) -> bool:
     from .point_cloud import is_cloud
 
@@ -405,6 +437,10 @@ class MIRRORSCAN_PG_scene(bpy.types.PropertyGroup):
     quality: PointerProperty(
         type=MIRRORSCAN_PG_quality, name="Quality", description="How the avatar is made", translation_context=CONTEXT
     )
+    look: PointerProperty(
+        type=MIRRORSCAN_PG_look, name="Look", description="How the avatar is dressed and textured",
+        translation_context=CONTEXT,
+    )  # fmt: skip
     show_cloud: BoolProperty(
         name="Show Points", description="Draw the points of the capture in the viewport", default=True, update=_redraw,
         translation_context=CONTEXT,
@@ -493,6 +529,7 @@ _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
         MIRRORSCAN_PG_mirror,
         MIRRORSCAN_PG_subject,
         MIRRORSCAN_PG_quality,
+        MIRRORSCAN_PG_look,
         MIRRORSCAN_PG_scene,
         MIRRORSCAN_PG_object,
         MIRRORSCAN_PG_progress,

@@ -9,8 +9,8 @@ import bpy
 from ...core.errors import Notice
 from ..language.texts import say
 from . import units
+from .scan_records import REPORT
 
-REPORT = "mirror_scan_report"  # custom property of an avatar: report.json as text
 MANY_CROSSINGS = 1e-3  # share of the faces above which self-intersections are warned of
 
 
@@ -41,6 +41,8 @@ def _sound(report: dict) -> dict:
     kinds = {
         "mesh": dict,
         "optics": dict,
+        "texture": dict,
+        "measurements": dict,
         "timings_ms": dict,
         "mirrors": list,
         "seams": list,
@@ -183,6 +185,48 @@ def distances(report: dict) -> list[tuple[str, str, str]]:
     if timings:
         seconds = timings.get("total", sum(timings.values())) / 1000
         lines.append((say("Time"), f"{seconds:.1f} s", ""))
+    return lines
+
+
+def texture_lines(texture: dict) -> list[tuple[str, str, str]]:
+    """What a report says of an avatar's texture, as :func:`summary`."""
+    lines = []
+    if _is_number(texture.get("size")):
+        lines.append((say("Texture"), say("{size} × {size} px").format(size=texture["size"]), ""))
+    if _is_number(texture.get("texel_mm")):
+        lines.append((say("Texel"), say("{size:.1f} mm").format(size=texture["texel_mm"]), ""))
+    if _is_number(texture.get("seen_share")):
+        lines.append((say("Seen"), f"{texture['seen_share']:.0%}", ""))
+    return lines
+
+
+def measurements_of(report: dict) -> dict[str, dict]:
+    """The measures that a report holds, by name: ``mm``, ``error_mm`` and ``iso_name``; without what was edited into
+    nonsense."""
+    found = report.get("measurements")
+    sound = found.items() if isinstance(found, dict) else ()
+    return {
+        name: {"mm": one["mm"], "error_mm": one["error_mm"], "iso_name": str(one.get("iso_name", ""))}
+        for name, one in sound
+        if isinstance(one, dict) and _is_number(one.get("mm")) and _is_number(one.get("error_mm"))
+    }
+
+
+MEASURES = {
+    "height": "Height", "height_standing": "Height Upright", "chest": "Chest", "waist": "Waist", "hip": "Hip",
+    "thigh": "Thigh", "calf": "Calf", "upper_arm": "Upper Arm", "neck": "Neck", "inseam": "Inseam",
+    "arm_length": "Arm Length", "shoulder_width": "Shoulder Width",
+}  # fmt: skip
+"""How the panel names each measure."""
+
+
+def measures(report: dict, scene: bpy.types.Scene) -> list[tuple[str, str, str]]:
+    """What was measured on the body, as :func:`summary`."""
+    lines = []
+    for name, one in measurements_of(report).items():
+        value = units.length_text(one["mm"] / 1000.0, scene)
+        text = say("{value} ± {error:.0f} mm").format(value=value, error=one["error_mm"])
+        lines.append((say(MEASURES.get(name, name)), text, ""))
     return lines
 
 

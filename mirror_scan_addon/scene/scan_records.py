@@ -65,6 +65,28 @@ def studio_of(scene: bpy.types.Scene) -> bpy.types.Collection | None:
     return next((found for found in scene.collection.children_recursive if STUDIO in found), None)
 
 
+def no_source(context: bpy.types.Context) -> str:
+    """Why the active object's capture cannot be asked for its colours; "" when it can."""
+    active = context.object
+    if active is not None and active.get(RESTS_OTHERWISE):
+        return say("{name} no longer rests in the pose of its capture; do this before “T-Pose as Rest”").format(
+            name=active.name
+        )
+    if active is None or REPORT not in active:
+        return say("Only avatars built by Mirror Scan from a capture can be textured")
+    return ""
+
+
+SOURCE = "mirror_scan_source"
+"""Custom property of an avatar: what it was built from, as JSON."""
+RESTS_OTHERWISE = "mirror_scan_rests_otherwise"
+"""Custom property of an avatar whose rest pose is not that of its capture any more."""
+REPORT = "mirror_scan_report"
+"""Custom property of an avatar: report.json as text."""
+TEXTURED = "mirror_scan_texture"
+"""Custom property of an avatar's mesh: the material with its texture; of such a material: that it is one."""
+TAPES = "mirror_scan_tapes"
+"""Custom property of a collection of measurements: the avatar that they are of."""
 STUDIO = "mirror_scan_studio"
 """Custom property of the studio's collection: the scene's settings that it changed, as JSON."""
 CONTROL = "Control "  # what names of control bones begin with

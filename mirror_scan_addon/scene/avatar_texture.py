@@ -1,0 +1,143 @@
+"""Textures of avatars: UV map, packed image and the material that shows it, from arrays and back."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...core.errors import OutputError
+from ...core.io.images import write_png
+from ...core.mesh import Texture
+from ..language.texts import say
+from .avatar_objects import COLOR, MATERIAL_TAG, discard_on_error, show_colors
+from .scan_records import TEXTURED
+
+UV_MAP, ISLAND = "UVMap", "island"
+"""Of the UV map, and of the attribute of faces that says which island of it each lies in."""
+
+
+def material_of(data: bpy.types.Mesh) -> bpy.types.Material | None:
+    """The material with the texture of an avatar's mesh; None when it has none."""
+    material = data.get(TEXTURED)
+    return material if isinstance(material, bpy.types.Material) else None
+
+
+def check_triangles(avatar: bpy.types.Object) -> None:
+    """Refuse a mesh with faces of more than three corners: a texture is laid on triangles.
+
+    Raises
+    ------
+    OutputError
+    """
+    if len(avatar.data.loops) != 3 * len(avatar.data.polygons):
+        text = say("{name}: has faces with more than three corners; triangulate them first (Ctrl T in Edit Mode)")
+        raise OutputError(text.format(name=avatar.name))
+
+
+def set_texture(avatar: bpy.types.Object, texture: Texture) -> None:
+    """Lay a texture on an avatar, in place of the one it has; its colours by vertex stay.
+
+    Parameters
+    ----------
+    avatar : bpy.types.Object
+        A mesh of T triangles.
+    texture : Texture
+        Of the same triangles, in the same order.
+
+    Raises
+    ------
+    OutputError
+        When the triangles are others.
+    """
+    data = avatar.data
+    check_triangles(avatar)
+    if len(texture.uv) != len(data.polygons):
+        text = say("{name}: the texture is of another mesh ({count} triangles)")
+        raise OutputError(text.format(name=avatar.name, count=len(texture.uv)))
+    old = material_of(data)
+    with discard_on_error() as made:
+        material = _material(avatar.name, _image(avatar.name, texture.image, made), made)
+    uv = data.uv_layers.get(UV_MAP) or data.uv_layers.new(name=UV_MAP, do_init=False)
+    uv.active = uv.active_render = True
+    uv.uv.foreach_set("vector", np.ascontiguousarray(texture.uv, np.float32).ravel())
+    if (island := data.attributes.get(ISLAND)) is None:
+        island = data.attributes.new(ISLAND, "INT", "FACE")
+    island.data.foreach_set("value", np.ascontiguousarray(texture.island, np.int32))
+    data[TEXTURED] = material
+    if not avatar.material_slots:
+        data.materials.append(material)
+    for slot in avatar.material_slots:
+        if slot.material is None or slot.material == old or slot.material.get(MATERIAL_TAG) == COLOR:
+            slot.material = material
+    if data.color_attributes.get(COLOR) is not None:
+        show_colors(avatar, COLOR)
+    data.update()
+    if old is not None and not old.users:
+        images = _images(old)
+        bpy.data.materials.remove(old)
+        bpy.data.batch_remove([image for image in images if not image.users])
+
+
+def read_texture(avatar: bpy.types.Object) -> Texture | None:
+    """The texture that :func:`set_texture` laid on an avatar; None when there is none, or only part of it."""
+    data = avatar.data
+    material, uv, island = material_of(data), data.uv_layers.get(UV_MAP), data.attributes.get(ISLAND)
+    images = [] if material is None else _images(material)
+    if not images or uv is None or island is None or len(data.loops) != 3 * len(data.polygons):
+        return None
+    image = images[0]
+    pixels = np.empty(image.size[0] * image.size[1] * image.channels, np.float32)
+    if not pixels.size:  # its file is gone
+        return None
+    image.pixels.foreach_get(pixels)
+    rows = pixels.reshape(image.size[1], image.size[0], image.channels)[::-1, :, :3]
+    corners = np.empty((len(data.polygons), 3, 2), np.float32)
+    uv.uv.foreach_get("vector", corners.ravel())
+    numbers = np.empty(len(data.polygons), np.int32)
+    island.data.foreach_get("value", numbers)
+    return Texture(corners, np.rint(np.clip(rows, 0, 1) * 255).astype(np.uint8), numbers)
+
+
+def _image(name: str, pixels: np.ndarray, made: list[bpy.types.ID]) -> bpy.types.Image:
+    """An image (H, W, 3) uint8 sRGB, packed into the file."""
+    with tempfile.TemporaryDirectory(prefix="mirror_scan_") as folder:
+        path = Path(folder) / "texture.png"
+        write_png(path, pixels)
+        image = bpy.data.images.load(str(path))
+        made.append(image)
+        image.pack()
+    image.name = f"{name} Texture"
+    image.filepath_raw = f"//{bpy.path.clean_name(image.name)}.png"  # where unpacking puts it
+    return image
+
+
+def _material(name: str, image: bpy.types.Image, made: list[bpy.types.ID]) -> bpy.types.Material:
+    """A material that shows the image where the UV map puts it."""
+    material = bpy.data.materials.new(f"{name} Texture")
+    made.append(material)
+    material[MATERIAL_TAG] = COLOR
+    material[TEXTURED] = True
+    if bpy.app.version < (5, 0, 0):
+        material.use_nodes = True
+    tree = material.node_tree
+    tree.nodes.clear()
+    output = tree.nodes.new("ShaderNodeOutputMaterial")
+    output.location = (300, 0)
+    shader = tree.nodes.new("ShaderNodeBsdfPrincipled")
+    shader.inputs["Roughness"].default_value = 0.8
+    shader.inputs["Specular IOR Level"].default_value = 0.2
+    tree.links.new(shader.outputs["BSDF"], output.inputs["Surface"])
+    texture = tree.nodes.new("ShaderNodeTexImage")
+    texture.image, texture.location = image, (-320, 0)
+    tree.links.new(texture.outputs["Color"], shader.inputs["Base Color"])
+    tree.nodes.active = texture  # what Solid mode shows, and what is baked to
+    return material
+
+
+def _images(material: bpy.types.Material) -> list[bpy.types.Image]:
+    """The images that a material shows."""
+    nodes = material.node_tree.nodes if material.node_tree is not None else ()
+    return [node.image for node in nodes if node.type == "TEX_IMAGE" and node.image is not None]

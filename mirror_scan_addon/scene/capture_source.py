@@ -1,0 +1,66 @@
+"""Which capture an avatar was built from, and with which mirrors: kept with it, so that its colours can be asked for
+again."""
+
+from __future__ import annotations
+
+import json
+import os
+
+import bpy
+
+from ...core.errors import CaptureError, MirrorError
+from ..background.tasks import ENOUGH, Source
+from ..language.texts import say
+from . import point_cloud, report_text, scan_records
+from .scan_records import SOURCE
+
+
+def keep_source(avatar: bpy.types.Object, path: str, frames: int, reading: dict, mirrors: list[dict]) -> None:
+    """Keep with an avatar what it was built from; ``mirrors`` are records of the mirrors as they were in the end."""
+    avatar[SOURCE] = json.dumps({"path": path, "frames": frames, "reading": reading, "mirrors": mirrors})
+
+
+def source_of(avatar: bpy.types.Object, scene: bpy.types.Scene) -> Source:
+    """What an avatar was built from; one of an older version, by what its scene holds.
+
+    Raises
+    ------
+    CaptureError, MirrorError
+        When that is not there any more.
+    """
+    report = report_text.avatar_report(avatar) or {}
+    placement = report.get("camera_to_avatar")
+    if placement is None:
+        text = say("{name}: does not say where its camera stood; build the avatar again")
+        raise CaptureError(text.format(name=avatar.name))
+    kept = _kept(avatar)
+    settings = scene.mirror_scan
+    if kept is None:
+        path, frames = scan_records.capture_root(settings.capture_path), settings.frames
+        reading, mirrors = scan_records.reading_of(settings), scan_records.placed_mirrors(settings)
+        if any(len(record["picks"]) >= ENOUGH and not record["plane"] for record in mirrors):
+            raise MirrorError(say("The mirrors are not placed; find them or pick points on their frames first"))
+    else:
+        path, frames, reading, mirrors = kept["path"], kept["frames"], kept["reading"], kept["mirrors"]
+    try:
+        absolute = scan_records.absolute(path)
+        there = bool(path) and os.path.exists(absolute)
+    except CaptureError:  # relative to a .blend that is not saved
+        there, absolute = False, path
+    if there:
+        return Source(absolute, frames, reading, mirrors, placement, None)
+    points = point_cloud.cloud_of(scene)
+    same = points is not None and (kept is None or scan_records.capture_root(settings.capture_path) == path)
+    if not same:
+        text = say("{path}: no longer exists; put the capture back, or load it again and build the avatar from it")
+        raise CaptureError(text.format(path=path or say("The capture")))
+    return Source("", frames, reading, mirrors, placement, point_cloud.read_cloud(points))
+
+
+def _kept(avatar: bpy.types.Object) -> dict | None:
+    """What :func:`keep_source` kept; None when nothing, or edited into nonsense."""
+    try:
+        kept = json.loads(avatar.get(SOURCE, ""))
+        return kept if {"path", "frames", "reading", "mirrors"} <= set(kept) else None
+    except (TypeError, ValueError):
+        return None
