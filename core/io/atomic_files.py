@@ -51,6 +51,25 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
+def replacing_with_companions(path: str | os.PathLike) -> Iterator[Path]:
+    """As :func:`replacing`, for a writer that makes files beside its own: images, materials.
+
+    The name that is given lies in a folder of its own. What stands there in the end goes beside ``path``, the companions
+    first, so that ``path`` appears only when all it names is there.
+    """
+    path = Path(path)
+    with replacing(path) as main, tempfile.TemporaryDirectory(prefix=f".{path.stem[:20]}.", dir=main.parent) as folder:
+        inner = Path(folder) / path.name
+        yield inner
+        for companion in sorted(file for file in Path(folder).rglob("*") if file.is_file() and file != inner):
+            target = main.parent / companion.relative_to(folder)
+            target.parent.mkdir(exist_ok=True)
+            os.replace(companion, target)
+        if inner.is_file():
+            os.replace(inner, main)
+
+
+@contextlib.contextmanager
 def fresh_folder(folder: str | os.PathLike, replace: bool = False) -> Iterator[Path]:
     """Name of a folder to make and fill that takes the name ``folder`` when the block ends well.
 

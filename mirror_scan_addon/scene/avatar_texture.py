@@ -25,6 +25,13 @@ def material_of(data: bpy.types.Mesh) -> bpy.types.Material | None:
     return material if isinstance(material, bpy.types.Material) else None
 
 
+def texture_image(data: bpy.types.Mesh) -> bpy.types.Image | None:
+    """The packed image of an avatar's texture; None when it has none."""
+    material = material_of(data)
+    images = [] if material is None else _images(material)
+    return next((image for image in images if image.packed_file is not None), None)
+
+
 def check_triangles(avatar: bpy.types.Object) -> None:
     """Refuse a mesh with faces of more than three corners: a texture is laid on triangles.
 

@@ -19,11 +19,12 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ...core.errors import OutputError
-from ...core.io.atomic_files import replacing
+from ...core.io.atomic_files import replacing, replacing_with_companions
 from ..language.texts import say
 from . import avatar_objects as avatar_scene
 from . import cloth as scene_cloth
 from .armature import action_of, add_armature, add_clip
+from .avatar_texture import set_texture, texture_image
 from .blender_files import enabled, quiet, reason_of, removed_again, shown, silent, temporary_scene
 from .scan_records import armature_of
 from .studio import VIEW_ANGLE, add_studio
@@ -131,6 +132,8 @@ def write_fbx(path: str | os.PathLike, reconstruction: Rigged, *, clip: Clip | N
             bake_anim_use_nla_strips=False,
             bake_anim_use_all_actions=False,
             bake_anim_simplify_factor=0.0,
+            path_mode="COPY",
+            embed_textures=True,
         )
         _check_holds_faces(path, temporary, "FBX")
 
@@ -143,7 +146,7 @@ def write_usd(path: str | os.PathLike, reconstruction: Rigged, *, clip: Clip | N
     OutputError
         When the file cannot be written, or Blender's exporter fails.
     """
-    with replacing(path) as temporary, temporary_scene() as target:
+    with replacing_with_companions(path) as temporary, temporary_scene() as target:
         _add_avatar(target, reconstruction, clip)
         with shown(target), silent():
             try:
@@ -187,7 +190,8 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -
     avatar_scene.check_finite(avatar, np.array(avatar.matrix_world))
     size = 1.0 if kind in ("FBX", "BLEND") else metres_per_unit(bpy.context.scene)
     stiff = False
-    with replacing(path) as temporary:
+    image = texture_image(avatar.data) if kind in _WITH_COMPANIONS else None
+    with (replacing if image is None else replacing_with_companions)(path) as temporary:
         file = str(temporary)
         try:
             if kind == "BLEND":
@@ -223,17 +227,32 @@ def _write_fbx(file: str, copy: bpy.types.Object) -> None:
         bpy.ops.export_scene.fbx(
             filepath=file, use_selection=True, apply_scale_options="FBX_SCALE_ALL", colors_type="SRGB",
             prioritize_active_color=True, add_leaf_bones=False, bake_anim=_moves(copy), bake_anim_use_nla_strips=False,
-            bake_anim_use_all_actions=False, bake_anim_simplify_factor=0.0,
+            bake_anim_use_all_actions=False, bake_anim_simplify_factor=0.0, path_mode="COPY", embed_textures=True,
         )  # fmt: skip
 
 
+def _write_obj(file: str, copy: bpy.types.Object) -> None:
+    """With a texture: its material and image stand beside the file, under its name."""
+    image = texture_image(copy.data)
+    bpy.ops.wm.obj_export(
+        filepath=file, export_selected_objects=True, export_colors=True, export_materials=image is not None,
+        path_mode="STRIP",
+    )  # fmt: skip
+    if image is not None:
+        path = Path(file)
+        path.with_suffix(".png").write_bytes(image.packed_file.data)
+        material = path.with_suffix(".mtl")
+        lines = material.read_text("utf-8").splitlines()
+        lines = [f"map_Kd {path.stem}.png" if line.startswith("map_Kd") else line for line in lines]
+        material.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+_WITH_COMPANIONS = ("OBJ", "USDC")
 _WITH_SKELETON = ("GLB", "FBX", "USDC")
 _EXPORTERS: dict[str, Callable[[str, bpy.types.Object], object]] = {
     "GLB": _write_glb,
     "FBX": _write_fbx,
-    "OBJ": lambda file, copy: bpy.ops.wm.obj_export(
-        filepath=file, export_selected_objects=True, export_colors=True, export_materials=False
-    ),
+    "OBJ": _write_obj,
     "PLY": lambda file, copy: bpy.ops.wm.ply_export(filepath=file, export_selected_objects=True, export_colors="SRGB"),
     "STL": lambda file, copy: bpy.ops.wm.stl_export(filepath=file, export_selected_objects=True),
     "USDC": lambda file, copy: bpy.ops.wm.usd_export(
@@ -406,6 +425,8 @@ def _add_avatar(
     if report is not None:
         report = report | {"warnings": list(reconstruction.warnings)}
     avatar = avatar_scene.create_avatar(reconstruction.mesh, collection=target.collection, report=report)
+    if reconstruction.texture is not None:
+        set_texture(avatar, reconstruction.texture)
     layer = target.view_layers[0]
     layer.update()
     if reconstruction.skeleton is not None and reconstruction.weights is not None:
@@ -465,7 +486,8 @@ def _viewports() -> Iterator[bpy.types.SpaceView3D]:
 
 def _frame_viewport(viewport: bpy.types.SpaceView3D, avatar: bpy.types.Object) -> None:
     center, radius = _bounds(avatar)
-    viewport.shading.color_type, viewport.shading.light = "VERTEX", "FLAT"
+    viewport.shading.color_type = "VERTEX" if texture_image(avatar.data) is None else "TEXTURE"
+    viewport.shading.light = "FLAT"
     viewport.lens = VIEWPORT_LENS
     region = viewport.region_3d
     region.view_perspective = "PERSP"
