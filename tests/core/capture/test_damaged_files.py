@@ -85,6 +85,10 @@ def corpus(tmp_path_factory):
         root / "a.npz", Capture(np.divide(frames, 1000, dtype=np.float32), color, Intrinsics(64, 48, 60, 61, 31, 24))
     )
     found["a.npz"] = root / "a.npz"
+    camera, larger = Intrinsics(64, 48, 60, 61, 31, 24), np.repeat(np.repeat(color, 2, axis=0), 2, axis=1)
+    seen = {"color_intrinsics": camera.scaled(128, 96), "native_color": larger, "depth_to_color": np.eye(4)}
+    write_npz(root / "own.npz", Capture(np.divide(frames, 1000, dtype=np.float32), color, camera, **seen))
+    found["own.npz"] = root / "own.npz"
     big, big_color = writers.scene(640, 480)
     raw = np.clip(big // 3 + 200, 0, 2047).astype(np.uint16)
     found["fakenect"] = writers.fakenect(root / "fakenect", [raw], big_color, (120.0, 0.1042, 7.5, 2.3, 200))
@@ -92,20 +96,24 @@ def corpus(tmp_path_factory):
     found["sun"] = writers.sun(root / "sun", depth, color)
     found["stray"] = writers.stray(root / "stray", [depth], np.full(depth.shape, 2, np.uint8))
     found["a.db3"] = writers.realsense_db3(root / "a.db3", frames, color)
-    for name in ("grabber", "rgbd", "exr", "tiff", "npy", "pgm"):
+    for name in ("grabber", "rgbd", "larger", "exr", "tiff", "npy", "pgm"):
         (root / name).mkdir()
         found[name] = root / name
     (root / "grabber" / "s_depth.pclzf").write_bytes(writers.pclzf(depth, "depth16"))
     (root / "grabber" / "s_rgb.pclzf").write_bytes(writers.pclzf(color, "rgb24"))
     (root / "grabber" / "s.xml").write_text(writers.pclzf_xml(61.0, 32.0, 24.0))
-    for name in ("depth", "color"):
-        (root / "rgbd" / name).mkdir()
-    write_png(root / "rgbd" / "depth" / "0.png", depth)
-    write_png(root / "rgbd" / "color" / "0.png", color)
+    for folder, image in (("rgbd", color), ("larger", larger)):
+        for name in ("depth", "color"):
+            (root / folder / name).mkdir()
+        write_png(root / folder / "depth" / "0.png", depth)
+        write_png(root / folder / "color" / "0.png", image)
+    place = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.02, 0, 0, 1]
+    about = {"width": 128, "height": 96, "intrinsic_matrix": [120, 0, 0, 0, 122, 0, 63, 48, 1], "depth_to_color": place}
+    (root / "larger" / "color_intrinsic.json").write_text(json.dumps(about))
     (root / "rgbd" / "mirrors.json").write_text(
         '{"mirrors": [{"name": "a", "frame_pixels": [[1, 2], [3, 4], [5, 7]]}]}'
     )
-    for name in ("rgbd", "exr", "tiff", "npy", "pgm"):
+    for name in ("rgbd", "larger", "exr", "tiff", "npy", "pgm"):
         (root / name / "intrinsic.json").write_text(SIDECAR)
     image_file(root / "exr" / "a_depth.exr", (depth / np.float32(1000)), oiio.FLOAT)
     image_file(root / "tiff" / "a_depth.tif", depth, oiio.UINT16)
@@ -156,6 +164,9 @@ def attempt(path, named, options, allowed):
         assert np.isfinite(capture.depth).all() and capture.depth.min() >= 0
         assert capture.intrinsics.is_pinhole
         assert capture.color is None or capture.color.shape == (*capture.depth.shape[1:], 3)
+        own, camera = capture.native_color, capture.color_intrinsics
+        assert (own is None) == (capture.color is None or not options.native_color) == (camera is None)
+        assert own is None or (camera.is_pinhole and own.shape == (camera.height, camera.width, 3))
     except MirrorScanError as error:
         refused = True
         assert str(named) in str(error) and "\n" not in str(error) and len(str(error)) < 700, str(error)
@@ -168,14 +179,14 @@ def attempt(path, named, options, allowed):
 def test_mutations(corpus, tmp_path):
     # Kernels are compiled and libraries loaded before memory is measured.
     for path in corpus.values():
-        open_capture(path)
+        open_capture(path, options=ReadOptions(native_color=True))
     allowed = {}
     tracemalloc.start()
     try:
         for name, path in corpus.items():
             tracemalloc.reset_peak()
             before = tracemalloc.get_traced_memory()[0]
-            open_capture(path)
+            open_capture(path, options=ReadOptions(native_color=True))
             allowed[name] = 4 * (tracemalloc.get_traced_memory()[1] - before) + 4_000_000
         names = sorted(corpus)
         refused, problems = 0, []
@@ -206,7 +217,9 @@ def test_mutations(corpus, tmp_path):
                 target = copy / source.relative_to(root)
                 path = copy if honest.is_dir() else copy / honest.name
             target.write_bytes(mutated(source.read_bytes(), rng))
-            options = ReadOptions(color=bool(rng.random() < 0.9), min_confidence=int(rng.integers(3)))
+            options = ReadOptions(
+                color=bool(rng.random() < 0.9), min_confidence=int(rng.integers(3)), native_color=bool(case % 2)
+            )
             before = tracemalloc.get_traced_memory()[0]
             try:
                 refused += attempt(path, tmp_path, options, before + allowed[name])

@@ -6,19 +6,23 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mirror_scan.core.capture import open_capture
 from mirror_scan.core.errors import CaptureError
-from writers import assert_one_line_naming, write_folder
+from mirror_scan.core.io.images import write_png
+from writers import HEIGHT, WIDTH, assert_one_line_naming, write_folder
 
 
 def test_a_folder_is_read_without_numba(tmp_path):
     """Compiling takes seconds; who only looks at a capture, or mistyped its name, must not wait for it."""
-    folder = write_folder(tmp_path / "a")
+    folder, larger = write_folder(tmp_path / "a"), write_folder(tmp_path / "b")
+    write_png(larger / "color" / "000000.png", np.zeros((4 * HEIGHT, 4 * WIDTH, 3), np.uint8))
     code = (
         f"import sys; sys.path.insert(0, {str(Path(__file__).parents[2])!r}); import conftest\n"
         "from mirror_scan.core.capture import open_capture\n"
         f"open_capture({str(folder)!r})\n"
+        f"open_capture({str(larger)!r})\n"
         "sys.exit('numba' in sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

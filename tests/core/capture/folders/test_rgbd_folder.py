@@ -9,7 +9,7 @@ import zlib
 
 import numpy as np
 import pytest
-from mirror_scan.core.capture import open_capture
+from mirror_scan.core.capture import ReadOptions, open_capture
 from mirror_scan.core.capture.folders.rgbd_folder import read_mirrors
 from mirror_scan.core.errors import CaptureError, MirrorError
 from mirror_scan.core.io.images import write_png
@@ -138,6 +138,25 @@ def test_damaged_files(tmp_path):
     frame.write_bytes(good)
     write_png(folder / "color" / "000000.png", np.zeros((10, 10, 3), np.uint8))
     refused("10×10.*align colour")
+    about = {"width": 10, "height": 10, "intrinsic_matrix": [9, 0, 0, 0, 9, 0, 4.5, 4.5, 1]}
+    turn = [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 0.01, 0.02, 0, 1]
+    for place, message in (
+        ([1, 2], "color_intrinsic.json: depth_to_color must be sixteen finite numbers"),
+        ([*turn[:15], "x"], "must be sixteen finite numbers"),
+        (np.reshape(turn, (4, 4)).T.ravel().tolist(), "is written row by row"),
+        (np.reshape(turn, (4, 4)).tolist(), "is written column by column"),
+        ([*(2 * np.eye(4)).ravel()[:15].tolist(), 1], "not a rotation and a shift"),
+        ([-1, *turn[1:]], "not a rotation and a shift"),
+        ([*turn[:12], 32.0, 1.0, 0, 1], "in metres"),
+    ):
+        (folder / "color_intrinsic.json").write_text(json.dumps(about | {"depth_to_color": place}))
+        refused(message)
+    other = {"width": 20, "height": 20, "intrinsic_matrix": [18, 0, 0, 0, 18, 0, 9.5, 9.5, 1]}
+    (folder / "color_intrinsic.json").write_text(json.dumps(other))
+    refused("is for 20×20 pixels, 000000.png has 10×10")
+    (folder / "color_intrinsic.json").write_text("[]")
+    refused("color_intrinsic.json: must be a JSON object")
+    (folder / "color_intrinsic.json").unlink()
     (folder / "color" / "000000.png").write_bytes(b"JFIF")
     refused("not a PNG")
     (folder / "intrinsic.json").unlink()
@@ -208,3 +227,67 @@ def test_mirrors_without_names_are_counted(tmp_path):
     assert [m.name for m in read_mirrors(tmp_path / "m.json")] == ["mirror 1", "mirror 2"]
     with pytest.raises(MirrorError, match="cannot be read"):
         read_mirrors(tmp_path / "nowhere.json")
+
+
+def large(folder, width, height, about=None):
+    """The folder with a ramp of colour of another size, and what ``color_intrinsic.json`` says of it."""
+    v, u = np.mgrid[:height, :width]
+    color = np.stack((u * 255 // width, v * 255 // height, 0 * u), axis=-1).astype(np.uint8)
+    write_png(folder / "color" / "000000.png", color)
+    if about is not None:
+        (folder / "color_intrinsic.json").write_text(json.dumps(about))
+    return color
+
+
+def test_larger_colour_alone_is_aligned_and_scaled(tmp_path):
+    """Each pixel of depth has the mean of the pixels it covers, and a note says what was assumed."""
+    folder = write_folder(tmp_path / "a")
+    color = large(folder, 4 * WIDTH, 4 * HEIGHT)
+    capture = open_capture(folder)
+    expected = color.reshape(HEIGHT, 4, WIDTH, 4, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(capture.color, expected, atol=0.5 + 1e-9)
+    assert capture.notes == (
+        "colour of 256×192 pixels is taken as aligned to depth of 64×48, only larger: nothing says where its camera is",
+    )
+    large(folder, 4 * WIDTH, 3 * HEIGHT)
+    with pytest.raises(CaptureError, match="256×144 pixels, but depth has 64×48.*write color_intrinsic.json"):
+        open_capture(folder)
+
+
+def test_an_aligned_camera_in_its_file_is_no_assumption(tmp_path):
+    folder = write_folder(tmp_path / "a")
+    large(folder, 128, 96)
+    assumed = open_capture(folder)
+    matrix = [120.0, 0, 0, 0, 122.0, 0, 63.5, 47.5, 1]
+    about = {"width": 128, "height": 96, "intrinsic_matrix": matrix, "depth_to_color": np.eye(4).ravel().tolist()}
+    large(folder, 128, 96, about)
+    capture = open_capture(folder)
+    np.testing.assert_array_equal(capture.color, assumed.color)
+    assert capture.notes == ()
+    (folder / "color_intrinsic.json").write_text(json.dumps({k: about[k] for k in list(about)[:3]}))
+    assert [note for note in open_capture(folder).notes if "taken to be where the depth camera is" in note]
+
+
+def test_a_camera_of_another_size_than_aligned_colour_is_left_alone(tmp_path):
+    folder = write_folder(tmp_path / "a")
+    plain = open_capture(folder)
+    matrix = [120.0, 0, 0, 0, 122.0, 0, 60, 50, 1]
+    (folder / "color_intrinsic.json").write_text(
+        json.dumps({"width": 128, "height": 96, "intrinsic_matrix": matrix, "depth_to_color": [1, 0, 0, 0] * 4})
+    )
+    with pytest.raises(CaptureError, match="depth_to_color"):
+        open_capture(folder)
+    (folder / "color_intrinsic.json").write_text(json.dumps({"width": 128, "height": 96, "intrinsic_matrix": matrix}))
+    capture = open_capture(folder)
+    np.testing.assert_array_equal(capture.color, plain.color)
+    assert [note for note in capture.notes if "is for 128×96 pixels, 000000.png has 64×48, as depth" in note]
+
+
+def test_rows_of_a_pose_may_be_nested(tmp_path):
+    folder = write_folder(tmp_path / "a")
+    pose = np.array([[0.0, -1, 0, 0.01], [1, 0, 0, 0.02], [0, 0, 1, 0.03], [0, 0, 0, 1]])
+    about = {"width": 128, "height": 96, "intrinsic_matrix": [120.0, 0, 0, 0, 122.0, 0, 60, 50, 1]}
+    for value in (pose.tolist(), pose.T.ravel().tolist()):
+        large(folder, 128, 96, about | {"depth_to_color": value})
+        found = open_capture(folder, options=ReadOptions(native_color=True))
+        np.testing.assert_array_equal(found.depth_to_color, pose)
