@@ -10,7 +10,7 @@ import numpy as np
 from ..camera import Intrinsics
 from ..errors import MirrorScanError
 from .optics import EFFECTS, IDEAL, Optics, real
-from .sensors import find_sensor
+from .sensors import COLOR_CAMERAS, find_sensor
 
 BACKING = 0.02
 """Thickness of a mirror's board behind the glass [m]."""
@@ -171,6 +171,9 @@ class Rig:
         Where the colour camera is in the depth camera's frame [m].
     color_tilt_deg : float
         By how much it looks further down than the depth camera.
+    color_samples : int
+        Rays along each side of a pixel of the colour image, whose mean it is: a camera's pixel gathers light from all of
+        its area, which matters where a pattern is finer than that.
     """
 
     intrinsics: Intrinsics
@@ -190,6 +193,7 @@ class Rig:
     color_intrinsics: Intrinsics | None = None
     color_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     color_tilt_deg: float = 0.0
+    color_samples: int = 1
 
     def __post_init__(self) -> None:
         find_sensor(self.sensor)
@@ -203,6 +207,8 @@ class Rig:
                 raise MirrorScanError("rig: the camera stands outside the room; enlarge the room or move the camera")
         if not 1 <= self.color_scale <= 16 or self.color_scale != int(self.color_scale):
             raise MirrorScanError(f"rig: color_scale = {self.color_scale}; give a whole number from 1 to 16")
+        if not 1 <= self.color_samples <= 8 or self.color_samples != int(self.color_samples):
+            raise MirrorScanError(f"rig: color_samples = {self.color_samples}; give a whole number from 1 to 8")
         if self.color_intrinsics is not None and not self.color_intrinsics.is_pinhole:
             raise MirrorScanError("rig: the virtual colour camera is a pinhole; leave its distortion out")
         if not np.isfinite((*self.color_offset, self.color_tilt_deg)).all() or np.abs(self.color_offset).max() > 1.0:
@@ -252,6 +258,22 @@ class Rig:
         roll = np.degrees(np.arctan2(rolled[1, 0], rolled[0, 0]))
         x, y, z = (float(value) for value in pose[:3, 3])
         return replace(beside, camera=(x, y, z), pan_deg=float(pan), tilt_deg=float(tilt), roll_deg=float(roll))
+
+
+def with_own_color_camera(rig: Rig) -> Rig:
+    """The rig with the colour camera that its sensor has, in its place (:data:`.sensors.COLOR_CAMERAS`).
+
+    Raises
+    ------
+    MirrorScanError
+        When the sensor has none.
+    """
+    if rig.sensor not in COLOR_CAMERAS:
+        raise MirrorScanError(f"rig: the sensor '{rig.sensor}' has no colour camera of its own; give a color_scale")
+    camera = COLOR_CAMERAS[rig.sensor]
+    return replace(
+        rig, color_intrinsics=camera.intrinsics, color_offset=camera.offset, color_tilt_deg=camera.tilt_deg
+    )  # fmt: skip
 
 
 def room_waves(rig: Rig) -> np.ndarray:

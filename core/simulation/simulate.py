@@ -163,35 +163,35 @@ def _color_image(
     sight: Sight, subject: Mesh, rig: Rig, props: Sequence[Mesh], paint: Paint | None
 ) -> np.ndarray:  # fmt: skip
     """The colour image without its grain (Hc, Wc, 3): by its own camera; moved and later, if the optics say so."""
-    optics, beside = rig.optics, rig.seen_by_color
-    lens = beside.intrinsics
+    optics, beside, samples = rig.optics, rig.seen_by_color, rig.color_samples
     moved = optics.sway * optics.color_delay
-    own = _own_color_camera(rig)
-    if not own and moved == 0.0 and optics.color_shift == (0.0, 0.0) and paint is None:
+    plain = not _own_color_camera(rig) and paint is None and samples == 1
+    if plain and moved == 0.0 and optics.color_shift == (0.0, 0.0):
         return _tinted(sight.color, sight, rig)
     step = np.eye(4)
     step[0, 3] = moved
-    # The shift is given in pixels of the depth map.
-    across, down = lens.fx / rig.intrinsics.fx, lens.fy / rig.intrinsics.fy
-    shifted = replace(
-        lens, cx=lens.cx + across * optics.color_shift[0], cy=lens.cy + down * optics.color_shift[1]
-    )  # fmt: skip
-    there = subject if moved == 0.0 else subject.transformed(step)
+    there = subject.transformed(step)
     if paint is not None:
         there = replace(there, colors=np.full((len(there.vertices), 3), _GRAY, np.uint8))
+    camera, depth = beside.intrinsics, rig.intrinsics
+    # The shift is given in pixels of the depth map.
+    across, down = optics.color_shift[0] * camera.fx / depth.fx, optics.color_shift[1] * camera.fy / depth.fy
+    lens = replace(camera, cx=camera.cx + across, cy=camera.cy + down)
+    if samples > 1:
+        lens = lens.scaled(samples * camera.width, samples * camera.height)
+    rows = max(1, _BAND_PIXELS // (lens.width * samples))  # of the image, in a band
     bands = []
-    most = max(1, _BAND_PIXELS // lens.width)
-    for first in range(0, lens.height, most):
-        height = min(most, lens.height - first)
-        band = replace(shifted, height=height, cy=shifted.cy - first)
+    for first in range(0, camera.height, rows):
+        height = min(rows, camera.height - first)
+        band = replace(lens, height=samples * height, cy=lens.cy - samples * first)
         seen = look(there, replace(beside, intrinsics=band), props)[0]
         image = seen.color
         if paint is not None:
-            image = image.copy()
             body = seen.object == BODY
             points = seen.point[body] - step[:3, 3]
             image[body] = np.clip(np.rint(_painted(paint, points) * (image[body] / _GRAY)), 0, 255)
-        bands.append(_tinted(image, seen, rig))
+        image = _tinted(image, seen, rig)
+        bands.append(image if samples == 1 else area_resampled(image, camera.width, height))
     return np.concatenate(bands)
 
 

@@ -18,8 +18,8 @@ from mirror_scan.core.numeric.srgb import from_linear, to_linear
 from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.optics import Optics
 from mirror_scan.core.simulation.rays import BODY, FLOOR, FRAME, WALL, look
-from mirror_scan.core.simulation.scene import FramedMirror, Rig, default_rig
-from mirror_scan.core.simulation.sensors import SENSORS, measure
+from mirror_scan.core.simulation.scene import FramedMirror, Rig, default_rig, with_own_color_camera
+from mirror_scan.core.simulation.sensors import COLOR_CAMERAS, SENSORS, measure
 from mirror_scan.core.simulation.simulate import simulate, write_simulation
 from scipy.spatial import cKDTree
 
@@ -342,6 +342,7 @@ def test_a_colour_camera_of_its_own_sees_each_point_where_it_projects(body, else
     np.testing.assert_allclose(rig.seen_by_color.camera_to_avatar @ pose, rig.camera_to_avatar, atol=1e-12)
     if elsewhere:
         np.testing.assert_allclose(np.linalg.inv(pose)[:3, 3], rig.color_offset)
+        assert np.linalg.inv(pose)[1, 2] > 0, "it looks further down, and y points down"
     points = unproject(sight.depth, rig.intrinsics) @ pose[:3, :3].T + pose[:3, 3]
     u, v = np.moveaxis(np.nan_to_num(np.rint(project(points, camera))).astype(int), -1, 0)
     edge = np.abs((sight.point / 0.03 + 0.5) % 1 - 0.5).min(axis=-1) * 0.03  # to the nearest edge of the pattern
@@ -372,6 +373,35 @@ def test_a_larger_colour_image_comes_in_bands_and_reads_back(body, tmp_path, mon
     write_simulation(plain, tmp_path / "scan")
     assert not (tmp_path / "scan" / "color_intrinsic.json").exists()
     assert open_capture(tmp_path / "scan").color.tobytes() == plain.capture.color.tobytes()
+
+
+def test_a_pixel_gathers_light_from_all_of_its_area(body):
+    """The mean of a three times larger image, but for their grain."""
+    rig = own_camera(default_rig("ideal", frames=1), color_scale=1)
+    fine = simulate(body, replace(rig, color_scale=3), paint=checks).capture.native_color
+    mean = fine.reshape(160, 3, 213, 3, 3).mean(axis=(1, 3))
+    gathered = simulate(body, replace(rig, color_samples=3), paint=checks).capture.native_color
+    assert gathered.shape == mean.shape
+    assert np.abs(gathered - mean).mean() < 1.5 and np.percentile(np.abs(gathered - mean), 99) < 6
+    single = simulate(body, rig, paint=checks).capture.native_color
+    assert np.percentile(np.abs(single - mean), 99) > 40
+
+
+@pytest.mark.parametrize("sensor", COLOR_CAMERAS)
+def test_a_sensor_s_own_colour_camera_sees_the_person(body, sensor):
+    rig = with_own_color_camera(small(default_rig(sensor, frames=1)))
+    lens = rig.color_intrinsics
+    rig = replace(rig, color_intrinsics=lens.scaled(lens.width // 4, lens.height // 4))
+    simulation = simulate(body, rig)
+    capture, labels = simulation.capture, simulation.truth.labels
+    points = unproject(simulation.truth.sight.depth, rig.intrinsics)[labels >= 0]
+    pose = capture.depth_to_color
+    u, v = project(points @ pose[:3, :3].T + pose[:3, 3], capture.color_intrinsics).T
+    inside = (u > 0) & (v > 0) & (u < capture.color_intrinsics.width - 1) & (v < capture.color_intrinsics.height - 1)
+    assert inside.mean() > 0.8
+    assert capture.native_color.shape == (lens.height // 4, lens.width // 4, 3)
+    with pytest.raises(MirrorScanError, match="no colour camera of its own"):
+        with_own_color_camera(default_rig("ideal"))
 
 
 def test_mirrors_tint_what_they_show(body):
