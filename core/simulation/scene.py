@@ -172,8 +172,8 @@ class Rig:
     color_tilt_deg : float
         By how much it looks further down than the depth camera.
     color_samples : int
-        Rays along each side of a pixel of the colour image, whose mean it is: a camera's pixel gathers light from all of
-        its area, which matters where a pattern is finer than that.
+        Rays along each side of a pixel of the colour image, whose mean it is: a camera's pixel gathers light from all
+        of its area, which matters where a pattern is finer than that.
     """
 
     intrinsics: Intrinsics
