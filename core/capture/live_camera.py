@@ -25,6 +25,7 @@ from .rgbd_writer import FolderWriter
 
 SETTLE = 15  # frames until exposure and laser have settled
 TIMEOUT_MS = 5000
+COLOR_SIZES = ((1920, 1080), (1280, 800), (1280, 720), (640, 480))  # of RealSense's colour cameras, the best first
 
 
 @dataclass(frozen=True)
@@ -40,11 +41,18 @@ class Stream:
     frames : iterator of (depth, color)
         ``depth`` (H, W) float32 z [m], 0 = no reading; ``color`` (H, W, 3) uint8 sRGB aligned to depth, or None.
         Endless; ends when the camera is gone.
+    color_intrinsics : Intrinsics or None
+        Given where ``color`` is not aligned to depth but the colour camera's own image, (Hc, Wc, 3): its intrinsics,
+        distorted or not.
+    depth_to_color : np.ndarray [shape=(4, 4)] or None
+        Then: takes points [m] of the depth camera's frame into the colour camera's.
     """
 
     intrinsics: Intrinsics
     sensor: str
     frames: Iterator[tuple[np.ndarray, np.ndarray | None]]
+    color_intrinsics: Intrinsics | None = None
+    depth_to_color: np.ndarray | None = None
 
 
 def record(
@@ -107,15 +115,20 @@ def _save(stream: Stream, folder: Path, frames: int, settle: int, progress) -> N
             progress(0.8 + 0.2 * number / frames, "writing")
         writer.add(depth)
     if color is not None:
-        writer.set_color(color)
+        writer.set_color(color, stream.color_intrinsics, stream.depth_to_color)
 
 
 # --- RealSense -------------------------------------------------------------------------------------------------------
 
 
 @contextlib.contextmanager
-def open_realsense(size: tuple[int, int] = (848, 480), rate: int = 30, serial: str | None = None) -> Iterator[Stream]:
-    """A RealSense camera by Intel's SDK, colour aligned to depth.
+def open_realsense(
+    size: tuple[int, int] = (848, 480), rate: int = 30, serial: str | None = None, native_color: bool = False
+) -> Iterator[Stream]:
+    """A RealSense camera by Intel's SDK.
+
+    Colour is aligned to depth; with ``native_color`` it is the colour camera's own image, of the largest size of
+    :data:`COLOR_SIZES` that the camera has at this rate.
 
     Raises
     ------
@@ -127,11 +140,20 @@ def open_realsense(size: tuple[int, int] = (848, 480), rate: int = 30, serial: s
     rs = realsense()
     if not len(rs.context().query_devices()):  # to start would wait 15 s for one
         raise CaptureError("no RealSense camera is connected; plug it into a USB 3 port, with a cable made for that")
-    pipeline, config = rs.pipeline(), rs.config()
-    if serial:
-        config.enable_device(serial)
-    config.enable_stream(rs.stream.depth, *size, rs.format.z16, rate)
-    config.enable_stream(rs.stream.color, rs.format.rgb8, rate)
+    pipeline = rs.pipeline()
+
+    def wanted(*color_size: int) -> Any:
+        config = rs.config()
+        if serial:
+            config.enable_device(serial)
+        config.enable_stream(rs.stream.depth, *size, rs.format.z16, rate)
+        config.enable_stream(rs.stream.color, *color_size, rs.format.rgb8, rate)
+        return config
+
+    config = wanted()
+    if native_color:
+        larger = (wanted(*color_size) for color_size in COLOR_SIZES)
+        config = next((c for c in larger if c.can_resolve(rs.pipeline_wrapper(pipeline))), config)
     try:
         profile = pipeline.start(config)
     except RuntimeError as error:
@@ -143,13 +165,18 @@ def open_realsense(size: tuple[int, int] = (848, 480), rate: int = 30, serial: s
         device = profile.get_device()
         name = device.get_info(rs.camera_info.name) if device.supports(rs.camera_info.name) else ""
         scale = device.first_depth_sensor().get_depth_scale()
-        intrinsics = profile.get_stream(rs.stream.depth).as_video_stream_profile().get_intrinsics()
-        yield realsense_stream(lambda: pipeline.wait_for_frames(TIMEOUT_MS), intrinsics, scale, name)
+        depth, color = (profile.get_stream(s).as_video_stream_profile() for s in (rs.stream.depth, rs.stream.color))
+        own = (color.get_intrinsics(), depth.get_extrinsics_to(color)) if native_color else None
+        yield realsense_stream(
+            lambda: pipeline.wait_for_frames(TIMEOUT_MS), depth.get_intrinsics(), scale, name, own
+        )  # fmt: skip
     finally:
         pipeline.stop()
 
 
-def realsense_stream(wait: Callable[[], Any], intrinsics: Any, scale: float, name: str = "") -> Stream:
+def realsense_stream(
+    wait: Callable[[], Any], intrinsics: Any, scale: float, name: str = "", color: tuple[Any, Any] | None = None
+) -> Stream:
     """A :class:`Stream` of what librealsense delivers.
 
     Parameters
@@ -162,16 +189,49 @@ def realsense_stream(wait: Callable[[], Any], intrinsics: Any, scale: float, nam
         Metres a unit of depth.
     name : str
         What the camera calls itself.
+    color : tuple of rs.intrinsics and rs.extrinsics, or None
+        Of the colour stream, and from depth to it; None aligns colour to depth.
     """
     if any(abs(k) > 1e-9 for k in intrinsics.coeffs):
         raise CaptureError(f"the depth stream of {name or 'this camera'} is distorted; choose a rectified stream")
     camera = Intrinsics(
         intrinsics.width, intrinsics.height, intrinsics.fx, intrinsics.fy, intrinsics.ppx, intrinsics.ppy
     )
-    return Stream(camera, sensor_named(name), _realsense_frames(wait, scale))
+    if color is None:
+        return Stream(camera, sensor_named(name), _realsense_frames(wait, scale, aligned=True))
+    pose = np.eye(4)
+    pose[:3, :3] = np.reshape(color[1].rotation, (3, 3)).T  # librealsense counts column by column
+    pose[:3, 3] = color[1].translation
+    frames = _realsense_frames(wait, scale, aligned=False)
+    return Stream(camera, sensor_named(name), frames, _realsense_color(color[0]), pose)
 
 
-def _realsense_frames(wait: Callable[[], Any], scale: float) -> Iterator[tuple[np.ndarray, np.ndarray | None]]:
+def _realsense_color(intrinsics: Any) -> Intrinsics:
+    """The colour camera with its distortion.
+
+    ``rs2_project_point_to_pixel`` distorts by Brown's formula for each of the three models that bear his name, the
+    inverse one too, and ``rs2_deproject_pixel_to_point`` is the inverse of that (librealsense's issue 7734, pull
+    request 8523); so what the SDK aligns and what we align agree.
+    """
+    models = realsense().distortion
+    coefficients = tuple(float(k) for k in intrinsics.coeffs)
+    if intrinsics.model == models.none or max(map(abs, coefficients)) <= 1e-9:
+        coefficients = ()
+    elif intrinsics.model not in (
+        models.brown_conrady, models.modified_brown_conrady, models.inverse_brown_conrady
+    ):  # fmt: skip
+        raise CaptureError(
+            f"the colour camera's lens is {str(intrinsics.model)[:40]}, which is not supported; record with colour "
+            "aligned to depth"
+        )
+    return Intrinsics(
+        intrinsics.width, intrinsics.height, intrinsics.fx, intrinsics.fy, intrinsics.ppx, intrinsics.ppy, coefficients
+    )
+
+
+def _realsense_frames(
+    wait: Callable[[], Any], scale: float, aligned: bool
+) -> Iterator[tuple[np.ndarray, np.ndarray | None]]:
     rs = realsense()
     align = rs.align(rs.stream.depth)
     while True:
@@ -181,7 +241,7 @@ def _realsense_frames(wait: Callable[[], Any], scale: float) -> Iterator[tuple[n
             return
         if not frames.get_depth_frame():
             continue
-        if frames.get_color_frame():
+        if aligned and frames.get_color_frame():
             frames = align.process(frames)
         depth = np.asanyarray(frames.get_depth_frame().get_data())
         color = frames.get_color_frame()

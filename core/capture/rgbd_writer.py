@@ -74,21 +74,22 @@ class FolderWriter:
     def set_color(
         self, color: np.ndarray, intrinsics: Intrinsics | None = None, depth_to_color: np.ndarray | None = None
     ) -> None:
-        """The colour image: (H, W, 3) uint8 aligned to depth, or of any size with the pinhole that took it.
+        """The colour image: aligned to depth, or of any size with the camera that took it.
 
         Parameters
         ----------
         color : np.ndarray [shape=(Hc, Wc, 3), dtype=uint8]
         intrinsics, depth_to_color
-            As :class:`.capture.Capture` has them once opened; None where ``color`` is aligned to depth.
+            Of the camera that took it, and where it is, as in :class:`.capture.Capture`; None where ``color`` is
+            aligned to depth.
         """
         shape = self._shape if intrinsics is None else (intrinsics.height, intrinsics.width)
         if color.shape[:2] != shape:
             other = "depth" if intrinsics is None else "its camera"
             raise OutputError(f"{self.folder}: colour is {color.shape[:2]}, {other} {shape}; align it first")
         if intrinsics is not None:
-            if not intrinsics.is_pinhole or depth_to_color is None:
-                raise OutputError(f"{self.folder}: an RGB-D folder holds straight pictures and where they were taken")
+            if depth_to_color is None:
+                raise OutputError(f"{self.folder}: colour has intrinsics but no depth_to_color; give both")
             self.write_json(COLOR_INTRINSIC_NAME, color_file(intrinsics, depth_to_color))
         try:
             (self.folder / "color").mkdir(exist_ok=True)

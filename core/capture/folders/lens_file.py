@@ -173,12 +173,13 @@ def read_color_file(path: Path) -> tuple[Intrinsics, np.ndarray | None, tuple[st
 
 
 def color_file(intrinsics: Intrinsics, depth_to_color: np.ndarray) -> dict[str, object]:
-    """The content of a ``color_intrinsic.json`` that :func:`read_color_file` reads; ``intrinsics`` is a pinhole."""
+    """The content of a ``color_intrinsic.json`` that :func:`read_color_file` reads."""
     matrix = [intrinsics.fx, 0, 0, 0, intrinsics.fy, 0, intrinsics.cx, intrinsics.cy, 1]
     return {
         "width": intrinsics.width,
         "height": intrinsics.height,
         "intrinsic_matrix": matrix,
+        **({} if intrinsics.is_pinhole else {"distortion": list(intrinsics.distortion)}),
         "depth_to_color": np.asarray(depth_to_color, np.float64).T.ravel().tolist(),
     }
 

@@ -11,6 +11,8 @@ import writers
 from mirror_scan.core.camera import project, unproject
 from mirror_scan.core.camera.image_registration import first_readings
 from mirror_scan.core.capture import ReadOptions, open_capture
+from mirror_scan.core.capture.camera_poses import open_posed_captures
+from mirror_scan.core.capture.capture_summary import words
 from mirror_scan.core.capture.rgbd_writer import write_folder
 from mirror_scan.core.capture.single_files.npz import write_npz
 from mirror_scan.core.io.images import write_png
@@ -208,10 +210,24 @@ def test_fine_stripes_stay_sharp_when_a_lens_is_straightened(tmp_path):
     assert np.ptp(middle, axis=1).mean() > 0.8 * np.ptp(stripes)
 
 
-def test_unaligned_depth_counts_only_once(tmp_path):
-    """A burst's native colour is one image, whichever frames are chosen."""
+def test_native_colour_is_that_of_the_first_frame_chosen(tmp_path):
     folder = rgbd(tmp_path / "a", BIG)
     write_png(folder / "depth" / "1.png", DEPTH)
     write_png(folder / "color" / "1.png", BIG[:, ::-1])
     chosen = open_capture(folder, "1:", ReadOptions(native_color=True))
     np.testing.assert_array_equal(chosen.native_color, BIG[:, ::-1])
+
+
+def test_several_cameras_and_the_summary_know_of_it(tmp_path):
+    for name in ("front", "back"):
+        rgbd(tmp_path / name, BIG, {"depth_to_color": column_major(SHIFT)})
+    pose = np.eye(4).tolist()
+    cameras = [{"capture": name, "camera_to_world": pose} for name in ("front", "back")]
+    (tmp_path / "poses.json").write_text(json.dumps({"cameras": cameras}))
+    plain, _ = open_posed_captures([tmp_path])
+    kept, _ = open_posed_captures([tmp_path], options=ReadOptions(native_color=True))
+    for capture in kept:
+        np.testing.assert_array_equal(capture.native_color, BIG)
+        assert "  colour   64×48, aligned to depth; the colour camera's own 256×192" in words(capture)
+    for capture in plain:
+        assert capture.native_color is None and "  colour   64×48" in words(capture)

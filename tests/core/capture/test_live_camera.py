@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mirror_scan.core import cli
-from mirror_scan.core.camera import Intrinsics
+from mirror_scan.core.camera import Intrinsics, project
+from mirror_scan.core.camera.image_registration import straightened
+from mirror_scan.core.capture import ReadOptions, open_capture
 from mirror_scan.core.capture import live_camera as recording
-from mirror_scan.core.capture import open_capture
 from mirror_scan.core.capture.live_camera import Stream, realsense_stream, record
 from mirror_scan.core.errors import CaptureError, OutputError
 
@@ -160,6 +161,56 @@ def test_realsense_by_its_software_device(tmp_path):
         expected = 90 * ((u - 31.5) / 60 - 0.015 / depth) + 47.5
         assert abs(int(capture.color[30, u, 1]) - expected) <= 1.5
     assert capture.color[12, 12].tolist() == [0, 0, 0], "no depth, no colour"
+
+
+def test_the_colour_camera_s_own_pixels_by_the_software_device(tmp_path):
+    """As the recording above, but for colour: stored as it came, and aligned when it is read."""
+    rs = pytest.importorskip("pyrealsense2", exc_type=ImportError)
+    camera = Software(rs)
+    z = np.full((HEIGHT, WIDTH), 15000, np.uint16)
+    color = np.zeros((72, 96, 3), np.uint8)
+    color[..., 1] = 2 * np.arange(96)
+
+    def wait():
+        while True:
+            frames = camera.wait(z, color)
+            if frames.get_depth_frame() and frames.get_color_frame():
+                return frames
+
+    try:
+        to_color = camera.profiles[0].get_extrinsics_to(camera.profiles[1])
+        stream = realsense_stream(wait, camera.lenses[0], camera.units, "D435I", (camera.lenses[1], to_color))
+        folder = record(stream, tmp_path / "scan", frames=2, settle=1)
+    finally:
+        camera.close()
+    capture = open_capture(folder, options=ReadOptions(native_color=True))
+    np.testing.assert_array_equal(capture.native_color, color)
+    assert capture.color_intrinsics == Intrinsics(96, 72, 90.0, 90.0, 47.5, 35.5)
+    np.testing.assert_allclose(capture.depth_to_color[:3], np.eye(4)[:3] + np.eye(3, 4, 3) * ((-0.015,), (0,), (0,)))
+    expected = 2 * (90 * ((30 - 31.5) / 60 - 0.015 / 1.5) + 47.5)
+    assert abs(int(capture.color[30, 30, 1]) - expected) <= 1
+    lens = camera.lenses[1]
+    lens.coeffs = [-0.055, 0.06, 0.0005, -0.0003, -0.02]
+    for model in (rs.distortion.brown_conrady, rs.distortion.inverse_brown_conrady):
+        lens.model = model
+        ours = realsense_stream(wait, camera.lenses[0], camera.units, "D455", (lens, to_color)).color_intrinsics
+        pixel = project(np.array((0.3, 0.2, 1.0)), ours)
+        assert rs.rs2_project_point_to_pixel(lens, [0.3, 0.2, 1.0]) == pytest.approx(pixel, abs=0.01)
+    lens.model = rs.distortion.ftheta
+    with pytest.raises(CaptureError, match="lens is .*ftheta"):
+        realsense_stream(wait, camera.lenses[0], camera.units, "D455", (lens, to_color))
+
+
+def test_a_stream_of_another_colour_camera_is_stored_with_its_lens(tmp_path):
+    lens = Intrinsics(96, 72, 90.0, 90.0, 47.5, 35.5, (-0.05, 0.01, 0.001, 0.0, 0.0))
+    pose = np.eye(4)
+    pose[:3, 3] = 0.02, -0.001, 0.003
+    frames = ((np.full((HEIGHT, WIDTH), 1.5, np.float32), np.full((72, 96, 3), 80, np.uint8)) for _ in range(9))
+    record(Stream(CAMERA, "unknown", frames, lens, pose), tmp_path / "scan", frames=2, settle=1)
+    capture = open_capture(tmp_path / "scan", options=ReadOptions(native_color=True))
+    assert capture.color_intrinsics == straightened(lens)
+    np.testing.assert_array_equal(capture.depth_to_color, pose)
+    assert np.median(capture.native_color) == np.median(capture.color) == 80
 
 
 def test_realsense_without_a_camera_or_the_library(monkeypatch, tmp_path, capsys):
