@@ -15,10 +15,11 @@ from ..mesh import SURFACE, Mesh
 from ..mesh.bvh import build_bvh, raycast
 from ..mesh.half_edges import edge_keys
 from ..mesh.normals import vertex_normals
+from ..mesh.self_intersections import self_intersections
 from ..mesh.submesh import triangle_components
 from ..numeric.kernels import njit
 from ..numeric.point_products import dot
-from ..numeric.rotations import shortest_turn
+from ..numeric.rotations import about_axis, shortest_turn
 from ..numeric.sparse_least_squares import elimination_order, solve_squares
 from .pose import Pose, SkinWeights, bone_matrices, skinned
 from .skeleton import BONES, PARENTS, Skeleton
@@ -40,6 +41,10 @@ _SMOOTHING = 3  # rounds of averaging with neighbours
 _RAISED, _SPREAD = np.radians(77.0), np.radians(45.0)  # of arms and legs, for a look at how skin is stretched
 _STRETCHED, _TAUT = 3.65, 3.8  # of its length: an edge that is relaxed, and one that must be
 _RELAXED, _ROUNDS = 0.03, 15  # how far around such edges [body sizes], and how often
+_FOLDED, _KNEES = np.radians(85.0), np.radians(95.0)  # of thighs and knees, for a look at how skin folds
+_FOLDS = 0.3  # so far around the legs' joints skin may fold into itself [body sizes]
+_SPREADING = (0.04, 0.05, 0.06, 0.07)  # how far around such folds weights are spread, round by round [body sizes]
+_CLEAR = 0.4  # share of the faces that cross at first, below which it is enough
 _TINY = 0.001  # shorter edges are taken for so long [m]
 
 
@@ -89,6 +94,7 @@ def skin_weights(mesh: Mesh, skeleton: Skeleton, fields: WeightFields | None = N
     weights = _softmax(hold)
     for _ in range(_SMOOTHING):
         weights = _smoothed(weights, near)
+    _unfold(weights, mesh, skeleton, edges, near)
     _relax(weights, mesh.vertices, skeleton, edges, near)
     return strongest(weights)
 
@@ -252,6 +258,52 @@ def _smoothed(values, near):
                 total += values[near.heads[e], k]
             out[v, k] = 0.5 * (values[v, k] + total / degree)
     return out
+
+
+def _unfold(weights: np.ndarray, mesh: Mesh, skeleton: Skeleton, edges: np.ndarray, near: Neighbours) -> None:
+    """Spread weights (V, 22) where skin runs through itself as somebody squats: groins and hollows of the knees.
+
+    About faces that cross, weights become harmonic, round by round farther around them, until few faces cross.
+    """
+    size = body_size(skeleton)
+    joints = skeleton.joints[[BONES.index(side + part) for side in ("Left", "Right") for part in ("UpLeg", "Leg")]]
+    apart = np.linalg.norm(mesh.vertices[:, None] - joints, axis=2).min(axis=1)
+    triangles = mesh.triangles[(apart < _FOLDS * size)[mesh.triangles].all(axis=1)]
+    if not len(triangles):
+        return
+    at, corners = np.unique(triangles, return_inverse=True)
+    corners = corners.reshape(-1, 3).astype(np.int32)
+    matrices = bone_matrices(skeleton, squatting())
+    crossed = _crossing(mesh.vertices[at], corners)
+    stiffness = 1.0 / np.maximum(np.linalg.norm(np.diff(mesh.vertices[edges], axis=1)[:, 0], axis=1), _TINY)
+    region = np.zeros(len(mesh.vertices), np.bool_)
+    first = 0
+    for reach in _SPREADING:
+        crossing = _crossing(skinned(mesh.vertices[at], strongest(weights[at]), matrices), corners) & ~crossed
+        first = max(first, int(crossing.sum()))
+        if crossing.sum() <= _CLEAR * first:
+            return
+        start = np.zeros(len(mesh.vertices), np.bool_)
+        start[triangles[crossing]] = True
+        region |= np.isfinite(_surface_distances(start, near, reach * size))
+        _make_harmonic(weights, region, edges, stiffness)
+
+
+def _crossing(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Which triangles (T,) cross another one."""
+    found = np.zeros(len(triangles), np.bool_)
+    found[np.unique(self_intersections(vertices, triangles))] = True
+    return found
+
+
+def squatting() -> Pose:
+    """Thighs 85° ahead, knees bent by 95°, the trunk upright."""
+    rotations = np.tile(np.eye(3), (len(BONES), 1, 1))
+    for side in ("Left", "Right"):
+        rotations[BONES.index(f"{side}UpLeg")] = about_axis(0, -_FOLDED)
+        for name in ("Leg", "Foot", "ToeBase"):
+            rotations[BONES.index(side + name)] = about_axis(0, _KNEES - _FOLDED)
+    return Pose(rotations, np.zeros(3))
 
 
 def _relax(weights: np.ndarray, vertices: np.ndarray, skeleton: Skeleton, edges: np.ndarray, near: Neighbours) -> None:
