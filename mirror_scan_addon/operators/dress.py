@@ -24,7 +24,7 @@ class _Bake:
 
     error = None
 
-    def __init__(self, operator: bpy.types.Operator, scene: bpy.types.Scene, garments: list[int], made: list[int]):
+    def __init__(self, scene: bpy.types.Scene, garments: list[int], made: list[int]):
         from ..scene import avatar_objects, cloth
 
         self.progress = (0.0, "Letting the cloth fall")
@@ -65,7 +65,7 @@ class _ClothOperator(job_operators.JobOperator):
         if done == {"FINISHED"} and self.wants_bake():
             manager = context.window_manager
             manager.progress_begin(0, 100)
-            bake = _Bake(self, context.scene, self._worn, self._made)
+            bake = _Bake(context.scene, self._worn, self._made)
             while bake.is_alive():
                 manager.progress_update(round(100 * bake.progress[0]))
             manager.progress_end()
@@ -77,7 +77,7 @@ class _ClothOperator(job_operators.JobOperator):
         done = super()._deliver(context, result)
         if done != {"FINISHED"} or not self.wants_bake() or context.scene.session_uid != self._scene_uid:
             return done
-        self._worker = _Bake(self, context.scene, self._worn, self._made)
+        self._worker = _Bake(context.scene, self._worn, self._made)
         self._timer = context.window_manager.event_timer_add(job_operators.TICK_S, window=context.window)
         return {"RUNNING_MODAL"}
 
