@@ -99,7 +99,7 @@ def _nearest_in_triangle(corners: np.ndarray, points: np.ndarray) -> tuple[np.nd
 
 
 def mean_colors(colors: np.ndarray, cluster: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """SRGB (N, 3) uint8: the mean light of each cluster, since its vertex stands for all of them."""
+    """Mean light of each cluster, since its vertex stands for all of it, as sRGB (N, 3) uint8."""
     light = to_linear(colors / 255.0)
     count = np.bincount(cluster, minlength=len(colors))[used]
     mean = np.column_stack([np.bincount(cluster, light[:, k], len(colors))[used] / count for k in range(3)])

@@ -31,7 +31,7 @@ _COSINE_75 = 0.26  # a triangle that rotates by more is a fold
 _SLIVER = 0.1 / 3.4641016  # twice the area by the squares of the sides: of a shape, 1 = equilateral, of 0.1
 _PULL = 1e-3  # share of a quadric's trace that draws the vertex to the middle of the edge: flat places stay solvable
 _FAR = 2.0  # edge lengths from the middle of the edge beyond which the solution is not believed
-_SEAM_WEIGHT = 1.0  # of planes through a seam, beside those of triangles
+_SEAM_WEIGHT = 0.02  # of planes through a seam, beside those of triangles; zigzags of a seam need not stay
 _BORDER_WEIGHT = 10.0  # of planes through a boundary
 _LEAST_TEXTURE_AREA = 0.02  # share of a triangle's area in the texture that must be left; it also must not turn over
 
@@ -235,9 +235,7 @@ def _push(s, cost, u, v):
 
 @_inner
 def _sides(s, u, v, found):
-    """Triangles of the edge u v: for the first two into ``found`` (2, 4) their corners at u, v and opposite, and the
-    triangle; returns how many there are.
-    """
+    """How many triangles the edge u v has; ``found`` (2, 4): corners at u, v, opposite; number of two."""
     n = 0
     c = s.head[u]
     while c >= 0:
@@ -526,9 +524,9 @@ def _new_places(s, u, v, seam, to, sides, shared, places):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _collapse_kernel(s, edges, waiting, count):
-    """Queue the first ``waiting`` of ``edges`` (E > 0, 2), then collapse the cheapest until ``count`` triangles are left.
+    """Queue the first ``waiting`` of ``edges`` (E > 0, 2), then collapse the cheapest edges.
 
-    Or until no edge is left.
+    Until ``count`` triangles are left, or no edge is.
     """
     sides, found, to = np.empty((2, 4), np.int32), np.empty((2, 4), np.int32), np.empty(3)
     places = np.empty((2, 2))

@@ -163,7 +163,7 @@ def _one_pass(
     mesh: Mesh, wanted: list[int], texture: Texture | None, weights: SkinWeights | None,
     wedge: np.ndarray | None, places: np.ndarray | None, factor: np.ndarray,
 ) -> tuple[dict[int, Reduced], np.ndarray, int]:  # fmt: skip
-    """Each level, which vertices (V,) of the full mesh lie where surface runs through surface, and at how many pairs."""
+    """Each level; vertices (V,) of the full mesh where surface runs through surface, and at how many pairs."""
     from ..mesh.self_intersections import self_intersections
     from .clusters import clusters
     from .edge_collapse import begin_collapse, collapse_until
