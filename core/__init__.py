@@ -28,6 +28,7 @@ __all__ = [
     "motion",
     "texture",
     "decimation",
+    "printing",
     "measurements",
     "clothes",
     "preview",

@@ -29,7 +29,7 @@ from ..numeric.kernels import njit
 _INNER, _SEAM, _FIXED = 0, 1, 2
 _COSINE_75 = 0.26  # a triangle that rotates by more is a fold
 _SLIVER = 0.1 / 3.4641016  # twice the area by the squares of the sides: of a shape, 1 = equilateral, of 0.1
-_PULL = 1e-3  # share of a quadric's trace that draws the vertex to the middle of the edge: flat places stay solvable
+_PULL = 1e-5  # share of a quadric's trace that draws the vertex to the middle of the edge: flat places stay solvable
 _FAR = 2.0  # edge lengths from the middle of the edge beyond which the solution is not believed
 _SEAM_WEIGHT = 0.02  # of planes through a seam, beside those of triangles; zigzags of a seam need not stay
 _BORDER_WEIGHT = 10.0  # of planes through a boundary

@@ -2,6 +2,7 @@
 
 __all__ = [
     "blas_threads",
+    "isosurface",
     "kernel_warnings",
     "kernels",
     "point_products",

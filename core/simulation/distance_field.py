@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..numeric.isosurface import CORNERS, split_quads, surface_nets
 from ..numeric.kernels import njit, prange
 
 ELLIPSOID, CAPSULE, LOFT = 0, 1, 2
 FAR = 1.0
 TABLE_SAMPLES = 128
-_CORNERS = np.array([(i >> 2 & 1, i >> 1 & 1, i & 1) for i in range(8)])
 
 
 class Primitives(NamedTuple):
@@ -82,7 +82,7 @@ class Solid:
         length = float(np.linalg.norm(end - start))
         low = np.array([(table[:, 4] - table[:, 1]).min(), (table[:, 5] - table[:, 2]).min(), -caps[0]])
         high = np.array([(table[:, 4] + table[:, 0]).max(), (table[:, 5] + table[:, 3]).max(), length + caps[1]])
-        corners = (low + _CORNERS * (high - low)) @ axes
+        corners = (low + CORNERS * (high - low)) @ axes
         low, high = corners.min(axis=0), corners.max(axis=0)
         self._add(name, LOFT, blend, start, axes, (length, *caps, exponent), table, low, high, side)
 
@@ -90,7 +90,7 @@ class Solid:
         """Rotate every primitive added from index ``first`` on about ``pivot``."""
         for i in range(first, len(self._rows)):
             kind, blend, origin, axes, size, table, low, high = self._rows[i]
-            corners = (low + _CORNERS * (high - low)) @ matrix.T
+            corners = (low + CORNERS * (high - low)) @ matrix.T
             self._rows[i] = (
                 kind,
                 blend,
@@ -355,82 +355,3 @@ def surface(solid: Primitives, cell: float, floor_blend: float = 0.004) -> tuple
             points += 0.5 * (shift - (shift * normals).sum(axis=1, keepdims=True) * normals)
     _project(solid, floor_blend, points, 0.02 * cell, 0.5 * cell, normals)
     return points, split_quads(points, quads)
-
-
-def surface_nets(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices in grid units (V, 3) and outward quads (Q, 4) int32 where ``values`` changes sign; manifold, closed.
-
-    ``values`` (nx, ny, nz) is negative inside, positive on the grid's outermost layer; it is changed in place at
-    the corners of cells that would hold two sheets.
-    """
-    codes = _codes(values < 0)
-    bad = _two_sheets()
-    while len(cells := np.argwhere(bad[codes])):
-        corners = cells[:, None, :] + _CORNERS
-        at = values[tuple(np.moveaxis(corners, -1, 0))]
-        shallow = np.where(at < 0, np.inf, at).argmin(axis=1)
-        values[tuple(corners[np.arange(len(cells)), shallow].T)] = -1e-6
-        codes = _codes(values < 0)
-
-    active = (codes != 0) & (codes != 255)
-    cells = np.argwhere(active)
-    index = np.full(active.shape, -1, dtype=np.int32)
-    index[active] = np.arange(len(cells), dtype=np.int32)
-
-    at = values[tuple(np.moveaxis(cells[:, None, :] + _CORNERS, -1, 0))].astype(np.float64)
-    total, crossed = np.zeros((len(cells), 3)), np.zeros(len(cells))
-    for a in range(8):
-        for b in (a | 1, a | 2, a | 4):
-            if b != a:
-                cut = (at[:, a] < 0) != (at[:, b] < 0)
-                s = np.where(cut, at[:, a] / np.where(cut, at[:, a] - at[:, b], 1.0), 0.0)[:, None]
-                total += np.where(cut[:, None], _CORNERS[a] + s * (_CORNERS[b] - _CORNERS[a]), 0.0)
-                crossed += cut
-    vertices = cells + total / crossed[:, None]
-
-    inside = values < 0
-    quads = []
-    for axis in range(3):
-        one, two = (axis + 1) % 3, (axis + 2) % 3
-        head = np.take(inside, range(values.shape[axis] - 1), axis=axis)
-        tail = np.take(inside, range(1, values.shape[axis]), axis=axis)
-        edge = np.argwhere(head != tail)
-        step_one, step_two = np.eye(3, dtype=int)[one], np.eye(3, dtype=int)[two]
-        ring = [edge - step_one - step_two, edge - step_two, edge, edge - step_one]
-        quad = np.stack([index[tuple(cell.T)] for cell in ring], axis=1)
-        leaving = head[tuple(edge.T)]
-        quads.append(np.where(leaving[:, None], quad, quad[:, ::-1]))
-    return vertices, np.concatenate(quads)
-
-
-def split_quads(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
-    """Two triangles a quad, along its shorter diagonal: (Q, 4) -> (2 Q, 3) int32."""
-    p = points[quads]
-    short = ((p[:, 0] - p[:, 2]) ** 2).sum(axis=1) <= ((p[:, 1] - p[:, 3]) ** 2).sum(axis=1)
-    turned = np.where(short[:, None], quads, np.roll(quads, -1, axis=1))
-    return np.ascontiguousarray(np.concatenate((turned[:, [0, 1, 2]], turned[:, [0, 2, 3]])), dtype=np.int32)
-
-
-def _codes(inside: np.ndarray) -> np.ndarray:
-    """Per cell one bit a corner, set inside: (nx, ny, nz) bool -> (nx-1, ny-1, nz-1) uint8."""
-    nx, ny, nz = inside.shape
-    codes = np.zeros((nx - 1, ny - 1, nz - 1), dtype=np.uint8)
-    for bit, (i, j, k) in enumerate(_CORNERS):
-        codes |= inside[i : nx - 1 + i, j : ny - 1 + j, k : nz - 1 + k].view(np.uint8) << np.uint8(bit)
-    return codes
-
-
-def _two_sheets() -> np.ndarray:
-    """Whether the inside or the outside corners of each of the 256 cell codes are unconnected along cell edges."""
-
-    def connected(corners: set[int]) -> bool:
-        reached, front = set(), list(corners)[:1]
-        while front:
-            corner = front.pop()
-            if corner not in reached:
-                reached.add(corner)
-                front += [corner ^ bit for bit in (1, 2, 4) if corner ^ bit in corners]
-        return reached == corners
-
-    split = [{b for b in range(8) if code >> b & 1} for code in range(256)]
-    return np.array([not (connected(s) and connected(set(range(8)) - s)) for s in split])

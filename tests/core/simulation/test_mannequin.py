@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 from mirror_scan.core.errors import MirrorScanError
-from mirror_scan.core.simulation.distance_field import surface_nets
+from mirror_scan.core.numeric.isosurface import surface_nets
 from mirror_scan.core.simulation.mannequin import Figure, mannequin, random_figure
 
 

@@ -1,0 +1,145 @@
+"""Polygons in a plane: areas, inside or outside, hulls, and triangles that fill them around their holes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def signed_area(ring: np.ndarray) -> float:
+    """Of a ring of points (N, 2): positive when it runs counter-clockwise."""
+    x, y = ring.T
+    return float(0.5 * (x * np.roll(y, -1) - np.roll(x, -1) * y).sum())
+
+
+def inside(points: np.ndarray, rings: list[np.ndarray]) -> np.ndarray:
+    """Which of ``points`` (N, 2) lie within the ``rings`` (each (M, 2)) an odd number of times, (N,) bool."""
+    odd = np.zeros(len(points), np.bool_)
+    x, y = points[:, :1], points[:, 1:]
+    for ring in rings:
+        ax, ay = ring.T
+        bx, by = np.roll(ring, -1, axis=0).T
+        over = (ay > y) != (by > y)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crosses = over & (x < ax + (y - ay) * (bx - ax) / (by - ay))
+        odd ^= (crosses.sum(axis=1) % 2).astype(np.bool_)
+    return odd
+
+
+def convex_hull(points: np.ndarray) -> np.ndarray:
+    """Convex hull (M, 2) of points (N, 2), counter-clockwise (Andrew 1979)."""
+    points = np.unique(points, axis=0)
+
+    def half(points: np.ndarray) -> list[np.ndarray]:
+        chain: list[np.ndarray] = []
+        for p in points:
+            while len(chain) > 1 and _turn(chain[-2], chain[-1], p) <= 0:
+                chain.pop()
+            chain.append(p)
+        return chain[:-1]
+
+    return np.array(half(points) + half(points[::-1]))
+
+
+def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+
+def fill(points: np.ndarray, rings: list[np.ndarray]) -> np.ndarray:
+    """Triangles that fill the region left of all rings.
+
+    Holes are joined to the ring around them by bridges (Eberly 2002), then ears are clipped. O(N²).
+
+    Parameters
+    ----------
+    points : np.ndarray [shape=(N, 2)]
+    rings : list of np.ndarray [shape=(M,)]
+        Points of each: outer ones counter-clockwise, holes clockwise; they do not cross.
+
+    Returns
+    -------
+    np.ndarray [shape=(T, 3), dtype=int32]
+        Counter-clockwise. Every edge of a ring is an edge of one triangle, in its direction.
+    """
+    outer = [ring for ring in rings if signed_area(points[ring]) > 0]
+    holes: list[list[np.ndarray]] = [[] for _ in outer]
+    sizes = [signed_area(points[ring]) for ring in outer]
+    for ring in rings:
+        if signed_area(points[ring]) <= 0:
+            around = [k for k, other in enumerate(outer) if inside(points[ring[:1]], [points[other]])[0]]
+            if around:
+                holes[min(around, key=lambda k: sizes[k])].append(ring)
+    made = [_clip_ears(points, _bridged(points, ring, inner)) for ring, inner in zip(outer, holes, strict=True)]
+    return np.concatenate(made).astype(np.int32) if made else np.empty((0, 3), np.int32)
+
+
+def _bridged(points: np.ndarray, outer: np.ndarray, holes: list[np.ndarray]) -> np.ndarray:
+    """One ring that runs into each hole and back on the same way."""
+    ring = np.asarray(outer)
+    for hole in sorted(holes, key=lambda hole: -points[hole, 0].max()):
+        start = int(points[hole, 0].argmax())
+        hole = np.roll(hole, -start)
+        at = _visible(points, ring, points[hole[0]])
+        ring = np.concatenate((ring[: at + 1], hole, hole[:1], ring[at:]))
+    return ring
+
+
+def _visible(points: np.ndarray, ring: np.ndarray, m: np.ndarray) -> int:
+    """Place in the ring of a point that the point ``m`` within it sees to its right."""
+    a, b = points[ring], points[np.roll(ring, -1)]
+    crossing = (a[:, 1] <= m[1]) & (b[:, 1] > m[1])  # upward edges have the inside to their left
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x = a[:, 0] + (m[1] - a[:, 1]) * (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1])
+    x = np.where(crossing & (x >= m[0]), x, np.inf)
+    edge = int(x.argmin())
+    if not np.isfinite(x[edge]):
+        return int(((points[ring] - m) ** 2).sum(axis=1).argmin())
+    end = edge if a[edge, 0] > b[edge, 0] else (edge + 1) % len(ring)
+    p, i = points[ring[end]], np.array((x[edge], m[1]))
+    corner = (m, i, p) if _turn(m, i, p) > 0 else (m, p, i)
+    within = np.ones(len(ring), np.bool_)
+    for k in range(3):
+        c, d = corner[k], corner[(k + 1) % 3]
+        within &= (d[0] - c[0]) * (a[:, 1] - c[1]) - (d[1] - c[1]) * (a[:, 0] - c[0]) >= 0
+    within &= (a != p).any(axis=1)
+    if not within.any():
+        return end
+    step = a - m
+    slope = np.abs(step[:, 1]) / np.maximum(step[:, 0], 1e-12)
+    slope[~within] = np.inf
+    nearest = np.lexsort(((step**2).sum(axis=1), slope))
+    return int(nearest[0])
+
+
+def _clip_ears(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
+    """Triangles of a ring without holes, which may touch itself at bridges."""
+    xy, left = points[ring], list(range(len(ring)))
+    made, at, tried = [], 0, 0
+    while len(left) > 3:
+        n = len(left)
+        before, here, behind = left[(at - 1) % n], left[at % n], left[(at + 1) % n]
+        # after a round without an ear, rings touch or cross: any corner that turns left will do, at last any at all
+        if tried > 2 * n or _is_ear(xy, left, before, here, behind, tried > n):
+            made.append((before, here, behind))
+            del left[at % n]
+            at, tried = (at % n) + 1 if tried == 0 else at % n, 0
+        else:
+            at, tried = (at + 1) % n, tried + 1
+    made.append(tuple(left))
+    return ring[np.array(made)]
+
+
+def _is_ear(xy: np.ndarray, left: list[int], before: int, here: int, behind: int, loosely: bool) -> bool:
+    a, b, c = xy[before], xy[here], xy[behind]
+    if _turn(a, b, c) <= 0:
+        return False
+    if loosely:
+        return True
+    others = xy[left]
+    within = (b[0] - a[0]) * (others[:, 1] - a[1]) - (b[1] - a[1]) * (others[:, 0] - a[0]) >= 0
+    within &= (c[0] - b[0]) * (others[:, 1] - b[1]) - (c[1] - b[1]) * (others[:, 0] - b[0]) >= 0
+    within &= (a[0] - c[0]) * (others[:, 1] - c[1]) - (a[1] - c[1]) * (others[:, 0] - c[0]) >= 0
+    if not within.any():
+        return True
+    for corner in (a, b, c):
+        within &= (others != corner).any(axis=1)
+    return not within.any()
