@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ..errors import MirrorScanError
 from ..io.images import write_png
-from ..mesh import FILL, KIND_NAMES, SEAM, SURFACE, Mesh
+from ..mesh import FILL, KIND_NAMES, SEAM, SURFACE, Mesh, Texture
 from ..mesh.bvh import Bvh, build_bvh, raycast
 from ..mesh.normals import triangle_normals, vertex_normals
 from ..numeric.srgb import from_linear, to_linear
@@ -46,6 +46,7 @@ def render_views(
     width: int,
     height: int,
     up: Sequence[float] = (0.0, 0.0, 1.0),
+    texture: Texture | None = None,
 ) -> np.ndarray:
     """Orthographic pictures of a mesh side by side, all to one scale that fits the largest.
 
@@ -64,6 +65,8 @@ def render_views(
         Of each picture [px].
     up : (3,)
         What shall point up in the pictures; (0, -1, 0) for the camera frame.
+    texture : Texture, optional
+        Of the mesh's triangles; shown in place of ``colors``, each pixel sampled four times.
 
     Returns
     -------
@@ -74,11 +77,15 @@ def render_views(
     MirrorScanError
         When the mesh has no triangles, is not finite, or an argument does not fit.
     """
-    return _render(mesh, [colors], directions, width, height, up)[0][0]
+    return _render(mesh, [colors if texture is None else texture], directions, width, height, up)[0][0]
 
 
 def render_preview(
-    mesh: Mesh, path: str | os.PathLike, skeleton: Skeleton | None = None, weights: SkinWeights | None = None
+    mesh: Mesh,
+    path: str | os.PathLike,
+    skeleton: Skeleton | None = None,
+    weights: SkinWeights | None = None,
+    texture: Texture | None = None,
 ) -> None:
     """Write the preview sheet: front, left side, back and right side; above by capture colours, below by kind.
 
@@ -93,6 +100,8 @@ def render_preview(
         complete.
     skeleton, weights : Skeleton and SkinWeights, optional
         Of the mesh.
+    texture : Texture, optional
+        Of the mesh's triangles: the upper row shows it.
 
     Raises
     ------
@@ -103,7 +112,7 @@ def render_preview(
     """
     kind = np.zeros(len(mesh.triangles), np.int8) if mesh.kind is None else mesh.kind
     by_kind = np.array([KIND_COLORS[k] for k in sorted(KIND_COLORS)], np.uint8)[kind]
-    rows, inside = _render(mesh, [mesh.colors, by_kind], list(SIDES.values()), *_PANEL)
+    rows, inside = _render(mesh, [mesh.colors if texture is None else texture, by_kind], list(SIDES.values()), *_PANEL)
     width = rows[0].shape[1]
     band = np.full((_BAND, width, 3), BACKGROUND, np.uint8)
     sheet = np.concatenate((band, *rows, band))
@@ -134,17 +143,9 @@ def _render(mesh, colorings, directions, width, height, up=(0.0, 0.0, 1.0)) -> t
         raise MirrorScanError("picture: the mesh has no triangles to show")
     if width < 1 or height < 1 or not len(directions):
         raise MirrorScanError(f"picture: {len(directions)} views of {width}×{height} px make no picture")
-    colorings = [
-        np.tile(np.array(NEUTRAL, np.uint8), (len(vertices), 1)) if c is None else np.asarray(c) for c in colorings
-    ]
-    for colors in colorings:
-        if colors.shape not in ((len(vertices), 3), (len(triangles), 3)):
-            raise MirrorScanError(
-                f"picture: colours of shape {colors.shape} belong neither to the {len(vertices)} vertices "
-                f"nor to the {len(triangles)} triangles"
-            )
-    decoded = [(_decode(colors), len(colors) == len(vertices)) for colors in colorings]
-    by_triangle = [colors.astype(np.int64) @ (65536, 256, 1) for colors in colorings if len(colors) != len(vertices)]
+    paints: list[_Paint] = [_paint_of(coloring, len(vertices), len(triangles)) for coloring in colorings]
+    by_triangle = [paint.code for paint in paints if paint.code is not None]
+    everywhere = any(paint.texture is not None for paint in paints)
     tree = build_bvh(vertices, triangles)
     axes = [_axes(direction, up) for direction in directions]
     used = vertices[np.unique(triangles)]
@@ -165,20 +166,48 @@ def _render(mesh, colorings, directions, width, height, up=(0.0, 0.0, 1.0)) -> t
         start = middle + back * (high[2] - low[2] + pixel)
         x, y = np.meshgrid((np.arange(width) - (width - 1) / 2), (height - 1) / 2 - np.arange(height))
         first = _Samples(tree, triangles, start, view, x.ravel(), y.ravel(), pixel, smooth, flat)
-        fine = np.flatnonzero(_borders(first, by_triangle, (height, width), pixel))
+        fine = np.flatnonzero(_borders(first, by_triangle, (height, width), pixel) | (first.hit & everywhere))
         quarters = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))
         refined = [
             _Samples(tree, triangles, start, view, x.ravel()[fine] + u, y.ravel()[fine] + v, pixel, smooth, flat)
             for u, v in quarters
         ]
         inside |= bool(first.inner.any())
-        for strip, colors in zip(strips, decoded, strict=True):
-            linear, by_vertex = colors
-            picture = first.shade(linear, by_vertex)
+        for strip, paint in zip(strips, paints, strict=True):
+            picture = first.shade(paint)
             if len(fine):
-                picture[fine] = sum(part.shade(linear, by_vertex) for part in refined) / len(refined)
+                picture[fine] = sum(part.shade(paint) for part in refined) / len(refined)
             strip.append(_encode(picture).reshape(height, width, 3))
     return [np.concatenate(strip, axis=1) for strip in strips], inside
+
+
+class _Paint(NamedTuple):
+    """What a surface is coloured with: linear light a vertex or a triangle, or a texture.
+
+    ``code`` is one number a triangle's colour, where colours are by triangle.
+    """
+
+    linear: np.ndarray
+    by_vertex: bool
+    texture: Texture | None
+    code: np.ndarray | None
+
+
+def _paint_of(coloring: np.ndarray | Texture | None, n_vertices: int, n_triangles: int) -> _Paint:
+    if isinstance(coloring, Texture):
+        if coloring.uv.shape != (n_triangles, 3, 2):
+            raise MirrorScanError(
+                f"picture: a texture of {len(coloring.uv)} triangles does not belong to a mesh of {n_triangles}"
+            )
+        return _Paint(np.empty((0, 3)), False, coloring, None)
+    colors = np.tile(np.array(NEUTRAL, np.uint8), (n_vertices, 1)) if coloring is None else np.asarray(coloring)
+    if colors.shape not in ((n_vertices, 3), (n_triangles, 3)):
+        raise MirrorScanError(
+            f"picture: colours of shape {colors.shape} belong neither to the {n_vertices} vertices "
+            f"nor to the {n_triangles} triangles"
+        )
+    by_vertex = len(colors) == n_vertices
+    return _Paint(_decode(colors), by_vertex, None, None if by_vertex else colors.astype(np.int64) @ (65536, 256, 1))
 
 
 def _axes(direction, up) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -223,11 +252,28 @@ class _Samples:
         """Values (V, 3) of the vertices at the places hit."""
         return sum(self._weights[:, k, None] * values[self._corners[:, k]] for k in range(3))
 
-    def shade(self, linear: np.ndarray, by_vertex: bool) -> np.ndarray:
-        """Linear light (N, 3) float64 that comes from the places, of a surface of ``linear`` colours."""
+    def _look_up(self, uv: np.ndarray, image: np.ndarray) -> np.ndarray:
+        """Linear light of the places hit, between the texels of ``image`` (S, S, 3) uint8 in straight lines."""
+        place = sum(self._weights[:, k, None] * uv[self._at, k] for k in range(3))
+        size = len(image)
+        x, y = place[:, 0] * size - 0.5, (1.0 - place[:, 1]) * size - 0.5
+        column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+        light = np.zeros((len(place), 3))
+        for down in (0, 1):
+            for right in (0, 1):
+                share = np.abs(1 - right - (x - column)) * np.abs(1 - down - (y - row))
+                texel = image[np.clip(row + down, 0, size - 1), np.clip(column + right, 0, size - 1)]
+                light += share[:, None] * _decode(texel)
+        return light
+
+    def shade(self, paint: _Paint) -> np.ndarray:
+        """Linear light (N, 3) float64 that comes from the places, of a surface so coloured."""
         result = np.empty((len(self.hit), 3))
         result[:] = _decode(np.array(BACKGROUND, np.uint8))
-        albedo = self._blend(linear) if by_vertex else linear[self._at]
+        if paint.texture is not None:
+            albedo = self._look_up(paint.texture.uv, paint.texture.image)
+        else:
+            albedo = self._blend(paint.linear) if paint.by_vertex else paint.linear[self._at]
         albedo[self.inner[self.hit]] = _decode(np.array(INSIDE, np.uint8))
         result[self.hit] = albedo * self._light
         return result
