@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..numeric.kernels import njit, prange
+from ..numeric.kernels import njit
+from ..numeric.threads import each
 from .color_cameras import ColorView
 
-_CHUNK = 512  # triangles of a task
+_PARTS = 16  # that the triangles are painted in, on all cores
 _MOST_SAMPLES = 4  # along a texel's side
 
 
@@ -73,9 +74,14 @@ def paint(
     texels[..., 0] = uv[..., 0].astype(np.float64) * size - 0.5
     texels[..., 1] = (1.0 - uv[..., 1].astype(np.float64)) * size - 0.5
     image, covered = np.zeros((size, size, 3), np.uint8), np.zeros((size, size), np.bool_)
-    _paint_kernel(
-        np.ascontiguousarray(vertices, np.float64), triangles, texels, pixels, start, extent, projection, shading,
-        image, covered,
+    vertices = np.ascontiguousarray(vertices, np.float64)
+    bounds = np.linspace(0, len(triangles), _PARTS + 1).astype(np.int64)
+    each(
+        lambda k: _paint_kernel(
+            bounds[k], bounds[k + 1], vertices, triangles, texels, pixels, start, extent, projection, shading, image,
+            covered,
+        ),
+        range(_PARTS),
     )  # fmt: skip
     return image, covered
 
@@ -153,42 +159,43 @@ def _samples_a_side(corner, projection, k, texels, t, doubled):
     return min(max(int(np.ceil(side / 1.25)), 1), _MOST_SAMPLES)
 
 
-@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
-def _paint_kernel(vertices, triangles, texels, pixels, start, extent, projection, shading, image, covered):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _paint_kernel(
+    first, last, vertices, triangles, texels, pixels, start, extent, projection, shading, image, covered
+):  # fmt: skip
+    """:func:`paint` of the triangles from ``first`` to ``last``."""
     size, views = len(image), len(projection)
-    total = len(triangles)
-    for task in prange((total + _CHUNK - 1) // _CHUNK):
-        corner, color, sample = np.empty((3, 3)), np.empty(3), np.empty(3)
-        across, down, bary = np.empty(4), np.empty(4), np.empty(3)
-        samples = np.ones(views, np.int64)
-        for t in range(task * _CHUNK, min(total, (task + 1) * _CHUNK)):
-            ax, ay = texels[t, 0, 0], texels[t, 0, 1]
-            bx, by = texels[t, 1, 0], texels[t, 1, 1]
-            cx, cy = texels[t, 2, 0], texels[t, 2, 1]
-            doubled = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-            if doubled == 0.0:
-                continue
-            for i in range(3):
+    corner, color, sample = np.empty((3, 3)), np.empty(3), np.empty(3)
+    across, down, bary = np.empty(4), np.empty(4), np.empty(3)
+    samples = np.ones(views, np.int64)
+    for t in range(first, last):
+        ax, ay = texels[t, 0, 0], texels[t, 0, 1]
+        bx, by = texels[t, 1, 0], texels[t, 1, 1]
+        cx, cy = texels[t, 2, 0], texels[t, 2, 1]
+        doubled = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if doubled == 0.0:
+            continue
+        for i in range(3):
+            for c in range(3):
+                corner[i, c] = vertices[triangles[t, i], c]
+        for k in range(views):
+            samples[k] = _samples_a_side(corner, projection, k, texels, t, doubled)
+        u0, u1 = max(int(np.ceil(min(ax, bx, cx))), 0), min(int(np.floor(max(ax, bx, cx))), size - 1)
+        v0, v1 = max(int(np.ceil(min(ay, by, cy))), 0), min(int(np.floor(max(ay, by, cy))), size - 1)
+        for v in range(v0, v1 + 1):
+            for u in range(u0, u1 + 1):
+                bary[1] = ((u - ax) * (cy - ay) - (v - ay) * (cx - ax)) / doubled
+                bary[2] = ((bx - ax) * (v - ay) - (by - ay) * (u - ax)) / doubled
+                bary[0] = 1.0 - bary[1] - bary[2]
+                if bary[0] < 0.0 or bary[1] < 0.0 or bary[2] < 0.0:
+                    continue
+                _texel(
+                    u, v, t, bary, corner, triangles, texels, doubled, samples, pixels, start, extent, projection,
+                    shading, across, down, sample, color,
+                )  # fmt: skip
                 for c in range(3):
-                    corner[i, c] = vertices[triangles[t, i], c]
-            for k in range(views):
-                samples[k] = _samples_a_side(corner, projection, k, texels, t, doubled)
-            u0, u1 = max(int(np.ceil(min(ax, bx, cx))), 0), min(int(np.floor(max(ax, bx, cx))), size - 1)
-            v0, v1 = max(int(np.ceil(min(ay, by, cy))), 0), min(int(np.floor(max(ay, by, cy))), size - 1)
-            for v in range(v0, v1 + 1):
-                for u in range(u0, u1 + 1):
-                    bary[1] = ((u - ax) * (cy - ay) - (v - ay) * (cx - ax)) / doubled
-                    bary[2] = ((bx - ax) * (v - ay) - (by - ay) * (u - ax)) / doubled
-                    bary[0] = 1.0 - bary[1] - bary[2]
-                    if bary[0] < 0.0 or bary[1] < 0.0 or bary[2] < 0.0:
-                        continue
-                    _texel(
-                        u, v, t, bary, corner, triangles, texels, doubled, samples, pixels, start, extent, projection,
-                        shading, across, down, sample, color,
-                    )  # fmt: skip
-                    for c in range(3):
-                        image[v, u, c] = np.uint8(min(max(color[c], 0.0), 255.0) + 0.5)
-                    covered[v, u] = True
+                    image[v, u, c] = np.uint8(min(max(color[c], 0.0), 255.0) + 0.5)
+                covered[v, u] = True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -75,15 +75,29 @@ class ColoredCapture(Protocol):
     """What is needed of a :class:`.capture.Capture`."""
 
     @property
-    def color(self) -> np.ndarray | None: ...
+    def color(self) -> np.ndarray | None:
+        """Aligned to depth, or None."""
+        ...
+
     @property
-    def intrinsics(self) -> Intrinsics: ...
+    def intrinsics(self) -> Intrinsics:
+        """Of depth."""
+        ...
+
     @property
-    def native_color(self) -> np.ndarray | None: ...
+    def native_color(self) -> np.ndarray | None:
+        """The colour camera's own pixels, or None."""
+        ...
+
     @property
-    def color_intrinsics(self) -> Intrinsics | None: ...
+    def color_intrinsics(self) -> Intrinsics | None:
+        """Of those."""
+        ...
+
     @property
-    def depth_to_color(self) -> np.ndarray | None: ...
+    def depth_to_color(self) -> np.ndarray | None:
+        """Frame of the depth camera → of the colour camera."""
+        ...
 
 
 def color_views(capture: ColoredCapture, mirrors: Sequence[Mirror], camera_to_avatar: np.ndarray) -> list[ColorView]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..avatar.pose import SkinWeights
 from ..avatar.skeleton import BONES
-from ..mesh.half_edges import boundary_vertices, twins
+from ..mesh.half_edges import twins
 from ..mesh.normals import triangle_normals
 from ..mesh.submesh import components_of, remove_bowties, renumbered
 from ..mesh.triangle_mesh import Mesh
@@ -65,7 +65,7 @@ def find_islands(mesh: Mesh, weights: SkinWeights | None = None) -> np.ndarray:
 
 
 def is_disk(triangles: np.ndarray, vertex_count: int) -> bool:
-    """Whether connected triangles have one boundary and no handle, places where they touch in a vertex set apart."""
+    """Whether triangles are one piece with one boundary and no handle, where they touch in a vertex taken apart."""
     if len(triangles) == 1:
         return True
     vertices, edges, single = _counts(triangles, vertex_count)
@@ -122,7 +122,7 @@ def _split_connected(triangles: np.ndarray, piece: np.ndarray, vertex_count: int
 
 
 def _by_bone(mesh: Mesh, weights: SkinWeights, normals: np.ndarray) -> np.ndarray:
-    """Region and side (T,) of each triangle: its bones', and front or back; of feet top or sole, of hands which face."""
+    """Region of bones and side (T,) of each triangle: front or back, of feet top or sole, of hands which face."""
     triangles = mesh.triangles
     region_of = np.empty(len(BONES), np.int64)
     for region, names in enumerate(_REGIONS):

@@ -15,6 +15,7 @@ from ..mesh.normals import triangle_normals
 from .atlas import Shading, pad, paint
 from .color_cameras import ColorView
 from .seam_levelling import exposure_gains, gain_tables, level_seams
+from .silhouette_registration import view_shifts
 from .surface_diffusion import diffuse, neighbours
 from .unwrapping import unwrap
 from .view_choice import choose_views, view_weights
@@ -140,7 +141,7 @@ def texture_steps(
     uv, island = unwrap(mesh, weights, 0.5 * settings.padding)
 
     yield 0.45, "Finding what each view sees"
-    shifts = np.zeros((len(views), 2))
+    shifts = view_shifts(mesh, views) if settings.register else np.zeros((len(views), 2))
     seen = seen_vertices(mesh, views, shifts)
     if not (seen.score > 0).any():
         raise MirrorScanError("texture: no view sees anything of the mesh; check that mesh and views are in one frame")
@@ -211,7 +212,7 @@ def _summary(mesh, views, texture, used, label, gains, shifts) -> TextureSummary
         used,
         float(area[label >= 0].sum() / whole),
         {view.name: float(area[label == k].sum() / whole) for k, view in enumerate(views)},
-        {view.name: tuple(float(g) for g in gains[k]) for k, view in enumerate(views)},
+        {view.name: (float(gains[k, 0]), float(gains[k, 1]), float(gains[k, 2])) for k, view in enumerate(views)},
         {view.name: (float(shifts[k, 0]), float(shifts[k, 1])) for k, view in enumerate(views)},
         float(1e3 * np.sqrt(whole / max(used * size * size, 1.0))),
     )

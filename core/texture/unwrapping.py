@@ -7,6 +7,7 @@ import numpy as np
 from ..avatar.pose import SkinWeights
 from ..mesh import Mesh
 from ..mesh.submesh import remove_bowties, renumbered
+from ..numeric.threads import each
 from .flattening import flatten, flipped
 from .islands import find_islands, halved
 from .packing import overlapping_share, pack
@@ -32,16 +33,16 @@ def unwrap(mesh: Mesh, weights: SkinWeights | None, gap: float) -> tuple[np.ndar
     waiting = [np.flatnonzero(label == k) for k in range(int(label.max()) + 1)]
     pieces, flats, rows = [], [], []
     while waiting:
-        piece = waiting.pop()
-        used, own = renumbered(mesh.triangles[piece], len(mesh.vertices))
-        part = remove_bowties(Mesh(mesh.vertices[used], own))
-        flat = flatten(part.vertices, part.triangles)
-        if flat is None or overlapping_share(flat, part.triangles) > _OVERLAP:
-            waiting.extend(halved(mesh, piece))
-            continue
-        pieces.append(piece)
-        flats.append(flat)
-        rows.append(part.triangles)
+        laid = each(lambda piece: _laid_flat(mesh, piece), waiting)
+        again = []
+        for piece, (flat, triangles) in zip(waiting, laid, strict=True):
+            if flat is None:
+                again.extend(halved(mesh, piece))
+                continue
+            pieces.append(piece)
+            flats.append(flat)
+            rows.append(triangles)
+        waiting = again
     places = pack(flats, rows, gap)
     uv = np.empty((len(mesh.triangles), 3, 2), np.float32)
     island = np.empty(len(mesh.triangles), np.int32)
@@ -50,6 +51,16 @@ def unwrap(mesh: Mesh, weights: SkinWeights | None, gap: float) -> tuple[np.ndar
         uv[pieces[k]] = places[k][rows[k]]
         island[pieces[k]] = number
     return uv, island
+
+
+def _laid_flat(mesh: Mesh, piece: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
+    """Places (V, 2) of a piece's vertices, None where it must be cut, and its triangles in their numbers."""
+    used, own = renumbered(mesh.triangles[piece], len(mesh.vertices))
+    part = remove_bowties(Mesh(mesh.vertices[used], own))
+    flat = flatten(part.vertices, part.triangles)
+    if flat is not None and overlapping_share(flat, part.triangles) > _OVERLAP:
+        flat = None
+    return flat, part.triangles
 
 
 def flipped_count(uv: np.ndarray) -> int:

@@ -83,7 +83,7 @@ def seen_vertices(mesh: Mesh, views: Sequence[ColorView], shifts: np.ndarray) ->
 
 
 def depth_buffer(mesh: Mesh, from_avatar: np.ndarray, intrinsics: Intrinsics) -> DepthBuffer:
-    """z of the nearest surface in each pixel of an image at most ``_WIDEST`` px wide."""
+    """Z of the nearest surface in each pixel of an image at most ``_WIDEST`` px wide."""
     scale = min(1.0, _WIDEST / max(intrinsics.width, intrinsics.height))
     width, height = (max(1, round(scale * n)) for n in (intrinsics.width, intrinsics.height))
     points = mesh.vertices @ from_avatar[:3, :3].T + from_avatar[:3, 3]
@@ -98,16 +98,27 @@ def depth_buffer(mesh: Mesh, from_avatar: np.ndarray, intrinsics: Intrinsics) ->
         return DepthBuffer(1.0 / inverse, scale)
 
 
+def hidden_pixels(mesh: Mesh, view: ColorView, depth: np.ndarray, scale: float) -> np.ndarray:
+    """Pixels, bool (h, w), that do not show the view: outside of the glass, or behind what stands before the mirror."""
+    hidden = np.zeros(depth.shape, np.bool_)
+    if view.outline is not None:
+        hidden |= ~_inside_polygon((view.outline + 0.5) * scale - 0.5, depth.shape[1], depth.shape[0])
+    if view.mirrored:
+        hidden |= np.isfinite(depth_buffer(mesh, view.camera, view.intrinsics).depth)
+    return hidden
+
+
+def distance_to(place: np.ndarray) -> np.ndarray:
+    """Distance (h, w) float32 of each pixel to the nearest where ``place`` (h, w) is true [px]."""
+    distance = np.where(place, 0.0, 1e6).astype(np.float32)
+    _distance_kernel(distance)
+    return distance
+
+
 def _worth(mesh: Mesh, view: ColorView, buffer: DepthBuffer) -> np.ndarray:
     """0..1 (h, w) float32: how much the colours of each pixel of a view are worth."""
     depth = buffer.depth
-    edge = ~np.isfinite(depth)
-    if view.outline is not None:
-        rows, columns = depth.shape
-        edge |= ~_inside_polygon((view.outline + 0.5) * buffer.scale - 0.5, columns, rows)
-    if view.mirrored:  # what stands in front of the mirror
-        before = depth_buffer(mesh, view.camera, view.intrinsics).depth
-        edge |= before < np.where(edge, np.inf, depth)
+    edge = ~np.isfinite(depth) | hidden_pixels(mesh, view, depth, buffer.scale)
     for axis in (0, 1):
         low, high = [slice(None)] * 2, [slice(None)] * 2
         low[axis], high[axis] = slice(None, -1), slice(1, None)
@@ -115,11 +126,10 @@ def _worth(mesh: Mesh, view: ColorView, buffer: DepthBuffer) -> np.ndarray:
             jump = np.abs(depth[tuple(high)] - depth[tuple(low)]) > _JUMP
         edge[tuple(low)] |= jump
         edge[tuple(high)] |= jump
-    distance = np.where(edge, 0.0, 1e6).astype(np.float32)
-    _distance_kernel(distance)
     # an outline's own pixels are half outside
-    share = np.clip((distance / buffer.scale - 0.5 - _RIM) / (_INSIDE - _RIM), 0.0, 1.0)
-    return np.where(distance / buffer.scale > 0.5 + _RIM, _AT_RIM + (1 - _AT_RIM) * share, 0.0).astype(np.float32)
+    distance = distance_to(edge) / buffer.scale - 0.5
+    share = np.clip((distance - _RIM) / (_INSIDE - _RIM), 0.0, 1.0)
+    return np.where(distance > _RIM, _AT_RIM + (1 - _AT_RIM) * share, 0.0).astype(np.float32)
 
 
 def _inside_polygon(polygon: np.ndarray, width: int, height: int) -> np.ndarray:
