@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import CaptureError, OutputError
 from .outputs import (
+    PRINT_SUFFIXES,
     AvatarFiles,
+    Print,
     Readers,
     Writers,
     blaming,
@@ -39,7 +41,6 @@ if TYPE_CHECKING:
     from ..mirrors.picked_mirror import MirrorSettings
     from ..motion import Clip
     from ..pipeline import Reconstruction, Settings
-    from ..printing import PrintSettings
 
 
 CLEANING: dict[str, dict[str, float]] = {
@@ -55,13 +56,16 @@ CLEANING: dict[str, dict[str, float]] = {
 def run_reconstruct(options: argparse.Namespace, writers: Writers) -> None:
     """``reconstruct``: make an avatar of one or several captures."""
     options.skeleton = options.skeleton or options.vrm
-    files = AvatarFiles(options.vrm, print_settings_of(options), bool(options.texture), options.measure)
+    files = AvatarFiles(options.vrm, print_of(options), bool(options.texture), options.measure)
     outputs = plan_outputs(options.outputs, writers, files)
     check_targets([*(path for path, _ in outputs), *([options.report] if options.report else [])])
 
     result, read_ms = _reconstructed(options)
     for warning in result.warnings:
         complain("warning", warning)
+    if files.prints is not None and any(path.suffix.lower() in PRINT_SUFFIXES for path in options.outputs):
+        for problem in files.prints.problems(result):
+            complain("warning", f"print: {problem}")
     write_outputs(result, outputs, options.report, read_ms)
     if not options.quiet:
         say(summary_line(result))
@@ -375,7 +379,7 @@ def settings_of(options: argparse.Namespace) -> Settings:
     )
 
 
-def print_settings_of(options: argparse.Namespace) -> PrintSettings | None:
+def print_of(options: argparse.Namespace) -> Print | None:
     """What the options of :func:`.parser._add_print` say; None when they say nothing."""
     wanted = {"height_mm": options.print_height, "wall_mm": options.hollow, "base_mm": options.base}
     given = {name: value for name, value in wanted.items() if value is not None}
@@ -383,7 +387,7 @@ def print_settings_of(options: argparse.Namespace) -> PrintSettings | None:
         return None
     from ..printing import PrintSettings
 
-    return PrintSettings(**given)
+    return Print(PrintSettings(**given))
 
 
 def run_evaluate(options: argparse.Namespace, writers: Writers) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import CaptureError, OutputError
+from ..errors import CaptureError, Notice, OutputError
 
 if TYPE_CHECKING:
     from ..avatar.avatar_file import Avatar
@@ -36,6 +36,33 @@ BESIDE_OBJ = (".mtl", ".png")
 SIMULATION_ENTRIES = {"intrinsic.json", "color_intrinsic.json", "mirrors.json", "depth", "color", "truth"}
 
 
+class Print:
+    """An avatar made ready for a printer, once for all files."""
+
+    def __init__(self, settings: PrintSettings) -> None:
+        self._settings = settings
+        self._mesh: Mesh | None = None
+
+    def mesh(self, result: Reconstruction) -> Mesh:
+        """What is printed: upright, so always in the avatar frame [m]."""
+        if self._mesh is None:
+            from ..printing import prepare_print
+
+            self._mesh = prepare_print(_upright(result), self._settings)
+        return self._mesh
+
+    def problems(self, result: Reconstruction) -> list[Notice]:
+        """What stands in the way of printing it."""
+        from ..printing import check_print
+
+        return check_print(self.mesh(result))
+
+
+def _upright(result: Reconstruction) -> Mesh:
+    """The mesh in the avatar frame."""
+    return result.mesh if result.frame == "avatar" else result.mesh.transformed(result.camera_to_avatar)
+
+
 @dataclass(frozen=True)
 class AvatarFiles:
     """How an avatar is written.
@@ -45,7 +72,7 @@ class AvatarFiles:
     """
 
     vrm: bool = False
-    prints: PrintSettings | None = None
+    prints: Print | None = None
     textured: bool = False
     measured: bool = False
 
@@ -152,24 +179,20 @@ def write_glb(path: Path, result: Reconstruction, vrm: bool = False) -> None:
     """Write .glb by :mod:`..avatar.avatar_file`: glTF has an up axis, so it is always the avatar frame."""
     from ..avatar.avatar_file import Avatar, write_avatar
 
-    mesh, skeleton = result.mesh, result.skeleton
+    mesh, skeleton = _upright(result), result.skeleton
     if result.frame == "camera":
-        mesh = mesh.transformed(result.camera_to_avatar)
         skeleton = None if skeleton is None else skeleton.transformed(result.camera_to_avatar)
     write_avatar(path, Avatar(mesh, skeleton, result.weights, texture=result.texture), vrm and skeleton is not None)
 
 
-def write_print(path: Path, result: Reconstruction, prints: PrintSettings | None) -> None:
-    """Write .stl or .3mf, in millimetres; standing upright, so always in the avatar frame."""
+def write_print(path: Path, result: Reconstruction, prints: Print | None) -> None:
+    """Write .stl or .3mf, in millimetres."""
     from ..io import write_mesh
 
-    mesh = result.mesh if result.frame == "avatar" else result.mesh.transformed(result.camera_to_avatar)
     if prints is None:
-        write_mesh(path, mesh, result.texture)
-        return
-    from ..printing import prepare_print
-
-    write_mesh(path, prepare_print(mesh, prints))
+        write_mesh(path, _upright(result), result.texture)
+    else:
+        write_mesh(path, prints.mesh(result))
 
 
 def write_measures(path: Path, result: Reconstruction) -> None:

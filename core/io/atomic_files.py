@@ -54,8 +54,8 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
 def replacing_with_companions(path: str | os.PathLike) -> Iterator[Path]:
     """As :func:`replacing`, for a writer that makes files beside its own: images, materials.
 
-    The name that is given lies in a folder of its own. What stands there in the end goes beside ``path``, the companions
-    first, so that ``path`` appears only when all it names is there.
+    The name that is given lies in a folder of its own. What stands there in the end goes beside ``path``, the
+    companions first, so that ``path`` appears only when all it names is there.
     """
     path = Path(path)
     with replacing(path) as main, tempfile.TemporaryDirectory(prefix=f".{path.stem[:20]}.", dir=main.parent) as folder:
