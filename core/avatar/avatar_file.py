@@ -143,7 +143,9 @@ def _add_mesh(gltf: Gltf, avatar: Avatar) -> None:
     }  # fmt: skip
     accessors = gltf.content["accessors"]
     if texture is not None:
-        attributes["TEXCOORD_0"] = gltf.add(places * np.float32((1, -1)) + np.float32((0, 1)), VERTICES)
+        attributes["TEXCOORD_0"] = gltf.add(
+            places * np.array((1, -1), np.float32) + np.array((0, 1), np.float32), VERTICES
+        )
         attributes["_VERTEX"] = gltf.add(rows.astype(np.float32), VERTICES)
         _add_image(gltf, texture.image)
     if mesh.colors is not None:
@@ -415,7 +417,9 @@ def _garments_of(gltf: Gltf, skin: int, bone_of: np.ndarray, rest: SkinRest) -> 
         weights, repeated = _skin_of(gltf, attributes, bone_of, rest, repeated)
         uv = None
         if "TEXCOORD_0" in attributes:
-            uv = gltf.array(attributes["TEXCOORD_0"])[repeated.triangles] * np.float32([1, -1]) + np.float32([0, 1])
+            uv = gltf.array(attributes["TEXCOORD_0"])[repeated.triangles] * np.array((1, -1), np.float32) + np.array(
+                (0, 1), np.float32
+            )
         colors = None if repeated.colors is None else repeated.colors[first]
         mesh = Mesh(repeated.vertices[first], own[repeated.triangles].astype(np.int32), colors)
         pinned = gltf.array(attributes["_PINNED"]).astype(np.float32)[first]

@@ -286,7 +286,7 @@ def _unfold(weights: np.ndarray, mesh: Mesh, skeleton: Skeleton, edges: np.ndarr
         start = np.zeros(len(mesh.vertices), np.bool_)
         start[triangles[crossing]] = True
         region |= np.isfinite(_surface_distances(start, near, reach * size))
-        _make_harmonic(weights, region, edges, stiffness)
+        make_harmonic(weights, region, edges, stiffness)
 
 
 def _crossing(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ hostile: a header may promise any count, so counts are compared with the bytes t
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,7 @@ def write_mesh(
             f"{path}: the texture is of {len(texture.uv)} triangles, the mesh has {len(mesh.triangles)}; "
             "nothing was written"
         )
+    pieces: Iterator[bytes | memoryview]
     if writer is write_obj and texture is not None:
         pieces = write_obj(mesh, texture, companions or path.stem)
         for name, content in obj_companions(path, texture).items() if companions is None else ():

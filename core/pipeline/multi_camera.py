@@ -111,12 +111,12 @@ def reconstruction_views_steps(
     except ReconstructionError:
         check_way_round(to_world, figures)
         raise
-    placed = [
+    cameras = [
         PlacedCapture(capture, pose, len(scan.mirrors))
         for capture, pose, scan in zip(captures, to_first, scans, strict=True)
     ]
     with one_blas_thread():
-        return (yield from joining_steps(joined, placed, settings, frame, clock))
+        return (yield from joining_steps(joined, cameras, settings, frame, clock))
 
 
 def join_scans(scans: Sequence[Scan], poses: Sequence[np.ndarray], names: Sequence[str]) -> Scan:
