@@ -312,7 +312,7 @@ def run_record(options: argparse.Namespace, writers: Writers) -> None:
 
     with (
         progress_bar(options.quiet) as progress,
-        DRIVERS[options.camera](options.size, options.rate, options.serial) as stream,
+        DRIVERS[options.camera](options.size, options.rate, options.serial, options.native_color) as stream,
     ):
         record(stream, options.folder, options.frames, progress=progress)
     if not options.quiet:
@@ -336,7 +336,7 @@ def _reading(options: argparse.Namespace) -> tuple[FrameChoice, ReadOptions]:
         depth_unit_m=options.depth_unit, disparity=options.disparity,
         kinect_calibration=options.kinect_calibration, turn_degrees=options.turn, mirrored=options.mirrored,
         min_confidence=options.min_confidence, color=not options.no_color,
-        native_color=bool(vars(options).get("texture")), **lens,
+        native_color=bool(vars(options).get("texture", True)), **lens,
     )  # fmt: skip
     return (1 if getattr(options, "single_frame", False) else options.frames), reading
 

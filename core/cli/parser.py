@@ -268,6 +268,9 @@ def _add_record(subparsers: _Commands) -> None:
         "--size", metavar="WxH", type=_size, default=(848, 480), help="size of the depth image, default 848x480"
     )
     command.add_argument("--rate", metavar="HZ", type=_whole(1, 120), default=30, help="frames a second, default 30")
+    command.add_argument(
+        "--native-color", action="store_true", help="keep the colour camera's own, larger images, for textures"
+    )
     _add_quiet(command)
     command.set_defaults(run=commands.run_record)
 
