@@ -30,9 +30,11 @@ HELD, FREE = 0.03, 0.07
 """So far around the edge that a garment hangs on it is pinned, and from there on free [m]."""
 
 _COLLIDER_TRIANGLES = 6000
-_DISTANCE, _SKIN_GAP = 0.004, 0.003  # of cloth from the collider, and from the skin itself at the end [m]
+_DISTANCE, _SKIN_GAP = 0.005, 0.004  # of cloth from the collider, and from the skin itself at the end [m]
+_PASSES = 2
 _MASS = 0.2  # of a vertex [kg]
 _STIFFNESS, _SHEAR, _BENDING = 20.0, 5.0, 0.5
+_FRICTION = 1.0
 _QUALITY, _COLLISION_QUALITY = 6, 3  # steps a frame
 
 
@@ -96,7 +98,7 @@ def make_cloth(
     settings.vertex_group_mass, settings.pin_stiffness = pins, 1.0
     collisions.use_collision, collisions.collision_quality = True, _COLLISION_QUALITY
     collisions.distance_min = _DISTANCE * metre
-    collisions.friction = 5.0
+    collisions.friction = _FRICTION
     collisions.use_self_collision = False
     cloth.point_cache.frame_start, cloth.point_cache.frame_end = scene.frame_start, scene.frame_end
     keep_off_skin(garment, avatar, metre)
@@ -104,12 +106,18 @@ def make_cloth(
 
 
 def keep_off_skin(garment: bpy.types.Object, avatar: bpy.types.Object, metre: float) -> None:
-    """A last modifier that brings vertices which are in the avatar, or nearly, to just outside it."""
-    wrap = next((m for m in garment.modifiers if m.type == "SHRINKWRAP" and m.target == avatar), None)
-    wrap = wrap or garment.modifiers.new("Off the Skin", "SHRINKWRAP")
-    wrap.target = avatar
-    wrap.wrap_method, wrap.wrap_mode = "NEAREST_SURFACEPOINT", "OUTSIDE"
-    wrap.offset = _SKIN_GAP * metre
+    """Last modifiers that bring vertices which are in the avatar, or nearly, to just outside it.
+
+    Twice: what is moved out of a finger may come to lie in the hip. By smooth normals: by those of faces, a vertex far
+    out beside a sharp edge would count as inside.
+    """
+    wraps = [modifier for modifier in garment.modifiers if modifier.type == "SHRINKWRAP" and modifier.target == avatar]
+    while len(wraps) < _PASSES:
+        wraps.append(garment.modifiers.new("Off the Skin", "SHRINKWRAP"))
+    for wrap in wraps:
+        wrap.target = avatar
+        wrap.wrap_method, wrap.wrap_mode = "TARGET_PROJECT", "OUTSIDE"
+        wrap.offset = _SKIN_GAP * metre
 
 
 def collider_of(avatar: bpy.types.Object) -> bpy.types.Object | None:
@@ -154,7 +162,7 @@ def add_collider(
     collision = copy.collision
     metre = 1.0 / metres_per_unit(scene)
     collision.thickness_outer, collision.thickness_inner = _DISTANCE * metre, 0.02 * metre
-    collision.cloth_friction, collision.damping = 5.0, 0.3
+    collision.cloth_friction, collision.damping = _FRICTION, 0.3
     copy.hide_render = True
     copy.display_type = "BOUNDS"
     copy.select_set(False, view_layer=layer)
