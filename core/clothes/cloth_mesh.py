@@ -9,6 +9,7 @@ from ..mesh import Mesh
 from ..mesh.bvh import build_bvh, closest_point
 from ..mesh.half_edges import open_edges
 from ..mesh.normals import vertex_normals
+from ..mesh.self_intersections import self_intersections
 from ..numeric.rotations import unit
 from .body_distance import BodyDistance
 
@@ -104,3 +105,28 @@ def pushed_out(mesh: Mesh, body: BodyDistance, gap: float, rounds: int = 6) -> M
             moves = np.where(near[:, None], moves, spread)
         vertices += moves
     return Mesh(vertices, mesh.triangles)
+
+
+def smoothed_where_crossing(mesh: Mesh, body: BodyDistance, gap: float, rounds: int = 4) -> Mesh:
+    """The mesh with less of it crossing itself: smoothed where it does, and off the body again by ``gap`` [m].
+
+    What crosses because the body's own skin touches there may stay so.
+    """
+    means, best = NeighbourMeans(mesh), mesh
+    least = None
+    for _ in range(rounds + 1):
+        crossing = np.unique(self_intersections(mesh.vertices, mesh.triangles))
+        if least is None or len(crossing) < least:
+            least, best = len(crossing), mesh
+        if not len(crossing):
+            break
+        share = np.zeros((len(mesh.vertices), 1))
+        share[mesh.triangles[crossing]] = 1.0
+        for _ in range(2):  # rings around it
+            share = np.maximum(share, means.of(share) > 0)
+        share[means.border] = 0.0
+        vertices = mesh.vertices
+        for _ in range(6):
+            vertices = vertices + 0.5 * share * (means.of(vertices) - vertices)
+        mesh = pushed_out(Mesh(vertices, mesh.triangles), body, gap)
+    return best

@@ -18,7 +18,7 @@ from ..mesh.half_edges import open_edges
 from ..mesh.submesh import keep_triangles, triangle_components
 from ..numeric.rotations import unit
 from .body_distance import BodyDistance
-from .cloth_mesh import pushed_out, relaxed
+from .cloth_mesh import pushed_out, relaxed, smoothed_where_crossing
 from .dressing_pose import brought_back, dressing_pose
 from .level_cut import cut_at_level, snapped
 from .offset_surface import offset_surface
@@ -35,7 +35,7 @@ _USUAL_SIZE = 0.78  # body size of an adult, see body_size [m]
 _SPACING = 0.0165  # of vertices, on an adult [m]
 _CLOSING = 0.025  # creases narrower than a ball of that radius are bridged, on an adult [m]
 _GAP, _LEAST_GAP = 0.4, 0.003  # from the skin at rest: a share of the ease, and at least so much [m]
-_NECK = 0.15  # the neckline's middle, from the joint Neck to the joint Head
+_NECK = 0.2  # the neckline's middle, from the joint Neck to the joint Head
 _NECK_TILT = np.radians(28.0)  # the neckline is lower in front
 _SLEEVE, _ANKLE = 0.62, 0.86  # where sleeves and trouser legs end, along upper arm and shin
 _SKIRT = 0.94  # and the skirt, along the thighs
@@ -246,7 +246,8 @@ def _finished(
     known = at_skin(_kept(body.weights, body.mesh, wearing), posed.triangles, skin)
     weights = strongest(transferred(made, skin, known, smoothing=60 if kind == "skirt" else 6))
     made = replace(made, vertices=brought_back(made.vertices, weights, body.matrices))
-    made = pushed_out(made, BodyDistance(keep_triangles(Mesh(rest.vertices, rest.triangles), wearing)), gap)
+    resting = BodyDistance(keep_triangles(Mesh(rest.vertices, rest.triangles), wearing))
+    made = smoothed_where_crossing(pushed_out(made, resting, gap), resting, gap)
     pinned = np.zeros(len(made.vertices), np.float32)
     if len(top):
         # in the dressing pose, where the edge was found
