@@ -417,9 +417,8 @@ def _garments_of(gltf: Gltf, skin: int, bone_of: np.ndarray, rest: SkinRest) -> 
         weights, repeated = _skin_of(gltf, attributes, bone_of, rest, repeated)
         uv = None
         if "TEXCOORD_0" in attributes:
-            uv = gltf.array(attributes["TEXCOORD_0"])[repeated.triangles] * np.array((1, -1), np.float32) + np.array(
-                (0, 1), np.float32
-            )
+            places = gltf.array(attributes["TEXCOORD_0"])[repeated.triangles]
+            uv = np.stack((places[..., 0], 1.0 - places[..., 1]), axis=-1).astype(np.float32)
         colors = None if repeated.colors is None else repeated.colors[first]
         mesh = Mesh(repeated.vertices[first], own[repeated.triangles].astype(np.int32), colors)
         pinned = gltf.array(attributes["_PINNED"]).astype(np.float32)[first]

@@ -10,7 +10,7 @@ from ..numeric.rotations import shortest_turn
 
 _ARMS = np.radians((-22.0, 0.0))  # of upper arms above the horizontal, at least and at most
 _LEGS = np.radians((26.0, 32.0))  # of thighs from the vertical, outwards, at least and at most
-_LEGS_TOGETHER = np.radians((2.0, 8.0))  # under a skirt
+_LEGS_TOGETHER = np.radians((2.0, 8.0))  # under a shirt or a skirt
 
 
 def dressing_pose(skeleton: Skeleton, legs_apart: bool = True) -> Pose:
@@ -21,7 +21,7 @@ def dressing_pose(skeleton: Skeleton, legs_apart: bool = True) -> Pose:
     skeleton : Skeleton
         Of the rest pose, avatar frame (Z up, facing −Y).
     legs_apart : bool
-        False lets the legs hang nearly straight, as under a skirt.
+        False lets the legs hang nearly straight, as under a shirt or a skirt.
     """
     rotations = np.tile(np.eye(3), (len(BONES), 1, 1))
     tails = skeleton.tails()

@@ -105,7 +105,9 @@ def zero_surface(values: np.ndarray, low: np.ndarray, spacing: float) -> Mesh:
     inside = values < 0
     shape = np.array(values.shape) - 1
     corners = [tuple(slice(o, n + o) for o, n in zip(offset, shape, strict=True)) for offset in _CORNERS]
-    case = sum(inside[corner].astype(np.int64) << k for k, corner in enumerate(corners))
+    case = np.zeros(shape, np.int64)
+    for k, corner in enumerate(corners):
+        case |= inside[corner].astype(np.int64) << k
     cells = np.flatnonzero(((case > 0) & (case < 255)).ravel())
     piece = _pieces()[case.ravel()[cells]]  # (C, 12): of each edge, -1 where the surface does not cross it
     own = np.stack([values[corner].ravel()[cells] for corner in corners], axis=1)

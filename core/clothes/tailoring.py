@@ -131,7 +131,7 @@ def make_garment(
             f"clothes: an ease of {1000 * ease:g} mm is not possible; choose one from {1000 * LEAST_EASE:g} to "
             f"{1000 * MOST_EASE:g} mm"
         )
-    body = _dressed_pose(mesh, skeleton, weights, legs_apart=kind != "skirt")
+    body = _dressed_pose(mesh, skeleton, weights, legs_apart=kind == "trousers")
     if kind == "skirt":
         made, places, top = _skirt(body, ease, tight)
     else:

@@ -30,8 +30,8 @@ HELD, FREE = 0.03, 0.07
 """So far around the edge that a garment hangs on it is pinned, and from there on free [m]."""
 
 _COLLIDER_TRIANGLES = 6000
-_DISTANCE, _SKIN_GAP = 0.005, 0.004  # of cloth from the collider, and from the skin itself at the end [m]
-_PASSES = 2
+_DISTANCE, _SKIN_GAP = 0.005, 0.0045  # of cloth from the collider, and from the skin itself at the end [m]
+_PASSES = 3
 _MASS = 0.2  # of a vertex [kg]
 _STIFFNESS, _SHEAR, _BENDING = 20.0, 5.0, 0.5
 _FRICTION = 1.0
@@ -108,8 +108,8 @@ def make_cloth(
 def keep_off_skin(garment: bpy.types.Object, avatar: bpy.types.Object, metre: float) -> None:
     """Last modifiers that bring vertices which are in the avatar, or nearly, to just outside it.
 
-    Twice: what is moved out of a finger may come to lie in the hip. By smooth normals: by those of faces, a vertex far
-    out beside a sharp edge would count as inside.
+    Several times: what is moved out of a finger may come to lie in the hip. By smooth normals: by those of faces, a
+    vertex far out beside a sharp edge would count as inside.
     """
     wraps = [modifier for modifier in garment.modifiers if modifier.type == "SHRINKWRAP" and modifier.target == avatar]
     while len(wraps) < _PASSES:
