@@ -43,13 +43,8 @@ class Body:
 
     @property
     def height(self) -> float:
-        """From the floor to the top [m]."""
-        return float(self.mesh.vertices[:, 2].max() - self.floor)
-
-    @property
-    def floor(self) -> float:
-        """Level of the soles [m]."""
-        return float(self.mesh.vertices[:, 2].min())
+        """From the floor, z = 0, to the top [m]; steps and margins are in proportion to it."""
+        return float(self.mesh.vertices[:, 2].max())
 
     def joint(self, name: str) -> np.ndarray:
         """Where a bone of ``BONES`` begins (3,) [m]."""
@@ -61,6 +56,24 @@ class Body:
             return cut_by_plane(self.mesh.vertices, self.mesh.triangles, point, normal)
         found = cut_by_plane(self.mesh.vertices, self.mesh.triangles[triangles], point, normal)
         return PlaneCut(found.points, found.segments, triangles[found.triangle], found.edge, found.at)
+
+    def restricted(self, kept: np.ndarray) -> Body:
+        """The triangles ``kept`` (T,) bool alone, for searches that try many planes; triangles count anew."""
+        used = np.zeros(len(self.mesh.vertices), np.bool_)
+        used[self.mesh.triangles[kept]] = True
+        place = (np.cumsum(used) - 1).astype(np.int32)
+        return Body(
+            Mesh(self.mesh.vertices[used], place[self.mesh.triangles[kept]]),
+            self.skeleton,
+            (self.arms[0][used], self.arms[1][used]),
+            (self.legs[0][used], self.legs[1][used]),
+            self.head[used],
+        )
+
+    def between(self, low: float, high: float) -> Body:
+        """What lies between two levels, and a little more."""
+        level = self.mesh.vertices[:, 2][self.mesh.triangles]
+        return self.restricted((level.max(axis=1) >= low) & (level.min(axis=1) <= high))
 
     def trunk(self, level: float) -> PlaneCut:
         """The level cut without arms."""

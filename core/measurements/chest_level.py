@@ -7,10 +7,7 @@ import numpy as np
 from ..numeric.rotations import unit
 from .body import UP, Body
 
-_EXPECTED, _SPREAD = (
-    0.29,
-    0.05,
-)  # of the way from the joint Spine1 up to Neck: nipples of flat chests, and how they vary
+_EXPECTED, _SPREAD = 0.29, 0.05  # of the way from the joint Spine1 up to Neck: where nipples are, how they vary
 _FLAT = 0.001  # of body height: so much must the chest project to outweigh one ``_SPREAD``
 _RANGE = (0.10, 0.45)
 _LEVELS = 36
@@ -31,13 +28,13 @@ def chest_level(body: Body) -> tuple[float, float]:
     axis = (top - bottom) / (top - bottom)[2]
     place = np.linspace(*_RANGE, _LEVELS)
     score = np.full(_LEVELS, -np.inf)
+    part = body.between(*(bottom[2] + np.array(_RANGE) * (top - bottom)[2]))
     for k, share in enumerate(place):
         middle = bottom + share * (top - bottom)[2] * axis
-        points = body.trunk(middle[2]).points - middle
+        points = part.trunk(middle[2]).points - middle
         aside, forward = points @ across, points @ ahead
-        halves = [
-            forward[(side * aside > _ASIDE[0] * breadth) & (side * aside < _ASIDE[1] * breadth)] for side in (1, -1)
-        ]
+        beside = (np.abs(aside) > _ASIDE[0] * breadth) & (np.abs(aside) < _ASIDE[1] * breadth)
+        halves = [forward[beside & (side * aside > 0)] for side in (1, -1)]
         if all(len(half) for half in halves):
             score[k] = np.mean([half.max() for half in halves]) / (_FLAT * body.height)
     score -= ((place - _EXPECTED) / _SPREAD) ** 2
@@ -45,4 +42,4 @@ def chest_level(body: Body) -> tuple[float, float]:
     likely = np.exp(0.5 * (score - score.max()))
     spread = float(np.sqrt((likely * (place - best) ** 2).sum() / likely.sum()))
     scale = float((top - bottom)[2])
-    return float(bottom[2] + best * scale), 1.96 * spread * scale
+    return float(bottom[2] + best * scale), spread * scale

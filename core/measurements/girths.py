@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import MirrorScanError
 from ..numeric.rotations import unit
-from .body import SIDES, UP, Body
-from .plane_cuts import PlaneCut, cut_by_plane
-from .tape import Tape, lay_tape, plane_axes
+from .body import SIDES, UP, Body, measured
+from .plane_cuts import PlaneCut, cut_by_plane, plane_axes
+from .tape import Tape, lay_tape
 
 _STEP = 0.003  # between levels that are tried, at 1.7 m [m]
 _DRAWN = 1.7  # the height steps are meant for [m]
 _BELOW_SPINE = 0.02  # of body height: where the waist is looked for, from so far below the joint Spine
+_HIPS, _JOINED = 0.042, 0.04  # of body height: hip joints above the crotch; legs are not joined so far below that
+_WEB, _WEB_SPREAD, _SEEN_CROTCH = 0.0055, 0.008, 0.004  # of body height
+_TILT = 0.6  # of the neck's tape, a tangent
 _NECK = 0.14  # of body height: what is farther from the neck's middle is not looked at
 _CROTCH = 0.010  # hips are above the level at which the legs part, by so much at 1.7 m [m]
 _BELOW_CROTCH = (
@@ -36,6 +40,8 @@ class Girth:
         Of its plane.
     placement : float
         How much longer or shorter it would be if the plane lay where it might as well, 95 % [m].
+    extra : float
+        What is to be added since the right place is covered by surface that was made up [m].
     """
 
     tape: Tape
@@ -43,6 +49,7 @@ class Girth:
     point: np.ndarray
     normal: np.ndarray
     placement: float
+    extra: float = 0.0
 
 
 def _girth(cut: PlaneCut, point: np.ndarray, normal: np.ndarray, placement: float, what: str) -> Girth:
@@ -74,7 +81,7 @@ def _best(lengths: np.ndarray, sign: float) -> int:
 def _trunk_girth(body: Body, low: float, high: float, spread: tuple[float, float], sign: float, what: str) -> Girth:
     """The longest or shortest level tape between two levels known to ``spread`` each, 95 % [m]."""
     levels = _levels(body, low - spread[0], high + spread[1])
-    lengths = _trunk_lengths(body, levels)
+    lengths = _trunk_lengths(body.between(levels[0], levels[-1]), levels)
     inside = (levels >= low) & (levels <= high)
     if not np.isfinite(lengths[inside]).any():
         raise MirrorScanError(f"measurements: the trunk has no surface where the {what} is measured")
@@ -89,9 +96,17 @@ def _trunk_girth(body: Body, low: float, high: float, spread: tuple[float, float
 
 
 def waist(body: Body, spread: float) -> Girth:
-    """The smallest level girth from 2 % of height below the joint Spine up to Spine1, joints known to ``spread`` [m]."""
+    """The smallest level girth from 2 % of height below the joint Spine up to Spine1, known to ``spread`` [m]."""
     low = body.joint("Spine")[2] - _BELOW_SPINE * body.height
     return _trunk_girth(body, low, body.joint("Spine1")[2], (spread, spread), -1.0, "waist")
+
+
+class Crotch(NamedTuple):
+    """Where the mesh's legs part, where the crotch is, and how far that may be off, 95 %: levels [m]."""
+
+    parted: float
+    level: float
+    spread: float
 
 
 def hip(body: Body, crotch: float, spread: float) -> Girth:
@@ -101,15 +116,22 @@ def hip(body: Body, crotch: float, spread: float) -> Girth:
     )
 
 
-def crotch_level(body: Body) -> float:
-    """The level at which the legs part, going down: the highest where each leg has a loop of its own [m]."""
+def crotch_level(body: Body) -> Crotch:
+    """The level at which the legs part, going down: the highest where each leg has a loop of its own.
+
+    Where nobody saw the surface there, a web that closing left hangs between the thighs, and the crotch lies as much
+    higher as such webs do in scans of mannequins. Where legs are joined far below the hips, by a skirt or for want of
+    readings, the crotch is where it is expected by the joints.
+    """
     hips = 0.5 * (body.joint("LeftUpLeg") + body.joint("RightUpLeg"))
     knees = 0.5 * (body.joint("LeftLeg") + body.joint("RightLeg"))
 
+    part = body.between(knees[2], hips[2])
+
     def apart(level: float) -> bool:
-        cut = body.cut(np.array([0.0, 0.0, level]), UP)
+        cut = part.cut(np.array([0.0, 0.0, level]), UP)
         loop = cut.loops()
-        left, right = (cut.values(share) for share in body.legs)
+        left, right = (cut.values(share) for share in part.legs)
         if not len(loop) or max(left.max(), 0.0) < 0.5 or max(right.max(), 0.0) < 0.5:
             return False
         return loop[(left - right).argmax()] != loop[(left - right).argmin()]
@@ -117,15 +139,19 @@ def crotch_level(body: Body) -> float:
     levels = _levels(body, knees[2], hips[2])
     joined = np.flatnonzero([not apart(level) for level in levels])
     lowest = joined[0] if len(joined) else len(levels) - 1
-    if lowest == 0:
-        raise MirrorScanError(
-            "measurements: the legs are joined at the knees, so no crotch is found; scan with the feet apart"
-        )
+    expected = float(hips[2] - _HIPS * body.height)
+    if lowest == 0 or levels[lowest] < expected - _JOINED * body.height:
+        return Crotch(expected, expected, 0.5 * _JOINED * body.height)
     low, high = levels[lowest - 1], levels[lowest]
     for _ in range(5):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if apart(middle) else (low, middle)
-    return float(low)
+    above = body.cut(np.array([0.0, 0.0, high]), UP)
+    between = above.values(np.minimum(*body.legs)).argmax()
+    seen = measured(body.mesh)[above.triangle[(above.segments == between).any(axis=1)]].all()
+    if seen:
+        return Crotch(float(low), float(low), _SEEN_CROTCH * body.height)
+    return Crotch(float(low), float(low + _WEB * body.height), _WEB_SPREAD * body.height)
 
 
 def _bone(body: Body, start: str, end: str) -> tuple[np.ndarray, np.ndarray, float]:
@@ -149,7 +175,8 @@ def calf(body: Body, side: int) -> Girth:
     """The largest girth of the lower leg, square to the bone."""
     start, along, length = _bone(body, f"{SIDES[side]}Leg", f"{SIDES[side]}Foot")
     places = _levels(body, 0.1 * length, 0.6 * length)
-    lengths = np.array([_length(body.limb(start + at * along, along, body.legs[side]), along) for at in places])
+    leg = body.restricted(body.legs[side][body.mesh.triangles].max(axis=1) > 0.0)
+    lengths = np.array([_length(leg.limb(start + at * along, along, leg.legs[side]), along) for at in places])
     what = f"{SIDES[side].lower()} calf"
     if not np.isfinite(lengths).any():
         raise MirrorScanError(f"measurements: there is no surface where the {what} is measured")
@@ -157,10 +184,10 @@ def calf(body: Body, side: int) -> Girth:
     return _girth(body.limb(start + at * along, along, body.legs[side]), start + at * along, along, 0.0, what)
 
 
-def thigh(body: Body, side: int, crotch: float, spread: float) -> Girth:
+def thigh(body: Body, side: int, crotch: Crotch) -> Girth:
     """Square to the thigh's bone, just below the crotch: the highest cut with nothing but this thigh in it.
 
-    ``crotch`` is the level at which the legs part, known to ``spread`` [m].
+    Where a web covers the right place the thigh is taken to grow on as it does below.
     """
     start, along, length = _bone(body, f"{SIDES[side]}UpLeg", f"{SIDES[side]}Leg")
     step = _STEP * body.height / _DRAWN / 3
@@ -177,14 +204,9 @@ def thigh(body: Body, side: int, crotch: float, spread: float) -> Girth:
         around = loop == loop[mine.argmax()]
         return bool((found.values(body.legs[1 - side])[around] <= mine[around]).all())
 
-    at = (start[2] - crotch) / max(-along[2], 0.5) - 0.03 * body.height / _DRAWN
-    while not alone(at):
+    at = (start[2] - crotch.parted) / max(-along[2], 0.5) - 0.03 * body.height / _DRAWN
+    while at < 0.7 * length and not alone(at):
         at += step
-        if at > 0.7 * length:
-            raise MirrorScanError(
-                f"measurements: the {SIDES[side].lower()} thigh is joined to the other leg all the way down; "
-                "scan with the feet apart"
-            )
 
     def own(at: float) -> PlaneCut:
         found = cut(at)
@@ -192,7 +214,22 @@ def thigh(body: Body, side: int, crotch: float, spread: float) -> Girth:
         return found.part(loop == loop[mine.argmax()]) if len(loop) else found
 
     at += _BELOW_CROTCH * body.height / _DRAWN
-    return _placed(own, start, along, at, (spread,), f"{SIDES[side].lower()} thigh")
+    what = f"{SIDES[side].lower()} thigh"
+    if at >= 0.7 * length:  # joined all the way down: what the weights say is its own
+        at = (start[2] - crotch.level) / max(-along[2], 0.5)
+
+        def own(at: float) -> PlaneCut:
+            found = cut(at)
+            return found.part(found.values(body.legs[side]) >= 0.5)
+
+        return _placed(own, start, along, at, (-crotch.spread, crotch.spread), what)
+    found = _placed(own, start, along, at, (crotch.spread,), what)
+    lift = crotch.level - crotch.parted
+    if lift == 0.0:
+        return found
+    run = 3.0 * lift
+    growth = (found.tape.length - _length(own(at + run), along)) / run
+    return replace(found, extra=float(np.clip(np.nan_to_num(growth), -1.0, 1.0) * lift))
 
 
 def _placed(
@@ -221,12 +258,12 @@ def neck(body: Body) -> Girth:
     vertices, corners = body.mesh.vertices[used], corners.reshape(-1, 3)
 
     def cut(place: np.ndarray) -> tuple[PlaneCut, np.ndarray, np.ndarray]:
-        point, normal = base + place[0] * axis, unit(axis + place[1] * first + place[2] * second)
+        tilt = place[1:] * min(1.0, _TILT / max(float(np.hypot(*place[1:])), 1e-9))
+        point, normal = base + place[0] * axis, unit(axis + tilt[0] * first + tilt[1] * second)
         found = cut_by_plane(vertices, corners, point, normal)
         loop = found.loops()
-        if len(loop):  # the longest: the mouth has loops of its own
-            loops = [found.part(loop == k) for k in range(loop.max() + 1)]
-            found = max(loops, key=lambda one: _length(one, normal) if len(one.points) > 2 else 0.0)
+        if len(loop):  # the mouth, and a face that hangs in the air, have loops of their own
+            found = found.part(loop == found.loop_about(point, normal, loop))
         return found, point, normal
 
     center, size = np.array([0.7 * length, 0.0, 0.0]), np.array([max(0.6 * length, 0.02 * body.height), 0.5, 0.5])
@@ -236,7 +273,7 @@ def neck(body: Body) -> Girth:
         middle = center
         for place in middle + offsets * size:
             found, _, normal = cut(place)
-            tape = _length(found, normal)
+            tape = _length(found, normal) if found.is_closed() else np.inf
             if tape < shortest:
                 shortest, center = tape, place
         size = 0.5 * size

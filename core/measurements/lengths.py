@@ -8,11 +8,14 @@ import numpy as np
 
 from ..errors import MirrorScanError
 from ..numeric.rotations import unit
-from .body import SIDES, UP, Body
-from .tape import lay_tape, plane_axes
+from .body import SIDES, UP, Body, measured
+from .plane_cuts import cut_by_plane, plane_axes
+from .tape import lay_tape
 
 _LEG = 0.9925  # cosine of thigh and shin from the vertical in the body template's standing pose
 _LEG_BONES = (("UpLeg", "Leg"), ("Leg", "Foot"))
+_CAP, _SECTIONS = 0.035, 30  # of body height: the top of the head, and level sections of it
+_SECTION = (0.07, 0.17)  # girths of those that are used, of body height
 _SHOULDER = 0.1  # of body height: the acromion lies no higher above the joint of the arm
 _TILTS = np.radians(np.linspace(-10.0, 70.0, 33))  # of the tape across the back, up from level
 
@@ -27,26 +30,45 @@ class Length:
         [m]
     line : np.ndarray [shape=(K, 3), dtype=float64]
         Its points in order [m].
-    triangles : tuple of int
-        Of the mesh, on which its ends rest; empty for an end on the floor or in the body.
+    unseen : float
+        Which share of the surface that an end was taken from no view saw.
     """
 
     length: float
     line: np.ndarray
-    triangles: tuple[int, ...] = ()
+    unseen: float = 0.0
 
 
 def height(body: Body) -> Length:
-    """From the floor to the top of the head, as the person stands in the scan."""
-    top = int(np.where(body.head > 0.5, body.mesh.vertices[:, 2], -np.inf).argmax())
-    point = body.mesh.vertices[top]
-    foot = np.array([point[0], point[1], body.floor])
-    return Length(float(point[2] - body.floor), np.stack((foot, point)), (_triangle_at(body, top),))
+    """From the floor to the top of the head, as the person stands in the scan.
+
+    Near its top a head is a paraboloid, whose level sections grow linearly in area: they say where it begins, and a
+    spike on it counts for nothing.
+    """
+    vertices, triangles = body.mesh.vertices, body.mesh.triangles
+    top = float(vertices[:, 2].max())
+    near = triangles[(vertices[triangles, 2] > top - _CAP * body.height).any(axis=1)]
+    middle, squares, levels = [], [], np.linspace(top, top - _CAP * body.height, _SECTIONS + 1)[1:]
+    for level in levels:
+        cut = cut_by_plane(vertices, near, np.array([0.0, 0.0, level]), UP)
+        loop = cut.loops()
+        cut = cut.part(loop == np.bincount(loop).argmax())
+        tape = lay_tape(cut.points, UP)
+        squares.append(tape.length**2)
+        middle.append(tape.loop.mean(axis=0))
+    size = np.sqrt(squares) / body.height
+    used = (size > _SECTION[0]) & (size < _SECTION[1])
+    if used.sum() < 3:  # flat, or a tip
+        used, start = np.ones(len(levels), np.bool_), top
+    else:
+        start = np.polyfit(np.array(squares)[used], levels[used], 1)[1]
+    crown = np.array(middle)[used][0] * (1.0, 1.0, 0.0) + (0.0, 0.0, start)
+    unseen = 1.0 - measured(body.mesh)[(vertices[triangles, 2] > top - _CAP * body.height).all(axis=1)].mean()
+    return Length(float(start), np.stack((crown * (1.0, 1.0, 0.0), crown)), float(unseen))
 
 
 def straightening(body: Body) -> float:
-    """How much taller the person would be upright [m]: legs as in the body template's standing pose, trunk and head
-    upright."""
+    """How much taller the person would be upright: legs as in the body template's rest pose, trunk and head up [m]."""
     gained = [_rise(body, "Hips", "Neck", 1.0)]
     crown, head = body.skeleton.ends[0], body.joint("Head")
     gained.append(float(np.linalg.norm(crown - head) - (crown - head)[2]))
@@ -62,22 +84,19 @@ def _rise(body: Body, start: str, end: str, wanted: float) -> float:
 
 
 def inseam(body: Body, crotch: float) -> Length:
-    """From the level at which the legs part to the floor, as the person stands in the scan."""
+    """From the level of the crotch to the floor, as the person stands in the scan."""
     middle = 0.5 * (body.joint("LeftUpLeg") + body.joint("RightUpLeg"))
-    line = np.array([[middle[0], middle[1], body.floor], [middle[0], middle[1], crotch]])
-    return Length(float(crotch - body.floor), line)
+    line = np.array([[middle[0], middle[1], 0.0], [middle[0], middle[1], crotch]])
+    return Length(float(crotch), line)
 
 
-def acromion(body: Body, side: int) -> tuple[np.ndarray, int]:
-    """The skin's point above the joint of an arm, along the trunk, and its triangle."""
+def acromion(body: Body, side: int) -> np.ndarray:
+    """The skin's point (3,) above the joint of an arm, along the trunk [m]."""
     joint = body.joint(f"{SIDES[side]}Arm")
     up = unit(body.joint("Neck") - body.joint("Hips"))
-    first, second = plane_axes(up)
     corners = body.mesh.vertices[body.mesh.triangles] - joint
-    x, y = corners @ first, corners @ second
-    # the origin's barycentric coordinates in each triangle seen from above
-    area = np.stack([np.roll(x, -1, 1)[:, k] * np.roll(y, -2, 1)[:, k] - np.roll(x, -2, 1)[:, k] * np.roll(y, -1, 1)[:, k]
-                     for k in range(3)], axis=1)  # fmt: skip
+    x, y = (corners @ axis for axis in plane_axes(up))
+    area = np.roll(x, -1, 1) * np.roll(y, -2, 1) - np.roll(x, -2, 1) * np.roll(y, -1, 1)  # against each corner
     total = area.sum(axis=1)
     hit = np.flatnonzero(((area >= 0).all(axis=1) | (area <= 0).all(axis=1)) & (np.abs(total) > 1e-14))
     shares = area[hit] / total[hit, None]
@@ -88,21 +107,19 @@ def acromion(body: Body, side: int) -> tuple[np.ndarray, int]:
             f"measurements: there is no skin above the {SIDES[side].lower()} shoulder's joint; "
             "check that the skeleton fits the mesh"
         )
-    best = int(np.where(reach, above, np.inf).argmin())
-    return joint + above[best] * up, int(hit[best])
+    return joint + above[reach].min() * up
 
 
 def arm_length(body: Body, side: int) -> Length:
     """From the acromion by the elbow to the wrist, along the bones."""
-    shoulder, triangle = acromion(body, side)
+    shoulder = acromion(body, side)
     line = np.stack((shoulder, body.joint(f"{SIDES[side]}ForeArm"), body.joint(f"{SIDES[side]}Hand")))
-    return Length(float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()), line, (triangle,))
+    return Length(float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()), line)
 
 
 def shoulder_width(body: Body) -> Length:
     """The shortest tape across the back from acromion to acromion, over a plane through both that may tilt."""
-    ends = [acromion(body, side) for side in (1, 0)]
-    (right, _), (left, _) = ends
+    right, left = (acromion(body, side) for side in (1, 0))
     across = unit(left - right)
     up = unit(UP - (UP @ across) * across)
     back = np.cross(up, across)  # +y where the left is +x
@@ -114,15 +131,11 @@ def shoulder_width(body: Body) -> Length:
         points = body.cut(right, normal).points
         u, w = (points - right) @ across, (points - right) @ behind
         kept = points[(u > 0) & (u < span) & (w > 0) & (w < span)]
-        tape = lay_tape(np.concatenate((ends[0][0][None], kept, ends[1][0][None])), normal)
+        tape = lay_tape(np.concatenate((right[None], kept, left[None])), normal)
         if tape.length - span < best.length:
             start = int(np.linalg.norm(tape.loop - right, axis=1).argmin())
             line = np.roll(tape.loop, -start, axis=0)
             if np.linalg.norm(line[1] - left) < 1e-9:  # the straight way first
                 line = np.roll(line[::-1], 1, axis=0)
-            best = Length(tape.length - span, line, (ends[0][1], ends[1][1]))
+            best = Length(tape.length - span, line)
     return best
-
-
-def _triangle_at(body: Body, vertex: int) -> int:
-    return int(np.flatnonzero((body.mesh.triangles == vertex).any(axis=1))[0])

@@ -14,7 +14,7 @@ from .body import SIDES, Body, body_of
 from .chest_level import chest_level
 from .girths import Girth, at_level, calf, crotch_level, hip, neck, thigh, upper_arm, waist
 from .lengths import Length, arm_length, height, inseam, shoulder_width, straightening
-from .uncertainty import Uncertainty, ViewError, girth_error, joint_spread, length_error
+from .uncertainty import Uncertainty, ViewError, girth_estimate, joint_spread, length_error
 
 ISO_NAMES = {
     "height": "Stature",
@@ -97,12 +97,12 @@ def measure(
 
     Notes
     -----
-    ISO 8559-1:2017 for names and levels. Chest: level, at the nipples, estimated from the shape. Waist: smallest level
-    girth from 2 % of height below the joint Spine up to Spine1. Hip: largest level girth from the crotch to Spine. Upper
-    arm: middle of the bone, square to it. Thigh: square to the bone, the highest cut with nothing but thigh in it. Calf:
-    largest, square to the bone. Neck: shortest, free to tilt. Height and inside leg: as the person stands in the scan;
-    ``height_standing``: with legs, trunk and head straightened. Arm: acromion, elbow, wrist along the bones. Shoulders:
-    shortest way across the back between the acromia. About 2 s for 60 000 triangles.
+    Levels as ISO 8559-1:2017 has them, found by the skeleton. Chest: level, at the nipples, estimated from the shape.
+    Waist: smallest level girth from 2 % of height below the joint Spine up to Spine1. Hip: largest level girth from the
+    crotch to Spine. Upper arm: middle of the bone, square to it. Thigh: square to the bone, highest cut with nothing
+    but thigh in it. Calf: largest, square to the bone. Neck: shortest, free to tilt. Height and inside leg: as the
+    person stands in the scan; ``height_standing``: with legs, trunk and head straightened. Arm: acromion, elbow, wrist
+    along the bones. Shoulders: the shortest way across the back between the acromia. About 2 s for 60 000 triangles.
     """
     body = body_of(mesh, skeleton, weights)
     crotch = crotch_level(body)
@@ -111,8 +111,8 @@ def measure(
     girths: dict[str, list[Girth]] = {
         "chest": [at_level(body, level, level_spread, "chest")],
         "waist": [waist(body, trunk)],
-        "hip": [hip(body, crotch, trunk)],
-        "thigh": [thigh(body, side, crotch, 0.004 * body.height) for side in (0, 1)],
+        "hip": [hip(body, crotch.level, trunk)],
+        "thigh": [thigh(body, side, crotch) for side in (0, 1)],
         "calf": [calf(body, side) for side in (0, 1)],
         "upper_arm": [upper_arm(body, side, joint_spread(body, errors, *_arm(side)[:2])) for side in (0, 1)],
         "neck": [neck(body)],
@@ -120,14 +120,19 @@ def measure(
     tall = height(body)
     gained = straightening(body)
     found = {name: _of_girths(body, name, of, views, errors) for name, of in girths.items()}
-    found["height"] = _of_lengths(body, "height", [tall], (), views, errors)
-    upright = Length(tall.length + gained, tall.line, tall.triangles)
-    found["height_standing"] = _of_lengths(body, "height_standing", [upright], ("Hips", "Neck"), views, errors)
-    found["inseam"] = _of_lengths(body, "inseam", [inseam(body, crotch)], ("LeftUpLeg", "RightUpLeg"), views, errors)
+    found["height"] = _of_lengths("height", [tall], 0.0, views, errors)
+    upright = Length(tall.length + gained, tall.line, tall.unseen)
+    found["height_standing"] = _of_lengths(
+        body, "height_standing", [upright], 0.5 * joint_spread(body, errors, "Hips", "Neck"), views, errors
+    )
+    found["inseam"] = _of_lengths("inseam", [inseam(body, crotch.level)], crotch.spread, views, errors)
     arms = [arm_length(body, side) for side in (0, 1)]
-    found["arm_length"] = _of_lengths(body, "arm_length", arms, _arm(0) + _arm(1), views, errors)
+    ends = joint_spread(body, errors, *_arm(0), *_arm(1))
+    found["arm_length"] = _of_lengths("arm_length", arms, ends, views, errors)
     across = [shoulder_width(body)]
-    found["shoulder_width"] = _of_lengths(body, "shoulder_width", across, ("LeftArm", "RightArm"), views, errors)
+    found["shoulder_width"] = _of_lengths(
+        body, "shoulder_width", across, joint_spread(body, errors, "LeftArm", "RightArm"), views, errors
+    )
     return {name: found[name] for name in ISO_NAMES}
 
 
@@ -136,21 +141,20 @@ def _arm(side: int) -> tuple[str, ...]:
 
 
 def _of_girths(body: Body, name: str, of: list[Girth], views: Sequence[ViewError], errors: Uncertainty) -> Measurement:
-    length = float(np.mean([girth.tape.length for girth in of]))
-    error = float(np.mean([girth_error(body, girth, views, errors) for girth in of]))
+    estimates = [girth_estimate(body, girth, name, views, errors) for girth in of]
+    length, error = (float(value) for value in np.mean(estimates, axis=0))
     return Measurement(
         name, ISO_NAMES[name], 1000.0 * length, 1000.0 * error, tuple(girth.tape.loop for girth in of), True
     )
 
 
 def _of_lengths(
-    body: Body,
     name: str,
     of: list[Length],
-    joints: tuple[str, ...],
+    placement: float,
     views: Sequence[ViewError],
     errors: Uncertainty,
 ) -> Measurement:
     length = float(np.mean([one.length for one in of]))
-    error = float(np.mean([length_error(body, one, joints, views, errors) for one in of]))
+    error = float(np.mean([length_error(one, placement, views, errors) for one in of]))
     return Measurement(name, ISO_NAMES[name], 1000.0 * length, 1000.0 * error, tuple(one.line for one in of), False)

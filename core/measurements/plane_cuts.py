@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..numeric.point_products import dot
+from ..numeric.rotations import unit
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,24 @@ class PlaneCut:
                 return np.unique(label, return_inverse=True)[1].reshape(-1)
             label = new
 
+    def loop_about(self, point: np.ndarray, normal: np.ndarray, loops: np.ndarray) -> int:
+        """The largest of ``loops`` (P,) that runs round ``point`` (3,), a point of the plane; -1 when there is none.
+
+        One runs round it when a ray from there crosses it an odd number of times.
+        """
+        first, second = plane_axes(normal)
+        offset = self.points - point
+        x, y = ((offset * axis).sum(axis=1)[self.segments].T for axis in (first, second))
+        crosses = (y[0] >= 0.0) != (y[1] >= 0.0)
+        where = x[0] - y[0] * (x[1] - x[0]) / np.where(crosses, y[1] - y[0], 1.0)
+        crossings = np.bincount(loops[self.segments[crosses & (where > 0.0), 0]], minlength=loops.max(initial=-1) + 1)
+        around = crossings % 2 == 1
+        return int(np.where(around, np.bincount(loops, minlength=len(around)), 0).argmax()) if around.any() else -1
+
+    def is_closed(self) -> bool:
+        """Whether there are points and each has its two segments, so that no loop is open."""
+        return bool(len(self.points) and (np.bincount(self.segments.ravel(), minlength=len(self.points)) == 2).all())
+
     def part(self, kept: np.ndarray) -> PlaneCut:
         """The cut with the points ``kept`` (P,) bool, and the segments between two of them."""
         place = np.cumsum(kept) - 1
@@ -59,6 +78,15 @@ class PlaneCut:
         return PlaneCut(
             self.points[kept], place[self.segments[inside]], self.triangle[inside], self.edge[kept], self.at[kept]
         )
+
+
+def plane_axes(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors square to ``normal`` (3,) and to each other."""
+    normal = unit(np.asarray(normal, dtype=np.float64))
+    helper = np.zeros(3)
+    helper[np.abs(normal).argmin()] = 1.0
+    first = unit(np.cross(helper, normal))
+    return first, np.cross(normal, first)
 
 
 def cut_by_plane(vertices: np.ndarray, triangles: np.ndarray, point: np.ndarray, normal: np.ndarray) -> PlaneCut:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..numeric.rotations import unit
+from .plane_cuts import plane_axes
 
 DIRECTIONS = 360
 """In which the tape is asked what it rests on; a circle comes out short by 0.001 %."""
@@ -33,15 +33,6 @@ class Tape:
     loop: np.ndarray
     rests_on: np.ndarray
     outward: np.ndarray
-
-
-def plane_axes(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors square to ``normal`` (3,) and to each other."""
-    normal = unit(np.asarray(normal, dtype=np.float64))
-    helper = np.zeros(3)
-    helper[np.abs(normal).argmin()] = 1.0
-    first = unit(np.cross(helper, normal))
-    return first, np.cross(normal, first)
 
 
 def lay_tape(points: np.ndarray, normal: np.ndarray) -> Tape:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,11 @@ from .lengths import Length
 from .tape import DIRECTIONS
 
 _COVERED = 1.96  # standard deviations that hold 95 %
+# By how much surface that nobody saw makes a tape too short, and the spread of that, as a share of what rests on it.
+_SHORT = {"upper_arm": (0.14, 0.12), "neck": (0.05, 0.10)}
+_DIRECTIONS = 72  # in which a cross-section is looked at; a divisor of ``DIRECTIONS``
+# Of the Fourier coefficients (cosine and sine alike) of cross-sections' tangent distance, from order 0, in mean radii.
+_SHAPE = (0.5, 0.3, 0.07, 0.02, 0.015, 0.006, 0.006, 0.004, 0.004, 0.002, 0.002, 0.001, 0.001)
 
 
 @dataclass(frozen=True)
@@ -35,6 +41,10 @@ class ViewError:
     noise: float
     shift: float
 
+    def total(self, errors: Uncertainty) -> float:
+        """Standard deviation of the whole view along its lines of sight, whatever the reason [m]."""
+        return float(np.sqrt(errors.shift**2 + self.shift**2 + (errors.correlated * self.noise) ** 2))
+
 
 @dataclass(frozen=True)
 class Uncertainty:
@@ -44,8 +54,14 @@ class Uncertainty:
     ----------
     shift : float
         Of any view, whatever its mirror: bias of the sensor and of what skin and glass do to its light.
+    correlated : float
+        Of a view, beside that, as a share of the noise of its readings: neighbours err alike.
     skin : float
         Of surface anywhere, as it is smoothed by meshing, in proportion to nothing; correlated along a tape.
+    end : float
+        Of the top of a head that nobody saw.
+    rough : float
+        Of any reading, beside its noise, independent in directions 5° apart.
     filled : float
         Of surface that no view saw, beside what was seen.
     joint : float
@@ -53,16 +69,18 @@ class Uncertainty:
     """
 
     shift: float = 0.0015
+    correlated: float = 0.7
     skin: float = 0.0007
-    filled: float = 0.006
-    joint: float = 0.005
+    end: float = 0.008
+    rough: float = 0.001
+    filled: float = 0.012
+    joint: float = 0.003
 
 
 def view_errors(report: dict) -> tuple[ViewError, ...]:
     """The views of a ``report.json``, in the order in which :attr:`.Mesh.view` counts them, in the avatar frame.
 
-    A mirror's displacement is stated by the report; one whose displacement is not known counts as exact, as the shift of
-    every view is added.
+    A mirror's displacement is stated by the report; one that is not known counts as 0.
     """
     to_avatar = np.array(report["camera_to_avatar"], dtype=np.float64)
     mirrors = {mirror["name"]: mirror for mirror in report["mirrors"]}
@@ -78,52 +96,93 @@ def view_errors(report: dict) -> tuple[ViewError, ...]:
 
 
 def joint_spread(body: Body, errors: Uncertainty, *joints: str) -> float:
-    """How far the worst of these joints may be off, 95 % [m]; the confidence of a joint is exp(-spread / 2 % of
-    height)."""
+    """How far the worst of these joints may be off, 95 % [m]; from their confidence, calibrated on mannequins."""
     confidence = np.array([body.skeleton.confidence[BONES.index(name)] for name in joints])
     if (confidence >= 1.0).all():
         return 0.0
-    spread = -0.02 * np.log(np.maximum(confidence, 1e-3)).max()
+    spread = -0.012 * np.log(np.maximum(confidence, 1e-3)).max()
     return float(_COVERED * np.hypot(spread, errors.joint) * body.height)
 
 
-def girth_error(body: Body, girth: Girth, views: Sequence[ViewError], errors: Uncertainty) -> float:
-    """A 95 % bound of a girth [m].
+class TapeEstimate(NamedTuple):
+    """Length of a tape and its 95 % bound [m]."""
 
-    A tape's length is the integral of its tangents' distance over all directions (Cauchy), so an error of the surface
-    counts by the angle over which the tape rests on it: a view that is off along its line of sight by the cosine
-    between that line and the direction, surface that nobody saw by its whole angle.
+    length: float
+    error: float
+
+
+def girth_estimate(
+    body: Body, girth: Girth, name: str, views: Sequence[ViewError], errors: Uncertainty
+) -> TapeEstimate:
+    """A girth, with what is known of cross-sections where nobody saw the surface, and its 95 % bound.
+
+    A tape's length is the integral of its tangents' distance h over all directions (Cauchy). h is taken for a Gaussian
+    process on the circle whose Fourier coefficients have the spread that cross-sections of people have. Where the tape
+    rests on surface that a view saw, h is read with the view's noise and its shift along the line of sight; where it
+    rests on filled surface, with a large error that all of the fill shares. Read directions keep what was read; the
+    others get the expected value. The error follows by propagation through both.
     """
-    step = 2.0 * np.pi / DIRECTIONS
     tape, cut = girth.tape, girth.cut
-    seen_triangle = measured(body.mesh)[cut.triangle]
+    chosen = np.arange(0, DIRECTIONS, DIRECTIONS // _DIRECTIONS)
+    rests_on, outward = tape.rests_on[chosen], tape.outward[chosen]
+    points = cut.points[rests_on]
     seen_point = np.ones(len(cut.points), np.bool_)
-    np.logical_and.at(seen_point, cut.segments.ravel(), np.repeat(seen_triangle, 2))
-    seen = seen_point[tape.rests_on]
-    variance = (errors.filled * step * (~seen).sum()) ** 2 + (errors.skin * 2.0 * np.pi) ** 2
-    view = np.zeros(DIRECTIONS, np.int64) if body.mesh.view is None else _views_of(body, girth)
+    np.logical_and.at(seen_point, cut.segments.ravel(), np.repeat(measured(body.mesh)[cut.triangle], 2))
+    seen = seen_point[rests_on]
+    read = (outward * (points - cut.points.mean(axis=0))).sum(axis=1)
+    radius = tape.length / (2.0 * np.pi)
+    prior = radius**2 * _SHAPES
+    noise = _reading_errors(body, girth, chosen, seen, views, errors)
+    step = 2.0 * np.pi / _DIRECTIONS
+    gain = np.linalg.solve(prior + noise, prior).T  # readings → expected values
+    of_readings = np.where(seen, step, 0.0) + step * gain[~seen].sum(axis=0)
+    correction = (of_readings - step) @ (read - radius)
+    left = of_readings - step
+    variance = left @ prior @ left + of_readings @ noise @ of_readings + (errors.skin * 2.0 * np.pi) ** 2
+    short, spread = _SHORT.get(name, (0.0, 0.0))
+    unseen = tape.length * (~seen).mean()
+    correction += short * unseen + girth.extra
+    variance += (spread * unseen) ** 2
+    return TapeEstimate(tape.length + correction, float(np.hypot(_COVERED * np.sqrt(variance), girth.placement)))
+
+
+def _shapes() -> np.ndarray:
+    """Covariance of h between directions, for a mean radius of 1."""
+    angle = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    apart = angle[:, None] - angle[None]
+    orders = np.arange(len(_SHAPE))
+    return (np.square(_SHAPE)[:, None, None] * np.cos(orders[:, None, None] * apart)).sum(axis=0)
+
+
+_SHAPES = _shapes()
+
+
+def _reading_errors(
+    body: Body, girth: Girth, chosen: np.ndarray, seen: np.ndarray, views: Sequence[ViewError], errors: Uncertainty
+) -> np.ndarray:
+    """Covariance of what is read in the ``chosen`` directions [m²]."""
+    rests_on, outward = girth.tape.rests_on[chosen], girth.tape.outward[chosen]
+    size = len(chosen)
+    covariance = np.diag(np.where(seen, errors.rough, errors.filled) ** 2)
+    fill = np.where(seen, 0.0, errors.filled)
+    covariance += fill[:, None] * fill[None]
+    view = np.zeros(size, np.int64)
+    if body.mesh.view is not None:
+        view = body.mesh.view[girth.cut.edge[rests_on]].max(axis=1).astype(np.int64)
     for number, one in enumerate(views):
         mine = seen & (view == number)
-        if mine.any():
-            towards = one.viewer - cut.points[tape.rests_on[mine]]
-            cosine = (tape.outward[mine] * towards).sum(axis=1) / np.linalg.norm(towards, axis=1)
-            count = len(np.unique(tape.rests_on[mine]))
-            variance += (np.hypot(errors.shift, one.shift) * step * cosine.sum()) ** 2
-            variance += (one.noise * step * mine.sum()) ** 2 / count
-    return float(np.hypot(_COVERED * np.sqrt(variance), girth.placement))
+        if not mine.any():
+            continue
+        towards = one.viewer - girth.cut.points[rests_on[mine]]
+        effect = np.zeros(size)
+        effect[mine] = (outward[mine] * towards).sum(axis=1) / np.linalg.norm(towards, axis=1)
+        effect *= one.total(errors)
+        covariance += effect[:, None] * effect[None] + np.diag(np.where(mine, one.noise**2, 0.0))
+    return covariance
 
 
-def _views_of(body: Body, girth: Girth) -> np.ndarray:
-    """Which view saw what the tape rests on in each direction (DIRECTIONS,); -1 = none."""
-    assert body.mesh.view is not None
-    return body.mesh.view[girth.cut.edge[girth.tape.rests_on]].max(axis=1).astype(np.int64)
-
-
-def length_error(
-    body: Body, length: Length, joints: Sequence[str], views: Sequence[ViewError], errors: Uncertainty
-) -> float:
-    """A 95 % bound of a length that ends on the mesh, the floor and at joints [m]."""
-    shift = max((np.hypot(errors.shift, one.shift) for one in views), default=errors.shift)
-    ends = [0.0 if measured(body.mesh)[triangle] else errors.filled for triangle in length.triangles]
-    surface = np.sqrt(2.0 * shift**2 + sum(end**2 for end in ends) + 2.0 * errors.skin**2)
-    return float(np.hypot(_COVERED * surface, joint_spread(body, errors, *joints) if joints else 0.0))
+def length_error(length: Length, placement: float, views: Sequence[ViewError], errors: Uncertainty) -> float:
+    """A 95 % bound of a length that ends on the mesh and at places known to ``placement``, 95 % [m]."""
+    shift = max((one.total(errors) for one in views), default=errors.shift)
+    variance = errors.skin**2 + 0.5 * shift**2 + (length.unseen * errors.end) ** 2
+    return float(np.hypot(_COVERED * np.sqrt(variance), placement))
