@@ -1,6 +1,6 @@
 """Measures of a scanned body, as a tape would run, with bounds of their errors."""
 
-from .measurement_table import write_measurements
+from .measurement_table import measurement_summary, write_measurements
 from .measurements import ISO_NAMES, Measurement, Measurements, measure
 from .uncertainty import Uncertainty, ViewError, view_errors
 
@@ -11,6 +11,7 @@ __all__ = [
     "Uncertainty",
     "ViewError",
     "measure",
+    "measurement_summary",
     "view_errors",
     "write_measurements",
 ]

@@ -13,6 +13,14 @@ from .measurements import Measurements
 COLUMNS = ("name", "iso_8559_1_name", "mm", "error_mm")
 
 
+def measurement_summary(measurements: Measurements) -> dict[str, dict]:
+    """What ``report.json`` holds: {name: {"mm", "error_mm", "iso_name"}}, plain Python values."""
+    return {
+        name: {"mm": round(one.mm, 1), "error_mm": round(one.error_mm, 1), "iso_name": one.iso_name}
+        for name, one in measurements.items()
+    }
+
+
 def measurement_rows(measurements: Measurements) -> list[tuple[str, str, str, str]]:
     """One row a measure: name, ISO 8559-1 name, value and 95 % bound in tenths of a millimetre."""
     return [(name, one.iso_name, f"{one.mm:.1f}", f"{one.error_mm:.1f}") for name, one in measurements.items()]

@@ -118,21 +118,17 @@ def measure(
         "neck": [neck(body)],
     }
     tall = height(body)
-    gained = straightening(body)
+    upright = Length(tall.length + straightening(body), tall.line, tall.unseen)
+    arms, shoulders = (_arm(0) + _arm(1), ("LeftArm", "RightArm"))
+    lengths: dict[str, tuple[list[Length], float]] = {
+        "height": ([tall], 0.0),
+        "height_standing": ([upright], 0.5 * joint_spread(body, errors, "Hips", "Neck")),
+        "inseam": ([inseam(body, crotch.level)], crotch.spread),
+        "arm_length": ([arm_length(body, side) for side in (0, 1)], joint_spread(body, errors, *arms)),
+        "shoulder_width": ([shoulder_width(body)], joint_spread(body, errors, *shoulders)),
+    }
     found = {name: _of_girths(body, name, of, views, errors) for name, of in girths.items()}
-    found["height"] = _of_lengths("height", [tall], 0.0, views, errors)
-    upright = Length(tall.length + gained, tall.line, tall.unseen)
-    found["height_standing"] = _of_lengths(
-        body, "height_standing", [upright], 0.5 * joint_spread(body, errors, "Hips", "Neck"), views, errors
-    )
-    found["inseam"] = _of_lengths("inseam", [inseam(body, crotch.level)], crotch.spread, views, errors)
-    arms = [arm_length(body, side) for side in (0, 1)]
-    ends = joint_spread(body, errors, *_arm(0), *_arm(1))
-    found["arm_length"] = _of_lengths("arm_length", arms, ends, views, errors)
-    across = [shoulder_width(body)]
-    found["shoulder_width"] = _of_lengths(
-        body, "shoulder_width", across, joint_spread(body, errors, "LeftArm", "RightArm"), views, errors
-    )
+    found |= {name: _of_lengths(name, of, placement, views, errors) for name, (of, placement) in lengths.items()}
     return {name: found[name] for name in ISO_NAMES}
 
 
@@ -149,11 +145,7 @@ def _of_girths(body: Body, name: str, of: list[Girth], views: Sequence[ViewError
 
 
 def _of_lengths(
-    name: str,
-    of: list[Length],
-    placement: float,
-    views: Sequence[ViewError],
-    errors: Uncertainty,
+    name: str, of: list[Length], placement: float, views: Sequence[ViewError], errors: Uncertainty
 ) -> Measurement:
     length = float(np.mean([one.length for one in of]))
     error = float(np.mean([length_error(one, placement, views, errors) for one in of]))
