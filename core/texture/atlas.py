@@ -11,8 +11,8 @@ from ..numeric.kernels import njit
 from ..numeric.threads import each
 from .color_cameras import ColorView
 
-_PARTS = 16  # that the triangles are painted in, on all cores
-_MOST_SAMPLES = 4  # along a texel's side
+_AT_ONCE = 400_000  # texels of a part, about
+_FINE = 1.5  # so many pixels along a texel's side are averaged beforehand
 
 
 class Shading(NamedTuple):
@@ -37,6 +37,18 @@ class Shading(NamedTuple):
     factor: np.ndarray
     fill: np.ndarray
     table: np.ndarray
+
+
+class _Source(NamedTuple):
+    """What is looked up in a view: levels (h, w, 3) float32 of a part of its image, maybe halved, its gain applied.
+
+    ``projection`` (3, 4) float32 takes the mesh's frame to homogeneous pixels of it; ``vertex`` (V, 6) float32 are
+    positions and offsets.
+    """
+
+    levels: np.ndarray
+    projection: np.ndarray
+    vertex: np.ndarray
 
 
 def paint(
@@ -65,224 +77,172 @@ def paint(
 
     Notes
     -----
-    Images are sampled by Catmull and Rom's cubic (1974); where pixels are finer than texels, several times a texel.
+    Images are sampled by Catmull and Rom's cubic (1974), those whose pixels are much finer than texels halved before.
     """
-    pixels, start, extent = _stacked(views)
-    projection = np.array([view.projection for view in views]).reshape(-1, 3, 4)
-    projection[:, :2] += shifts[:, :, None] * projection[:, 2:3]
     texels = np.empty((len(triangles), 3, 2))
     texels[..., 0] = uv[..., 0].astype(np.float64) * size - 0.5
     texels[..., 1] = (1.0 - uv[..., 1].astype(np.float64)) * size - 0.5
-    image, covered = np.zeros((size, size, 3), np.uint8), np.zeros((size, size), np.bool_)
-    vertices = np.ascontiguousarray(vertices, np.float64)
-    bounds = np.linspace(0, len(triangles), _PARTS + 1).astype(np.int64)
-    each(
-        lambda k: _paint_kernel(
-            bounds[k], bounds[k + 1], vertices, triangles, texels, pixels, start, extent, projection, shading, image,
-            covered,
-        ),
-        range(_PARTS),
-    )  # fmt: skip
-    return image, covered
+    sources = [_source(view, shifts[k], vertices, triangles, texels, shading, k) for k, view in enumerate(views)]
+    image, covered = np.zeros((size * size, 3), np.uint8), np.zeros(size * size, np.bool_)
+
+    def part(k: int) -> None:
+        found, shares = _texels_of(texels[bounds[k] : bounds[k + 1]], size)
+        corner = triangles[bounds[k] + found[:, 1]]
+        image[found[:, 0]] = _colors(corner, shares, sources, shading)
+        covered[found[:, 0]] = True
+
+    area = np.cumsum(_doubled(texels)) * 0.5
+    parts = max(1, int(area[-1] / _AT_ONCE))
+    bounds = np.searchsorted(area, area[-1] * np.arange(parts + 1) / parts)
+    bounds[0], bounds[-1] = 0, len(triangles)
+    each(part, range(parts))
+    return image.reshape(size, size, 3), covered.reshape(size, size)
 
 
 def pad(image: np.ndarray, covered: np.ndarray, width: int) -> None:
     """Give texels within ``width`` of the islands the colours of their neighbours, all others the mean; in place."""
     if not covered.any():
         return
+    size = len(image)
     mean = np.array([np.bincount(image[..., c][covered], minlength=256) @ np.arange(256) for c in range(3)])
-    mean = np.rint(mean / covered.sum()).astype(np.uint8)
-    done = covered.copy()
-    _pad_kernel(image, done, width)
-    image[~done] = mean
+    image[~covered] = np.rint(mean / covered.sum()).astype(np.uint8)
+    flat, done = image.reshape(-1, 3), np.pad(covered, 1).ravel()
+    steps = np.array((1, -1, size + 2, -size - 2))
+    front = np.flatnonzero(done)
+    for _ in range(width):
+        front = np.unique((front[:, None] + steps).ravel())
+        row, column = front // (size + 2) - 1, front % (size + 2) - 1
+        front = front[~done[front] & (row >= 0) & (row < size) & (column >= 0) & (column < size)]
+        total, count = np.zeros((len(front), 3)), np.zeros(len(front))
+        for step in (*steps, *(steps[:2] + size + 2), *(steps[:2] - size - 2)):
+            beside = front + step
+            known = done[beside]
+            at = beside[known]
+            total[known] += flat[(at // (size + 2) - 1) * size + at % (size + 2) - 1]
+            count += known
+        flat[(front // (size + 2) - 1) * size + front % (size + 2) - 1] = np.rint(total / count[:, None])
+        done[front] = True
 
 
-def _stacked(views: Sequence[ColorView]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pixels (N, 3) of all images, each kept once; where each view's begin (K,), and its width and height (K, 2)."""
-    images: list[np.ndarray] = []
-    start = np.zeros(len(views), np.int64)
-    extent = np.array([(v.intrinsics.width, v.intrinsics.height) for v in views], np.int64).reshape(-1, 2)
-    for k, view in enumerate(views):
-        same = next((j for j in range(k) if views[j].image is view.image), None)
-        if same is None:
-            start[k] = sum(len(image) for image in images)
-            images.append(view.image.reshape(-1, 3))
-        else:
-            start[k] = start[same]
-    return (np.concatenate(images) if images else np.zeros((1, 3), np.uint8)), start, extent
+def _doubled(corners: np.ndarray) -> np.ndarray:
+    """Twice the area (T,) of triangles (T, 3, 2)."""
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def _source(
+    view: ColorView, shift: np.ndarray, vertices: np.ndarray, triangles: np.ndarray, texels: np.ndarray,
+    shading: Shading, k: int,
+) -> _Source:  # fmt: skip
+    """View k, halved until its pixels are about as large as texels of skin that it sees well."""
+    projection = view.projection
+    projection[:2] += shift[:, None] * projection[2:]
+    points = vertices @ projection[:, :3].T + projection[:, 3]
+    pixels = points[:, :2] / np.where(np.abs(points[:, 2:]) > 1e-6, points[:, 2:], 1e-6)
+    finer = float(np.sqrt(np.quantile(_doubled(pixels[triangles]) / np.maximum(_doubled(texels), 1e-12), 0.8)))
+    # the part of the image that vertices around the view's triangles see
+    used = np.zeros(len(vertices), np.bool_)
+    used[triangles[(shading.weight[triangles, k] > 0).any(axis=1)]] = True
+    extent = np.array((view.intrinsics.width, view.intrinsics.height))
+    low, high = np.zeros(2, np.int64), np.ones(2, np.int64)
+    if used.any():
+        low = np.clip(np.floor(pixels[used].min(axis=0)).astype(np.int64) - 8, 0, extent - 1)
+        high = np.clip(np.ceil(pixels[used].max(axis=0)).astype(np.int64) + 9, low + 1, extent)
+    image = view.image[low[1] : high[1], low[0] : high[0]]
+    levels = np.stack([shading.table[k, c][image[..., c]] for c in range(3)], axis=2)
+    projection[:2] -= low[:, None] * projection[2:]
+    while finer > _FINE and min(levels.shape[:2]) > 16:
+        even = levels[: levels.shape[0] // 2 * 2, : levels.shape[1] // 2 * 2]
+        levels = np.float32(0.25) * (even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2])
+        projection = np.array(((0.5, 0.0, -0.25), (0.0, 0.5, -0.25), (0.0, 0.0, 1.0))) @ projection
+        finer *= 0.5
+    vertex = np.hstack((vertices, shading.offset[:, k])).astype(np.float32)
+    return _Source(np.ascontiguousarray(levels), projection.astype(np.float32), vertex)
+
+
+def _texels_of(corners: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Texels on triangles (T, 3, 2): texel and triangle (N, 2) int64, shares of corners 2 and 3 (N, 2)."""
+    corners = np.ascontiguousarray(corners)
+    count = _raster_kernel(corners, size, np.empty((0, 2), np.int64), np.empty((0, 2), np.float32))
+    found, shares = np.empty((count, 2), np.int64), np.empty((count, 2), np.float32)
+    _raster_kernel(corners, size, found, shares)
+    return found, shares
+
+
+def _colors(corner: np.ndarray, shares: np.ndarray, sources: Sequence[_Source], shading: Shading) -> np.ndarray:
+    """Colours (N, 3) uint8 at shares (N, 2) float32 between corners (N, 3)."""
+    color = np.zeros((len(corner), 3), np.float32)
+    weight = _blended(shading.weight, corner, shares)
+    rows = np.flatnonzero(weight[:, -1] > 1e-4)
+    color[rows] = weight[rows, -1:] * _blended(shading.fill, corner[rows], shares[rows])
+    for k, source in enumerate(sources):
+        rows = np.flatnonzero(weight[:, k] > 1e-4)
+        if not len(rows):
+            continue
+        whole = _blended(source.vertex, corner[rows], shares[rows])
+        points = whole[:, :3] @ source.projection[:, :3].T + source.projection[:, 3]
+        seen = whole[:, 3:].copy()
+        _sample_kernel(source.levels, points, seen)
+        color[rows] += weight[rows, k : k + 1] * seen
+    if (shading.factor != 1.0).any():
+        color *= _blended(shading.factor[:, None], corner, shares)
+    np.clip(color, 0.0, 255.0, out=color)
+    return (color + np.float32(0.5)).astype(np.uint8)
+
+
+def _blended(values: np.ndarray, corner: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    """Values (V, C) of the vertices at shares (N, 2) between corners (N, 3)."""
+    first = values[corner[:, 0]]
+    return (
+        first
+        + shares[:, :1] * (values[corner[:, 1]] - first)
+        + shares[:, 1:] * (values[corner[:, 2]] - first)
+    )  # fmt: skip
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _cubic(t, weights):
-    """Catmull and Rom's weights (4,) at share ``t`` between the middle two of four samples."""
-    weights[0] = t * (-0.5 + t * (1.0 - 0.5 * t))
-    weights[1] = 1.0 + t * t * (-2.5 + 1.5 * t)
-    weights[2] = t * (0.5 + t * (2.0 - 1.5 * t))
-    weights[3] = t * t * (-0.5 + 0.5 * t)
+def _sample_kernel(levels, points, out):
+    """Add colours (N, 3) of an image (H, W, 3) at homogeneous points (N, 3), by Catmull and Rom's cubic."""
+    height, width = levels.shape[:2]
+    weight = np.empty((2, 4))
+    for n in range(len(points)):
+        u, v = points[n, 0] / points[n, 2], points[n, 1] / points[n, 2]
+        left, top = int(np.floor(u)) - 1, int(np.floor(v)) - 1
+        for k in range(8):
+            s = abs(u - left - k) if k < 4 else abs(v - top - k + 4)
+            weight[k // 4, k % 4] = 1.0 + s * s * (1.5 * s - 2.5) if s < 1.0 else 2.0 + s * (s * (2.5 - 0.5 * s) - 4.0)
+        red = green = blue = 0.0
+        for k in range(16):
+            w = weight[0, k % 4] * weight[1, k // 4]
+            column, row = min(max(left + k % 4, 0), width - 1), min(max(top + k // 4, 0), height - 1)
+            red += w * levels[row, column, 0]
+            green += w * levels[row, column, 1]
+            blue += w * levels[row, column, 2]
+        out[n, 0] += red
+        out[n, 1] += green
+        out[n, 2] += blue
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sample(pixels, start, width, height, table, u, v, across, down, out):
-    """Colour (3,) of an image at (u, v), its levels by ``table`` (3, 256)."""
-    u0, v0 = np.floor(u), np.floor(v)
-    _cubic(u - u0, across)
-    _cubic(v - v0, down)
-    out[:] = 0.0
-    for j in range(4):
-        row = start + min(max(int(v0) - 1 + j, 0), height - 1) * width
-        for i in range(4):
-            at = row + min(max(int(u0) - 1 + i, 0), width - 1)
-            w = across[i] * down[j]
-            out[0] += w * table[0, pixels[at, 0]]
-            out[1] += w * table[1, pixels[at, 1]]
-            out[2] += w * table[2, pixels[at, 2]]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _project(projection, k, x, y, z):
-    """Pixel of a point in view k."""
-    p = projection
-    w = p[k, 2, 0] * x + p[k, 2, 1] * y + p[k, 2, 2] * z + p[k, 2, 3]
-    u = p[k, 0, 0] * x + p[k, 0, 1] * y + p[k, 0, 2] * z + p[k, 0, 3]
-    v = p[k, 1, 0] * x + p[k, 1, 1] * y + p[k, 1, 2] * z + p[k, 1, 3]
-    return u / w, v / w
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _samples_a_side(corner, projection, k, texels, t, doubled):
-    """How many samples along a texel's side view k is worth on triangle t."""
-    ua, va = _project(projection, k, corner[0, 0], corner[0, 1], corner[0, 2])
-    ub, vb = _project(projection, k, corner[1, 0], corner[1, 1], corner[1, 2])
-    uc, vc = _project(projection, k, corner[2, 0], corner[2, 1], corner[2, 2])
-    seen = abs((ub - ua) * (vc - va) - (vb - va) * (uc - ua))
-    side = np.sqrt(seen / max(abs(doubled), 1e-12))
-    return min(max(int(np.ceil(side / 1.25)), 1), _MOST_SAMPLES)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _paint_kernel(
-    first, last, vertices, triangles, texels, pixels, start, extent, projection, shading, image, covered
-):  # fmt: skip
-    """:func:`paint` of the triangles from ``first`` to ``last``."""
-    size, views = len(image), len(projection)
-    corner, color, sample = np.empty((3, 3)), np.empty(3), np.empty(3)
-    across, down, bary = np.empty(4), np.empty(4), np.empty(3)
-    samples = np.ones(views, np.int64)
-    for t in range(first, last):
-        ax, ay = texels[t, 0, 0], texels[t, 0, 1]
-        bx, by = texels[t, 1, 0], texels[t, 1, 1]
-        cx, cy = texels[t, 2, 0], texels[t, 2, 1]
-        doubled = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+def _raster_kernel(corners, size, found, shares):
+    """Fill in texels whose middles lie on triangles (T, 3, 2), as far as there is room; return how many there are."""
+    count = 0
+    for t in range(len(corners)):
+        ax, ay = corners[t, 0, 0], corners[t, 0, 1]
+        bx, by = corners[t, 1, 0] - ax, corners[t, 1, 1] - ay
+        cx, cy = corners[t, 2, 0] - ax, corners[t, 2, 1] - ay
+        doubled = bx * cy - by * cx
         if doubled == 0.0:
             continue
-        for i in range(3):
-            for c in range(3):
-                corner[i, c] = vertices[triangles[t, i], c]
-        for k in range(views):
-            samples[k] = _samples_a_side(corner, projection, k, texels, t, doubled)
-        u0, u1 = max(int(np.ceil(min(ax, bx, cx))), 0), min(int(np.floor(max(ax, bx, cx))), size - 1)
-        v0, v1 = max(int(np.ceil(min(ay, by, cy))), 0), min(int(np.floor(max(ay, by, cy))), size - 1)
+        u0, u1 = max(int(np.ceil(ax + min(bx, cx, 0.0))), 0), min(int(np.floor(ax + max(bx, cx, 0.0))), size - 1)
+        v0, v1 = max(int(np.ceil(ay + min(by, cy, 0.0))), 0), min(int(np.floor(ay + max(by, cy, 0.0))), size - 1)
         for v in range(v0, v1 + 1):
             for u in range(u0, u1 + 1):
-                bary[1] = ((u - ax) * (cy - ay) - (v - ay) * (cx - ax)) / doubled
-                bary[2] = ((bx - ax) * (v - ay) - (by - ay) * (u - ax)) / doubled
-                bary[0] = 1.0 - bary[1] - bary[2]
-                if bary[0] < 0.0 or bary[1] < 0.0 or bary[2] < 0.0:
-                    continue
-                _texel(
-                    u, v, t, bary, corner, triangles, texels, doubled, samples, pixels, start, extent, projection,
-                    shading, across, down, sample, color,
-                )  # fmt: skip
-                for c in range(3):
-                    image[v, u, c] = np.uint8(min(max(color[c], 0.0), 255.0) + 0.5)
-                covered[v, u] = True
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _texel(
-    u, v, t, bary, corner, triangles, texels, doubled, samples, pixels, start, extent, projection, shading,
-    across, down, sample, color,
-):  # fmt: skip
-    """Colour (3,) of texel (u, v) on triangle t, at its shares ``bary`` (3,) of the corners."""
-    a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-    views = len(projection)
-    weight = shading.weight
-    filled = bary[0] * weight[a, views] + bary[1] * weight[b, views] + bary[2] * weight[c, views]
-    for i in range(3):
-        fill = shading.fill
-        color[i] = filled * (bary[0] * fill[a, i] + bary[1] * fill[b, i] + bary[2] * fill[c, i])
-    for k in range(views):
-        share = bary[0] * weight[a, k] + bary[1] * weight[b, k] + bary[2] * weight[c, k]
-        if share < 1e-4:
-            continue
-        n = samples[k]
-        for j in range(n):
-            for i in range(n):
-                x = (i + 0.5) / n - 0.5
-                y = (j + 0.5) / n - 0.5
-                db = (x * (texels[t, 2, 1] - texels[t, 0, 1]) - y * (texels[t, 2, 0] - texels[t, 0, 0])) / doubled
-                dc = ((texels[t, 1, 0] - texels[t, 0, 0]) * y - (texels[t, 1, 1] - texels[t, 0, 1]) * x) / doubled
-                wb, wc = bary[1] + db, bary[2] + dc
-                wa = 1.0 - wb - wc
-                px = wa * corner[0, 0] + wb * corner[1, 0] + wc * corner[2, 0]
-                py = wa * corner[0, 1] + wb * corner[1, 1] + wc * corner[2, 1]
-                pz = wa * corner[0, 2] + wb * corner[1, 2] + wc * corner[2, 2]
-                column, row = _project(projection, k, px, py, pz)
-                _sample(
-                    pixels, start[k], extent[k, 0], extent[k, 1], shading.table[k], column, row, across, down, sample
-                )
-                for q in range(3):
-                    color[q] += share / (n * n) * sample[q]
-        offset = shading.offset
-        for q in range(3):
-            color[q] += share * (bary[0] * offset[a, k, q] + bary[1] * offset[b, k, q] + bary[2] * offset[c, k, q])
-    factor = bary[0] * shading.factor[a] + bary[1] * shading.factor[b] + bary[2] * shading.factor[c]
-    for q in range(3):
-        color[q] *= factor
-
-
-@njit(cache=True, nogil=True)
-def _pad_kernel(image, done, width):
-    """Grow the texels that are ``done`` (S, S) by ``width`` rounds, each new one the mean of those beside it."""
-    size = len(done)
-    front = np.empty(size * size, np.int32)
-    waiting = np.zeros((size, size), np.bool_)
-    count = 0
-    for v in range(size):
-        for u in range(size):
-            if not done[v, u] and (
-                (v > 0 and done[v - 1, u]) or (v < size - 1 and done[v + 1, u])
-                or (u > 0 and done[v, u - 1]) or (u < size - 1 and done[v, u + 1])
-            ):  # fmt: skip
-                waiting[v, u] = True
-                front[count] = v * size + u
-                count += 1
-    first = 0
-    for _ in range(width):
-        last = count
-        for n in range(first, last):
-            v, u = front[n] // size, front[n] % size
-            total = 0
-            red, green, blue = 0, 0, 0
-            for dv in range(max(v - 1, 0), min(v + 2, size)):
-                for du in range(max(u - 1, 0), min(u + 2, size)):
-                    if done[dv, du]:
-                        red += image[dv, du, 0]
-                        green += image[dv, du, 1]
-                        blue += image[dv, du, 2]
-                        total += 1
-            if total > 0:
-                image[v, u, 0], image[v, u, 1], image[v, u, 2] = red // total, green // total, blue // total
-        for n in range(first, last):
-            v, u = front[n] // size, front[n] % size
-            done[v, u] = True
-        for n in range(first, last):
-            v, u = front[n] // size, front[n] % size
-            for side in range(4):
-                dv = v + (1 if side == 0 else -1 if side == 1 else 0)
-                du = u + (1 if side == 2 else -1 if side == 3 else 0)
-                if 0 <= dv < size and 0 <= du < size and not done[dv, du] and not waiting[dv, du]:
-                    waiting[dv, du] = True
-                    front[count] = dv * size + du
+                b = ((u - ax) * cy - (v - ay) * cx) / doubled
+                c = (bx * (v - ay) - by * (u - ax)) / doubled
+                if b >= 0.0 and c >= 0.0 and b + c <= 1.0:
+                    if count < len(found):
+                        found[count, 0], found[count, 1] = v * size + u, t
+                        shares[count, 0], shares[count, 1] = b, c
                     count += 1
-        first = last
+    return count

@@ -12,8 +12,10 @@ from ..mesh.half_edges import edge_keys
 from ..numeric.sparse_least_squares import elimination_order, solve_squares
 
 _THINNEST = 0.02  # least height of a triangle in parts of its longest edge, as it is laid flat
-_ITERATIONS, _LONG = 4, 20  # local and global steps from a conformal map, and from a circle
+_ITERATIONS, _LONG = 4, 12  # local and global steps from a conformal map, and from a circle
+_FLOOR, _STIFFER = 0.3, 3.0  # least weight of a triangle, of the mean area; and by how much flipped ones gain
 _UNEVEN = 4.0  # areas may differ so much from those of the skin, at the 5th and 95th percentile of it
+_CREASED = 50.0  # as much where it is creased, and cannot be laid flat otherwise
 _REPAIRS = 12  # rounds in which vertices round flipped triangles move to the middle of their neighbours
 
 
@@ -31,7 +33,7 @@ def flatten(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray | None:
     -------
     np.ndarray [shape=(V, 2), dtype=float64] or None
         [m]; every triangle is counter-clockwise. None when some remain flipped, or much larger or smaller than on the
-        surface.
+        surface, or lie on one another.
     """
     gradients, area, frame = _gradients(vertices, triangles)
     order = _order(triangles, len(vertices))
@@ -42,13 +44,35 @@ def flatten(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray | None:
     start = _conformal(vertices, triangles, gradients, area, order)
     for steps in (_ITERATIONS, _LONG):
         flat = _rigid(start, triangles, gradients, area, order, steps)
-        if _repaired(flat, triangles) and _is_even(flat, triangles, area):
+        if _repaired(flat, triangles) and _untangled(flat, triangles) and _is_even(flat, triangles, area):
             return flat
-        start = _in_circle(vertices, triangles, order)
-    return None
+    flat = _guarded(_in_circle(vertices, triangles, order), triangles, gradients, area, order)
+    return flat if _is_even(flat, triangles, area, _CREASED) else None
 
 
-def _is_even(flat: np.ndarray, triangles: np.ndarray, area: np.ndarray) -> bool:
+def crosses_itself(flat: np.ndarray, triangles: np.ndarray) -> bool:
+    """Whether the border of a disk crosses itself in the plane.
+
+    If it does not, and no triangle is flipped, no two triangles of the disk lie on one another.
+    """
+    return bool(_crossings(flat[boundary_loops(triangles, len(flat))[0]]).any())
+
+
+def _crossings(loop: np.ndarray) -> np.ndarray:
+    """Which sides of a polygon (K, 2) cross, bool (K, K)."""
+    after = np.roll(loop, -1, axis=0)
+    along = after - loop
+
+    def side(points: np.ndarray) -> np.ndarray:
+        """On which side (K, M) of each piece of the border each point lies."""
+        apart = points[None] - loop[:, None]
+        return along[:, None, 0] * apart[..., 1] - along[:, None, 1] * apart[..., 0]
+
+    parted = side(loop) * side(after) < 0
+    return parted & parted.T
+
+
+def _is_even(flat: np.ndarray, triangles: np.ndarray, area: np.ndarray, limit: float = _UNEVEN) -> bool:
     """Whether most of the skin is about as large in the plane as it is."""
     a, b, c = (flat[triangles[:, k]] for k in range(3))
     u, v = b - a, c - a
@@ -56,7 +80,7 @@ def _is_even(flat: np.ndarray, triangles: np.ndarray, area: np.ndarray) -> bool:
     order = ratio.argsort()
     share = np.cumsum(area[order]) / area.sum()
     low, high = ratio[order][np.searchsorted(share, (0.05, 0.95)).clip(0, len(order) - 1)]
-    return bool(1.0 / _UNEVEN < low and high < _UNEVEN)
+    return bool(1.0 / limit < low and high < limit)
 
 
 def flipped(flat: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -155,26 +179,48 @@ def _in_circle(vertices, triangles, order) -> np.ndarray:
 
 
 def _rigid(flat, triangles, gradients, area, order, steps: int) -> np.ndarray:
-    """As rigid as possible from where ``flat`` (V, 2) is: each triangle turned, then all joined, by turns."""
+    """As rigid as possible from where ``flat`` (V, 2) is: each triangle turned, then all joined, by turns.
+
+    Small triangles, which flip most easily, weigh more than their area, and more each time that they are flipped.
+    """
+    weight = np.maximum(area, _FLOOR * area.mean())
+    for _ in range(steps):
+        flat = _joined(flat, triangles, gradients, weight, order)
+        weight = weight * np.where(flipped(flat, triangles), _STIFFER, 1.0)
+    return flat
+
+
+def _guarded(flat, triangles, gradients, area, order) -> np.ndarray:
+    """As rigid as can be without that a triangle flips or the border crosses itself."""
+    weight = np.maximum(area, _FLOOR * area.mean())
+    for _ in range(_LONG):
+        rigid = _joined(flat, triangles, gradients, weight, order)
+        for share in (1.0, 0.5, 0.25, 0.12, 0.06, 0.03):
+            some = flat + share * (rigid - flat)
+            if not (flipped(some, triangles).any() or crosses_itself(some, triangles)):
+                break
+        else:
+            break
+        flat = some
+    return flat
+
+
+def _joined(flat, triangles, gradients, weight, order) -> np.ndarray:
+    """Places (V, 2) at which triangles are as near as possible to what they are in ``flat`` without their stretch."""
     count = len(flat)
-    root = np.sqrt(area)
-    values = np.ascontiguousarray(gradients * root[:, None, None]).ravel()
-    columns = np.repeat(triangles.astype(np.int64)[:, None], 2, axis=1).ravel()
-    start = np.arange(0, len(columns) + 1, 3)
+    root = np.sqrt(weight)
+    rows = gradients * root[:, None, None]
+    target = _turns(flat, triangles, gradients) * root[:, None, None]  # rows d/dx, d/dy; columns u, v
+    rhs = np.zeros((count, 2))
+    for c in range(2):
+        for k in range(3):
+            rhs[:, c] += np.bincount(triangles[:, k], (rows[:, :, k] * target[:, :, c]).sum(axis=1), count)
+    rhs[0] += flat[0]
     diagonal = np.full(count, 1e-10)
     diagonal[0] = 1.0
-    for _ in range(steps):
-        turn = _turns(flat, triangles, gradients)
-        target = turn * root[:, None, None]  # rows d/dx, d/dy; columns u, v
-        rhs = np.zeros((count, 2))
-        for c in range(2):
-            for k in range(3):
-                rhs[:, c] += np.bincount(
-                    triangles[:, k], (gradients[:, :, k] * root[:, None] * target[:, :, c]).sum(axis=1), count
-                )
-        rhs[0] += flat[0]
-        flat = solve_squares(start, columns, values, diagonal, rhs, order)
-    return flat
+    columns = np.repeat(triangles.astype(np.int64)[:, None], 2, axis=1).ravel()
+    start = np.arange(0, len(columns) + 1, 3)
+    return solve_squares(start, columns, np.ascontiguousarray(rows).ravel(), diagonal, rhs, order)
 
 
 def _turns(flat, triangles, gradients) -> np.ndarray:
@@ -211,3 +257,26 @@ def _repaired(flat: np.ndarray, triangles: np.ndarray) -> bool:
             )
             flat[near] = total[near] / degree[near, None]
     return not flipped(flat, triangles).any()
+
+
+def _untangled(flat: np.ndarray, triangles: np.ndarray) -> bool:
+    """Smooth the border where it crosses itself between places close together, in place; whether that helped."""
+    loop = boundary_loops(triangles, len(flat))[0]
+    count = len(loop)
+    for _ in range(_REPAIRS):
+        one, other = np.nonzero(np.triu(_crossings(flat[loop])))
+        if not len(one):
+            return not flipped(flat, triangles).any()
+        near = np.zeros(count, np.bool_)
+        for i, j in zip(one, other, strict=True):
+            apart = int(min(j - i, count - j + i))
+            if apart > max(8, count // 12):
+                return False
+            first = int(i if j - i <= count - j + i else j)
+            near[np.arange(first - 1, first + apart + 3) % count] = True
+        for _ in range(3):
+            middle = 0.5 * (flat[np.roll(loop, 1)] + flat[np.roll(loop, -1)])
+            flat[loop[near]] = 0.5 * (flat[loop[near]] + middle[near])
+        if flipped(flat, triangles).any() and not _repaired(flat, triangles):
+            return False
+    return False

@@ -20,7 +20,7 @@ _REGIONS = (
 
 _SMALL = 0.002  # of the surface: a piece below goes to the neighbour with which it shares most of its border
 _SMOOTHING = 6  # rounds in which a triangle takes the region of most of its neighbours
-_SIDES = 6  # directions that things are first cut by
+_SLIVER = 0.02  # of a piece that is cut: as small
 _LEAST = 8  # triangles of a piece that is still cut
 
 
@@ -50,7 +50,7 @@ def find_islands(mesh: Mesh, weights: SkinWeights | None = None) -> np.ndarray:
     else:
         label = _by_bone(mesh, weights, normals)
     label = _smoothed(label, twin, area)
-    label = _without_small(label, twin, area)
+    label = _without_small(_without_spikes(label, twin), twin, area)
     pieces = [np.flatnonzero(label == k) for k in range(int(label.max()) + 1)] if len(label) else []
     island = np.full(len(triangles), -1, np.int32)
     count = 0
@@ -84,41 +84,43 @@ def _counts(triangles: np.ndarray, vertex_count: int) -> tuple[int, int, bool]:
 
 
 def halved(mesh: Mesh, piece: np.ndarray) -> list[np.ndarray]:
-    """A piece's triangles (K,) in two or more parts: cut across by the plane that gives the fewest that are no disks.
+    """A piece's triangles (K,) in two or more parts, cut by a plane through its middle.
 
-    Of those with equally many the one with the shortest cut.
+    Of some planes the one that leaves the fewest parts and handles, and of those the one whose parts are flattest: have
+    the longest border for their area. So tubes and fingers are cut lengthwise.
     """
+    triangles = mesh.triangles[piece]
     if len(piece) <= _LEAST:
         return [piece[k : k + 1] for k in range(len(piece))]
-    triangles = mesh.triangles[piece]
     middle = mesh.vertices[triangles].mean(axis=1)
     area = np.linalg.norm(triangle_normals(mesh.vertices, triangles), axis=1) + 1e-15
-    centre = np.average(middle, axis=0, weights=area)
-    spread = middle - centre
+    spread = middle - np.average(middle, axis=0, weights=area)
     axes = np.linalg.eigh((spread * area[:, None]).T @ spread)[1].T
+    twin = twins(triangles, len(mesh.vertices))
+    sides = mesh.vertices[np.roll(triangles, -1, axis=1)] - mesh.vertices[triangles]
+    length = np.linalg.norm(sides, axis=2).ravel()
     best: tuple | None = None
     for axis in (*axes, axes[0] + axes[1], axes[0] - axes[1]):
         along = spread @ axis
         side = (along > np.average(along, weights=area)).astype(np.int64)
-        parts = _components(triangles, side, len(mesh.vertices))
-        parts = _without_small(parts, twins(triangles, len(mesh.vertices)), area, 0.02)
-        groups = [piece[parts == k] for k in range(int(parts.max()) + 1)]
-        if len(groups) < 2:
+        parts = _without_small(side, twin, area, _SLIVER)
+        count = int(parts.max()) + 1
+        if count < 2:
             continue
-        bad = sum(not is_disk(mesh.triangles[g], len(mesh.vertices)) for g in groups)
-        rank = (bad + len(groups), float(np.ptp(along)) * -1.0)
+        groups = [piece[parts == k] for k in range(count)]
+        bad = sum(not is_disk(mesh.triangles[group], len(mesh.vertices)) for group in groups)
+        own = parts[np.arange(len(twin)) // 3]
+        border = np.bincount(
+            own[(twin < 0) | (own != parts[twin // 3])], length[(twin < 0) | (own != parts[twin // 3])]
+        )
+        rank = (bad + count, float((np.bincount(parts, area) / border**2).max()))
         if best is None or rank < best[0]:
             best = (rank, groups)
     if best is None:
-        middle_place = len(piece) // 2
-        return [piece[:1], piece[1:]] if middle_place == 0 else _split_connected(triangles, piece, len(mesh.vertices))
+        order = (np.arange(len(piece)) >= len(piece) // 2).astype(np.int64)
+        parts = _components(triangles, order, len(mesh.vertices))
+        return [piece[parts == k] for k in range(int(parts.max()) + 1)]
     return best[1]
-
-
-def _split_connected(triangles: np.ndarray, piece: np.ndarray, vertex_count: int) -> list[np.ndarray]:
-    """Two halves of a piece in the order of its triangles, each into its connected parts."""
-    parts = _components(triangles, (np.arange(len(piece)) >= len(piece) // 2).astype(np.int64), vertex_count)
-    return [piece[parts == k] for k in range(int(parts.max()) + 1)]
 
 
 def _by_bone(mesh: Mesh, weights: SkinWeights, normals: np.ndarray) -> np.ndarray:
@@ -168,6 +170,19 @@ def _smoothed(label: np.ndarray, twin: np.ndarray, area: np.ndarray) -> np.ndarr
             (weight[:, k] / total)[:, None] * share[neighbour[:, k]] for k in range(3)
         )
     return share.argmax(axis=1)
+
+
+def _without_spikes(label: np.ndarray, twin: np.ndarray) -> np.ndarray:
+    """Labels in which no triangle reaches out alone into another region: it takes what two of its neighbours have."""
+    neighbour = np.where(twin >= 0, twin // 3, np.arange(len(twin)) // 3).reshape(-1, 3)
+    for turn in range(4 * _SMOOTHING):
+        around = label[neighbour]
+        for a, b in ((0, 1), (1, 2), (2, 0)):
+            spike = (around[:, a] == around[:, b]) & (around[:, a] != label)
+            # neighbours do not change at the same time, or they might exchange their labels for ever
+            spike &= np.arange(len(label)) % 2 == turn % 2
+            label = np.where(spike, around[:, a], label)
+    return label
 
 
 def _components(triangles: np.ndarray, label: np.ndarray, vertex_count: int) -> np.ndarray:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..mesh.boundary_loops import boundary_loops
 from ..numeric.kernels import njit
 
 _GRID = 512  # cells along the square's side
@@ -23,9 +24,9 @@ def pack(flat: list[np.ndarray], triangles: list[np.ndarray], gap: float) -> lis
     flat : list of np.ndarray [shape=(V_i, 2)]
         Each island laid flat [m].
     triangles : list of np.ndarray [shape=(T_i, 3)]
-        Of its vertices.
+        Of its vertices; a disk.
     gap : float
-        Least distance between islands, and twice that from the border, in parts of the square's side.
+        Room that each island keeps about it, in parts of the square's side.
 
     Returns
     -------
@@ -33,6 +34,7 @@ def pack(flat: list[np.ndarray], triangles: list[np.ndarray], gap: float) -> lis
         0..1, counter-clockwise as they were.
     """
     turned = [_least_box(places) for places in flat]
+    loops = [boundary_loops(rows, len(places))[0] for places, rows in zip(flat, triangles, strict=True)]
     order = sorted(range(len(flat)), key=lambda k: -float(turned[k].max(axis=0).max()))
     area = sum(_area(places, rows) for places, rows in zip(flat, triangles, strict=True))
     widest = max(float(places.max()) for places in turned)
@@ -40,7 +42,7 @@ def pack(flat: list[np.ndarray], triangles: list[np.ndarray], gap: float) -> lis
     scale = min(np.sqrt(_ROOM / max(area, 1e-18)), high)
     best = None
     for _ in range(4 * _TRIALS):
-        placed = _packed(turned, triangles, order, scale, gap)
+        placed = _packed(turned, loops, order, scale, gap)
         if placed is None:
             high = scale
         else:
@@ -69,28 +71,28 @@ def _least_box(flat: np.ndarray) -> np.ndarray:
     return turned - turned.min(axis=0)
 
 
-def _packed(turned, triangles, order, scale: float, gap: float) -> list[np.ndarray] | None:
+def _packed(turned, loops, order, scale: float, gap: float) -> list[np.ndarray] | None:
     """The islands at one scale, None where one of them finds no place."""
     border = gap * _GRID
     last = np.full((_GRID, _GRID), -1, np.int32)  # at each cell: the nearest one in use to the left, itself included
     placed: list = [None] * len(order)
     for k in order:
         cells = turned[k] * (scale * _GRID)
+        cells = cells + border
+        mask = _covered(cells[loops[k]], border)
         best: tuple | None = None
-        for quarter in range(4):
-            moved = cells
-            for _ in range(quarter):
-                moved = np.stack((-moved[:, 1], moved[:, 0]), axis=1)
-            moved = moved - moved.min(axis=0) + border
-            mask = _covered(moved, triangles[k], border)
-            if mask.shape[0] > _GRID or mask.shape[1] > _GRID:
+        for _ in range(4):
+            # a quarter of a turn
+            cells = np.stack((mask.shape[0] - cells[:, 1], cells[:, 0]), axis=1)
+            mask = np.ascontiguousarray(mask.T[:, ::-1])
+            if max(mask.shape) > _GRID:
                 continue
             spans = _spans(mask)
             row, column = _place_kernel(last, spans, mask.shape[0], mask.shape[1])
             if row >= 0:
                 rank = (row + mask.shape[0], column)
                 if best is None or rank < best[0]:
-                    best = (rank, row, column, mask, moved)
+                    best = (rank, row, column, mask, cells)
         if best is None:
             return None
         _, row, column, mask, moved = best
@@ -103,11 +105,37 @@ def _packed(turned, triangles, order, scale: float, gap: float) -> list[np.ndarr
     return placed
 
 
-def _covered(cells: np.ndarray, triangles: np.ndarray, margin: float) -> np.ndarray:
-    """Cells, bool (h, w), that lie within ``margin`` of the island."""
-    width, height = (int(n) for n in np.ceil(cells.max(axis=0) + margin + 0.5))
-    mask = np.zeros((height, width), np.bool_)
-    _cover_kernel(np.ascontiguousarray(cells[triangles]), margin + 0.5, mask)
+def _covered(loop: np.ndarray, margin: float) -> np.ndarray:
+    """Cells, bool (h, w), that lie within ``margin`` of a polygon (K, 2) [cells]."""
+    width, height = (int(n) + 1 for n in np.ceil(loop.max(axis=0) + margin))
+    after = np.roll(loop, -1, axis=0)
+    # inside: the even-odd rule, row by row; each side changes the cells to the right of where it crosses the row
+    low, high = np.minimum(loop[:, 1], after[:, 1]), np.maximum(loop[:, 1], after[:, 1])
+    first = np.ceil(low - 0.5).astype(np.int64)
+    count = np.maximum(np.ceil(high - 0.5).astype(np.int64) - first, 0)
+    side = np.repeat(np.arange(len(loop)), count)
+    row = np.arange(len(side)) - np.repeat(np.cumsum(count) - count, count) + first[side]
+    rise = after[side, 1] - loop[side, 1]
+    x = loop[side, 0] + (row + 0.5 - loop[side, 1]) * (after[side, 0] - loop[side, 0]) / rise
+    crossed = np.zeros((height, width + 1), np.int64)
+    np.add.at(crossed, (row, np.clip(np.ceil(x - 0.5).astype(np.int64), 0, width)), 1)
+    mask = (np.cumsum(crossed, axis=1) % 2 == 1)[:, :width]
+    # and what is near the sides
+    steps = np.maximum(np.ceil(2 * np.linalg.norm(after - loop, axis=1)).astype(np.int64), 1)
+    side = np.repeat(np.arange(len(loop)), steps)
+    share = (np.arange(len(side)) - np.repeat(np.cumsum(steps) - steps, steps)) / steps[side]
+    x, y = (loop[side, c] + share * (after - loop)[side, c] for c in (0, 1))
+    column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    x, y = x - column, y - row
+    reach = int(np.ceil(margin))
+    for dv in range(-reach, reach + 1):
+        for du in range(-reach, reach + 1):
+            off_x = np.maximum(np.abs(du + 0.5 - x) - 0.5, 0.0)
+            off_y = np.maximum(np.abs(dv + 0.5 - y) - 0.5, 0.0)
+            near = off_x * off_x + off_y * off_y <= margin * margin
+            u, v = column[near] + du, row[near] + dv
+            good = (u >= 0) & (v >= 0) & (u < width) & (v < height)
+            mask[v[good], u[good]] = True
     return mask
 
 
@@ -120,37 +148,6 @@ def _spans(mask: np.ndarray) -> np.ndarray:
     behind = np.nonzero(step == -1)[1]
     order = np.argsort(-(behind - first), kind="stable")
     return np.stack((row, first, behind), axis=1)[order].astype(np.int32)
-
-
-@njit(cache=True, nogil=True)
-def _cover_kernel(corners, reach, mask):
-    """Mark cells whose middles (+ half) lie within ``reach`` of a triangle of ``corners`` (T, 3, 2)."""
-    height, width = mask.shape
-    squared = reach * reach
-    for t in range(len(corners)):
-        ax, ay = corners[t, 0, 0], corners[t, 0, 1]
-        bx, by = corners[t, 1, 0], corners[t, 1, 1]
-        cx, cy = corners[t, 2, 0], corners[t, 2, 1]
-        u0, u1 = max(int(min(ax, bx, cx) - reach), 0), min(int(max(ax, bx, cx) + reach) + 1, width)
-        v0, v1 = max(int(min(ay, by, cy) - reach), 0), min(int(max(ay, by, cy) + reach) + 1, height)
-        for v in range(v0, v1):
-            for u in range(u0, u1):
-                if mask[v, u]:
-                    continue
-                x, y = u + 0.5, v + 0.5
-                inside = True
-                for k in range(3):
-                    px, py = corners[t, k, 0], corners[t, k, 1]
-                    dx, dy = corners[t, (k + 1) % 3, 0] - px, corners[t, (k + 1) % 3, 1] - py
-                    if dx * (y - py) - dy * (x - px) < 0.0:
-                        inside = False
-                    share = ((x - px) * dx + (y - py) * dy) / max(dx * dx + dy * dy, 1e-30)
-                    share = min(max(share, 0.0), 1.0)
-                    if (x - px - share * dx) ** 2 + (y - py - share * dy) ** 2 <= squared:
-                        mask[v, u] = True
-                        break
-                if inside:
-                    mask[v, u] = True
 
 
 @njit(cache=True, nogil=True)
@@ -170,32 +167,3 @@ def _place_kernel(last, spans, height, width):
                 return row, column
             column += step
     return -1, -1
-
-
-def overlapping_share(flat: np.ndarray, triangles: np.ndarray) -> float:
-    """Share of an island's area in the plane that lies on more of the island, to a 400th of its size."""
-    step = float(np.ptp(flat, axis=0).max()) / 400
-    corners = np.ascontiguousarray((flat - flat.min(axis=0))[triangles] / max(step, 1e-12))
-    width, height = (int(n) + 1 for n in corners.max(axis=(0, 1)))
-    times = np.zeros((height, width), np.int32)
-    _count_kernel(corners, times)
-    return float((times > 1).sum() / max(int((times > 0).sum()), 1))
-
-
-@njit(cache=True, nogil=True)
-def _count_kernel(corners, times):
-    """How many triangles of ``corners`` (T, 3, 2), counter-clockwise, lie on the middle of each cell."""
-    height, width = times.shape
-    for t in range(len(corners)):
-        ax, ay = corners[t, 0, 0], corners[t, 0, 1]
-        bx, by = corners[t, 1, 0], corners[t, 1, 1]
-        cx, cy = corners[t, 2, 0], corners[t, 2, 1]
-        for v in range(max(int(min(ay, by, cy)), 0), min(int(max(ay, by, cy)) + 1, height)):
-            for u in range(max(int(min(ax, bx, cx)), 0), min(int(max(ax, bx, cx)) + 1, width)):
-                x, y = u + 0.5, v + 0.5
-                if (
-                    (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 0.0
-                    and (cx - bx) * (y - by) - (cy - by) * (x - bx) > 0.0
-                    and (ax - cx) * (y - cy) - (ay - cy) * (x - cx) >= 0.0
-                ):
-                    times[v, u] += 1

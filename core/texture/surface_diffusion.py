@@ -29,59 +29,34 @@ def diffuse(
         From :func:`neighbours`.
     target : np.ndarray [shape=(V, C)]
     pull : np.ndarray [shape=(V,)]
-        How strongly each vertex is drawn to its target; inf holds it there.
+        How strongly each vertex is drawn to its target.
     member : np.ndarray [shape=(V,), dtype=bool]
         Only these count, and only edges between them; others are 0.
     rounds : int
-        Of over-relaxed Gauss and Seidel steps, from the nearest targets outwards at first.
+        Of over-relaxed Gauss and Seidel steps.
     """
     start, heads = graph
-    value = np.where((member & (pull > 0))[:, None], target, 0.0).astype(np.float64)
-    _diffuse_kernel(
-        start, heads, value, np.ascontiguousarray(target, np.float64), pull.astype(np.float64), member, rounds
-    )
+    known = member & (pull > 0)
+    begin = target[known].mean(axis=0) if known.any() else np.zeros(target.shape[1])
+    value = np.where(known[:, None], target, np.where(member[:, None], begin, 0.0)).astype(np.float64)
+    for c in range(target.shape[1]):
+        column = np.ascontiguousarray(value[:, c])
+        _diffuse_kernel(start, heads, column, np.ascontiguousarray(target[:, c], np.float64), pull, member, rounds)
+        value[:, c] = column
     return value
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _diffuse_kernel(start, heads, value, target, pull, member, rounds):
-    count, width = value.shape
-    # in the order of their distance from what is known, each beginning with the mean of those before
-    order, reached = np.empty(count, np.int64), np.zeros(count, np.bool_)
-    last = 0
-    for v in range(count):
-        if member[v] and pull[v] > 0.0:
-            order[last] = v
-            reached[v] = True
-            last += 1
-    at = 0
-    while at < last:
-        v = order[at]
-        at += 1
-        for e in range(start[v], start[v + 1]):
-            w = heads[e]
-            if member[w] and not reached[w]:
-                reached[w] = True
-                order[last] = w
-                last += 1
-                for c in range(width):
-                    value[w, c] = value[v, c]
-    total = np.empty(width)
+    """:func:`diffuse` of one number a vertex, in place."""
     for sweep in range(rounds):
-        over = 1.6 if sweep < rounds - 2 else 1.0
-        for n in range(last):
-            v = order[n] if sweep % 2 == 0 else order[last - 1 - n]
-            if pull[v] == np.inf:
-                continue
-            weight = pull[v]
-            for c in range(width):
-                total[c] = pull[v] * target[v, c]
-            for e in range(start[v], start[v + 1]):
-                w = heads[e]
-                if member[w]:
-                    weight += 1.0
-                    for c in range(width):
-                        total[c] += value[w, c]
-            if weight > 0.0:
-                for c in range(width):
-                    value[v, c] += over * (total[c] / weight - value[v, c])
+        over = 1.7 if sweep < rounds - 3 else 1.0
+        for v in range(len(value)):
+            if member[v]:
+                weight, total = pull[v], pull[v] * target[v]
+                for e in range(start[v], start[v + 1]):
+                    if member[heads[e]]:
+                        weight += 1.0
+                        total += value[heads[e]]
+                if weight > 0.0:
+                    value[v] += over * (total / weight - value[v])

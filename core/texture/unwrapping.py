@@ -9,10 +9,8 @@ from ..mesh import Mesh
 from ..mesh.submesh import remove_bowties, renumbered
 from ..numeric.threads import each
 from .flattening import flatten, flipped
-from .islands import find_islands, halved
-from .packing import overlapping_share, pack
-
-_OVERLAP = 0.002  # of an island's area: one that covers itself more is cut
+from .islands import find_islands, halved, is_disk
+from .packing import pack
 
 
 def unwrap(mesh: Mesh, weights: SkinWeights | None, gap: float) -> tuple[np.ndarray, np.ndarray]:
@@ -57,10 +55,9 @@ def _laid_flat(mesh: Mesh, piece: np.ndarray) -> tuple[np.ndarray | None, np.nda
     """Places (V, 2) of a piece's vertices, None where it must be cut, and its triangles in their numbers."""
     used, own = renumbered(mesh.triangles[piece], len(mesh.vertices))
     part = remove_bowties(Mesh(mesh.vertices[used], own))
-    flat = flatten(part.vertices, part.triangles)
-    if flat is not None and overlapping_share(flat, part.triangles) > _OVERLAP:
-        flat = None
-    return flat, part.triangles
+    if not is_disk(own, len(used)):
+        return None, own
+    return flatten(part.vertices, part.triangles), part.triangles
 
 
 def flipped_count(uv: np.ndarray) -> int:
