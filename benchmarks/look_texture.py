@@ -42,7 +42,8 @@ TINTS = ((1.0, 1.0, 1.0), (0.80, 0.86, 0.80), (0.88, 0.82, 0.80))
 OFF_PX, OFF_M = 2.0, 0.0009
 """Colour that is off: its image shifted [px of the depth map]; the body swayed for 30 ms at 30 mm a second [m]."""
 _WAVES = np.array(((0.58, 0.55, 0.60), (-0.62, 0.60, 0.50), (0.55, -0.60, 0.58)))
-_POINTS = 60_000
+_POINTS = 400_000
+_SIDE_POINTS = 60  # of a cell on either side of a border between views, for a step there to count
 
 
 def pattern(points: np.ndarray) -> np.ndarray:
@@ -247,7 +248,7 @@ class Judge:
         np.add.at(count, (cell[own >= 0], own[own >= 0]), 1)
         for a in range(views):
             for b in range(a + 1, views):
-                both = (count[:, a] > 15) & (count[:, b] > 15)
+                both = (count[:, a] > _SIDE_POINTS) & (count[:, b] > _SIDE_POINTS)
                 steps += np.abs(table[both, a] / count[both, a] - table[both, b] / count[both, b]).tolist()
                 weights += np.minimum(count[both, a], count[both, b]).tolist()
         return float(np.average(steps, weights=weights)) if steps else 0.0

@@ -45,11 +45,12 @@ def find_islands(mesh: Mesh, weights: SkinWeights | None = None) -> np.ndarray:
     twin = twins(triangles, len(mesh.vertices))
     normals = triangle_normals(mesh.vertices, triangles)
     area = 0.5 * np.linalg.norm(normals, axis=1)
+    bond = _bonds(normals, twin)
     if weights is None:
-        label = _by_side(normals, twin)
+        label = _by_side(normals, twin, bond)
     else:
         label = _by_bone(mesh, weights, normals)
-    label = _smoothed(label, twin, area)
+    label = _smoothed(label, twin, area, bond)
     label = _without_small(_without_spikes(label, twin), twin, area)
     pieces = [np.flatnonzero(label == k) for k in range(int(label.max()) + 1)] if len(label) else []
     island = np.full(len(triangles), -1, np.int32)
@@ -146,35 +147,43 @@ def _by_bone(mesh: Mesh, weights: SkinWeights, normals: np.ndarray) -> np.ndarra
     return 2 * region + side
 
 
-def _by_side(normals: np.ndarray, twin: np.ndarray) -> np.ndarray:
+def _bonds(normals: np.ndarray, twin: np.ndarray) -> np.ndarray:
+    """0..1 (T, 3): how much each triangle has to do with its neighbours, nothing across creases."""
+    unit = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-15)
+    cosine = np.einsum("tc,tkc->tk", unit, unit[_neighbours(twin)])
+    return np.clip(cosine, 0.0, 1.0) ** 4 * (twin.reshape(-1, 3) >= 0)
+
+
+def _neighbours(twin: np.ndarray) -> np.ndarray:
+    """The triangle (T, 3) at each side of each; itself at a border."""
+    return np.where(twin >= 0, twin // 3, np.arange(len(twin)) // 3).reshape(-1, 3)
+
+
+def _by_side(normals: np.ndarray, twin: np.ndarray, bond: np.ndarray) -> np.ndarray:
     """Side (T,) that each triangle faces: the nearest of six directions, of normals that are smoothed first."""
-    smooth = normals.copy()
-    neighbour = np.where(twin >= 0, twin // 3, np.arange(len(twin)) // 3).reshape(-1, 3)
+    smooth, neighbour = normals.copy(), _neighbours(twin)
     for _ in range(2 * _SMOOTHING):
-        smooth = smooth + smooth[neighbour].sum(axis=1)
+        smooth = smooth + (bond[:, :, None] * smooth[neighbour]).sum(axis=1)
     axes = np.concatenate((np.eye(3), -np.eye(3)))
     return (smooth @ axes.T).argmax(axis=1)
 
 
-def _smoothed(label: np.ndarray, twin: np.ndarray, area: np.ndarray) -> np.ndarray:
+def _smoothed(label: np.ndarray, twin: np.ndarray, area: np.ndarray, bond: np.ndarray) -> np.ndarray:
     """Labels whose borders run straighter: a triangle takes what most of the area around it has."""
-    count = int(label.max()) + 1
-    neighbour = np.where(twin >= 0, twin // 3, np.arange(len(twin)) // 3).reshape(-1, 3)
-    share = np.zeros((len(label), count))
+    neighbour = _neighbours(twin)
+    share = np.zeros((len(label), int(label.max()) + 1))
     share[np.arange(len(label)), label] = 1.0
-    weight = area[neighbour] + 1e-15
-    own = area + 1e-15
+    own, weight = area + 1e-15, (area[neighbour] + 1e-15) * bond
     total = own + weight.sum(axis=1)
+    own, weight = (own / total)[:, None], weight / total[:, None]
     for _ in range(_SMOOTHING):
-        share = share * (own / total)[:, None] + sum(
-            (weight[:, k] / total)[:, None] * share[neighbour[:, k]] for k in range(3)
-        )
+        share = share * own + sum(weight[:, k, None] * share[neighbour[:, k]] for k in range(3))
     return share.argmax(axis=1)
 
 
 def _without_spikes(label: np.ndarray, twin: np.ndarray) -> np.ndarray:
     """Labels in which no triangle reaches out alone into another region: it takes what two of its neighbours have."""
-    neighbour = np.where(twin >= 0, twin // 3, np.arange(len(twin)) // 3).reshape(-1, 3)
+    neighbour = _neighbours(twin)
     for turn in range(4 * _SMOOTHING):
         around = label[neighbour]
         for a, b in ((0, 1), (1, 2), (2, 0)):

@@ -16,9 +16,9 @@ from .surface_diffusion import diffuse
 from .visibility import Seen
 
 _DARK, _BRIGHT = 8, 250  # levels outside of these say nothing of a gain
-_TOGETHER = 40  # vertices that two views must share
+_TOGETHER = 12  # vertices that two views must share
 _MOST = 3.0  # largest gain
-_PRIOR = 20.0  # as many vertices speak for a gain of 1
+_PRIOR = 2.0  # as many vertices speak for a gain of 1
 _SMOOTHING = 0.03  # pull of each difference against its neighbours': over about six vertices each way
 _FADE = 0.002  # pull of corrections towards none: they fade out over some twenty vertices
 

@@ -20,13 +20,14 @@ _LEVELS = 12  # of each channel, where colours are counted
 _ENOUGH = 300  # pixels inside and outside
 _BLOCK = 24  # rows of the blocks that make the two halves [px]
 _AGREE = 1.0  # both halves must say the same so nearly [px]
+_UNCERTAIN = 0.0015  # a shift below says more of the mesh's outline than of the colours [m]
 _LEAST = 0.04  # mean log likelihood ratio over the band, below which outlines say nothing
 
 
 def view_shifts(mesh: Mesh, views: Sequence[ColorView]) -> np.ndarray:
     """By how much each view's image lies beside where its camera sees the mesh (K, 2) [px].
 
-    0 where that is uncertain: where alternate blocks of rows, taken for themselves, do not say the same, or colours of
+    0 where that is uncertain: less than outlines are known to; or where alternate blocks of rows, taken for themselves, do not say the same, or colours of
     subject and surroundings are too much alike. Where two views of a camera agree its other views take their mean.
     """
     found = [_shift(mesh, view) for view in views]
@@ -76,7 +77,10 @@ def _shift(mesh: Mesh, view: ColorView) -> np.ndarray | None:
         return None
     if np.abs(peaks[0] - peaks[1]).max() > _AGREE or (parts[0] + parts[1]).max() < _LEAST * np.abs(sign).sum():
         return None
-    return (whole - reach) / scale
+    shift = (whole - reach) / scale
+    # no nearer than the mesh's own outline is known
+    pixel = float(np.median(depth[np.isfinite(depth)])) / view.intrinsics.fx
+    return np.where(np.abs(shift) * pixel > _UNCERTAIN, shift, 0.0)
 
 
 def _scaled(image: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

@@ -178,7 +178,10 @@ def _shading(
     own = weight[:, :-1]
     total = own.sum(axis=1)
     shown = ((levels + offset) * own[:, :, None]).sum(axis=1) / np.maximum(total, 1e-9)[:, None]
-    fill = diffuse(graph, shown, np.where(total > 0, _BORDER_PULL, 0.0), np.ones(count, np.bool_), 80)
+    # colours near an outline may be those of what is behind it
+    best = seen.score.max(axis=1)
+    trust = np.minimum(best / max(float(np.median(best[best > 0])), 1e-9), 1.0)
+    fill = diffuse(graph, shown, np.where(total > 0, _BORDER_PULL * trust, 0.0), np.ones(count, np.bool_), 120)
     return Shading(weight, offset, np.ones(count, np.float32), fill.astype(np.float32), table), gains
 
 
