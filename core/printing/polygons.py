@@ -113,33 +113,43 @@ def _visible(points: np.ndarray, ring: np.ndarray, m: np.ndarray) -> int:
 def _clip_ears(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
     """Triangles of a ring without holes, which may touch itself at bridges."""
     xy, left = points[ring], list(range(len(ring)))
-    made, at, tried = [], 0, 0
+    made: list[list[int]] = []
+    at, tried, strictness = 0, 0, 0
     while len(left) > 3:
         n = len(left)
         before, here, behind = left[(at - 1) % n], left[at % n], left[(at + 1) % n]
-        # after a round without an ear, rings touch or cross: any corner that turns left will do, at last any at all
-        if tried > 2 * n or _is_ear(xy, left, before, here, behind, tried > n):
-            made.append((before, here, behind))
+        if _is_ear(xy, left, before, here, behind, _CLEARANCES[strictness]):
+            made.append([before, here, behind])
             del left[at % n]
-            at, tried = (at % n) + 1 if tried == 0 else at % n, 0
+            at, tried, strictness = at % n + 1, 0, 0
         else:
             at, tried = (at + 1) % n, tried + 1
-    made.append(tuple(left))
+            if tried > n:  # flatter ears, then ones that hold other points: rings that touch or cross leave no better
+                tried, strictness = 0, strictness + 1
+    made.append(left)
     return ring[np.array(made)]
 
 
-def _is_ear(xy: np.ndarray, left: list[int], before: int, here: int, behind: int, loosely: bool) -> bool:
+_CLEARANCES = (1e-2, 1e-4, 0.0, None, -np.inf)
+"""How far an ear's corner must stand out, and others stay outside, by its longest side; None asks only for a left turn,
+and the last for nothing."""
+
+
+def _is_ear(xy: np.ndarray, left: list[int], before: int, here: int, behind: int, clearance: float | None) -> bool:
     a, b, c = xy[before], xy[here], xy[behind]
-    if _turn(a, b, c) <= 0:
+    if clearance == -np.inf:
+        return True
+    turn = _turn(a, b, c)
+    squared = max(((b - a) ** 2).sum(), ((c - b) ** 2).sum(), ((a - c) ** 2).sum())
+    if turn <= (clearance or 0.0) * squared:
         return False
-    if loosely:
+    if clearance is None:
         return True
     others = xy[left]
-    within = (b[0] - a[0]) * (others[:, 1] - a[1]) - (b[1] - a[1]) * (others[:, 0] - a[0]) >= 0
-    within &= (c[0] - b[0]) * (others[:, 1] - b[1]) - (c[1] - b[1]) * (others[:, 0] - b[0]) >= 0
-    within &= (a[0] - c[0]) * (others[:, 1] - c[1]) - (a[1] - c[1]) * (others[:, 0] - c[0]) >= 0
-    if not within.any():
-        return True
+    within = np.ones(len(left), np.bool_)
+    for p, q in ((a, b), (b, c), (c, a)):
+        side = (q[0] - p[0]) * (others[:, 1] - p[1]) - (q[1] - p[1]) * (others[:, 0] - p[0])
+        within &= side >= -1e-2 * clearance * squared
     for corner in (a, b, c):
         within &= (others != corner).any(axis=1)
     return not within.any()

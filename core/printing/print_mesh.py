@@ -2,8 +2,8 @@
 
 The plate is joined exactly, without a library for solids: what of the body is below the plate's upper side is cut away,
 and the plate's upper side has holes of the shape of the cut. So body and plate are one closed surface, and the body
-above keeps every triangle and colour. The same is done with drain holes in the flat bottom. The cavity of a hollow print
-comes from distances on a grid, so that it cannot cut itself.
+above keeps every triangle and colour. The same is done with drain holes in the flat bottom. The cavity of a hollow
+print comes from distances on a grid, so that it cannot cut itself.
 """
 
 from __future__ import annotations
