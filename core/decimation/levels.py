@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import MirrorScanError, Notice
 from ..mesh import Mesh, Texture
+from .clusters import Footpoints, blended_weights, clusters, footpoints, mean_colors, nearest_values
 
 if TYPE_CHECKING:
     from ..avatar.pose import SkinWeights
@@ -35,12 +36,18 @@ class Reduced:
     weights : SkinWeights or None
     notes : tuple of Notice
         What is to be known of it: that fewer triangles could not be reached.
+    origin : np.ndarray [shape=(T,), dtype=int64] or None
+        The triangle of the full mesh that each was; None where the mesh is unchanged.
+    footpoints : Footpoints or None
+        Where each vertex lies on the full mesh: whatever else its vertices carry can be interpolated there.
     """
 
     mesh: Mesh
     texture: Texture | None = None
     weights: SkinWeights | None = None
     notes: tuple[Notice, ...] = ()
+    origin: np.ndarray | None = None
+    footpoints: Footpoints | None = None
 
 
 def decimate(mesh: Mesh, triangles: int, texture: Texture | None = None, weights: SkinWeights | None = None) -> Reduced:
@@ -165,7 +172,6 @@ def _one_pass(
 ) -> tuple[dict[int, Reduced], np.ndarray, int]:  # fmt: skip
     """Each level; vertices (V,) of the full mesh where surface runs through surface, and at how many pairs."""
     from ..mesh.self_intersections import self_intersections
-    from .clusters import clusters
     from .edge_collapse import begin_collapse, collapse_until
 
     state = begin_collapse(mesh.vertices, mesh.triangles, wedge, places, factor)
@@ -190,8 +196,6 @@ def _level(
     texture: Texture | None, weights: SkinWeights | None,
 ) -> Reduced:  # fmt: skip
     """What is left of the mesh now, with all that it carries."""
-    from .clusters import blended_weights, footpoints, mean_colors, nearest_values
-
     used, triangles = np.unique(state.triangles[kept], return_inverse=True)
     triangles = triangles.reshape(-1, 3).astype(np.int32)
     vertices = state.points[used] + mesh.vertices.mean(axis=0)
@@ -213,4 +217,5 @@ def _level(
             "it or shift its texture; ask for more triangles, or reduce before the texture is made",
             found=len(kept), count=count,
         ))  # fmt: skip
-    return Reduced(smaller, smaller_texture, None if weights is None else blended_weights(weights, at), tuple(notes))
+    blended = None if weights is None else blended_weights(weights, at)
+    return Reduced(smaller, smaller_texture, blended, tuple(notes), kept, at)

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ...core.avatar.pose import SkinWeights
     from ...core.avatar.skeleton import Skeleton
     from ...core.capture import Capture
+    from ...core.decimation import Reduced
     from ...core.measurements import Measurements
     from ...core.motion import Clip, Motion, Soles
 
@@ -600,6 +601,14 @@ def measure_steps(mesh: Mesh, skeleton: Skeleton | None, weights: SkinWeights | 
 
     found = measure(mesh, skeleton, weights, view_errors(report) if report else ())
     return Measured(found, measurement_summary(found))
+
+
+def reduce_steps(mesh: Mesh, triangles: int, texture: Texture | None) -> Steps[Reduced]:
+    """A mesh with fewer triangles: ``core.decimation.decimate``."""
+    yield 0.0, "Reducing the mesh"
+    from ...core.decimation import decimate
+
+    return decimate(mesh, triangles, texture)
 
 
 def motion_steps(

@@ -18,6 +18,7 @@ from . import (
     motion,
     pick_mirror_points,
     pick_subject,
+    reduce,
     rig,
     rig_file,
     skeleton,
@@ -27,7 +28,7 @@ from . import (
 
 _modules = (
     load_capture, mirrors, pick_mirror_points, rig_file, find_subject, pick_subject, build_avatar, check, color_by,
-    skeleton, motion, texture, measure, dress, follow_stream, export_avatar, studio, rig,
+    skeleton, motion, texture, reduce, measure, dress, follow_stream, export_avatar, studio, rig,
 )  # fmt: skip
 
 register, unregister = bpy.utils.register_classes_factory(tuple(kind for module in _modules for kind in module.CLASSES))
