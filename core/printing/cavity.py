@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..mesh.bvh import build_bvh, closest_point
+from ..mesh.bvh import Bvh, closest_point
+from ..mesh.self_intersections import self_intersections
 from ..mesh.soundness import volume
 from ..mesh.submesh import compact, triangle_components
 from ..mesh.triangle_mesh import Mesh
@@ -75,18 +76,18 @@ def solid_points(vertices: np.ndarray, triangles: np.ndarray, grid: Grid) -> np.
     return np.cumsum(steps, axis=2, dtype=np.int16) > 0
 
 
-def cavity_field(vertices: np.ndarray, triangles: np.ndarray, wall: float, grid: Grid, solid: np.ndarray) -> np.ndarray:
+def cavity_field(tree: Bvh, wall: float, grid: Grid, solid: np.ndarray) -> np.ndarray:
     """Negative where the surface is more than ``wall`` away inside, float32 of the grid's shape [mm]."""
     reach = wall + 2 * grid.cell
     at = np.argwhere(solid)
-    distance, _, _ = closest_point(build_bvh(vertices, triangles), grid.points(at), reach)
+    distance, _, _ = closest_point(tree, grid.points(at), reach)
     field = np.full(grid.shape, np.float32(wall))
     field[solid] = wall - np.minimum(distance, reach)
     return field
 
 
 def drains(
-    vertices: np.ndarray, triangles: np.ndarray, grid: Grid, solid: np.ndarray, field: np.ndarray, bottom: float,
+    tree: Bvh, grid: Grid, solid: np.ndarray, field: np.ndarray, bottom: float,
     radius: float, wall: float,
 ) -> np.ndarray:  # fmt: skip
     """Where to drill from below, (N ≤ 2, 3): x, y and up to which height [mm]; where the cavity is low and roomy.
@@ -115,7 +116,7 @@ def drains(
     lowest = heights <= heights.min() + 0.15 * (grid.shape[2] - floor)
     able, heights = able[lowest], heights[lowest]
     points = grid.points(np.column_stack((able, heights + np.ceil(radius / grid.cell))))
-    room, _, _ = closest_point(build_bvh(vertices, triangles), points)
+    room, _, _ = closest_point(tree, points)
     best = [int(room.argmax())]
     away = np.linalg.norm(points[:, :2] - points[best[0], :2], axis=1) > 6 * radius
     if away.any():
@@ -152,3 +153,24 @@ def cavity_surface(field: np.ndarray, grid: Grid, wall: float, below: float | No
     if not keep.any():
         return None
     return compact(Mesh(mesh.vertices, mesh.triangles[keep[label]]))
+
+
+def moved_off(inner: Mesh, tree: Bvh, grid: Grid, wall: float, holes: np.ndarray, radius: float) -> Mesh:
+    """The cavity's surface where it has its distance to the body's, which the grid blurs in narrow places.
+
+    What a drill has made stays, and so does what would run through itself.
+    """
+    distance, _, nearest = closest_point(tree, inner.vertices, wall)
+    near = distance < wall
+    for hole in holes:
+        near &= np.linalg.norm(inner.vertices[:, :2] - hole[:2], axis=1) > radius + 2 * grid.cell
+    step = np.minimum(wall - distance[near], grid.cell) / np.maximum(distance[near], 1e-9)
+    vertices = inner.vertices.copy()
+    vertices[near] += step[:, None] * (vertices[near] - nearest[near])
+    for _ in range(3):
+        crossing = self_intersections(vertices, inner.triangles)
+        if not len(crossing):
+            return Mesh(vertices, inner.triangles)
+        at = inner.triangles[np.unique(crossing)].ravel()
+        vertices[at] = inner.vertices[at]
+    return inner

@@ -47,7 +47,8 @@ def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
 def fill(points: np.ndarray, rings: list[np.ndarray]) -> np.ndarray:
     """Triangles that fill the region left of all rings.
 
-    Holes are joined to the ring around them by bridges (Eberly 2002), then ears are clipped. O(N²).
+    Holes are joined to the ring around them by bridges (Eberly 2002), ears are clipped, and edges flipped until their
+    triangles are those of Delaunay (Lawson 1977), so that none is needlessly flat. O(N²).
 
     Parameters
     ----------
@@ -69,7 +70,7 @@ def fill(points: np.ndarray, rings: list[np.ndarray]) -> np.ndarray:
             if around:
                 holes[min(around, key=lambda k: sizes[k])].append(ring)
     made = [_clip_ears(points, _bridged(points, ring, inner)) for ring, inner in zip(outer, holes, strict=True)]
-    return np.concatenate(made).astype(np.int32) if made else np.empty((0, 3), np.int32)
+    return _flipped(points, np.concatenate(made)) if made else np.empty((0, 3), np.int32)
 
 
 def _bridged(points: np.ndarray, outer: np.ndarray, holes: list[np.ndarray]) -> np.ndarray:
@@ -153,3 +154,44 @@ def _is_ear(xy: np.ndarray, left: list[int], before: int, here: int, behind: int
     for corner in (a, b, c):
         within &= (others != corner).any(axis=1)
     return not within.any()
+
+
+def _flipped(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Inner edges flipped until each circle around a triangle is free of its neighbours' corners."""
+    made = triangles.tolist()
+    sides = {(t[k], t[(k + 1) % 3]): n for n, t in enumerate(made) for k in range(3)}
+    xy = points.tolist()
+    waiting = [edge for edge in sides if edge[0] < edge[1] and edge[::-1] in sides]
+    for _ in range(20 * len(waiting)):  # ends long before; rounding may make two flips undo each other
+        if not waiting:
+            break
+        a, b = waiting.pop()
+        one, other = sides.get((a, b)), sides.get((b, a))
+        if one is None or other is None or one == other:
+            continue
+        c, d = (next(v for v in made[n] if v not in (a, b)) for n in (one, other))
+        if c == d or (c, d) in sides or (d, c) in sides or not _should_flip(xy[a], xy[b], xy[c], xy[d]):
+            continue
+        for edge in ((a, b), (b, a)):
+            del sides[edge]
+        made[one], made[other] = [a, d, c], [d, b, c]
+        for n in (one, other):
+            sides |= {(made[n][k], made[n][(k + 1) % 3]): n for k in range(3)}
+        waiting += [(a, d), (d, b), (b, c), (c, a)]
+    return np.array(made, np.int32)
+
+
+def _should_flip(a: list[float], b: list[float], c: list[float], d: list[float]) -> bool:
+    """Whether d lies within the circle around a b c, and c d is an edge that can take the place of a b."""
+
+    def turn(p: list[float], q: list[float], r: list[float]) -> float:
+        return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+
+    if turn(a, d, c) <= 0 or turn(d, b, c) <= 0:
+        return False
+    rows = [(p[0] - d[0], p[1] - d[1], (p[0] - d[0]) ** 2 + (p[1] - d[1]) ** 2) for p in (a, b, c)]
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = rows
+    inside_circle = ax * (by * cz - bz * cy) - ay * (bx * cz - bz * cx) + az * (bx * cy - by * cx)
+    return inside_circle > 1e-9 * (az + bz + cz) ** 2 or (
+        inside_circle > 0 and min(turn(a, d, c), turn(d, b, c)) > min(turn(a, b, c), turn(b, a, d))
+    )

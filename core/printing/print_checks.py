@@ -17,7 +17,8 @@ from .print_settings import PrintLimits
 
 _MM = 1000.0
 _RAYS = 20_000  # places at which the thickness is measured
-_CONE = np.radians(25.0)  # of the rays at a place: straight in, and five around
+_SKIN = 1e-4  # [mm]
+_OPPOSITE = 0.5  # cosine: the other side of a wall looks the other way within 60°; where a ray leaves aslant is no wall
 _THIN_SHARE = 0.002  # of the surface; less is noise
 _ON_BED = 0.05  # [mm]
 _LEAST_BED = 0.02  # of the bottom's hull that must touch the bed
@@ -39,7 +40,7 @@ def check_print(mesh: Mesh, limits: PrintLimits = PrintLimits()) -> list[Notice]
 
     Notes
     -----
-    The thickness at a place is the median length of rays into the body (Shapira, Shamir and Cohen-Or 2008).
+    The thickness at a place is the way straight into the body to a surface that looks the other way.
     """
     notices = _soundness(mesh)
     vertices = _MM * mesh.vertices
@@ -105,24 +106,13 @@ def _thin(vertices: np.ndarray, triangles: np.ndarray, limit: float) -> tuple[fl
     root, along = np.sqrt(rng.random(_RAYS)), rng.random(_RAYS)
     shares = np.column_stack((1 - root, root * (1 - along), root * along))
     points = np.einsum("ni,nij->nj", shares, vertices[triangles[chosen]])
-    inward = -normals[chosen] / twice[chosen, None]
-    side = np.cross(inward, np.eye(3)[np.abs(inward).argmin(axis=1)])
-    side /= np.linalg.norm(side, axis=1, keepdims=True)
-    other = np.cross(inward, side)
-    tree = build_bvh(vertices, triangles)
-    lengths = []
-    for k in range(6):
-        turn = 2 * np.pi * k / 5
-        tilt = 0.0 if k == 5 else np.sin(_CONE)
-        ray = np.sqrt(1 - tilt**2) * inward + tilt * (np.cos(turn) * side + np.sin(turn) * other)
-        start = points + 1e-4 * inward  # past the triangle the ray begins on
-        lengths.append(raycast(tree, start, ray)[0] + 1e-4)
-    # the least of straight in and the median: thin plates are met by both, and a ray that slips out of a notch by one
-    thickness = np.minimum(lengths[5], np.median(lengths, axis=0))
-    thickness = np.where(np.median(lengths, axis=0) < 2 * limit, thickness, np.median(lengths, axis=0))
-    thin = thickness < limit
+    units = normals / np.maximum(twice, 1e-300)[:, None]
+    inward = -units[chosen]
+    length, hit, _ = raycast(build_bvh(vertices, triangles), points + _SKIN * inward, inward)  # past where it begins
+    opposite = (hit >= 0) & (np.einsum("ni,ni->n", units[hit], inward) > _OPPOSITE)
+    thickness = np.where(opposite, length + _SKIN, np.inf)
     worst = int(thickness.argmin())
-    return float(thin.mean()), float(thickness[worst]), points[worst]
+    return float((thickness < limit).mean()), float(thickness[worst]), points[worst]
 
 
 def _stand(vertices: np.ndarray, triangles: np.ndarray) -> list[Notice]:

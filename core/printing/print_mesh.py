@@ -14,8 +14,9 @@ import numpy as np
 
 from ..errors import MirrorScanError
 from ..mesh import Mesh
+from ..mesh.bvh import build_bvh
 from ..mesh.soundness import connectivity, volume
-from .cavity import cavity_field, cavity_surface, drains, drill, grid_around, solid_points
+from .cavity import cavity_field, cavity_surface, drains, drill, grid_around, moved_off, solid_points
 from .plane_cut import cut_above
 from .polygons import convex_hull, fill
 from .print_settings import PrintSettings
@@ -128,10 +129,12 @@ def _hollow(part: _Part, bottom: list[np.ndarray] | None, settings: PrintSetting
     closed = part if bottom is None else _capped(part, bottom, [])
     grid = grid_around(closed.vertices, wall)
     solid = solid_points(closed.vertices, closed.triangles, grid)
-    field = cavity_field(closed.vertices, closed.triangles, wall, grid, solid)
+    tree = build_bvh(closed.vertices, closed.triangles)
+    field = cavity_field(tree, wall, grid, solid)
+    found = np.empty((0, 3))
     level = float(closed.vertices[:, 2].min())
     if radius:
-        found = drains(closed.vertices, closed.triangles, grid, solid, field, level, radius, wall)
+        found = drains(tree, grid, solid, field, level, radius, wall)
         if not len(found):
             raise MirrorScanError(
                 "no drain hole of {width:g} mm fits through the feet; take a smaller one, a thinner wall or a plate",
@@ -144,6 +147,7 @@ def _hollow(part: _Part, bottom: list[np.ndarray] | None, settings: PrintSetting
             "a wall of {wall:g} mm leaves no hollow in a print of this size; take a thinner wall or print it solid",
             wall=wall,
         )
+    inner = moved_off(inner, tree, grid, wall, found, radius)
     holes: list[np.ndarray] = []
     first = len(part.vertices)
     if radius:
