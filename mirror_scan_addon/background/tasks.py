@@ -135,6 +135,7 @@ class Rigged:
     mesh: Mesh
     skeleton: Skeleton
     weights: SkinWeights
+    texture: Texture | None = None
 
 
 @dataclass(frozen=True)
@@ -530,8 +531,8 @@ def picture_steps(mesh: Mesh, front: tuple[float, float, float]) -> Steps[np.nda
 # --- skeleton and motion ---------------------------------------------------------------------------------------------
 
 
-def skeleton_steps(mesh: Mesh) -> Steps[Rigged]:
-    """Joints and skin weights of an avatar's mesh, in its frame but for where it stands."""
+def skeleton_steps(mesh: Mesh, texture: Texture | None = None) -> Steps[Rigged]:
+    """Joints and skin weights of an avatar's mesh, in its frame but for where it stands; with the texture it has."""
     yield 0.0, "Looking for the joints"
     from ...core.avatar.joints.skeleton_search import find_skeleton
     from ...core.avatar.skin_weights import skinned_mesh
@@ -544,7 +545,11 @@ def skeleton_steps(mesh: Mesh) -> Steps[Rigged]:
     skeleton = find_skeleton(standing)
     yield 0.6, "Weighting the skin"
     refined, weights = skinned_mesh(standing, skeleton)
-    return Rigged(refined.transformed(back), skeleton.transformed(back), weights)
+    if texture is not None and len(refined.triangles) != len(mesh.triangles):
+        from ...core.texture.refinement import refined_texture
+
+        texture = refined_texture(standing, texture, refined)
+    return Rigged(refined.transformed(back), skeleton.transformed(back), weights, texture)
 
 
 def texture_steps(mesh: Mesh, weights: SkinWeights | None, source: Source, settings: dict) -> Steps[Textured]:

@@ -63,7 +63,7 @@ class MIRRORSCAN_OT_reduce(job_operators.JobOperator, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         from ...core.mesh import Mesh
-        from ..scene import armature, avatar_objects, report_text, reduced_mesh
+        from ..scene import armature, avatar_objects, avatar_texture, reduced_mesh, report_text
 
         avatar = avatar_objects.object_of(self._uid)
         if avatar is None:
@@ -75,6 +75,7 @@ class MIRRORSCAN_OT_reduce(job_operators.JobOperator, bpy.types.Operator):
             guide = Mesh(result.mesh.vertices / self._size, result.mesh.triangles)
             with armature.object_mode(context, target):
                 reduced_mesh.quad_remesh(avatar, max(self.triangles // 2, 1), guide)
+            avatar_texture.drop_texture(avatar)
         else:
             reduced_mesh.put_triangles(avatar, result, self._size)
             for note in result.notes:

@@ -42,7 +42,7 @@ class MIRRORSCAN_OT_add_skeleton(job_operators.JobOperator, bpy.types.Operator):
         return scan_records.allows(cls, problem)
 
     def start(self, context: bpy.types.Context) -> job_operators.Task:
-        from ..scene import avatar_objects
+        from ..scene import avatar_objects, avatar_texture
 
         avatar = context.object
         size = avatar_objects.size_of(avatar, metres_per_unit(context.scene))
@@ -53,17 +53,21 @@ class MIRRORSCAN_OT_add_skeleton(job_operators.JobOperator, bpy.types.Operator):
         surface = avatar_objects.read_surface(avatar, size)
         avatar_objects.check_finite(avatar, surface.vertices)
         self._uid, self._size = avatar.session_uid, float(size.mean())
-        return job_operators.Task("skeleton_steps", (surface,))
+        texture = avatar_texture.read_texture(avatar)
+        return job_operators.Task("skeleton_steps", (surface,) if texture is None else (surface, texture))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         from ...core.avatar.skeleton import BONES
-        from ..scene import armature, avatar_objects, rig_controls
+        from ..scene import armature, avatar_objects, avatar_texture, rig_controls
 
         avatar = avatar_objects.object_of(self._uid)
         if avatar is None:
             raise OutputError(say("The avatar no longer exists"))
         if len(result.mesh.vertices) != len(avatar.data.vertices):
+            material = avatar_texture.material_of(avatar.data)
             avatar_objects.refine(avatar, result.mesh, self._size)
+            if result.texture is not None:
+                avatar_texture.put_uv(avatar.data, result.texture, material)
         with armature.object_mode(context, target):
             bones = armature.add_armature(
                 avatar, result.skeleton, result.weights, _own_collection(avatar, target), self._size

@@ -67,13 +67,7 @@ def set_texture(avatar: bpy.types.Object, texture: Texture) -> None:
     old = material_of(data)
     with discard_on_error() as made:
         material = _material(avatar.name, _image(avatar.name, texture.image, made), made)
-    uv = data.uv_layers.get(UV_MAP) or data.uv_layers.new(name=UV_MAP, do_init=False)
-    uv.active = uv.active_render = True
-    uv.uv.foreach_set("vector", np.ascontiguousarray(texture.uv, np.float32).ravel())
-    if (island := data.attributes.get(ISLAND)) is None:
-        island = data.attributes.new(ISLAND, "INT", "FACE")
-    island.data.foreach_set("value", np.ascontiguousarray(texture.island, np.int32))
-    data[TEXTURED] = material
+    put_uv(data, texture, material)
     if not avatar.material_slots:
         data.materials.append(material)
     for slot in avatar.material_slots:
@@ -88,12 +82,33 @@ def set_texture(avatar: bpy.types.Object, texture: Texture) -> None:
         bpy.data.batch_remove([image for image in images if not image.users])
 
 
+def put_uv(data: bpy.types.Mesh, texture: Texture, material: bpy.types.Material) -> None:
+    """Say of a mesh of the texture's triangles where they lie in its image, which ``material`` shows."""
+    uv = data.uv_layers.get(UV_MAP) or data.uv_layers.new(name=UV_MAP, do_init=False)
+    uv.active = uv.active_render = True
+    uv.uv.foreach_set("vector", np.ascontiguousarray(texture.uv, np.float32).ravel())
+    if (island := data.attributes.get(ISLAND)) is None:
+        island = data.attributes.new(ISLAND, "INT", "FACE")
+    island.data.foreach_set("value", np.ascontiguousarray(texture.island, np.int32))
+    data[TEXTURED] = material
+
+
+def drop_texture(avatar: bpy.types.Object) -> None:
+    """Show an avatar by its colours by vertex again; its mesh is another one, on which the texture has no place."""
+    material = material_of(avatar.data)
+    if material is None:
+        return
+    del avatar.data[TEXTURED]
+    if avatar.data.color_attributes.get(COLOR) is not None:
+        show_colors(avatar, COLOR)
+
+
 def read_texture(avatar: bpy.types.Object) -> Texture | None:
     """The texture that :func:`set_texture` laid on an avatar; None when there is none, or only part of it."""
     data = avatar.data
     material, uv, island = material_of(data), data.uv_layers.get(UV_MAP), data.attributes.get(ISLAND)
     images = [] if material is None else _images(material)
-    if not images or uv is None or island is None or len(data.loops) != 3 * len(data.polygons):
+    if not images or uv is None or len(data.loops) != 3 * len(data.polygons):
         return None
     image = images[0]
     pixels = np.empty(image.size[0] * image.size[1] * image.channels, np.float32)
@@ -103,21 +118,23 @@ def read_texture(avatar: bpy.types.Object) -> Texture | None:
     rows = pixels.reshape(image.size[1], image.size[0], image.channels)[::-1, :, :3]
     corners = np.empty((len(data.polygons), 3, 2), np.float32)
     uv.uv.foreach_get("vector", corners.ravel())
-    numbers = np.empty(len(data.polygons), np.int32)
-    island.data.foreach_get("value", numbers)
+    numbers = np.zeros(len(data.polygons), np.int32)
+    if island is not None:  # lost where Blender made the mesh anew
+        island.data.foreach_get("value", numbers)
     return Texture(corners, np.rint(np.clip(rows, 0, 1) * 255).astype(np.uint8), numbers)
 
 
 def _image(name: str, pixels: np.ndarray, made: list[bpy.types.ID]) -> bpy.types.Image:
     """An image (H, W, 3) uint8 sRGB, packed into the file."""
     with tempfile.TemporaryDirectory(prefix="mirror_scan_") as folder:
-        path = Path(folder) / "texture.png"
+        # the packed file keeps this name, under which USD writes it again
+        path = Path(folder) / f"{bpy.path.clean_name(f'{name} Texture')}.png"
         write_png(path, pixels)
         image = bpy.data.images.load(str(path))
         made.append(image)
         image.pack()
     image.name = f"{name} Texture"
-    image.filepath_raw = f"//{bpy.path.clean_name(image.name)}.png"  # where unpacking puts it
+    image.filepath_raw = f"//{path.name}"  # where unpacking puts it
     return image
 
 

@@ -61,10 +61,11 @@ def test_a_texture_is_laid_on_the_avatar_and_goes_to_every_file(bpy, built, tmp_
     assert avatar.active_material != material
     assert bpy.ops.mirror_scan.color_by(mode="CAPTURE") == {"FINISHED"}
     assert avatar.active_material == material
-    for kind, ending in (("GLB", "glb"), ("FBX", "fbx"), ("OBJ", "obj"), ("USDC", "usdc")):
-        path = tmp_path / kind / f"my avatar.{ending}"
+    paths = {kind: tmp_path / kind / f"my avatar.{kind.lower()}" for kind in ("GLB", "FBX", "OBJ", "USDC")}
+    for kind, path in paths.items():
         path.parent.mkdir()
         assert bpy.ops.mirror_scan.export_avatar(filepath=str(path), format=kind) == {"FINISHED"}
+    for path in paths.values():
         comes_back_textured(bpy, path, texture)
 
 
