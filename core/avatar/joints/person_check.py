@@ -15,6 +15,7 @@ _BREADTH = 1.25  # of its height: what is broader than that, arms spread, does n
 _MET, _STRANGE = 0.035, 0.05  # of body height: a sample belongs to the body nearer than that, or is strange beyond
 _MOST_STRANGE = 0.1  # share of strange surface that clothes, hair and noise may make up
 _MISSING = 0.25  # share of a part's usual surface below which it is not there
+_WHOLE = 0.6  # share above which nearly all of a part is there
 _CUT = 0.035  # of body height: so far below the fitted crown the head is cut off
 _ODD = 0.75  # standard deviations, all components together: no person's shape is further from the mean
 # Bones of each part, and how many samples it gets, next to its share of the template's points, from whole people.
@@ -66,7 +67,11 @@ def check_person(template: BodyTemplate, found: Fit, top: float) -> None:
     """
     odd = np.sqrt(np.mean(found.state.shape**2)) > _ODD
     strange = np.mean(found.to_body > _STRANGE * found.state.height)
-    missing = [name for name, share in part_shares(template, found).items() if share < _MISSING]
+    shares = part_shares(template, found)
+    missing = [name for name, share in shares.items() if share < _MISSING]
+    gone = [side for side in ("Left", "Right") if forearm_missing(shares, side)]
+    if len(gone) == 1:  # a forearm that a camera lost is taken from the other arm, with little confidence
+        missing.remove(f"{gone[0].lower()} forearm")
     if found.body.ends[0, 2] > top + _CUT * found.state.height:
         missing = [*missing, "top of the head"]
     if odd or strange > _MOST_STRANGE or len(missing) > 4:
@@ -79,6 +84,11 @@ def check_person(template: BodyTemplate, found: Fit, top: float) -> None:
             "skeleton: no {parts} found in the mesh; take the snapshot again with the whole person in the picture and "
             "in the mirrors, arms away from the trunk", parts=" and no ".join(missing),
         )  # fmt: skip
+
+
+def forearm_missing(shares: dict[str, float], side: str) -> bool:
+    """Whether the surface of an arm, "Left" or "Right", ends about its elbow."""
+    return shares[f"{side.lower()} forearm"] < _MISSING and shares[f"{side.lower()} upper arm"] > _WHOLE
 
 
 def part_shares(template: BodyTemplate, found: Fit) -> dict[str, float]:

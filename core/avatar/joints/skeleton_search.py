@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ...mesh import Mesh
 from ...mesh.normals import vertex_normals
 from ...mesh.surface_distance import sample_surface
-from ...numeric.rotations import from_vectors, unit
-from ..skeleton import BONES, Skeleton
+from ...numeric.rotations import from_vectors, to_vectors, unit
+from ..skeleton import BONES, OTHER_SIDE, Skeleton
 from .body_template import BodyState, BodyTemplate, body_template, posed
-from .person_check import check_person, check_standing
-from .template_fit import Fit, Surface, fit, joint_spread
+from .person_check import check_person, check_standing, forearm_missing, part_shares
+from .template_fit import Fit, Surface, fit, forearms, joint_spread, mirrored_turn
 
 _SAMPLES = 3000
 _ARMS_DOWN = (-80.0, -25.0, 0.0, 25.0)  # from the template's rest pose, which has them some 45° down [deg]
 _COARSE, _FINE = np.geomspace(0.12, 0.05, 8), np.geomspace(0.05, 0.025, 12)
 _RIGID = 2  # first steps without change of shape
 _BUMPS, _ROUNDS = 0.03, 30  # of body height; rounds of smoothing at most
+_INSIDE, _MOST_INSIDE = 0.012, 0.06  # of body height under the trunk's skin; share of a forearm that may lie so deep
+_TRUNK = [BONES.index(name) for name in ("Hips", "Spine", "Spine1", "Spine2", "LeftUpLeg", "RightUpLeg")]
 _FAR = 0.05  # of body height: a point is not farther off than this when starts are compared
 
 
@@ -47,8 +51,40 @@ def fitted_body(mesh: Mesh, template: BodyTemplate | None = None) -> Fit:
     template = template or body_template()
     surface, coarse = sampled(mesh)
     starts = [fit(template, coarse, _start(template, mesh, angle), _COARSE, _RIGID) for angle in _ARMS_DOWN]
-    best = min(starts, key=_apart)
-    return fit(template, surface, best.state, _FINE)
+    best = min(starts, key=lambda found: (len(lost_forearms(template, found)), _apart(found)))
+    lost = lost_forearms(template, best)
+    found = fit(template, surface, _arms_as_others(best.state, lost), _FINE, lost=lost)
+    gone = [side for side in ("Left", "Right") if forearm_missing(part_shares(template, found), side)]
+    if more := [side for side in {*lost_forearms(template, found), *gone} if side not in lost]:
+        lost = [*lost, *more]
+        found = fit(template, surface, _arms_as_others(best.state, lost), _FINE, lost=lost)
+    return found
+
+
+def lost_forearms(template: BodyTemplate, found: Fit) -> list[str]:
+    """Sides whose forearm went into the trunk: that is where one goes whose own surface is missing."""
+    bone = np.argmax(template.weights, axis=1)
+    trunk = np.flatnonzero(np.isin(bone, _TRUNK))
+    lost = []
+    for side in ("Left", "Right"):
+        arm = found.body.points[np.isin(bone, forearms([side]))]
+        way = arm[:, None] - found.body.points[trunk]
+        nearest = np.argmin(np.einsum("ijk,ijk->ij", way, way), axis=1)
+        out = np.einsum("ik,ik->i", way[np.arange(len(arm)), nearest], found.body.normals[trunk[nearest]])
+        if np.mean(out < -_INSIDE * found.state.height) > _MOST_INSIDE:
+            lost.append(side)
+    return lost
+
+
+def _arms_as_others(state: BodyState, sides: list[str]) -> BodyState:
+    """The arms of these sides as the other side's; where both are meant, as in the rest pose."""
+    turns = state.turns.copy()
+    for side in sides:
+        for part in ("Shoulder", "Arm", "ForeArm", "Hand"):
+            bone = BONES.index(side + part)
+            other = to_vectors(state.turns[OTHER_SIDE[bone]])
+            turns[bone] = from_vectors(mirrored_turn(other)) if len(sides) == 1 else np.eye(3)
+    return replace(state, turns=turns)
 
 
 def sampled(mesh: Mesh) -> tuple[Surface, Surface]:

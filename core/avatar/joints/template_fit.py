@@ -6,13 +6,14 @@ and normal together, so that an arm that lies at the trunk does not pair with it
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...numeric.kernels import njit, prange
 from ...numeric.rotations import to_vectors
-from ..skeleton import BONES
+from ..skeleton import BONES, OTHER_SIDE
 from .body_template import BodyState, BodyTemplate, PosedBody, derivatives, moved, posed
 
 _TANGENT = 0.1  # weight of the distance along the surface, of that across it
@@ -60,7 +61,14 @@ class Fit:
     information: np.ndarray
 
 
-def fit(template: BodyTemplate, surface: Surface, state: BodyState, reaches: np.ndarray, rigid: int = 0) -> Fit:
+def fit(
+    template: BodyTemplate,
+    surface: Surface,
+    state: BodyState,
+    reaches: np.ndarray,
+    rigid: int = 0,
+    lost: Collection[str] = (),
+) -> Fit:
     """As many steps as ``reaches`` has numbers.
 
     Parameters
@@ -73,18 +81,22 @@ def fit(template: BodyTemplate, surface: Surface, state: BodyState, reaches: np.
         Distances at which a pair counts a quarter, in body heights, from far to near.
     rigid : int
         In so many first steps the shape stays.
+    lost : collection of {"Left", "Right"}
+        Sides whose forearm and hand the surface lacks: nothing pairs with them, and they stand as the other side's.
     """
     size = len(state.shape)
+    counts = ~np.isin(np.argmax(template.weights, axis=1), forearms(lost))
     for step, reach in enumerate(reaches):
         body = posed(template, state)
         to_surface, to_body, forth, back = _pairs(body, surface, 0.5 * reach * state.height)
         pull, push = _pair_terms(body, surface, to_surface, to_body, forth, back, reach * state.height)
+        pull[~counts], push[~counts] = 1e-9 * np.eye(3), 0.0
         jacobian, _ = derivatives(template, state, body)
         root = np.linalg.cholesky(pull)
         rows = np.einsum("vij,vip->vjp", root, jacobian).reshape(-1, jacobian.shape[2])
         information = rows.T @ rows
         gradient = np.einsum("vi,vip->p", push, jacobian)
-        _add_prior(information, gradient, state, body, size)
+        _add_prior(information, gradient, state, body, _usual_turns(state, lost))
         if step < rigid:
             information[4 : 4 + size, 4 : 4 + size] += 1e6 * np.eye(size)
         state = moved(state, body, np.linalg.solve(information, gradient))
@@ -125,8 +137,28 @@ def _pair_terms(body, surface, to_surface, to_body, forth, back, reach):
     return pull.reshape(count, 3, 3) + 1e-9 * np.eye(3), push
 
 
-def _add_prior(information, gradient, state, body, size) -> None:
-    """What is likely of a body, weighed against ``_NOISE`` of a pair."""
+def forearms(sides: Collection[str]) -> list[int]:
+    """Bones below the elbow on these sides."""
+    return [BONES.index(side + part) for side in sides for part in ("ForeArm", "Hand")]
+
+
+def mirrored_turn(vector: np.ndarray) -> np.ndarray:
+    """Rotation vectors (..., 3) of one side as the other side has them."""
+    return vector * (1.0, -1.0, -1.0)
+
+
+def _usual_turns(state: BodyState, lost: Collection[str]) -> np.ndarray:
+    """Rotation vectors (22, 3) about which bones turn: the rest pose's, below a lost elbow those of the other arm."""
+    usual = np.zeros((len(BONES), 3))
+    if len(lost) == 1:
+        bones = forearms(lost)
+        usual[bones] = mirrored_turn(to_vectors(state.turns[[OTHER_SIDE[bone] for bone in bones]]))
+    return usual
+
+
+def _add_prior(information, gradient, state, body, usual) -> None:
+    """What is likely of a body, weighed against ``_NOISE`` of a pair; ``usual`` (22, 3): the turns in the middle."""
+    size = len(state.shape)
     noise = (_NOISE * state.height) ** 2
     at = np.arange(4, 4 + size)
     information[at, at] += noise
@@ -137,7 +169,7 @@ def _add_prior(information, gradient, state, body, size) -> None:
         stiff = frame @ np.diag(noise / SPREAD[bone] ** 2) @ frame.T
         rows = slice(4 + size + 3 * bone, 7 + size + 3 * bone)
         information[rows, rows] += stiff
-        gradient[rows] -= stiff @ frame @ to_vectors(state.turns[bone])
+        gradient[rows] -= stiff @ frame @ (to_vectors(state.turns[bone]) - usual[bone])
     # height is free; numbers that no pair speaks of stay
     information[np.diag_indices(len(information))] += 1e-9
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mirror_scan.core.avatar.joints.skeleton_search import find_skeleton
-from mirror_scan.core.avatar.skeleton import BONES
+from mirror_scan.core.avatar.skeleton import BONES, OTHER_SIDE
 from mirror_scan.core.errors import ReconstructionError
 from mirror_scan.core.io import read_mesh
 from mirror_scan.core.mesh import Mesh
@@ -82,6 +82,20 @@ def test_a_lost_hand_is_guessed_and_said_to_be(standing):
     found = find_skeleton(cut)
     assert errors(found, truth.joints)[BONES.index("LeftHand")] < 50
     assert found.confidence[BONES.index("LeftHand")] < found.confidence[BONES.index("RightHand")]
+
+
+@pytest.mark.parametrize(("side", "angle"), [("Left", 45.0), ("Right", 74.0)])
+def test_a_lost_forearm_is_taken_from_the_other_arm(side, angle):
+    """As where a camera loses a thin arm: it must not be found in the trunk, and nobody is to trust it."""
+    mesh, truth = rigged_mannequin(1.70, Figure(arm_angle_deg=angle), resolution=0.012)
+    elbow, hand = BONES.index(f"{side}ForeArm"), BONES.index(f"{side}Hand")
+    at = mesh.vertices[mesh.triangles].mean(axis=1)
+    beyond = (at - truth.joints[elbow]) @ (truth.joints[hand] - truth.joints[elbow]) > 0
+    outside = at[:, 0] * np.sign(truth.joints[elbow, 0]) > abs(truth.joints[elbow, 0]) - 0.06
+    cut = keep_triangles(mesh, ~(beyond & outside & (at[:, 2] > 0.5)))
+    found = find_skeleton(cut)
+    assert errors(found, truth.joints)[hand] < 60
+    assert found.confidence[hand] < 0.3 < found.confidence[OTHER_SIDE[hand]]
 
 
 @pytest.mark.parametrize(
