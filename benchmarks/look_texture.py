@@ -235,10 +235,14 @@ class Judge:
         return Measured(psnr(got, self.color), psnr(by_vertex, self.color), contrast, self.step(got, label))
 
     def step(self, got: np.ndarray, label: np.ndarray) -> float:
-        """Mean step between the sides of borders between views, of what differs from the truth, over 5 cm [levels]."""
+        """Mean step over borders between views, of what differs from the truth [levels].
+
+        Means over cells of 10 cm that both views have a part of: over shorter ones waves that lie a little beside the
+        truth would not cancel.
+        """
         error = (got - self.color).mean(axis=1)
         own = label[self.triangle]
-        cell = np.floor(self.points / 0.05).astype(np.int64) @ (1, 1000, 1000000)
+        cell = np.floor(self.points / 0.10).astype(np.int64) @ (1, 1000, 1000000)
         _, cell = np.unique(cell, return_inverse=True)
         steps, weights = [], []
         views = int(label.max()) + 1

@@ -15,15 +15,17 @@ from .color_cameras import ColorView
 from .surface_diffusion import diffuse
 from .visibility import Seen
 
-_DARK, _BRIGHT = 8, 250  # levels outside of these say nothing of a gain
+_DARK, _BRIGHT = 0.003, 0.95  # linear light outside of these says nothing of a gain
 _TOGETHER = 12  # vertices that two views must share
 _MOST = 3.0  # largest gain
 _PRIOR = 2.0  # as many vertices speak for a gain of 1
 _SMOOTHING = 0.03  # pull of each difference against its neighbours': over about six vertices each way
+_EXPECTED = 6.0  # differences of so many levels are due to light; larger ones, on the mean, to patterns
+_NONE = 0.002  # pull of differences towards none
 _FADE = 0.002  # pull of corrections towards none: they fade out over some twenty vertices
 
 
-def exposure_gains(views: list[ColorView], seen: Seen, colors: np.ndarray) -> np.ndarray:
+def exposure_gains(views: list[ColorView], seen: Seen, light: np.ndarray) -> np.ndarray:
     """Gains (K, 3) of linear light that make views agree where two see the same skin.
 
     On the mean straight views keep theirs. Sums of light over the skin that both see are compared, which colours that
@@ -33,13 +35,12 @@ def exposure_gains(views: list[ColorView], seen: Seen, colors: np.ndarray) -> np
     ----------
     views : list of ColorView
     seen : Seen
-    colors : np.ndarray [shape=(V, K, 3)]
-        sRGB levels that each view shows of each vertex.
+    light : np.ndarray [shape=(V, K, 3)]
+        Linear light, 0..1, that each view shows of each vertex.
     """
     count = len(views)
     gains = np.zeros((count, 3))
-    known = (seen.score > 0) & ((colors > _DARK) & (colors < _BRIGHT)).all(axis=2)
-    light = to_linear(colors / 255.0)
+    known = (seen.score > 0) & ((light > _DARK) & (light < _BRIGHT)).all(axis=2)
     rows, values, weights = [], [], []
     for a, b in combinations(range(count), 2):
         both = known[:, a] & known[:, b]
@@ -90,8 +91,14 @@ def level_seams(graph: tuple[np.ndarray, np.ndarray], seen: Seen, colors: np.nda
         if not border.any():
             continue
         trust = np.minimum(seen.score[:, a], seen.score[:, b])
-        trust = _SMOOTHING * np.where(both, trust / max(float(np.median(trust[border])), 1e-9), 0.0).clip(0.0, 1.0)
-        apart = diffuse(graph, colors[:, a] - colors[:, b], trust, both, 30)
+        trust = np.where(both, trust / max(float(np.median(trust[border])), 1e-9), 0.0).clip(0.0, 1.0)
+        difference = colors[:, a] - colors[:, b]
+        # patterns that lie a little beside one another say little: the more they differ, the more of them count
+        scatter = float(np.average(difference[both].var(axis=1), weights=trust[both] + 1e-9))
+        scatter += float(np.average((difference[both].mean(axis=1)) ** 2, weights=trust[both] + 1e-9))
+        pull_here = _SMOOTHING * trust * min(1.0, _EXPECTED**2 / max(scatter, 1e-9))
+        whole = pull_here + _NONE
+        apart = diffuse(graph, difference * (pull_here / whole)[:, None], whole, both, 60)
         for view, sign in ((a, -0.5), (b, 0.5)):
             target[border, view] += sign * apart[border]
             pull[border, view] += 1.0

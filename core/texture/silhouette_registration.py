@@ -27,8 +27,9 @@ _LEAST = 0.04  # mean log likelihood ratio over the band, below which outlines s
 def view_shifts(mesh: Mesh, views: Sequence[ColorView]) -> np.ndarray:
     """By how much each view's image lies beside where its camera sees the mesh (K, 2) [px].
 
-    0 where that is uncertain: less than outlines are known to; or where alternate blocks of rows, taken for themselves, do not say the same, or colours of
-    subject and surroundings are too much alike. Where two views of a camera agree its other views take their mean.
+    0 where that is less than outlines are certain to, or uncertain: where alternate blocks of rows, taken for
+    themselves, do not say the same, or colours of subject and surroundings are too much alike. Where two views of a
+    camera agree its other views take their mean.
     """
     found = [_shift(mesh, view) for view in views]
     shifts = np.zeros((len(views), 2))

@@ -12,6 +12,7 @@ from ..errors import MirrorScanError
 from ..mesh import Mesh, Texture
 from ..mesh.half_edges import check_sheet, twins
 from ..mesh.normals import triangle_normals
+from ..numeric.srgb import from_linear, to_linear
 from .atlas import Shading, pad, paint
 from .color_cameras import ColorView
 from .seam_levelling import exposure_gains, gain_tables, level_seams
@@ -164,8 +165,9 @@ def _shading(
 ) -> tuple[Shading, np.ndarray]:
     """What texels are made of, and the views' gains (K, 3)."""
     count = len(mesh.vertices)
-    colors = _vertex_colors(views, seen)
-    gains = exposure_gains(views, seen, colors) if settings.level_seams else np.ones((len(views), 3))
+    light = _vertex_light(views, seen)
+    colors = 255.0 * from_linear(light)
+    gains = exposure_gains(views, seen, light) if settings.level_seams else np.ones((len(views), 3))
     table = gain_tables(gains)
     levels = np.empty((count, len(views), 3))
     for k in range(len(views)):
@@ -188,9 +190,13 @@ def _shading(
 _BORDER_PULL = 0.3  # filled colours are drawn to those of seen vertices, of several at a time: skin has patterns
 
 
-def _vertex_colors(views: list[ColorView], seen: Seen) -> np.ndarray:
-    """Levels (V, K, 3) float64 that each view shows of each vertex, between pixels in straight lines."""
-    colors = np.zeros((*seen.score.shape, 3))
+def _vertex_light(views: list[ColorView], seen: Seen) -> np.ndarray:
+    """Linear light (V, K, 3) float64, 0..1, that each view shows of each vertex, between pixels in straight lines.
+
+    A view from farther away blurs patterns; sums of light do not change by that, those of sRGB levels would.
+    """
+    light = np.zeros((*seen.score.shape, 3))
+    table = to_linear(np.arange(256) / 255.0)
     for k, view in enumerate(views):
         rows = np.flatnonzero(seen.score[:, k] > 0)
         at = seen.pixels[rows, k].astype(np.float64)
@@ -201,8 +207,8 @@ def _vertex_colors(views: list[ColorView], seen: Seen) -> np.ndarray:
                 w = np.abs(1 - du - share[:, 0]) * np.abs(1 - dv - share[:, 1])
                 u = np.clip(low[:, 0] + du, 0, view.image.shape[1] - 1)
                 v = np.clip(low[:, 1] + dv, 0, view.image.shape[0] - 1)
-                colors[rows, k] += w[:, None] * view.image[v, u]
-    return colors
+                light[rows, k] += w[:, None] * table[view.image[v, u]]
+    return light
 
 
 def _summary(mesh, views, texture, used, label, gains, shifts) -> TextureSummary:
