@@ -14,10 +14,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from mirror_scan.core.avatar.pose import SkinWeights
+from mirror_scan.core.avatar.skin_weights import strongest
 from mirror_scan.core.camera import Intrinsics
 from mirror_scan.core.io.images import write_png
 from mirror_scan.core.mesh import Mesh, Texture
 from mirror_scan.core.mesh.bvh import build_bvh, closest_point, raycast
+from mirror_scan.core.mesh.half_edges import twins
 from mirror_scan.core.mirrors import Mirror
 from mirror_scan.core.mirrors.mirror import plane_mirror, reflection_matrix
 from mirror_scan.core.numeric.srgb import from_linear, to_linear
@@ -25,12 +28,12 @@ from mirror_scan.core.pipeline import Settings, reconstruct
 from mirror_scan.core.preview.mesh_views import SIDES, render_views
 from mirror_scan.core.simulation.scene import Rig, default_rig
 from mirror_scan.core.simulation.simulate import simulate
-from mirror_scan.core.texture import ColorView, TextureSettings, make_texture
-from mirror_scan.core.texture.unwrapping import flipped_count
-from mirror_scan.core.texture.visibility import seen_vertices
+from mirror_scan.core.texture import ColorView, TextureSettings, color_views, make_texture
+from mirror_scan.core.texture.islands import flipped_count
+from mirror_scan.core.texture.visibility import choose_views, seen_vertices
 
 from .machine import say
-from .results import Finding, Result, Table, number
+from .results import Finding, Result, Table, limits_table, number
 from .rig_weights import FOLDER
 from .rig_weights import Rig as Body
 
@@ -68,7 +71,7 @@ class Case:
     name: str
     body: Mesh
     mesh: Mesh
-    weights: object
+    weights: SkinWeights | None
     rig: Rig
     mirrors: tuple[Mirror, ...]  # as the avatar's reconstruction has them, camera frame
     camera_to_avatar: np.ndarray
@@ -96,8 +99,6 @@ def exact(name: str) -> Case:
         mirrors.append(replace(made, rectangle=np.array(((-m.width / 2, m.width / 2), (-m.height / 2, m.height / 2)))))
     weights = None
     if truth.dense.any():
-        from mirror_scan.core.avatar.skin_weights import strongest
-
         weights = strongest(truth.dense)
     return Case(name, truth.body, truth.body, weights, rig, tuple(mirrors), rig.camera_to_avatar)
 
@@ -164,8 +165,6 @@ def _through(rays: np.ndarray, rig: Rig, k: int) -> np.ndarray:
 
 def views_of(case: Case, image: np.ndarray, lens: Intrinsics) -> list[ColorView]:
     """Its colour views by what the reconstruction knows."""
-    from mirror_scan.core.texture import color_views
-
     capture = _Stored(image, lens, image, lens, np.eye(4))
     return color_views(capture, case.mirrors, case.camera_to_avatar)
 
@@ -195,7 +194,7 @@ def sampled(texture: Texture, triangle: np.ndarray, shares: np.ndarray) -> np.nd
 
 @dataclass(frozen=True)
 class Measured:
-    """PSNR of texture and of vertex colours [dB], contrast of the shortest wave, step over borders of views [levels]."""
+    """PSNR of texture and vertex colours [dB], contrast of the shortest wave, step over borders of views [levels]."""
 
     psnr: float
     vertex_psnr: float
@@ -272,3 +271,101 @@ def vertex_colors(case: Case, views: Sequence[ColorView]) -> np.ndarray:
     color = image[np.clip(v, 0, image.shape[0] - 1), np.clip(u, 0, image.shape[1] - 1)]
     light = to_linear(color / 255.0) / np.array(TINTS)[best]
     return 255.0 * from_linear(np.clip(light, 0, 1))
+
+
+@dataclass(frozen=True)
+class Made:
+    """A texture, how it measures, and how long it took, warm [s]."""
+
+    texture: Texture
+    measured: Measured
+    islands: int
+    used: float
+    flipped: int
+    seconds: float
+
+
+def made(case: Case, scale: int, off: bool, size: int = 2048, again: bool = False) -> Made:
+    """The texture of a case from a colour image ``scale`` times as wide as depth."""
+    views = views_of(case, *photographed(case, scale, off))
+    before = vertex_colors(case, views if scale == 1 else views_of(case, *photographed(case, 1, off)))
+    seen = seen_vertices(case.mesh, views, np.zeros((len(views), 2)))
+    label = choose_views(seen, case.mesh.triangles, twins(case.mesh.triangles, len(case.mesh.vertices)))
+    settings = TextureSettings(size=size)
+    texture, summary = make_texture(case.mesh, views, settings, case.weights)
+    seconds = float("nan")
+    if again:
+        start = time.perf_counter()
+        make_texture(case.mesh, views, settings, case.weights)
+        seconds = time.perf_counter() - start
+    judge = Judge(case, views)
+    return Made(
+        texture, judge.measure(texture, before, label), summary.islands, summary.used_share,
+        flipped_count(texture.uv), seconds,
+    )  # fmt: skip
+
+
+LIMITS = {(2, False): (4.0, 0.0), (4, False): (8.0, 0.7), (4, True): (4.0, 0.5)}
+"""Least gain over vertex colours [dB] and least contrast, by size and whether colour is off."""
+
+
+def run(bodies: Sequence[str] = BODIES, pictures: Path | None = None) -> Result:
+    """All bodies, each with colour of three sizes, true and off."""
+    table = Table(
+        "Texture of patterned avatars, skin that some view sees: PSNR [dB], contrast of 8 mm waves, step between views",
+        (
+            "body",
+            "colour",
+            "vertex colours",
+            "texture",
+            "gain",
+            "contrast",
+            "step",
+            "islands",
+            "used",
+            "flipped",
+            "2 K [s]",
+        ),
+        left=2,
+    )
+    result = Result([table], [])
+    if not FOLDER.is_dir():
+        table.notes.append("left out: no bodies with a rig")
+        return result
+    for name in bodies:
+        case = scanned(name)
+        for scale, off in ((1, False), (2, False), (4, False), (4, True)):
+            say(f"texture: {name}, colour {scale} ×{', off' if off else ''}")
+            one = made(case, scale, off, again=scale == 4 and not off)
+            m = one.measured
+            what = f"{scale} × depth{', 2 px and 30 ms off' if off else ''}"
+            table.rows.append((
+                name, what, number(m.vertex_psnr, 1), number(m.psnr, 1), number(m.psnr - m.vertex_psnr, 1),
+                number(m.contrast), number(m.step, 1), str(one.islands), f"{100 * one.used:.0f} %", str(one.flipped),
+                number(one.seconds, 1) if one.seconds == one.seconds else "–",
+            ))  # fmt: skip
+            if (scale, off) in LIMITS:
+                gain, contrast = LIMITS[scale, off]
+                result.findings.append(Finding(
+                    f"{name}, colour {what}: at least {gain:g} dB over vertex colours, contrast {contrast:g}, step at "
+                    "most 2 levels, 40 islands, 55 % used, none flipped",
+                    f"{m.psnr - m.vertex_psnr:.1f} dB, {m.contrast:.2f}, {m.step:.1f}, {one.islands}, "
+                    f"{100 * one.used:.0f} %, {one.flipped}",
+                    m.psnr - m.vertex_psnr >= gain and m.contrast >= contrast and (off or m.step <= 2.0)
+                    and one.islands <= 40 and one.used >= 0.55 and one.flipped == 0,
+                ))  # fmt: skip
+            if pictures is not None:
+                sides = render_views(case.mesh, None, list(SIDES.values()), 400, 800, texture=one.texture)
+                write_png(pictures / f"texture_{name}_{scale}{'_off' if off else ''}.png", sides)
+    return result
+
+
+def tables(quick: bool) -> Result:
+    """All there is, or one body."""
+    return run(BODIES[:1] if quick else BODIES)
+
+
+if __name__ == "__main__":
+    found = run(sys.argv[1:] or BODIES)
+    for each_table in (*found.tables, limits_table(found.findings)):
+        print(each_table.text())

@@ -80,7 +80,7 @@ def level_seams(graph: tuple[np.ndarray, np.ndarray], seen: Seen, colors: np.nda
     colors : np.ndarray [shape=(V, K, 3)]
         Levels that each view shows of each vertex, gains applied.
     weight : np.ndarray [shape=(V, K + 1)]
-        From :func:`.view_choice.view_weights`.
+        From :func:`.visibility.view_weights`.
     """
     count, views = seen.score.shape
     taken = weight[:, :views] > 0

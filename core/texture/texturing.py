@@ -11,16 +11,16 @@ from ..avatar.pose import SkinWeights
 from ..errors import MirrorScanError
 from ..mesh import Mesh, Texture
 from ..mesh.half_edges import check_sheet, twins
-from ..mesh.normals import triangle_normals
+from ..mesh.normals import triangle_normals, vertex_normals
 from ..numeric.srgb import from_linear, to_linear
 from .atlas import Shading, pad, paint
+from .baked_light import light_factors
 from .color_cameras import ColorView
+from .islands import unwrap
 from .seam_levelling import exposure_gains, gain_tables, level_seams
 from .silhouette_registration import view_shifts
 from .surface_diffusion import diffuse, neighbours
-from .unwrapping import unwrap
-from .view_choice import choose_views, view_weights
-from .visibility import Seen, seen_vertices
+from .visibility import Seen, choose_views, seen_vertices, view_weights
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,11 @@ def _shading(
     best = seen.score.max(axis=1)
     trust = np.minimum(best / max(float(np.median(best[best > 0])), 1e-9), 1.0)
     fill = diffuse(graph, shown, np.where(total > 0, _BORDER_PULL * trust, 0.0), np.ones(count, np.bool_), 120)
-    return Shading(weight, offset, np.ones(count, np.float32), fill.astype(np.float32), table), gains
+    factor = np.ones(count, np.float32)
+    if settings.remove_light:
+        normals = vertex_normals(mesh.vertices, mesh.triangles)
+        factor = light_factors(graph, normals, levels + offset, seen.cosine, weight)
+    return Shading(weight, offset, factor, fill.astype(np.float32), table), gains
 
 
 _BORDER_PULL = 0.3  # filled colours are drawn to those of seen vertices, of several at a time: skin has patterns

@@ -1,4 +1,4 @@
-"""How well each colour view shows each vertex: not hidden, away from outlines, facing the camera, near."""
+"""How well each colour view shows each vertex (not hidden, away from outlines, facing, near); which shows it best."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ _NEAREST = 0.05  # what is nearer than this to a camera is behind it [m]
 _RIM, _INSIDE = 1.0, 6.0  # nothing is taken so near to an outline; from there on colours are worth their all [px]
 _AT_RIM = 0.02  # what colours at the rim are worth
 _GRAZING = 0.08  # cosine below which nothing is taken
+_ROUNDS = 8
+_LOYALTY = 0.35  # by how much a view is worth more where a triangle's three neighbours take it
 
 
 class Seen(NamedTuple):
@@ -31,10 +33,13 @@ class Seen(NamedTuple):
         Pixels a square metre of skin, less near outlines; 0 = not seen.
     pixels : np.ndarray [shape=(V, K, 2), dtype=float32]
         Where in the image [px].
+    cosine : np.ndarray [shape=(V, K), dtype=float32]
+        Of the angle between the normal and the way to the camera; 0 where it is not seen.
     """
 
     score: np.ndarray
     pixels: np.ndarray
+    cosine: np.ndarray
 
 
 class DepthBuffer(NamedTuple):
@@ -61,6 +66,7 @@ def seen_vertices(mesh: Mesh, views: Sequence[ColorView], shifts: np.ndarray) ->
     normals = vertex_normals(mesh.vertices, mesh.triangles)
     score = np.zeros((len(mesh.vertices), len(views)), np.float32)
     pixels = np.zeros((len(mesh.vertices), len(views), 2), np.float32)
+    cosines = np.zeros(score.shape, np.float32)
     for k, view in enumerate(views):
         points = mesh.vertices @ view.from_avatar[:3, :3].T + view.from_avatar[:3, 3]
         z = np.maximum(points[:, 2], _NEAREST)
@@ -79,7 +85,50 @@ def seen_vertices(mesh: Mesh, views: Sequence[ColorView], shifts: np.ndarray) ->
         shown = inside & (cosine > _GRAZING) & (z <= buffer.depth[v, u] + slack)
         within = (pixels[:, k] > 1).all(axis=1) & (pixels[:, k] < (lens.width - 2, lens.height - 2)).all(axis=1)
         score[:, k] = np.where(shown & within, worth[v, u] * lens.fx * lens.fy * cosine / (z * z), 0.0)
-    return Seen(score, pixels)
+        cosines[:, k] = np.where(score[:, k] > 0, cosine, 0.0)
+    return Seen(score, pixels, cosines)
+
+
+def choose_views(seen: Seen, triangles: np.ndarray, twin: np.ndarray) -> np.ndarray:
+    """The view (T,) int64 that shows each triangle best; -1 where none shows all its corners.
+
+    Borders between views run where both are as good, and straight: a view is worth a little more where the neighbours
+    take it (iterated conditional modes, Besag 1986).
+    """
+    score = seen.score[triangles]
+    score = np.where((score > 0).all(axis=1), score.mean(axis=1), 0.0)
+    neighbour = np.where(twin >= 0, twin // 3, np.arange(len(twin)) // 3).reshape(-1, 3)
+    for _ in range(3):  # borders follow the body, not its triangles
+        around = (score[neighbour] > 0) * score[neighbour]
+        score = np.where(score > 0, 0.25 * score + 0.25 * around.sum(axis=1), 0.0)
+    label = np.where(score.max(axis=1) > 0, score.argmax(axis=1), -1)
+    views = np.arange(score.shape[1])
+    for _ in range(_ROUNDS):
+        alike = (label[neighbour][:, :, None] == views).mean(axis=1)
+        worth = score * (1.0 + _LOYALTY * alike)
+        new = np.where(score.max(axis=1) > 0, worth.argmax(axis=1), -1)
+        if (new == label).all():
+            break
+        label = new
+    return label
+
+
+def view_weights(label: np.ndarray, seen: Seen, triangles: np.ndarray) -> np.ndarray:
+    """Share (V, K + 1) float32 of each view at each vertex, the last of filled skin; rows sum to 1.
+
+    That of the triangles around it that take the view, and none of views that do not show it: views pass into each
+    other within the triangles along their border.
+    """
+    count, views = seen.score.shape
+    weight = np.zeros((count, views + 1))
+    taken = np.where(label < 0, views, label)
+    for k in range(3):
+        weight += np.bincount(triangles[:, k] * (views + 1) + taken, minlength=count * (views + 1)).reshape(
+            count, views + 1
+        )
+    weight[:, :views][seen.score <= 0] = 0.0
+    weight[weight.sum(axis=1) == 0, views] = 1.0
+    return (weight / weight.sum(axis=1, keepdims=True)).astype(np.float32)
 
 
 def depth_buffer(mesh: Mesh, from_avatar: np.ndarray, intrinsics: Intrinsics) -> DepthBuffer:

@@ -9,16 +9,16 @@ import pytest
 from mirror_scan.core.camera import Intrinsics, project
 from mirror_scan.core.errors import MirrorScanError
 from mirror_scan.core.mesh import Mesh
-from mirror_scan.core.mesh.bvh import build_bvh, raycast
+from mirror_scan.core.mesh.bvh import build_bvh, closest_point, raycast
 from mirror_scan.core.mesh.half_edges import twins
+from mirror_scan.core.mesh.normals import vertex_normals
 from mirror_scan.core.mirrors.mirror import plane_mirror, reflect
 from mirror_scan.core.numeric.srgb import from_linear, to_linear
 from mirror_scan.core.texture import ColorView, TextureSettings, color_views, make_texture, texture_steps
 from mirror_scan.core.texture.atlas import pad
 from mirror_scan.core.texture.silhouette_registration import view_shifts
 from mirror_scan.core.texture.surface_diffusion import diffuse, neighbours
-from mirror_scan.core.texture.view_choice import choose_views, view_weights
-from mirror_scan.core.texture.visibility import seen_vertices
+from mirror_scan.core.texture.visibility import choose_views, seen_vertices, view_weights
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -251,3 +251,32 @@ def test_progress_is_told_and_what_is_wrong_is_said(scene):
     broken = replace(mesh, triangles=np.concatenate((mesh.triangles, mesh.triangles[:1])))
     with pytest.raises(MirrorScanError, match="share an edge"):
         make_texture(broken, views)
+
+
+def test_light_is_taken_out_and_two_colours_of_skin_stay():
+    """Light from one side, and a lamp at the camera: both depend on how the skin is turned, and one on who looks."""
+    mesh, mirrors = blob(), mirrors_behind()
+    normals = vertex_normals(mesh.vertices, mesh.triangles)
+    tree = build_bvh(mesh.vertices, mesh.triangles)
+
+    def own(points):
+        return np.where(points[:, 2:] > 0.02, (190.0, 150.0, 120.0), (90.0, 110.0, 140.0))
+
+    def lit(points):
+        _, triangle, _ = closest_point(tree, points)
+        turned = normals[mesh.triangles[triangle]].mean(axis=1)
+        return own(points) * (0.75 + 0.25 * turned @ (0.6, -0.5, 0.62))[:, None]
+
+    image = photo(mesh, mirrors, tints=((1.0,) * 3,) * 3, paint=lit)
+    views = color_views(Taken(image, LENS), mirrors, np.linalg.inv(CAMERA))
+    seen = seen_vertices(mesh, views, np.zeros((3, 2)))
+    spread = []
+    for remove in (False, True):
+        texture, _ = make_texture(mesh, views, TextureSettings(size=1024, remove_light=remove))
+        got, points, triangle = colors_on(texture, mesh)
+        shown = (seen.score[mesh.triangles] > 0).all(axis=1).any(axis=1)[triangle] & (
+            np.abs(points[:, 2] - 0.02) > 0.02
+        )
+        ratio = np.log((got / own(points))[shown].mean(axis=1))
+        spread.append(ratio.std())
+    assert spread[1] < 0.35 * spread[0]

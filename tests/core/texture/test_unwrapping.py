@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from mirror_scan.core.avatar.skin_weights import skinned_mesh
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.texture.flattening import crosses_itself, flatten, flipped
-from mirror_scan.core.texture.islands import find_islands, is_disk
-from mirror_scan.core.texture.unwrapping import flipped_count, unwrap
+from mirror_scan.core.texture.islands import find_islands, flipped_count, is_disk, unwrap
 from standing_body import standing_body
 
 trimesh = pytest.importorskip("trimesh")
