@@ -1,7 +1,7 @@
 """Fewer triangles beside MeshLab's and Blender's, and prints as other programs read them.
 
-``python -m benchmarks.look_reduction [--quick] [--triangles N] [--pictures DIR]``. Subjects are the mannequin as a virtual
-rig scans it, and some of the given bodies where they are there. All methods get the same mesh and the same UV map.
+``python -m benchmarks.look_reduction [--quick] [--triangles N] [--pictures DIR]``. Subjects are the mannequin as a
+virtual rig scans it, and some of the given bodies where they are there. All methods get the same mesh and the same UV map.
 """
 
 from __future__ import annotations
@@ -239,8 +239,9 @@ def reduction(found: list[Figures], full: dict[str, Subject], triangles: int) ->
     table = Table(f"Reduced to {triangles} triangles [mm]", columns, left=2)
     for f in found:
         table.rows.append((
-            f.subject, f.method, str(len(full[f.subject].mesh.triangles)), str(len(f.mesh.triangles)), number(f.there, 3),
-            number(f.back, 3), number(f.p95, 2), yes(f.report["watertight"]), yes(f.report["manifold"]),
+            f.subject, f.method, str(len(full[f.subject].mesh.triangles)), str(len(f.mesh.triangles)),
+            number(f.there, 3), number(f.back, 3), number(f.p95, 2),
+            yes(f.report["watertight"]), yes(f.report["manifold"]),
             str(f.report["self_intersections"]), "–" if f.turned is None else str(f.turned), number(f.drift, 2),
             number(f.posed, 3), number(f.seconds, 2),
         ))  # fmt: skip
@@ -254,7 +255,8 @@ def reduction(found: list[Figures], full: dict[str, Subject], triangles: int) ->
     sound = all(f.report["watertight"] and f.report["manifold"] for f in of)
     before = {name: mesh_report(subject.mesh)["self_intersections"] for name, subject in full.items()}
     findings = [
-        Finding(f"{triangles} triangles: mean from the full mesh ≤ {MAX_MEAN:g} mm", f"{worst:.3f} mm", worst <= MAX_MEAN),
+        Finding(f"{triangles} triangles: mean from the full mesh ≤ {MAX_MEAN:g} mm", f"{worst:.3f} mm",
+                worst <= MAX_MEAN),
         Finding("reduced: closed and manifold", yes(sound), sound),
         Finding("reduced: no triangle turned over in the texture", str(sum(f.turned for f in of)),
                 not any(f.turned for f in of)),

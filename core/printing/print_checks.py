@@ -192,4 +192,4 @@ def _by(size: np.ndarray) -> str:
 
 
 def _place(at: np.ndarray) -> str:
-    return f"({', '.join(f'{value:.0f}' for value in at)})"
+    return f"({', '.join(str(round(value)) for value in at.tolist())})"
