@@ -1,7 +1,7 @@
 """Fewer triangles beside MeshLab's and Blender's, and prints as other programs read them.
 
 ``python -m benchmarks.look_reduction [--quick] [--triangles N] [--pictures DIR]``. Subjects are the mannequin as a
-virtual rig scans it, and some of the given bodies where they are there. All methods get the same mesh and the same UV map.
+virtual rig scans it, and some of the given bodies where they are there. All methods get the same mesh and UV map.
 """
 
 from __future__ import annotations
