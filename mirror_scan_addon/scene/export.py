@@ -179,8 +179,8 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -
 
     Notes
     -----
-    Files are in metres, whatever the scene's unit is: only Blender's FBX exporter heeds it, so for the others the
-    object is scaled while it is written. A .blend keeps Blender units, as appending and linking do.
+    Files are in metres, STL in millimetres, whatever the scene's unit is: only Blender's FBX exporter heeds it, so for
+    the others the object is scaled while it is written. A .blend keeps Blender units, as appending and linking do.
 
     Raises
     ------
@@ -248,13 +248,16 @@ def _write_obj(file: str, copy: bpy.types.Object) -> None:
 
 
 _WITH_COMPANIONS = ("OBJ", "USDC")
+_MILLIMETRES = 1000.0  # in a metre: slicers take an STL's numbers for millimetres
 _WITH_SKELETON = ("GLB", "FBX", "USDC")
 _EXPORTERS: dict[str, Callable[[str, bpy.types.Object], object]] = {
     "GLB": _write_glb,
     "FBX": _write_fbx,
     "OBJ": _write_obj,
     "PLY": lambda file, copy: bpy.ops.wm.ply_export(filepath=file, export_selected_objects=True, export_colors="SRGB"),
-    "STL": lambda file, copy: bpy.ops.wm.stl_export(filepath=file, export_selected_objects=True),
+    "STL": lambda file, copy: bpy.ops.wm.stl_export(
+        filepath=file, export_selected_objects=True, global_scale=_MILLIMETRES
+    ),
     "USDC": lambda file, copy: bpy.ops.wm.usd_export(
         filepath=file, selected_objects_only=True, export_animation=_moves(copy)
     ),

@@ -65,6 +65,8 @@ def imported(bpy, path):
         addon_utils.enable({"glb": "io_scene_gltf2", "fbx": "io_scene_fbx"}[ending])
     module, name = IMPORTERS[ending].split(".")
     options = {"forward_axis": "Y", "up_axis": "Z"} if ending in ("ply", "stl") else {}
+    if ending == "stl":
+        options["global_scale"] = 0.001  # it is in millimetres, for slicers
     getattr(getattr(bpy.ops, module), name)(filepath=str(path), **options)
     bpy.context.view_layer.update()
     # the glTF importer brings a shape for bones

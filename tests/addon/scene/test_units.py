@@ -192,6 +192,8 @@ def test_files_are_in_metres(bpy, capsule, tmp_path, kind):
     options = {} if kind in ("GLB", "FBX", "USDC", "ABC") else {"forward_axis": "Y", "up_axis": "Z"}
     if kind == "OBJ":
         options = {}
+    if kind == "STL":
+        options["global_scale"] = 0.001  # it is in millimetres, for slicers
     getattr(getattr(bpy.ops, module), name)(filepath=path, **options)
     bpy.context.view_layer.update()
     found = in_metres(next(item for item in bpy.data.objects if item.type == "MESH"), 1.0)
