@@ -42,7 +42,8 @@ def solid_points(vertices: np.ndarray, triangles: np.ndarray, grid: Grid) -> np.
     """Which points of the grid lie within a closed mesh: its surface winds around them, bool of the grid's shape.
 
     Each triangle is drawn onto the columns of the grid. An edge is judged by the same arithmetic from both its
-    triangles, so that no column passes between them or meets both.
+    triangles, and a column that meets it exactly as if it were moved by next to nothing (simulation of simplicity,
+    Edelsbrunner and Mücke 1990), so that none passes between triangles or meets two.
     """
     xy = (vertices[:, :2] - grid.low[:2]) / grid.cell
     height = (vertices[:, 2] - grid.low[2]) / grid.cell
@@ -62,11 +63,14 @@ def solid_points(vertices: np.ndarray, triangles: np.ndarray, grid: Grid) -> np.
         a, b = triangles[triangle, (k + 1) % 3], triangles[triangle, (k + 2) % 3]
         turned = a > b
         p, q = xy[np.where(turned, b, a)], xy[np.where(turned, a, b)]
-        area = (q[:, 0] - p[:, 0]) * (j - p[:, 1]) - (q[:, 1] - p[:, 1]) * (i - p[:, 0])
+        dx, dy = (q - p).T
+        area = dx * (j - p[:, 1]) - dy * (i - p[:, 0])
+        # a column on an edge counts as if it stood a little to the right of it, and much less behind it
+        beside = np.where(dy != 0, -np.sign(dy), np.sign(dx))
         sign = np.where(turned, -1, 1)
         left[k] = sign * area
-        side[k] = np.where(area == 0, sign, np.sign(left[k]))
-    hit = (side == side[0]).all(axis=0)
+        side[k] = sign * np.where(area == 0, beside, np.sign(area))
+    hit = (side == side[0]).all(axis=0) & (side[0] != 0)
     triangle, i, j, left, up = triangle[hit], i[hit], j[hit], left[:, hit], side[0, hit]
     total = left.sum(axis=0)
     z = (left * height[triangles[triangle]].T).sum(axis=0) / np.where(total == 0, 1, total)
