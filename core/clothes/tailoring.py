@@ -35,7 +35,8 @@ _USUAL_SIZE = 0.78  # body size of an adult, see body_size [m]
 _SPACING = 0.0165  # of vertices, on an adult [m]
 _CLOSING = 0.025  # creases narrower than a ball of that radius are bridged, on an adult [m]
 _GAP, _LEAST_GAP = 0.4, 0.003  # from the skin at rest: a share of the ease, and at least so much [m]
-_NECK = 0.2  # the neckline's middle, from the joint Neck to the joint Head
+_NECK = 0.2  # where the neckline's middle is at the lowest, from the joint Neck to the joint Head
+_WIDEST_NECK = 1.3  # times the width where the neck is narrowest
 _NECK_TILT = np.radians(28.0)  # the neckline is lower in front
 _SLEEVE, _ANKLE = 0.62, 0.86  # where sleeves and trouser legs end, along upper arm and shin
 _SKIRT = 0.94  # and the skirt, along the thighs
@@ -171,7 +172,7 @@ def _planes(body: _Body, kind: str) -> list[_Plane]:
 
 def _cut_out(body: _Body, kind: str, ease: float, tight: bool) -> tuple[Mesh, np.ndarray, np.ndarray]:
     """A T-shirt or trousers, places (V, 2) of its vertices in an image, and points (K, 3) of the edge it hangs on."""
-    spacing, planes = _SPACING * body.scale, _planes(body, kind)
+    spacing = _SPACING * body.scale
     easing = np.full(len(body.mesh.vertices), ease) if tight else ease * _looseness(body, kind)
     shell = offset_surface(body.mesh, easing, _CLOSING * body.scale, spacing)
     skin = BodyDistance(body.mesh)
@@ -179,7 +180,9 @@ def _cut_out(body: _Body, kind: str, ease: float, tight: bool) -> tuple[Mesh, np
     def held(vertices: np.ndarray) -> np.ndarray:
         return at_skin(body.weights, skin.triangles, skin.at(vertices))
 
-    made = Mesh(shell.vertices, shell.triangles)
+    made, planes = shell, _planes(body, kind)
+    if kind == "tshirt":
+        planes[0] = _neckline(body, shell.vertices[held(shell.vertices)[:, _ARMS].sum(axis=1) < 0.5], planes[0])
     for plane in planes:
         values = (made.vertices - plane.point) @ plane.normal
         if plane.bones is not None:
@@ -192,6 +195,19 @@ def _cut_out(body: _Body, kind: str, ease: float, tight: bool) -> tuple[Mesh, np
     made = keep_triangles(made, label == np.bincount(label).argmax())
     made = relaxed(made, shell, _RELAXING)
     return made, _front_and_back(made), _border_near(made, planes[0], spacing)
+
+
+def _neckline(body: _Body, shell: np.ndarray, plane: _Plane) -> _Plane:
+    """The lowest plane across the neck in which the surface (V, 3) around it is not yet as wide as the shoulders."""
+    shares = np.arange(_NECK, 0.95, 0.1)
+    widths = []
+    for share in shares:
+        way = shell - body.along("Neck", share)
+        near = np.abs(way @ plane.normal) < 0.6 * _SPACING * body.scale
+        widths.append(np.abs(way[near, 0]).max(initial=0.0))
+    wide = np.array(widths)
+    fits = wide <= _WIDEST_NECK * np.min(wide[wide > 0], initial=np.inf)
+    return plane._replace(point=body.along("Neck", float(shares[fits.argmax()])))
 
 
 def _looseness(body: _Body, kind: str) -> np.ndarray:
