@@ -353,7 +353,9 @@ def _copy_alone(
         copy.parent = None
         copy.constraints.clear()
         if shape is None and bones is not None:
-            _hang(copy, bones, placed, target).name = bones_name
+            own = _hang(copy, bones, placed, target)
+            own.name = bones_name
+            _wear_copies(scene_cloth.garments_of(avatar), bones, own, target)
         elif shape is None:
             copy.matrix_world = placed
         else:
@@ -389,6 +391,26 @@ def _hang(copy: bpy.types.Object, bones: bpy.types.Object, placed: Matrix, targe
     copy.matrix_basis.identity()
     own.select_set(True, view_layer=target.view_layers[0])
     return own
+
+
+def _wear_copies(
+    garments: Sequence[bpy.types.Object], bones: bpy.types.Object, own: bpy.types.Object, target: bpy.types.Scene
+) -> None:
+    """Copies of garments, selected, which a copy of the armature moves; no file format knows how cloth falls."""
+    for garment in garments:
+        copy = garment.copy()
+        copy.hide_select = copy.hide_viewport = copy.hide_render = False
+        copy.animation_data_clear()
+        copy.constraints.clear()
+        for modifier in list(copy.modifiers):
+            if modifier.type == "ARMATURE" and modifier.object == bones:
+                modifier.object = own
+            elif modifier.type in ("CLOTH", "SHRINKWRAP"):
+                copy.modifiers.remove(modifier)
+        target.collection.objects.link(copy)
+        copy.parent = own
+        target.view_layers[0].update()
+        copy.select_set(True, view_layer=target.view_layers[0])
 
 
 def _final_shape(copy: bpy.types.Object, layer: bpy.types.ViewLayer) -> bpy.types.Mesh:

@@ -210,3 +210,19 @@ def test_a_dressed_file_comes_back(bpy, rigged, tmp_path):
     np.testing.assert_allclose(skirt.uv, truth.uv, atol=1e-5)
     worn_there = [item for item in bpy.data.objects if "CLOTH" in {m.type for m in item.modifiers}]
     assert len(worn_there) == 1
+
+
+def test_what_an_avatar_wears_is_exported_with_it(bpy, avatar, tmp_path):
+    from mirror_scan.mirror_scan_addon.scene import export
+
+    bpy.ops.mirror_scan.dress(kind="skirt")
+    (skirt,) = worn(avatar)
+    count, vertices = len(bpy.data.objects), len(skirt.data.vertices)
+    export.write_object(tmp_path / "a.glb", avatar, "GLB")
+    assert len(bpy.data.objects) == count and [m.type for m in skirt.modifiers].count("CLOTH") == 1
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    bpy.ops.import_scene.gltf(filepath=str(tmp_path / "a.glb"))
+    there = [
+        item for item in bpy.data.objects if item.type == "MESH" and any(m.type == "ARMATURE" for m in item.modifiers)
+    ]
+    assert len(there) == 2 and any(len(item.data.vertices) >= vertices and "Skirt" in item.name for item in there)
