@@ -16,14 +16,16 @@ from .results import Finding, limits_table
 MODULES = {"quality": "quality", "speed": "speed", "cleaning": "cleaning", "mirrors": "mirrors", "subject": "subject",
            "dtw": "dtw", "import": "imports", "blender": "blender", "corpus": "corpus", "seams": "seams",
            "growth": "growth", "rigs": "rigs", "experiment": "experiment", "real": "real",
-           "optics": "optics", "honesty": "honesty", "rig": "rig"}  # fmt: skip
+           "optics": "optics", "honesty": "honesty", "rig": "rig", "look": "look"}  # fmt: skip
 
 
 def main() -> int:
     parser = argparse.ArgumentParser("python -m benchmarks", description="Measure Mirror Scan against named peers.")
     parser.add_argument("--only", nargs="+", choices=tuple(MODULES), help="these tables only")
     parser.add_argument(
-        "--quick", action="store_true", help="a few scenes of the corpus, rigs of `optics` and bodies of `rig` only"
+        "--quick",
+        action="store_true",
+        help="a few scenes of the corpus, rigs of `optics`, bodies of `rig` and `look` only",
     )
     parser.add_argument(
         "--captures", type=Path, metavar="DIR", help="clones of public repositories for the table `real`"
@@ -47,6 +49,8 @@ def main() -> int:
         module = importlib.import_module(f".{MODULES[name]}", __package__)
         if name in ("corpus", "rig"):
             result = module.run(quick=options.quick, pictures=options.pictures)
+        elif name == "look":
+            result = module.run(quick=options.quick)
         elif name == "optics":
             result = module.run(range(8) if options.quick else None, pictures=options.pictures)
         elif name == "real":

@@ -15,7 +15,10 @@ STAGES = (
     ("Mirrors and views", ("mirrors", "views", "mirror_detection", "mirror_alignment")),
     ("Subject and light", ("subject", "light")),
     ("Surface", ("patches", "hole_filling", "zippering", "closing")),
-    ("Result", ("checks", "avatar", "motion", "texture", "decimation", "printing", "measurements", "clothes", "preview")),
+    (
+        "Result",
+        ("checks", "avatar", "motion", "texture", "decimation", "printing", "measurements", "clothes", "preview"),
+    ),
     ("The whole job", ("pipeline",)),
     ("Virtual rig and experiments", ("simulation", "experiments")),
     ("Faces to people", ("cli", "mirror_scan_addon")),

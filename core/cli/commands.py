@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from ..pipeline import Reconstruction, Settings
 
 
+DEMO_COLOR_SCALE = 2
+"""The demo's colour image is that many times as wide as its depth image."""
 CLEANING: dict[str, dict[str, float]] = {
     "outliers": {"burst_tolerance": math.inf},
     "flying": {"support": 0},
@@ -209,26 +211,28 @@ def run_demo(options: argparse.Namespace, writers: Writers) -> None:
     report = folder / "report.json"
     check_targets([*targets, report, folder / "preview.png"])
 
-    from ..capture import open_capture
+    from ..capture import ReadOptions, open_capture
     from ..io import read_mesh
     from ..mesh.surface_distance import evaluate
     from ..pipeline import Settings, reconstruct
     from ..preview.mesh_views import render_preview
+    from ..texture import TextureSettings
 
     with progress_bar(options.quiet) as progress:
         advance(progress, 0.0, "making a mannequin and scanning it")
         capture_folder = folder / "capture"
         write_simulation(
             capture_folder, sensor="azure_kinect", frames=10, seed=0, mirrors=2, body=None,
-            optics=options.optics, frequencies=options.frequencies,
+            optics=options.optics, frequencies=options.frequencies, color_scale=DEMO_COLOR_SCALE,
         )  # fmt: skip
         started = time.perf_counter()
-        capture = open_capture(capture_folder)
+        capture = open_capture(capture_folder, options=ReadOptions(native_color=True))
         read_ms = (time.perf_counter() - started) * 1e3
-        result = reconstruct(capture, settings=Settings(skeleton=True), progress=stage_of(progress, 0.3, 0.8))
+        settings = Settings(skeleton=True, measure=True, texture=TextureSettings())
+        result = reconstruct(capture, settings=settings, progress=stage_of(progress, 0.3, 0.8))
         advance(progress, 0.8, "writing")
         write_outputs(result, outputs, report, read_ms)
-        render_preview(result.mesh, folder / "preview.png", result.skeleton, result.weights)
+        render_preview(result.mesh, folder / "preview.png", result.skeleton, result.weights, result.texture)
         advance(progress, 0.95, "comparing with the truth")
         truth = read_mesh(capture_folder / "truth" / "body.ply").transformed(result.camera_to_avatar)
         distances = evaluate(result.mesh, truth)
@@ -242,6 +246,9 @@ def run_demo(options: argparse.Namespace, writers: Writers) -> None:
     if result.skeleton is not None:
         seconds = 1e-3 * result.report["timings_ms"]["skeleton"]
         say(f"skeleton of {len(result.skeleton.joints)} bones and skin weights in {seconds:.1f} s")
+    if result.texture is not None:
+        size, seconds = len(result.texture.image), 1e-3 * result.report["timings_ms"]["texture"]
+        say(f"texture of {size} × {size} pixels in {seconds:.1f} s")
     say(f"written to {folder}{os.sep}")
     for path in (*targets, folder / "preview.png", report, capture_folder):
         say(f"  {path.name}{os.sep if path.is_dir() else ''}")

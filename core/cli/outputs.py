@@ -115,7 +115,7 @@ def _companion(path: Path, end: str) -> Write:
     """What writes the material or the image of a textured .obj at ``path``."""
 
     def write(target: Path, result: Reconstruction) -> None:
-        from ..io.mesh_files import obj_companions
+        from ..io import obj_companions
 
         assert result.texture is not None  # it was asked for
         target.write_bytes(obj_companions(path, result.texture)[path.with_suffix(end)])

@@ -14,7 +14,6 @@ from .avatar_stages import AvatarParts
 from .scan import Clock, Scan
 
 if TYPE_CHECKING:
-    from ..measurements import Measurements
     from ..texture import TextureSummary
 
 
@@ -92,6 +91,8 @@ def make_report(
     if avatar.skeleton is not None:
         report["skeleton"] = skeleton_summary(avatar.skeleton)
     if avatar.measurements is not None:
+        from ..measurements import measurement_summary  # only those who measure wait for it
+
         report["measurements"] = measurement_summary(avatar.measurements)
     if avatar.summary is not None:
         report["texture"] = texture_summary(avatar.summary)
@@ -103,14 +104,6 @@ def skeleton_summary(skeleton: Skeleton) -> dict:
     return {
         "joints": dict(zip(BONES, skeleton.joints.tolist(), strict=True)),
         "confidence": dict(zip(BONES, skeleton.confidence.tolist(), strict=True)),
-    }
-
-
-def measurement_summary(measurements: Measurements) -> dict:
-    """Each measure with its error and its name in ISO 8559-1, by our own name [mm]."""
-    return {
-        name: {"mm": round(found.mm, 1), "error_mm": round(found.error_mm, 1), "iso_name": found.iso_name}
-        for name, found in measurements.items()
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .color_cameras import ColorView, color_views
+from .refinement import refined_texture
 from .texturing import TextureSettings, TextureSummary, make_texture, texture_steps
 
 __all__ = [
@@ -11,5 +12,6 @@ __all__ = [
     "TextureSummary",
     "color_views",
     "make_texture",
+    "refined_texture",
     "texture_steps",
 ]

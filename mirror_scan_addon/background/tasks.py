@@ -546,7 +546,7 @@ def skeleton_steps(mesh: Mesh, texture: Texture | None = None) -> Steps[Rigged]:
     yield 0.6, "Weighting the skin"
     refined, weights = skinned_mesh(standing, skeleton)
     if texture is not None and len(refined.triangles) != len(mesh.triangles):
-        from ...core.texture.refinement import refined_texture
+        from ...core.texture import refined_texture
 
         texture = refined_texture(standing, texture, refined)
     return Rigged(refined.transformed(back), skeleton.transformed(back), weights, texture)
@@ -592,7 +592,7 @@ def _weights_of(mesh: Mesh) -> SkinWeights | None:
 
 def measure_steps(mesh: Mesh, skeleton: Skeleton | None, weights: SkinWeights | None, report: dict) -> Steps[Measured]:
     """Measurements of an avatar's mesh, in the avatar frame, with the errors that its ``report`` lets expect."""
-    from ...core.measurements import measure, view_errors
+    from ...core.measurements import measure, measurement_summary, view_errors
 
     if skeleton is None or weights is None:
         yield 0.0, "Looking for the joints"
@@ -602,8 +602,6 @@ def measure_steps(mesh: Mesh, skeleton: Skeleton | None, weights: SkinWeights | 
         skeleton = find_skeleton(mesh)
         weights = skin_weights(mesh, skeleton)
     yield 0.6, "Measuring the body"
-    from ...core.pipeline.report import measurement_summary
-
     found = measure(mesh, skeleton, weights, view_errors(report) if report else ())
     return Measured(found, measurement_summary(found))
 
