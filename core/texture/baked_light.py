@@ -12,6 +12,8 @@ from itertools import combinations
 
 import numpy as np
 
+from .surface_diffusion import diffuse
+
 _DARKEST = 12.0  # levels below say nothing
 _STRONGEST = 0.7  # largest logarithm of a factor
 _ROUNDS = 8  # of reweighting, towards least absolute differences
@@ -58,6 +60,10 @@ def light_factors(
     start, heads = graph
     tail = np.repeat(np.arange(len(start) - 1), np.diff(start))
     pairs = (tail < heads) & (total[tail] > 0.99) & (total[heads] > 0.99)
+    # where no view is, light is as around
+    towards = diffuse(graph, towards[:, None], (total > 0.5).astype(np.float64), np.ones(len(towards), np.bool_), 120)[
+        :, 0
+    ]
     turned = _robust(basis[tail[pairs]] - basis[heads[pairs]], plain[tail[pairs]] - plain[heads[pairs]])
     light = basis @ turned + towards
     light -= light[total > 0].mean() if (total > 0).any() else 0.0

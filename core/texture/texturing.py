@@ -181,9 +181,9 @@ def _shading(
     total = own.sum(axis=1)
     shown = ((levels + offset) * own[:, :, None]).sum(axis=1) / np.maximum(total, 1e-9)[:, None]
     # colours near an outline may be those of what is behind it
-    best = seen.score.max(axis=1)
-    trust = np.minimum(best / max(float(np.median(best[best > 0])), 1e-9), 1.0)
-    fill = diffuse(graph, shown, np.where(total > 0, _BORDER_PULL * trust, 0.0), np.ones(count, np.bool_), 120)
+    trust = np.clip(total / 0.5, 0.0, 1.0) ** 2
+    everywhere = np.ones(count, np.bool_)
+    fill = diffuse(graph, shown, np.where(total > 0.02, _BORDER_PULL * trust, 0.0), everywhere, 120)
     factor = np.ones(count, np.float32)
     if settings.remove_light:
         normals = vertex_normals(mesh.vertices, mesh.triangles)

@@ -14,11 +14,11 @@ from ..numeric.kernels import njit
 from .color_cameras import ColorView
 
 _WIDEST = 1600  # longest side of the depth buffers [px]
-_JUMP = 0.03  # neighbours at a larger distance are an outline [m]
+_JUMP = 0.02, 4.0  # neighbours at a larger distance are an outline: [m], and pixels that steep skin spans
 _TOLERANCE = 0.006  # a vertex so far behind the depth buffer is still what is seen there [m]
 _NEAREST = 0.05  # what is nearer than this to a camera is behind it [m]
 _RIM, _INSIDE = 1.0, 6.0  # nothing is taken so near to an outline; from there on colours are worth their all [px]
-_AT_RIM = 0.02  # what colours at the rim are worth
+_AT_RIM, _CERTAIN = 0.02, 0.25  # what colours at the rim are worth; and where nothing is mixed with filled skin
 _GRAZING = 0.08  # cosine below which nothing is taken
 _ROUNDS = 8
 _LOYALTY = 0.35  # by how much a view is worth more where a triangle's three neighbours take it
@@ -35,11 +35,14 @@ class Seen(NamedTuple):
         Where in the image [px].
     cosine : np.ndarray [shape=(V, K), dtype=float32]
         Of the angle between the normal and the way to the camera; 0 where it is not seen.
+    worth : np.ndarray [shape=(V, K), dtype=float32]
+        0..1: how far from outlines; 0 where it is not seen.
     """
 
     score: np.ndarray
     pixels: np.ndarray
     cosine: np.ndarray
+    worth: np.ndarray
 
 
 class DepthBuffer(NamedTuple):
@@ -66,7 +69,7 @@ def seen_vertices(mesh: Mesh, views: Sequence[ColorView], shifts: np.ndarray) ->
     normals = vertex_normals(mesh.vertices, mesh.triangles)
     score = np.zeros((len(mesh.vertices), len(views)), np.float32)
     pixels = np.zeros((len(mesh.vertices), len(views), 2), np.float32)
-    cosines = np.zeros(score.shape, np.float32)
+    cosines, worths = np.zeros(score.shape, np.float32), np.zeros(score.shape, np.float32)
     for k, view in enumerate(views):
         points = mesh.vertices @ view.from_avatar[:3, :3].T + view.from_avatar[:3, 3]
         z = np.maximum(points[:, 2], _NEAREST)
@@ -86,7 +89,8 @@ def seen_vertices(mesh: Mesh, views: Sequence[ColorView], shifts: np.ndarray) ->
         within = (pixels[:, k] > 1).all(axis=1) & (pixels[:, k] < (lens.width - 2, lens.height - 2)).all(axis=1)
         score[:, k] = np.where(shown & within, worth[v, u] * lens.fx * lens.fy * cosine / (z * z), 0.0)
         cosines[:, k] = np.where(score[:, k] > 0, cosine, 0.0)
-    return Seen(score, pixels, cosines)
+        worths[:, k] = np.where(score[:, k] > 0, worth[v, u], 0.0)
+    return Seen(score, pixels, cosines, worths)
 
 
 def choose_views(seen: Seen, triangles: np.ndarray, twin: np.ndarray) -> np.ndarray:
@@ -117,7 +121,7 @@ def view_weights(label: np.ndarray, seen: Seen, triangles: np.ndarray) -> np.nda
     """Share (V, K + 1) float32 of each view at each vertex, the last of filled skin; rows sum to 1.
 
     That of the triangles around it that take the view, and none of views that do not show it: views pass into each
-    other within the triangles along their border.
+    other within the triangles along their border, and into filled skin towards outlines.
     """
     count, views = seen.score.shape
     weight = np.zeros((count, views + 1))
@@ -127,6 +131,9 @@ def view_weights(label: np.ndarray, seen: Seen, triangles: np.ndarray) -> np.nda
             count, views + 1
         )
     weight[:, :views][seen.score <= 0] = 0.0
+    certain = np.clip((seen.worth - _AT_RIM) / (_CERTAIN - _AT_RIM), 0.0, 1.0)
+    weight[:, views] += (weight[:, :views] * (1.0 - certain)).sum(axis=1)
+    weight[:, :views] *= certain
     weight[weight.sum(axis=1) == 0, views] = 1.0
     return (weight / weight.sum(axis=1, keepdims=True)).astype(np.float32)
 
@@ -168,11 +175,12 @@ def _worth(mesh: Mesh, view: ColorView, buffer: DepthBuffer) -> np.ndarray:
     """0..1 (h, w) float32: how much the colours of each pixel of a view are worth."""
     depth = buffer.depth
     edge = ~np.isfinite(depth) | hidden_pixels(mesh, view, depth, buffer.scale)
+    steep = _JUMP[1] / (view.intrinsics.fx * buffer.scale)
     for axis in (0, 1):
         low, high = [slice(None)] * 2, [slice(None)] * 2
         low[axis], high[axis] = slice(None, -1), slice(1, None)
         with np.errstate(invalid="ignore"):
-            jump = np.abs(depth[tuple(high)] - depth[tuple(low)]) > _JUMP
+            jump = np.abs(depth[tuple(high)] - depth[tuple(low)]) > _JUMP[0] + steep * depth[tuple(low)]
         edge[tuple(low)] |= jump
         edge[tuple(high)] |= jump
     # an outline's own pixels are half outside
