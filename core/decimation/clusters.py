@@ -24,10 +24,13 @@ class Footpoints(NamedTuple):
         Vertices of the triangle.
     shares : np.ndarray [shape=(N, 3), dtype=float64]
         Barycentric coordinates, 0 to 1.
+    triangle : np.ndarray [shape=(N,), dtype=int64]
+        Its number.
     """
 
     corners: np.ndarray
     shares: np.ndarray
+    triangle: np.ndarray
 
 
 def clusters(into: np.ndarray) -> np.ndarray:
@@ -64,7 +67,7 @@ def footpoints(mesh: Mesh, cluster: np.ndarray, used: np.ndarray, points: np.nda
     shares, squared = _nearest_in_triangle(mesh.vertices[corners], points[asked])
     order = np.lexsort((squared, asked))
     first = order[np.concatenate(([True], np.diff(asked[order]) > 0))]
-    return Footpoints(corners[first], shares[first])
+    return Footpoints(corners[first], shares[first], triangle[first])
 
 
 def _nearest_in_triangle(corners: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -128,3 +131,42 @@ def blended_weights(weights: SkinWeights, at: Footpoints) -> SkinWeights:
     weight[:, bones:] = 0
     weight /= weight.sum(axis=1, keepdims=True)
     return SkinWeights(np.where(weight > 0, index, 0).astype(np.uint8), weight.astype(np.float32))
+
+
+def settled_places(
+    uv: np.ndarray, wedge: np.ndarray, rows: np.ndarray, inner: np.ndarray, at: Footpoints, full: np.ndarray
+) -> np.ndarray:
+    """Places in the texture (W, 2) of inner vertices looked up where they lie on the full mesh.
+
+    What was interpolated step by step on the way has drifted. A vertex keeps its place where a triangle would turn
+    over in the texture.
+
+    Parameters
+    ----------
+    uv : np.ndarray [shape=(W, 2)]
+        Places of the wedges.
+    wedge, rows : np.ndarray [shape=(T, 3)]
+        Of the corners left: their wedge, and their vertex as a row of ``at``.
+    inner : np.ndarray [shape=(N,), dtype=bool]
+        Vertices that lie on no seam.
+    at : Footpoints
+    full : np.ndarray [shape=(T', 3, 2)]
+        Places of the full mesh's corners.
+    """
+    places = np.einsum("nk,nkc->nc", at.shares, full[at.triangle].astype(np.float64))
+    moves = inner.copy()
+    area = _areas(uv[wedge])
+    while True:
+        moved = np.where(moves[rows][:, :, None], places[rows], uv[wedge])
+        bad = _areas(moved) * area <= 0.02 * area * area
+        if not (bad & moves[rows].any(axis=1)).any():
+            out = uv.copy()
+            out[wedge.ravel()] = moved.reshape(-1, 2)
+            return out
+        moves[rows[bad]] = False
+
+
+def _areas(places: np.ndarray) -> np.ndarray:
+    """Twice the signed areas of triangles (T, 3, 2)."""
+    one, other = places[:, 1] - places[:, 0], places[:, 2] - places[:, 0]
+    return one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]

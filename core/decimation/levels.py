@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import MirrorScanError, Notice
 from ..mesh import Mesh, Texture
-from .clusters import Footpoints, blended_weights, clusters, footpoints, mean_colors, nearest_values
+from .clusters import Footpoints, blended_weights, clusters, footpoints, mean_colors, nearest_values, settled_places
 
 if TYPE_CHECKING:
     from ..avatar.pose import SkinWeights
@@ -116,8 +117,18 @@ def levels_of_detail(
         wedge, places = (None, None) if texture is None else _wedges(mesh, texture)
         factor = np.ones(len(mesh.vertices))
         best: tuple[int, dict[int, Reduced]] | None = None
+
+        @cache
+        def crossing_before() -> np.ndarray:
+            """Vertices of the full mesh where surface runs through surface already."""
+            from ..mesh.self_intersections import self_intersections
+
+            return np.unique(mesh.triangles[self_intersections(mesh.vertices, mesh.triangles).ravel()])
+
         for _ in range(_ROUNDS):
-            levels, crossed, crossings = _one_pass(mesh, wanted, texture, weights, wedge, places, factor)
+            levels, crossed, crossings = _one_pass(
+                mesh, wanted, texture, weights, wedge, places, factor, crossing_before
+            )
             if best is None or crossings < best[0]:
                 best = crossings, levels
             if not crossed.any():
@@ -169,8 +180,9 @@ def _wedges(mesh: Mesh, texture: Texture) -> tuple[np.ndarray, np.ndarray]:
 def _one_pass(
     mesh: Mesh, wanted: list[int], texture: Texture | None, weights: SkinWeights | None,
     wedge: np.ndarray | None, places: np.ndarray | None, factor: np.ndarray,
+    crossing_before: Callable[[], np.ndarray],
 ) -> tuple[dict[int, Reduced], np.ndarray, int]:  # fmt: skip
-    """Each level; vertices (V,) of the full mesh where surface runs through surface, and at how many pairs."""
+    """Each level; vertices (V,) where surface came to run through surface, and at how many pairs."""
     from ..mesh.self_intersections import self_intersections
     from .edge_collapse import begin_collapse, collapse_until
 
@@ -182,10 +194,13 @@ def _one_pass(
         kept = np.flatnonzero(state.alive)
         corners = state.triangles[kept]
         pairs = self_intersections(state.points, corners)
-        crossings += len(pairs)
         if len(pairs):
+            excused = np.zeros(len(mesh.vertices), np.bool_)
+            excused[cluster[crossing_before()]] = True
+            fresh = ~excused[corners[pairs]].any(axis=(1, 2))
+            crossings += int(fresh.sum())
             at = np.zeros(len(mesh.vertices), np.bool_)
-            at[corners[pairs.ravel()].ravel()] = True
+            at[corners[pairs[fresh].ravel()].ravel()] = True
             crossed |= at[cluster]
         levels[count] = _level(mesh, state, count, kept, cluster, texture, weights)
     return levels, crossed, crossings
@@ -209,7 +224,8 @@ def _level(
     )
     smaller_texture = None
     if texture is not None:
-        smaller_texture = Texture(state.uv[state.wedge[kept]].astype(np.float32), texture.image, texture.island[kept])
+        uv = settled_places(state.uv, state.wedge[kept], triangles, state.seams[used] == 0, at, texture.uv)
+        smaller_texture = Texture(uv[state.wedge[kept]].astype(np.float32), texture.image, texture.island[kept])
     notes = []
     if len(kept) > count:
         notes.append(Notice(

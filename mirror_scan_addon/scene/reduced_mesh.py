@@ -81,7 +81,7 @@ def put_triangles(avatar: bpy.types.Object, reduced: Reduced, size: np.ndarray) 
     if reduced.texture is not None:
         made = data.uv_layers.new(name=layer, do_init=False)
         made.uv.foreach_set("vector", np.ascontiguousarray(reduced.texture.uv, np.float32).ravel())
-    _put(avatar, carried, _Place(*reduced.footpoints))
+    _put(avatar, carried, _Place(*reduced.footpoints[:2]))
 
 
 def quad_remesh(avatar: bpy.types.Object, faces: int, guide: Mesh) -> None:
