@@ -25,7 +25,7 @@ def person():
 
 @pytest.fixture
 def avatar(bpy, person):
-    """The mannequin in the scene with a skeleton, a UV map cut at x = 0, a second material and a group of the user's."""
+    """The mannequin in the scene: a skeleton, a UV map cut at x = 0, a second material and a group of the user's."""
     from mirror_scan.mirror_scan_addon.scene import armature, avatar_objects
 
     mesh, skeleton, weights = person
@@ -118,6 +118,19 @@ def test_quads_cover_the_same_body(bpy, avatar, person):
     check_colors_and_weights(avatar, person, 0.004)
     assert [item.name for item in bpy.data.objects if item.type == "MESH"] == [avatar.name]
     assert len(bpy.data.meshes) == 1
+
+
+@pytest.mark.parametrize("quads", [False, True])
+def test_one_undo_brings_everything_back(bpy, avatar, quads):
+    before = len(avatar.data.polygons), len(avatar.vertex_groups), len(bpy.data.objects)
+    bpy.ops.ed.undo_push(message="start")
+    assert bpy.ops.mirror_scan.reduce(triangles=3000, quads=quads) == {"FINISHED"}
+    bpy.ops.ed.undo_push(message="reduced")
+    bpy.ops.ed.undo()
+    back = bpy.data.objects["Avatar"]
+    assert (len(back.data.polygons), len(back.vertex_groups), len(bpy.data.objects)) == before
+    assert sum(len(vertex.groups) for vertex in back.data.vertices) > len(back.data.vertices)
+    assert back.data.uv_layers.active.name == "Skin"
 
 
 def test_a_scaled_avatar_in_another_unit_keeps_its_size(bpy, avatar):
