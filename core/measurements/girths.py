@@ -17,8 +17,9 @@ from .tape import Tape, lay_tape
 _STEP = 0.003  # between levels that are tried, at 1.7 m [m]
 _DRAWN = 1.7  # the height steps are meant for [m]
 _BELOW_SPINE = 0.02  # of body height: where the waist is looked for, from so far below the joint Spine
-_HIPS, _JOINED = 0.042, 0.04  # of body height: hip joints above the crotch; legs are not joined so far below that
+_HIPS, _JOINED = 0.045, 0.06  # of body height: hip joints above the crotch; legs are not joined so far below that
 _WEB, _WEB_SPREAD, _SEEN_CROTCH = 0.0055, 0.008, 0.004  # of body height
+_AROUND = 2  # levels to either side that a level is compared with
 _TILT = 0.6  # of the neck's tape, a tangent
 _NECK = 0.14  # of body height: what is farther from the neck's middle is not looked at
 _CROTCH = 0.010  # hips are above the level at which the legs part, by so much at 1.7 m [m]
@@ -74,8 +75,17 @@ def _trunk_lengths(body: Body, levels: np.ndarray) -> np.ndarray:
 
 
 def _best(lengths: np.ndarray, sign: float) -> int:
-    """Of the longest (sign 1) or shortest (sign -1)."""
-    return int(np.nanargmax(sign * np.where(np.isfinite(lengths), lengths, np.nan)))
+    """Of the longest (sign 1) or shortest (sign -1), where a spike or a dent of one or two levels counts for nothing.
+
+    Medians of neighbouring levels are compared; the level is the one whose length is that median.
+    """
+    padded = np.pad(lengths, _AROUND, constant_values=np.nan)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * _AROUND + 1)
+    order = np.sort(windows, axis=1)  # nan come last
+    middle = (np.isfinite(windows).sum(axis=1) - 1) // 2
+    medians = np.where(middle >= 0, order[np.arange(len(order)), middle], np.nan)
+    at = int(np.nanargmax(sign * medians))
+    return at - _AROUND + int(np.nanargmin(np.abs(windows[at] - medians[at])))
 
 
 def _trunk_girth(body: Body, low: float, high: float, spread: tuple[float, float], sign: float, what: str) -> Girth:
@@ -141,7 +151,7 @@ def crotch_level(body: Body) -> Crotch:
     lowest = joined[0] if len(joined) else len(levels) - 1
     expected = float(hips[2] - _HIPS * body.height)
     if lowest == 0 or levels[lowest] < expected - _JOINED * body.height:
-        return Crotch(expected, expected, 0.5 * _JOINED * body.height)
+        return Crotch(expected, expected, _JOINED * body.height)
     low, high = levels[lowest - 1], levels[lowest]
     for _ in range(5):
         middle = 0.5 * (low + high)
@@ -216,12 +226,14 @@ def thigh(body: Body, side: int, crotch: Crotch) -> Girth:
     at += _BELOW_CROTCH * body.height / _DRAWN
     what = f"{SIDES[side].lower()} thigh"
     if at >= 0.7 * length:  # joined all the way down: what the weights say is its own
-        at = (start[2] - crotch.level) / max(-along[2], 0.5)
 
         def own(at: float) -> PlaneCut:
             found = cut(at)
             return found.part(found.values(body.legs[side]) >= 0.5)
 
+        at = (start[2] - crotch.level) / max(-along[2], 0.5)
+        while at < 0.7 * length and len(own(at).points) < 3:
+            at += step
         return _placed(own, start, along, at, (-crotch.spread, crotch.spread), what)
     found = _placed(own, start, along, at, (crotch.spread,), what)
     lift = crotch.level - crotch.parted
