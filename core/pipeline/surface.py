@@ -107,9 +107,11 @@ class PlacedCapture:
 
 @dataclass(frozen=True)
 class ClosedSurface:
-    """What zippering and closing made of a scan: the closed ``mesh`` in the avatar frame, and how."""
+    """What zippering and closing made of a scan, and how: the closed ``mesh`` in the avatar frame, and where the camera
+    sees it."""
 
     mesh: Mesh
+    in_camera: Mesh
     to_avatar: np.ndarray
     soundness: dict
     scan: Scan
@@ -135,7 +137,9 @@ def joining_steps(
     warnings = (*closed.warnings, *avatar.notices)
     report = make_report(of_scan, scan, avatar, soundness, warnings, clock)
     if frame == "camera":
+        seen = closed.in_camera if avatar.mesh is closed.mesh else None
         avatar = avatar.transformed(np.linalg.inv(to_avatar))
+        avatar = avatar if seen is None else replace(avatar, mesh=seen)  # bit for bit
     return Reconstruction(
         avatar.mesh, frame, to_avatar, report, warnings, tuple(closed.patches), tuple(scan.mirrors),
         avatar.skeleton, avatar.weights, avatar.texture, avatar.measurements,
@@ -182,7 +186,7 @@ def closing_steps(scan: Scan, settings: Settings, clock: Clock) -> Generator[tup
     soundness = mesh_report(mesh)
     check_avatar(mesh, soundness["volume_m3"], _facts(scan, settings, to_avatar), settings.views.object)
     clock.lap("checking")
-    return ClosedSurface(mesh, to_avatar, soundness, scan, patches, seams, (*scan.warnings, *notes))
+    return ClosedSurface(mesh, closed, to_avatar, soundness, scan, patches, seams, (*scan.warnings, *notes))
 
 
 def _shots(scan: Scan, cameras: Sequence[PlacedCapture], to_avatar: np.ndarray) -> list[Shot]:
