@@ -42,8 +42,8 @@ SENTENCE = re.compile(r"[A-Za-z’'–-]{2,}[,;:]? +[A-Za-z“(–-]{2,}")
 FIELD = re.compile(r"\{\w+[^{}]*\}")
 """What is filled into a template."""
 
-LANGUAGE = re.compile(r"%s|(SELECT|comment|element|property|format) ")
-"""How texts begin that programs read: the log's, a database's and PLY's."""
+LANGUAGE = re.compile(r"%s|\s*(<|\w+=\")|(SELECT|comment|element|property|format) ")
+"""How texts begin that programs read: the log's, XML, a database's and PLY's."""
 
 
 def sources() -> list[Path]:
