@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...mesh import Mesh
+from ...mesh import FILL, Mesh
 from ...mesh.normals import vertex_normals
 from ...mesh.surface_distance import sample_surface
 from ...numeric.rotations import from_vectors, to_vectors, unit
@@ -18,6 +18,8 @@ from .template_fit import Fit, Surface, fit, forearms, joint_spread, mirrored_tu
 _SAMPLES = 3000
 _ARMS_DOWN = (-80.0, -25.0, 0.0, 25.0)  # from the template's rest pose, which has them some 45° down [deg]
 _COARSE, _FINE = np.geomspace(0.12, 0.05, 8), np.geomspace(0.05, 0.025, 12)
+_FILLED = 0.3  # how much filled surface counts, next to smooth measured one
+_SMOOTH, _ROUGH = np.radians(5.0), np.radians(15.0)  # of normals to those of a smoother mesh: fills count little, fully
 _RIGID = 2  # first steps without change of shape
 _BUMPS, _ROUNDS = 0.03, 30  # of body height; rounds of smoothing at most
 _INSIDE, _MOST_INSIDE = 0.012, 0.06  # of body height under the trunk's skin; share of a forearm that may lie so deep
@@ -88,14 +90,21 @@ def _arms_as_others(state: BodyState, sides: list[str]) -> BodyState:
 
 
 def sampled(mesh: Mesh) -> tuple[Surface, Surface]:
-    """Points spread evenly over a mesh with its normals; fewer, with the normals of a smoother mesh."""
+    """Points spread evenly over a mesh with its normals; fewer, with the normals of a smoother mesh.
+
+    What was measured counts more than what filled its holes, unless it is rough itself.
+    """
     points, triangle = sample_surface(mesh, _SAMPLES)
     corners = mesh.triangles[triangle]
     normals = vertex_normals(mesh.vertices, mesh.triangles)
     smooth = _smoothed(mesh, normals.copy())
-    return Surface(points, unit(normals[corners].sum(axis=1))), Surface(
-        points[::3], unit(smooth[corners[::3]].sum(axis=1))
-    )
+    own, smoother = unit(normals[corners].sum(axis=1)), unit(smooth[corners].sum(axis=1))
+    counts = np.ones(len(points))
+    if mesh.kind is not None and (filled := mesh.kind[triangle] == FILL).any() and not filled.all():
+        bent = np.median(np.arccos(np.clip(np.einsum("ij,ij->i", own, smoother)[~filled], -1.0, 1.0)))
+        counts[filled] = np.interp(bent, (_SMOOTH, _ROUGH), (_FILLED, 1.0))
+    fine = Surface(points, own, counts)
+    return fine, Surface(points[::3], smoother[::3], counts[::3])
 
 
 def _smoothed(mesh: Mesh, normals: np.ndarray) -> np.ndarray:

@@ -29,10 +29,11 @@ SPREAD = np.radians([_SPREADS[name.removeprefix("Left").removeprefix("Right")] f
 
 @dataclass(frozen=True)
 class Surface:
-    """Samples of a mesh: points (S, 3) [m] and outward unit normals (S, 3)."""
+    """Samples of a mesh: points (S, 3) [m], outward unit normals (S, 3), and how much each counts (S,), 0 to 1."""
 
     points: np.ndarray
     normals: np.ndarray
+    counts: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -85,12 +86,12 @@ def fit(
         Sides whose forearm and hand the surface lacks: nothing pairs with them, and they stand as the other side's.
     """
     size = len(state.shape)
-    counts = ~np.isin(np.argmax(template.weights, axis=1), forearms(lost))
+    known = ~np.isin(np.argmax(template.weights, axis=1), forearms(lost))
     for step, reach in enumerate(reaches):
         body = posed(template, state)
         to_surface, to_body, forth, back = _pairs(body, surface, 0.5 * reach * state.height)
         pull, push = _pair_terms(body, surface, to_surface, to_body, forth, back, reach * state.height)
-        pull[~counts], push[~counts] = 1e-9 * np.eye(3), 0.0
+        pull[~known], push[~known] = 1e-9 * np.eye(3), 0.0
         jacobian, _ = derivatives(template, state, body)
         root = np.linalg.cholesky(pull)
         rows = np.einsum("vij,vip->vjp", root, jacobian).reshape(-1, jacobian.shape[2])
@@ -124,7 +125,7 @@ def _pair_terms(body, surface, to_surface, to_body, forth, back, reach):
     apart = np.concatenate((to_surface, to_body))
     normal = surface.normals[to]
     agree = np.clip(np.einsum("si,si->s", normal, body.normals[of]), 0.0, 1.0)
-    weight = agree * (reach**2 / (reach**2 + apart**2)) ** 2
+    weight = agree * (reach**2 / (reach**2 + apart**2)) ** 2 * surface.counts[to]
     weight[count:] *= count / len(back)
     offset = surface.points[to] - body.points[of]
     form = weight[:, None, None] * ((1 - _TANGENT) * normal[:, :, None] * normal[:, None, :] + _TANGENT * np.eye(3))

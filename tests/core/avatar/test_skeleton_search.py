@@ -12,7 +12,7 @@ from mirror_scan.core.avatar.joints.skeleton_search import find_skeleton
 from mirror_scan.core.avatar.skeleton import BONES, OTHER_SIDE
 from mirror_scan.core.errors import ReconstructionError
 from mirror_scan.core.io import read_mesh
-from mirror_scan.core.mesh import Mesh
+from mirror_scan.core.mesh import FILL, SURFACE, Mesh
 from mirror_scan.core.mesh.submesh import keep_triangles
 from mirror_scan.core.simulation.mannequin import Figure, random_figure, rigged_mannequin
 from mirror_scan.core.simulation.props import box, chair
@@ -141,3 +141,19 @@ def test_confidence_is_lower_where_errors_are_larger():
     assert ((sure >= 0) & (sure <= 1)).all()
     half = np.median(sure)
     assert off[sure >= half].mean() < off[sure < half].mean()
+
+
+def test_what_was_filled_counts_less_than_what_was_measured(standing):
+    """A shin that fills have swollen on one side: knee and ankle are nearer to the truth where fills are known."""
+    mesh, truth = standing
+    knee, foot = BONES.index("LeftLeg"), BONES.index("LeftFoot")
+    low, high = truth.joints[foot, 2] + 0.02, truth.joints[knee, 2] + 0.05
+    x, _, z = mesh.vertices.T
+    swollen = (z > low) & (z < high) & (x > np.interp(z, (low, high), truth.joints[[foot, knee], 0]))
+    bulged = mesh.vertices + np.where(swollen[:, None], (0.03, 0.0, 0.0), 0.0)
+    kind = np.where(swollen[mesh.triangles].any(axis=1), FILL, SURFACE).astype(np.int8)
+    off = [
+        errors(find_skeleton(replace(mesh, vertices=bulged, kind=known)), truth.joints)[[knee, foot]].mean()
+        for known in (kind, None)
+    ]
+    assert off[0] < 0.9 * off[1]
