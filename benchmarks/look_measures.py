@@ -111,7 +111,7 @@ def rows_of(one: Subject, sensor: str, measures: Measurements) -> list[Row]:
 
 
 def tables(quick: bool = False, pictures: Path | None = None) -> Result:
-    """True surfaces, then scans: bare bodies and mannequins by ``SENSOR``, all given bodies by other sensors by turns."""
+    """True surfaces, then scans: bare bodies and mannequins by ``SENSOR``, given bodies by other sensors by turns."""
     people = [one for one in subjects() if one.kind != "mannequin"]
     figures = [one for one in subjects() if one.kind == "mannequin"]
     bare = [one for one in people if one.kind == "bare"]

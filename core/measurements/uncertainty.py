@@ -17,7 +17,7 @@ from .tape import DIRECTIONS
 
 _COVERED = 1.96  # standard deviations that hold 95 %
 # By how much a tape is too short, and the spread of that, as a share of its length, where half of it nobody saw.
-_SHORT = {"upper_arm": (0.09, 0.075), "neck": (0.03, 0.06)}
+_SHORT = {"upper_arm": (0.09, 0.065), "neck": (0.06, 0.055), "calf": (0.012, 0.0), "thigh": (0.006, 0.0)}
 _MOST_UNSEEN = 4.0  # unseen directions, as a multiple of the seen: what is more is reckoned as this
 _HAIR_AND_SOLES = 2.0  # thicknesses of cloth
 _FILL_REACH = np.radians(30.0)  # over which filled surface errs alike
@@ -63,7 +63,7 @@ class Uncertainty:
     smeared : float
         Noise of so much adds once more as much again: a camera that is so noisy smears edges [m].
     skin : float
-        Of surface anywhere, as it is smoothed by meshing, in proportion to nothing; correlated along a tape.
+        Of surface anywhere, all round a tape alike.
     end : float
         Of the top of a head that nobody saw.
     rough : float
@@ -77,7 +77,7 @@ class Uncertainty:
         Of a joint, beside what its confidence says, as a share of body height.
     """
 
-    shift: float = 0.0015
+    shift: float = 0.0012
     correlated: float = 0.6
     smeared: float = 0.009
     skin: float = 0.0007
@@ -111,7 +111,7 @@ def joint_spread(body: Body, errors: Uncertainty, *joints: str) -> float:
     confidence = np.array([body.skeleton.confidence[BONES.index(name)] for name in joints])
     if (confidence >= 1.0).all():
         return 0.0
-    spread = -0.012 * np.log(np.maximum(confidence, 1e-3)).max()
+    spread = -0.010 * np.log(np.maximum(confidence, 1e-3)).max()
     return float(_COVERED * np.hypot(spread, errors.joint) * body.height)
 
 
@@ -133,7 +133,7 @@ def girth_estimate(
     rests on filled surface, with a large error that neighbouring directions share. Seen directions keep what was read;
     the others get the expected value. The error follows by propagation through both.
 
-    Of arms and necks views lose the edges, so that too little is expected even then: what is missing grew in scans of
+    Of limbs and necks views lose the edges, so that too little is expected even then: what is missing grew in scans of
     mannequins with the ratio of unseen to seen directions.
     """
     tape, cut = girth.tape, girth.cut
