@@ -20,7 +20,9 @@ _LEVELS = 12  # of each channel, where colours are counted
 _ENOUGH = 300  # pixels inside and outside
 _BLOCK = 24  # rows of the blocks that make the two halves [px]
 _AGREE = 1.0  # both halves must say the same so nearly [px]
-_UNCERTAIN = 0.0015  # a shift below says more of the mesh's outline than of the colours [m]
+_UNCERTAIN, _NEAR = 0.0015, 0.75  # shifts below say more of the mesh's outline, and of pixels, than of colours [m, px]
+_GROWN = (-1.5, 0.0, 1.5)  # by how much the mesh's outline may be too wide or too narrow [px]
+_AS_GOOD = 0.97  # of the best score: that too wide or too narrow outlines fit as well
 _LEAST = 0.04  # mean log likelihood ratio over the band, below which outlines say nothing
 
 
@@ -66,22 +68,30 @@ def _shift(mesh: Mesh, view: ColorView) -> np.ndarray | None:
     if min(len(within), len(without)) < _ENOUGH:
         return None
     ratio = _log_ratio(within, without)[code]
-    band = ((inside <= reach) & (outside <= reach)) & clear
-    sign = np.where(mask, 1.0, -1.0) * band
-    # in and out weigh the same, so that nothing but where the outline lies counts
-    sign[mask] *= (sign < 0).sum() / max((sign > 0).sum(), 1)
-    half = (np.arange(len(mask)) // _BLOCK) % 2 == 0
-    parts = [_scores(np.where((half == which)[:, None], sign, 0.0), ratio, reach) for which in (True, False)]
-    peaks = [_peak(part) for part in parts]
-    whole = _peak(parts[0] + parts[1])
-    if whole is None or peaks[0] is None or peaks[1] is None:
+    height = np.where(mask, inside - 0.5, 0.5 - outside)
+    shape = [-(-(n + 2 * reach) // 64) * 64 for n in mask.shape]  # sizes that the transform is quick with
+    spectrum = np.fft.rfft2(ratio, shape)
+    found = []
+    for grown in _GROWN:
+        sign = _band(height + grown, reach, clear)
+        scores = _scores(sign, spectrum, shape, reach)
+        found.append((float(scores.max() / max(np.abs(sign).sum(), 1.0)), _peak(scores), sign, scores))
+    most, whole, sign, scores = max(found, key=lambda one: one[0])
+    half = (np.arange(len(mask)) // _BLOCK)[:, None] % 2 == 0
+    first = _scores(np.where(half, sign, 0.0), spectrum, shape, reach)
+    peaks = [_peak(first), _peak(scores - first)]
+    if whole is None or peaks[0] is None or peaks[1] is None or most < _LEAST:
         return None
-    if np.abs(peaks[0] - peaks[1]).max() > _AGREE or (parts[0] + parts[1]).max() < _LEAST * np.abs(sign).sum():
+    if np.abs(peaks[0] - peaks[1]).max() > _AGREE:
         return None
-    shift = (whole - reach) / scale
+    # a mesh that is too thin or too thick moves to where most of its outline can be told
+    others = [peak for worth, peak, _, _ in found if peak is not None and worth > _AS_GOOD * most]
+    told = np.ptp(others, axis=0) <= _AGREE
     # no nearer than the mesh's own outline is known
     pixel = float(np.median(depth[np.isfinite(depth)])) / view.intrinsics.fx
-    return np.where(np.abs(shift) * pixel > _UNCERTAIN, shift, 0.0)
+    shift = (whole - reach) / scale
+    told &= np.abs(shift) > max(_UNCERTAIN / pixel, _NEAR / scale)
+    return np.where(told, shift, 0.0)
 
 
 def _scaled(image: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -105,10 +115,16 @@ def _log_ratio(within: np.ndarray, without: np.ndarray) -> np.ndarray:
     return np.clip(np.log(tables[0] / tables[1]), -2.0, 2.0)
 
 
-def _scores(sign: np.ndarray, ratio: np.ndarray, reach: int) -> np.ndarray:
+def _band(height: np.ndarray, reach: int, clear: np.ndarray) -> np.ndarray:
+    """1 inside and -1 outside of an outline at ``height`` 0 (h, w), as far as ``reach``; both weigh the same."""
+    sign = np.where(height > 0, 1.0, -1.0) * ((np.abs(height) <= reach) & clear)
+    sign[height > 0] *= (sign < 0).sum() / max((sign > 0).sum(), 1)
+    return sign
+
+
+def _scores(sign: np.ndarray, spectrum: np.ndarray, shape: list[int], reach: int) -> np.ndarray:
     """Σ sign(x) ratio(x + s) for shifts s up to ``reach`` each way: (2 reach + 1, 2 reach + 1), rows first."""
-    shape = [-(-(n + 2 * reach) // 64) * 64 for n in sign.shape]  # sizes that the transform is quick with
-    product = np.fft.irfft2(np.conj(np.fft.rfft2(sign, shape)) * np.fft.rfft2(ratio, shape), shape)
+    product = np.fft.irfft2(np.conj(np.fft.rfft2(sign, shape)) * spectrum, shape)
     near = np.arange(-reach, reach + 1)
     return product[near[:, None] % shape[0], near % shape[1]]
 
