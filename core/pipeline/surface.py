@@ -108,7 +108,8 @@ class PlacedCapture:
 @dataclass(frozen=True)
 class ClosedSurface:
     """What zippering and closing made of a scan, and how: the closed ``mesh`` in the avatar frame, and where the camera
-    sees it."""
+    sees it.
+    """
 
     mesh: Mesh
     in_camera: Mesh

@@ -92,6 +92,7 @@ def level_seams(graph: tuple[np.ndarray, np.ndarray], seen: Seen, colors: np.nda
             continue
         trust = np.minimum(seen.score[:, a], seen.score[:, b])
         trust = np.where(both, trust / max(float(np.median(trust[border])), 1e-9), 0.0).clip(0.0, 1.0)
+        trust *= np.minimum(seen.worth[:, a], seen.worth[:, b])  # near outlines colours may be the background's
         difference = colors[:, a] - colors[:, b]
         # patterns that lie a little beside one another say little: the more they differ, the more of them count
         scatter = float(np.average(difference[both].var(axis=1), weights=trust[both] + 1e-9))
