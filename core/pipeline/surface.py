@@ -107,9 +107,7 @@ class PlacedCapture:
 
 @dataclass(frozen=True)
 class ClosedSurface:
-    """What zippering and closing made of a scan, and how: the closed ``mesh`` in the avatar frame, and where the camera
-    sees it.
-    """
+    """What zippering and closing made of a scan, and how; ``mesh`` in the avatar frame, ``in_camera`` in the scan's."""
 
     mesh: Mesh
     in_camera: Mesh

@@ -24,13 +24,13 @@ class _Bake:
 
     error = None
 
-    def __init__(self, scene: bpy.types.Scene, garments: list[int], made: list[int]):
-        from ..scene import avatar_objects, cloth
+    def __init__(self, scene: bpy.types.Scene, garments: list[int]) -> None:
+        from ..scene import cloth
 
         self.progress = (0.0, "Letting the cloth fall")
         self.result = self
-        self._made, self._done = made, False
-        self._steps = cloth.pose_cloth([avatar_objects.object_of(uid) for uid in garments], scene)
+        self._done = False
+        self._steps = cloth.pose_cloth(garments, scene)
 
     def is_alive(self) -> bool:
         if not self._done:
@@ -41,43 +41,39 @@ class _Bake:
         return not self._done
 
     def ask_to_stop(self) -> None:
-        """Before its end: what was made for it goes."""
-        if self._done:
-            return
-        from ..scene import avatar_objects, cloth
-
         self._steps.close()
-        items = [avatar_objects.object_of(uid) for uid in self._made]
-        cloth.remove([item for item in items if item is not None])
 
 
 class _ClothOperator(job_operators.JobOperator):
     """Base of operators whose result may be baked: the cloth falls through all frames, with progress and Esc."""
 
-    _made: list[int]  # objects that were added, by their numbers
-    _worn: list[int]  # garments that were made cloth
-
-    def wants_bake(self) -> bool:
-        return self.bake and bool(self._worn)
+    _worn: list[int]  # garments that were made cloth, by their numbers
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         done = super().execute(context)
-        if done == {"FINISHED"} and self.wants_bake():
+        if done == {"FINISHED"} and self.bake and self._worn:
             manager = context.window_manager
             manager.progress_begin(0, 100)
-            bake = _Bake(context.scene, self._worn, self._made)
+            bake = _Bake(context.scene, self._worn)
             while bake.is_alive():
                 manager.progress_update(round(100 * bake.progress[0]))
             manager.progress_end()
         return done
 
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if isinstance(self._worker, _Bake) and event.type == "ESC" and event.value == "PRESS":
+            self.cancel(context)
+            self.report({"INFO"}, say("Baking was stopped; the cloth falls when the scene is played"))
+            return {"FINISHED"}
+        return super().modal(context, event)
+
     def _deliver(self, context: bpy.types.Context, result: object) -> set[str]:
         if isinstance(result, _Bake):
             return {"FINISHED"}
         done = super()._deliver(context, result)
-        if done != {"FINISHED"} or not self.wants_bake() or context.scene.session_uid != self._scene_uid:
+        if done != {"FINISHED"} or not (self.bake and self._worn) or context.scene.session_uid != self._scene_uid:
             return done
-        self._worker = _Bake(context.scene, self._worn, self._made)
+        self._worker = _Bake(context.scene, self._worn)
         self._timer = context.window_manager.event_timer_add(job_operators.TICK_S, window=context.window)
         return {"RUNNING_MODAL"}
 
@@ -114,7 +110,7 @@ class MIRRORSCAN_OT_dress(_ClothOperator, bpy.types.Operator):
     def start(self, context: bpy.types.Context) -> job_operators.Task:
         from ..scene import armature, cloth
 
-        self._made, self._worn = [], []
+        self._worn = []
         if self.bake and not self.tight:
             cloth.check_motion(context.scene)
         avatar = _avatar_of(context)
@@ -127,7 +123,6 @@ class MIRRORSCAN_OT_dress(_ClothOperator, bpy.types.Operator):
         from ..scene import armature, avatar_objects, cloth
 
         avatar = _alive(self._uid)
-        known = {item.session_uid for item in bpy.data.objects}
         with armature.object_mode(context, target):
             collection = _collection_of(avatar, target)
             old = [item for item in cloth.garments_of(avatar) if item[cloth.GARMENT]["name"] == result.name]
@@ -140,7 +135,6 @@ class MIRRORSCAN_OT_dress(_ClothOperator, bpy.types.Operator):
                 self._worn = [made.session_uid]
             else:
                 cloth.keep_off_skin(made, avatar, 1.0 / cloth.metres_per_unit(target))
-        self._made = [item.session_uid for item in bpy.data.objects if item.session_uid not in known]
         if target == context.scene:
             avatar_objects.select_only(context, avatar)
         text = say("{name}: {count} vertices").format(name=made.name, count=len(made.data.vertices))
@@ -177,7 +171,7 @@ class MIRRORSCAN_OT_prepare_for_cloth(_ClothOperator, bpy.types.Operator):
         from ...core.mesh import Mesh
         from ..scene import armature, avatar_objects, cloth
 
-        self._made, self._worn = [], []
+        self._worn = []
         avatar = _avatar_of(context)
         self._uid = avatar.session_uid
         unit = armature.unit_of(avatar, context.scene)
@@ -203,7 +197,6 @@ class MIRRORSCAN_OT_prepare_for_cloth(_ClothOperator, bpy.types.Operator):
         from ..scene import armature, cloth
 
         avatar = _alive(self._uid)
-        known = {item.session_uid for item in bpy.data.objects}
         with armature.object_mode(context, target):
             if cloth.collider_of(avatar) is None:
                 cloth.add_collider(avatar, _collection_of(avatar, target), target)
@@ -218,7 +211,6 @@ class MIRRORSCAN_OT_prepare_for_cloth(_ClothOperator, bpy.types.Operator):
                 else:
                     cloth.make_cloth(garment, avatar, target, self.pins or cloth.PINNED)
                     self._worn.append(uid)
-        self._made = [item.session_uid for item in bpy.data.objects if item.session_uid not in known]
         text = say("{name}: ready for cloth, {count} garments").format(name=avatar.name, count=len(result))
         self.report({"INFO"}, text)
 

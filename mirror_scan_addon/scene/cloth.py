@@ -6,7 +6,7 @@ made up for afterwards: the last modifier keeps every vertex of the cloth a litt
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Sequence
 from dataclasses import replace
 
 import bpy
@@ -211,16 +211,17 @@ def _places(item: bpy.types.Object) -> np.ndarray | None:
     return uv[loops]
 
 
-def pose_cloth(garments: list[bpy.types.Object], scene: bpy.types.Scene) -> Iterator[float]:
+def pose_cloth(garments: Sequence[int], scene: bpy.types.Scene) -> Generator[float, None, None]:
     """Let cloth fall through the scene's frames, a frame a step, and keep it; yields the share that is done.
 
-    The scene stands at its first frame afterwards. The context's scene must be ``scene``.
+    The scene stands at its first frame afterwards. ``garments`` are numbers of objects (``session_uid``): they may be
+    deleted meanwhile.
     """
     first, last = scene.frame_start, scene.frame_end
     for frame in range(first, last + 1):
         scene.frame_set(frame)
         yield (frame - first + 1) / (last - first + 1)
-    for garment in garments:
+    for garment in filter(None, map(avatar_objects.object_of, garments)):
         for modifier in garment.modifiers:
             if modifier.type == "CLOTH":
                 with bpy.context.temp_override(

@@ -177,17 +177,17 @@ def test_an_avatar_without_skeleton_cannot_be_dressed(bpy, rigged):
     assert not bpy.ops.mirror_scan.dress.poll() and not bpy.ops.mirror_scan.prepare_for_cloth.poll()
 
 
-def test_a_bake_that_is_stopped_leaves_nothing(bpy, avatar):
+def test_a_bake_goes_frame_by_frame_and_can_be_stopped(bpy, avatar):
     from mirror_scan.mirror_scan_addon.operators.dress import _Bake
 
     walk(bpy, avatar, 6)
     bpy.ops.mirror_scan.dress(kind="skirt")
     (skirt,) = worn(avatar)
-    made = [item.session_uid for item in bpy.data.objects if item not in (avatar, avatar.parent)]
-    bake = _Bake(bpy.context.scene, [skirt.session_uid], made)
+    cloth = next(modifier for modifier in skirt.modifiers if modifier.type == "CLOTH")
+    bake = _Bake(bpy.context.scene, [skirt.session_uid])
     assert bake.is_alive() and bake.is_alive() and 0 < bake.progress[0] < 1
     bake.ask_to_stop()
-    assert len(bpy.data.objects) == 2 and not worn(avatar)
+    assert not bake.is_alive() and worn(avatar) == [skirt] and not cloth.point_cache.is_baked
 
 
 def test_a_dressed_file_comes_back(bpy, rigged, tmp_path):
