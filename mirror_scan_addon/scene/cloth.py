@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections.abc import Generator, Sequence
 from dataclasses import replace
 
+import bmesh
 import bpy
 import numpy as np
 from mathutils import Matrix
 
 from ...core.avatar.garment import Garment
 from ...core.avatar.pose import SkinWeights
+from ...core.avatar.skeleton import BONES
 from ...core.errors import OutputError
 from ..language.texts import say
 from . import avatar_objects
@@ -134,6 +136,9 @@ def add_collider(
 ) -> bpy.types.Object:
     """A coarse copy of the avatar that cloth falls on: moved by the same armature, hidden in renders.
 
+    Forearms and hands are left out: where a skirt is worn over hands that hang at the hips, they would catch it and
+    carry it along. The last modifiers of cloth keep it off their skin.
+
     The collection must be in a view layer of ``scene``.
     """
     copy = avatar.copy()
@@ -141,6 +146,7 @@ def add_collider(
     copy.animation_data_clear()
     copy.modifiers.clear()
     collection.objects.link(copy)
+    _cut_off_hands(copy)
     decimate = copy.modifiers.new("Decimate", "DECIMATE")
     decimate.ratio = min(1.0, _COLLIDER_TRIANGLES / max(len(copy.data.polygons), 1))
     layer = scene.view_layers[0]
@@ -168,6 +174,17 @@ def add_collider(
     copy.select_set(False, view_layer=layer)
     copy.hide_set(True, view_layer=layer)
     return copy
+
+
+def _cut_off_hands(item: bpy.types.Object) -> None:
+    """Delete the vertices of an avatar's mesh that forearms and hands hold most."""
+    held = read_weights(item).index[:, 0]
+    away = np.isin(held, [bone for bone, name in enumerate(BONES) if name.endswith(("ForeArm", "Hand"))])
+    work = bmesh.new()
+    work.from_mesh(item.data)
+    bmesh.ops.delete(work, geom=[vertex for vertex in work.verts if away[vertex.index]], context="VERTS")
+    work.to_mesh(item.data)
+    work.free()
 
 
 def is_worn(item: bpy.types.Object) -> bool:
