@@ -29,7 +29,7 @@ from mirror_scan.core.preview.mesh_views import SIDES, render_views
 from mirror_scan.core.simulation.scene import Rig, default_rig
 from mirror_scan.core.simulation.simulate import simulate
 from mirror_scan.core.texture import ColorView, TextureSettings, color_views, make_texture
-from mirror_scan.core.texture.islands import flipped_count
+from mirror_scan.core.texture.unwrapping.islands import flipped_count
 from mirror_scan.core.texture.visibility import choose_views, seen_vertices
 
 from .machine import say

@@ -14,4 +14,5 @@ __all__ = [
     "make_texture",
     "refined_texture",
     "texture_steps",
+    "unwrapping",
 ]

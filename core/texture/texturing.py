@@ -16,10 +16,10 @@ from ..numeric.srgb import from_linear, to_linear
 from .atlas import Shading, pad, paint
 from .baked_light import light_factors
 from .color_cameras import ColorView
-from .islands import unwrap
 from .seam_levelling import exposure_gains, gain_tables, level_seams
 from .silhouette_registration import view_shifts
 from .surface_diffusion import diffuse, neighbours
+from .unwrapping import unwrap
 from .visibility import Seen, choose_views, seen_vertices, view_weights
 
 

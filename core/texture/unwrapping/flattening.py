@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..mesh.boundary_loops import boundary_loops
-from ..mesh.half_edges import edge_keys
-from ..numeric.sparse_least_squares import elimination_order, solve_squares
+from ...mesh.boundary_loops import boundary_loops
+from ...mesh.half_edges import edge_keys
+from ...numeric.sparse_least_squares import elimination_order, solve_squares
 
 _THINNEST = 0.02  # least height of a triangle in parts of its longest edge, as it is laid flat
 _ITERATIONS, _LONG = 4, 12  # local and global steps from a conformal map, and from a circle

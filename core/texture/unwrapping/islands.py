@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..avatar.pose import SkinWeights
-from ..avatar.skeleton import BONES
-from ..mesh.half_edges import twins
-from ..mesh.normals import triangle_normals
-from ..mesh.submesh import components_of, remove_bowties, renumbered
-from ..mesh.triangle_mesh import Mesh
-from ..numeric.threads import each
+from ...avatar.pose import SkinWeights
+from ...avatar.skeleton import BONES
+from ...mesh.half_edges import twins
+from ...mesh.normals import triangle_normals
+from ...mesh.submesh import components_of, remove_bowties, renumbered
+from ...mesh.triangle_mesh import Mesh
+from ...numeric.threads import each
 from .flattening import flatten, flipped
 from .packing import pack
 

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mirror_scan.core.avatar.skin_weights import skinned_mesh
 from mirror_scan.core.mesh import Mesh
-from mirror_scan.core.texture.flattening import crosses_itself, flatten, flipped
-from mirror_scan.core.texture.islands import find_islands, flipped_count, is_disk, unwrap
+from mirror_scan.core.texture.unwrapping.flattening import crosses_itself, flatten, flipped
+from mirror_scan.core.texture.unwrapping.islands import find_islands, flipped_count, is_disk, unwrap
 from standing_body import standing_body
 
 trimesh = pytest.importorskip("trimesh")

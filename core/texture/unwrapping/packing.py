@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..mesh.boundary_loops import boundary_loops
-from ..numeric.kernels import njit
+from ...mesh.boundary_loops import boundary_loops
+from ...numeric.kernels import njit
 
 _GRID = 512  # cells along the square's side
 _TURNS = 90  # angles that are tried for the least box

@@ -1,0 +1,7 @@
+"""The skin cut into islands, laid flat and packed into the image."""
+
+from __future__ import annotations
+
+from .islands import unwrap
+
+__all__ = ["flattening", "islands", "packing", "unwrap"]
