@@ -8,6 +8,8 @@ import json
 import math
 import os
 import time
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +22,7 @@ from .outputs import (
     Writers,
     blaming,
     check_targets,
+    level_paths,
     make_folder,
     motion_writer_of,
     plain,
@@ -41,6 +44,7 @@ if TYPE_CHECKING:
     from ..mirrors.picked_mirror import MirrorSettings
     from ..motion import Clip
     from ..pipeline import Reconstruction, Settings
+    from .outputs import Write
 
 
 DEMO_COLOR_SCALE = 2
@@ -60,7 +64,12 @@ def run_reconstruct(options: argparse.Namespace, writers: Writers) -> None:
     options.skeleton = options.skeleton or options.vrm
     files = AvatarFiles(options.vrm, print_of(options), bool(options.texture), options.measure)
     outputs = plan_outputs(options.outputs, writers, files)
-    check_targets([*(path for path, _ in outputs), *([options.report] if options.report else [])])
+    levels = [
+        plan_outputs(level_paths(options.outputs, number), writers, replace(files, prints=None))
+        for number in range(1, len(options.levels) + 1)
+    ]
+    planned = [path for plan in (outputs, *levels) for path, _ in plan]
+    check_targets([*planned, *([options.report] if options.report else [])])
 
     result, read_ms = _reconstructed(options)
     for warning in result.warnings:
@@ -68,11 +77,31 @@ def run_reconstruct(options: argparse.Namespace, writers: Writers) -> None:
     if files.prints is not None and any(path.suffix.lower() in PRINT_SUFFIXES for path in options.outputs):
         for problem in files.prints.problems(result):
             complain("warning", f"print: {problem}")
+    for level, plan in zip(_levels_of(result, options.levels), levels, strict=True):
+        outputs += [(path, _of_level(write, level)) for path, write in plan]
     write_outputs(result, outputs, options.report, read_ms)
     if not options.quiet:
         say(summary_line(result))
-        for path, _ in outputs:
+        for path in planned:
             say(f"  {path}")
+
+
+def _levels_of(result: Reconstruction, counts: Sequence[int]) -> list[Reconstruction]:
+    """The avatar with fewer triangles, once for each of ``counts``."""
+    if not counts:
+        return []
+    from ..decimation import levels_of_detail
+
+    found = levels_of_detail(result.mesh, counts, result.texture, result.weights)
+    for level, count in zip(found, counts, strict=True):
+        for note in level.notes:
+            complain("warning", f"level of {count} triangles: {note}")
+    return [replace(result, mesh=level.mesh, texture=level.texture, weights=level.weights) for level in found]
+
+
+def _of_level(write: Write, level: Reconstruction) -> Write:
+    """What writes a level of detail where the others write the whole avatar."""
+    return lambda target, _: write(target, level)
 
 
 def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:

@@ -204,6 +204,11 @@ def write_measures(path: Path, result: Reconstruction) -> None:
     write_measurements(path, result.measurements)
 
 
+def level_paths(paths: Iterable[Path], number: int) -> list[Path]:
+    """Names of a level of detail, as avatar.lod1.glb; measurements have none."""
+    return [path.with_name(f"{path.stem}.lod{number}{path.suffix}") for path in paths if path.suffix.lower() != ".csv"]
+
+
 def plan_outputs(
     paths: Iterable[Path], writers: Writers, files: AvatarFiles = AvatarFiles()
 ) -> list[tuple[Path, Write]]:

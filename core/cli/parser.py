@@ -122,6 +122,10 @@ def _add_avatar(command: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--triangles", metavar="N", type=_whole(100, 10_000_000), help="reduce the avatar to N triangles"
     )
+    group.add_argument(
+        "--levels", metavar="N,N", type=_counts, default=(),
+        help="write levels of detail, too, of so many triangles: OUT.lod1, OUT.lod2 and so on",
+    )  # fmt: skip
 
 
 def _add_print(command: argparse.ArgumentParser) -> None:
@@ -476,6 +480,14 @@ def _optics(text: str) -> str:
     if text not in OPTICS and not set(text.split(",")) <= set(EFFECTS):
         raise argparse.ArgumentTypeError(f"must be ideal, real, or some of {','.join(EFFECTS)}; not {text}")
     return text
+
+
+def _counts(text: str) -> tuple[int, ...]:
+    """A type for argparse: numbers of triangles, separated by commas."""
+    return tuple(_whole(100, 10_000_000)(part) for part in text.split(","))
+
+
+_counts.__name__ = "list of whole numbers"
 
 
 def _frequencies(text: str) -> tuple[float, ...]:
