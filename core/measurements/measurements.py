@@ -33,6 +33,9 @@ ISO_NAMES = {
 """Of each measure, in ISO 8559-1:2017; in the order in which they are given."""
 
 
+_POSTURE = 0.003  # of body height: how people differ in standing upright, 95 %
+
+
 @dataclass(frozen=True)
 class Measurement:
     """One measure of a body.
@@ -119,10 +122,11 @@ def measure(
     }
     tall = height(body)
     upright = Length(tall.length + straightening(body), tall.line, tall.unseen)
+    posture = _POSTURE * body.height
     arms, shoulders = (_arm(0) + _arm(1), ("LeftArm", "RightArm"))
     lengths: dict[str, tuple[list[Length], float]] = {
         "height": ([tall], 0.0),
-        "height_standing": ([upright], 0.5 * joint_spread(body, errors, "Hips", "Neck")),
+        "height_standing": ([upright], float(np.hypot(0.5 * joint_spread(body, errors, "Hips", "Neck"), posture))),
         "inseam": ([inseam(body, crotch.level)], crotch.spread),
         "arm_length": ([arm_length(body, side) for side in (0, 1)], joint_spread(body, errors, *arms)),
         "shoulder_width": ([shoulder_width(body)], joint_spread(body, errors, *shoulders)),

@@ -80,10 +80,10 @@ class Uncertainty:
     shift: float = 0.0012
     correlated: float = 0.6
     smeared: float = 0.009
-    skin: float = 0.0007
-    end: float = 0.016
+    skin: float = 0.0005
+    end: float = 0.018
     rough: float = 0.001
-    filled: float = 0.011
+    filled: float = 0.0095
     joint: float = 0.003
     cloth: float = 0.0
 

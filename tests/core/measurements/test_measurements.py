@@ -28,7 +28,7 @@ from mirror_scan.core.simulation.mannequin import Figure, rigged_mannequin
 RIGGED = Path(__file__).resolve().parents[4] / "shared" / "data" / "rigged"
 GIRTHS = ("chest", "waist", "hip", "thigh", "calf", "upper_arm", "neck")
 ALLOWED = {"chest": 14.0, "thigh": 7.0, "height": 1.0, "height_standing": 6.0, "hip": 2.0, "neck": 2.0}
-"""To the file's figure on the true surface with true joints [mm]; 0.5 where nothing is said."""
+"""To the file's figure on the true surface with true joints [mm]; 1 where nothing is said."""
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def test_a_bare_body_has_the_measures_of_its_file(name):
         sides = [part] if part in held["girths"] else [f"{part}_left", f"{part}_right"]
         truth[part] = np.mean([held["girths"][side]["mm"] for side in sides])
     for part, value in truth.items():
-        assert found[part].mm == pytest.approx(value, abs=ALLOWED.get(part, 0.5)), part
+        assert found[part].mm == pytest.approx(value, abs=ALLOWED.get(part, 1.0)), part
 
 
 def test_all_measures_are_there_with_names_and_loops(measured):
