@@ -106,9 +106,11 @@ def pad(image: np.ndarray, covered: np.ndarray, width: int) -> None:
     size = len(image)
     mean = np.array([np.bincount(image[..., c][covered], minlength=256) @ np.arange(256) for c in range(3)])
     image[~covered] = np.rint(mean / covered.sum()).astype(np.uint8)
-    flat, done = image.reshape(-1, 3), np.pad(covered, 1).ravel()
+    flat, around = image.reshape(-1, 3), np.pad(covered, 1)
+    border = np.zeros(around.shape, np.bool_)
+    border[1:-1, 1:-1] = covered & ~(around[:-2, 1:-1] & around[2:, 1:-1] & around[1:-1, :-2] & around[1:-1, 2:])
+    done, front = around.ravel(), np.flatnonzero(border)
     steps = np.array((1, -1, size + 2, -size - 2))
-    front = np.flatnonzero(done)
     for _ in range(width):
         front = np.unique((front[:, None] + steps).ravel())
         row, column = front // (size + 2) - 1, front % (size + 2) - 1

@@ -8,6 +8,7 @@ from mirror_scan.core.errors import MirrorScanError, OutputError
 from mirror_scan.core.io.images import read_image
 from mirror_scan.core.mesh import FILL, SEAM, Mesh
 from mirror_scan.core.preview.mesh_views import BACKGROUND, SIDES, draw_text, render_preview, render_views
+from textured import textured_ball
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -109,3 +110,16 @@ def test_bad_requests(tmp_path):
     with pytest.raises(OutputError):
         render_preview(ball(), tmp_path / "missing" / "a.png")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_texture_is_shown_where_it_lies():
+    """Each triangle of a ball has its own colour in the image: the picture is that of colours by triangle."""
+    mesh, texture, colors = textured_ball()
+    shown = render_views(mesh, None, [(0, -1, 0)], 160, 160, texture=texture)
+    plain = render_views(mesh, colors, [(0, -1, 0)], 160, 160)
+    apart = np.abs(shown.astype(int) - plain).max(axis=2)
+    assert np.median(apart[40:120, 40:120]) <= 1 and (apart <= 2).mean() > 0.9
+    with pytest.raises(MirrorScanError, match="texture of 79 triangles"):
+        render_views(
+            mesh, None, [(0, -1, 0)], 20, 20, texture=type(texture)(texture.uv[1:], texture.image, texture.island)
+        )
