@@ -30,7 +30,7 @@ class Seen(NamedTuple):
     Attributes
     ----------
     score : np.ndarray [shape=(V, K), dtype=float32]
-        Pixels a square metre of skin, less near outlines; 0 = not seen.
+        Pixels a square metre of skin, times the cosine, less near outlines; 0 = not seen.
     pixels : np.ndarray [shape=(V, K, 2), dtype=float32]
         Where in the image [px].
     cosine : np.ndarray [shape=(V, K), dtype=float32]
@@ -87,7 +87,7 @@ def seen_vertices(mesh: Mesh, views: Sequence[ColorView], shifts: np.ndarray) ->
         slack = _TOLERANCE + 1.5 * pixel * np.sqrt(1 - np.clip(cosine, 0, 1) ** 2) / np.maximum(cosine, _GRAZING)
         shown = inside & (cosine > _GRAZING) & (z <= buffer.depth[v, u] + slack)
         within = (pixels[:, k] > 1).all(axis=1) & (pixels[:, k] < (lens.width - 2, lens.height - 2)).all(axis=1)
-        score[:, k] = np.where(shown & within, worth[v, u] * lens.fx * lens.fy * cosine / (z * z), 0.0)
+        score[:, k] = np.where(shown & within, worth[v, u] * lens.fx * lens.fy * cosine**2 / (z * z), 0.0)
         cosines[:, k] = np.where(score[:, k] > 0, cosine, 0.0)
         worths[:, k] = np.where(score[:, k] > 0, worth[v, u], 0.0)
     return Seen(score, pixels, cosines, worths)

@@ -22,6 +22,7 @@ _REGIONS = (
 """Bones whose skin is cut as one piece."""
 
 _SMALL = 0.002  # of the surface: a piece below goes to the neighbour with which it shares most of its border
+_THING_SMALL, _THING_SMOOTHING = 0.006, 20  # the same of things, whose sides are more ragged than regions of bones
 _SMOOTHING = 6  # rounds in which a triangle takes the region of most of its neighbours
 _SLIVER = 0.02  # of a piece that is cut: as small
 _LEAST = 8  # triangles of a piece that is still cut
@@ -105,8 +106,9 @@ def find_islands(mesh: Mesh, weights: SkinWeights | None = None) -> np.ndarray:
         label = _by_side(normals, twin, bond)
     else:
         label = _by_bone(mesh, weights, normals)
-    label = _smoothed(label, twin, area, bond)
-    label = _without_small(_without_spikes(label, twin), twin, area)
+    rounds, least = (_SMOOTHING, _SMALL) if weights is not None else (_THING_SMOOTHING, _THING_SMALL)
+    label = _smoothed(label, twin, area, bond, rounds)
+    label = _without_small(_without_spikes(label, twin), twin, area, least)
     pieces = [np.flatnonzero(label == k) for k in range(int(label.max()) + 1)] if len(label) else []
     island = np.full(len(triangles), -1, np.int32)
     count = 0
@@ -223,7 +225,7 @@ def _by_side(normals: np.ndarray, twin: np.ndarray, bond: np.ndarray) -> np.ndar
     return (smooth @ axes.T).argmax(axis=1)
 
 
-def _smoothed(label: np.ndarray, twin: np.ndarray, area: np.ndarray, bond: np.ndarray) -> np.ndarray:
+def _smoothed(label: np.ndarray, twin: np.ndarray, area: np.ndarray, bond: np.ndarray, rounds: int) -> np.ndarray:
     """Labels whose borders run straighter: a triangle takes what most of the area around it has."""
     neighbour = _neighbours(twin)
     share = np.zeros((len(label), int(label.max()) + 1))
@@ -231,7 +233,7 @@ def _smoothed(label: np.ndarray, twin: np.ndarray, area: np.ndarray, bond: np.nd
     own, weight = area + 1e-15, (area[neighbour] + 1e-15) * bond
     total = own + weight.sum(axis=1)
     own, weight = (own / total)[:, None], weight / total[:, None]
-    for _ in range(_SMOOTHING):
+    for _ in range(rounds):
         share = share * own + sum(weight[:, k, None] * share[neighbour[:, k]] for k in range(3))
     return share.argmax(axis=1)
 
