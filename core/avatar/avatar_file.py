@@ -143,9 +143,7 @@ def _add_mesh(gltf: Gltf, avatar: Avatar) -> None:
     }  # fmt: skip
     accessors = gltf.content["accessors"]
     if texture is not None:
-        attributes["TEXCOORD_0"] = gltf.add(
-            places * np.array((1, -1), np.float32) + np.array((0, 1), np.float32), VERTICES
-        )
+        attributes["TEXCOORD_0"] = gltf.add(np.column_stack((places[:, 0], 1 - places[:, 1])), VERTICES)
         attributes["_VERTEX"] = gltf.add(rows.astype(np.float32), VERTICES)
         _add_image(gltf, texture.image)
     if mesh.colors is not None:
