@@ -602,7 +602,11 @@ def measure_steps(mesh: Mesh, skeleton: Skeleton | None, weights: SkinWeights | 
         skeleton = find_skeleton(mesh)
         weights = skin_weights(mesh, skeleton)
     yield 0.6, "Measuring the body"
-    found = measure(mesh, skeleton, weights, view_errors(report) if report else ())
+    try:
+        views = view_errors(report) if report else ()
+    except (KeyError, IndexError, TypeError, ValueError):  # of an older version, or edited into nonsense
+        views = ()
+    found = measure(mesh, skeleton, weights, views)
     return Measured(found, measurement_summary(found))
 
 

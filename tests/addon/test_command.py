@@ -78,10 +78,10 @@ sys.exit(main({list(arguments)!r}))
 
 
 def test_a_python_without_bpy_is_told_which_have_it(tmp_path):
-    done = without_bpy(tmp_path, "reconstruct", "capture", "-o", "avatar.glb")
+    done = without_bpy(tmp_path, "reconstruct", "capture", "-o", "avatar.blend")
     assert done.returncode == 1 and done.stdout == ""
     assert done.stderr.count("\n") == 1 and done.stderr.startswith("error: ")
-    assert ".glb" in done.stderr and "bpy" in done.stderr
+    assert ".blend" in done.stderr and "bpy" in done.stderr
     assert list(tmp_path.iterdir()) == []
 
 

@@ -28,12 +28,21 @@ OPERATORS = {
     "follow_stream": {"seconds": 0.01},
     "use_controls": {},
     "rest_in_t_pose": {},
+    "texture": {"size": "1024"},
+    "measure": {},
+    "save_measurements": {"filepath": "/proc/sizes.csv"},
+    "reduce": {"triangles": 200},
+    "dress": {"kind": "skirt"},
+    "prepare_for_cloth": {},
+    "mark_as_asset": {},
     "export_avatar": {"filepath": "/proc/avatar.glb"},
     "simulate": {"frames": 1, "filepath": "/proc/scan"},
     # last, since these may well be possible
     "remove_mirror": {},
     "clear_mirrors": {},
     "add_rig": {},
+    "add_studio": {},
+    "remove_studio": {},
 }
 
 
