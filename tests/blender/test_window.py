@@ -24,7 +24,8 @@ spec.loader.exec_module(run)
 
 SHOTS = (
     "0_menu", "0_extensions", "0_install_menu", "0_zip", "0_installed", "1_panel", "2_browser", "2_capture",
-    "3_mirrors", "4_picking", "5_subject", "6_building", "7_avatar", "7_walk", "7_follow", "7_look", "8_check", "8_problem",
+    "3_mirrors", "4_picking", "5_subject", "6_building", "7_avatar", "7_walk", "7_follow", "7_look",
+    "8_check", "8_problem",
     *(f"8_{kind}_{number}" for kind in ("light", "narrow") for number in (1, 2, 3)), "9_reloaded", "9_rig",
 )  # fmt: skip
 
