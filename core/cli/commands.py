@@ -71,9 +71,15 @@ def run_reconstruct(options: argparse.Namespace, writers: Writers) -> None:
     planned = [path for plan in (outputs, *levels) for path, _ in plan]
     check_targets([*planned, *([options.report] if options.report else [])])
 
+    _check_wishes(options)
     result, read_ms = _reconstructed(options)
     for warning in result.warnings:
         complain("warning", warning)
+    if options.measure and result.measurements is None:
+        for path in [path for path in planned if path.suffix.lower() == ".csv"]:
+            complain("warning", f"{path}: not written, since the body could not be measured")
+            planned.remove(path)
+            outputs = [(other, write) for other, write in outputs if other != path]
     if files.prints is not None and any(path.suffix.lower() in PRINT_SUFFIXES for path in options.outputs):
         for problem in files.prints.problems(result):
             complain("warning", f"print: {problem}")
@@ -84,6 +90,18 @@ def run_reconstruct(options: argparse.Namespace, writers: Writers) -> None:
         say(summary_line(result))
         for path in planned:
             say(f"  {path}")
+
+
+def _check_wishes(options: argparse.Namespace) -> None:
+    """Refuse options that nothing would come of."""
+    printed = any(path.suffix.lower() in PRINT_SUFFIXES for path in options.outputs)
+    for name in ("print_height", "hollow", "base"):
+        if getattr(options, name) is not None and not printed:
+            raise OutputError(f"--{name.replace('_', '-')}: is for .stl and .3mf; give such a file with -o")
+    if options.remove_light and not options.texture:
+        raise OutputError("--remove-light: is for textures; ask for one with --texture")
+    if options.measure and options.object:
+        raise OutputError("--measure: is for persons; leave out --object")
 
 
 def _levels_of(result: Reconstruction, counts: Sequence[int]) -> list[Reconstruction]:

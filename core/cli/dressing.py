@@ -25,16 +25,21 @@ def run_dress(options: argparse.Namespace, writers: Writers) -> None:
         avatar = rigged_avatar(options.avatar, options.readers)
         assert avatar.skeleton is not None and avatar.weights is not None  # seen to when it was read
         made = []
-        from ..clothes import make_garment  # brings numba; an avatar that cannot be read is reported before that
+        from ..clothes import (
+            LAYER,
+            NAMES,
+            make_garment,
+        )  # brings numba; an avatar that cannot be read is reported before that
 
+        names = {NAMES[kind] for kind in options.garments}
+        ease, worn = options.ease / 1000.0, sum(garment.name not in names for garment in avatar.garments)
         for number, kind in enumerate(options.garments):
             advance(progress, 0.2 + 0.6 * number / len(options.garments), f"cutting out: {kind}")
             made.append(
                 make_garment(
-                    avatar.mesh, avatar.skeleton, avatar.weights, kind, options.ease / 1000.0, options.tight
+                    avatar.mesh, avatar.skeleton, avatar.weights, kind, ease + LAYER * (worn + number), options.tight
                 )
             )  # fmt: skip
-        names = {garment.name for garment in made}
         kept = [garment for garment in avatar.garments if garment.name not in names]
         avatar = replace(avatar, garments=(*kept, *made))
         advance(progress, 0.85, "writing")

@@ -89,6 +89,7 @@ def writers_of(path: Path, writers: Writers, files: AvatarFiles = AvatarFiles())
     if suffix == ".csv":
         return [(path, write_measures)]
     if suffix == ".obj" and files.textured:
+        _check_companions(path)
         return [
             (path, _write_textured_obj(path)),
             *((path.with_suffix(end), _companion(path, end)) for end in BESIDE_OBJ),
@@ -103,6 +104,23 @@ def writers_of(path: Path, writers: Writers, files: AvatarFiles = AvatarFiles())
         raise OutputError(f"{_needs_blender(path)}. Without it, write .glb, .ply, .obj, .stl or .3mf")
     known = ", ".join((*PLAIN_SUFFIXES, *PRINT_SUFFIXES, ".csv", *BLENDER_SUFFIXES))
     raise OutputError(f"{path}: unknown format “{path.suffix}”; use one of {known}")
+
+
+def _check_companions(path: Path) -> None:
+    """Refuse to replace files beside a textured .obj that are not those of the .obj that is there."""
+    beside = [path.with_suffix(end) for end in BESIDE_OBJ if path.with_suffix(end).exists()]
+    if not beside:
+        return
+    try:
+        with open(path, "rb") as file:
+            own = f"mtllib {path.stem}.mtl".encode() in file.read(1000)
+    except OSError:
+        own = False
+    if not own:
+        raise OutputError(
+            f"{path}: its texture would replace {beside[0].name}, which is not of an earlier {path.name}; "
+            "choose another name"
+        )
 
 
 def _write_textured_obj(path: Path) -> Write:
@@ -190,7 +208,7 @@ def write_print(path: Path, result: Reconstruction, prints: Print | None) -> Non
     from ..io import write_mesh
 
     if prints is None:
-        write_mesh(path, _upright(result), result.texture)
+        write_mesh(path, result.mesh, result.texture)
     else:
         write_mesh(path, prints.mesh(result))
 
@@ -199,8 +217,7 @@ def write_measures(path: Path, result: Reconstruction) -> None:
     """Write the measurements as .csv."""
     from ..measurements import write_measurements
 
-    if result.measurements is None:
-        raise OutputError(f"{path}: the body could not be measured; the warnings say why")
+    assert result.measurements is not None  # else there is no such file
     write_measurements(path, result.measurements)
 
 

@@ -1,9 +1,11 @@
 """Clothes: garments cut to an avatar's body, with weights and pins."""
 
-from .tailoring import KINDS, make_garment
+from .tailoring import KINDS, LAYER, NAMES, make_garment
 
 __all__ = [
     "KINDS",
+    "LAYER",
+    "NAMES",
     "body_distance",
     "make_garment",
     "tailoring",

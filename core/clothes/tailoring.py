@@ -27,6 +27,8 @@ from .weight_transfer import at_skin, dense, held_near, transferred
 
 KINDS = ("tshirt", "trousers", "skirt")
 NAMES = {"tshirt": "T-Shirt", "trousers": "Trousers", "skirt": "Skirt"}
+LAYER = 0.006
+"""Each garment has so much more ease than the one that was put on before it [m]."""
 DEFAULT_EASE, LEAST_EASE, MOST_EASE = 0.015, 0.002, 0.08
 """Distance from skin to cloth [m]."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import secrets
 import shutil
 import tempfile
@@ -48,6 +49,13 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
         raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def final_stem(path: str | os.PathLike) -> str:
+    """The stem of a file, also of one that :func:`replacing` still has under a temporary name."""
+    stem = Path(path).stem
+    found = re.fullmatch(r"\.(.+)\.[0-9a-f]{12}", stem)
+    return found.group(1) if found else stem
 
 
 @contextlib.contextmanager

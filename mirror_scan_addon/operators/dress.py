@@ -117,7 +117,10 @@ class MIRRORSCAN_OT_dress(_ClothOperator, bpy.types.Operator):
         self._uid = avatar.session_uid
         self._unit = armature.unit_of(avatar, context.scene)
         rigged = armature.read_avatar(avatar, self._unit)
-        return job_operators.Task("dress_steps", (rigged, self.kind, self.ease / 1000.0, self.tight))
+        from ...core.clothes import LAYER, NAMES
+
+        below = sum(item[cloth.GARMENT]["name"] != NAMES[self.kind] for item in cloth.garments_of(avatar))
+        return job_operators.Task("dress_steps", (rigged, self.kind, self.ease / 1000.0 + LAYER * below, self.tight))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         from ..scene import armature, avatar_objects, cloth

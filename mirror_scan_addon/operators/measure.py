@@ -28,6 +28,7 @@ class MIRRORSCAN_OT_measure(job_operators.JobOperator, bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         problem = scan_records.editable(context) or no_mesh(context) or not_ours(context)
+        problem = problem or scan_records.rests_otherwise(context)
         return scan_records.allows(cls, problem)
 
     def start(self, context: bpy.types.Context) -> job_operators.Task:

@@ -11,7 +11,6 @@ from ..background import job_operators
 from ..language.texts import CONTEXT, say, tell
 from ..scene import scan_records
 from ..scene.scan_records import armature_of, no_mesh, no_source, not_ours
-from ..scene.units import metres_per_unit
 
 
 class MIRRORSCAN_OT_texture(job_operators.JobOperator, bpy.types.Operator):
@@ -44,12 +43,15 @@ class MIRRORSCAN_OT_texture(job_operators.JobOperator, bpy.types.Operator):
         return scan_records.allows(cls, problem)
 
     def start(self, context: bpy.types.Context) -> job_operators.Task:
+        import numpy as np
+
         from ..scene import armature, avatar_objects, avatar_texture, capture_source
 
         avatar = context.object
         avatar_texture.check_triangles(avatar)
-        size = avatar_objects.size_of(avatar, metres_per_unit(context.scene))
-        surface = avatar_objects.read_surface(avatar, size)
+        # where the camera saw it, not where the object stands now
+        unit = capture_source.unit_as_built(avatar, context.scene)
+        surface = avatar_objects.read_surface(avatar, np.full(3, unit))
         avatar_objects.check_finite(avatar, surface.vertices)
         weights = armature.read_weights(avatar) if armature_of(avatar) is not None else None
         source = capture_source.source_of(avatar, context.scene)

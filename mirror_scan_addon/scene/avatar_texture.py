@@ -93,6 +93,23 @@ def put_uv(data: bpy.types.Mesh, texture: Texture, material: bpy.types.Material)
     data[TEXTURED] = material
 
 
+def name_image(avatar: bpy.types.Object, name: str) -> None:
+    """Have an object that is about to be exported show an image of its own, under a name that only its file has."""
+    material = material_of(avatar.data)
+    if material is None:
+        return
+    own = material.copy()
+    for node in own.node_tree.nodes:
+        if node.type == "TEX_IMAGE" and node.image is not None:
+            node.image = node.image.copy()
+            node.image.name, node.image.filepath_raw = name, f"//{name}.png"
+            for packed in node.image.packed_files:
+                packed.filepath = f"{name}.png"
+    for slot in avatar.material_slots:
+        if slot.material == material:
+            slot.link, slot.material = "OBJECT", own
+
+
 def drop_texture(avatar: bpy.types.Object) -> None:
     """Show an avatar by its colours by vertex again; its mesh is another one, on which the texture has no place."""
     material = material_of(avatar.data)

@@ -16,6 +16,7 @@ from ..language.texts import say
 from . import cloth
 from .armature import armature_of, read_avatar
 from .avatar_objects import size_of
+from .avatar_texture import read_texture
 from .blender_files import quiet, silent
 from .units import metres_per_unit
 
@@ -31,7 +32,7 @@ def read_blend_avatar(path: Path) -> Avatar:
     _open(path, bpy.ops.wm.open_mainfile)
     scene = bpy.context.scene
     active = bpy.context.view_layer.objects.active
-    meshes = [item for item in scene.objects if item.type == "MESH" and not cloth.is_worn(item)]
+    meshes = [item for item in scene.objects if item.type == "MESH" and not _belongs_to_one(item)]
     objects = sorted(meshes, key=lambda item: item != active)
     avatar = next((item for item in objects if armature_of(item) is not None), None)
     if avatar is None:
@@ -42,7 +43,13 @@ def read_blend_avatar(path: Path) -> Avatar:
         text = say("{name} is scaled unevenly; apply its scale first (Ctrl A)")
         raise CaptureError(text.format(name=avatar.name))
     unit = float(size.mean())
-    return replace(read_avatar(avatar, unit), garments=cloth.read_garments(avatar, unit))
+    garments = cloth.read_garments(avatar, unit)
+    return replace(read_avatar(avatar, unit), texture=read_texture(avatar), garments=garments)
+
+
+def _belongs_to_one(item: bpy.types.Object) -> bool:
+    """Whether a mesh is what an avatar wears, or what its cloth falls on."""
+    return cloth.is_worn(item) or bool(item.get(cloth.COLLIDER))
 
 
 def _open(path: Path, operator: bpy.types.Operator) -> None:

@@ -7,12 +7,16 @@ import json
 import os
 
 import bpy
+import numpy as np
 
 from ...core.errors import CaptureError, MirrorError
 from ..background.tasks import ENOUGH, Source
 from ..language.texts import say
 from . import point_cloud, report_text, scan_records
 from .scan_records import SOURCE
+from .units import metres_per_unit
+
+_SAME_SIZE = 0.04  # logarithm: fewer triangles make an avatar a little smaller
 
 
 def keep_source(avatar: bpy.types.Object, path: str, frames: int, reading: dict, mirrors: list[dict]) -> None:
@@ -55,6 +59,29 @@ def source_of(avatar: bpy.types.Object, scene: bpy.types.Scene) -> Source:
         text = say("{path}: no longer exists; put the capture back, or load it again and build the avatar from it")
         raise CaptureError(text.format(path=path or say("The capture")))
     return Source("", frames, reading, mirrors, placement, point_cloud.read_cloud(points))
+
+
+def unit_as_built(avatar: bpy.types.Object, scene: bpy.types.Scene) -> float:
+    """Metres in a unit of the avatar's mesh, whatever its object's scale is and whatever became of the scene's unit.
+
+    Raises
+    ------
+    CaptureError
+        When the mesh itself was scaled.
+    """
+    report = report_text.avatar_report(avatar) or {}
+    tall = report.get("mesh", {}).get("height_m")
+    unit = metres_per_unit(scene)
+    heights = np.array(avatar.bound_box)[:, 2]
+    shown = float(np.ptp(heights))
+    if tall is None or not shown > 0:
+        return unit
+    units = np.array((unit, 1.0, 0.1, 0.01, 0.001, 1000.0, 0.3048, 0.0254))
+    off = np.abs(np.log(units * shown / tall))
+    if off.min() > _SAME_SIZE:
+        text = say("{name}: its mesh is no longer as large as in its capture; undo its scaling, or build it again")
+        raise CaptureError(text.format(name=avatar.name))
+    return float(units[np.argmin(off)])
 
 
 def _kept(avatar: bpy.types.Object) -> dict | None:

@@ -19,12 +19,12 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ...core.errors import OutputError
-from ...core.io.atomic_files import replacing, replacing_with_companions
+from ...core.io.atomic_files import final_stem, replacing, replacing_with_companions
 from ..language.texts import say
 from . import avatar_objects as avatar_scene
 from . import cloth as scene_cloth
 from .armature import action_of, add_armature, add_clip
-from .avatar_texture import set_texture, texture_image
+from .avatar_texture import name_image, set_texture, texture_image
 from .blender_files import enabled, quiet, reason_of, removed_again, shown, silent, temporary_scene
 from .scan_records import armature_of
 from .studio import VIEW_ANGLE, add_studio
@@ -147,7 +147,8 @@ def write_usd(path: str | os.PathLike, reconstruction: Rigged, *, clip: Clip | N
         When the file cannot be written, or Blender's exporter fails.
     """
     with replacing_with_companions(path) as temporary, temporary_scene() as target:
-        _add_avatar(target, reconstruction, clip)
+        avatar = _add_avatar(target, reconstruction, clip)
+        name_image(avatar, f"{bpy.path.clean_name(final_stem(path))}_texture")
         with shown(target), silent():
             try:
                 bpy.ops.wm.usd_export(filepath=str(temporary), export_animation=clip is not None)
@@ -201,6 +202,8 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -
                 bones = armature_of(avatar) if kind in _WITH_SKELETON else None
                 with _copy_alone(avatar, size, bones) as (target, copy), shown(target), quiet():
                     stiff = bones is not None and armature_of(copy) is None
+                    if image is not None:
+                        name_image(copy, f"{bpy.path.clean_name(Path(path).stem)}_texture")
                     _EXPORTERS[kind](file, copy)
         # What an operator reports reaches scripts as RuntimeError; without the format there is no such operator.
         except (RuntimeError, AttributeError) as error:
@@ -348,7 +351,10 @@ def _copy_alone(
         if placed.determinant() == 0.0:
             text = say("{name}: has no extent along an axis, since its scale there is 0; change it first")
             raise OutputError(text.format(name=name))
-        shape = _final_shape(copy, layer) if placed.is_negative or not _is_orthogonal(placed) else None
+        # an armature that is left behind would pose a copy of another size from where it stands
+        posed = bones is None and armature_of(avatar) is not None
+        stiff = posed or placed.is_negative or not _is_orthogonal(placed)
+        shape = _final_shape(copy, layer) if stiff else None
         copy.animation_data_clear()
         copy.parent = None
         copy.constraints.clear()

@@ -65,13 +65,20 @@ def studio_of(scene: bpy.types.Scene) -> bpy.types.Collection | None:
     return next((found for found in scene.collection.children_recursive if STUDIO in found), None)
 
 
+def rests_otherwise(context: bpy.types.Context) -> str:
+    """Why what belongs to the capture's pose cannot be done with the active object; "" when it can."""
+    active = context.object
+    if active is None or not active.get(RESTS_OTHERWISE):
+        return ""
+    text = say("{name} no longer rests in the pose of its capture; do this before “T-Pose as Rest”")
+    return text.format(name=active.name)
+
+
 def no_source(context: bpy.types.Context) -> str:
     """Why the active object's capture cannot be asked for its colours; "" when it can."""
     active = context.object
-    if active is not None and active.get(RESTS_OTHERWISE):
-        return say("{name} no longer rests in the pose of its capture; do this before “T-Pose as Rest”").format(
-            name=active.name
-        )
+    if problem := rests_otherwise(context):
+        return problem
     if active is None or REPORT not in active:
         return say("Only avatars built by Mirror Scan from a capture can be textured")
     return ""

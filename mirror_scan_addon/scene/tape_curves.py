@@ -51,7 +51,7 @@ def draw_tapes(
             spline.use_cyclic_u = measured.closed
         item = bpy.data.objects.new(name, curve)
         item.parent, item.matrix_parent_inverse = avatar, Matrix()
-        item.color = _COLOR
+        item.color, item.hide_render = _COLOR, True
         own.objects.link(item)
     return own
 

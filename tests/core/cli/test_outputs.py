@@ -21,12 +21,18 @@ from mirror_scan.core.errors import OutputError
         (["-o", "folder.ply"], "not a regular file"),
         (["-o", "a.ply", "-o", "./a.ply"], "written twice"),
         (["-o", "a.ply", "--report", "nowhere/r.json"], "does not exist"),
+        (["-o", "a.csv"], "ask for them with --measure"),
+        (["-o", "a.ply", "--hollow", "2"], "--hollow: is for .stl and .3mf"),
+        (["-o", "a.ply", "--remove-light"], "ask for one with --texture"),
+        (["-o", "a.ply", "--measure", "--object"], "is for persons"),
+        (["-o", "theirs.obj", "--texture"], "theirs.obj: its texture would replace theirs.png"),
         (["-o", "a.blend"], "pip install bpy==5.0.1.*3.11.*5.2.3.*3.13"),
     ],
 )
 def test_outputs_are_checked_before_anything_is_read(folder, capsys, monkeypatch, outputs, words):
     monkeypatch.chdir(folder.parent)
     Path("folder.ply").mkdir()
+    Path("theirs.png").write_bytes(b"of somebody else")
     remove(folder, "intrinsic.json")  # would be told if it were looked at first
     refused(capsys, ["reconstruct", "scan", *outputs], words)
 
@@ -51,8 +57,8 @@ def test_writers_come_from_outside(folder, capsys, pipeline):
         def __getitem__(self, suffix):
             raise OutputError(f"{suffix} is not to be had today")
 
-    arguments = ["reconstruct", str(folder), "-o", str(folder.parent / "a.glb"), "--frame", "camera"]
-    assert cli.main(arguments, writers=Unavailable({".glb": None})) == 1
+    arguments = ["reconstruct", str(folder), "-o", str(folder.parent / "a.fbx"), "--frame", "camera"]
+    assert cli.main(arguments, writers=Unavailable({".fbx": None})) == 1
     assert "not to be had" in capsys.readouterr().err
-    assert cli.main(arguments, writers={".glb": lambda path, result: path.write_text(result.frame)}) == 0
-    assert (folder.parent / "a.glb").read_text() == "camera"
+    assert cli.main(arguments, writers={".fbx": lambda path, result: path.write_text(result.frame)}) == 0
+    assert (folder.parent / "a.fbx").read_text() == "camera"
