@@ -364,9 +364,10 @@ def run_record(options: argparse.Namespace, writers: Writers) -> None:
     """``record``: record a burst of a connected camera."""
     from ..capture.live_camera import DRIVERS, record
 
+    wanted = {"native_color": True} if options.native_color else {}  # a driver need not have it
     with (
         progress_bar(options.quiet) as progress,
-        DRIVERS[options.camera](options.size, options.rate, options.serial, options.native_color) as stream,
+        DRIVERS[options.camera](options.size, options.rate, options.serial, **wanted) as stream,
     ):
         record(stream, options.folder, options.frames, progress=progress)
     if not options.quiet:

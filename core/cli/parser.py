@@ -458,7 +458,7 @@ _texture_size.__name__ = "size in pixels"
 def with_explicit_sizes(arguments: list[str]) -> list[str]:
     """Arguments in which ``--texture`` without a size has one: argparse would take the next argument for it."""
     explicit = []
-    for here, after in zip(arguments, [*arguments[1:], ""], strict=True):
+    for here, after in zip(arguments, [*arguments, ""][1:], strict=True):
         bare = here == "--texture" and not re.fullmatch(r"\d+[kK]?", after)
         explicit.append(f"--texture={TEXTURE_SIZE}" if bare else here)
     return explicit
