@@ -139,7 +139,10 @@ def avatar_steps(
     if settings.texture is not None:
         from ..texture import color_views, texture_steps
 
-        views = [view for shot in shots for view in color_views(shot.capture, shot.mirrors, shot.to_avatar)]
+        views = [
+            view if len(shots) == 1 else replace(view, name=f"{shot.capture.name}: {view.name}")
+            for shot in shots for view in color_views(shot.capture, shot.mirrors, shot.to_avatar)
+        ]  # fmt: skip
         steps = texture_steps(avatar.mesh, views, settings.texture, avatar.weights)
         texture, summary = yield from scaled(steps, part["texture"])
         avatar = replace(avatar, texture=texture, summary=summary)
