@@ -288,7 +288,8 @@ def _corners_in_image(mesh: Mesh, places: np.ndarray, kind: str) -> np.ndarray:
         across = uv[..., 0]
         across = across + ((across.max(axis=1, keepdims=True) - across) > 0.5)  # over the seam at the back
         return np.stack((across, 1.0 - uv[..., 1]), axis=-1).astype(np.float32)
-    normal_y = np.cross(uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0])
+    first, second = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    normal_y = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
     low, size = places.min(axis=0), np.ptp(places, axis=0).max()
     uv = (uv - low) / (2.0 * size) * 0.98 + 0.005
     uv[normal_y < 0, :, 0] = 0.995 - uv[normal_y < 0, :, 0]
