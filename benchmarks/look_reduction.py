@@ -27,6 +27,7 @@ from mirror_scan.core.mesh import Mesh, Texture
 from mirror_scan.core.mesh.bvh import build_bvh, closest_point
 from mirror_scan.core.mesh.soundness import mesh_report
 from mirror_scan.core.mesh.surface_distance import sample_surface, surface_distance
+from mirror_scan.core.mesh.triangle_mesh import barycentric
 from mirror_scan.core.numeric.rotations import from_vectors
 from mirror_scan.core.pipeline import reconstruct
 from mirror_scan.core.preview.mesh_views import render_views
@@ -119,22 +120,11 @@ def texture_drift(subject: Subject, mesh: Mesh, uv: np.ndarray) -> float:
     tree = build_bvh(flat, np.arange(len(flat), dtype=np.int32).reshape(-1, 3))
     points, triangle = sample_surface(mesh, SAMPLES)
     corners = mesh.vertices[mesh.triangles[triangle]]
-    places = (_shares(corners, points)[:, :, None] * uv[triangle]).sum(axis=1)
+    places = (barycentric(points, corners)[:, :, None] * uv[triangle]).sum(axis=1)
     _, hit, at = closest_point(tree, np.column_stack((places, np.zeros(len(places)))))
-    shares = _shares(flat.reshape(-1, 3, 3)[hit], at)
+    shares = barycentric(at, flat.reshape(-1, 3, 3)[hit])
     meant = (shares[:, :, None] * subject.mesh.vertices[subject.mesh.triangles[hit]]).sum(axis=1)
     return float(np.linalg.norm(meant - points, axis=1).mean())
-
-
-def _shares(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Barycentric coordinates (N, 3) of points on triangles (N, 3, 3)."""
-    a, b, c = np.moveaxis(corners, 1, 0)
-    x, y, p = b - a, c - a, points - a
-    xx, xy, yy = (x * x).sum(axis=1), (x * y).sum(axis=1), (y * y).sum(axis=1)
-    px, py = (p * x).sum(axis=1), (p * y).sum(axis=1)
-    det = np.maximum(xx * yy - xy * xy, 1e-300)
-    u, v = (yy * px - xy * py) / det, (xx * py - xy * px) / det
-    return np.column_stack((1 - u - v, u, v))
 
 
 def bent(skeleton: Skeleton) -> Pose:

@@ -19,6 +19,7 @@ from mirror_scan.core.io import read_mesh
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.bvh import build_bvh, closest_point
 from mirror_scan.core.mesh.self_intersections import self_intersections
+from mirror_scan.core.mesh.triangle_mesh import barycentric
 from mirror_scan.core.pipeline import reconstruct
 from mirror_scan.core.simulation.scene import default_rig, with_real_optics
 from mirror_scan.core.simulation.simulate import simulate
@@ -71,19 +72,8 @@ class Rig:
         tree = build_bvh(self.body.vertices, self.body.triangles)
         _, triangle, nearest = closest_point(tree, mesh.vertices)
         corners = self.body.triangles[triangle]
-        shares = barycentric(nearest, self.body.vertices[corners])
+        shares = np.clip(barycentric(nearest, self.body.vertices[corners]), 0.0, 1.0)
         return strongest(np.einsum("vk,vkb->vb", shares, self.dense[corners]))
-
-
-def barycentric(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Shares (N, 3) of the corners (N, 3, 3) in points that lie in their triangles."""
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    p = points - corners[:, 0]
-    aa, ab, bb = (np.einsum("ij,ij->i", u, v) for u, v in ((a, a), (a, b), (b, b)))
-    pa, pb = np.einsum("ij,ij->i", p, a), np.einsum("ij,ij->i", p, b)
-    area = np.maximum(aa * bb - ab * ab, 1e-30)
-    second, third = (bb * pa - ab * pb) / area, (aa * pb - ab * pa) / area
-    return np.clip(np.stack((1 - second - third, second, third), axis=1), 0.0, 1.0)
 
 
 def bone_heat(mesh: Mesh, skeleton: Skeleton) -> SkinWeights:

@@ -18,6 +18,7 @@ from ..io.images import image_of_bytes, png_bytes
 from ..mesh import KIND_NAMES, Mesh, Texture
 from ..mesh.normals import vertex_normals
 from ..mesh.submesh import triangle_components
+from ..mesh.texture import split_at_seams
 from ..numeric.point_products import transform
 from ..numeric.rotations import continuous, from_quaternions, quaternions
 from ..numeric.srgb import from_linear, to_linear
@@ -131,29 +132,17 @@ def bone_named(name: str) -> int | None:
 
 def _add_mesh(gltf: Gltf, avatar: Avatar) -> None:
     mesh, texture = avatar.mesh, avatar.texture
-    normals = vertex_normals(mesh.vertices, mesh.triangles) @ _TO_FILE.T
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals = np.where(lengths > 1e-9, normals / np.maximum(lengths, 1e-9), (0.0, 1.0, 0.0)).astype(np.float32)
-    points = (mesh.vertices @ _TO_FILE.T).astype(np.float32)
-    triangles, rows = mesh.triangles, np.arange(len(points))
+    triangles, rows = mesh.triangles, np.arange(len(mesh.vertices))
     if texture is not None:
         rows, places, triangles = texture.split(mesh.triangles)
-    attributes = {
-        "POSITION": gltf.add(points[rows], VERTICES, bounds=True), "NORMAL": gltf.add(normals[rows], VERTICES)
-    }  # fmt: skip
-    accessors = gltf.content["accessors"]
+    attributes = _add_surface(gltf, mesh, rows)
     if texture is not None:
-        attributes["TEXCOORD_0"] = gltf.add(np.column_stack((places[:, 0], 1 - places[:, 1])), VERTICES)
-        attributes["_VERTEX"] = gltf.add(rows.astype(np.float32), VERTICES)
+        _add_places(gltf, attributes, rows, places)
         _add_image(gltf, texture.image)
     if mesh.colors is not None:
-        linear = np.full((len(points), 4), 65535, np.uint16)
-        linear[:, :3] = np.rint(65535 * to_linear(mesh.colors / 255.0))
-        attributes["COLOR_0" if texture is None else "_COLOR_0"] = gltf.add(linear[rows], VERTICES)
-        accessors[-1]["normalized"] = True
+        attributes["COLOR_0" if texture is None else "_COLOR_0"] = _add_colors(gltf, mesh.colors[rows])
     if avatar.weights is not None:
-        attributes["JOINTS_0"] = gltf.add(avatar.weights.index[rows], VERTICES)
-        attributes["WEIGHTS_0"] = gltf.add(_exact(avatar.weights.weight)[rows], VERTICES)
+        attributes |= _add_weights(gltf, avatar.weights, rows)
     if mesh.view is not None:
         attributes["_VIEW"] = gltf.add(mesh.view.astype(np.int8)[rows], VERTICES)
     whole = gltf.content["meshes"][0]
@@ -165,42 +154,60 @@ def _add_mesh(gltf: Gltf, avatar: Avatar) -> None:
     whole["primitives"].append({"attributes": attributes, "indices": indices, "material": 0, "mode": 4})
 
 
+def _add_surface(gltf: Gltf, mesh: Mesh, rows: np.ndarray) -> dict[str, int]:
+    """Points and normals of the vertices ``rows`` (W,), as attributes of a primitive."""
+    normals = vertex_normals(mesh.vertices, mesh.triangles) @ _TO_FILE.T
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.where(lengths > 1e-9, normals / np.maximum(lengths, 1e-9), (0.0, 1.0, 0.0)).astype(np.float32)
+    points = (mesh.vertices @ _TO_FILE.T).astype(np.float32)
+    return {
+        "POSITION": gltf.add(points[rows], VERTICES, bounds=True), "NORMAL": gltf.add(normals[rows], VERTICES)
+    }  # fmt: skip
+
+
+def _add_weights(gltf: Gltf, weights: SkinWeights, rows: np.ndarray) -> dict[str, int]:
+    """Weights of the vertices ``rows`` (W,), as attributes of a primitive."""
+    return {
+        "JOINTS_0": gltf.add(weights.index[rows], VERTICES),
+        "WEIGHTS_0": gltf.add(_exact(weights.weight)[rows], VERTICES),
+    }
+
+
+def _add_places(gltf: Gltf, attributes: dict[str, int], rows: np.ndarray, places: np.ndarray | None) -> None:
+    """Which vertex each row (W,) is, so that readers can weld them again, and its place (W, 2) in the image, if any."""
+    if places is not None:  # glTF's v runs downwards
+        attributes["TEXCOORD_0"] = gltf.add(np.column_stack((places[:, 0], 1 - places[:, 1])), VERTICES)
+    attributes["_VERTEX"] = gltf.add(rows.astype(np.float32), VERTICES)  # exact up to 16 million
+
+
+def _add_colors(gltf: Gltf, colors: np.ndarray) -> int:
+    """SRGB bytes (W, 3) as linear light; the number of the accessor."""
+    linear = np.full((len(colors), 4), 65535, np.uint16)
+    linear[:, :3] = np.rint(65535 * to_linear(colors / 255.0))
+    number = gltf.add(linear, VERTICES)
+    gltf.content["accessors"][number]["normalized"] = True
+    return number
+
+
 def _add_garments(gltf: Gltf, garments: Sequence[Garment]) -> None:
     """Each garment as a mesh of its own on the avatar's skin; a vertex with several places in its image is repeated."""
     content = gltf.content
     for garment in garments:
-        corners = garment.mesh.triangles.ravel()
-        uv = np.zeros((len(corners), 2), np.float32) if garment.uv is None else garment.uv.reshape(-1, 2)
-        rows = np.column_stack((corners, uv))
-        _, first, place = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-        own = corners[first]
         mesh = garment.mesh
-        normals = vertex_normals(mesh.vertices, mesh.triangles)[own] @ _TO_FILE.T
-        normals = np.where(np.linalg.norm(normals, axis=1, keepdims=True) > 0.5, normals, (0.0, 1.0, 0.0))
-        points = (mesh.vertices[own] @ _TO_FILE.T).astype(np.float32)
-        attributes = {
-            "POSITION": gltf.add(points, VERTICES, bounds=True),
-            "NORMAL": gltf.add(normals.astype(np.float32), VERTICES),
-            "JOINTS_0": gltf.add(garment.weights.index[own], VERTICES),
-            "WEIGHTS_0": gltf.add(_exact(garment.weights.weight)[own], VERTICES),
-            "_PINNED": gltf.add(garment.pinned[own].astype(np.float32), VERTICES),
-            "_VERTEX": gltf.add(own.astype(np.float32), VERTICES),  # exact up to 16 million
-        }
-        if garment.uv is not None:
-            places = rows[first, 1:] * (1.0, -1.0) + (0.0, 1.0)  # glTF's v runs downwards
-            attributes["TEXCOORD_0"] = gltf.add(places.astype(np.float32), VERTICES)
+        uv = np.zeros((len(mesh.triangles), 3, 2), np.float32) if garment.uv is None else garment.uv
+        rows, places, corners = split_at_seams(mesh.triangles, uv)
+        attributes = _add_surface(gltf, mesh, rows) | _add_weights(gltf, garment.weights, rows)
+        attributes["_PINNED"] = gltf.add(garment.pinned[rows].astype(np.float32), VERTICES)
+        _add_places(gltf, attributes, rows, None if garment.uv is None else places)
         if mesh.colors is not None:
-            linear = np.full((len(own), 4), 65535, np.uint16)
-            linear[:, :3] = np.rint(65535 * to_linear(mesh.colors[own] / 255.0))
-            attributes["COLOR_0"] = gltf.add(linear, VERTICES)
-            content["accessors"][-1]["normalized"] = True
+            attributes["COLOR_0"] = _add_colors(gltf, mesh.colors[rows])
         content["materials"].append(
             {
                 "name": garment.name, "doubleSided": True,
                 "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.95},
             }
         )  # fmt: skip
-        indices = gltf.add(np.ravel(place).astype(np.uint32), INDICES)
+        indices = gltf.add(corners.ravel().astype(np.uint32), INDICES)
         primitive = {"attributes": attributes, "indices": indices, "material": len(content["materials"]) - 1, "mode": 4}
         notes = {"tight": bool(garment.tight), "vertices": len(mesh.vertices)}
         content["meshes"].append({"name": garment.name, "primitives": [primitive], "extras": {"garment": notes}})

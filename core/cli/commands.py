@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
 import math
 import os
@@ -20,7 +19,6 @@ from .outputs import (
     Print,
     Readers,
     Writers,
-    blaming,
     check_targets,
     level_paths,
     make_folder,
@@ -32,6 +30,7 @@ from .outputs import (
     stand,
     write_outputs,
     write_simulation,
+    write_together,
     writers_of,
 )
 from .terminal import advance, complain, distance_lines, progress_bar, say, stage_of, summary_line
@@ -172,19 +171,13 @@ def run_animate(options: argparse.Namespace, writers: Writers) -> None:
         if path.resolve() == Path(options.motion).resolve():
             raise OutputError(f"{path}: is the motion that is read; choose another name for what is written")
 
-    from ..io.atomic_files import replacing
-
     with progress_bar(options.quiet) as progress:
         advance(progress, 0.0, "reading the avatar")
         avatar = rigged_avatar(options.avatar, options.readers)
         advance(progress, 0.3, "moving it")
         clip = _clip_for(avatar, options)
         advance(progress, 0.6, "writing")
-        with contextlib.ExitStack() as stack:
-            temporaries = [stack.enter_context(replacing(path)) for path, _ in outputs]
-            for (path, write), temporary in zip(outputs, temporaries, strict=True):
-                with blaming(path):
-                    write(temporary, avatar, clip)
+        write_together(outputs, avatar, clip)
     if not options.quiet:
         frames = len(clip.rotations)
         say(f"{clip.name}: {frames} frame{'s' if frames > 1 else ''}, {clip.rate:g} a second")

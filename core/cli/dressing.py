@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 from dataclasses import replace
 
 from ..errors import OutputError
 from .commands import rigged_avatar
-from .outputs import Writers, blaming, check_targets, dressed_writer_of
+from .outputs import Writers, check_targets, dressed_writer_of, write_together
 from .terminal import advance, progress_bar, say
 
 
@@ -18,18 +17,13 @@ def run_dress(options: argparse.Namespace, writers: Writers) -> None:
     outputs = [(path, dressed_writer_of(path, writers)) for path in options.outputs]
     check_targets(options.outputs)
 
-    from ..io.atomic_files import replacing
-
     with progress_bar(options.quiet) as progress:
         advance(progress, 0.0, "reading the avatar")
         avatar = rigged_avatar(options.avatar, options.readers)
         assert avatar.skeleton is not None and avatar.weights is not None  # seen to when it was read
         made = []
-        from ..clothes import (
-            LAYER,
-            NAMES,
-            make_garment,
-        )  # brings numba; an avatar that cannot be read is reported before that
+        # brings numba; an avatar that cannot be read is reported before that
+        from ..clothes import LAYER, NAMES, make_garment
 
         names = {NAMES[kind] for kind in options.garments}
         ease, worn = options.ease / 1000.0, sum(garment.name not in names for garment in avatar.garments)
@@ -43,11 +37,7 @@ def run_dress(options: argparse.Namespace, writers: Writers) -> None:
         kept = [garment for garment in avatar.garments if garment.name not in names]
         avatar = replace(avatar, garments=(*kept, *made))
         advance(progress, 0.85, "writing")
-        with contextlib.ExitStack() as stack:
-            temporaries = [stack.enter_context(replacing(path)) for path, _ in outputs]
-            for (path, write), temporary in zip(outputs, temporaries, strict=True):
-                with blaming(path):
-                    write(temporary, avatar)
+        write_together(outputs, avatar)
     if not options.quiet:
         for garment in made:
             say(f"{garment.name}: {len(garment.mesh.vertices):,} vertices, {len(garment.mesh.triangles):,} triangles")

@@ -31,8 +31,6 @@ Readers = Mapping[str, Callable[["Path"], object]]
 BLENDER_SUFFIXES = (".blend", ".fbx", ".usd", ".usdc")
 PLAIN_SUFFIXES = (".glb", ".ply", ".obj")
 PRINT_SUFFIXES = (".stl", ".3mf")
-BESIDE_OBJ = (".mtl", ".png")
-"""What belongs to a textured .obj."""
 SIMULATION_ENTRIES = {"intrinsic.json", "color_intrinsic.json", "mirrors.json", "depth", "color", "truth"}
 
 
@@ -89,11 +87,11 @@ def writers_of(path: Path, writers: Writers, files: AvatarFiles = AvatarFiles())
     if suffix == ".csv":
         return [(path, write_measures)]
     if suffix == ".obj" and files.textured:
-        _check_companions(path)
-        return [
-            (path, _write_textured_obj(path)),
-            *((path.with_suffix(end), _companion(path, end)) for end in BESIDE_OBJ),
-        ]
+        from ..io import OBJ_COMPANIONS
+
+        beside = [path.with_suffix(end) for end in OBJ_COMPANIONS]
+        _check_companions(path, beside)
+        return [(path, _write_textured_obj(path)), *((file, _write_companion(file)) for file in beside)]
     if suffix in PLAIN_SUFFIXES:
         from ..io import write_mesh
 
@@ -106,10 +104,10 @@ def writers_of(path: Path, writers: Writers, files: AvatarFiles = AvatarFiles())
     raise OutputError(f"{path}: unknown format “{path.suffix}”; use one of {known}")
 
 
-def _check_companions(path: Path) -> None:
-    """Refuse to replace files beside a textured .obj that are not those of the .obj that is there."""
-    beside = [path.with_suffix(end) for end in BESIDE_OBJ if path.with_suffix(end).exists()]
-    if not beside:
+def _check_companions(path: Path, beside: Iterable[Path]) -> None:
+    """Refuse to replace files ``beside`` a textured .obj that are not those of the .obj that is there."""
+    there = [file for file in beside if file.exists()]
+    if not there:
         return
     try:
         with open(path, "rb") as file:
@@ -118,7 +116,7 @@ def _check_companions(path: Path) -> None:
         own = False
     if not own:
         raise OutputError(
-            f"{path}: its texture would replace {beside[0].name}, which is not of an earlier {path.name}; "
+            f"{path}: its texture would replace {there[0].name}, which is not of an earlier {path.name}; "
             "choose another name"
         )
 
@@ -129,14 +127,14 @@ def _write_textured_obj(path: Path) -> Write:
     return lambda target, result: write_mesh(target, result.mesh, result.texture, path.stem)
 
 
-def _companion(path: Path, end: str) -> Write:
-    """What writes the material or the image of a textured .obj at ``path``."""
+def _write_companion(path: Path) -> Write:
+    """What writes the material or the image of a textured .obj, which will be at ``path``."""
 
     def write(target: Path, result: Reconstruction) -> None:
-        from ..io import obj_companions
+        from ..io import obj_companion
 
         assert result.texture is not None  # it was asked for
-        target.write_bytes(obj_companions(path, result.texture)[path.with_suffix(end)])
+        target.write_bytes(obj_companion(path, result.texture))
 
     return write
 
@@ -151,32 +149,37 @@ def _needs_blender(path: Path) -> str:
 
 def motion_writer_of(path: Path, writers: Writers, vrm: bool = False) -> Callable[[Path, Avatar, Clip], object]:
     """What writes an avatar with a motion to ``path``, by its suffix."""
-    from ..avatar.avatar_file import write_avatar
-
-    suffix = path.suffix.lower()
-    if suffix == ".glb":
-        return lambda target, avatar, clip: write_avatar(target, replace(avatar, clips=(clip,)), vrm)
-    if suffix in BLENDER_SUFFIXES and suffix in writers:
-        write = writers[suffix]
-        return lambda target, avatar, clip: write(target, avatar, clip=clip)
-    if suffix in BLENDER_SUFFIXES:
-        raise OutputError(f"{_needs_blender(path)}. Without it, write .glb")
-    raise OutputError(f"{path}: a motion goes into one of .glb, .blend, .fbx, .usd, .usdc, not into “{path.suffix}”")
+    write = _avatar_writer_of(path, writers, vrm)
+    if write is None:
+        raise OutputError(
+            f"{path}: a motion goes into one of .glb, .blend, .fbx, .usd, .usdc, not into “{path.suffix}”"
+        )
+    return write
 
 
 def dressed_writer_of(path: Path, writers: Writers) -> Callable[[Path, Avatar], object]:
     """What writes an avatar with garments to ``path``, by its suffix."""
+    write = _avatar_writer_of(path, writers)
+    if write is None:
+        raise OutputError(f"{path}: garments go into one of .glb, .blend, .fbx, .usd, .usdc, not into “{path.suffix}”")
+    return write
+
+
+def _avatar_writer_of(path: Path, writers: Writers, vrm: bool = False) -> Callable[..., object] | None:
+    """What writes an avatar, and a clip if one is given, to ``path``; None when the format cannot hold them."""
     from ..avatar.avatar_file import write_avatar
 
     suffix = path.suffix.lower()
     if suffix == ".glb":
-        return lambda target, avatar: write_avatar(target, avatar)
-    if suffix in BLENDER_SUFFIXES and suffix in writers:
-        write = writers[suffix]
-        return lambda target, avatar: write(target, avatar)
-    if suffix in BLENDER_SUFFIXES:
+        return lambda target, avatar, *clips: write_avatar(
+            target, replace(avatar, clips=clips) if clips else avatar, vrm
+        )  # fmt: skip
+    if suffix not in BLENDER_SUFFIXES:
+        return None
+    if suffix not in writers:
         raise OutputError(f"{_needs_blender(path)}. Without it, write .glb")
-    raise OutputError(f"{path}: garments go into one of .glb, .blend, .fbx, .usd, .usdc, not into “{path.suffix}”")
+    write = writers[suffix]
+    return lambda target, avatar, *clips: write(target, avatar, **({"clip": clips[0]} if clips else {}))
 
 
 def reader_of(path: Path, readers: Readers) -> Callable[[Path], Any]:
@@ -257,19 +260,33 @@ def write_outputs(
     from ..io.atomic_files import replacing
 
     started = time.perf_counter()
-    with contextlib.ExitStack() as stack:
-        temporaries = [stack.enter_context(replacing(path)) for path, _ in outputs]
-        report_temporary = stack.enter_context(replacing(report)) if report else None
-        for (path, write), temporary in zip(outputs, temporaries, strict=True):
-            with blaming(path):
-                write(temporary, result)
-        if report and report_temporary:
+    with replacing(report) if report else contextlib.nullcontext() as temporary, _written(outputs, result):
+        if report and temporary:
             timings = {"read": read_ms, **result.report.get("timings_ms", {})}
             timings["write"] = (time.perf_counter() - started) * 1e3
             text = json.dumps(plain({**result.report, "timings_ms": timings}), indent=1, ensure_ascii=False)
             with blaming(report):
                 # a file name that is not UTF-8 has characters that JSON can only escape
-                report_temporary.write_text(text + "\n", encoding="utf-8", errors="backslashreplace")
+                temporary.write_text(text + "\n", encoding="utf-8", errors="backslashreplace")
+
+
+def write_together(outputs: Sequence[tuple[Path, Callable[..., object]]], *content: object) -> None:
+    """Write all files with ``content`` under temporary names, then put them in place together."""
+    with _written(outputs, *content):
+        pass
+
+
+@contextlib.contextmanager
+def _written(outputs: Sequence[tuple[Path, Callable[..., object]]], *content: object) -> Iterator[None]:
+    """Each file written with ``content`` under a temporary name; all take their places when the block ends well."""
+    from ..io.atomic_files import replacing
+
+    with contextlib.ExitStack() as stack:
+        temporaries = [stack.enter_context(replacing(path)) for path, _ in outputs]
+        for (path, write), temporary in zip(outputs, temporaries, strict=True):
+            with blaming(path):
+                write(temporary, *content)
+        yield
 
 
 @contextlib.contextmanager

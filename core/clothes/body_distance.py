@@ -11,6 +11,7 @@ from ..mesh import Mesh
 from ..mesh.bvh import build_bvh, closest_point
 from ..mesh.half_edges import twins
 from ..mesh.normals import triangle_normals
+from ..mesh.triangle_mesh import barycentric
 from ..numeric.rotations import unit
 
 _AT_CORNER = 1e-9  # a share of a corner below this counts as none
@@ -91,13 +92,5 @@ class BodyDistance:
 
 def _shares(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Shares (N, 3), sum 1 and none negative, of triangles' corners (N, 3, 3) at points (N, 3) on them."""
-    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    way = points - corners[:, 0]
-    a, b, c = (np.einsum("ni,ni->n", u, v) for u, v in ((first, first), (first, second), (second, second)))
-    d, e = np.einsum("ni,ni->n", way, first), np.einsum("ni,ni->n", way, second)
-    area = a * c - b * b
-    safe = np.where(area > 0, area, 1.0)
-    v, w = (c * d - b * e) / safe, (a * e - b * d) / safe
-    shares = np.maximum(np.stack((1.0 - v - w, v, w), axis=1), 0.0)
-    total = shares.sum(axis=1, keepdims=True)
-    return np.where(total > 0, shares / np.where(total > 0, total, 1.0), 1.0 / 3.0)
+    shares = np.maximum(barycentric(points, corners), 0.0)
+    return shares / shares.sum(axis=1, keepdims=True)

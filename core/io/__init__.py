@@ -2,6 +2,16 @@
 
 from __future__ import annotations
 
-from .mesh_files import obj_companions, read_mesh, write_mesh
+from .mesh_files import OBJ_COMPANIONS, obj_companion, read_mesh, write_mesh
 
-__all__ = ["obj_companions", "read_mesh", "write_mesh", "atomic_files", "gltf", "images", "json_files", "three_mf"]
+__all__ = [
+    "OBJ_COMPANIONS",
+    "obj_companion",
+    "read_mesh",
+    "write_mesh",
+    "atomic_files",
+    "gltf",
+    "images",
+    "json_files",
+    "three_mf",
+]

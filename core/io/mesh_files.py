@@ -33,7 +33,7 @@ def write_mesh(
 
     A ``texture`` of the mesh's triangles goes into 3MF files, and into OBJ files, which then have an .mtl and a .png
     of the same name beside them; the other formats have no place for it. ``companions`` is the stem of those two files
-    where the caller writes them (:func:`obj_companions`).
+    where the caller writes them (:func:`obj_companion`).
 
     Raises
     ------
@@ -65,9 +65,9 @@ def write_mesh(
     pieces: Iterator[bytes | memoryview]
     if writer is write_obj and texture is not None:
         pieces = write_obj(mesh, texture, companions or path.stem)
-        for name, content in obj_companions(path, texture).items() if companions is None else ():
-            with replacing(name) as temporary:
-                temporary.write_bytes(content)
+        for end in OBJ_COMPANIONS if companions is None else ():
+            with replacing(path.with_suffix(end)) as temporary:
+                temporary.write_bytes(obj_companion(path.with_suffix(end), texture))
     elif writer is packed_3mf:
         pieces = packed_3mf(mesh, texture)
     else:
@@ -76,9 +76,13 @@ def write_mesh(
         file.writelines(pieces)
 
 
-def obj_companions(path: Path, texture: Texture) -> dict[Path, bytes]:
-    """The two files beside a textured .obj, which name each other by its stem: material and image."""
-    return {path.with_suffix(".mtl"): material(path.stem), path.with_suffix(".png"): png_bytes(texture.image)}
+OBJ_COMPANIONS = (".mtl", ".png")
+"""What belongs to a textured .obj, under its name: material and image."""
+
+
+def obj_companion(path: Path, texture: Texture) -> bytes:
+    """The content of one of ``OBJ_COMPANIONS``, by the suffix of its final name ``path``."""
+    return material(path.stem) if path.suffix == ".mtl" else png_bytes(texture.image)
 
 
 def read_mesh(path: str | os.PathLike) -> Mesh:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..numeric.point_products import dot
 from ..numeric.rotations import unit
+from ..numeric.union_find import connected_labels
 
 
 @dataclass(frozen=True)
@@ -40,18 +41,9 @@ class PlaneCut:
         return first + self.at * (second - first)
 
     def loops(self) -> np.ndarray:
-        """Which loop each point (P,) belongs to, numbered from 0; by spreading the smallest number, pointers jump."""
-        label = np.arange(len(self.points))
-        a, b = self.segments.T
-        while True:
-            low = np.minimum(label[a], label[b])
-            new = label.copy()
-            np.minimum.at(new, label[a], low)
-            np.minimum.at(new, label[b], low)
-            new = new[new]
-            if np.array_equal(new, label):
-                return np.unique(label, return_inverse=True)[1].reshape(-1)
-            label = new
+        """Which loop each point (P,) belongs to, numbered from 0."""
+        label = connected_labels(self.segments[:, 0], self.segments[:, 1], len(self.points))
+        return np.unique(label, return_inverse=True)[1].reshape(-1)
 
     def loop_about(self, point: np.ndarray, normal: np.ndarray, loops: np.ndarray) -> int:
         """The largest of ``loops`` (P,) that runs round ``point`` (3,), a point of the plane; -1 when there is none.

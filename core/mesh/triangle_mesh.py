@@ -35,6 +35,22 @@ def triangulate_polygons(polygons: PolygonLists, n_vertices: int) -> tuple[np.nd
     return np.concatenate(fans)[order], origin[order]
 
 
+def barycentric(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Shares (..., 3), sum 1, of triangles' corners (..., 3, 3) at points (..., 3) in their planes.
+
+    Negative beyond an edge; a triangle without area gives all to its first corner.
+    """
+    first, second = corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
+    way = points - corners[..., 0, :]
+    aa, ab, bb = (first * first).sum(axis=-1), (first * second).sum(axis=-1), (second * second).sum(axis=-1)
+    wa, wb = (way * first).sum(axis=-1), (way * second).sum(axis=-1)
+    area = aa * bb - ab * ab
+    there = area > 0
+    safe = np.where(there, area, 1.0)
+    v, w = np.where(there, (bb * wa - ab * wb) / safe, 0.0), np.where(there, (aa * wb - ab * wa) / safe, 0.0)
+    return np.stack((1.0 - v - w, v, w), axis=-1)
+
+
 SURFACE, SEAM, FILL = 0, 1, 2
 KIND_NAMES = ("surface", "seam", "fill")
 

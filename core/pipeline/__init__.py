@@ -12,6 +12,7 @@ __all__ = [
     "finish",
     "reconstruct",
     "reconstruction_steps",
+    "avatar_stages",
     "inspection",
     "multi_camera",
     "reconstruction",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from ..closing.mesh_closing import ClosingSettings
 from ..depth.settings import DepthSettings
@@ -21,8 +22,10 @@ from ..patches.grid_triangulation import TriangulationSettings
 from ..patches.outline_colors import ColorSettings
 from ..patches.view_comparison import OverlapSettings
 from ..subject.subject_views import ViewSettings
-from ..texture import TextureSettings
 from ..zippering.zipper import ZipperSettings
+
+if TYPE_CHECKING:
+    from ..texture import TextureSettings
 
 
 @dataclass(frozen=True)

@@ -136,9 +136,10 @@ def joining_steps(
     warnings = (*closed.warnings, *avatar.notices)
     report = make_report(of_scan, scan, avatar, soundness, warnings, clock)
     if frame == "camera":
-        seen = closed.in_camera if avatar.mesh is closed.mesh else None
+        unchanged = avatar.mesh is closed.mesh
         avatar = avatar.transformed(np.linalg.inv(to_avatar))
-        avatar = avatar if seen is None else replace(avatar, mesh=seen)  # bit for bit
+        if unchanged:  # bit for bit as it was closed
+            avatar = replace(avatar, mesh=closed.in_camera)
     return Reconstruction(
         avatar.mesh, frame, to_avatar, report, warnings, tuple(closed.patches), tuple(scan.mirrors),
         avatar.skeleton, avatar.weights, avatar.texture, avatar.measurements,

@@ -13,6 +13,7 @@ import numpy as np
 from ..avatar.skeleton import BONES, ENDS, Skeleton
 from ..errors import MirrorScanError
 from ..mesh import Mesh
+from ..numeric.union_find import connected_labels
 from .distance_field import LOFT, Primitives, Solid, frame_along, nearest_primitive, surface
 
 DRAWN_HEIGHT = 1.70
@@ -182,19 +183,9 @@ def euler_characteristic(vertex_count: int, triangles: np.ndarray) -> int:
 
 
 def component_count(vertex_count: int, triangles: np.ndarray) -> int:
-    """Connected components, by spreading the smallest vertex number and jumping pointers."""
-    label = np.arange(vertex_count)
-    a, b = triangles[:, [0, 1]].T, triangles[:, [1, 2]].T
-    a, b = np.concatenate(a), np.concatenate(b)
-    while True:
-        low = np.minimum(label[a], label[b])
-        new = label.copy()
-        np.minimum.at(new, label[a], low)
-        np.minimum.at(new, label[b], low)
-        new = new[new]
-        if np.array_equal(new, label):
-            return len(np.unique(label))
-        label = new
+    """Connected components."""
+    edges = triangles[:, [0, 1, 1, 2]].reshape(-1, 2)
+    return len(np.unique(connected_labels(edges[:, 0], edges[:, 1], vertex_count)))
 
 
 def _rotation(axis: int, degrees: float) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..mesh import Mesh, Texture
 from ..mesh.bvh import build_bvh, closest_point
+from ..mesh.triangle_mesh import barycentric
 
 
 def refined_texture(mesh: Mesh, texture: Texture, refined: Mesh) -> Texture:
@@ -16,13 +17,7 @@ def refined_texture(mesh: Mesh, texture: Texture, refined: Mesh) -> Texture:
     corners = refined.vertices[refined.triangles]
     tree = build_bvh(mesh.vertices, mesh.triangles)
     origin = closest_point(tree, np.ascontiguousarray(corners.mean(axis=1)))[1]
-    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles[origin]], 1, 0)[:, :, None, :]
-    x, y, p = b - a, c - a, corners - a
-    xx, xy, yy = (x * x).sum(axis=-1), (x * y).sum(axis=-1), (y * y).sum(axis=-1)
-    px, py = (p * x).sum(axis=-1), (p * y).sum(axis=-1)
-    det = np.maximum(xx * yy - xy * xy, 1e-30)
-    along, across = (yy * px - xy * py) / det, (xx * py - xy * px) / det
-    shares = np.clip(np.stack((1.0 - along - across, along, across), axis=-1), 0.0, 1.0)
+    shares = np.clip(barycentric(corners, mesh.vertices[mesh.triangles[origin]][:, None]), 0.0, 1.0)
     shares /= shares.sum(axis=-1, keepdims=True)
     uv = np.einsum("tcs,tsk->tck", shares, texture.uv[origin])
     return Texture(uv.astype(np.float32), texture.image, texture.island[origin])

@@ -84,7 +84,7 @@ def _shift(mesh: Mesh, view: ColorView) -> np.ndarray | None:
         return None
     if np.abs(peaks[0] - peaks[1]).max() > _AGREE:
         return None
-    # a mesh that is too thin or too thick moves to where most of its outline can be told
+    # a mesh that is too thin or too thick moves to where most of its outline is known
     others = [peak for worth, peak, _, _ in found if peak is not None and worth > _AS_GOOD * most]
     told = np.ptp(others, axis=0) <= _AGREE
     # no nearer than the mesh's own outline is known
