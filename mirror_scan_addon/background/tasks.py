@@ -167,7 +167,6 @@ class Textured:
 
     texture: Texture
     summary: dict
-    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -473,17 +472,13 @@ def build_steps(
         raise CaptureError("no capture is chosen; load one first")
     yield 0.05, "Loading the program"
     from ...core.pipeline import Settings, reconstruction_steps
+    from ...core.pipeline.avatar_stages import scaled
 
     base = Settings()
     chosen = {name: dataclasses.replace(getattr(base, name), **fields) for name, fields in (settings or {}).items()}
     known = None if mirrors is None else tuple(_known(record) for record in mirrors)
     steps = reconstruction_steps(capture, known, dataclasses.replace(base, **chosen))
-    while True:
-        try:
-            fraction, message = next(steps)
-        except StopIteration as end:
-            return _built(end.value)
-        yield 0.1 + 0.9 * fraction, message
+    return _built((yield from scaled(steps, (0.1, 1.0))))
 
 
 def _capture_of(cloud: Cloud) -> Capture:
@@ -532,7 +527,8 @@ def picture_steps(mesh: Mesh, front: tuple[float, float, float]) -> Steps[np.nda
 
 
 def skeleton_steps(mesh: Mesh, texture: Texture | None = None) -> Steps[Rigged]:
-    """Joints and skin weights of an avatar's mesh, in its frame but for where it stands; with the texture it has."""
+    """Joints and skin weights of an avatar's mesh, in its frame but for where it stands; ``texture`` says where its
+    triangles lie in the image it has."""
     yield 0.0, "Looking for the joints"
     from ...core.avatar.joints.skeleton_search import find_skeleton
     from ...core.avatar.skin_weights import skinned_mesh
@@ -560,34 +556,31 @@ def texture_steps(mesh: Mesh, weights: SkinWeights | None, source: Source, setti
     else:
         capture = _capture_of(source.cloud)
     yield 0.05, "Loading the program"
+    from ...core.pipeline.avatar_stages import scaled
     from ...core.pipeline.report import texture_summary
     from ...core.texture import TextureSettings, color_views
     from ...core.texture import texture_steps as steps
 
     if weights is None:
         yield 0.1, "Looking for the joints"
-        weights = _weights_of(mesh)
+        try:
+            _, weights = _rigged(mesh)
+        except MirrorScanError:  # a thing has no joints; its texture is cut by angles
+            pass
     mirrors = tuple(mirror_of(record) for record in source.mirrors)
     views = color_views(capture, mirrors, np.array(source.placement))
     job = steps(mesh, views, TextureSettings(**settings), weights)
-    while True:
-        try:
-            fraction, message = next(job)
-        except StopIteration as end:
-            texture, summary = end.value
-            return Textured(texture, texture_summary(summary), ())
-        yield 0.3 + 0.7 * fraction, message
+    texture, summary = yield from scaled(job, (0.3, 1.0))
+    return Textured(texture, texture_summary(summary))
 
 
-def _weights_of(mesh: Mesh) -> SkinWeights | None:
-    """Skin weights of a mesh as it is; None when it is not a whole person."""
+def _rigged(mesh: Mesh) -> tuple[Skeleton, SkinWeights]:
+    """Skeleton and skin weights of a mesh as it is, in the avatar frame."""
     from ...core.avatar.joints.skeleton_search import find_skeleton
     from ...core.avatar.skin_weights import skin_weights
 
-    try:
-        return skin_weights(mesh, find_skeleton(mesh))
-    except MirrorScanError:  # a thing has none; its texture is cut by angles
-        return None
+    skeleton = find_skeleton(mesh)
+    return skeleton, skin_weights(mesh, skeleton)
 
 
 def measure_steps(mesh: Mesh, skeleton: Skeleton | None, weights: SkinWeights | None, report: dict) -> Steps[Measured]:
@@ -596,11 +589,7 @@ def measure_steps(mesh: Mesh, skeleton: Skeleton | None, weights: SkinWeights | 
 
     if skeleton is None or weights is None:
         yield 0.0, "Looking for the joints"
-        from ...core.avatar.joints.skeleton_search import find_skeleton
-        from ...core.avatar.skin_weights import skin_weights
-
-        skeleton = find_skeleton(mesh)
-        weights = skin_weights(mesh, skeleton)
+        skeleton, weights = _rigged(mesh)
     yield 0.6, "Measuring the body"
     try:
         views = view_errors(report) if report else ()

@@ -35,10 +35,7 @@ class MIRRORSCAN_OT_measure(job_operators.JobOperator, bpy.types.Operator):
         from ..scene import armature, avatar_objects, report_text
 
         avatar = context.object
-        size = avatar_objects.size_of(avatar, metres_per_unit(context.scene))
-        if size.max() > 1.01 * size.min():
-            text = say("{name} is scaled unevenly; apply its scale first (Ctrl A)")
-            raise OutputError(text.format(name=avatar.name))
+        size = avatar_objects.even_size_of(avatar, metres_per_unit(context.scene))
         surface = avatar_objects.read_surface(avatar, size)
         avatar_objects.check_finite(avatar, surface.vertices)
         self._uid, self._size = avatar.session_uid, float(size.mean())
@@ -52,9 +49,7 @@ class MIRRORSCAN_OT_measure(job_operators.JobOperator, bpy.types.Operator):
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         from ..scene import avatar_objects, report_text, tape_curves
 
-        avatar = avatar_objects.object_of(self._uid)
-        if avatar is None:
-            raise OutputError(say("The avatar no longer exists"))
+        avatar = avatar_objects.avatar_of(self._uid)
         collection = avatar.users_collection[0] if avatar.users_collection else target.collection
         tape_curves.draw_tapes(avatar, result.measurements, collection, self._size)
         report = report_text.avatar_report(avatar) or {}

@@ -65,9 +65,7 @@ class MIRRORSCAN_OT_reduce(job_operators.JobOperator, bpy.types.Operator):
         from ...core.mesh import Mesh
         from ..scene import armature, avatar_objects, avatar_texture, reduced_mesh, report_text
 
-        avatar = avatar_objects.object_of(self._uid)
-        if avatar is None:
-            raise OutputError(say("The avatar no longer exists"))
+        avatar = avatar_objects.avatar_of(self._uid)
         avatar.data.calc_loop_triangles()
         if (len(avatar.data.vertices), len(avatar.data.loop_triangles)) != self._before:
             raise OutputError(say("{name} was changed meanwhile; reduce it again").format(name=avatar.name))

@@ -45,24 +45,19 @@ class MIRRORSCAN_OT_add_skeleton(job_operators.JobOperator, bpy.types.Operator):
         from ..scene import avatar_objects, avatar_texture
 
         avatar = context.object
-        size = avatar_objects.size_of(avatar, metres_per_unit(context.scene))
-        if size.max() > 1.01 * size.min():
-            text = say("{name} is scaled unevenly; apply its scale first (Ctrl A)")
-            raise OutputError(text.format(name=avatar.name))
+        size = avatar_objects.even_size_of(avatar, metres_per_unit(context.scene))
         _check_shape_keys(avatar)
         surface = avatar_objects.read_surface(avatar, size)
         avatar_objects.check_finite(avatar, surface.vertices)
         self._uid, self._size = avatar.session_uid, float(size.mean())
-        texture = avatar_texture.read_texture(avatar)
+        texture = avatar_texture.read_places(avatar)
         return job_operators.Task("skeleton_steps", (surface,) if texture is None else (surface, texture))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         from ...core.avatar.skeleton import BONES
         from ..scene import armature, avatar_objects, avatar_texture, rig_controls
 
-        avatar = avatar_objects.object_of(self._uid)
-        if avatar is None:
-            raise OutputError(say("The avatar no longer exists"))
+        avatar = avatar_objects.avatar_of(self._uid)
         if len(result.mesh.vertices) != len(avatar.data.vertices):
             material = avatar_texture.material_of(avatar.data)
             avatar_objects.refine(avatar, result.mesh, self._size)

@@ -5,7 +5,6 @@ from __future__ import annotations
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 
-from ...core.errors import OutputError
 from ..background import job_operators
 from ..language.texts import CONTEXT, say
 from ..scene import scan_records
@@ -90,9 +89,7 @@ class MIRRORSCAN_OT_mark_as_asset(job_operators.JobOperator, bpy.types.Operator)
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         from ..scene import avatar_objects
 
-        avatar = avatar_objects.object_of(self._uid)
-        if avatar is None:
-            raise OutputError(say("The avatar no longer exists"))
+        avatar = avatar_objects.avatar_of(self._uid)
         avatar.asset_mark()
         avatar_objects.set_picture(avatar, result)
         text = say(

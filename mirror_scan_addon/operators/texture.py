@@ -6,10 +6,10 @@ from __future__ import annotations
 import bpy
 from bpy.props import BoolProperty, EnumProperty
 
-from ...core.errors import OutputError
 from ..background import job_operators
-from ..language.texts import CONTEXT, say, tell
+from ..language.texts import CONTEXT, say
 from ..scene import scan_records
+from ..scene.properties import TEXTURE_SIZES
 from ..scene.scan_records import armature_of, no_mesh, no_source, not_ours
 
 
@@ -23,13 +23,7 @@ class MIRRORSCAN_OT_texture(job_operators.JobOperator, bpy.types.Operator):
 
     size: EnumProperty(
         name="Size", description="Width and height of the texture",
-        items=(
-            ("1024", "1K", "1024 × 1024 pixels"),
-            ("2048", "2K", "2048 × 2048 pixels"),
-            ("4096", "4K", "4096 × 4096 pixels"),
-            ("8192", "8K", "8192 × 8192 pixels"),
-        ),
-        default="2048", translation_context=CONTEXT,
+        items=TEXTURE_SIZES, default="2048", translation_context=CONTEXT,
     )  # fmt: skip
     remove_light: BoolProperty(
         name="Remove Light",
@@ -63,15 +57,11 @@ class MIRRORSCAN_OT_texture(job_operators.JobOperator, bpy.types.Operator):
         from ..interface.viewport import show_texture
         from ..scene import avatar_objects, avatar_texture, report_text
 
-        avatar = avatar_objects.object_of(self._uid)
-        if avatar is None:
-            raise OutputError(say("The avatar no longer exists"))
+        avatar = avatar_objects.avatar_of(self._uid)
         avatar_texture.set_texture(avatar, result.texture)
         report = report_text.avatar_report(avatar) or {}
         report_text.set_report(avatar, report | {"texture": result.summary})
         show_texture(context)
-        for notice in result.warnings:
-            self.report({"WARNING"}, tell(notice))
         text = say("{name}: a texture of {size} × {size} pixels, {seen:.0%} of the skin seen")
         share = result.summary["seen_share"]
         self.report({"INFO"}, text.format(name=avatar.name, size=int(self.size), seen=share))

@@ -87,11 +87,17 @@ def create_avatar(
 def refine(avatar: bpy.types.Object, mesh: Mesh, unit: float) -> None:
     """Give an object a finer mesh of the same surface; its materials, report and custom properties stay."""
     _check(mesh)
-    old = avatar.data
     with discard_on_error() as made:
-        data = bpy.data.meshes.new(old.name)
+        data = bpy.data.meshes.new(avatar.data.name)
         made.append(data)
         _fill(data, mesh, unit)
+    replace_mesh(avatar, data)
+
+
+def replace_mesh(avatar: bpy.types.Object, data: bpy.types.Mesh) -> None:
+    """Give an object the mesh ``data`` with the materials and the name of its old one, which goes when it is unused."""
+    old = avatar.data
+    data.materials.clear()
     for material in old.materials:
         data.materials.append(material)
     avatar.data = data
@@ -110,24 +116,33 @@ def avatar_material(attribute: str) -> bpy.types.Material:
         if material.get(MATERIAL_TAG) == attribute and material.library is None and TEXTURED not in material:
             return material
     with discard_on_error() as made:
-        material = bpy.data.materials.new("Avatar")
-        made.append(material)
-        material[MATERIAL_TAG] = attribute
-        if bpy.app.version < (5, 0, 0):
-            material.use_nodes = True
-        tree = material.node_tree
-        tree.nodes.clear()
-        output = tree.nodes.new("ShaderNodeOutputMaterial")
-        output.location = (300, 0)
-        shader = tree.nodes.new("ShaderNodeBsdfPrincipled")
-        shader.inputs["Roughness"].default_value = 0.8
-        shader.inputs["Specular IOR Level"].default_value = 0.2
-        tree.links.new(shader.outputs["BSDF"], output.inputs["Surface"])
+        material = new_material("Avatar", attribute, "ShaderNodeVertexColor" if attribute else "", made)
         if attribute:
-            color = tree.nodes.new("ShaderNodeVertexColor")
-            color.layer_name = attribute
-            color.location = (-220, 0)
-            tree.links.new(color.outputs["Color"], shader.inputs["Base Color"])
+            material.node_tree.nodes.active.layer_name = attribute
+    return material
+
+
+def new_material(name: str, attribute: str, source: str, made: list[bpy.types.ID]) -> bpy.types.Material:
+    """A matt material of ours, tagged as showing ``attribute``, whose colour is that of a new, active node of the type
+    ``source`` (plain grey for ""); put into ``made`` as well."""
+    material = bpy.data.materials.new(name)
+    made.append(material)
+    material[MATERIAL_TAG] = attribute
+    if bpy.app.version < (5, 0, 0):
+        material.use_nodes = True
+    tree = material.node_tree
+    tree.nodes.clear()
+    output = tree.nodes.new("ShaderNodeOutputMaterial")
+    output.location = (300, 0)
+    shader = tree.nodes.new("ShaderNodeBsdfPrincipled")
+    shader.inputs["Roughness"].default_value = 0.8
+    shader.inputs["Specular IOR Level"].default_value = 0.2
+    tree.links.new(shader.outputs["BSDF"], output.inputs["Surface"])
+    if source:
+        color = tree.nodes.new(source)
+        color.location = (-320, 0)
+        tree.links.new(color.outputs["Color"], shader.inputs["Base Color"])
+        tree.nodes.active = color
     return material
 
 
@@ -142,6 +157,21 @@ def target_collection(context: bpy.types.Context, target: bpy.types.Scene) -> bp
 def size_of(avatar: bpy.types.Object, unit: float) -> np.ndarray:
     """(3,) Metres in the world along the object's own axes for one of its own units; never 0."""
     return unit * np.maximum(np.abs(np.array(avatar.matrix_world.to_scale())), 1e-9)
+
+
+def even_size_of(avatar: bpy.types.Object, unit: float) -> np.ndarray:
+    """:func:`size_of` an object whose axes are scaled alike.
+
+    Raises
+    ------
+    OutputError
+        When they are not.
+    """
+    size = size_of(avatar, unit)
+    if size.max() > 1.01 * size.min():
+        text = say("{name} is scaled unevenly; apply its scale first (Ctrl A)")
+        raise OutputError(text.format(name=avatar.name))
+    return size
 
 
 def read_surface(avatar: bpy.types.Object, size: np.ndarray) -> Mesh:
@@ -242,6 +272,20 @@ def set_picture(item: bpy.types.ID, picture: np.ndarray) -> None:
 def object_of(uid: int) -> bpy.types.Object | None:
     """The object with that ``session_uid``; undo and deletion make references to objects invalid, not this number."""
     return next((item for item in bpy.data.objects if item.session_uid == uid), None)
+
+
+def avatar_of(uid: int) -> bpy.types.Object:
+    """The avatar with that ``session_uid``, to which the result of a job goes.
+
+    Raises
+    ------
+    OutputError
+        When it was deleted meanwhile.
+    """
+    avatar = object_of(uid)
+    if avatar is None:
+        raise OutputError(say("The avatar no longer exists"))
+    return avatar
 
 
 def select_only(context: bpy.types.Context, target: bpy.types.Object) -> None:

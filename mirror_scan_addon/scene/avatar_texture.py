@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
@@ -12,7 +13,7 @@ from ...core.errors import OutputError
 from ...core.io.images import write_png
 from ...core.mesh import Texture
 from ..language.texts import say
-from .avatar_objects import COLOR, MATERIAL_TAG, discard_on_error, show_colors
+from .avatar_objects import COLOR, MATERIAL_TAG, discard_on_error, new_material, show_colors
 from .scan_records import TEXTURED
 
 UV_MAP, ISLAND = "UVMap", "island"
@@ -120,12 +121,26 @@ def drop_texture(avatar: bpy.types.Object) -> None:
         show_colors(avatar, COLOR)
 
 
+def read_places(avatar: bpy.types.Object) -> Texture | None:
+    """Where an avatar's triangles lie in the texture that :func:`set_texture` laid on it, with one grey pixel for an
+    image; None when there is no texture."""
+    data = avatar.data
+    uv, island = data.uv_layers.get(UV_MAP), data.attributes.get(ISLAND)
+    if material_of(data) is None or uv is None or len(data.loops) != 3 * len(data.polygons):
+        return None
+    corners = np.empty((len(data.polygons), 3, 2), np.float32)
+    uv.uv.foreach_get("vector", corners.ravel())
+    numbers = np.zeros(len(data.polygons), np.int32)
+    if island is not None:  # lost where Blender made the mesh anew
+        island.data.foreach_get("value", numbers)
+    return Texture(corners, np.full((1, 1, 3), 128, np.uint8), numbers)
+
+
 def read_texture(avatar: bpy.types.Object) -> Texture | None:
     """The texture that :func:`set_texture` laid on an avatar; None when there is none, or only part of it."""
-    data = avatar.data
-    material, uv, island = material_of(data), data.uv_layers.get(UV_MAP), data.attributes.get(ISLAND)
-    images = [] if material is None else _images(material)
-    if not images or uv is None or len(data.loops) != 3 * len(data.polygons):
+    places, material = read_places(avatar), material_of(avatar.data)
+    images = [] if places is None or material is None else _images(material)
+    if not images:
         return None
     image = images[0]
     pixels = np.empty(image.size[0] * image.size[1] * image.channels, np.float32)
@@ -133,12 +148,7 @@ def read_texture(avatar: bpy.types.Object) -> Texture | None:
         return None
     image.pixels.foreach_get(pixels)
     rows = pixels.reshape(image.size[1], image.size[0], image.channels)[::-1, :, :3]
-    corners = np.empty((len(data.polygons), 3, 2), np.float32)
-    uv.uv.foreach_get("vector", corners.ravel())
-    numbers = np.zeros(len(data.polygons), np.int32)
-    if island is not None:  # lost where Blender made the mesh anew
-        island.data.foreach_get("value", numbers)
-    return Texture(corners, np.rint(np.clip(rows, 0, 1) * 255).astype(np.uint8), numbers)
+    return replace(places, image=np.rint(np.clip(rows, 0, 1) * 255).astype(np.uint8))
 
 
 def _image(name: str, pixels: np.ndarray, made: list[bpy.types.ID]) -> bpy.types.Image:
@@ -156,25 +166,10 @@ def _image(name: str, pixels: np.ndarray, made: list[bpy.types.ID]) -> bpy.types
 
 
 def _material(name: str, image: bpy.types.Image, made: list[bpy.types.ID]) -> bpy.types.Material:
-    """A material that shows the image where the UV map puts it."""
-    material = bpy.data.materials.new(f"{name} Texture")
-    made.append(material)
-    material[MATERIAL_TAG] = COLOR
+    """A material that shows the image where the UV map puts it; its node is what Solid mode shows and is baked to."""
+    material = new_material(f"{name} Texture", COLOR, "ShaderNodeTexImage", made)
     material[TEXTURED] = True
-    if bpy.app.version < (5, 0, 0):
-        material.use_nodes = True
-    tree = material.node_tree
-    tree.nodes.clear()
-    output = tree.nodes.new("ShaderNodeOutputMaterial")
-    output.location = (300, 0)
-    shader = tree.nodes.new("ShaderNodeBsdfPrincipled")
-    shader.inputs["Roughness"].default_value = 0.8
-    shader.inputs["Specular IOR Level"].default_value = 0.2
-    tree.links.new(shader.outputs["BSDF"], output.inputs["Surface"])
-    texture = tree.nodes.new("ShaderNodeTexImage")
-    texture.image, texture.location = image, (-320, 0)
-    tree.links.new(texture.outputs["Color"], shader.inputs["Base Color"])
-    tree.nodes.active = texture  # what Solid mode shows, and what is baked to
+    material.node_tree.nodes.active.image = image
     return material
 
 

@@ -15,7 +15,7 @@ from ...core.errors import CaptureError
 from ..language.texts import say
 from . import cloth
 from .armature import armature_of, read_avatar
-from .avatar_objects import size_of
+from .avatar_objects import even_size_of
 from .avatar_texture import read_texture
 from .blender_files import quiet, silent
 from .units import metres_per_unit
@@ -26,8 +26,8 @@ def read_blend_avatar(path: Path) -> Avatar:
 
     Raises
     ------
-    CaptureError
-        When the file cannot be read or holds none.
+    CaptureError, OutputError
+        When the file cannot be read or holds none, or one that is scaled unevenly.
     """
     _open(path, bpy.ops.wm.open_mainfile)
     scene = bpy.context.scene
@@ -38,11 +38,7 @@ def read_blend_avatar(path: Path) -> Avatar:
     if avatar is None:
         text = say("{path}: no mesh in it has a skeleton; make it with “reconstruct --skeleton”")
         raise CaptureError(text.format(path=path))
-    size = size_of(avatar, metres_per_unit(scene))
-    if size.max() > 1.01 * size.min():
-        text = say("{name} is scaled unevenly; apply its scale first (Ctrl A)")
-        raise CaptureError(text.format(name=avatar.name))
-    unit = float(size.mean())
+    unit = float(even_size_of(avatar, metres_per_unit(scene)).mean())
     garments = cloth.read_garments(avatar, unit)
     return replace(read_avatar(avatar, unit), texture=read_texture(avatar), garments=garments)
 

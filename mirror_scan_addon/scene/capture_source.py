@@ -9,8 +9,8 @@ import os
 import bpy
 import numpy as np
 
-from ...core.errors import CaptureError, MirrorError
-from ..background.tasks import ENOUGH, Source
+from ...core.errors import CaptureError
+from ..background.tasks import Source
 from ..language.texts import say
 from . import point_cloud, report_text, scan_records
 from .scan_records import SOURCE
@@ -42,8 +42,6 @@ def source_of(avatar: bpy.types.Object, scene: bpy.types.Scene) -> Source:
     if kept is None:
         path, frames = scan_records.capture_root(settings.capture_path), settings.frames
         reading, mirrors = scan_records.reading_of(settings), scan_records.placed_mirrors(settings)
-        if any(len(record["picks"]) >= ENOUGH and not record["plane"] for record in mirrors):
-            raise MirrorError(say("The mirrors are not placed; find them or pick points on their frames first"))
     else:
         path, frames, reading, mirrors = kept["path"], kept["frames"], kept["reading"], kept["mirrors"]
     try:

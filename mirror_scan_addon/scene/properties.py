@@ -30,6 +30,14 @@ QUALITY = {
 }
 """Values of each preset, by the names of :class:`MIRRORSCAN_PG_quality`."""
 
+TEXTURE_SIZES = (
+    ("1024", "1K", "1024 × 1024 pixels"),
+    ("2048", "2K", "2048 × 2048 pixels"),
+    ("4096", "4K", "4096 × 4096 pixels"),
+    ("8192", "8K", "8192 × 8192 pixels"),
+)
+"""Items of a choice of a texture's width and height."""
+
 QUALITY_KEPT = (*QUALITY["BALANCED"], "keep_islands")
 """What a user's own preset keeps, in the order in which the panel shows it."""
 
@@ -362,13 +370,7 @@ class MIRRORSCAN_PG_look(bpy.types.PropertyGroup):
 
     texture_size: EnumProperty(
         name="Size", description="Width and height of the texture",
-        items=(
-            ("1024", "1K", "1024 × 1024 pixels"),
-            ("2048", "2K", "2048 × 2048 pixels"),
-            ("4096", "4K", "4096 × 4096 pixels"),
-            ("8192", "8K", "8192 × 8192 pixels"),
-        ),
-        default="2048", translation_context=CONTEXT,
+        items=TEXTURE_SIZES, default="2048", translation_context=CONTEXT,
     )  # fmt: skip
     remove_light: BoolProperty(
         name="Remove Light",

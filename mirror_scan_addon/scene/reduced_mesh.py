@@ -9,6 +9,7 @@ import numpy as np
 
 from ...core.errors import OutputError
 from ...core.mesh import Mesh, Texture
+from ...core.mesh.triangle_mesh import barycentric
 from ..language.texts import say
 from . import avatar_objects
 from .blender_files import reason_of
@@ -105,7 +106,6 @@ def quad_remesh(avatar: bpy.types.Object, faces: int, guide: Mesh) -> None:
     """
     from mathutils import bvhtree
 
-    old = avatar.data
     source = avatar_objects.read_surface(avatar, np.ones(3))
     carried = _carried(avatar)
     with avatar_objects.discard_on_error() as made:
@@ -122,15 +122,8 @@ def quad_remesh(avatar: bpy.types.Object, faces: int, guide: Mesh) -> None:
     tree = bvhtree.BVHTree.FromPolygons(source.vertices.tolist(), source.triangles.tolist(), all_triangles=True)
     found = [tree.find_nearest(point) for point in points.tolist()]
     corners = source.triangles[[index for _, _, index, _ in found]]
-    shares = _shares(source.vertices[corners], np.array([place for place, _, _, _ in found]))
-    data.materials.clear()
-    for material in old.materials:
-        data.materials.append(material)
-    avatar.data = data
-    if not old.users:
-        name = old.name
-        bpy.data.meshes.remove(old)
-        data.name = name
+    shares = _shares(np.array([place for place, _, _, _ in found]), source.vertices[corners])
+    avatar_objects.replace_mesh(avatar, data)
     _put(avatar, carried, _Place(corners, shares))
 
 
@@ -145,18 +138,9 @@ def _quadriflow(helper: bpy.types.Object, name: str, faces: int) -> None:
         raise OutputError(say("{name}: Blender made no quads of it; check that it is closed").format(name=name))
 
 
-def _shares(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Barycentric coordinates (N, 3) of points (N, 3) on triangles (N, 3, 3)."""
-    a, b, c = np.moveaxis(corners, 1, 0)
-    x, y, p = b - a, c - a, points - a
-    xx, xy, yy = (x * x).sum(axis=1), (x * y).sum(axis=1), (y * y).sum(axis=1)
-    px, py = (p * x).sum(axis=1), (p * y).sum(axis=1)
-    det = xx * yy - xy * xy
-    safe = np.where(det > 0, det, 1.0)
-    shares = np.column_stack((np.ones(len(det)), (yy * px - xy * py) / safe, (xx * py - xy * px) / safe))
-    shares[det <= 0, 1:] = 0.0
-    shares[:, 0] -= shares[:, 1] + shares[:, 2]
-    shares = np.clip(shares, 0, 1)
+def _shares(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Shares (N, 3), sum 1 and none negative, of triangles' corners (N, 3, 3) at points (N, 3) on them."""
+    shares = np.clip(barycentric(points, corners), 0, 1)
     return shares / shares.sum(axis=1, keepdims=True)
 
 
