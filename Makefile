@@ -71,14 +71,14 @@ test-addon-%:
 	python=$$(for p in python$$minor $$HOME/.pyenv/versions/$$minor.*/bin/python; do \
 		$$p -c 'import ensurepip, venv' 2>/dev/null && echo $$p && break; done); \
 	if [ -z "$$python" ]; then echo "bpy $*: not tested, needs Python $$minor with venv"; exit 0; fi; \
-	set -e; venv=$(VENV)-bpy$*; [ -e $$venv/ready ] || { \
+	set -e; venv=$(VENV)-bpy$*; [ -e $$venv/ready-xdist ] || { \
 		$$python -m venv $$venv; \
-		$$venv/bin/python -m pip install -q bpy==$* numba OpenImageIO tqdm pytest trimesh scipy; \
-		touch $$venv/ready; }; \
+		$$venv/bin/python -m pip install -q bpy==$* numba OpenImageIO tqdm pytest pytest-xdist trimesh scipy; \
+		touch $$venv/ready-xdist; }; \
 	[ -z "$(PREPARE_ONLY)" ] || exit 0; \
 	echo "bpy $*, $$($$venv/bin/python -c 'import numpy, sys; print("Python", sys.version.split()[0], "numpy", numpy.__version__)')"; \
 	$$venv/bin/python tools/compile_kernels.py; \
-	$$venv/bin/python -m pytest -q tests/addon
+	$$venv/bin/python -m pytest -q -n 2 --dist loadfile tests/addon
 
 test-window: $(VENV)/ready-bpy,test
 	$(PY) -m pytest -q -rs tests/blender
