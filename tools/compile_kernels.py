@@ -26,7 +26,7 @@ def main() -> int:
     runpy.run_path(str(ROOT / "tests" / "conftest.py"))  # makes mirror_scan importable
     from mirror_scan.mirror_scan_addon.background import kernel_compilation
 
-    stages = (kernel_compilation.STAGES[-1], kernel_compilation.RIG)
+    stages = (kernel_compilation.STAGES[-1], *kernel_compilation.SIDE_WAYS)
     if len(sys.argv) == 2:
         for stage in stages:
             for _ in kernel_compilation.compile_steps(sys.argv[1], stage):

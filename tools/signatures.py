@@ -8,9 +8,11 @@ long each takes; some minutes. To be run again when kernels came or went; ``test
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import os
+import pickle
 import runpy
 import subprocess
 import sys
@@ -27,16 +29,20 @@ def main() -> int:
 
     if sys.argv[1:] == ["measure"]:
         return measure(kernel_compilation)
-    if sys.argv[1:] in (["way"], ["rig"]):
-        found = walk(kernel_compilation) if sys.argv[1] == "way" else walk_rig(kernel_compilation)
+    walks = {"way": walk, kernel_compilation.RIG: walk_rig, kernel_compilation.AVATAR: walk_avatar}
+    if len(sys.argv) == 2:
+        found = walks[sys.argv[1]](kernel_compilation)
         print(json.dumps([list(entry) for entry in found]))
         return 0
+    if sys.argv[1:2] == ["built"]:
+        return build(sys.argv[2])
     if len(sys.argv) == 3:
         return simulate(Path(sys.argv[2]), sys.argv[1])
     listed = called("way")
-    # In a process of its own: what it calls of the other stages but the first has to be in its list too.
-    first = {json.dumps(entry[1:4]) for entry in listed if entry[0] == kernel_compilation.STAGES[0]}
-    listed += [entry for entry in called("rig") if json.dumps(entry[1:4]) not in first]
+    # Each in a process of its own: what it calls of the stages that it does not stand on has to be in its list too.
+    for way, stages in kernel_compilation.SIDE_WAYS.items():
+        before = {json.dumps(entry[1:4]) for entry in listed if entry[0] in stages}
+        listed += [entry for entry in called(way) if json.dumps(entry[1:4]) not in before]
     with tempfile.TemporaryDirectory() as cache:
         done = subprocess.run(
             [sys.executable, __file__, "measure"], input=json.dumps(listed), text=True, stdout=subprocess.PIPE,
@@ -44,7 +50,7 @@ def main() -> int:
         )  # fmt: skip
     listed = json.loads(done.stdout)
     # within a stage the longest first: processes that share the list end together then
-    stages = (*kernel_compilation.STAGES, kernel_compilation.RIG)
+    stages = (*kernel_compilation.STAGES, *kernel_compilation.SIDE_WAYS)
     listed.sort(key=lambda entry: (stages.index(entry[0]), -entry[4]))
     lines = ",\n".join(json.dumps(entry) for entry in listed)
     kernel_compilation.SIGNATURES.write_text(f"[\n{lines}\n]\n", encoding="utf-8")
@@ -114,6 +120,24 @@ def walk_rig(compiling) -> list:
     return list(found.values())
 
 
+def walk_avatar(compiling) -> list:
+    """Entries for what skeleton and texture call, on an avatar that another process has built."""
+    from mirror_scan.core.pipeline import finish
+    from mirror_scan.mirror_scan_addon.background import tasks
+
+    found: dict[tuple, compiling.Entry] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        simulated = [sys.executable, __file__, "azure_kinect", folder]
+        subprocess.run(simulated, stdout=subprocess.DEVNULL, check=True)
+        built = subprocess.run([sys.executable, __file__, "built", folder], stdout=subprocess.PIPE, check=True)
+        mesh, source = pickle.loads(built.stdout)
+        rigged = finish(tasks.skeleton_steps(mesh))
+        finish(tasks.texture_steps(rigged.mesh, rigged.weights, source, {"size": 1024}))
+        finish(tasks.texture_steps(mesh, None, source, {"size": 1024, "remove_light": True}))
+        gather(compiling, compiling.AVATAR, found)
+    return list(found.values())
+
+
 def gather(compiling, stage: str, found: dict) -> None:
     """Put down what was called and is not there yet, under a stage."""
     for module, kernel, signature in compiling.called("mirror_scan"):
@@ -133,6 +157,18 @@ def simulate(folder: Path, sensor: str) -> int:
     from mirror_scan.core.simulation.simulate import simulate, write_simulation
 
     write_simulation(simulate(mannequin(), default_rig(sensor=sensor, mirrors=2, frames=4)), folder)
+    return 0
+
+
+def build(capture: str) -> int:
+    """The avatar of a capture and what it came from, pickled to standard output."""
+    from mirror_scan.core.pipeline import finish
+    from mirror_scan.mirror_scan_addon.background import tasks
+
+    with contextlib.redirect_stdout(sys.stderr):
+        built = finish(tasks.build_steps(capture, 0))
+    source = tasks.Source(capture, 0, {}, built.mirrors, built.report["camera_to_avatar"], None)
+    sys.stdout.buffer.write(pickle.dumps((built.mesh, source)))
     return 0
 
 

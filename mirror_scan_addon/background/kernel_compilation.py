@@ -30,11 +30,18 @@ STAGES = ("load", "mirrors", "subject", "build")
 """In the order of the work; each also needs the kernels of the stages before it."""
 
 RIG = "rig"
-"""Loading and virtual scanning: most people never use it, so it is compiled only when asked for."""
+"""Virtual scanning: most people never use it, so it is compiled only when asked for."""
+
+AVATAR = "avatar"
+"""What is made of a built avatar: skeleton, weights, texture. Compiled when the first of them is asked for."""
+
+SIDE_WAYS = {RIG: (STAGES[0],), AVATAR: ()}
+"""Stages beside the main way, each with those whose kernels it calls too."""
 
 STAGE_OF = {
     "load_steps": "load", "record_steps": "load", "find_mirrors_steps": "mirrors", "fit_steps": "mirrors",
     "find_subject_steps": "subject", "build_steps": "build", "check_steps": "build", "simulate_steps": RIG,
+    "skeleton_steps": AVATAR, "texture_steps": AVATAR,
 }  # fmt: skip
 """What a task of :mod:`.tasks` waits for; one that is not listed compiles what it needs when it calls it."""
 
@@ -62,12 +69,12 @@ def entries() -> tuple[Entry, ...]:
 
 def needs(stage: str) -> tuple[str, ...]:
     """The stages whose kernels a stage calls."""
-    return (STAGES[0], RIG) if stage == RIG else STAGES[: STAGES.index(stage) + 1]
+    return (*SIDE_WAYS[stage], stage) if stage in SIDE_WAYS else STAGES[: STAGES.index(stage) + 1]
 
 
 def last_of(stage: str) -> str:
     """The end of the way that a stage belongs to."""
-    return RIG if stage == RIG else STAGES[-1]
+    return stage if stage in SIDE_WAYS else STAGES[-1]
 
 
 @functools.cache
@@ -95,7 +102,7 @@ def compile_steps(claims: str, stage: str, stamp: str = "", patient: bool = Fals
     claims : str
         Folder through which the processes agree.
     stage : str
-        One of :data:`STAGES`, or :data:`RIG`.
+        One of :data:`STAGES`, or of :data:`SIDE_WAYS`.
     stamp : str
         File to make when the last stage of its way is done.
     patient : bool

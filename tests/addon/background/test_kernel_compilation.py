@@ -130,23 +130,22 @@ def test_what_does_not_fit_a_kernel_any_more_is_passed_over(caplog):
         caplog.clear()
 
 
-def test_the_way_of_a_rig_is_its_own():
+def test_ways_beside_the_main_one_are_their_own():
     from mirror_scan.mirror_scan_addon.background import kernel_compilation
+    from mirror_scan.mirror_scan_addon.background.kernel_compilation import AVATAR, RIG, last_of, needs, stamp_name
 
-    assert kernel_compilation.needs("subject") == ("load", "mirrors", "subject")
-    assert kernel_compilation.needs(kernel_compilation.RIG) == ("load", kernel_compilation.RIG)
-    assert (
-        kernel_compilation.last_of("load") == "build"
-        and kernel_compilation.last_of(kernel_compilation.RIG) == kernel_compilation.RIG
-    )
-    assert kernel_compilation.stamp_name() != kernel_compilation.stamp_name(kernel_compilation.RIG)
+    assert needs("subject") == ("load", "mirrors", "subject")
+    assert needs(RIG) == ("load", RIG) and needs(AVATAR) == (AVATAR,)
+    assert [last_of(stage) for stage in ("load", RIG, AVATAR)] == ["build", RIG, AVATAR]
+    assert len({stamp_name(), stamp_name(RIG), stamp_name(AVATAR)}) == 3
+    assert set(kernel_compilation.STAGE_OF.values()) == {*kernel_compilation.STAGES, RIG, AVATAR}
 
 
 def test_the_list_names_kernels_and_types_that_are_there():
     from mirror_scan.mirror_scan_addon.background import kernel_compilation
 
     listed = kernel_compilation.entries()
-    stages = (*kernel_compilation.STAGES, kernel_compilation.RIG)
+    stages = (*kernel_compilation.STAGES, *kernel_compilation.SIDE_WAYS)
     assert set(kernel_compilation.STAGES) <= {entry.stage for entry in listed} <= set(stages) and len(listed) > 50
     assert [stages.index(entry.stage) for entry in listed] == sorted(stages.index(entry.stage) for entry in listed)
     missing = 0
