@@ -14,11 +14,14 @@ def _modules() -> tuple[ModuleType, ...]:
     """Modules with something to register, in the order of their needs."""
     from . import command, operators
     from .background import job_operators, second_process
-    from .interface import overlay, panels
+    from .interface import menus, overlay, panels, preferences
     from .language import texts
     from .scene import live_subject, properties
 
-    return texts, properties, second_process, job_operators, live_subject, operators, overlay, panels, command
+    return (
+        texts, properties, preferences, second_process, job_operators, live_subject, operators, overlay, panels, menus,
+        command,
+    )  # fmt: skip
 
 
 def register() -> None:

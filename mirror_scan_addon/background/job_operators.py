@@ -15,7 +15,7 @@ import bpy
 
 from ...core.errors import MirrorScanError
 from ..language.texts import say, tell
-from . import numba_setup, second_process
+from . import last_problem, numba_setup, second_process
 
 TICK_S = 0.05  # how often the window reads the progress of the work
 SHOW_S = 0.25  # how often at most it is redrawn: drawing is slow without a graphics card
@@ -193,6 +193,7 @@ class JobOperator:
         if isinstance(worker.error, REPORTED):
             return self.fail(worker.error)
         if worker.error is not None:
+            last_problem.remember(worker.error)
             raise worker.error
         return self._deliver(context, worker.result)
 
@@ -243,7 +244,8 @@ class JobOperator:
 
 
 def in_words(error: Exception) -> str:
-    """One of :data:`REPORTED` in the user's language."""
+    """One of :data:`REPORTED` in the user's language; it is kept for a report of a problem."""
+    last_problem.remember(error)
     if isinstance(error, MemoryError):
         return say("Not enough memory; close other programs or use fewer frames")
     if isinstance(error, OSError) and error.filename and error.strerror:

@@ -681,3 +681,22 @@ def simulate_steps(body: Mesh | None, rig: dict, mirrors: list[dict] | None, fol
     loaded = yield from _loaded(simulation.capture, folder)
     # The rig already has a place in the world: the points stay where it puts them.
     return Simulated(dataclasses.replace(loaded, placement=arranged.camera_to_avatar), view, share)
+
+
+def sample_steps(folder: str) -> Steps[Loaded]:
+    """Take a virtual capture of the mannequin, with what real cameras and mirrors do to light, into a new ``folder``,
+    and load it."""
+    yield 0.0, "Preparing the body"
+    from ...core.io.atomic_files import fresh_folder
+    from ...core.simulation.mannequin import mannequin
+    from ...core.simulation.optics import real
+    from ...core.simulation.scene import default_rig
+    from ...core.simulation.simulate import simulate, write_simulation
+
+    rig = default_rig(frames=6, optics=real("azure_kinect"))
+    yield 0.05, "Following the light"
+    simulation = simulate(mannequin(), rig)
+    yield 0.3, "Writing the capture"
+    with fresh_folder(folder) as new:
+        write_simulation(simulation, new)
+    return (yield from load_steps(folder, 0))

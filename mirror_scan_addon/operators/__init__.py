@@ -8,10 +8,12 @@ from . import (
     build_avatar,
     check,
     color_by,
+    compiled_code,
     dress,
     export_avatar,
     find_subject,
     follow_stream,
+    help,
     load_capture,
     measure,
     mirrors,
@@ -21,6 +23,7 @@ from . import (
     reduce,
     rig,
     rig_file,
+    sample_capture,
     skeleton,
     studio,
     texture,
@@ -29,6 +32,7 @@ from . import (
 _modules = (
     load_capture, mirrors, pick_mirror_points, rig_file, find_subject, pick_subject, build_avatar, check, color_by,
     skeleton, motion, texture, reduce, measure, dress, follow_stream, export_avatar, studio, rig,
+    sample_capture, help, compiled_code,
 )  # fmt: skip
 
 register, unregister = bpy.utils.register_classes_factory(tuple(kind for module in _modules for kind in module.CLASSES))

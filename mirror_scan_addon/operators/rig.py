@@ -12,16 +12,9 @@ from ..interface.viewport import look_at, look_from_camera
 from ..language.texts import CONTEXT, say
 from ..scene import scan_records
 from ..scene.capture_objects import show_capture
+from ..scene.preferred import preferred
+from ..scene.properties import SENSORS
 from ..scene.units import metres_per_unit
-
-SENSORS = (
-    ("azure_kinect", "Azure Kinect", "Time of flight, 640 × 576"),
-    ("femto_bolt", "Femto Bolt", "Time of flight, 640 × 576"),
-    ("kinect_v1", "Kinect v1", "Structured light, 640 × 480; no readings where two patterns overlap"),
-    ("realsense_d455", "RealSense D455", "Active stereo, 848 × 480"),
-    ("ideal", "Ideal", "No noise, 640 × 480"),
-)
-
 
 DISTANCE, PATH = 2.5, 4.6
 """Default lengths from the camera to the person, directly and via a mirror [m]."""
@@ -29,7 +22,14 @@ DISTANCE, PATH = 2.5, 4.6
 NEAREST = 0.5  # least distance at which a depth camera measures [m]
 
 
-class MIRRORSCAN_OT_add_rig(bpy.types.Operator):
+class _WithSensor:
+    def _begin_with_preference(self) -> None:
+        """Have the sensor be the preferred one unless the caller, or the last use in this session, chose one."""
+        if not self.properties.is_property_set("sensor"):
+            self.sensor = preferred("sensor")
+
+
+class MIRRORSCAN_OT_add_rig(_WithSensor, bpy.types.Operator):
     """Add a camera and mirrors to plan a rig. Place them where the real ones will be"""
 
     bl_idname = "mirror_scan.add_rig"
@@ -68,6 +68,7 @@ class MIRRORSCAN_OT_add_rig(bpy.types.Operator):
         from ...core.simulation.scene import default_rig
         from ..scene import virtual_rig
 
+        self._begin_with_preference()
         unit = metres_per_unit(context.scene)
         for name, metres in (("distance", DISTANCE), ("path", PATH)):
             value = unit * getattr(self, name) if self.properties.is_property_set(name) else metres
@@ -86,7 +87,7 @@ class MIRRORSCAN_OT_add_rig(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MIRRORSCAN_OT_simulate(job_operators.JobOperator, bpy.types.Operator):
+class MIRRORSCAN_OT_simulate(_WithSensor, job_operators.JobOperator, bpy.types.Operator):
     """Scan the selected mesh with a virtual rig: the scene's camera and the objects marked as mirrors, or a default
     rig if there are none. Shows the capture, and colours the mesh by what each view sees"""
 
@@ -127,6 +128,7 @@ class MIRRORSCAN_OT_simulate(job_operators.JobOperator, bpy.types.Operator):
 
         body = virtual_rig.subject_of(context)
         self._uid = 0 if body is None else body.session_uid
+        self._begin_with_preference()
         surface = None if body is None else virtual_rig.world_surface(context, body)
         options = {"sensor": self.sensor, "frames": self.frames, "seed": self.seed}
         mirrors = virtual_rig.mirrors_of(context.scene) or None

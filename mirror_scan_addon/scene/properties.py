@@ -38,6 +38,15 @@ TEXTURE_SIZES = (
 )
 """Items of a choice of a texture's width and height."""
 
+SENSORS = (
+    ("azure_kinect", "Azure Kinect", "Time of flight, 640 × 576"),
+    ("femto_bolt", "Femto Bolt", "Time of flight, 640 × 576"),
+    ("kinect_v1", "Kinect v1", "Structured light, 640 × 480; no readings where two patterns overlap"),
+    ("realsense_d455", "RealSense D455", "Active stereo, 848 × 480"),
+    ("ideal", "Ideal", "No noise, 640 × 480"),
+)
+"""Items of a choice of a depth camera."""
+
 QUALITY_KEPT = (*QUALITY["BALANCED"], "keep_islands")
 """What a user's own preset keeps, in the order in which the panel shows it."""
 

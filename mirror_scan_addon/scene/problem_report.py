@@ -1,0 +1,106 @@
+"""What a report of a problem says: versions, the numbers of the last avatar's report, the last error.
+
+No pictures, no paths and no names: neither of files nor of people, objects, mirrors or cameras. Measurements of the
+body and places in the room are left out too.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+
+import bpy
+
+from ..background import last_problem
+from ..extension_root import ROOT_FOLDER
+from . import report_text
+
+LEFT_OUT = ("measurements", "joints", "point", "normal", "covariance", "camera_to_avatar", "problems", "notices")
+"""What of a report is about the body or the room, or too long to read."""
+
+NAMED = ("view_shares", "gains", "shifts")
+"""What of a report goes by names that are the user's: they are counted instead."""
+
+_WORD = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_UNTOLD = ("name", "between", "sensor", "by")
+
+
+def problem_report(context: bpy.types.Context) -> str:
+    """The whole text, English, a line for each thing."""
+    lines = [*versions(), "", "Last error:", *(f"  {line}" for line in last_problem.last() or ["none in this session"])]
+    report = last_report(context)
+    lines += ["", "Last avatar's report:"]
+    if report is None:
+        return "\n".join([*lines, "  none in this scene"])
+    lines += [f"  {line}" for line in figures(report)]
+    told = [last_problem.without_names(str(warning)) for warning in report.get("warnings", ())]
+    return "\n".join([*lines, *(f"  warning: {text or 'not one of ours'}" for text in told)])
+
+
+def versions() -> list[str]:
+    """Versions of what takes part; numba's without importing it."""
+    import platform
+
+    import numpy
+
+    python = ".".join(map(str, sys.version_info[:3]))
+    return [
+        f"Mirror Scan {own_version()}",
+        f"Blender {bpy.app.version_string}{' (without a window)' if bpy.app.background else ''}",
+        f"Python {python}, numpy {numpy.__version__}, numba {_numba_version()}",
+        f"{platform.system()} {platform.release()}, {platform.machine()}",
+    ]
+
+
+def own_version() -> str:
+    """Of the extension by its manifest, of the pip package by its metadata."""
+    import tomllib
+
+    try:
+        with open(ROOT_FOLDER / "blender_manifest.toml", "rb") as file:
+            return tomllib.load(file)["version"]
+    except FileNotFoundError:
+        import importlib.metadata
+
+        return importlib.metadata.version("mirror_scan")
+
+
+def _numba_version() -> str:
+    import importlib.metadata
+
+    try:
+        return importlib.metadata.version("numba")
+    except importlib.metadata.PackageNotFoundError:
+        return "is missing"
+
+
+def last_report(context: bpy.types.Context) -> dict | None:
+    """The report of the active avatar, else of the scene's newest one; None where there is none."""
+    newest_first = sorted(context.scene.objects, key=lambda item: item.session_uid, reverse=True)
+    for item in (context.object, *newest_first):
+        report = report_text.avatar_report(item)
+        if report is not None:
+            return report
+    return None
+
+
+def figures(report: dict) -> list[str]:
+    """The numbers of a report, each with its key, as ``views[1].noise_mm 0.83``."""
+    return list(_figures(report, ""))
+
+
+def _figures(value: object, key: str):
+    if isinstance(value, bool | int):
+        yield f"{key} {value}"
+    elif isinstance(value, float):
+        yield f"{key} {value:.4g}"
+    elif isinstance(value, list):
+        for number, item in enumerate(value):
+            yield from _figures(item, f"{key}[{number}]")
+    elif isinstance(value, dict):
+        counted = key.rpartition(".")[2] in NAMED
+        for number, (name, item) in enumerate(value.items()):
+            if counted:
+                yield from _figures(item, f"{key}[{number}]")
+            elif name not in (*LEFT_OUT, *_UNTOLD) and _WORD.fullmatch(name):
+                yield from _figures(item, f"{key}.{name}" if key else name)
