@@ -10,6 +10,7 @@ __all__ = [
     "read_mesh",
     "write_mesh",
     "atomic_files",
+    "color_atlas",
     "gltf",
     "images",
     "json_files",
