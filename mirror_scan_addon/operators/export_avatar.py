@@ -14,10 +14,12 @@ from ..scene.scan_records import no_mesh
 
 FORMATS = (
     ("GLB", "glTF Binary (.glb)", "For the web and most 3D programs; with colours, in metres"),
+    ("GLTF", "glTF (.gltf)", "As glTF Binary, but readable text with its data and images beside it"),
     ("FBX", "FBX (.fbx)", "For game engines; with colours, in metres"),
-    ("OBJ", "Wavefront (.obj)", "Read by nearly every program; with a colour for each vertex"),
+    ("OBJ", "Wavefront (.obj)", "Read by nearly every program; with colours"),
     ("PLY", "Stanford (.ply)", "For scans and point clouds; with colours, in full precision"),
-    ("STL", "STL (.stl)", "For 3D printing; no colours"),
+    ("STL", "STL (.stl)", "For 3D printing, in millimetres; no colours"),
+    ("3MF", "3MF (.3mf)", "For 3D printing, in millimetres; with colours"),
     ("USDC", "Universal Scene Description (.usdc)", "For film and Apple devices; with colours"),
     ("ABC", "Alembic (.abc)", "For film; with colours"),
     ("BLEND", "Blender (.blend)", "Only the avatar, to append or link in other files"),
@@ -39,6 +41,15 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
     format: EnumProperty(
         name="Format", description="Format of the file. Taken from the file extension unless given", items=FORMATS,
         translation_context=CONTEXT,
+    )  # fmt: skip
+
+    colors: EnumProperty(
+        name="Colours", description="Which colours go into the file",
+        items=(
+            ("CAPTURE", "Capture", "The texture or the colours of the capture, whatever the viewport shows"),
+            ("SHOWN", "As Shown", "What “Colour By” shows now, without the colours of the capture"),
+        ),
+        options={"SKIP_SAVE"}, translation_context=CONTEXT,
     )  # fmt: skip
 
     @classmethod
@@ -102,7 +113,7 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
             wanted = next(end for end, name in _endings().items() if name == kind)
             if _endings().get(ending) != kind:
                 path += wanted
-            stiff = export.write_object(path, context.object, kind)
+            stiff = export.write_object(path, context.object, kind, self.colors == "SHOWN")
         except job_operators.REPORTED as error:
             self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}

@@ -10,6 +10,7 @@ __all__ = [
     "capture_source",
     "cloth",
     "export",
+    "export_colors",
     "fbx_motion",
     "live_subject",
     "point_cloud",

@@ -184,11 +184,16 @@ def read_surface(avatar: bpy.types.Object, size: np.ndarray) -> Mesh:
     OutputError
         When it has no faces.
     """
-    data = avatar.data
+    surface = surface_of(avatar.data, size)
+    if not len(surface.triangles):
+        raise OutputError(say("{name}: has no faces").format(name=avatar.name))
+    return surface
+
+
+def surface_of(data: bpy.types.Mesh, size: np.ndarray) -> Mesh:
+    """The arrays of a mesh, as :func:`read_surface`; it may have no faces."""
     data.calc_loop_triangles()
     count = len(data.loop_triangles)
-    if not count:
-        raise OutputError(say("{name}: has no faces").format(name=avatar.name))
     vertices = np.empty((len(data.vertices), 3), np.float32)
     data.attributes["position"].data.foreach_get("vector", vertices.ravel())
     triangles = np.empty((count, 3), np.int32)

@@ -94,6 +94,12 @@ def put_uv(data: bpy.types.Mesh, texture: Texture, material: bpy.types.Material)
     data[TEXTURED] = material
 
 
+def baked_material(name: str, image: np.ndarray) -> bpy.types.Material:
+    """A material like that of a texture, with an image (H, W, 3) uint8 sRGB of its own."""
+    with discard_on_error() as made:
+        return _material(name, _image(name, image, made), made)
+
+
 def name_image(avatar: bpy.types.Object, name: str) -> None:
     """Have an object that is about to be exported show an image of its own, under a name that only its file has."""
     material = material_of(avatar.data)

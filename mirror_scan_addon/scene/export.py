@@ -19,13 +19,17 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ...core.errors import OutputError
+from ...core.io import write_mesh
 from ...core.io.atomic_files import final_stem, replacing, replacing_with_companions
+from ...core.io.images import image_of_bytes
+from ...core.mesh import Texture
 from ..language.texts import say
 from . import avatar_objects as avatar_scene
 from . import cloth as scene_cloth
 from .armature import action_of, add_armature, add_clip
 from .avatar_texture import name_image, set_texture, texture_image
 from .blender_files import enabled, quiet, reason_of, removed_again, shown, silent, temporary_scene
+from .export_colors import bake_colors, colors_above_bytes, colors_to_corners, keep_colors, shows_otherwise
 from .scan_records import armature_of
 from .studio import VIEW_ANGLE, add_studio
 from .units import metres_per_unit
@@ -98,6 +102,7 @@ def write_glb(path: str | os.PathLike, reconstruction: Rigged) -> None:
             use_active_scene=True,
             export_yup=True,
             export_vertex_color="MATERIAL",
+            export_all_vertex_colors=False,
             export_animations=False,
             export_extras=False,
             export_skins=reconstruction.skeleton is not None,
@@ -117,7 +122,8 @@ def write_fbx(path: str | os.PathLike, reconstruction: Rigged, *, clip: Clip | N
         When the file cannot be written, or Blender's FBX exporter is missing or fails.
     """
     with replacing(path) as temporary, temporary_scene() as target:
-        _add_avatar(target, reconstruction, clip)
+        for made in _all_meshes(_add_avatar(target, reconstruction, clip)):
+            bake_colors(made)
         _export(
             target,
             "io_scene_fbx",
@@ -148,6 +154,8 @@ def write_usd(path: str | os.PathLike, reconstruction: Rigged, *, clip: Clip | N
     """
     with replacing_with_companions(path) as temporary, temporary_scene() as target:
         avatar = _add_avatar(target, reconstruction, clip)
+        for made in _all_meshes(avatar):
+            bake_colors(made)
         name_image(avatar, f"{bpy.path.clean_name(final_stem(path))}_texture")
         with shown(target), silent():
             try:
@@ -158,7 +166,7 @@ def write_usd(path: str | os.PathLike, reconstruction: Rigged, *, clip: Clip | N
         _check_holds_faces(path, temporary, "USDC")
 
 
-def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -> bool:
+def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str, as_shown: bool = False) -> bool:
     """Write an object of the open file by Blender's own exporter; selection and scene stay as they are.
 
     What is written is a copy in a scene of its own, so that nothing which hides an object, or keeps it from being
@@ -170,7 +178,9 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -
         With the ending the format has.
     avatar : bpy.types.Object
         A mesh in the context's scene.
-    kind : {"GLB", "FBX", "OBJ", "PLY", "STL", "USDC", "ABC", "BLEND"}
+    kind : {"GLB", "GLTF", "FBX", "OBJ", "PLY", "STL", "3MF", "USDC", "ABC", "BLEND"}
+    as_shown : bool
+        With the colours that *Colour By* shows instead of the capture's.
 
     Returns
     -------
@@ -180,8 +190,12 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -
 
     Notes
     -----
-    Files are in metres, STL in millimetres, whatever the scene's unit is: only Blender's FBX exporter heeds it, so for
-    the others the object is scaled while it is written. A .blend keeps Blender units, as appending and linking do.
+    An avatar's file carries the colours of the capture and no others of ours. FBX, OBJ and USD have no material that
+    shows colours of vertices: without a texture the file has a small one made of them, see :mod:`.export_colors`.
+
+    Files are in metres, STL and 3MF in millimetres, whatever the scene's unit is: only Blender's FBX exporter heeds
+    it, so for the others the object is scaled while it is written. A .blend keeps Blender units, as appending and
+    linking do.
 
     Raises
     ------
@@ -191,18 +205,22 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -
     avatar_scene.check_finite(avatar, np.array(avatar.matrix_world))
     size = 1.0 if kind in ("FBX", "BLEND") else metres_per_unit(bpy.context.scene)
     stiff = False
-    image = texture_image(avatar.data) if kind in _WITH_COMPANIONS else None
-    with (replacing if image is None else replacing_with_companions)(path) as temporary:
+    with (replacing_with_companions if kind in _WITH_COMPANIONS else replacing)(path) as temporary:
         file = str(temporary)
         try:
             if kind == "BLEND":
-                with _own(avatar) as kept:
+                with _own(avatar, as_shown) as kept:
                     bpy.data.libraries.write(file, {kept}, compress=True, fake_user=True)
             else:
                 bones = armature_of(avatar) if kind in _WITH_SKELETON else None
-                with _copy_alone(avatar, size, bones) as (target, copy), shown(target), quiet():
+                with _copy_alone(avatar, size, bones, as_shown) as (target, copy), shown(target), quiet():
                     stiff = bones is not None and armature_of(copy) is None
-                    if image is not None:
+                    if kind in _WITHOUT_VERTEX_COLORS:
+                        for made in _all_meshes(copy):
+                            bake_colors(made)
+                    if kind in _PREPARED:
+                        _PREPARED[kind](copy)
+                    if kind in _WITH_COMPANIONS:
                         name_image(copy, f"{bpy.path.clean_name(Path(path).stem)}_texture")
                     _EXPORTERS[kind](file, copy)
         # What an operator reports reaches scripts as RuntimeError; without the format there is no such operator.
@@ -213,12 +231,15 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str) -
     return stiff
 
 
-def _write_glb(file: str, copy: bpy.types.Object) -> None:
+def _write_gltf(file: str, copy: bpy.types.Object) -> None:
+    """Binary or as text, by the ending. Colours of vertices only where the material shows them: viewers multiply a
+    texture by them."""
     moves = _moves(copy)
     with enabled("io_scene_gltf2"):
         bpy.ops.export_scene.gltf(
-            filepath=file, export_format="GLB", use_selection=True, use_active_scene=True, export_yup=True,
-            export_vertex_color="MATERIAL", export_animations=moves,
+            filepath=file, export_format="GLB" if file.endswith(".glb") else "GLTF_SEPARATE", use_selection=True,
+            use_active_scene=True, export_yup=True, export_vertex_color="MATERIAL", export_all_vertex_colors=False,
+            export_animations=moves,
             export_animation_mode="ACTIVE_ACTIONS", export_extras=False,
             export_nla_strips_merged_animation_name=action_of(armature_of(copy)).name if moves else "Animation",
             export_apply=copy.data.shape_keys is None, export_rest_position_armature=True,
@@ -235,12 +256,12 @@ def _write_fbx(file: str, copy: bpy.types.Object) -> None:
 
 
 def _write_obj(file: str, copy: bpy.types.Object) -> None:
-    """With a texture: its material and image stand beside the file, under its name."""
+    """Its material and image stand beside the file, under its name."""
     image = texture_image(copy.data)
+    materials = any(slot.material is not None for slot in copy.material_slots)
     bpy.ops.wm.obj_export(
-        filepath=file, export_selected_objects=True, export_colors=True, export_materials=image is not None,
-        path_mode="STRIP",
-    )  # fmt: skip
+        filepath=file, export_selected_objects=True, export_colors=True, export_materials=materials, path_mode="STRIP"
+    )
     if image is not None:
         path = Path(file)
         path.with_suffix(".png").write_bytes(image.packed_file.data)
@@ -250,11 +271,31 @@ def _write_obj(file: str, copy: bpy.types.Object) -> None:
         material.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-_WITH_COMPANIONS = ("OBJ", "USDC")
+def _write_3mf(file: str, copy: bpy.types.Object) -> None:
+    """The shape as it stands, with its texture, or the colours of its vertices."""
+    shape = _final_shape(copy, bpy.context.view_layer)
+    shape.transform(copy.matrix_world)
+    surface = avatar_scene.surface_of(shape, np.ones(3))
+    image, uv = texture_image(copy.data), shape.uv_layers.active
+    texture = None
+    if image is not None and uv is not None:
+        places, corners = np.empty((len(shape.loops), 2), np.float32), np.empty((len(surface.triangles), 3), np.int32)
+        uv.uv.foreach_get("vector", places.ravel())
+        shape.loop_triangles.foreach_get("loops", corners.ravel())
+        islands = np.zeros(len(corners), np.int32)
+        texture = Texture(places[corners], image_of_bytes(image.packed_file.data), islands)
+    write_mesh(file, surface, texture)
+
+
+_WITH_COMPANIONS = ("OBJ", "USDC", "GLTF")
+_PREPARED = {"ABC": colors_to_corners, "PLY": colors_above_bytes}
+_WITHOUT_VERTEX_COLORS = ("FBX", "OBJ", "USDC")
 _MILLIMETRES = 1000.0  # in a metre: slicers take an STL's numbers for millimetres
-_WITH_SKELETON = ("GLB", "FBX", "USDC")
+_WITH_SKELETON = ("GLB", "GLTF", "FBX", "USDC")
 _EXPORTERS: dict[str, Callable[[str, bpy.types.Object], object]] = {
-    "GLB": _write_glb,
+    "GLB": _write_gltf,
+    "GLTF": _write_gltf,
+    "3MF": _write_3mf,
     "FBX": _write_fbx,
     "OBJ": _write_obj,
     "PLY": lambda file, copy: bpy.ops.wm.ply_export(filepath=file, export_selected_objects=True, export_colors="SRGB"),
@@ -264,7 +305,9 @@ _EXPORTERS: dict[str, Callable[[str, bpy.types.Object], object]] = {
     "USDC": lambda file, copy: bpy.ops.wm.usd_export(
         filepath=file, selected_objects_only=True, export_animation=_moves(copy)
     ),
-    "ABC": lambda file, copy: bpy.ops.wm.alembic_export(filepath=file, selected=True, as_background_job=False),
+    "ABC": lambda file, copy: bpy.ops.wm.alembic_export(
+        filepath=file, selected=True, vcolors=True, as_background_job=False
+    ),
 }
 
 
@@ -293,8 +336,10 @@ def _holds_faces(file: Path, kind: str) -> bool:
             return b'"primitives"' in stream.read(20 + int.from_bytes(head[12:16], "little"))
     if kind == "OBJ":
         return b"\nf " in file.read_bytes()
-    if kind == "BLEND":
+    if kind in ("BLEND", "3MF"):  # core writes the latter, and refuses what has no face
         return True
+    if kind == "GLTF":
+        return b'"primitives"' in file.read_bytes()
     content = file.read_bytes()
     if content.startswith(b"PXR-USDC"):  # its words are packed
         return len(content) > _USDC_WITHOUT_MESH
@@ -306,16 +351,20 @@ _USDC_WITHOUT_MESH = 1200
 
 
 @contextlib.contextmanager
-def _own(avatar: bpy.types.Object) -> Iterator[bpy.types.Object]:
-    """The object, or one of this file that is as it, where it is linked from another: a link is no copy."""
-    if avatar.library is None and avatar.data.library is None:
+def _own(avatar: bpy.types.Object, as_shown: bool) -> Iterator[bpy.types.Object]:
+    """The object, or one of this file that is as it, where it is linked from another, for a link is no copy, or shows
+    other colours."""
+    if avatar.library is None and avatar.data.library is None and (as_shown or not shows_otherwise(avatar)):
         yield avatar
         return
-    name = avatar.name
-    with _renamed(avatar), removed_again():
+    name, data_name = avatar.name, avatar.data.name
+    with _renamed(avatar), _renamed(avatar.data), removed_again():
         own = avatar.copy()
         own.name = name
         own.data = avatar.data.copy()
+        own.data.name = data_name
+        if not as_shown:
+            keep_colors(own)
         for slot in own.material_slots:
             if slot.material is not None and slot.material.library is not None:
                 slot.material = slot.material.copy()
@@ -324,7 +373,7 @@ def _own(avatar: bpy.types.Object) -> Iterator[bpy.types.Object]:
 
 @contextlib.contextmanager
 def _copy_alone(
-    avatar: bpy.types.Object, size: float, bones: bpy.types.Object | None = None
+    avatar: bpy.types.Object, size: float, bones: bpy.types.Object | None = None, as_shown: bool = False
 ) -> Iterator[tuple[bpy.types.Scene, bpy.types.Object]]:
     """A scene with nothing but a copy of the object, selected, ``size`` times as large seen from the world's origin.
 
@@ -332,7 +381,11 @@ def _copy_alone(
     With its armature ``bones`` it hangs on a copy of that, which has the scene's range of frames to move in.
     """
     scene, name, bones_name = bpy.context.scene, avatar.name, bones.name if bones else ""
-    with _renamed(avatar), _renamed(bones) if bones else contextlib.nullcontext(), temporary_scene() as target:
+    data_name = avatar.data.name
+    with contextlib.ExitStack() as kept:
+        for item in (avatar, avatar.data, *((bones,) if bones else ())):
+            kept.enter_context(_renamed(item))
+        target = kept.enter_context(temporary_scene())
         for setting in ("fps", "fps_base"):
             setattr(target.render, setting, getattr(scene.render, setting))
         target.frame_start, target.frame_end = scene.frame_start, scene.frame_end
@@ -340,7 +393,9 @@ def _copy_alone(
             setattr(target.unit_settings, setting, getattr(scene.unit_settings, setting))
         target.frame_set(scene.frame_current, subframe=scene.frame_subframe)
         copy = avatar.copy()
-        copy.name = name
+        copy.name, copy.data = name, avatar.data.copy()
+        copy.data.name = data_name
+        keep_colors(copy, as_shown)
         copy.hide_select = copy.hide_viewport = copy.hide_render = False
         target.collection.objects.link(copy)
         layer = target.view_layers[0]
@@ -405,6 +460,7 @@ def _wear_copies(
     """Copies of garments, selected, which a copy of the armature moves; no file format knows how cloth falls."""
     for garment in garments:
         copy = garment.copy()
+        copy.data = garment.data.copy()
         copy.hide_select = copy.hide_viewport = copy.hide_render = False
         copy.animation_data_clear()
         copy.constraints.clear()
@@ -435,7 +491,7 @@ def _is_orthogonal(matrix: Matrix) -> bool:
 
 
 @contextlib.contextmanager
-def _renamed(avatar: bpy.types.Object) -> Iterator[None]:
+def _renamed(avatar: bpy.types.ID) -> Iterator[None]:
     """Have another object be able to take its name."""
     name = avatar.name
     if avatar.library is not None:  # names of another file are no names here
@@ -446,6 +502,14 @@ def _renamed(avatar: bpy.types.Object) -> Iterator[None]:
         yield
     finally:
         avatar.name = name
+
+
+def _all_meshes(avatar: bpy.types.Object) -> list[bpy.types.Object]:
+    """An avatar, and the garments that hang on its armature as it does."""
+    return [
+        avatar,
+        *(item for item in (avatar.parent.children if avatar.parent else ()) if item != avatar and item.type == "MESH"),
+    ]
 
 
 def _add_avatar(

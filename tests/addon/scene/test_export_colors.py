@@ -1,0 +1,300 @@
+"""Every format carries the capture's colours, whatever is shown, with a material that shows them."""
+
+from __future__ import annotations
+
+import json
+import re
+import struct
+import zipfile
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("bpy")
+
+MODES = ("CAPTURE", "VIEW", "KIND")
+IMPORTERS = {
+    "glb": "import_scene.gltf", "gltf": "import_scene.gltf", "fbx": "import_scene.fbx", "obj": "wm.obj_import",
+    "usdc": "wm.usd_import", "ply": "wm.ply_import", "abc": "wm.alembic_import",
+}  # fmt: skip
+BY_IMAGE = ("fbx", "obj", "usdc")
+"""Formats whose material shows colours by an image only."""
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    """A capsule of random colours, the extremes among them."""
+    from mirror_scan.core.mesh import Mesh
+
+    rng = np.random.default_rng(8)
+    around, along = 16, 9
+    turn, up = np.meshgrid(2 * np.pi * np.arange(around) / around, np.arange(along))
+    radius = 0.3 * np.sin(np.pi * (up + 1) / (along + 1)) + 0.02
+    vertices = np.stack((radius * np.cos(turn), radius * np.sin(turn), 0.2 * up), axis=-1).reshape(-1, 3)
+    here = np.arange(around)
+    there = (here + 1) % around
+    triangles = []
+    for ring in range(along - 1):
+        low, high = ring * around, (ring + 1) * around
+        triangles += [np.stack((low + here, low + there, high + there), axis=1)]
+        triangles += [np.stack((low + here, high + there, high + here), axis=1)]
+    triangles = np.concatenate(triangles).astype(np.int32)
+    colors = rng.integers(0, 256, (len(vertices), 3)).astype(np.uint8)
+    colors[:6] = np.repeat([[0], [1], [2], [128], [254], [255]], 3, axis=1)
+    view, kind = rng.integers(-1, 3, len(vertices)), rng.integers(0, 3, len(triangles))
+    return Mesh(vertices, triangles, colors, view.astype(np.int8), kind.astype(np.int8))
+
+
+@pytest.fixture
+def avatar(bpy, mesh):
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
+
+    made = create_avatar(mesh, collection=bpy.context.scene.collection)
+    select_only(bpy.context, made)
+    return made
+
+
+@pytest.fixture
+def texture(mesh):
+    """Places of the triangles in an image of random colours."""
+    from mirror_scan.core.mesh import Texture
+
+    rng = np.random.default_rng(3)
+    return Texture(
+        ((rng.integers(0, 64, (len(mesh.triangles), 3, 2)) + 0.5) / 64).astype(np.float32),
+        rng.integers(0, 256, (64, 64, 3)).astype(np.uint8), np.arange(len(mesh.triangles), dtype=np.int32),
+    )  # fmt: skip
+
+
+def exported(bpy, path, **options):
+    assert bpy.ops.mirror_scan.export_avatar(filepath=str(path), **options) == {"FINISHED"}
+    return path
+
+
+def imported(bpy, path):
+    """The one mesh in a file, in an empty scene."""
+    import addon_utils
+
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    for module in ("io_scene_gltf2", "io_scene_fbx"):
+        addon_utils.enable(module)
+    kind = path.suffix[1:]
+    if kind == "blend":
+        with bpy.data.libraries.load(str(path)) as (there, here):
+            here.objects = there.objects
+        bpy.context.scene.collection.objects.link(here.objects[0])
+        return here.objects[0]
+    module, name = IMPORTERS[kind].split(".")
+    options = {"forward_axis": "Y", "up_axis": "Z"} if kind == "ply" else {}
+    getattr(getattr(bpy.ops, module), name)(filepath=str(path), **options)
+    bpy.context.view_layer.update()
+    (found,) = [item for item in bpy.data.objects if item.type == "MESH"]
+    return found
+
+
+def corners_of(item):
+    """Where the corners of a mesh's faces stand in the world (C, 3), and their vertices (C,)."""
+    data = item.data
+    points = np.empty((len(data.vertices), 3), np.float32)
+    data.vertices.foreach_get("co", points.ravel())
+    vertex = np.empty(len(data.loops), np.int32)
+    data.loops.foreach_get("vertex_index", vertex)
+    matrix = np.array(item.matrix_world)
+    return (points @ matrix[:3, :3].T + matrix[:3, 3])[vertex], vertex
+
+
+def truth_at(mesh, places):
+    """The capture's colours (N, 3) at places (N, 3)."""
+    distance = np.linalg.norm(places[:, None] - mesh.vertices[None], axis=2)
+    assert distance.min(axis=1).max() < 1e-4
+    return mesh.colors[distance.argmin(axis=1)]
+
+
+def stored_colors(item):
+    """The one colour attribute of a mesh at the corners of its faces, sRGB bytes."""
+    (attribute,) = item.data.color_attributes
+    rgba = np.empty((len(attribute.data), 4), np.float32)
+    attribute.data.foreach_get("color_srgb", rgba.ravel())
+    colors = np.rint(rgba[:, :3] * 255)
+    return colors if attribute.domain == "CORNER" else colors[corners_of(item)[1]]
+
+
+def image_shown(item):
+    """The image that a mesh's material has for its colour, sRGB bytes (H, W, 3), the upper row first; or None."""
+    tree = item.active_material.node_tree
+    shader = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
+    node = shader.inputs["Base Color"].links[0].from_node
+    if node.type != "TEX_IMAGE":
+        return None
+    pixels = np.empty(len(node.image.pixels), np.float32)
+    node.image.pixels.foreach_get(pixels)
+    width, height = node.image.size
+    return np.rint(pixels.reshape(height, width, -1)[::-1, :, :3] * 255)
+
+
+def texels_shown(item):
+    """What that image has at the corners of the faces."""
+    image = image_shown(item)
+    uv = np.empty((len(item.data.loops), 2), np.float32)
+    item.data.uv_layers.active.uv.foreach_get("vector", uv.ravel())
+    height, width = image.shape[:2]
+    column, row = uv[:, 0] * width - 0.5, (1 - uv[:, 1]) * height - 0.5
+    assert (
+        np.abs(column - np.rint(column)).max() < 0.01 and np.abs(row - np.rint(row)).max() < 0.01
+    )  # middles of texels
+    return image[np.rint(row).astype(int), np.rint(column).astype(int)]
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("ending", [*IMPORTERS, "blend"])
+def test_the_colours_of_the_capture_come_back_bit_for_bit(bpy, avatar, mesh, tmp_path, ending, mode):
+    bpy.ops.mirror_scan.color_by(mode=mode)
+    names = [attribute.name for attribute in avatar.data.color_attributes]
+    slots = [slot.material for slot in avatar.material_slots]
+    item = imported_of = exported(bpy, tmp_path / f"a.{ending}")
+    assert [attribute.name for attribute in avatar.data.color_attributes] == names
+    assert [slot.material for slot in avatar.material_slots] == slots and avatar.data.name == "Avatar"
+    item = imported(bpy, imported_of)
+    places, _ = corners_of(item)
+    truth = truth_at(mesh, places)
+    np.testing.assert_array_equal(stored_colors(item), truth)
+    if ending in BY_IMAGE:
+        np.testing.assert_array_equal(texels_shown(item), truth)
+    elif ending in ("glb", "gltf", "blend"):  # the others have no materials
+        tree = item.active_material.node_tree
+        shader = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
+        node = shader.inputs["Base Color"].links[0].from_node
+        assert node.type == "VERTEX_COLOR" and node.layer_name in ("", item.data.color_attributes[0].name)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("ending", [*IMPORTERS, "blend"])
+def test_a_texture_goes_along_whatever_is_shown(bpy, avatar, texture, tmp_path, ending, mode):
+    from mirror_scan.mirror_scan_addon.scene.avatar_texture import set_texture
+
+    set_texture(avatar, texture)
+    bpy.ops.mirror_scan.color_by(mode=mode)
+    item = imported(bpy, exported(bpy, tmp_path / f"a.{ending}"))
+    names = [attribute.name for attribute in item.data.color_attributes]
+    assert len(names) == (0 if ending.startswith("gl") else 1)  # viewers multiply a texture by COLOR_0
+    uv = np.empty((len(item.data.loops), 2), np.float32)
+    if ending not in ("ply",):  # which has a place for every vertex, not for every corner
+        item.data.uv_layers.active.uv.foreach_get("vector", uv.ravel())
+        ours, theirs = (np.unique(np.rint(64 * one.reshape(-1, 2) - 0.5), axis=0) for one in (texture.uv, uv))
+        np.testing.assert_array_equal(ours, theirs)
+    if ending not in ("ply", "abc"):
+        np.testing.assert_array_equal(image_shown(item), texture.image)
+
+
+def first_colors_of(glb):
+    """COLOR_0 (N, 3) of the one mesh of a .glb, 0 to 1, which has no others; by the specification of glTF 2.0."""
+    (size,) = struct.unpack_from("<I", glb, 12)
+    content, body = json.loads(glb[20 : 20 + size]), glb[28 + size :]
+    (primitive,) = content["meshes"][0]["primitives"]
+    assert [name for name in primitive["attributes"] if name.startswith("COLOR")] == ["COLOR_0"]
+    accessor = content["accessors"][primitive["attributes"]["COLOR_0"]]
+    kind = {5121: np.uint8, 5123: np.uint16, 5126: np.float32}[accessor["componentType"]]
+    width = {"VEC3": 3, "VEC4": 4}[accessor["type"]]
+    start = content["bufferViews"][accessor["bufferView"]].get("byteOffset", 0) + accessor.get("byteOffset", 0)
+    values = np.frombuffer(body, kind, width * accessor["count"], start).reshape(-1, width)[:, :3]
+    return values.astype(np.float64) / (1 if kind == np.float32 else np.iinfo(kind).max)
+
+
+@pytest.mark.parametrize("textured", [False, True])
+@pytest.mark.parametrize("mode", MODES)
+def test_3mf_has_the_colours_or_the_texture(bpy, avatar, mesh, texture, tmp_path, mode, textured):
+    from mirror_scan.core.io.images import image_of_bytes
+    from mirror_scan.mirror_scan_addon.scene.avatar_texture import set_texture
+
+    if textured:
+        set_texture(avatar, texture)
+    bpy.ops.mirror_scan.color_by(mode=mode)
+    avatar.location.x = 1.0
+    with zipfile.ZipFile(exported(bpy, tmp_path / "a.3mf")) as archive:
+        model = archive.read("3D/3dmodel.model").decode()
+        if textured:
+            np.testing.assert_array_equal(image_of_bytes(archive.read("3D/Textures/texture.png")), texture.image)
+            return
+    points = np.array(re.findall(r'<vertex x="([^"]+)" y="([^"]+)" z="([^"]+)"', model), float)
+    np.testing.assert_allclose(points, 1000 * (mesh.vertices + (1, 0, 0)), atol=1e-2)
+    palette = np.array([list(bytes.fromhex(word[:6])) for word in re.findall(r'color="#(\w+)"', model)])
+    table = re.findall(r'<triangle v1="(\d+)" v2="(\d+)" v3="(\d+)" .*?p1="(\d+)" p2="(\d+)" p3="(\d+)"', model)
+    table = np.array(table, int)
+    assert len(table) == len(mesh.triangles)
+    np.testing.assert_array_equal(palette[table[:, 3:]], mesh.colors[table[:, :3]])
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("ending", ["glb", "ply", "obj"])
+def test_trimesh_reads_the_colours_of_the_capture(bpy, avatar, mesh, tmp_path, ending, mode):
+    trimesh = pytest.importorskip("trimesh")
+    from mirror_scan.core.numeric.srgb import from_linear
+
+    bpy.ops.mirror_scan.color_by(mode=mode)
+    path = exported(bpy, tmp_path / f"a.{ending}")
+    if ending == "glb":
+        (found,) = trimesh.load(path, process=False).geometry.values()
+        points = np.array(found.vertices)[:, (0, 2, 1)] * (1, -1, 1)
+        linear = first_colors_of(path.read_bytes())
+        np.testing.assert_array_equal(np.rint(255 * from_linear(linear)), truth_at(mesh, points))
+        return
+    if ending == "obj":  # trimesh shows the image of a material instead; the colours stand in the lines of vertices
+        rows = np.array([line.split()[1:] for line in path.read_text().splitlines() if line.startswith("v ")], float)
+        points, colors = rows[:, :3], np.rint(255 * rows[:, 3:6])
+        shown = trimesh.load(path, process=False).visual
+        assert shown.material.image is not None and len(shown.uv)
+    else:
+        found = trimesh.load(path, process=False)
+        points, colors = np.array(found.vertices), found.visual.vertex_colors[:, :3]
+    places = points[:, (0, 2, 1)] * (1, -1, 1) if ending == "obj" else points
+    np.testing.assert_array_equal(colors, truth_at(mesh, places))
+
+
+@pytest.mark.parametrize("ending", IMPORTERS)
+def test_what_is_shown_goes_into_a_file_when_it_is_asked_for(bpy, avatar, mesh, tmp_path, ending):
+    from mirror_scan.core.preview.palette import view_colors
+
+    bpy.ops.mirror_scan.color_by(mode="VIEW")
+    item = imported(bpy, exported(bpy, tmp_path / f"a.{ending}", colors="SHOWN"))
+    places, _ = corners_of(item)
+    wanted = truth_at(SimpleNamespace(vertices=mesh.vertices, colors=view_colors(mesh.view)), places)
+    np.testing.assert_array_equal(stored_colors(item), wanted)
+    if ending in BY_IMAGE:
+        np.testing.assert_array_equal(texels_shown(item), wanted)
+
+
+@pytest.mark.parametrize("ending", ["fbx", "usdc"])
+def test_scripts_and_the_command_line_write_them_too(bpy, mesh, tmp_path, ending):
+    from mirror_scan.core.pipeline import Reconstruction
+    from mirror_scan.mirror_scan_addon.scene import export
+
+    path = tmp_path / f"a.{ending}"
+    getattr(export, {"fbx": "write_fbx", "usdc": "write_usd"}[ending])(
+        path, Reconstruction(mesh, "avatar", np.eye(4), {})
+    )
+    item = imported(bpy, path)
+    np.testing.assert_array_equal(texels_shown(item), truth_at(mesh, corners_of(item)[0]))
+
+
+def test_what_a_user_made_is_left_alone(bpy, avatar, mesh, tmp_path):
+    """A UV map and a material of his own; and a mesh of one colour needs no image."""
+    material = bpy.data.materials.new("Mine")
+    avatar.data.materials[0] = material
+    item = imported(bpy, exported(bpy, tmp_path / "a.fbx"))
+    assert item.active_material.name == "Mine" and not item.data.uv_layers
+    from dataclasses import replace
+
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
+
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    plain = replace(mesh, colors=np.full((len(mesh.vertices), 3), (10, 200, 90), np.uint8))
+    select_only(bpy.context, create_avatar(plain, collection=bpy.context.scene.collection))
+    item = imported(bpy, exported(bpy, tmp_path / "b.fbx"))
+    shader = next(node for node in item.active_material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+    from mirror_scan.core.numeric.srgb import from_linear
+
+    color = from_linear(np.array(shader.inputs["Base Color"].default_value[:3]))
+    np.testing.assert_allclose(255 * color, (10, 200, 90), atol=0.6)
+    assert not Path(tmp_path / "b.fbm").exists()
