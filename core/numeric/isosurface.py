@@ -8,19 +8,23 @@ CORNERS = np.array([(i >> 2 & 1, i >> 1 & 1, i & 1) for i in range(8)])
 """Of a cell, in the order of the bits of its code."""
 
 
-def surface_nets(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def surface_nets(values: np.ndarray, least: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Vertices in grid units (V, 3) and outward quads (Q, 4) int32 where ``values`` changes sign; manifold, closed.
 
     ``values`` (nx, ny, nz) is negative inside, positive on the grid's outermost layer; it is changed in place at
-    the corners of cells that would hold two sheets.
+    the corners of cells that would hold two sheets, and where it is smaller than ``least``, to that. With a ``least``
+    above 0 no two vertices are in one place: around a point of the grid that lies on the surface all would be.
     """
+    if least:
+        near = np.abs(values) < least
+        values[near] = np.where(values[near] < 0, -least, least)
     codes = _codes(values < 0)
     bad = _two_sheets()
     while len(cells := np.argwhere(bad[codes])):
         corners = cells[:, None, :] + CORNERS
         at = values[tuple(np.moveaxis(corners, -1, 0))]
         shallow = np.where(at < 0, np.inf, at).argmin(axis=1)
-        values[tuple(corners[np.arange(len(cells)), shallow].T)] = -1e-6
+        values[tuple(corners[np.arange(len(cells)), shallow].T)] = -max(least, 1e-6)
         codes = _codes(values < 0)
 
     active = (codes != 0) & (codes != 255)

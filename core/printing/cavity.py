@@ -15,6 +15,7 @@ from ..numeric.isosurface import split_quads, surface_nets
 
 _CELLS_A_WALL = 3.0
 _MOST_CELLS = 12_000_000
+_APART = 0.05  # of a cell: no point of the grid lies nearer to the cavity's surface, so that files keep vertices apart
 _LEAST_WIDTH = 3.0  # a cavity smaller than a cube of that many walls is not worth its risks
 
 
@@ -146,7 +147,7 @@ def cavity_surface(field: np.ndarray, grid: Grid, wall: float, below: float | No
     """
     if not (field < 0).any():
         return None
-    points, quads = surface_nets(field)
+    points, quads = surface_nets(field, _APART * grid.cell)
     mesh = Mesh(grid.points(points), split_quads(points, quads))
     label, count = triangle_components(mesh.triangles, len(mesh.vertices))
     keep = np.zeros(count, np.bool_)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from mirror_scan.core.errors import MirrorScanError
+from mirror_scan.core.io import write_mesh
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.bvh import build_bvh, closest_point
 from mirror_scan.core.mesh.soundness import mesh_report
@@ -94,6 +95,46 @@ def test_the_wall_of_a_figure_is_nowhere_thinner(figure):
 
 
 @pytest.mark.parametrize("base", [0.0, 3.0])
+def merged_by_place(mesh: Mesh, folder) -> trimesh.Trimesh:
+    """What a slicer makes of the STL file, whose triangles have corners of their own."""
+    write_mesh(folder / "print.stl", mesh)
+    corners = trimesh.load(folder / "print.stl", process=False).triangles.reshape(-1, 3).astype(np.float32)
+    places, number = np.unique(corners, axis=0, return_inverse=True)
+    return trimesh.Trimesh(places, number.reshape(-1, 3), process=False)
+
+
+def worst_edge(made: trimesh.Trimesh) -> tuple[int, int]:
+    """How few and how many triangles meet in an edge."""
+    count = np.unique(made.edges_sorted, axis=0, return_counts=True)[1]
+    return int(count.min()), int(count.max())
+
+
+@pytest.mark.parametrize(
+    "size", [(180, 2, 3, 0), (180, 2, 3, 3), (90, 1.5, 0, 0), (180, 0.8, 0, 0), (300, 5, 0, 0), (100, 2, 2, 0)]
+)
+def test_vertices_merged_by_place_are_a_manifold_still(figure, size, tmp_path):
+    height, wall, base, drain = size
+    made = prepare_print(figure, PrintSettings(height_mm=height, wall_mm=wall, base_mm=base, drain_mm=drain))
+    merged = merged_by_place(made, tmp_path)
+    assert len(merged.faces) == len(made.triangles) and len(merged.vertices) == len(made.vertices)
+    assert worst_edge(merged) == (2, 2)
+    assert merged.is_watertight and merged.is_winding_consistent
+    assert 1e-9 * merged.volume == pytest.approx(mesh_report(made)["volume_m3"], rel=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_surface_nets_keep_vertices_apart_where_the_grid_lies_on_the_surface(seed):
+    """Balls whose surface runs through points of the grid, that touch in points, edges and corners."""
+    rng = np.random.default_rng(seed)
+    index = np.stack(np.meshgrid(*[np.arange(40.0)] * 3, indexing="ij"), axis=-1)
+    centers, radii = rng.integers(12, 28, (6, 3)), rng.integers(3, 9, 6)
+    field = np.min([np.linalg.norm(index - c, axis=-1) - r for c, r in zip(centers, radii, strict=True)], axis=0)
+    points, quads = surface_nets(field.astype(np.float32), 0.05)
+    places, number = np.unique((points / 7.0 + 100.0).astype(np.float32), axis=0, return_inverse=True)
+    assert len(places) == len(points)
+    assert worst_edge(trimesh.Trimesh(places, number.reshape(-1)[split_quads(points, quads)], process=False)) == (2, 2)
+
+
 def test_drain_holes_open_the_hollow_to_below(figure, base):
     settings = PrintSettings(height_mm=220, wall_mm=1.5, base_mm=base, drain_mm=3)
     made = prepare_print(figure, settings)
