@@ -13,15 +13,13 @@ from types import ModuleType
 def _modules() -> tuple[ModuleType, ...]:
     """Modules with something to register, in the order of their needs."""
     from . import command, operators
-    from .background import job_operators, second_process
+    from .background import getting_ready, job_operators, second_process
     from .interface import menus, overlay, panels, preferences
     from .language import texts
     from .scene import live_subject, properties
 
-    return (
-        texts, properties, preferences, second_process, job_operators, live_subject, operators, overlay, panels, menus,
-        command,
-    )  # fmt: skip
+    base = texts, properties, preferences, second_process, getting_ready, job_operators
+    return *base, live_subject, operators, overlay, panels, menus, command
 
 
 def register() -> None:

@@ -19,6 +19,7 @@ __all__ = [
     "folders",
     "frames",
     "live_camera",
+    "nominal_intrinsics",
     "rgbd_writer",
     "upright_grid",
 ]

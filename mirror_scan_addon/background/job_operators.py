@@ -14,8 +14,9 @@ from typing import NamedTuple
 import bpy
 
 from ...core.errors import MirrorScanError
-from ..language.texts import say, tell
-from . import last_problem, numba_setup, second_process
+from ..language.texts import say, tell, without_options
+from ..scene import kept_errors
+from . import last_problem, numba_setup, remaining_time, second_process
 
 TICK_S = 0.05  # how often the window reads the progress of the work
 SHOW_S = 0.25  # how often at most it is redrawn: drawing is slow without a graphics card
@@ -129,6 +130,7 @@ class JobOperator:
     _timer: bpy.types.Timer | None = None
     _scene_uid = 0
     _shown = 0.0  # when progress was drawn last
+    _clock: remaining_time.Clock | None = None
 
     def start(self, context: bpy.types.Context) -> Task:
         """Check the input and say what to do; raises :class:`.errors.MirrorScanError`."""
@@ -143,11 +145,12 @@ class JobOperator:
         manager.progress_begin(0, 100)
         try:
             result = self.start(context).now(lambda fraction: manager.progress_update(round(100 * fraction)))
+            kept_errors.forget(context, self)
             self.finish(context, context.scene, result)
             self._warn()
             return {"FINISHED"}
         except REPORTED as error:
-            return self.fail(error)
+            return self.fail(error, context)
         finally:
             manager.progress_end()
 
@@ -162,13 +165,14 @@ class JobOperator:
             self._task = self.start(context)
             self._worker = begin(self._task)
         except REPORTED as error:
-            return self.fail(error)
+            return self.fail(error, context)
         self._scene_uid = context.scene.session_uid
         self._timer = context.window_manager.event_timer_add(TICK_S, window=context.window)
         context.window_manager.modal_handler_add(self)
         progress = context.window_manager.mirror_scan
-        progress.fraction, progress.message, progress.operator = 0.0, "", type(self).bl_idname
+        progress.fraction, progress.message, progress.operator, progress.left = 0.0, "", type(self).bl_idname, ""
         self._shown = time.monotonic()
+        self._clock = remaining_time.Clock()
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -188,10 +192,10 @@ class JobOperator:
                 return {"PASS_THROUGH"}
             except REPORTED as error:
                 self.cancel(context)
-                return self.fail(error)
+                return self.fail(error, context)
         self.cancel(context)
         if isinstance(worker.error, REPORTED):
-            return self.fail(worker.error)
+            return self.fail(worker.error, context)
         if worker.error is not None:
             last_problem.remember(worker.error)
             raise worker.error
@@ -204,11 +208,14 @@ class JobOperator:
         if self._timer is not None:
             context.window_manager.event_timer_remove(self._timer)
         self._worker = self._timer = self._task = None
+        context.window_manager.mirror_scan.operator = ""  # a bar that is over is not drawn again
         context.workspace.status_text_set(None)
         redraw(context)
 
-    def fail(self, error: Exception) -> set[str]:
-        """Report an error and return what ``execute`` shall return."""
+    def fail(self, error: Exception, context: bpy.types.Context | None = None) -> set[str]:
+        """Report an error, keep it for the panel, and return what ``execute`` shall return."""
+        if context is not None:
+            kept_errors.keep(context, self, error)
         self.report({"ERROR"}, in_words(error))
         return {"CANCELLED"}
 
@@ -217,10 +224,11 @@ class JobOperator:
         if scene is None:
             self.report({"ERROR"}, say("The scene this was started in is gone; nothing was changed"))
             return {"CANCELLED"}
+        kept_errors.forget(context, self)  # before, so that what ``finish`` keeps stays
         try:
             self.finish(context, scene, result)
         except REPORTED as error:
-            return self.fail(error)
+            return self.fail(error, context)
         self._warn()
         return {"FINISHED"}
 
@@ -237,9 +245,10 @@ class JobOperator:
         if (progress.fraction, progress.message) == (fraction, message):
             return
         progress.fraction, progress.message = fraction, message
+        progress.left = self._clock.left(fraction)
         label, stage = say(self.bl_label), say(message)
-        context.workspace.status_text_set(say("{label}: {stage}  {done:.0%}    [Esc] Cancel").format(
-            label=label, stage=stage, done=fraction))  # fmt: skip
+        context.workspace.status_text_set(say("{label}: {stage}  {done:.0%}  {left}    [Esc] Cancel").format(
+            label=label, stage=stage, done=fraction, left=progress.left))  # fmt: skip
         redraw(context, panels_only=True)
 
 
@@ -250,7 +259,7 @@ def in_words(error: Exception) -> str:
         return say("Not enough memory; close other programs or use fewer frames")
     if isinstance(error, OSError) and error.filename and error.strerror:
         return say("{path}: {reason}").format(path=error.filename, reason=error.strerror)
-    return tell(error)
+    return without_options(tell(error))
 
 
 class FileJobOperator(JobOperator):

@@ -32,6 +32,7 @@ _idle: list[Worker] = []  # at most one; a process is of this session, not of th
 _helpers: dict[str, list[Worker]] = {}  # those that compile in the background, by the last stage of their way
 _claims: list[str] = []  # the folder by which processes agree who compiles what, once there is one
 HELPERS = 3  # processes at most that compile in the background
+COMPILING_SHARE = 0.9  # of the time of a task that first waits for its kernels: a minute before a few seconds
 
 
 class Unavailable(Exception):
@@ -44,7 +45,8 @@ class Worker:
     Files, since neither Windows' pipes nor Python 3.11 can be read there without waiting.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, patient: bool = False) -> None:
+        """``patient``: the processor is left to others when they need it."""
         if not sys.executable or not os.path.isfile(sys.executable):
             raise Unavailable("this Blender has no Python program of its own")
         import shutil  # 10 to 50 ms together, which Blender's start must not wait for
@@ -58,6 +60,8 @@ class Worker:
         flags = 0
         if sys.platform == "win32":
             flags = subprocess.CREATE_NO_WINDOW
+            if patient:  # elsewhere the process itself does it, by os.nice
+                flags |= subprocess.BELOW_NORMAL_PRIORITY_CLASS
         script = ADDON_FOLDER / "background" / "worker.py"
         try:
             with open(self.folder / "output", "wb") as output:
@@ -71,6 +75,7 @@ class Worker:
             self._rest = b""
             self._tasks = 0
             self.ready = False  # has imported what it needs
+            self.share = 0.0  # of what a helper compiles that is done, by whomever
             self._tell(
                 package=ROOT_PACKAGE, root=str(ROOT_FOLDER), folder=str(self.folder), path=[p for p in sys.path if p]
             )
@@ -150,6 +155,7 @@ class Errand:
         self._function, self._arguments = function, arguments
         self._worker: Worker | None = None
         self._compiles = False  # before the task itself
+        self._compiling_share = 0.0  # of the whole
         self._ended = False
 
     def start(self) -> None:
@@ -166,7 +172,7 @@ class Errand:
         if share is None:
             self._worker.begin(self._function, self._arguments)
         else:
-            self._compiles = True
+            self._compiles, self._compiling_share = True, COMPILING_SHARE
             self._worker.begin(kernel_compilation.compile_steps, (share[0], stage, share[1]))
 
     def is_alive(self) -> bool:
@@ -188,12 +194,18 @@ class Errand:
             if self._compiles and _claims:
                 kernel_compilation.give_up(_claims[0], self._worker.process.pid)
 
+    def _whole(self, fraction: float) -> float:
+        """The fraction done of compiling and task together, so that one bar goes over both."""
+        if self._compiles:
+            return self._compiling_share * fraction
+        return self._compiling_share + (1.0 - self._compiling_share) * fraction
+
     def _hear(self, message: dict) -> None:
         if "ready" in message:
             self._worker.ready = True
         elif "fraction" in message:
             text = numba_setup.compiling_text() if self._compiles else message["message"]
-            self.progress = message["fraction"], text
+            self.progress = self._whole(message["fraction"]), text
         elif "warning" in message:
             numba_setup.warnings.append(Notice.of_parts(message["warning"]))
         elif "compiling" in message:
@@ -245,13 +257,55 @@ def _take() -> Worker:
     return Worker()
 
 
-def compile_ahead(stage: str) -> None:
-    """Have what a stage calls compiled in the background, so that it need not wait for it; nothing where there is no
-    second Python, or nothing is left to compile."""
+def compile_ahead(stage: str) -> float | None:
+    """Have what a stage calls compiled in the background, so that it need not wait for it.
+
+    Returns
+    -------
+    float or None
+        About how many seconds that takes; None where there is no second Python, or nothing is left to compile.
+    """
     try:
-        _share_compiling(stage)
+        if _share_compiling(stage) is None:
+            return None
     except Unavailable:
-        pass  # then a thread compiles what the work calls, when it does
+        return None  # then a thread compiles what the work calls, when it does
+    last = kernel_compilation.last_of(stage)
+    wanted = kernel_compilation.needs(last)
+    whole = sum(entry.seconds for entry in kernel_compilation.entries() if entry.stage in wanted)
+    return whole / max(len(_helpers[last]), 1)
+
+
+def compiled_share() -> float | None:
+    """How much of what is compiled in the background is done; None when nothing is under way."""
+    shares = []
+    for helpers in _helpers.values():
+        for helper in helpers:
+            running = helper.alive()  # asked first: what it said before its end is then heard below
+            for message in helper.heard():
+                helper.share = message.get("fraction", helper.share)
+            if running:
+                shares.append(helper.share)
+    return max(shares, default=None)
+
+
+def stop_compiling() -> None:
+    """End the processes that compile in the background; a task that waits for them goes on by itself."""
+    for helpers in _helpers.values():
+        for helper in helpers:
+            helper.close()
+            if _claims:
+                kernel_compilation.give_up(_claims[0], helper.process.pid)
+    _helpers.clear()
+
+
+def warm_up() -> None:
+    """Start the process that does the work, so that the first task need not wait for its start."""
+    if not _idle:
+        try:
+            _idle.append(Worker())
+        except Unavailable:
+            pass  # a task then says so, or a thread does it
 
 
 def _share_compiling(stage: str) -> tuple[str, str] | None:
@@ -276,7 +330,7 @@ def _share_compiling(stage: str) -> tuple[str, str] | None:
         _helpers[last] = []
         # one core is the task's that is begun now
         for _ in range(max(1, min(HELPERS, (os.cpu_count() or 2) - 1))):
-            helper = Worker()
+            helper = Worker(patient=True)
             helper.begin(kernel_compilation.compile_steps, (_claims[0], last, stamp, True), last=True)
             _helpers[last].append(helper)
     return _claims[0], stamp

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ...core.avatar.garment import Garment
     from ...core.avatar.pose import SkinWeights
     from ...core.avatar.skeleton import Skeleton
-    from ...core.capture import Capture
+    from ...core.capture import Capture, ReadOptions
     from ...core.decimation import Reduced
     from ...core.measurements import Measurements
     from ...core.motion import Clip, Motion, Soles
@@ -118,6 +118,15 @@ class Built:
     report: dict
     warnings: tuple[str, ...]
     mirrors: list[dict]
+
+
+@dataclass(frozen=True)
+class Scanned:
+    """A capture with the mirrors it has or that were found, and the avatar; or why there is none."""
+
+    loaded: Loaded
+    built: Built | None
+    problem: MirrorScanError | None
 
 
 @dataclass(frozen=True)
@@ -215,12 +224,32 @@ def _open(path: str, frames: int, mirrors_path: str, reading: dict | None, nativ
     from ...core.capture.folders.rgbd_folder import read_mirrors
 
     options = dict(reading or {})
-    intrinsics = options.pop("intrinsics", "")
-    options = ReadOptions(**(lens_options(intrinsics) if intrinsics else {}), **options, native_color=native_color)
-    capture = open_capture(path, frames or None, options)
+    intrinsics, lens = options.pop("intrinsics", ""), options.pop("lens", "")
+    if intrinsics:
+        options |= lens_options(intrinsics)
+    options = ReadOptions(**options, native_color=native_color)
+    if lens and not intrinsics:
+        capture = _open_with_lens(path, frames, options, lens)
+    else:
+        capture = open_capture(path, frames or None, options)
     if mirrors_path:
         capture = dataclasses.replace(capture, mirrors=read_mirrors(mirrors_path, capture.intrinsics))
     return capture
+
+
+def _open_with_lens(path: str, frames: int, options: ReadOptions, sensor: str) -> Capture:
+    """A capture with the published lens of a sensor, in whichever of its sizes the images are."""
+    from ...core.capture import open_capture
+    from ...core.capture.nominal_intrinsics import published_lenses
+
+    first: CaptureError | None = None
+    for lens in published_lenses(sensor):
+        try:
+            return open_capture(path, frames or None, dataclasses.replace(options, intrinsics=lens))
+        except CaptureError as error:  # of another size, or something that no lens helps with
+            first = first or error
+    assert first is not None  # every sensor has a lens
+    raise first
 
 
 def _loaded(capture: Capture, path: str) -> Steps[Loaded]:
@@ -479,6 +508,47 @@ def build_steps(
     known = None if mirrors is None else tuple(_known(record) for record in mirrors)
     steps = reconstruction_steps(capture, known, dataclasses.replace(base, **chosen))
     return _built((yield from scaled(steps, (0.1, 1.0))))
+
+
+SCAN_SHARES = (0.16, 0.32)
+"""When the capture is loaded and when its mirrors are found, as shares of the time from the file to the avatar."""
+
+
+def scan_steps(
+    path: str,
+    frames: int,
+    mirrors_path: str = "",
+    settings: dict | None = None,
+    reading: dict | None = None,
+    glass_offset: float = 0.0,
+) -> Steps[Scanned]:
+    """From a file to the avatar: read a capture, find its mirrors unless it names them, and reconstruct it.
+
+    What goes wrong once the capture is read is part of the result, so that its points can be shown: arguments as of
+    :func:`build_steps`.
+    """
+    yield 0.0, READING
+    capture = _open(path, frames, mirrors_path, reading)
+    yield 0.02, "Loading the program"
+    from ...core.pipeline import Settings, reconstruction_steps
+    from ...core.pipeline.avatar_stages import scaled
+
+    read, found = SCAN_SHARES
+    loaded = yield from scaled(_loaded(capture, path), (0.04, read))
+    known: tuple | None = None
+    if not loaded.mirrors:
+        seen = yield from scaled(
+            find_mirrors_steps(loaded.depth, loaded.color, loaded.intrinsics, glass_offset), (read, found)
+        )
+        loaded = dataclasses.replace(loaded, mirrors=seen.mirrors, seen=seen.seen)
+        known = tuple(mirror_of(record) for record in seen.mirrors)
+    base = Settings()
+    chosen = {name: dataclasses.replace(getattr(base, name), **fields) for name, fields in (settings or {}).items()}
+    try:
+        steps = reconstruction_steps(capture, known, dataclasses.replace(base, **chosen))
+        return Scanned(loaded, _built((yield from scaled(steps, (found, 1.0)))), None)
+    except MirrorScanError as error:
+        return Scanned(loaded, None, error)
 
 
 def _capture_of(cloud: Cloud) -> Capture:

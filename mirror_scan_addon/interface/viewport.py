@@ -27,6 +27,95 @@ def look_from_camera(context: bpy.types.Context, cloud: bpy.types.Object) -> Non
     view.view_location = cloud.matrix_world @ Vector((0, 0, 2.5))
     view.view_distance = 4.8 * cloud.matrix_world.median_scale
     show_within(area, 0.1 * cloud.matrix_world.median_scale, 50.0 * cloud.matrix_world.median_scale)
+    _fit(area, cloud)
+
+
+def look_at_whole_capture(context: bpy.types.Context, cloud: bpy.types.Object) -> None:
+    """Have the 3D viewport look from the camera, unless all points are in sight already, beside the sidebar."""
+    area = viewport(context)
+    if area is None or bpy.app.background:
+        return
+    places = _places(area, _sample(cloud))
+    left, right, bottom, top = visible_part(area)
+    inside = (places[:, 2] > 0) & (places[:, 0] > left) & (places[:, 0] < right)
+    inside &= (places[:, 1] > bottom) & (places[:, 1] < top)
+    if inside.mean() < IN_SIGHT:
+        look_from_camera(context, cloud)
+
+
+IN_SIGHT = 0.98
+"""Share of a capture's points that makes it all of it: a few stray far away."""
+USED = 0.94
+"""Share of the visible part of a viewport that a capture may fill."""
+
+
+def visible_part(area: bpy.types.Area) -> tuple[int, int, int, int]:
+    """Left, right, bottom and top of what of a viewport's region no sidebar, toolbar or header covers [px]."""
+    window = next(region for region in area.regions if region.type == "WINDOW")
+    left, right, bottom, top = 0, window.width, 0, window.height
+    for region in area.regions:
+        if region.width <= 1 or region.height <= 1:
+            continue
+        if region.type == "UI" and region.alignment == "RIGHT":
+            right = min(right, max(region.x - window.x, 1))
+        elif region.type == "TOOLS" and region.alignment == "LEFT":
+            left = max(left, region.x + region.width - window.x)
+        elif region.type in ("HEADER", "TOOL_HEADER") and region.alignment == "TOP":
+            top = min(top, region.y - window.y)
+    return left, right, bottom, top
+
+
+def _sample(cloud: bpy.types.Object):
+    """Some of the cloud's points (N, 3) float32, in the world."""
+    import numpy as np
+
+    points = np.empty((len(cloud.data.vertices), 3), np.float32)
+    cloud.data.attributes["position"].data.foreach_get("vector", points.ravel())
+    points = points[:: max(len(points) // 4000, 1)]
+    matrix = np.array(cloud.matrix_world, np.float32)
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def _places(area: bpy.types.Area, points):
+    """Where points are in the viewport's region: (N, 3) column and row [px] and distance in front of the eye."""
+    import numpy as np
+
+    window = next(region for region in area.regions if region.type == "WINDOW")
+    view = area.spaces.active.region_3d
+    turned = np.array(view.view_rotation.to_matrix(), np.float32)
+    seen = (points - np.array(view.view_location, np.float32)) @ turned
+    depth = np.float32(view.view_distance) - seen[:, 2]
+    lens = np.array(view.window_matrix, np.float32)
+    scale = np.stack((lens[0, 0] * seen[:, 0], lens[1, 1] * seen[:, 1]), axis=1) / np.maximum(depth, 1e-6)[:, None]
+    return np.column_stack(((scale + 1) / 2 * (window.width, window.height), depth))
+
+
+def _fit(area: bpy.types.Area, cloud: bpy.types.Object) -> None:
+    """Step back and aside until all points lie in the visible part of the viewport."""
+    import numpy as np
+
+    view = area.spaces.active.region_3d
+    if bpy.app.background or not len(cloud.data.vertices):
+        return
+    view.update()
+    window = next(region for region in area.regions if region.type == "WINDOW")
+    left, right, bottom, top = visible_part(area)
+    points, lens = _sample(cloud), view.window_matrix
+    for _ in range(8):
+        places = _places(area, points)
+        if not (places[:, 2] > 0).any():
+            return
+        places = places[places[:, 2] > 0]
+        low, high = np.percentile(places[:, :2], (0.5, 99.5), axis=0)
+        depth = float(np.median(places[:, 2]))
+        share = max((high[0] - low[0]) / (USED * (right - left)), (high[1] - low[1]) / (USED * (top - bottom)))
+        view.view_distance += max(share - 1.0, 0.0) * depth
+        off = ((low + high) / 2 - ((left + right) / 2, (bottom + top) / 2)) / (window.width / 2, window.height / 2)
+        aside = view.view_rotation.to_matrix()
+        view.view_location += depth * (
+            float(off[0]) / lens[0][0] * aside.col[0] + float(off[1]) / lens[1][1] * aside.col[1]
+        )
+    view.update()
 
 
 def show_within(area: bpy.types.Area, near: float, far: float) -> None:

@@ -34,6 +34,13 @@ def tell(text: object) -> str:
     return translate(text, say)
 
 
+def without_options(text: str) -> str:
+    """A message of core without what it says of the command line's options and of files that only the checkout has."""
+    import re
+
+    return re.sub(r" \((?:--[a-z-]+(?:; [^)]*)?|option “[a-z_]+”)\)|; see docs/[a-z_]+\.md", "", text)
+
+
 LANGUAGES = "languages"
 """Folder of the add-on with a .po file for each language, named as Blender calls it: ``de_DE.po``. English is what
 the code says. ``tools/messages.py --pot`` writes what there is to translate: texts of the context ``CONTEXT``, and of

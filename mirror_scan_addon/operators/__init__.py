@@ -10,6 +10,7 @@ from . import (
     color_by,
     compiled_code,
     dress,
+    errors,
     export_avatar,
     find_subject,
     follow_stream,
@@ -23,16 +24,18 @@ from . import (
     reduce,
     rig,
     rig_file,
+    room,
     sample_capture,
+    scan_to_avatar,
     skeleton,
     studio,
     texture,
 )
 
 _modules = (
-    load_capture, mirrors, pick_mirror_points, rig_file, find_subject, pick_subject, build_avatar, check, color_by,
-    skeleton, motion, texture, reduce, measure, dress, follow_stream, export_avatar, studio, rig,
-    sample_capture, help, compiled_code,
+    scan_to_avatar, load_capture, errors, room, mirrors, pick_mirror_points, rig_file, find_subject, pick_subject,
+    build_avatar, check, color_by, skeleton, motion, texture, reduce, measure, dress, follow_stream, export_avatar,
+    studio, rig, sample_capture, help, compiled_code,
 )  # fmt: skip
 
 register, unregister = bpy.utils.register_classes_factory(tuple(kind for module in _modules for kind in module.CLASSES))

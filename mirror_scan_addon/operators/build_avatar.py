@@ -12,7 +12,7 @@ from ...core.errors import CaptureError
 from ..background import job_operators
 from ..interface.viewport import look_at
 from ..language.texts import CONTEXT, say, tell
-from ..scene import scan_records
+from ..scene import room, scan_records
 from ..scene.units import metres_per_unit
 
 
@@ -43,7 +43,13 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return scan_records.allows(cls, scan_records.editable(context))
+        problem = scan_records.editable(context)
+        settings, region = context.scene.mirror_scan, context.region
+        # scripts may name a capture, which the panel's button does not
+        if not problem and region is not None and region.type == "UI":
+            if not settings.capture_path and settings.cloud is None:
+                problem = say("Load a capture first")
+        return scan_records.allows(cls, problem)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         self._frame_view = True
@@ -100,6 +106,7 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
         if here:
             avatar_objects.select_only(context, avatar)
             if self._frame_view:
+                _make_room(self, context, avatar)
                 _show_colors(context)
                 look_at(context, avatar)
         dropped = len(result.mesh.triangles) - len(avatar.data.polygons)
@@ -110,6 +117,16 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
             self.report({"WARNING"}, tell(warning))
         text = say("{name}: {count:,} vertices").format(name=avatar.name, count=len(avatar.data.vertices))
         self.report({"INFO"}, text)
+
+
+def _make_room(operator: bpy.types.Operator, context: bpy.types.Context, avatar: bpy.types.Object) -> None:
+    """Hide what would hide the avatar: what belongs to the scan, and objects where it stands."""
+    context.view_layer.update()  # the avatar's place in the world
+    room.show_setup(context.scene, context.view_layer, False)
+    count = room.hide(room.in_the_way(context.scene, context.view_layer, avatar), context.view_layer)
+    if count:
+        text = say("Objects hidden that stood where the avatar stands: {count}")
+        operator.report({"INFO"}, text.format(count=count))
 
 
 def _show_colors(context: bpy.types.Context) -> None:

@@ -24,7 +24,8 @@ class MIRRORSCAN_OT_check(job_operators.JobOperator, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return scan_records.allows(cls, scan_records.editable(context) or no_mesh(context) or not_ours(context))
+        problem = scan_records.editable(context) or scan_records.no_avatar(context) or not_ours(context)
+        return scan_records.allows(cls, problem)
 
     def start(self, context: bpy.types.Context) -> job_operators.Task:
         from ..scene import avatar_objects

@@ -126,31 +126,40 @@ class MIRRORSCAN_OT_record(job_operators.FileJobOperator, bpy.types.Operator):
         self.report({"INFO"}, say("Recorded to {path}").format(path=self.filepath))
 
 
+def in_viewport(context: bpy.types.Context) -> bool:
+    """Whether something is dropped into a 3D viewport."""
+    return context.area is not None and context.area.type == "VIEW_3D"
+
+
+def on_sidebar(context: bpy.types.Context) -> bool:
+    """Whether something is dropped on a 3D viewport's sidebar."""
+    return in_viewport(context) and context.region is not None and context.region.type == "UI"
+
+
 class MIRRORSCAN_FH_capture(bpy.types.FileHandler):
     """Captures dropped into a 3D viewport; to load a folder, drop any JSON file in it."""
 
     bl_idname = "MIRRORSCAN_FH_capture"
-    bl_label = "Mirror Scan Capture"
+    bl_label = "Only Look (Mirror Scan)"
     bl_import_operator = "mirror_scan.load_capture"
     bl_file_extensions = ".json;.mkv;.bag;.db3;.oni;.pcd;.npz;.r3d;.dump;.pclzf"
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
-        return context.area is not None and context.area.type == "VIEW_3D"
+        return in_viewport(context)
 
 
 class MIRRORSCAN_FH_picture(bpy.types.FileHandler):
     """Images of a capture dropped on the sidebar; in the viewport itself Blender makes them reference images."""
 
     bl_idname = "MIRRORSCAN_FH_picture"
-    bl_label = "Mirror Scan Capture"
+    bl_label = "Only Look (Mirror Scan)"
     bl_import_operator = "mirror_scan.load_capture"
     bl_file_extensions = ".png;.jpg;.jpeg;.ply"
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
-        in_viewport = context.area is not None and context.area.type == "VIEW_3D"
-        return in_viewport and context.region is not None and context.region.type == "UI"
+        return on_sidebar(context)
 
 
 CLASSES = (MIRRORSCAN_OT_load_capture, MIRRORSCAN_OT_record, MIRRORSCAN_FH_capture, MIRRORSCAN_FH_picture)

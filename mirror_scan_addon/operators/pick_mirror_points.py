@@ -9,16 +9,18 @@ from bpy.props import BoolProperty
 from ..background import job_operators
 from ..interface import overlay
 from ..interface.aiming import NAVIGATION, Aim, region_under
+from ..interface.viewport import look_at_whole_capture
 from ..language.texts import CONTEXT, say, tell
 from ..scene import scan_records
 
 GRAB_PX = 12.0  # how far from the mouse a pick can be grabbed [px at 100 % scale]
+FRAME_M = 0.12  # how far outside of the glass, and of its plane, a frame may reach [m]
 ENOUGH = 3  # picks that define a plane; with fewer the mirror is searched for around them
 
 
 class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
-    """Click points on the mirror's frame, not on the glass. 8 points on all four sides are best, 3 on two sides the
-    minimum. If the frame is clearly visible, one point is enough"""
+    """Click the frame of each mirror, once, not the glass. Where a frame is not found from one click, more are needed:
+    8 points on all four sides are best, 3 on two sides the minimum"""
 
     bl_idname = "mirror_scan.pick_mirror_points"
     bl_label = "Pick Mirror Points"
@@ -76,6 +78,8 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         if self.add or not settings.mirrors:
             self._add_mirror(settings)
         settings.mirror_index = min(settings.mirror_index, len(settings.mirrors) - 1)
+        look_at_whole_capture(context, target)
+        context.window_manager.mirror_scan.picked = False
         self._timer = context.window_manager.event_timer_add(job_operators.TICK_S, window=context.window)
         context.window_manager.modal_handler_add(self)
         context.window_manager.mirror_scan.picking = True
@@ -103,6 +107,9 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         if not context.scene.mirror_scan.mirrors:
             self._add_mirror(context.scene.mirror_scan)
         if event.type == "TIMER":
+            if context.window_manager.mirror_scan.picked:
+                context.window_manager.mirror_scan.picked = False
+                self._accepting = True
             try:
                 return self._on_tick(context)
             except job_operators.REPORTED as error:  # no room for a second process and its input
@@ -162,6 +169,8 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             if pixel is None:
                 self.report({"WARNING"}, say("The capture has no point here; click on the mirror's frame"))
                 return
+            self._choose_mirror(context.scene.mirror_scan, pixel)
+            picks = self._active(context.scene.mirror_scan).picks
             picks.add().pixel = pixel
             number = len(picks) - 1
             self._changed(context)
@@ -185,6 +194,32 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         index = self._aim.nearest(context, event, region)
         overlay.set_hover(None if index is None else self._points[index])
         job_operators.redraw(context)
+
+    def _choose_mirror(self, settings, pixel: tuple[float, float]) -> None:
+        """Make the mirror active that a new pick belongs to: the one on whose frame it lies; and when the active one is
+        placed and it lies elsewhere, the next."""
+        import numpy as np
+
+        active = self._active(settings)
+        if not active.plane:
+            if len(active.picks):
+                return  # its frame was not found yet, or is being looked for: more picks are its own
+        elif active.message:
+            return
+        at = int(np.searchsorted(self._pixel, round(pixel[1]) * self._intrinsics.width + round(pixel[0])))
+        owners = [k for k, item in enumerate(settings.mirrors) if on_frame(item, self._points[at])]
+        if owners:
+            settings.mirror_index = owners[0]
+        elif active.plane:
+            self._go_on(settings)
+
+    def _go_on(self, settings) -> None:
+        """Make a mirror active that nothing is picked on yet."""
+        fresh = [k for k, item in enumerate(settings.mirrors) if not item.plane and not len(item.picks)]
+        if fresh:
+            settings.mirror_index = fresh[0]
+        else:
+            self._add_mirror(settings)
 
     def _next_mirror(self, context, backwards: bool) -> None:
         """Make the next mirror active; after the last, if something is picked on it, add a new one."""
@@ -283,6 +318,11 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             if 0 < len(record["picks"]) < ENOUGH:
                 item.message = ""  # not an error yet: more picks will follow
         self._set_seen(context, fitted.seen)
+        active = self._active(settings)
+        if active.plane and not active.message and 0 < len(active.picks) < ENOUGH and self._dragged is None:
+            text = say("{name}: found. Click the frame of the next mirror, or press Enter")
+            self.report({"INFO"}, text.format(name=active.name))
+            self._go_on(settings)
         self._show_status(context)
 
     def _set_seen(self, context, seen) -> None:
@@ -389,10 +429,12 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             how = tell(item.message)
         elif item.plane and count:
             how = say("flat to {residual:.1f} mm").format(residual=item.residual_mm)
-        elif count < ENOUGH:
-            how = say("{more} more needed").format(more=ENOUGH - count)
+        elif not count:
+            how = say("click its frame once")
+        elif count < ENOUGH and self._errand is None and self._asked is not None:
+            how = say("not found from here; {more} more needed").format(more=ENOUGH - count)
         else:
-            how = say("fitting")
+            how = say("looking for its frame")
         text = say(
             "{name}: {count} picked, {how}    [Click] Pick or drag   [Right Click] Remove   [Backspace] Remove last   "
             "[Tab] Next mirror   [Enter] Accept   [Esc] Cancel"
@@ -401,4 +443,41 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         job_operators.redraw(context)
 
 
-CLASSES = (MIRRORSCAN_OT_pick_mirror_points,)
+def on_frame(item: bpy.types.PropertyGroup, point) -> bool:
+    """Whether a point of the camera's frame [m] lies on the frame of a mirror that is placed."""
+    plane = scan_records.plane_of(item)
+    if plane is None or item.message:
+        return False
+    off = [float(point[k]) - plane["point"][k] for k in range(3)]
+    if abs(sum(off[k] * plane["normal"][k] for k in range(3))) > FRAME_M:
+        return False
+    if plane.get("rectangle") is None:
+        return True
+    # along the two directions in the glass: the columns of the basis, as the overlay draws it
+    along = [sum(off[k] * plane["basis"][k][axis] for k in range(3)) for axis in (0, 1)]
+    return all(low - FRAME_M < value < high + FRAME_M for value, (low, high) in zip(along, _sides(plane), strict=True))
+
+
+def _sides(plane: dict) -> list[tuple[float, float]]:
+    return [(min(pair), max(pair)) for pair in plane["rectangle"]]
+
+
+class MIRRORSCAN_OT_finish_picking(bpy.types.Operator):
+    """Accept the mirrors whose frames were clicked, as Enter does"""
+
+    bl_idname = "mirror_scan.finish_picking"
+    bl_label = "Done"
+    bl_translation_context = CONTEXT
+    bl_options = {"INTERNAL"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        problem = "" if context.window_manager.mirror_scan.picking else say("No points are being picked")
+        return scan_records.allows(cls, problem)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        context.window_manager.mirror_scan.picked = True  # the modal operator sees it at its next tick
+        return {"FINISHED"}
+
+
+CLASSES = (MIRRORSCAN_OT_pick_mirror_points, MIRRORSCAN_OT_finish_picking)

@@ -135,6 +135,20 @@ class MIRRORSCAN_PG_reading(bpy.types.PropertyGroup):
         "Leave empty to use the capture's own",
         subtype="FILE_PATH", options={"PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
+    lens: EnumProperty(
+        name="Lens",
+        description="Camera whose published lens is taken in place of the capture's. A file of your own camera's is "
+        "better for a true scale",
+        items=(
+            ("FILE", "As Recorded", "As the capture says"),
+            ("azure_kinect", "Azure Kinect", "Microsoft Azure Kinect, Orbbec Femto Bolt"),
+            ("kinect_v1", "Kinect", "The first Kinect, and other PrimeSense cameras"),
+            ("kinect_v2", "Kinect v2", "The second Kinect"),
+            ("realsense_d455", "RealSense D455", "Intel RealSense D455 and D435 at 16:9"),
+            ("phone", "iPhone or iPad", "Apple's LiDAR"),
+        ),
+        translation_context=CONTEXT,
+    )  # fmt: skip
     depth_unit_mm: FloatProperty(
         name="Depth Unit",
         description="Millimetres per unit of the depth images. 0 = as the capture says",
@@ -525,12 +539,16 @@ class MIRRORSCAN_PG_object(bpy.types.PropertyGroup):
 
 
 class MIRRORSCAN_PG_progress(bpy.types.PropertyGroup):
-    """How far the running job is; of this session only."""
+    """How far the running job is, and what went wrong last; of this session only."""
 
     fraction: FloatProperty(name="Progress", subtype="FACTOR", min=0.0, max=1.0, options={"SKIP_SAVE"})
     message: StringProperty(name="Stage", options={"SKIP_SAVE"})
     operator: StringProperty(name="Job", options={"SKIP_SAVE"})
+    left: StringProperty(name="Time Left", options={"SKIP_SAVE"})
     picking: BoolProperty(name="Picking", options={"SKIP_SAVE"})
+    picked: BoolProperty(name="Picking Is Done", options={"SKIP_SAVE"})
+    error: StringProperty(name="Error", options={"SKIP_SAVE"})
+    getting_ready: StringProperty(name="Getting Ready", options={"SKIP_SAVE"})
 
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(

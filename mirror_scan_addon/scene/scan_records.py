@@ -26,6 +26,14 @@ def no_mesh(context: bpy.types.Context) -> str:
     return ""
 
 
+def no_avatar(context: bpy.types.Context) -> str:
+    """Why the active object is no avatar of ours to be looked over; "" when it is one."""
+    problem = no_mesh(context)
+    if not problem and REPORT not in context.object and "kind" not in context.object.data.attributes:
+        return say("Select an avatar first")
+    return problem
+
+
 def not_ours(context: bpy.types.Context) -> str:
     """Why the active object cannot be changed; "" when it can."""
     active = context.object
@@ -58,6 +66,18 @@ def no_skeleton(context: bpy.types.Context) -> str:
     if not bones.is_editable or not bones.data.is_editable:
         return say("{name} is linked from another file and cannot be changed").format(name=bones.name)
     return ""
+
+
+def person_of(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The object that shows the person: the active avatar, else the newest one, else the capture's points."""
+    active = context.object
+    if active is not None and REPORT in active:
+        return active
+    avatars = [item for item in context.scene.objects if REPORT in item]
+    if avatars:
+        return max(avatars, key=lambda item: item.session_uid)
+    cloud = context.scene.mirror_scan.cloud
+    return cloud if cloud is not None and cloud.name in context.scene.objects else None
 
 
 def studio_of(scene: bpy.types.Scene) -> bpy.types.Collection | None:
@@ -110,7 +130,8 @@ GOOD_MM, USABLE_MM = 5.0, 12.0
 """Residual of a mirror up to which it is good, and up to which it is usable [mm]."""
 
 READING = (
-    "intrinsics", "depth_unit_mm", "turn", "mirrored", "min_confidence", "disparity", "kinect_calibration", "color",
+    "lens", "intrinsics", "depth_unit_mm", "turn", "mirrored", "min_confidence", "disparity", "kinect_calibration",
+    "color",
 )  # fmt: skip
 """What may be said of a capture's files, in the order in which the panels ask for it."""
 
@@ -277,6 +298,7 @@ def reading_of(settings: bpy.types.PropertyGroup) -> dict:
     """
     reading = settings.reading
     return {
+        "lens": "" if reading.lens == "FILE" else reading.lens,
         "intrinsics": absolute(reading.intrinsics),
         "depth_unit_m": reading.depth_unit_mm / 1000.0 or None,
         "turn_degrees": None if reading.turn == "FILE" else int(reading.turn),

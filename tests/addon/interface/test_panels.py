@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from types import SimpleNamespace
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 pytest.importorskip("bpy")
 
 NESTING = ("row", "column", "split", "box", "grid_flow", "column_flow")
+MODULES = ("panels_main", "panels_capture", "panels_avatar", "panels_check")
 
 
 class Layout:
@@ -29,6 +31,11 @@ class Layout:
             assert given.keys() <= parameters.keys(), f"{name}() has no {given.keys() - parameters.keys()}"
             if "icon" in given:
                 assert given["icon"] in parameters["icon"].enum_items
+            if name == "operator_menu_enum":
+                operator = given["operator"].partition(".")[2]
+                properties = getattr(self._bpy.ops.mirror_scan, operator).get_rna_type().properties
+                assert properties[given["property"]].type == "ENUM"
+                self._said.append(("button", operator, True))
             if name == "prop":
                 assert given["property"] in given["data"].bl_rna.properties
                 self._said.append(("prop", given["property"]))
@@ -36,6 +43,7 @@ class Layout:
                 submodule, _, operator = given["operator"].partition(".")
                 assert operator in dir(getattr(self._bpy.ops, submodule))
                 self._said.append(("button", operator, self.__dict__.get("enabled", True)))
+                self._said.append(("text", given.get("text", "")))
                 known = getattr(getattr(self._bpy.ops, submodule), operator).get_rna_type().properties
                 return Properties(known)
             if name in ("label", "progress"):
@@ -57,20 +65,32 @@ class Properties:
 
 def draw(bpy, name: str) -> list[tuple]:
     """What one panel shows in the present context."""
-    panel = getattr(bpy.types, f"MIRRORSCAN_PT_{name}")
-    assert panel.bl_category == "Mirror Scan"
+    kind = panel(bpy, name)
     said = []
-    from mirror_scan.mirror_scan_addon.interface import panels
-
-    kind = getattr(panels, f"MIRRORSCAN_PT_{name}")
-    this = SimpleNamespace(layout=Layout(bpy, said))
-    if hasattr(kind, "draw_header"):
-        kind.draw_header(this, bpy.context)
-    kind.draw(this, bpy.context)
+    this = SimpleNamespace(layout=Layout(bpy, said), state=getattr(kind, "state", None))
+    for part in ("draw_header", "draw_header_preset", "draw"):
+        if hasattr(kind, part) and name != "quality":
+            getattr(kind, part)(this, bpy.context)
     return said
 
 
-PANELS = ("capture", "mirrors", "optics", "subject", "build", "quality", "check", "export", "rig")
+def folded(bpy, name: str) -> tuple[str, str]:
+    """What a folded panel says on its line, and the icon in front."""
+    return panel(bpy, name).state(bpy.context)
+
+
+def panel(bpy, name: str):
+    """The class of a panel."""
+    assert getattr(bpy.types, f"MIRRORSCAN_PT_{name}").bl_category == "Mirror Scan"
+    for module in MODULES:
+        found = getattr(importlib.import_module(f"mirror_scan.mirror_scan_addon.interface.{module}"),
+                        f"MIRRORSCAN_PT_{name}", None)  # fmt: skip
+        if found is not None:
+            return found
+    raise AssertionError(name)
+
+
+PANELS = ("main", "capture", "mirrors", "optics", "subject", "build", "avatar", "check", "export", "rig")
 
 
 def words(said) -> str:
@@ -79,24 +99,50 @@ def words(said) -> str:
 
 def test_an_empty_scene_says_what_to_do_first(bpy):
     shown = {name: draw(bpy, name) for name in PANELS}
+    buttons = [entry[1] for entry in shown["main"] if entry[0] == "button"]
+    assert buttons[:2] == ["scan_to_avatar", "build_avatar"] and buttons.count("export_avatar") == 8
+    assert "Choose a capture, or drop one" in words(shown["main"])
     assert ("button", "load_capture", True) in shown["capture"] and "Load a capture" in words(shown["capture"])
-    assert ("button", "build_avatar", False) in shown["build"] and "Load a capture first" in words(shown["build"])
     assert "Find them, or click points" in words(shown["mirrors"])
     assert "Select an avatar" in words(shown["check"])
+    said = {name: folded(bpy, name)[0] for name in PANELS if hasattr(panel(bpy, name), "state")}
+    assert said == {
+        "capture": "none yet", "mirrors": "none yet", "subject": "automatic", "build": "nothing yet",
+        "avatar": "nothing yet", "check": "not checked", "export": "asks for a place",
+    }  # fmt: skip
+    for name in said:  # and that is all that is seen of it at first
+        assert panel(bpy, name).bl_options == {"DEFAULT_CLOSED"} and said[name] in words(draw(bpy, name))
+
+
+def test_the_build_button_says_why_it_is_disabled(bpy, monkeypatch):
+    from mirror_scan.mirror_scan_addon.operators.build_avatar import MIRRORSCAN_OT_build_avatar as build
+
+    said = []
+    monkeypatch.setattr(build, "poll_message_set", said.append, raising=False)
+    scene = SimpleNamespace(is_editable=True, mirror_scan=SimpleNamespace(capture_path="", cloud=None))
+    manager = SimpleNamespace(windows=())
+    context = SimpleNamespace(scene=scene, region=SimpleNamespace(type="UI"), mode="OBJECT", window_manager=manager)
+    assert not build.poll.__func__(build, context) and said == ["Load a capture first"]
+    context.region = None  # a script names the capture
+    assert build.poll.__func__(build, context)
+    context.region, scene.mirror_scan.capture_path = SimpleNamespace(type="UI"), "/scan"
+    assert build.poll.__func__(build, context)
 
 
 def test_a_capture_shows_what_it_is(bpy, loaded):
     settings = bpy.context.scene.mirror_scan
     shown = {name: draw(bpy, name) for name in PANELS}
-    assert "RGB-D folder" in words(shown["capture"]) and f"{len(settings.cloud.data.vertices):,}" in words(
-        shown["capture"]
-    )
-    assert ("button", "build_avatar", True) in shown["build"]
+    count = f"{len(settings.cloud.data.vertices):,}"
+    assert "RGB-D folder" in words(shown["capture"]) and count in words(shown["capture"])
+    assert folded(bpy, "capture") == (f"capture, {count} points", "CHECKMARK")
+    assert folded(bpy, "mirrors") == ("2 good", "CHECKMARK")
+    assert ("button", "build_avatar", True) in shown["main"]
     assert "Good: the frame is flat to" in words(shown["mirrors"])
     assert ("prop", "glass_thickness") in shown["optics"] and "does not" not in words(shown["optics"])
     settings.mirrors[0].message, settings.mirrors[0].plane = "right: the 3 frame points lie on one line", ""
     assert "lie on one line" in words(draw(bpy, "mirrors"))
-    assert "Check these mirrors first: right" in words(draw(bpy, "build"))
+    assert folded(bpy, "mirrors") == ("1 good, 1 wrong", "ERROR")
+    assert "Check these mirrors first: right" in words(draw(bpy, "main"))
     settings.mirrors[0].message, settings.mirrors[0].residual_mm = "", 40.0
     settings.mirrors[0].plane = settings.mirrors[1].plane
     assert "Poor: the frame is 40.0 mm off a plane" in words(draw(bpy, "mirrors"))
@@ -125,6 +171,9 @@ def test_an_avatar_shows_how_it_came_out(bpy, capsule):
                  "Gap within the direct view ", "Gap within left ", "Gap left–filled surface ",
                  "Gap within filled surface "):  # fmt: skip
         assert part in shown, part
+    assert folded(bpy, "build") == ("has holes", "ERROR") and folded(bpy, "check") == ("problems: 1", "ERROR")
+    buttons = [entry[1] for entry in draw(bpy, "main") if entry[0] == "button"]
+    assert {"texture", "add_skeleton", "apply_motion", "dress", "measure", "reduce"} <= set(buttons)
     bpy.context.scene.mirror_scan.problem_index = 1
     assert "Hole, 5.0 cm across" in words(draw(bpy, "check"))
     avatar[report_text.REPORT] = "edited {"
@@ -134,7 +183,7 @@ def test_an_avatar_shows_how_it_came_out(bpy, capsule):
 
 
 def test_every_list_row_can_be_drawn(bpy, loaded):
-    from mirror_scan.mirror_scan_addon.interface.panels import MIRRORSCAN_UL_mirrors
+    from mirror_scan.mirror_scan_addon.interface.panels_capture import MIRRORSCAN_UL_mirrors
 
     settings = bpy.context.scene.mirror_scan
     said = []
@@ -149,24 +198,41 @@ def test_every_list_row_can_be_drawn(bpy, loaded):
 @pytest.mark.parametrize("width", (280.0, 180.0))
 def test_long_sentences_break_into_lines(bpy, monkeypatch, width):
     import blf
-    from mirror_scan.mirror_scan_addon.interface import panels
+    from mirror_scan.mirror_scan_addon.interface import panel_parts as parts
 
-    monkeypatch.setattr(panels, "_width", lambda: width)
+    monkeypatch.setattr(parts, "width", lambda: width)
     said, text = [], "No mirrors yet: those of the capture are used, or they are found automatically"
-    panels._text(Layout(bpy, said), text, "INFO")
+    parts.sentence(Layout(bpy, said), text, "INFO")
     lines = [line for _, line in said]
     assert " ".join(lines) == text and len(lines) >= 2
-    assert all(blf.dimensions(0, line)[0] <= width - panels.MARGIN - panels.ICON for line in lines)
+    assert all(blf.dimensions(0, line)[0] <= width - parts.MARGIN - parts.ICON for line in lines)
+    said.clear()
+    parts.on_one_line(Layout(bpy, said), "a name of a capture that is longer than any line of the sidebar has room for")
+    assert [line[-1] for _, line in said] == (["…"] if width > parts.NARROW else [])
 
 
-def test_progress_stands_in_the_panel_whose_button_was_pressed(bpy, loaded, monkeypatch):
+def test_the_bar_of_a_job_stands_in_the_panel_that_is_always_open(bpy, loaded, monkeypatch):
     from mirror_scan.mirror_scan_addon.background import job_operators
 
-    monkeypatch.setattr(job_operators, "running", lambda context: True)
+    monkeypatch.setattr(job_operators, "running", lambda context, name="": True)
     progress = bpy.context.window_manager.mirror_scan
-    progress.fraction, progress.message = 0.25, "Zippering"
-    for operator, panel in (("load_capture", "capture"), ("find_mirrors", "mirrors"), ("build_avatar", "build")):
-        progress.operator = f"mirror_scan.{operator}"
-        shown = {name for name in PANELS if ("progress", "25%") in draw(bpy, name)}
-        assert shown == {panel}
-        assert "Zippering" in words(draw(bpy, panel)) and "Press Esc" in words(draw(bpy, panel))
+    progress.fraction, progress.message, progress.left = 0.25, "Zippering", "about 12 s left"
+    progress.operator = "mirror_scan.build_avatar"
+    assert {name for name in PANELS if ("progress", "25%") in draw(bpy, name)} == {"main"}
+    shown = words(draw(bpy, "main"))
+    assert "Zippering" in shown and "about 12 s left" in shown and "Press Esc" in shown
+    progress.operator = ""  # it is over, and a file browser is open: that is no bar
+    assert ("progress", "25%") not in draw(bpy, "main")
+
+
+def test_while_frames_are_clicked_the_panel_says_how(bpy, loaded):
+    shown = bpy.context.window_manager.mirror_scan
+    shown.picking = True
+    try:
+        said = draw(bpy, "main")
+        assert "Click the frame of each mirror, once" in words(said)
+        assert [entry[1] for entry in said if entry[0] == "button"] == ["finish_picking"]
+        assert bpy.ops.mirror_scan.finish_picking() == {"FINISHED"} and shown.picked
+    finally:
+        shown.picking = shown.picked = False
+    assert not bpy.ops.mirror_scan.finish_picking.poll()
