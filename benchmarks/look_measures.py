@@ -152,7 +152,7 @@ def _on_true_surface(bare: Sequence[Subject]) -> list[Row]:
 
 def judged(exact: list[Row], rows: list[Row], missing: list[str]) -> Result:
     """The tables and the limits."""
-    columns = ("measure", "bodies", "n", "mean", "median |·|", "95 % |·|", "bound, median", "holds %", "limit")
+    columns = ("measure", "bodies", "n", "mean", "median abs.", "95 % abs.", "bound, median", "holds %", "limit")
     table = Table("Measures: differences to the truth [mm]", columns, left=2)
     main = [row for row in rows if row.sensor == SENSOR and row.kind in ("bare", "mannequin")]
     others = [row for row in rows if row not in main]

@@ -14,3 +14,16 @@ ROOT_PACKAGE = __package__.rpartition(".")[0]
 
 ROOT_FOLDER = Path(sys.modules[ROOT_PACKAGE].__path__[0])
 ADDON_FOLDER = Path(sys.modules[__package__].__path__[0])
+
+
+def own_version() -> str:
+    """Of the extension by its manifest, of the pip package by its metadata."""
+    import tomllib
+
+    try:
+        with open(ROOT_FOLDER / "blender_manifest.toml", "rb") as file:
+            return tomllib.load(file)["version"]
+    except FileNotFoundError:
+        import importlib.metadata
+
+        return importlib.metadata.version("mirror_scan")

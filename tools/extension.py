@@ -1,7 +1,10 @@
-"""Build the Blender extension: one zip a platform, with the wheels that Blender's Python lacks.
+"""Build the Blender extension: zips for each platform, with the wheels that Blender's Python lacks.
 
     python tools/extension.py [--platform linux-x64 …] [--python 3.13 …] [--output dist] [--bare]
 
+One zip a platform holds the wheels for the Pythons of blender.org's Blenders, another those for Python 3.14, which
+distributions such as Debian build Blender with. If wheels for another one do not exist, it is left out and the reason
+printed.
 Wheels are those pinned in ``wheels.txt``; pip fetches them once into ``wheels/`` and checks their hashes each time.
 Zips are built and validated by Blender's own tool: that of the program $BLENDER (or ``--blender``), or the one inside
 the bpy module of this Python. Where there is neither, the zip is written here and only :func:`check` has seen it.
@@ -36,7 +39,12 @@ SHIPPED_DATA = (
     "mirror_scan_addon/messages.json",
 )
 LEFT_OUT = ("__pycache__", "*.py[co]", "*.nb[ci]", ".*")
-PYTHONS = ("3.11", "3.13")  # Blender 4.5 and 5.0; 5.1 and later
+HELP = "mirror_scan_addon/help"
+"""Folder of the help pages in a zip; ``pages.py`` makes them."""
+
+ZIPS = {"": ("3.11", "3.13"), "-python3.14": ("3.14",)}
+"""End of a zip's name → the Pythons it has wheels for: Blender 4.5, 5.0 and 5.1 onwards; Debian's Blender. The add-on
+names the zip that fits (``mirror_scan_addon/background/numba_setup.py``)."""
 
 
 @dataclass(frozen=True)
@@ -60,26 +68,60 @@ class BuildError(Exception):
     """What went wrong and what to do, for people."""
 
 
+class NoWheelError(BuildError):
+    """The package index has no such wheel."""
+
+
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--platform", nargs="+", choices=tuple(PLATFORMS), default=list(PLATFORMS))
-    parser.add_argument("--python", nargs="+", default=list(PYTHONS), metavar="3.x", help="wheels for these Pythons")
+    parser.add_argument(
+        "--python", nargs="+", metavar="3.x", help="only zips with wheels for these Pythons, and only those wheels"
+    )
     parser.add_argument("--output", type=Path, default=ROOT / "dist", metavar="FOLDER")
     parser.add_argument("--wheels", type=Path, default=ROOT / "wheels", metavar="FOLDER", help="where wheels are kept")
     parser.add_argument("--blender", default=os.environ.get("BLENDER"), help="this program's own builder")
+    parser.add_argument(
+        "--any-blender", action="store_true", help=f"without blender_version_max of {MANIFEST}: to try a newer Blender"
+    )
     parser.add_argument("--bare", action="store_true", help="one zip for all, without wheels: for a Blender with numba")
     options = parser.parse_args(argv)
     try:
-        wheels = [] if options.bare else fetch(options.platform, options.python, options.wheels)
         tool = find_tool(options.blender)
-        for path in build(wheels, [] if options.bare else options.platform, options.output, tool):
-            print(f"{path}  {path.stat().st_size / 1e6:.1f} MB")
+        if options.bare:
+            _print_sizes(build([], [], options.output, tool, any_blender=options.any_blender))
+        for ending, pythons in () if options.bare else _zips(options.python).items():
+            wheels, platforms = [], []
+            for platform in options.platform:
+                try:
+                    wheels += fetch([platform], pythons, options.wheels)
+                    platforms.append(platform)
+                except NoWheelError as error:
+                    if not ending:  # that one has to be there
+                        raise
+                    print(f"left out: the zip for {platform}, Python {', '.join(pythons)}: {error}", file=sys.stderr)
+            if platforms:
+                _print_sizes(build(wheels, platforms, options.output, tool, ending, options.any_blender))
     except BuildError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     if tool is None:
         print("no Blender and no bpy module here: Blender's own builder and validation were left out", file=sys.stderr)
     return 0
+
+
+def _zips(wanted: list[str] | None) -> dict[str, list[str]]:
+    """Of :data:`ZIPS` those with a Python that is ``wanted``, and only these Pythons; all when nothing is asked for."""
+    known = [python for pythons in ZIPS.values() for python in pythons]
+    if strange := sorted(set(wanted or ()) - set(known)):
+        raise BuildError(f"there is no zip for Python {', '.join(strange)}; there are for {', '.join(known)}")
+    chosen = {ending: [p for p in pythons if p in (wanted or known)] for ending, pythons in ZIPS.items()}
+    return {ending: pythons for ending, pythons in chosen.items() if pythons}
+
+
+def _print_sizes(paths: list[Path]) -> None:
+    for path in paths:
+        print(f"{path}  {path.stat().st_size / 1e6:.1f} MB")
 
 
 def pins() -> dict[str, str]:
@@ -92,8 +134,10 @@ def fetch(platforms: list[str], pythons: list[str], folder: Path) -> list[Path]:
 
     Raises
     ------
+    NoWheelError
+        When there is no such wheel.
     BuildError
-        When pip finds no such wheel, or one whose hash is not in ``wheels.txt``.
+        When pip fails otherwise: a hash is not in ``wheels.txt``, the index cannot be reached.
     """
     found = []
     for platform in platforms:
@@ -107,7 +151,8 @@ def fetch(platforms: list[str], pythons: list[str], folder: Path) -> list[Path]:
                 done = subprocess.run([*command, *offline, "-d", fresh], capture_output=True, text=True)
                 if done.returncode:
                     said = "\n".join(line for line in done.stderr.splitlines() if line.startswith("ERROR"))
-                    raise BuildError(
+                    none = "No matching distribution found" in said and "Retrying" not in done.stderr
+                    raise (NoWheelError if none else BuildError)(
                         f"pip cannot get the wheels for {platform}, Python {python}:\n{said or done.stderr}\n"
                         f"If a file in {folder} is damaged, delete it; versions and hashes are in {PINS.name}"
                     )
@@ -146,12 +191,23 @@ def find_tool(blender: str | None) -> list[str] | None:
     return None
 
 
-def build(wheels: list[Path], platforms: list[str], output: Path, tool: list[str] | None) -> list[Path]:
-    """Zips in ``output``, one a platform, or one in all when ``platforms`` is empty; all of them checked."""
+def build(
+    wheels: list[Path],
+    platforms: list[str],
+    output: Path,
+    tool: list[str] | None,
+    ending: str = "",
+    any_blender: bool = False,
+) -> list[Path]:
+    """Zips in ``output``, one a platform, or one in all when ``platforms`` is empty; all of them checked.
+
+    ``ending`` is a key of :data:`ZIPS`, and comes at the end of their names. ``any_blender`` leaves out the manifest's
+    limit to Blenders that somebody has tried.
+    """
     with tempfile.TemporaryDirectory(prefix="mirror_scan_") as temporary:
         source, made = Path(temporary) / "source", Path(temporary) / "made"
         made.mkdir()
-        stage(source, wheels, platforms)
+        stage(source, wheels, platforms, any_blender)
         if tool is not None:
             split = ["--split-platforms"] if platforms else []
             _run([*tool, "build", "--source-dir", str(source), "--output-dir", str(made), *split])
@@ -162,19 +218,34 @@ def build(wheels: list[Path], platforms: list[str], output: Path, tool: list[str
             raise BuildError(f"made {[path.name for path in zips]} for {platforms}")
         for path in zips:
             check(path)
+            if path_tags := _pythons_in(path):
+                unasked = path_tags - {"cp" + python.replace(".", "") for python in ZIPS[ending]}
+                if unasked:
+                    raise BuildError(f"{path.name}: holds wheels for {sorted(unasked)}, not for this zip")
             if tool is not None:
                 _run([*tool, "validate", str(path)])
         output.mkdir(parents=True, exist_ok=True)
-        return [Path(shutil.move(path, output / path.name)) for path in zips]
+        return [Path(shutil.move(path, output / f"{path.stem}{ending}.zip")) for path in zips]
 
 
-def stage(target: Path, wheels: list[Path], platforms: list[str]) -> None:
+def _pythons_in(path: Path) -> set[str]:
+    """Tags of the Pythons that a zip has wheels for, such as cp313."""
+    with zipfile.ZipFile(path) as archive:
+        return {name.split("-")[2] for name in archive.namelist() if name.startswith("wheels/") and "-" in name}
+
+
+def stage(target: Path, wheels: list[Path], platforms: list[str], any_blender: bool = False) -> None:
     """Copy what is shipped, and name wheels and platforms in the copy's manifest."""
     target.mkdir(parents=True)
     for name in SHIPPED_FILES:
         shutil.copy2(ROOT / name, target / name)
     for name in SHIPPED_FOLDERS:
         shutil.copytree(ROOT / name, target / name, ignore=shutil.ignore_patterns(*LEFT_OUT))
+    pages = runpy.run_path(str(Path(__file__).with_name("pages.py")))
+    try:
+        pages["write_pages"](target / HELP)
+    except pages["PageError"] as error:
+        raise BuildError(f"help: {error}") from error
     tool = runpy.run_path(str(Path(__file__).with_name("messages.py")))
     tool["write_list"](target / tool["LIST"].relative_to(ROOT))  # the one in the checkout may lag behind
     text = (ROOT / MANIFEST).read_text(encoding="utf-8")
@@ -184,6 +255,8 @@ def stage(target: Path, wheels: list[Path], platforms: list[str]) -> None:
             (target / "wheels" / wheel.name).symlink_to(wheel.resolve())
         listed = "".join(f'  "./wheels/{wheel.name}",\n' for wheel in wheels)
         text = _replace_list(text, "platforms", f"platforms = {_toml_list(platforms)}\nwheels = [\n{listed}]")
+    if any_blender:
+        text = re.sub(r"^blender_version_max = .*\n", "", text, flags=re.MULTILINE)
     (target / MANIFEST).write_text(text, encoding="utf-8")
 
 
@@ -249,11 +322,13 @@ def check(path: Path) -> dict:
         manifest |= manifest.get("build", {}).get("generated", {})  # what splitting by platform leaves of two lists
         sources = {ROOT / folder for folder in SHIPPED_FOLDERS}
         shipped = {file.relative_to(ROOT).as_posix() for folder in sources for file in folder.rglob("*.py")}
-        strange = [n for n in names if not re.fullmatch(r"(core|mirror_scan_addon)/[\w/]+\.py|wheels/[^/]+\.whl", n)]
+        ours = re.compile(rf"(core|mirror_scan_addon)/[\w/]+\.py|wheels/[^/]+\.whl|{HELP}/(images/)?[^/]+")
+        strange = [name for name in names if not ours.fullmatch(name)]
         languages = {file.relative_to(ROOT).as_posix() for file in ROOT.glob("mirror_scan_addon/languages/*.po")}
         known = {MANIFEST, *SHIPPED_FILES, *SHIPPED_DATA, *languages}
         demand(set(strange) == known, f"holds {sorted(set(strange) - known)}, lacks {sorted(known - set(strange))}")
         demand(shipped <= names, f"lacks {sorted(shipped - names)}")
+        demand(f"{HELP}/blender.html" in names, "has no help pages")
     texts = {"tagline": manifest["tagline"], **manifest.get("permissions", {})}
     for key, text in texts.items():
         demand(len(text) <= 64 and text[-1].isalnum(), f"{key} must have up to 64 characters and no full stop")

@@ -6,12 +6,13 @@ import atexit
 import contextlib
 import functools
 import os
+import sys
 
 import bpy
 
 from ...core.errors import MirrorScanError, Notice
 from ...core.numeric.kernel_warnings import kernel_warnings
-from ..extension_root import ROOT_PACKAGE
+from ..extension_root import ROOT_PACKAGE, own_version
 from ..language.texts import say
 
 warnings: list[Notice] = []
@@ -36,13 +37,47 @@ def prepare_kernels() -> None:
     try:
         import numba
     except ImportError as error:
-        text = say(
-            "The Python package numba cannot be imported ({error}); install Mirror Scan from the zip made for your "
-            "platform and this Blender version, or put numba into this Python"
-        )
-        raise MirrorScanError(text.format(error=error)) from error
+        raise MirrorScanError(no_numba_text(error)) from error
     if not numba.config.CACHE_DIR:
         numba.config.CACHE_DIR = cache_folder()
+
+
+def no_numba_text(error: ImportError) -> str:
+    """What to do when numba cannot be imported: which zip of Mirror Scan fits."""
+    fitting = fitting_zip()
+    if not fitting:
+        text = say(
+            "The Python package numba cannot be imported ({error}), and there is no zip of Mirror Scan for Python "
+            "{python} on {platform}; use a Blender of blender.org, or put numba into this Python"
+        )
+    else:
+        text = say(
+            "The Python package numba cannot be imported ({error}); install the zip made for your platform and this "
+            "Blender, which has Python {python}: {zip}"
+        )
+    return text.format(error=error, zip=fitting, python=_python(), platform=_platform() or sys.platform)
+
+
+ZIP_OF = {"3.11": "", "3.13": "", "3.14": "-python3.14"}
+"""Python → end of the name of the zip with wheels for it, as ``tools/extension.py`` builds them."""
+
+
+def fitting_zip() -> str:
+    """Name of the zip that fits this Blender; "" when there is none."""
+    ending, platform = ZIP_OF.get(_python()), _platform()
+    return f"mirror_scan-{own_version()}-{platform}{ending}.zip" if ending is not None and platform else ""
+
+
+def _python() -> str:
+    return f"{sys.version_info[0]}.{sys.version_info[1]}"
+
+
+def _platform() -> str:
+    """As names of zips have it; "" for one that there are no zips for."""
+    import platform
+
+    known = {("win32", "amd64"): "windows_x64", ("linux", "x86_64"): "linux_x64", ("darwin", "arm64"): "macos_arm64"}
+    return known.get((sys.platform, platform.machine().lower()), "")
 
 
 def cache_folder() -> str:

@@ -2,7 +2,7 @@
 
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
-from bpy.props import BoolProperty, EnumProperty, StringProperty
+from bpy.props import EnumProperty, StringProperty
 
 from ..background import compiled_code
 from ..extension_root import ROOT_PACKAGE
@@ -18,10 +18,14 @@ class MIRRORSCAN_AP_preferences(bpy.types.AddonPreferences):
         name="Sensor", description="The depth camera you have. New virtual rigs and scans begin with it",
         items=SENSORS, default=DEFAULTS["sensor"], translation_context=CONTEXT,
     )  # fmt: skip
-    build_on_drop: BoolProperty(
-        name="Build Dropped Captures",
-        description="Build the avatar when a capture is dropped into the viewport. Off only loads it",
-        default=DEFAULTS["build_on_drop"], translation_context=CONTEXT,
+    on_drop: EnumProperty(
+        name="Dropped Captures", description="What happens when a capture is dropped into a 3D viewport",
+        items=(
+            ("ASK", "Ask", "Choose each time"),
+            ("AVATAR", "Make Avatar", "Load the capture and build an avatar of it"),
+            ("LOOK", "Only Look", "Load the capture and show its points"),
+        ),
+        default=DEFAULTS["on_drop"], translation_context=CONTEXT,
     )  # fmt: skip
     texture_size: EnumProperty(
         name="Texture Size", description="Width and height of textures in scenes where nothing else is chosen",
@@ -38,7 +42,7 @@ class MIRRORSCAN_AP_preferences(bpy.types.AddonPreferences):
         layout = self.layout
         column = layout.column()
         column.use_property_split = True
-        for name in ("sensor", "build_on_drop", "texture_size", "export_folder"):
+        for name in ("sensor", "on_drop", "texture_size", "export_folder"):
             column.prop(self, name)
         column.separator()
         row = column.split(factor=0.4)

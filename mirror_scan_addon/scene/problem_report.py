@@ -12,7 +12,7 @@ import sys
 import bpy
 
 from ..background import last_problem
-from ..extension_root import ROOT_FOLDER
+from ..extension_root import own_version
 from . import report_text
 
 LEFT_OUT = ("measurements", "joints", "point", "normal", "covariance", "camera_to_avatar", "problems", "notices")
@@ -50,19 +50,6 @@ def versions() -> list[str]:
         f"Python {python}, numpy {numpy.__version__}, numba {_numba_version()}",
         f"{platform.system()} {platform.release()}, {platform.machine()}",
     ]
-
-
-def own_version() -> str:
-    """Of the extension by its manifest, of the pip package by its metadata."""
-    import tomllib
-
-    try:
-        with open(ROOT_FOLDER / "blender_manifest.toml", "rb") as file:
-            return tomllib.load(file)["version"]
-    except FileNotFoundError:
-        import importlib.metadata
-
-        return importlib.metadata.version("mirror_scan")
 
 
 def _numba_version() -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -13,6 +14,16 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for what is shared: tests/ is no package
 
 _status = 0
+
+
+def pytest_report_header(config):
+    """A Blender that nobody has tried is no failure, but worth a line."""
+    if importlib.util.find_spec("bpy") is None:
+        return None
+    import bpy
+    from tried_blenders import newer_than_tried
+
+    return newer_than_tried(bpy.app.version) or None
 
 
 def pytest_sessionfinish(session, exitstatus):

@@ -15,6 +15,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from tried_blenders import newer_than_tried
 
 bpy = pytest.importorskip("bpy")
 
@@ -36,7 +37,9 @@ builder = load_builder()
 @pytest.fixture(scope="module")
 def package(tmp_path_factory) -> Path:
     """The zip without wheels, by the tool in this bpy module."""
-    (path,) = builder.build([], [], tmp_path_factory.mktemp("extension"), builder.find_tool(None))
+    newer = bool(newer_than_tried(bpy.app.version))  # said in the header of the run
+    folder, tool = tmp_path_factory.mktemp("extension"), builder.find_tool(None)
+    (path,) = builder.build([], [], folder, tool, any_blender=newer)
     return path
 
 
@@ -64,16 +67,51 @@ def names_in(path: Path) -> set[str]:
 def test_it_holds_what_runs_and_nothing_else(package, manifest, tmp_path):
     assert package.name == f"mirror_scan-{manifest['version']}.zip"
     allowed = re.compile(
-        r"(core|mirror_scan_addon)/.*\.py|mirror_scan_addon/(signatures|messages)\.json|core/avatar/(joints/body_template|weight_fields)\.npz|__init__\.py|blender_manifest\.toml|LICENSE"
+        r"(core|mirror_scan_addon)/.*\.py|mirror_scan_addon/(signatures|messages)\.json|core/avatar/(joints/body_template|weight_fields)\.npz|__init__\.py|blender_manifest\.toml|LICENSE|mirror_scan_addon/help/(\w+\.html|images/\w+\.(png|gif|svg))"
     )
     names = names_in(package)
     assert [name for name in names if not allowed.fullmatch(name)] == []
     with zipfile.ZipFile(package) as archive:
         listed = json.loads(archive.read("mirror_scan_addon/messages.json"))
     assert listed == runpy.run_path(str(ROOT / "tools" / "messages.py"))["messages"]()
-    # A checkout that is built as it stands gives the same: the manifest's own patterns leave out the rest.
+    # A checkout that is built as it stands gives the same, but for help: the manifest's patterns leave out the rest.
     builder._run([*builder.find_tool(None), "build", "--source-dir", str(ROOT), "--output-dir", str(tmp_path)])
-    assert names_in(tmp_path / package.name) == names
+    assert names_in(tmp_path / package.name) == {name for name in names if not name.startswith(builder.HELP)}
+
+
+def test_help_pages_lead_somewhere(package):
+    """Every link and picture of every page is in the zip; nothing comes from a network, no mark-up is left over."""
+    with zipfile.ZipFile(package) as archive:
+        pages = {name: archive.read(name).decode() for name in names_in(package) if name.endswith(".html")}
+    for name, text in pages.items():
+        for target in re.findall(r'(?:href|src)="([^"]*)"', text):
+            file, _, anchor = target.partition("#")
+            if re.match("https?:", file):
+                assert 'href="' + target in text, f"{name} loads {target}"
+                continue
+            there = f"{builder.HELP}/{file}" if file else name
+            assert there in names_in(package), f"{name}: {target}"
+            assert not anchor or f'id="{anchor}"' in pages[there], f"{name}: {target}"
+        said = re.sub(r"<pre>.*?</pre>|<code>.*?</code>|<style>.*?</style>|<[^>]*>", "", text, flags=re.DOTALL)
+        assert "](" not in said and "**" not in said and "```" not in said, name
+        assert not re.search(r"^(#|\|)", said, re.MULTILINE), name
+    from mirror_scan.mirror_scan_addon.operators.help import PAGES
+
+    assert {f"{builder.HELP}/{page}.html" for page, *_ in PAGES} <= set(pages)
+
+
+def test_what_a_page_cannot_show_is_an_error(tmp_path):
+    pages = runpy.run_path(str(ROOT / "tools" / "pages.py"))
+    shown = list(
+        pages["blocks"](["# A `b` *c*", "", "- one", "  two", "- `|` [x](y)", "", "1 < 2"], lambda target: target)
+    )
+    assert "".join(shown) == (
+        '<h1 id="a-b-c">A <code>b</code> <em>c</em></h1><ul><li>one\ntwo</li><li><code>|</code> <a href="y">x</a></li>'
+        "</ul><p>1 &lt; 2</p>"
+    )
+    for wrong in (["```", "x"], ["<div>"], ["| a | b |", "| - | - |", "| 1 |"]):
+        with pytest.raises(pages["PageError"]):
+            list(pages["blocks"](wrong, lambda target: target))
 
 
 @pytest.mark.parametrize("by_blender", [True, False])
@@ -98,17 +136,87 @@ def test_each_platform_gets_its_wheels(tmp_path, by_blender):
         (platform,) = [key for key in suffixes if key.replace("-", "_") in path.name]
         mine = {f"wheels/{wheel.name}" for wheel in wheels if wheel.name.endswith(suffixes[platform] + ".whl")}
         assert len(mine) == 4 and mine == {name for name in names_in(path) if name.startswith("wheels/")}
+    with pytest.raises(builder.BuildError, match="not for this zip"):
+        builder.build(wheels, ["linux-x64"], tmp_path, tool, "-python3.14")
     with pytest.raises(builder.BuildError, match="for cp313 it holds"):
         builder.build([w for w in wheels if "numba" not in w.name or "cp311" in w.name], ["linux-x64"], tmp_path, tool)
 
 
 def test_pins_are_whole(manifest):
-    """A hash for each wheel: two packages, three platforms, two Pythons, and Debian's."""
+    """A hash for each wheel: two packages, three platforms, three Pythons."""
     text = builder.PINS.read_text(encoding="utf-8")
     assert sorted(builder.pins()) == ["llvmlite", "numba"]
     hashes = re.findall(r"--hash=sha256:([0-9a-f]{64})\b", text)
-    assert len(hashes) == len(set(hashes)) == 2 * (3 * 2 + 1)
+    assert len(hashes) == len(set(hashes)) == 2 * 3 * 3
     assert sorted(manifest["platforms"]) == sorted(builder.PLATFORMS)
+
+
+def stand_in_pip(monkeypatch, missing: str, said: str) -> None:
+    """pip that finds every wheel but those for one Python, for which it says something."""
+    run = subprocess.run
+
+    def pip(command, **options):
+        if "download" not in command:
+            return run(command, **options)
+        python, folder = command[command.index("--python-version") + 1], Path(command[-1])
+        if python == missing:
+            return subprocess.CompletedProcess(command, 1, "", said)
+        tag = "cp" + python.replace(".", "")
+        for name, version in builder.pins().items():
+            with zipfile.ZipFile(folder / f"{name}-{version}-{tag}-{tag}-manylinux_2_28_x86_64.whl", "w") as archive:
+                archive.writestr("x.py", "")
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    monkeypatch.setattr(builder.subprocess, "run", pip)
+
+
+NO_WHEEL = "ERROR: Could not find a version (from versions: none)\nERROR: No matching distribution found for llvmlite"
+
+
+def test_each_python_gets_the_zip_that_the_message_names(tmp_path, monkeypatch, capsys):
+    """The names that Blender shows when numba cannot be imported are those of the zips."""
+    from mirror_scan.mirror_scan_addon.background import numba_setup
+
+    stand_in_pip(monkeypatch, "", "")
+    arguments = ["--platform", "linux-x64", "--wheels", str(tmp_path / "w"), "--output", str(tmp_path / "out")]
+    assert builder.main(arguments) == 0
+    monkeypatch.setattr(numba_setup.sys, "platform", "linux")
+    monkeypatch.setattr("platform.machine", lambda: "x86_64")
+    named = {}
+    for version in ((3, 11), (3, 13), (3, 14)):
+        monkeypatch.setattr(numba_setup.sys, "version_info", (*version, 0))
+        named[version] = numba_setup.fitting_zip()
+        assert named[version] in numba_setup.no_numba_text(ImportError("numba"))
+        tags = builder._pythons_in(tmp_path / "out" / named[version])
+        assert f"cp{version[0]}{version[1]}" in tags
+    assert set(named.values()) == {path.name for path in (tmp_path / "out").glob("*.zip")}
+    monkeypatch.setattr(numba_setup.sys, "version_info", (3, 15, 0))
+    assert "there is no zip of Mirror Scan for Python 3.15" in numba_setup.no_numba_text(ImportError("numba"))
+
+
+def test_a_zip_without_wheels_is_left_out_and_said(tmp_path, monkeypatch, capsys):
+    arguments = ["--platform", "linux-x64", "--wheels", str(tmp_path / "w"), "--output", str(tmp_path / "out")]
+    stand_in_pip(monkeypatch, "3.14", NO_WHEEL)
+    assert builder.main(arguments) == 0
+    assert len(list((tmp_path / "out").glob("*.zip"))) == 1
+    said = capsys.readouterr().err
+    assert "left out: the zip for linux-x64, Python 3.14" in said and "No matching distribution" in said
+    with monkeypatch.context() as patch:  # a network that is down, or a wheel that was changed, is no such reason
+        stand_in_pip(patch, "3.14", "WARNING: Retrying\n" + NO_WHEEL)
+        assert builder.main(arguments) == 1
+    stand_in_pip(monkeypatch, "3.13", NO_WHEEL)
+    assert builder.main([*arguments[:2], "--wheels", str(tmp_path / "none"), "--output", str(tmp_path)]) == 1
+    assert builder.main(["--python", "3.9"]) == 1
+
+
+def test_a_newer_blender_is_noticed_and_tried(manifest, package, tmp_path, capsys):
+    limit = tuple(map(int, manifest["blender_version_max"].split(".")))
+    assert newer_than_tried((limit[0], limit[1] - 1, 99)) == ""
+    assert manifest["blender_version_max"] in newer_than_tried(limit)
+    (free,) = builder.build([], [], tmp_path, builder.find_tool(None), any_blender=True)
+    with zipfile.ZipFile(free) as archive:
+        loose = tomllib.loads(archive.read("blender_manifest.toml").decode())
+    assert "blender_version_max" not in loose and loose["blender_version_min"] == manifest["blender_version_min"]
 
 
 def test_no_wheel_is_kept_in_git():
@@ -307,7 +415,7 @@ def test_it_installs_and_works(package, tmp_path):
     assert said["install"] == ["FINISHED"] and said["enabled"] is True
     assert said["numba at start"] is False
     assert said["no wheel"].startswith("Error: ") and "numba cannot be imported" in said["no wheel"]
-    assert "zip made for your platform" in said["no wheel"]
+    assert re.search(r"zip made for your platform.*: mirror_scan-[\d.]+-\w+?(-python3\.14)?\.zip", said["no wheel"])
     assert said["missing"].startswith("Error: ") and "there is no such file" in said["missing"]
     assert Path(said["cache"]).is_relative_to(home) and Path(said["cache"]).name == "numba_cache"
     assert said["object"] == "Avatar"

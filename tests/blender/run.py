@@ -112,13 +112,14 @@ def find_place(share: Path) -> Place:
     raise Impossible("neither BLENDER (an installed one) nor MIRROR_SCAN_CHROOT (from make_blender_chroot.sh) is set")
 
 
-def python_of(place: Place) -> str:
-    """Version of Blender's Python, as 3.13."""
-    code = "import sys; print('PYTHON', *sys.version_info[:2])"
+def versions_of(place: Place) -> tuple[str, tuple[int, ...]]:
+    """Version of Blender's Python, as 3.13, and its own."""
+    code = "import bpy, sys; print('PYTHON', *sys.version_info[:2], *bpy.app.version)"
     done = place.run([place.blender, "--background", "--factory-startup", "--python-expr", code], 120)
     for line in done.stdout.splitlines():
         if line.startswith("PYTHON "):
-            return ".".join(line.split()[1:])
+            major, minor, *own = line.split()[1:]
+            return f"{major}.{minor}", tuple(map(int, own))
     raise Impossible(f"{place.blender} does not start:\n{done.stdout[-1000:]}")
 
 
@@ -127,8 +128,13 @@ def prepare(place: Place) -> None:
     zips = place.share / "zips"
     zips.mkdir(exist_ok=True)
     builder = ROOT / "tools" / "extension.py"
+    python, version = versions_of(place)
+    newer = runpy.run_path(str(ROOT / "tests" / "tried_blenders.py"))["newer_than_tried"](version)
+    if newer:
+        print(newer, file=sys.stderr)
+    limit = ["--any-blender"] if newer else []
     done = subprocess.run(
-        [sys.executable, str(builder), "--platform", PLATFORM, "--python", python_of(place),
+        [sys.executable, str(builder), "--platform", PLATFORM, "--python", python, *limit,
          "--output", str(zips), "--wheels", os.environ.get("MIRROR_SCAN_WHEELS", str(ROOT / "wheels"))],
         capture_output=True, text=True, env={k: v for k, v in os.environ.items() if k != "BLENDER"},
     )  # fmt: skip

@@ -1,0 +1,123 @@
+"""Our entries in Blender's menus, and the preferences: there when registered, gone afterwards, used as defaults."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("bpy")
+
+
+@pytest.fixture
+def preferences(bpy):
+    """The add-on's preferences, as an installed extension has them."""
+    entry = bpy.context.preferences.addons.new()
+    entry.module = "mirror_scan"
+    yield entry.preferences
+    bpy.context.preferences.addons.remove(entry)
+
+
+def drawn_by_us(bpy, menu: str) -> int:
+    functions = getattr(bpy.types, menu)._dyn_ui_initialize()
+    return sum("mirror_scan" in function.__module__ for function in functions)
+
+
+def test_menus_are_gone_after_unregistering(bpy, addon):
+    from mirror_scan.mirror_scan_addon.interface import menus
+
+    names = [name for name, _ in menus.MENUS]
+    assert {"TOPBAR_MT_file_import", "TOPBAR_MT_file_export", "VIEW3D_MT_add"} <= set(names)
+    for _ in range(3):
+        assert [drawn_by_us(bpy, name) for name in names] == [1] * len(names)
+        addon.unregister()
+        assert [drawn_by_us(bpy, name) for name in names] == [0] * len(names)
+        addon.register()
+
+
+class Layout:
+    """Notes what a menu puts into its layout; an operator that is not registered is an error, as in Blender."""
+
+    def __init__(self, bpy):
+        self.bpy, self.buttons = bpy, []
+
+    def separator(self):
+        pass
+
+    def operator(self, name, **options):
+        folder, _, inner = name.partition(".")
+        getattr(getattr(self.bpy.ops, folder), inner).get_rna_type()
+        self.buttons.append((name, options["text"]))
+
+
+def test_entries_open_what_they_name(bpy):
+    from types import SimpleNamespace
+
+    from mirror_scan.mirror_scan_addon.interface import menus
+
+    found = {}
+    for name, draw in menus.MENUS:
+        layout = Layout(bpy)
+        draw(SimpleNamespace(layout=layout), bpy.context)
+        found[name] = layout.buttons
+    assert found["TOPBAR_MT_file_import"] == [("mirror_scan.load_capture", "Mirror Scan Capture")]
+    assert found["TOPBAR_MT_file_export"] == [("mirror_scan.export_avatar", "Mirror Scan Avatar")]
+    assert ("mirror_scan.add_rig", "Mirror Scan Rig") in found["VIEW3D_MT_add"]
+
+
+def test_new_rigs_begin_with_the_preferred_sensor(bpy, preferences):
+    from mirror_scan.mirror_scan_addon.scene.preferred import preferred
+
+    preferences.sensor = "realsense_d455"
+    assert preferred("sensor") == "realsense_d455"
+    bpy.ops.mirror_scan.add_rig()
+    ours = bpy.context.scene.camera.data.angle_x
+    bpy.ops.mirror_scan.add_rig(sensor="azure_kinect")
+    given = bpy.context.scene.camera.data.angle_x
+    bpy.ops.mirror_scan.add_rig(sensor="realsense_d455")
+    assert ours == bpy.context.scene.camera.data.angle_x != given
+
+
+def test_a_scene_begins_with_the_preferred_texture_and_keeps_its_own(bpy, preferences):
+    from mirror_scan.mirror_scan_addon.scene.preferred import begin_with_preferences
+
+    settings = bpy.context.scene.mirror_scan
+    preferences.texture_size = "4096"
+    begin_with_preferences(settings)
+    assert settings.look.texture_size == "4096"
+    settings.look.texture_size = "1024"
+    begin_with_preferences(settings)
+    assert settings.look.texture_size == "1024"
+
+
+def test_without_preferences_there_are_defaults(bpy):
+    from mirror_scan.mirror_scan_addon.interface.preferences import MIRRORSCAN_AP_preferences
+    from mirror_scan.mirror_scan_addon.scene.preferred import DEFAULTS, preferred
+
+    assert {name: preferred(name) for name in DEFAULTS} == DEFAULTS
+    assert set(DEFAULTS) == set(MIRRORSCAN_AP_preferences.__annotations__)
+
+
+def test_compiled_code_is_measured_and_cleared(bpy, tmp_path, monkeypatch):
+    from mirror_scan.mirror_scan_addon.background import compiled_code, numba_setup
+
+    folder = tmp_path / "numba_cache"
+    monkeypatch.setattr(numba_setup, "cache_folder", lambda: str(folder))
+    with pytest.raises(RuntimeError, match="Nothing is kept yet"):
+        bpy.ops.mirror_scan.clear_compiled_code()
+    (folder / "core_abc").mkdir(parents=True)
+    (folder / "core_abc" / "kernel.nbi").write_bytes(b"x" * 3_000_000)
+    (folder / "compiled_0123").touch()
+    monkeypatch.setattr(compiled_code, "FRESH_S", 0.0)
+    assert compiled_code.size() == (3_000_000, 2)
+    assert bpy.ops.mirror_scan.clear_compiled_code() == {"FINISHED"}
+    assert list(folder.iterdir()) == [] and compiled_code.size() == (0, 0)
+
+
+def test_somebody_else_s_compiled_code_is_not_touched(bpy, tmp_path, monkeypatch):
+    from mirror_scan.mirror_scan_addon.background import numba_setup
+
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert numba_setup.cache_folder() == ""
+    (tmp_path / "kernel.nbi").write_text("x")
+    with pytest.raises(RuntimeError, match="NUMBA_CACHE_DIR"):
+        bpy.ops.mirror_scan.clear_compiled_code()
+    assert (tmp_path / "kernel.nbi").exists()
