@@ -10,6 +10,7 @@ from ..background import getting_ready, job_operators
 from ..language.texts import CONTEXT, say
 from ..scene import room, scan_records
 from . import panel_states
+from .menus import draw_header_buttons
 from .panel_errors import error_box
 from .panel_parts import NARROW, Panel, icon_if_wide, progress, sentence, width
 
@@ -21,6 +22,9 @@ _in_the_way: list[tuple] = []  # the last answer: key, when, count
 class MIRRORSCAN_PT_main(Panel, bpy.types.Panel):
     bl_label = "Mirror Scan"
     bl_order = 0
+
+    def draw_header_preset(self, context: bpy.types.Context) -> None:
+        draw_header_buttons(self.layout)
 
     def draw(self, context: bpy.types.Context) -> None:
         getting_ready.tab_shown()
@@ -60,6 +64,7 @@ def _one_press(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         button.filepath = settings.capture_path  # one that was typed
     if panel_states.cloud_of(context) is None and not job_operators.running(context):
         sentence(layout, say("Choose a capture, or drop one of its files into the viewport"), "INFO")
+        layout.operator("mirror_scan.sample_capture", icon=icon_if_wide("OUTLINER_OB_POINTCLOUD"), text_ctxt=CONTEXT)
 
 
 def _build(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

@@ -10,6 +10,7 @@ from ...core.errors import OutputError
 from ..background import job_operators
 from ..language.texts import CONTEXT, say
 from ..scene import scan_records
+from ..scene.preferred import preferred
 from ..scene.scan_records import no_mesh
 
 FORMATS = (
@@ -75,7 +76,7 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
 
         if not self.filepath:
             chosen = context.scene.mirror_scan.export_folder
-            folder = chosen or os.path.dirname(bpy.data.filepath)
+            folder = chosen or preferred("export_folder") or os.path.dirname(bpy.data.filepath)
             self.filepath = os.path.join(folder, bpy.path.clean_name(context.object.name) + self._ending())
             if chosen:
                 return self.execute(context)

@@ -53,11 +53,15 @@ class MIRRORSCAN_OT_load_capture(job_operators.FileJobOperator, bpy.types.Operat
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         layout.use_property_split = True
+        layout.use_property_decorate = False
         layout.prop(self, "frames")
-        layout.prop(self, "mirrors_filepath")
-        layout.separator()
+        header, body = layout.panel("mirror_scan_load_options", default_closed=True)
+        header.label(text="Load Options", text_ctxt=CONTEXT)
+        if body is None:  # folded: most captures say all of it themselves
+            return
+        body.prop(self, "mirrors_filepath")
         for name in scan_records.READING:
-            layout.prop(context.scene.mirror_scan.reading, name)
+            body.prop(context.scene.mirror_scan.reading, name)
 
     def start(self, context: bpy.types.Context) -> job_operators.Task:
         settings = context.scene.mirror_scan

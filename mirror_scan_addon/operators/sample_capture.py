@@ -13,8 +13,8 @@ from ..language.texts import CONTEXT, say
 from ..scene import scan_records
 from ..scene.capture_objects import show_capture
 
-FOLDER = "sample_capture"
-"""Below the extension's user folder."""
+FOLDER = "Sample Capture"
+"""Below the extension's user folder; objects are named after it."""
 
 
 class MIRRORSCAN_OT_sample_capture(job_operators.JobOperator, bpy.types.Operator):
@@ -37,7 +37,6 @@ class MIRRORSCAN_OT_sample_capture(job_operators.JobOperator, bpy.types.Operator
         return job_operators.Task("sample_steps", (self._folder,))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
-        result.info["name"] = say("Sample Capture")
         points = show_capture(context, target, result)
         target.mirror_scan.capture_path, target.mirror_scan.frames = self._folder, 0
         if target == context.scene and not bpy.app.background and self._worker is None and context.area is not None:

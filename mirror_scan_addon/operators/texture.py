@@ -9,6 +9,7 @@ from bpy.props import BoolProperty, EnumProperty
 from ..background import job_operators
 from ..language.texts import CONTEXT, say
 from ..scene import scan_records
+from ..scene.preferred import preferred
 from ..scene.properties import TEXTURE_SIZES
 from ..scene.scan_records import armature_of, no_mesh, no_source, not_ours
 
@@ -42,6 +43,8 @@ class MIRRORSCAN_OT_texture(job_operators.JobOperator, bpy.types.Operator):
         from ..scene import armature, avatar_objects, avatar_texture, capture_source
 
         avatar = context.object
+        if not self.properties.is_property_set("size"):
+            self.size = preferred("texture_size")
         avatar_texture.check_triangles(avatar)
         # where the camera saw it, not where the object stands now
         unit = capture_source.unit_as_built(avatar, context.scene)

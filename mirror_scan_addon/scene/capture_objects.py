@@ -6,6 +6,7 @@ from __future__ import annotations
 import bpy
 
 from . import live_subject, scan_records
+from .preferred import begin_with_preferences
 from .units import metres_per_unit
 
 
@@ -41,6 +42,7 @@ def show_capture(context: bpy.types.Context, target: bpy.types.Scene, loaded) ->
     settings.subject.property_unset("clicked")  # which, unlike setting it, asks for no search
     live_subject.forget(target)
     scan_records.forget_subject(settings)
+    begin_with_preferences(settings)
     if target == context.scene:
         avatar_objects.select_only(context, points)
         points.select_set(False, view_layer=context.view_layer)  # its box would draw the eye
