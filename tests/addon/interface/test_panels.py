@@ -100,7 +100,8 @@ def words(said) -> str:
 def test_an_empty_scene_says_what_to_do_first(bpy):
     shown = {name: draw(bpy, name) for name in PANELS}
     buttons = [entry[1] for entry in shown["main"] if entry[0] == "button"]
-    assert buttons[:2] == ["scan_to_avatar", "build_avatar"] and buttons.count("export_avatar") == 8
+    assert buttons[:5] == ["help", "report_problem", "scan_to_avatar", "sample_capture", "build_avatar"]
+    assert buttons.count("export_avatar") == 8
     assert "Choose a capture, or drop one" in words(shown["main"])
     assert ("button", "load_capture", True) in shown["capture"] and "Load a capture" in words(shown["capture"])
     assert "Find them, or click points" in words(shown["mirrors"])
@@ -231,7 +232,7 @@ def test_while_frames_are_clicked_the_panel_says_how(bpy, loaded):
     try:
         said = draw(bpy, "main")
         assert "Click the frame of each mirror, once" in words(said)
-        assert [entry[1] for entry in said if entry[0] == "button"] == ["finish_picking"]
+        assert [entry[1] for entry in said if entry[0] == "button"] == ["help", "report_problem", "finish_picking"]
         assert bpy.ops.mirror_scan.finish_picking() == {"FINISHED"} and shown.picked
     finally:
         shown.picking = shown.picked = False
