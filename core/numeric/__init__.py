@@ -3,6 +3,7 @@
 __all__ = [
     "blas_threads",
     "isosurface",
+    "kernel_linking",
     "kernel_warnings",
     "kernels",
     "point_products",

@@ -27,9 +27,9 @@ from typing import Any, TypeVar
 import numba
 from numba import prange
 from numba.core import caching, serialize
-from numba.core.registry import CPUDispatcher
 
 from ..errors import Notice
+from .kernel_linking import Kernel, rebuilt
 
 __all__ = ["LOG", "njit", "prange"]
 
@@ -54,10 +54,9 @@ def njit(**options: Any) -> Callable[[Function], Function]:
         kernel: Any = numba.njit(**options)(function)
         if not hasattr(kernel, "py_func"):  # NUMBA_DISABLE_JIT
             return kernel
+        kernel = (_ParallelKernel if parallel else Kernel).of(kernel)
         if cached:
             kernel._cache = _KernelCache(function)
-        if parallel:
-            kernel.__class__ = _ParallelKernel
         return kernel
 
     return decorate
@@ -100,7 +99,7 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_Threads.in_child)
 
 
-class _ParallelKernel(CPUDispatcher):
+class _ParallelKernel(Kernel):
     """A kernel compiled with ``parallel=True``."""
 
     def __call__(self, *arguments: Any) -> Any:
@@ -146,6 +145,9 @@ class _Format(caching.CompileResultCacheImpl):
     """What is kept of compiled code, under which name, and where."""
 
     _locator_classes: Any = [*caching.CompileResultCacheImpl._locator_classes, _FirstChoice]
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        return rebuilt(target_context, payload)
 
 
 class _KernelCache(caching.FunctionCache):
@@ -210,6 +212,10 @@ class _KernelCache(caching.FunctionCache):
                     reason=error.strerror or error,
                 )
             )
+
+    def _index_key(self, sig: Any, codegen: Any) -> tuple:
+        """Other than in an index that numba wrote, or this program before it kept code in this form."""
+        return ("linked", *super()._index_key(sig, codegen))
 
     def _found(self) -> list[_Place]:
         """Where to look, the place to write to last."""

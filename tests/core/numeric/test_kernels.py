@@ -298,3 +298,74 @@ def test_threads_call_parallel_kernels_at_the_same_time(folder, layer):
         assert not wrong
     """
     python(folder, text, NUMBA_THREADING_LAYER=layer, NUMBA_NUM_THREADS="2")
+
+
+PARTS = """
+import numpy as np
+from mirror_scan.core.numeric.kernels import njit
+
+@njit(cache=True)
+def reciprocal(x):
+    if x == 0.0:
+        raise ValueError("there is no reciprocal of nothing")
+    return 1.0 / x
+
+@njit(cache=True)
+def power(x, n):
+    return 1.0 if n == 0 else x * power(x, n - 1)
+
+@njit(cache=True, fastmath=True)
+def total(numbers):
+    whole = 0.0
+    for number in numbers:
+        whole += number
+    return whole
+
+@njit(cache=True)
+def sum_of_reciprocals(numbers, n):
+    each = np.empty(len(numbers))
+    for k in range(len(numbers)):
+        each[k] = power(reciprocal(numbers[k]), n)
+    return total(each)
+"""
+
+
+def test_kernels_called_by_kernels_and_by_python(tmp_path):
+    """Compiled in one process and read in others, whoever called first: errors that a part raises arrive too."""
+    (tmp_path / "parts.py").write_text(PARTS)
+    ask = textwrap.dedent(
+        """
+        import runpy, sys
+        runpy.run_path(sys.argv[1])
+        import numpy as np
+        import parts
+        for turn in sys.argv[2]:
+            if turn == "k":
+                assert parts.sum_of_reciprocals(np.array([1.0, 2.0, 4.0]), 2) == 1.3125
+                try:
+                    parts.sum_of_reciprocals(np.zeros(1), 1)
+                except ValueError as error:
+                    assert str(error) == "there is no reciprocal of nothing"
+                else:
+                    raise AssertionError("no error")
+            else:
+                assert parts.reciprocal(4.0) == 0.25 and parts.power(2.0, 3) == 8.0
+                assert parts.total(np.ones(5)) == 5.0
+        own = parts.sum_of_reciprocals, parts.reciprocal, parts.power, parts.total
+        print(sum(sum(kernel.stats.cache_hits.values()) for kernel in own))
+        """
+    )
+    conftest = Path(__file__).parents[2] / "conftest.py"
+
+    def hits(turns, cache):
+        told = subprocess.run(
+            [sys.executable, "-c", ask, str(conftest), turns], text=True, capture_output=True, check=False,
+            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / cache), "PYTHONPATH": str(tmp_path)},
+        )  # fmt: skip
+        assert told.returncode == 0, told.stderr
+        return int(told.stdout)
+
+    assert hits("kp", "a") == 0
+    assert hits("kp", "a") == hits("pk", "a") == 4
+    assert hits("pk", "b") == 0
+    assert hits("k", "b") == 1
