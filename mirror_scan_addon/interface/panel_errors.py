@@ -75,7 +75,7 @@ def _no_color(layout, context, found) -> None:
 
 def _subject(layout, context, found) -> None:
     column = fields(layout)
-    for name in ("reach", "object"):
+    for name in ("depth_limit", "reach", "object"):
         field(column, context.scene.mirror_scan.subject, name)
 
 

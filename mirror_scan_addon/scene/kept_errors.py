@@ -41,14 +41,21 @@ class Kind(NamedTuple):
 KINDS = (
     Kind("unsaved", "capture", r"is relative to the \.blend file", ("save", "choose")),
     Kind("program", "program", r"numba cannot be imported|There is no second Python", ()),
-    Kind("memory", "build", r"emory|may be read at once", ("frames", "again")),
+    Kind("memory", "program", r"emory|may be read at once", ("frames", "again")),
     Kind("wheels", "capture", r"OpenImageIO, which cannot be imported|needs PyAV", ("no color", "again")),
     Kind("camera", "capture", r"pyrealsense2|RealSense camera (?:is|cannot)|the camera stopped after|depth stream of",
          ("again", "choose")),
+    Kind("nobody", "subject", r"nobody stands|nothing stands|no connected figure|stands on the floor is seen|"
+         r"depth image shows the subject|[Tt]he click|smaller than a person", ("find", "click person", "subject")),
+    Kind("size", "build", r"too tall|too small|would (?:be|have)|has no inside|nearer than a person",
+         ("unit", "subject", "find")),
+    Kind("noise", "build", r"too noisy", ("frames", "again")),
     Kind("rig file", "mirrors", r"rig file|rig was calibrated|calibrate (?:it )?again|moved since it was calibrated",
          ("choose rig", "find", "pick")),
+    Kind("no mirror", "mirrors", r"[Nn]o mirror was found|[Nn]o mirrors? yet|There are no mirrors",
+         ("pick", "find")),
     Kind("mirror file", "mirrors", r"frame_pixels|\"mirrors\"|plane must be|two mirrors are named|mirrors; at most|"
-         r"name of mirror|mirror \d+ must be", ("choose", "find", "pick")),
+         r"name of mirror|mirror \d+ must be|mirrors\.json", ("choose", "again")),
     Kind("lens missing", "capture",
          r"intrinsics?(?:\w*)\.json: is missing|intrinsics of these .* are unknown|has no calibration attached|"
          r"no camera_info beside|with its intrinsics is missing|width, height and intrinsic_matrix|"
@@ -80,15 +87,8 @@ KINDS = (
          ("choose",)),
     Kind("mirror lies", "mirrors", r"lies? (?:flat )?on the (?:floor|ground)|not upright|rows and columns",
          ("find", "pick", "remove")),
-    Kind("no mirror", "mirrors", r"[Nn]o mirror was found|[Nn]o mirrors? yet|There are no mirrors",
-         ("pick", "find")),
     Kind("mirror", "mirrors", r"its frame|the mirror|frame point|is not placed|on the frame|a plane needs|picks?\b|"
          r"lie on one line|in one plane|edge-on|[Mm]irror", ("pick", "find", "remove")),
-    Kind("nobody", "subject", r"nobody stands|nothing stands|no connected figure|stands on the floor is seen|"
-         r"depth image shows the subject|click (?:on|\()|smaller than a person", ("find", "click person", "subject")),
-    Kind("noise", "build", r"too noisy", ("frames", "again")),
-    Kind("size", "build", r"too tall|too small|would (?:be|have)|has no inside|nearer than a person",
-         ("unit", "subject", "find")),
     Kind("scaled", "avatar", r"scaled unevenly|no longer as large", ("apply scale", "again")),
     Kind("no skeleton", "avatar", r"Add a skeleton|its skeleton lacks|has no skeleton", ("skeleton",)),
     Kind("no person", "avatar", r"skeleton:|whole person|measurements:|clothes:|there is no chest", ("build", "again")),
@@ -118,6 +118,18 @@ WORDS: dict[str, Callable[[], str]] = {
 
 OTHER = Kind("other", "", "", ("again",))
 
+_SCAN = {"capture", "mirrors", "subject", "build", "program"}, Kind("file", "capture", "", ("choose", "again"))
+_AVATAR = {"avatar", "output", "program"}, Kind("avatar", "avatar", "", ("build", "again"))
+_MIRROR = {"mirrors", "output", "program"}, Kind("mirrors", "mirrors", "", ("pick", "find"))
+_MOTION = {"motion", "avatar", "program"}, Kind("file", "motion", "", ("other file",))
+_MAY_FAIL_BY: dict[str, tuple[set[str] | None, Kind]] = {
+    "load_capture": _SCAN, "scan_to_avatar": _SCAN, "build_avatar": _SCAN, "find_subject": _SCAN, "texture": _SCAN,
+    "record": (_SCAN[0] | {"output"}, _SCAN[1]), "simulate": (_SCAN[0] | {"output"}, OTHER),
+    "find_mirrors": _MIRROR, "set_mirror": _MIRROR, "use_rig": _MIRROR, "calibrate_rig": _MIRROR,
+    "apply_motion": _MOTION, "follow_stream": _MOTION,
+}  # fmt: skip
+"""By operator: the topics of what it may fail by, and the kind of what is not recognised. Others work on an avatar."""
+
 _CAPTURE = {"load_capture", "scan_to_avatar", "record", "simulate"}
 _MIRRORS = {"find_mirrors", "set_mirror", "pick_mirror_points", "use_rig", "calibrate_rig"}
 _SETTLED = {"find_subject": {"subject"}, "build_avatar": {"capture", "mirrors", "subject", "build"},
@@ -146,9 +158,15 @@ class Kept(NamedTuple):
         return known[0] if known else str(self.notice).partition(":")[0]
 
 
-def kind_of(text: str) -> Kind:
-    """The kind of an error by its English text."""
-    return next((kind for kind in KINDS if re.search(kind.pattern, text)), OTHER)
+def kind_of(text: str, operator: str = "") -> Kind:
+    """The kind of an error by its English text, among those that the operator may fail by."""
+    topics, otherwise = _MAY_FAIL_BY.get(operator.partition(".")[2], _AVATAR if operator else (None, OTHER))
+    fitting = (kind for kind in KINDS if topics is None or kind.topic in topics)
+    where, colon, what = text.partition(": ")
+    parts = re.split(r"[/\\]", where)
+    if colon and len(parts) > 1:  # a folder's name says nothing of what is wrong
+        text = f"{parts[-1]}: {what}"
+    return next((kind for kind in fitting if re.search(kind.pattern, text)), otherwise)
 
 
 def keep(context: bpy.types.Context, operator: bpy.types.Operator, error: Exception) -> None:
@@ -174,7 +192,7 @@ def kept(context: bpy.types.Context) -> Kept | None:
     if known["scene"] != context.scene.session_uid:
         return None
     notice = Notice.of_parts(known["notice"])
-    return Kept(notice, kind_of(str(notice)), known["operator"], known["options"])
+    return Kept(notice, kind_of(str(notice), known["operator"]), known["operator"], known["options"])
 
 
 def forget(context: bpy.types.Context, operator: bpy.types.Operator | None = None) -> None:
