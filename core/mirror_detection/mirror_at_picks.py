@@ -15,7 +15,7 @@ from ..mirrors import Mirror
 from .edge_segments import DetectionSettings
 from .framed_mirrors import mirror_on_frame
 from .frameless_mirrors import find_verified_frameless
-from .mirror_verification import circumference, count_evidence, doubtful, floor_drop, hypotheses
+from .mirror_verification import Evidence, circumference, count_evidence, doubtful, floor_drop, hypotheses
 from .rectangle_hypotheses import Hypothesis
 
 DEFAULTS = DetectionSettings()
@@ -95,10 +95,9 @@ def contradicted(image: RgbdImage, mirror: Mirror, known: Iterable[Mirror] = ())
     Much of what is seen in its glass is, flipped over the plane, a free-space violation; or almost nothing stands in
     the plane along its outline, as far as other mirrors that are ``known`` do not hide it.
     """
-    if mirror.rectangle is None or mirror.polygon is not None:
+    evidence = glass_evidence(image, mirror)
+    if evidence is None or mirror.rectangle is None:
         return False
-    guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
-    evidence = count_evidence(image, guess, floor_drop(image, mirror.basis))
     if evidence.violated > max(_CONTRADICTED * evidence.judged, 50.0):
         return True
     shares = [
@@ -106,6 +105,14 @@ def contradicted(image: RgbdImage, mirror: Mirror, known: Iterable[Mirror] = ())
         for outward in (-0.015, 0.015)
     ]
     return all(on < _STANDS and on < _MOSTLY * (on + beyond) for on, beyond in shares)
+
+
+def glass_evidence(image: RgbdImage, mirror: Mirror) -> Evidence | None:
+    """What becomes of the readings in a mirror's glass that are flipped over its plane; None without a rectangle."""
+    if mirror.rectangle is None or mirror.polygon is not None:
+        return None
+    guess = Hypothesis(mirror.point, mirror.basis, mirror.rectangle, {})
+    return count_evidence(image, guess, floor_drop(image, mirror.basis))
 
 
 def find_frameless_at(search: MirrorSearch, picks: MirrorPicks, reach: float = 0.15) -> Mirror | None:

@@ -1,0 +1,216 @@
+"""How good a placed mirror is: judged by the camera's noise, by whether it stands upright, and by what it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..camera import RgbdImage, unproject
+from ..camera.noise_models import SENSORS, NoiseModel
+from ..capture import MirrorPicks
+from ..errors import MirrorError, Notice
+from ..mirror_alignment.frame_shape import frame_shape, honest_error
+from ..mirror_detection.mirror_at_picks import contradicted, glass_evidence
+from ..mirrors import Mirror
+from ..mirrors.mirror import expected_error
+from ..mirrors.picked_mirror import MirrorSettings, place_mirror
+from ..views.floor_and_vertical import find_floor
+
+GOOD, USABLE, WRONG = "good", "usable", "wrong"
+
+
+@dataclass(frozen=True)
+class QualitySettings:
+    """Where good ends, and usable.
+
+    Parameters
+    ----------
+    good_error, usable_error : float
+        Expected error of the reflection of a person 1.5 m in front of the mirror, see :func:`.mirror.expected_error`,
+        up to which it is good, and usable [m].
+    good_residual, usable_residual : float
+        Root mean square distance of the frame's readings from its plane that even a camera without noise may have [m].
+    good_noises, usable_noises : float
+        How many times the camera's noise it may be, where that is more.
+    lean, lean_unseen : float
+        Of a mirror that stands: angle between its plane and the vertical, where a floor tells it, and where the camera
+        is taken to stand level for want of one [degrees].
+    fewest_shown : int
+        Of every third reading in its glass, as many must lie on something that is seen directly as well.
+    """
+
+    good_error: float = 0.003
+    usable_error: float = 0.015
+    good_residual: float = 0.005
+    usable_residual: float = 0.012
+    good_noises: float = 1.0
+    usable_noises: float = 3.0
+    lean: float = 30.0
+    lean_unseen: float = 50.0
+    fewest_shown: int = 15
+
+
+@dataclass(frozen=True)
+class MirrorQuality:
+    """What a mirror is worth.
+
+    Parameters
+    ----------
+    word : {"good", "usable", "wrong"}
+    reason : Notice or None
+        What is not good about it, and what to do; None when it is good.
+    error : float
+        Expected error of the reflection of a person 1.5 m in front of it [m]; 0 for a plane that was given.
+    noise : float
+        Standard deviation of a reading at the mirror's distance [m]: the camera's, or as its frame shows; 0 = unknown.
+    """
+
+    word: str
+    reason: Notice | None
+    error: float
+    noise: float
+
+
+def judge_mirrors(
+    image: RgbdImage,
+    mirrors: Sequence[Mirror],
+    picks: Sequence[MirrorPicks | None] = (),
+    sensor: str = "",
+    settings: QualitySettings = QualitySettings(),  # noqa: B008 - frozen
+) -> list[MirrorQuality]:
+    """What each placed mirror is worth, before anything is built with it.
+
+    Parameters
+    ----------
+    image : RgbdImage
+        Fused depth, z [m], 0 = no reading.
+    mirrors : sequence of Mirror
+        On their frames' planes, camera frame.
+    picks : sequence of MirrorPicks or None, optional
+        What each was placed by, if anything.
+    sensor : str
+        A name of :data:`.noise_models.SENSORS`; of any other camera the noise is what the frames show.
+    """
+    up, known = _vertical(image)
+    model = SENSORS.get(sensor)
+    told = [*picks, *([None] * (len(mirrors) - len(picks)))]
+    found = []
+    for k, mirror in enumerate(mirrors):
+        others = [*mirrors[:k], *mirrors[k + 1 :]]
+        noise = _noise(image, mirror, model)
+        error = expected_error(honest_error(image, mirror)[0])
+        lean = float(np.degrees(np.arcsin(min(abs(float(mirror.normal @ up)), 1.0))))
+        wrong: Notice | None
+        if lean > (settings.lean if known else settings.lean_unseen):
+            wrong = Notice(
+                "{name}: does not stand upright: it leans by {lean:.0f}°, as a floor or a table does; find the "
+                "mirrors, or pick points on its frame",
+                name=mirror.name, lean=lean, mirrors=[mirror.name],
+            )  # fmt: skip
+        else:
+            wrong = _contradiction(image, mirror, others, settings) or _about_frame(mirror, error, noise, settings)
+        if wrong is not None and _stands_when_swapped(image, told[k], up, settings):
+            wrong = Notice(
+                "{name}: rows and columns of its points are swapped, so that it lies where no mirror is: a point is "
+                "[column, row], counted from the image's left and top; find the mirrors, or pick points on its frame",
+                name=mirror.name, mirrors=[mirror.name],
+            )  # fmt: skip
+        if wrong is not None:
+            found.append(MirrorQuality(WRONG, wrong, error, noise))
+            continue
+        doubt = _doubt(mirror, error, noise, settings)
+        found.append(MirrorQuality(GOOD if doubt is None else USABLE, doubt, error, noise))
+    return found
+
+
+def _vertical(image: RgbdImage) -> tuple[np.ndarray, bool]:
+    """Up in the camera frame, and whether a floor shows it."""
+    level = np.array((0.0, -1.0, 0.0))
+    found = find_floor(unproject(image.depth, image.intrinsics)[image.depth > 0], level)
+    return (level, False) if found is None else (found[0], True)
+
+
+def _noise(image: RgbdImage, mirror: Mirror, model: NoiseModel | None) -> float:
+    """Standard deviation of a reading on the mirror's frame [m]; 0 when nothing tells it.
+
+    That of a single frame of the camera, or of this capture where it is more: noise that is alike from frame to frame,
+    as stereo's is, does not average out, and neighbours that err alike do not show it.
+    """
+    shape = frame_shape(image, mirror) if mirror.covariance is not None else None
+    by_frame = 0.0 if shape is None else shape.noise
+    return max(by_frame, 0.0 if model is None else float(model.sigma(abs(mirror.point[2]), image.intrinsics.fx)))
+
+
+def _stands_when_swapped(
+    image: RgbdImage, picks: MirrorPicks | None, up: np.ndarray, settings: QualitySettings
+) -> bool:
+    """Whether the points of a mirror, each with row and column swapped, are those of a mirror that shows somebody."""
+    if picks is None or picks.frame_pixels is None or len(picks.frame_pixels) < 3:
+        return False
+    pixels = np.asarray(picks.frame_pixels, np.float64)[:, ::-1]
+    size = image.intrinsics.width, image.intrinsics.height
+    if (pixels < 0).any() or (pixels > np.array(size) - 1).any():
+        return False
+    try:
+        mirror = place_mirror(image, MirrorPicks(picks.name, pixels), MirrorSettings())
+    except MirrorError:
+        return False
+    stands = abs(float(mirror.normal @ up)) < np.sin(np.radians(settings.lean))
+    return stands and _contradiction(image, mirror, (), settings) is None
+
+
+def _contradiction(
+    image: RgbdImage, mirror: Mirror, others: Sequence[Mirror], settings: QualitySettings
+) -> Notice | None:
+    """What the picture has against a mirror that stands, if anything."""
+    evidence = glass_evidence(image, mirror)
+    if evidence is None:  # its glass is not known
+        return None
+    if mirror.source != "found" and contradicted(image, mirror, others):
+        return Notice(
+            "{name}: this is no mirror: almost no frame lies in its plane, or what is seen in it would be where the "
+            "camera sees empty space; find the mirrors, or pick points on its frame only",
+            name=mirror.name, mirrors=[mirror.name],
+        )  # fmt: skip
+    if evidence.behind + evidence.unread > 0 and evidence.shown < settings.fewest_shown:
+        return Notice(
+            "{name}: the person is not seen in it; turn the mirror until the camera sees the person's back in it, or "
+            "remove it from the list",
+            name=mirror.name, mirrors=[mirror.name],
+        )  # fmt: skip
+    return None
+
+
+def _about_frame(mirror: Mirror, error: float, noise: float, settings: QualitySettings) -> Notice | None:
+    """What is wrong with the plane of a mirror's frame, if anything."""
+    if mirror.residual > max(settings.usable_residual, settings.usable_noises * noise):
+        return Notice(
+            "{name}: its points do not lie in one plane; pick points on its frame, not on the glass and not on the "
+            "wall",
+            name=mirror.name, mirrors=[mirror.name],
+        )  # fmt: skip
+    if error > settings.usable_error:
+        return Notice(
+            "{name}: how it stands is too uncertain: what is seen in it may be off by {error:.0f} mm; pick points on "
+            "all four sides of its frame",
+            name=mirror.name, error=1e3 * min(error, 1.0), mirrors=[mirror.name],
+        )  # fmt: skip
+    return None
+
+
+def _doubt(mirror: Mirror, error: float, noise: float, settings: QualitySettings) -> Notice | None:
+    """Why a mirror is no more than usable, if it is."""
+    if mirror.residual > max(settings.good_residual, settings.good_noises * noise):
+        return Notice(
+            "{name}: its frame is noisy or bent; a longer recording, or points on all four sides of the frame, make it "
+            "better",
+            name=mirror.name, mirrors=[mirror.name],
+        )  # fmt: skip
+    if error > settings.good_error:
+        return Notice(
+            "{name}: what is seen in it may be off by {error:.0f} mm; a longer recording makes it better",
+            name=mirror.name, error=1e3 * error, mirrors=[mirror.name],
+        )  # fmt: skip
+    return None
