@@ -92,21 +92,14 @@ class MIRRORSCAN_UL_mirrors(bpy.types.UIList):
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flag=0) -> None:
         quality = scan_records.quality_of(item)
-        if quality == "NONE":
-            figure = say("{count} picked").format(count=len(item.picks))
-        elif item.message:
-            figure = say("not placed")
-        elif item.source == "given":
-            figure = say("given")
-        else:
-            figure = f"{item.residual_mm:.1f} mm"
-        # Side by side if there is room for both, else only the name: the figure is also shown below the list.
+        # Side by side if there is room for both, else only the name: the word is also shown below the list.
         row = layout.split(factor=0.62) if width() >= NARROW else layout
         row.prop(item, "name", text="", emboss=False, icon=ICONS[quality])
         if row is not layout:
             row = row.row()
             row.alignment = "RIGHT"
-            row.label(text=figure, translate=False)
+            word = scan_records.quality_word(item)
+            row.operator("mirror_scan.select_mirror", text=word, emboss=False, translate=False).index = index
 
 
 class MIRRORSCAN_PT_mirrors(Panel, Step, bpy.types.Panel):
@@ -172,13 +165,9 @@ def _draw_mirror(layout: bpy.types.UILayout, item: bpy.types.PropertyGroup) -> N
             say("Click its frame, not the glass; if it is not found from one click, 8 on all four sides are best"),
             "INFO",
         )
-    elif item.source != "given":
-        words = {
-            "GOOD": say("Good: the frame is flat to {residual:.1f} mm"),
-            "USABLE": say("Usable: the frame is flat to {residual:.1f} mm; a longer burst helps"),
-            "BAD": say("Poor: the frame is {residual:.1f} mm off a plane. Are all points on the frame, not the glass?"),
-        }[quality]
-        sentence(layout, words.format(residual=item.residual_mm), ICONS[quality])
+    else:
+        said = tell(item.reason) if item.reason else scan_records.quality_word(item).capitalize()
+        sentence(layout, said, ICONS[quality])
         if not plane.get("refined", True):
             sentence(layout, say("The frame was not found around the points; pick more points"), "ERROR")
 

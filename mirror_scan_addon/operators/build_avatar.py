@@ -6,13 +6,13 @@ from __future__ import annotations
 import os
 
 import bpy
-from bpy.props import IntProperty, StringProperty
+from bpy.props import BoolProperty, IntProperty, StringProperty
 
 from ...core.errors import CaptureError
 from ..background import job_operators
 from ..interface.viewport import look_at
 from ..language.texts import CONTEXT, say, tell
-from ..scene import room, scan_records
+from ..scene import room, scan_collections, scan_records
 from ..scene.units import metres_per_unit
 
 
@@ -37,6 +37,13 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
         name="Frames",
         description="How many depth frames of the burst are averaged. 0 = all. Taken from the scene unless given",
         default=0, min=0, soft_max=60, options={"SKIP_SAVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+
+    keep_version: BoolProperty(
+        name="Keep Last Version",
+        description="Keep the avatar that was built from this capture before, hidden in a collection of its own, "
+        "instead of replacing it. Taken from the scene unless given",
+        default=False, options={"SKIP_SAVE"}, translation_context=CONTEXT,
     )  # fmt: skip
 
     _frame_view = False
@@ -84,22 +91,29 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
         path = scan_records.absolute(path)
         options, reading = scan_records.build_settings(settings), scan_records.reading_of(settings)
         self._built_from = path, frames, reading
+        place = path or (str(point_cloud.cloud_info(points).get("path", "")) if arrays is not None else "")
+        name = scan_collections.capture_name(place) if place else _name_of(points)
+        self._source = {"path": place, "name": name}
+        given = self.properties.is_property_set("keep_version")
+        self._keep = self.keep_version if given else settings.keep_versions
         return job_operators.Task("build_steps", (path, frames, mirrors, mirrors_path, options, arrays, reading))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
-        from ..scene import avatar_objects, capture_source, point_cloud
+        import numpy as np
+
+        from ..scene import avatar_objects, avatar_places, capture_source, point_cloud
 
         # The user may be in another scene by now; the avatar goes to the scene in which the button was pressed.
         here = target == context.scene
-        collection = avatar_objects.target_collection(context, target)
         unit = metres_per_unit(target)
-        avatar = avatar_objects.create_avatar(result.mesh, collection=collection, report=result.report, unit=unit)
+        avatar = avatar_places.put_avatar(target, self._source, result.mesh, result.report, unit, self._keep)
         settings = target.mirror_scan
         settings.problem_index = 0
-        capture_source.keep_source(avatar, *self._built_from, result.mirrors)
+        capture_source.keep_source(avatar, *self._built_from, result.mirrors, self._source["name"])
         points = point_cloud.cloud_of(target)
+        camera_to_avatar = np.array(result.report.get("camera_to_avatar", np.eye(4)))
         if self._aligns and points is not None and points.library is None:
-            point_cloud.place(points, result.report["camera_to_avatar"], unit)
+            point_cloud.place(points, avatar_places.pose_of(avatar, target, unit) @ camera_to_avatar, unit)
             settings.show_cloud = False  # the points lie on the avatar now and would hide it
             if not settings.mirrors:
                 scan_records.set_records(settings, result.mirrors)
@@ -127,6 +141,13 @@ def _make_room(operator: bpy.types.Operator, context: bpy.types.Context, avatar:
     if count:
         text = say("Objects hidden that stood where the avatar stands: {count}")
         operator.report({"INFO"}, text.format(count=count))
+
+
+def _name_of(cloud: bpy.types.Object) -> str:
+    """Of the capture whose points an object holds."""
+    from ..scene import point_cloud
+
+    return str(point_cloud.cloud_info(cloud).get("name", "")) or "Scan"
 
 
 def _show_colors(context: bpy.types.Context) -> None:

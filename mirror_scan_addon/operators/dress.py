@@ -245,8 +245,12 @@ def _alive(uid: int) -> bpy.types.Object:
 
 
 def _collection_of(avatar: bpy.types.Object, target: bpy.types.Scene) -> bpy.types.Collection:
-    """The collection that the avatar's skeleton is in, in the scene; the scene's own when it is in none."""
-    homes = armature_of(avatar).users_collection
+    """The collection of its scan that the avatar is in, else the one that its skeleton is in, in the scene; the scene's
+    own when it is in none."""
+    from ..scene import scan_collections
+
+    scan = scan_collections.scan_around(avatar, target)
+    homes = (armature_of(avatar) if scan is None else avatar).users_collection
     known = {target.collection, *target.collection.children_recursive}
     return next((home for home in homes if home in known), target.collection)
 

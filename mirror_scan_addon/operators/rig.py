@@ -149,6 +149,8 @@ class MIRRORSCAN_OT_simulate(_WithSensor, job_operators.JobOperator, bpy.types.O
         if body is not None and len(body.data.vertices) == len(result.coverage) and body.data.is_editable:
             avatar_objects.set_colors(body.data, virtual_rig.COVERAGE, palette.view_colors(result.coverage), "POINT")
             avatar_objects.show_colors(body, virtual_rig.COVERAGE)
+        if not self._folder:
+            result.loaded.info["name"] = say("Virtual Scan") if body is None else body.name
         points = show_capture(context, target, result.loaded)
         target.mirror_scan.capture_path = self.filepath if self._folder else ""
         if target == context.scene:

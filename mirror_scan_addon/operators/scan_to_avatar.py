@@ -10,7 +10,7 @@ from ...core.errors import CaptureError
 from ..background import job_operators
 from ..interface.viewport import look_from_camera
 from ..language.texts import CONTEXT, say, tell
-from ..scene import kept_errors, scan_records
+from ..scene import kept_errors, scan_collections, scan_records
 from ..scene.capture_objects import show_capture
 from .build_avatar import MIRRORSCAN_OT_build_avatar
 from .load_capture import in_viewport, on_sidebar
@@ -66,6 +66,8 @@ class MIRRORSCAN_OT_scan_to_avatar(job_operators.FileJobOperator, bpy.types.Oper
         reading, options = scan_records.reading_of(settings), scan_records.build_settings(settings)
         options["views"] |= {"click": None}  # that of another capture
         self._root, self._built_from = root, (path, frames, reading)
+        self._source = {"path": path, "name": scan_collections.capture_name(path)}
+        self._keep = settings.keep_versions
         mirrors, offset = scan_records.absolute(self.mirrors_filepath), scan_records.behind_frame(settings)
         return job_operators.Task("scan_steps", (path, frames, mirrors, options, reading, offset))
 

@@ -157,7 +157,12 @@ def _check_shape_keys(avatar: bpy.types.Object) -> None:
 
 
 def _own_collection(avatar: bpy.types.Object, target: bpy.types.Scene) -> bpy.types.Collection:
-    """A new collection for the skeleton, named after the avatar, beside it."""
+    """The collection for a skeleton: its scan's, else a new one, named after the avatar, beside it."""
+    from ..scene import scan_collections
+
+    scan = scan_collections.scan_around(avatar, target)
+    if scan is not None and not scan_collections.is_version(avatar):
+        return scan_collections.part_of(scan, scan_collections.RIG)
     collection = bpy.data.collections.new(f"{avatar.name} Skeleton")
     home = next((owner for owner in avatar.users_collection if owner in target.collection.children_recursive), None)
     (home or target.collection).children.link(collection)

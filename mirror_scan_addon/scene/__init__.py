@@ -3,6 +3,7 @@
 __all__ = [
     "armature",
     "avatar_objects",
+    "avatar_places",
     "avatar_texture",
     "blend_avatar",
     "blender_files",
@@ -20,6 +21,7 @@ __all__ = [
     "report_text",
     "rig_controls",
     "room",
+    "scan_collections",
     "scan_records",
     "studio",
     "tape_curves",

@@ -30,6 +30,8 @@ def shown_mode(avatar: bpy.types.Object) -> str:
 
 COLOR, VIEW, KIND = "Color", "view", "kind"  # attribute names
 MATERIAL_TAG = "mirror_scan_material"  # custom property: the attribute our material shows
+OWNER = "mirror_scan_owner"
+"""Custom property of an avatar and of its materials: the scan that they are of, see :data:`.scan_collections.KEY`."""
 
 log = logging.getLogger(__name__)
 
@@ -40,6 +42,7 @@ def create_avatar(
     collection: bpy.types.Collection | None = None,
     report: dict | None = None,
     unit: float = 1.0,
+    owner: str = "",
 ) -> bpy.types.Object:
     """A Blender object from a mesh, smooth shaded, with a material that shows its colours.
 
@@ -59,6 +62,8 @@ def create_avatar(
         Kept with the object as JSON text, see :func:`.report_text.avatar_report`.
     unit : float
         Metres in a Blender unit, see :func:`.units.metres_per_unit`.
+    owner : str
+        The scan whose it is: its materials are its own, under its name. "" shares one with all that have none.
 
     Raises
     ------
@@ -71,12 +76,14 @@ def create_avatar(
         made.append(data)
         _fill(data, mesh, unit)
         known_materials = set(bpy.data.materials)
-        material = avatar_material(COLOR if mesh.colors is not None else "")
+        material = avatar_material(COLOR if mesh.colors is not None else "", owner, name)
         if material not in known_materials:
             made.append(material)
         data.materials.append(material)
         avatar = bpy.data.objects.new(name, data)
         made.append(avatar)
+        if owner:
+            avatar[OWNER] = owner
         if report is not None:
             set_report(avatar, report)
         if collection is not None:
@@ -107,16 +114,25 @@ def replace_mesh(avatar: bpy.types.Object, data: bpy.types.Mesh) -> None:
         data.name = name
 
 
-def avatar_material(attribute: str) -> bpy.types.Material:
-    """The material that shows a colour attribute (plain grey for ""): the file's own one if it has it, else a new one.
+def avatar_material(attribute: str, owner: str = "", name: str = "Avatar") -> bpy.types.Material:
+    """The material that shows a colour attribute (plain grey for "") of a scan's avatar: the file's own one if it has
+    it, else a new one, named after the avatar where it is of a scan.
 
-    Found by a tag, not by name, so that what a user changed in it survives the next build.
+    Found by tags, not by name, so that what a user changed in it survives the next build.
     """
     for material in bpy.data.materials:
-        if material.get(MATERIAL_TAG) == attribute and material.library is None and TEXTURED not in material:
+        if (
+            material.get(MATERIAL_TAG) == attribute and material.get(OWNER, "") == owner
+            and material.library is None and TEXTURED not in material
+        ):  # fmt: skip
             return material
     with discard_on_error() as made:
-        material = new_material("Avatar", attribute, "ShaderNodeVertexColor" if attribute else "", made)
+        name = name if owner else "Avatar"
+        if owner and attribute in DERIVED.values():
+            name = f"{name} {attribute}"
+        material = new_material(name, attribute, "ShaderNodeVertexColor" if attribute else "", made)
+        if owner:
+            material[OWNER] = owner
         if attribute:
             material.node_tree.nodes.active.layer_name = attribute
     return material
@@ -144,14 +160,6 @@ def new_material(name: str, attribute: str, source: str, made: list[bpy.types.ID
         tree.links.new(color.outputs["Color"], shader.inputs["Base Color"])
         tree.nodes.active = color
     return material
-
-
-def target_collection(context: bpy.types.Context, target: bpy.types.Scene) -> bpy.types.Collection:
-    """Where new objects go: the active collection, when it is of that scene, can be changed and is not excluded."""
-    collection = context.collection if target == context.scene else target.collection
-    if not collection.is_editable or (target == context.scene and context.layer_collection.exclude):
-        collection = target.collection
-    return collection
 
 
 def size_of(avatar: bpy.types.Object, unit: float) -> np.ndarray:
@@ -261,7 +269,7 @@ def show_colors(avatar: bpy.types.Object, name: str) -> None:
     textured = data.get(TEXTURED) if name == COLOR else None
     for slot in avatar.material_slots:
         if slot.material is not None and slot.material.get(MATERIAL_TAG) is not None:
-            slot.material = textured or avatar_material(name)
+            slot.material = textured or avatar_material(name, avatar.get(OWNER, ""), avatar.name)
     data.update_tag()
 
 

@@ -77,9 +77,15 @@ def set_texture(avatar: bpy.types.Object, texture: Texture) -> None:
     if data.color_attributes.get(COLOR) is not None:
         show_colors(avatar, COLOR)
     data.update()
-    if old is not None and not old.users:
-        images = _images(old)
-        bpy.data.materials.remove(old)
+    if old is not None:
+        remove_unused(old)
+
+
+def remove_unused(material: bpy.types.Material) -> None:
+    """Take a texture's material and its images out of the file where nothing uses them any more."""
+    if not material.users:
+        images = _images(material)
+        bpy.data.materials.remove(material)
         bpy.data.batch_remove([image for image in images if not image.users])
 
 

@@ -12,24 +12,32 @@ from .units import metres_per_unit
 
 def show_capture(context: bpy.types.Context, target: bpy.types.Scene, loaded) -> bpy.types.Object:
     """Put a loaded capture into a scene, in place of the one before."""
-    from . import avatar_objects, point_cloud
+    from . import avatar_objects, point_cloud, scan_collections
 
     settings = target.mirror_scan
-    name = loaded.info["name"]
-    collection = avatar_objects.target_collection(context, target)
+    path = str(loaded.info.get("path", ""))
+    name = scan_collections.capture_name(path) if path else str(loaded.info["name"])
     with avatar_objects.discard_on_error() as made:
         made.append(point_cloud.create_picture(f"{name} depth", loaded.depth_picture))
         if loaded.color is not None:
             made.append(point_cloud.create_picture(f"{name} colour", loaded.color))
         points = point_cloud.create_cloud(
-            name, loaded.depth, loaded.color, loaded.intrinsics, loaded.info, loaded.placement, collection,
+            f"{name} Points", loaded.depth, loaded.color, loaded.intrinsics, loaded.info, loaded.placement, None,
             metres_per_unit(target),
         )  # fmt: skip
     forget_capture(target)
-    # the names that those before may have held
-    points.name = points.data.name = name
+    scan = scan_collections.scan_of(target, path, name)
+    home = scan_collections.part_of(scan, scan_collections.POINTS)
+    home.objects.link(points)
+    # after the one before is gone, which may have held them
+    points.name = points.data.name = f"{scan.name} Points"
     for image, kind in zip(made, ("depth", "colour"), strict=False):
-        image.name = f"{name} {kind}"
+        image.name = f"{scan.name} {kind}"
+    for layer in target.view_layers:
+        layer.update()
+        if points.name not in layer.objects:
+            scan_collections.show_in_layer(home, layer)
+    scan_collections.tidy(target)
     settings.cloud, settings.depth_image = points, made[0]
     settings.color_image = made[1] if loaded.color is not None else None
     for image in made:

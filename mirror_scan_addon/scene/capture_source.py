@@ -19,9 +19,13 @@ from .units import metres_per_unit
 _SAME_SIZE = 0.04  # logarithm: fewer triangles make an avatar a little smaller
 
 
-def keep_source(avatar: bpy.types.Object, path: str, frames: int, reading: dict, mirrors: list[dict]) -> None:
-    """Keep with an avatar what it was built from; ``mirrors`` are records of the mirrors as they were in the end."""
-    avatar[SOURCE] = json.dumps({"path": path, "frames": frames, "reading": reading, "mirrors": mirrors})
+def keep_source(
+    avatar: bpy.types.Object, path: str, frames: int, reading: dict, mirrors: list[dict], name: str = ""
+) -> None:
+    """Keep with an avatar what it was built from; ``mirrors`` are records of the mirrors as they were in the end, and
+    ``name`` is the capture's."""
+    kept = {"path": path, "frames": frames, "reading": reading, "mirrors": mirrors, "name": name}
+    avatar[SOURCE] = json.dumps(kept)
 
 
 def source_of(avatar: bpy.types.Object, scene: bpy.types.Scene) -> Source:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...core.io.color_atlas import atlas_of_corners
 from ...core.numeric.srgb import to_linear
-from .avatar_objects import COLOR, DERIVED, MATERIAL_TAG, avatar_material, new_material, set_colors, show_colors
+from .avatar_objects import COLOR, DERIVED, MATERIAL_TAG, OWNER, avatar_material, new_material, set_colors, show_colors
 from .avatar_texture import UV_MAP, baked_material, material_of
 from .scan_records import TEXTURED
 
@@ -38,7 +38,7 @@ def keep_colors(copy: bpy.types.Object, as_shown: bool = False) -> None:
         show_colors(copy, wanted)
         return
     for slot in _our_slots(copy):  # it was built without colours
-        slot.material = avatar_material("")
+        slot.material = avatar_material("", copy.get(OWNER, ""), copy.name)
 
 
 def bake_colors(copy: bpy.types.Object) -> None:

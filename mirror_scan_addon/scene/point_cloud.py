@@ -46,10 +46,11 @@ def create_cloud(
     intrinsics: Intrinsics,
     info: dict,
     placement: np.ndarray,
-    collection: bpy.types.Collection,
+    collection: bpy.types.Collection | None,
     unit: float = 1.0,
 ) -> bpy.types.Object:
-    """An object with a vertex for each reading of ``depth`` (H, W) [m], where ``placement`` puts it, see :func:`place`.
+    """An object with a vertex for each reading of ``depth`` (H, W) [m], where ``placement`` puts it, see :func:`place`;
+    in ``collection``, or in none yet.
 
     Raises
     ------
@@ -79,7 +80,8 @@ def create_cloud(
         cloud.display_type = "BOUNDS"  # its points are drawn by the overlay, in colour
         cloud.hide_render = True
         place(cloud, placement, unit)
-        collection.objects.link(cloud)
+        if collection is not None:
+            collection.objects.link(cloud)
     return cloud
 
 

@@ -503,6 +503,12 @@ class MIRRORSCAN_PG_scene(bpy.types.PropertyGroup):
         "empty to be asked each time",
         subtype="DIR_PATH", options={"PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
+    keep_versions: BoolProperty(
+        name="Keep Last Version",
+        description="When an avatar is built again, keep the one before, hidden in a collection of its own, instead of "
+        "replacing it",
+        translation_context=CONTEXT,
+    )  # fmt: skip
     problem_index: IntProperty(
         name="Problem", description="The problem of the avatar that was shown last, counted from 1. 0 = none",
         min=0, translation_context=CONTEXT,

@@ -35,11 +35,11 @@ def test_it_builds_selects_and_remembers(bpy, steps, reconstruction, tmp_path):
     assert reading["turn_degrees"] is None and reading["color"]
     assert settings["depth"]["smoothing"] == 1 and settings["views"]["max_height"] == pytest.approx(2.4)
     avatar = bpy.context.object
-    assert avatar.name == "Avatar" and bpy.context.selected_objects == [avatar]
+    assert avatar.name == avatar.data.name == tmp_path.name and bpy.context.selected_objects == [avatar]
     assert len(avatar.data.vertices) == len(reconstruction.mesh.vertices)
     assert bpy.ops.mirror_scan.build_avatar("INVOKE_DEFAULT") == {"FINISHED"}  # background: runs to its end
-    assert bpy.context.selected_objects == [bpy.data.objects["Avatar.001"]]
-    assert len(bpy.data.materials) == 1
+    assert bpy.context.selected_objects == list(bpy.data.objects) == [avatar]  # built again: in place of the first
+    assert len(bpy.data.materials) == len(bpy.data.meshes) == 1
 
 
 def test_arguments_win_over_the_scene(bpy, steps, tmp_path):
@@ -56,7 +56,7 @@ def test_undo_takes_it_back(bpy, steps, tmp_path):
     bpy.ops.ed.undo()
     assert len(bpy.data.objects) == len(bpy.data.meshes) == len(bpy.data.materials) == 0
     bpy.ops.ed.redo()
-    assert [item.name for item in bpy.data.objects] == ["Avatar"]
+    assert [item.name for item in bpy.data.objects] == [tmp_path.name]
 
 
 def test_an_error_is_one_line_and_changes_nothing(bpy, steps, tmp_path):
@@ -108,7 +108,7 @@ def test_an_excluded_collection_does_not_hide_the_avatar(bpy, steps, tmp_path):
     bpy.context.view_layer.active_layer_collection = layer
     layer.exclude = True
     bpy.ops.mirror_scan.build_avatar(filepath=str(tmp_path))
-    assert bpy.context.object.name == "Avatar" and bpy.context.object.visible_get()
+    assert bpy.context.object.name == tmp_path.name and bpy.context.object.visible_get()
 
 
 def test_state_survives_saving(bpy, steps, tmp_path):
