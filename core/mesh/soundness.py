@@ -97,6 +97,7 @@ def mesh_report(mesh: Mesh) -> dict:
         ``nonmanifold_vertices`` (more than one fan), ``euler_characteristic`` (of used vertices);
         ``volume_m3`` (None unless watertight), ``area_m2``;
         ``self_intersections``: triangles that run through another one;
+        ``filled_share``: of the area, that no view saw; only of a mesh that says how its triangles were made;
         ``min_angle_deg``: quantiles ``p0``, ``p1``, ``p5``, ``p50`` of each triangle's smallest angle, None for no
         triangles.
 
@@ -111,6 +112,8 @@ def mesh_report(mesh: Mesh) -> dict:
     twice_area = np.linalg.norm(triangle_normals(mesh.vertices, mesh.triangles), axis=1)
     report["area_m2"] = float(twice_area.sum() / 2)
     report["self_intersections"] = len(crossing)
+    if mesh.kind is not None and twice_area.any():
+        report["filled_share"] = float(twice_area[mesh.kind == FILL].sum() / twice_area.sum())
     report["min_angle_deg"] = None
     if len(twice_area):
         p = mesh.vertices[mesh.triangles]
@@ -123,10 +126,10 @@ def mesh_report(mesh: Mesh) -> dict:
     return report
 
 
-HOLE, EDGE, CROSSING, PIECE, GUESS = "hole", "edge", "crossing", "piece", "guess"
-"""An open loop; an edge of more than two triangles; surface through surface; a loose piece; a large fill."""
+HOLE, EDGE, CROSSING, PIECE = "hole", "edge", "crossing", "piece"
+"""An open loop; an edge of more than two triangles; surface through surface; a loose piece."""
 
-ORDER = (HOLE, EDGE, CROSSING, PIECE, GUESS)
+ORDER = (HOLE, EDGE, CROSSING, PIECE)
 
 
 @dataclass(frozen=True)
@@ -155,15 +158,15 @@ class Problem:
     count: int
 
 
-def find_problems(mesh: Mesh, min_guess: float = 0.004, limit: int = 100) -> list[Problem]:
-    """All places where the mesh is open, branches, runs through itself, is in pieces, or was filled over a large area.
+def find_problems(mesh: Mesh, limit: int = 100) -> list[Problem]:
+    """All places where the mesh is open, branches, runs through itself, or is in pieces.
+
+    Surface that no view saw is no fault: see ``filled_share`` of :func:`mesh_report`.
 
     Parameters
     ----------
     mesh : Mesh
         In metres.
-    min_guess : float
-        Fills smaller than this are not worth a look [m²].
     limit : int
         At most so many of each kind, the largest.
 
@@ -201,9 +204,6 @@ def find_problems(mesh: Mesh, min_guess: float = 0.004, limit: int = 100) -> lis
     if count > 1:
         largest = np.argmax(np.bincount(piece))
         found[PIECE] = _places(PIECE, mesh, triangles, crosses, piece != largest)
-    if mesh.kind is not None:
-        guesses = _places(GUESS, mesh, triangles, crosses, np.asarray(mesh.kind) == FILL)
-        found[GUESS] = [place for place in guesses if place.area >= min_guess]
     return [
         place
         for kind in ORDER

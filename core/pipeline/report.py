@@ -79,6 +79,7 @@ def make_report(
             "self_intersections": checked["self_intersections"],
             "seam_triangles": int((mesh.kind == SEAM).sum()),
             "fill_triangles": int((mesh.kind == FILL).sum()),
+            "filled_share": checked.get("filled_share"),
             "volume_l": None if checked["volume_m3"] is None else 1000.0 * checked["volume_m3"],
             "height_m": float(np.ptp(mesh.vertices[:, 2])),
         },

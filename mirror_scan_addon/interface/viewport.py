@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
+from mathutils import Matrix, Quaternion, Vector
 
 
 def viewport(context: bpy.types.Context) -> bpy.types.Area | None:
@@ -16,8 +19,6 @@ def viewport(context: bpy.types.Context) -> bpy.types.Area | None:
 
 def look_from_camera(context: bpy.types.Context, cloud: bpy.types.Object) -> None:
     """Have the 3D viewport look as the depth camera did, from a little farther back: no point hides another then."""
-    from mathutils import Matrix, Vector
-
     area = viewport(context)
     if area is None:
         return
@@ -123,6 +124,29 @@ def show_within(area: bpy.types.Area, near: float, far: float) -> None:
     millimetres, a room is larger than the default range of a viewport."""
     space = area.spaces.active
     space.clip_start, space.clip_end = min(space.clip_start, near), max(space.clip_end, far)
+
+
+STEEPEST = 1.2
+"""Greatest angle of a look at a place above or below the horizon, 69° [rad]: from there feet are still below."""
+
+
+def upright_look(outward: Vector, front: Vector) -> Quaternion:
+    """Rotation of a view that looks at a surface from where it faces, with the world's up upwards in the picture.
+
+    Straight from above or below that would not say where up is: then it looks from as steep as ``STEEPEST``, and from
+    the side of ``front`` where the surface faces no side.
+    """
+    level = Vector((outward.x, outward.y, 0.0))
+    if level.length < 1e-3 * max(outward.length, 1e-12):
+        level = Vector((front.x, front.y, 0.0))
+    if level.length == 0.0:
+        level = Vector((0.0, -1.0, 0.0))
+    level.normalize()
+    steep = math.asin(max(-1.0, min(1.0, outward.z / outward.length))) if outward.length else 0.0
+    steep = max(-STEEPEST, min(STEEPEST, steep))
+    back = math.cos(steep) * level + Vector((0.0, 0.0, math.sin(steep)))
+    right = Vector((0.0, 0.0, 1.0)).cross(back).normalized()
+    return Matrix((right, back.cross(right), back)).transposed().to_quaternion()
 
 
 def look_at(context: bpy.types.Context, target: bpy.types.Object) -> None:

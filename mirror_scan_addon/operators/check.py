@@ -7,7 +7,7 @@ import bpy
 from bpy.props import EnumProperty, IntProperty
 
 from ..background import job_operators
-from ..interface.viewport import show_within, viewport
+from ..interface.viewport import show_within, upright_look, viewport
 from ..language.texts import CONTEXT, say
 from ..scene import report_text, scan_records
 from ..scene.scan_records import no_mesh, not_ours
@@ -135,18 +135,16 @@ class MIRRORSCAN_OT_jump_to_problem(bpy.types.Operator):
 
 
 def _look_at_problem(context: bpy.types.Context, avatar: bpy.types.Object, place: dict) -> None:
-    """Have the 3D viewport look straight at the surface of a problem, from outside."""
+    """Have the 3D viewport look at the surface of a problem, from outside."""
     from mathutils import Vector
 
     area = viewport(context)
     if area is None:
         return
     view = area.spaces.active.region_3d
-    normal = (avatar.matrix_world.to_3x3() @ Vector(place["normal"])).normalized()
-    if normal.length == 0:
-        normal = Vector((0, -1, 0))
+    axes = avatar.matrix_world.to_3x3()
     view.view_location = avatar.matrix_world @ Vector(place["point"])
-    view.view_rotation = normal.to_track_quat("Z", "Y")
+    view.view_rotation = upright_look(axes @ Vector(place["normal"]), axes @ Vector((0, -1, 0)))
     view.view_distance = max(0.35, 4.0 * place["size"]) / metres_per_unit(context.scene)
     show_within(area, 0.1 * view.view_distance, 100.0 * view.view_distance)
     area.tag_redraw()

@@ -28,7 +28,7 @@ def avatar_report(avatar: bpy.types.Object | None) -> dict | None:
 
 SHOWN = {
     "mesh": ("height_m", "volume_l", "vertices", "components", "self_intersections", "triangles", "fill_triangles",
-             "seam_triangles"),
+             "seam_triangles", "filled_share"),
     "mirrors": ("residual_mm",),
     "optics": ("lit_twice_share", "corrected_share"),
     "seams": ("mean_gap_mm", "max_gap_mm"),
@@ -99,8 +99,13 @@ def _with_notices(report: dict) -> dict:
 
 
 def problems_of(report: dict) -> list[dict]:
-    """The places to look at, worst first; what was edited into nonsense is left out."""
-    return [place for place in report.get("problems", ()) if isinstance(place, dict) and _is_problem(place)]
+    """The places to look at, worst first; what was edited into nonsense is left out, and surface that no view saw,
+    which older versions took for a problem."""
+    return [
+        place
+        for place in report.get("problems", ())
+        if isinstance(place, dict) and _is_problem(place) and place["kind"] != "guess"
+    ]
 
 
 def _is_problem(place: dict) -> bool:
@@ -122,10 +127,8 @@ def problem_text(place: dict, scene: bpy.types.Scene) -> str:
         "edge": say("{count} faces share one edge"),
         "crossing": say("Surface intersects itself, {size}"),
         "piece": say("Loose piece, {size}"),
-        "guess": say("Not seen by any view: {area} filled"),
     }.get(place["kind"], "{kind}")
-    size, area = units.length_text(place["size"], scene), units.area_text(place["area"], scene)
-    return text.format(size=size, count=place["count"], area=area, kind=place["kind"])
+    return text.format(size=units.length_text(place["size"], scene), count=place["count"], kind=place["kind"])
 
 
 def summary(report: dict, scene: bpy.types.Scene) -> list[tuple[str, str, str]]:
@@ -160,21 +163,21 @@ def distances(report: dict) -> list[tuple[str, str, str]]:
     lines = []
     for mirror in report.get("mirrors", ()):
         if mirror.get("residual_mm") is not None:
-            good = mirror["residual_mm"] <= 12.0
             text = say("flat to {residual:.1f} mm").format(residual=mirror["residual_mm"])
-            lines.append((str(mirror.get("name", "")), text, "OK" if good else "WARN"))
+            lines.append((mirror_label(str(mirror.get("name", ""))), text, ""))
     for seam in report.get("seams", ()):
         if seam.get("mean_gap_mm") is not None and len(seam.get("between", ())) == 2:
             label = _gap_label(*map(str, seam["between"]))
             text = say("{mean:.0f} mm, at most {widest:.0f} mm").format(
                 mean=seam["mean_gap_mm"], widest=seam.get("max_gap_mm", 0.0)
             )
-            lines.append((label, text, "WARN" if seam["mean_gap_mm"] > 40 else ""))
+            lines.append((label, text, ""))
     mesh = report.get("mesh", {})
-    faces = mesh.get("triangles")
-    if faces and "fill_triangles" in mesh:
-        share = (mesh["fill_triangles"] + mesh.get("seam_triangles", 0)) / faces
-        lines.append((say("Not measured"), f"{share:.0%}", ""))
+    share = mesh.get("filled_share")
+    if share is None and mesh.get("triangles") and "fill_triangles" in mesh:  # of an older version
+        share = mesh["fill_triangles"] / mesh["triangles"]
+    if share is not None:
+        lines.append((say("Made up"), say("{share} of the surface, seen by no view").format(share=_percent(share)), ""))
     light = report.get("optics", {})
     if "lit_twice_share" in light:
         text = say("{lit:.0%}, corrected: {corrected:.0%}").format(
@@ -230,10 +233,23 @@ def measures(report: dict, scene: bpy.types.Scene) -> list[tuple[str, str, str]]
     return lines
 
 
+def _percent(share: float) -> str:
+    """A share in percent; what is less than half of one is not said to be nothing."""
+    return f"{share:.0%}" if share == 0.0 or share >= 0.005 else "< 1%"
+
+
+def mirror_label(name: str) -> str:
+    """What a mirror is called where nothing else says that it is one: “Mirror left”, but “Mirror 1”, not twice so."""
+    return (
+        f"{name[0].upper()}{name[1:]}" if name.lower().startswith("mirror") else say("Mirror {name}").format(name=name)
+    )
+
+
 def _gap_label(one: str, other: str) -> str:
     """The gap between two views, which may be twice the same; ``direct`` and ``made`` are names of the report."""
+    known = {"direct": say("the direct view"), "made": say("made-up surface")}
     if one == other:
-        within = {"direct": say("Gap within the direct view"), "made": say("Gap within filled surface")}
-        return within.get(one) or say("Gap within {view}").format(view=one)
-    names = {"direct": say("direct view"), "made": say("filled surface")}
-    return say("Gap {one}–{other}").format(one=names.get(one, one), other=names.get(other, other))
+        return say("Gaps within {view}").format(view=known.get(one, mirror_label(one)))
+    return say("Gap between {one} and {other}").format(
+        one=known.get(one, mirror_label(one)), other=known.get(other, mirror_label(other))
+    )

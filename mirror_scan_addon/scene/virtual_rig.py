@@ -16,6 +16,7 @@ from ...core.errors import MirrorScanError
 from ...core.mesh import Mesh
 from ..language.texts import say
 from .avatar_objects import discard_on_error
+from .report_text import mirror_label
 from .units import metres_per_unit
 
 if TYPE_CHECKING:
@@ -56,11 +57,11 @@ def add_objects(scene: bpy.types.Scene, rig: Rig) -> list[bpy.types.Object]:
                     node.inputs["Metallic"].default_value, node.inputs["Roughness"].default_value = 1.0, 0.0
         for mirror in rig.mirrors:
             w, h = mirror.width / 2 / unit, mirror.height / 2 / unit
-            mesh = bpy.data.meshes.new(f"Mirror {mirror.name}")
+            mesh = bpy.data.meshes.new(mirror_label(mirror.name))
             made.append(mesh)
             mesh.from_pydata([(-w, -h, 0), (w, -h, 0), (w, h, 0), (-w, h, 0)], [], [(0, 1, 2, 3)])
             mesh.materials.append(material)
-            glass = bpy.data.objects.new(f"Mirror {mirror.name}", mesh)
+            glass = bpy.data.objects.new(mirror_label(mirror.name), mesh)
             made.append(glass)
             axes = mirror.axes
             glass.matrix_world = _in_units(Matrix.Translation(mirror.centre) @ Matrix(axes.T.tolist()).to_4x4(), unit)
@@ -105,7 +106,7 @@ def mirrors_of(scene: bpy.types.Scene) -> list[dict]:
         settings = item.mirror_scan
         mirrors.append(
             {
-                "name": item.name.removeprefix("Mirror ")[:63] or item.name,
+                "name": _mirror_name(item.name),
                 "centre": tuple(unit * float(value) for value in (matrix @ (*top, 1.0))[:3]),
                 "normal": tuple(float(value) for value in np.cross(matrix[:3, 0], matrix[:3, 1])),
                 "up": tuple(float(value) for value in matrix[:3, 1]),
@@ -116,6 +117,12 @@ def mirrors_of(scene: bpy.types.Scene) -> list[dict]:
             }
         )
     return mirrors
+
+
+def _mirror_name(title: str) -> str:
+    """The mirror that an object called ``title`` is: “left” of “Mirror left”, but “mirror 1” of “Mirror 1”."""
+    name = title.removeprefix("Mirror ")
+    return f"mirror {name}" if name != title and name.isdigit() else name[:63] or title
 
 
 def camera_of(camera: bpy.types.Object, unit: float = 1.0) -> dict:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from meshes import lopsided, ours, sphere
 from mirror_scan.core.mesh import FILL, SURFACE, Mesh
-from mirror_scan.core.mesh.soundness import CROSSING, EDGE, GUESS, HOLE, PIECE, find_problems, mesh_report
+from mirror_scan.core.mesh.soundness import CROSSING, EDGE, HOLE, PIECE, find_problems, mesh_report
 
 
 def grid_box(n=10, size=1.0, at=(0, 0, 0)):
@@ -54,9 +54,10 @@ def test_each_fault_is_found_where_it_is():
 
     made_up = np.abs(centers[:, 2] + 0.5) < 1e-9
     kind = np.where(made_up, FILL, SURFACE).astype(np.int8)
-    (place,) = find_problems(Mesh(box.vertices, box.triangles, None, None, kind))
-    assert place.kind == GUESS and place.area == pytest.approx(1.0) and place.normal[2] == pytest.approx(-1)
-    assert find_problems(Mesh(box.vertices, box.triangles, None, None, kind), min_guess=1.1) == []
+    filled = Mesh(box.vertices, box.triangles, None, None, kind)
+    assert find_problems(filled) == []  # what no view saw is no fault, but a share
+    assert mesh_report(filled)["filled_share"] == pytest.approx(1 / 6)
+    assert "filled_share" not in mesh_report(Mesh(box.vertices, box.triangles))
 
 
 def test_an_edge_of_three_faces_is_named():
