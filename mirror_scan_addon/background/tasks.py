@@ -21,6 +21,7 @@ from ...core.errors import CaptureError, MirrorError, MirrorScanError
 from ...core.mesh import Mesh, Texture
 from ...core.mirrors import Mirror
 from ...core.preview.palette import depth_colors
+from .mirror_judgement import judged
 
 if TYPE_CHECKING:
     from ...core.avatar.avatar_file import Avatar
@@ -263,7 +264,7 @@ def _loaded(capture: Capture, path: str) -> Steps[Loaded]:
     from ...core.views.capture_placement import upright_frame
 
     records = [_record_of_picks(known) for known in capture.mirrors]
-    fitted = _fit(depth, capture.intrinsics, records, 0.0)
+    fitted = _fit(depth, capture.intrinsics, records, 0.0, None, capture.sensor)
     info = {
         "name": capture.name,
         "format": capture.format,
@@ -291,17 +292,18 @@ def fit_steps(
     mirrors: list[dict],
     glass_offset: float,
     numbers: list[int] | None = None,
+    sensor: str = "",
 ) -> Steps[Fitted]:
     """Fit every mirror that has picks; one that cannot be fitted says why in its record.
 
     ``numbers`` are the mirrors' places in the scene's list, from 0, when these are not all.
     """
     yield 0.0, FITTING
-    return _fit(depth, intrinsics, mirrors, glass_offset, numbers)
+    return _fit(depth, intrinsics, mirrors, glass_offset, numbers, sensor)
 
 
 def find_mirrors_steps(
-    depth: np.ndarray, color: np.ndarray | None, intrinsics: Intrinsics, glass_offset: float
+    depth: np.ndarray, color: np.ndarray | None, intrinsics: Intrinsics, glass_offset: float, sensor: str = ""
 ) -> Steps[Fitted]:
     """Mirrors that show themselves; none found gives an empty list."""
     yield 0.0, FINDING
@@ -309,7 +311,8 @@ def find_mirrors_steps(
 
     found = find_mirrors(RgbdImage(depth, intrinsics, color), glass_offset=glass_offset)
     yield 0.9, FITTING
-    return Fitted([record_of(mirror) for mirror in found], _seen(depth, intrinsics, found) if found else None)
+    records = judged([record_of(mirror) for mirror in found], depth, intrinsics, found, sensor)
+    return Fitted(records, _seen(depth, intrinsics, found) if found else None)
 
 
 def calibrate_steps(
@@ -325,7 +328,9 @@ def calibrate_steps(
     glass = MirrorSettings(glass_offset=glass_offset, glass_thickness=glass_thickness)
     write_rig(path, calibrate(_capture_of(cloud), known, glass))
     placed = list(read_rig(path).mirrors)  # as later captures will have them
-    return Fitted([record_of(mirror) for mirror in placed], _seen(cloud.depth, cloud.intrinsics, placed))
+    records = [record_of(mirror) for mirror in placed]
+    records = judged(records, cloud.depth, cloud.intrinsics, placed, str(cloud.info.get("sensor", "")))
+    return Fitted(records, _seen(cloud.depth, cloud.intrinsics, placed))
 
 
 def rig_steps(cloud: Cloud, path: str) -> Steps[Fitted]:
@@ -337,7 +342,9 @@ def rig_steps(cloud: Cloud, path: str) -> Steps[Fitted]:
     placed, depth = list(mirrors_for(read_rig(path), cloud.intrinsics)), cloud.depth
     yield 0.5, FITTING
     warnings = tuple(moved_warnings(RgbdImage(depth, cloud.intrinsics), placed))
-    return Fitted([record_of(mirror) for mirror in placed], _seen(depth, cloud.intrinsics, placed), warnings)
+    records = [record_of(mirror) for mirror in placed]
+    records = judged(records, depth, cloud.intrinsics, placed, str(cloud.info.get("sensor", "")))
+    return Fitted(records, _seen(depth, cloud.intrinsics, placed), warnings)
 
 
 def _fit(
@@ -346,6 +353,7 @@ def _fit(
     records: list[dict],
     glass_offset: float,
     places: list[int] | None = None,
+    sensor: str = "",
 ) -> Fitted:
     from ...core.mirrors.picked_mirror import MirrorSettings, place_mirror
 
@@ -370,7 +378,10 @@ def _fit(
     if not placed:
         return Fitted(answers, None)
     # a view's number is its mirror's place in the list, whether earlier ones are placed or not
-    return Fitted(answers, np.array(numbers, np.int8)[_seen(depth, intrinsics, placed) + 1])
+    return Fitted(
+        judged(answers, depth, intrinsics, placed, sensor),
+        np.array(numbers, np.int8)[_seen(depth, intrinsics, placed) + 1],
+    )
 
 
 def _seen(depth: np.ndarray, intrinsics: Intrinsics, mirrors: list[Mirror]) -> np.ndarray:

@@ -310,11 +310,9 @@ def _draw_text() -> None:
             at = location_3d_to_region_2d(region, space, cloud.matrix_world @ Vector(top))
             if at is None:
                 continue
-            text = item.name
+            text = say("{name}: {word}").format(name=item.name, word=scan_records.quality_word(item))
             if item.message:
                 text = tell(item.message)
-            elif item.source != "given":
-                text = say("{name}  {residual:.1f} mm").format(name=item.name, residual=item.residual_mm)
             _label(blf, text, at, COLORS[scan_records.quality_of(item)], scale)
     _draw_problem(context, region, space, scale)
 

@@ -24,6 +24,7 @@ class MIRRORSCAN_PT_build(Panel, Step, bpy.types.Panel):
         if not context.scene.mirror_scan.mirrors:
             text = say("No mirrors yet: those of the capture are used, or they are found automatically")
             sentence(self.layout, text, "INFO")
+        field(fields(self.layout), context.scene.mirror_scan, "keep_versions")
 
 
 class MIRRORSCAN_OT_add_quality_preset(AddPresetBase, bpy.types.Operator):

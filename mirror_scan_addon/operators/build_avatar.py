@@ -76,6 +76,9 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
             if not path and points is None:
                 raise CaptureError(say("No capture is loaded; choose one in the Mirror Scan tab of the sidebar"))
             mirrors = scan_records.placed_mirrors(settings) if settings.mirrors and not mirrors_path else None
+            for item in settings.mirrors if mirrors else ():
+                if complaint := scan_records.complaint_of(item):
+                    self.report({"WARNING"}, tell(complaint))
         self._aligns = not self.filepath and points is not None
         arrays = None
         if points is not None:

@@ -83,10 +83,10 @@ class MIRRORSCAN_OT_load_capture(job_operators.FileJobOperator, bpy.types.Operat
         for note in result.info["notes"]:
             self.report({"WARNING"}, tell(note))
         for mirror in settings.mirrors:
-            if mirror.message:
-                self.report({"WARNING"}, tell(mirror.message))
+            if complaint := scan_records.complaint_of(mirror):
+                self.report({"WARNING"}, tell(complaint))
         text = say("{name}: {format}, {points:,} points, mirrors: {mirrors}").format(
-            name=cloud.name, format=result.info["format"], points=count, mirrors=len(settings.mirrors)
+            name=result.info["name"], format=result.info["format"], points=count, mirrors=len(settings.mirrors)
         )
         self.report({"INFO"}, text)
 

@@ -8,7 +8,7 @@ from bpy.props import FloatVectorProperty, IntProperty, StringProperty
 
 from ...core.errors import MirrorError, OutputError
 from ..background import job_operators
-from ..language.texts import CONTEXT, say
+from ..language.texts import CONTEXT, say, tell
 from ..scene import scan_records
 
 
@@ -50,7 +50,8 @@ class MIRRORSCAN_OT_find_mirrors(_MirrorOperator, bpy.types.Operator):
 
         arrays = point_cloud.read_cloud(point_cloud.cloud_of(context.scene))
         offset = scan_records.behind_frame(context.scene.mirror_scan)
-        return job_operators.Task("find_mirrors_steps", (arrays.depth, arrays.color, arrays.intrinsics, offset))
+        sensor = str(arrays.info.get("sensor", ""))
+        return job_operators.Task("find_mirrors_steps", (arrays.depth, arrays.color, arrays.intrinsics, offset, sensor))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         if not result.mirrors:
@@ -121,7 +122,8 @@ class MIRRORSCAN_OT_set_mirror(_MirrorOperator, bpy.types.Operator):
             raise MirrorError(say("Give points on the mirror's frame, or a point and the normal of its plane"))
         self._index = index
         offset = scan_records.behind_frame(settings)
-        return job_operators.Task("fit_steps", (arrays.depth, arrays.intrinsics, records, offset))
+        sensor = str(arrays.info.get("sensor", ""))
+        return job_operators.Task("fit_steps", (arrays.depth, arrays.intrinsics, records, offset, None, sensor))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         record = result.mirrors[self._index]
@@ -129,7 +131,10 @@ class MIRRORSCAN_OT_set_mirror(_MirrorOperator, bpy.types.Operator):
             raise MirrorError(record["message"])
         super().finish(context, target, result)
         target.mirror_scan.mirror_index = self._index
-        name = target.mirror_scan.mirrors[self._index].name
+        item = target.mirror_scan.mirrors[self._index]
+        name = item.name
+        if complaint := scan_records.complaint_of(item):
+            self.report({"WARNING"}, tell(complaint))
         text = say("{name}: flat to {residual:.1f} mm") if record["picks"] else say("{name}: placed as given")
         self.report({"INFO"}, text.format(name=name, residual=record["residual_mm"]))
 
@@ -156,6 +161,38 @@ def _given_plane(name: str, point, normal) -> str:
     from ..background.tasks import record_of
 
     return record_of(plane_mirror(name, list(point), list(normal)))["plane"]
+
+
+class MIRRORSCAN_OT_select_mirror(bpy.types.Operator):
+    """Make a mirror the active one"""
+
+    bl_idname = "mirror_scan.select_mirror"
+    bl_label = "Select Mirror"
+    bl_translation_context = CONTEXT
+    bl_options = {"INTERNAL"}
+
+    index: IntProperty(
+        name="Index", description="Index of the mirror, counted from 0", default=0, min=0, options={"SKIP_SAVE"},
+        translation_context=CONTEXT,
+    )  # fmt: skip
+
+    @classmethod
+    def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
+        """Tooltip of the button under the mouse: how good the mirror is, and by what figures."""
+        mirrors = context.scene.mirror_scan.mirrors
+        if properties.index >= len(mirrors):
+            return ""
+        item = mirrors[properties.index]
+        said = item.message or item.reason
+        parts = (tell(said) if said else "", scan_records.mirror_figures(item))
+        return ".\n".join(part for part in parts if part)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        settings = context.scene.mirror_scan
+        if self.index >= len(settings.mirrors):
+            return {"CANCELLED"}
+        settings.mirror_index = self.index
+        return {"FINISHED"}
 
 
 class MIRRORSCAN_OT_remove_mirror(bpy.types.Operator):
@@ -273,6 +310,7 @@ class MIRRORSCAN_OT_save_mirrors(bpy.types.Operator):
 CLASSES = (
     MIRRORSCAN_OT_find_mirrors,
     MIRRORSCAN_OT_set_mirror,
+    MIRRORSCAN_OT_select_mirror,
     MIRRORSCAN_OT_remove_mirror,
     MIRRORSCAN_OT_clear_mirrors,
     MIRRORSCAN_OT_save_mirrors,

@@ -68,6 +68,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         self._aim = Aim(arrays.points)
         self._count = len(target.data.vertices)
         self._depth, self._intrinsics = arrays.depth, arrays.intrinsics
+        self._sensor = str(arrays.info.get("sensor", ""))
         self._before = scan_records.records_of(settings)
         self._seen_before = point_cloud.values(target.data, point_cloud.SEEN, "int8")
         self._views_before = (settings.mirror_index, settings.show_cloud)
@@ -298,7 +299,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
                 chosen = [records[number] for number in self._asked]
                 offset = scan_records.behind_frame(settings)
                 self._task = job_operators.Task(
-                    "fit_steps", (self._depth, self._intrinsics, chosen, offset, self._asked)
+                    "fit_steps", (self._depth, self._intrinsics, chosen, offset, self._asked, self._sensor)
                 )
                 self._errand = job_operators.begin(self._task)
             else:
@@ -315,6 +316,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             item = settings.mirrors[number]
             for name in ("plane", "residual_mm", "message", "source"):
                 setattr(item, name, record[name])
+            scan_records.set_judgement(item, record)
             if 0 < len(record["picks"]) < ENOUGH:
                 item.message = ""  # not an error yet: more picks will follow
         self._set_seen(context, fitted.seen)
@@ -428,7 +430,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         if item.message:
             how = tell(item.message)
         elif item.plane and count:
-            how = say("flat to {residual:.1f} mm").format(residual=item.residual_mm)
+            how = scan_records.quality_word(item)
         elif not count:
             how = say("click its frame once")
         elif count < ENOUGH and self._errand is None and self._asked is not None:

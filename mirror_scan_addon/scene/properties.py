@@ -245,6 +245,18 @@ class MIRRORSCAN_PG_mirror(bpy.types.PropertyGroup):
     message: StringProperty(
         name="Message", description="Why the mirror cannot be placed. Empty if it is", translation_context=CONTEXT
     )
+    quality: StringProperty(
+        name="Quality", description="What the mirror was found to be: good, usable or wrong. Empty before",
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    reason: StringProperty(
+        name="Reason", description="What is not good about the mirror, and what to do. Empty if it is good",
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    error_mm: FloatProperty(
+        name="Error", description="How far what is seen in the mirror may be off, in millimetres", precision=1,
+        translation_context=CONTEXT,
+    )  # fmt: skip
 
 
 class MIRRORSCAN_PG_subject(bpy.types.PropertyGroup):

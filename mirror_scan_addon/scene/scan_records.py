@@ -127,7 +127,8 @@ _BONES = tuple(
 """``core.avatar.skeleton.BONES``, for which numpy would have to be imported."""
 
 GOOD_MM, USABLE_MM = 5.0, 12.0
-"""Residual of a mirror up to which it is good, and up to which it is usable [mm]."""
+"""Residual of a mirror up to which it is good, and up to which it is usable [mm]; in files of older versions, which
+keep no judgement."""
 
 READING = (
     "lens", "intrinsics", "depth_unit_mm", "turn", "mirrored", "min_confidence", "disparity", "kinect_calibration",
@@ -136,6 +137,8 @@ READING = (
 """What may be said of a capture's files, in the order in which the panels ask for it."""
 
 RECORD = ("name", "source", "plane", "residual_mm", "message")
+JUDGEMENT = ("quality", "reason", "error_mm")
+"""What a record has of a mirror that was judged, see :mod:`..background.mirror_judgement`."""
 
 
 def absolute(path: str) -> str:
@@ -188,7 +191,8 @@ def check_folder(folder: str) -> None:
 def records_of(settings: bpy.types.PropertyGroup) -> list[dict]:
     """The scene's mirrors as records."""
     return [
-        {name: getattr(item, name) for name in RECORD} | {"picks": [list(pick.pixel) for pick in item.picks]}
+        {name: getattr(item, name) for name in (*RECORD, *JUDGEMENT)}
+        | {"picks": [list(pick.pixel) for pick in item.picks]}
         for item in settings.mirrors
     ]
 
@@ -204,9 +208,19 @@ def set_records(settings: bpy.types.PropertyGroup, records: list[dict]) -> None:
 def set_record(item: bpy.types.PropertyGroup, record: dict) -> None:
     for name in RECORD:
         setattr(item, name, record[name])
+    set_judgement(item, record)
     item.picks.clear()
     for pixel in record["picks"]:
         item.picks.add().pixel = pixel
+
+
+def set_judgement(item: bpy.types.PropertyGroup, record: dict) -> None:
+    """Keep what a mirror was judged to be; nothing, where its record says nothing."""
+    for name in JUDGEMENT:
+        if name in record:
+            setattr(item, name, record[name])
+        else:
+            item.property_unset(name)
 
 
 def new_record(settings: bpy.types.PropertyGroup, name: str = "") -> dict:
@@ -265,7 +279,33 @@ def quality_of(item: bpy.types.PropertyGroup) -> str:
         return "BAD"
     if not item.plane:
         return "NONE"
-    return "GOOD" if item.residual_mm <= GOOD_MM else "USABLE" if item.residual_mm <= USABLE_MM else "BAD"
+    known = {"good": "GOOD", "usable": "USABLE", "wrong": "BAD"}.get(item.quality)
+    if known is None:
+        known = "GOOD" if item.residual_mm <= GOOD_MM else "USABLE" if item.residual_mm <= USABLE_MM else "BAD"
+    return known
+
+
+def quality_word(item: bpy.types.PropertyGroup) -> str:
+    """How well a mirror is placed, in a word or two."""
+    if item.message:
+        return say("not placed")
+    words = {"GOOD": say("good"), "USABLE": say("usable"), "BAD": say("wrong")}
+    return words.get(quality_of(item), say("{count} picked").format(count=len(item.picks)))
+
+
+def complaint_of(item: bpy.types.PropertyGroup) -> str:
+    """What is wrong with a mirror and what to do, in English as core says it; "" when it can be used."""
+    return item.message or (item.reason if quality_of(item) == "BAD" else "")
+
+
+def mirror_figures(item: bpy.types.PropertyGroup) -> str:
+    """How exactly a mirror is known, in millimetres; "" when it is not placed, or was given."""
+    if item.message or not item.plane or item.source == "given":
+        return ""
+    text = say("Its frame is flat to {residual:.1f} mm")
+    if item.error_mm > 0.0:
+        text = say("Its frame is flat to {residual:.1f} mm; what is seen in it may be off by {error:.1f} mm")
+    return text.format(residual=item.residual_mm, error=item.error_mm)
 
 
 def parse_points(text: str) -> list[list[float]]:
