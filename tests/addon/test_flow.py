@@ -74,7 +74,7 @@ def test_loading_again_replaces(bpy, scan, loaded):
     assert count(bpy) == before
     settings = settings_of(bpy)
     assert [item.name for item in settings.mirrors] == ["right", "left"]
-    assert [settings.cloud.name, settings.color_image.name] == ["capture", "capture colour"]  # no “.001”
+    assert [settings.cloud.name, settings.color_image.name] == ["capture Points", "capture colour"]  # no “.001”
 
 
 def test_what_the_files_do_not_say_is_said_in_the_scene(bpy, scan, tmp_path):
@@ -491,6 +491,44 @@ def test_a_sound_mesh_has_no_problem(bpy, capsule):
         bpy.ops.mirror_scan.jump_to_problem()
 
 
+def test_a_problem_is_looked_at_with_up_upwards(bpy):
+    from mathutils import Vector
+    from mirror_scan.mirror_scan_addon.interface.viewport import STEEPEST, upright_look
+
+    front = Vector((0, -1, 0))
+    for outward in ((0, 0, -1), (0, 0, 1), (0.001, 0, -1), (0, -1, 0), (0.3, 0.4, -0.9), (-1, 1, 0.2), (0, 0, 0)):
+        turned = upright_look(Vector(outward), front)
+        right, up, back = (turned @ Vector(axis) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+        assert up.z > 0.3 and abs(right.z) < 1e-6  # never upside down, never aslant
+        if any(outward) and abs(Vector(outward).normalized().z) < np.sin(STEEPEST):
+            assert (back - Vector(outward).normalized()).length < 1e-5  # straight at it
+        elif any(outward):
+            assert back.z * outward[2] > 0  # soles from below
+    assert (upright_look(Vector((0, 0, -1)), front) @ Vector((0, 0, 1))).y < -0.3  # from the front
+
+
+def test_swapped_rows_and_columns_of_mirrors_are_told_before_anything_is_built(bpy, scan, tmp_path, capfd):
+    from mirror_scan.mirror_scan_addon.scene import scan_records
+
+    entry = json.loads((scan[0] / "mirrors.json").read_text())
+    for mirror in entry["mirrors"]:
+        mirror["frame_pixels"] = [[v, u] for u, v in mirror["frame_pixels"]]
+    file = tmp_path / "mirrors.json"
+    file.write_text(json.dumps(entry))
+    bpy.ops.mirror_scan.load_capture(filepath=str(scan[0]), mirrors_filepath=str(file))
+    mirrors = settings_of(bpy).mirrors
+    assert [scan_records.quality_of(item) for item in mirrors] == ["BAD", "BAD"]
+    assert all("rows and columns" in scan_records.complaint_of(item) for item in mirrors)
+    assert "rows and columns" in capfd.readouterr().out
+    assert bpy.ops.mirror_scan.find_mirrors() == {"FINISHED"}  # the cure
+    assert [scan_records.quality_of(item) for item in mirrors] == ["GOOD", "GOOD"]
+    assert scan_records.quality_word(mirrors[0]) == "good" and "mm" in scan_records.mirror_figures(mirrors[0])
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "kept.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "kept.blend"))
+    assert [item.quality for item in settings_of(bpy).mirrors] == ["good", "good"]
+    assert bpy.ops.mirror_scan.select_mirror(index=1) == {"FINISHED"} and settings_of(bpy).mirror_index == 1
+
+
 def test_colours_say_what_they_are_asked(bpy, capsule):
     from mirror_scan.core.preview.palette import KIND_PALETTE, MADE, VIEW_PALETTE
     from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
@@ -528,7 +566,10 @@ def test_colours_say_what_they_are_asked(bpy, capsule):
         bpy.ops.mirror_scan.color_by(mode="KIND")
 
 
-@pytest.mark.parametrize("ending", ["glb", "fbx", "obj", "ply", "stl", "usdc", "abc", "blend"])
+COMPANIONS = {"obj": ["out.mtl", "out.png"], "usdc": ["textures"], "gltf": ["out.bin"]}
+
+
+@pytest.mark.parametrize("ending", ["glb", "gltf", "fbx", "obj", "ply", "stl", "3mf", "usdc", "abc", "blend"])
 def test_every_format_is_written_and_nothing_else_changes(bpy, capsule, tmp_path, ending):
     from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
 
@@ -539,7 +580,7 @@ def test_every_format_is_written_and_nothing_else_changes(bpy, capsule, tmp_path
     before = count(bpy)
     file = tmp_path / f"out.{ending}"
     assert bpy.ops.mirror_scan.export_avatar(filepath=str(file)) == {"FINISHED"}
-    assert [path.name for path in tmp_path.iterdir()] == [file.name]
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([file.name, *COMPANIONS.get(ending, ())])
     assert count(bpy) == before and bpy.context.object == avatar and other.select_get()
     if ending in ("ply", "obj", "stl"):
         from mirror_scan.core.io import read_mesh
@@ -560,7 +601,8 @@ def test_a_click_writes_into_the_folder_that_was_chosen(bpy, capsule, tmp_path):
     said = []
     kind = bpy.ops.mirror_scan.export_avatar.get_rna_type()
     button = SimpleNamespace(
-        filepath="", format="PLY", _ending=lambda: ".ply", report=lambda kind, text: said.append((kind, text)),
+        filepath="", format="PLY", colors="CAPTURE", _ending=lambda: ".ply",
+        report=lambda kind, text: said.append((kind, text)),
         properties=SimpleNamespace(is_property_set=lambda name: True), bl_rna=kind,
     )  # fmt: skip
     button.execute = lambda context: Export.execute(button, context)
