@@ -214,9 +214,8 @@ class JobOperator:
 
     def fail(self, error: Exception, context: bpy.types.Context | None = None) -> set[str]:
         """Report an error, keep it for the panel, and return what ``execute`` shall return."""
-        if context is not None:
-            kept_errors.keep(context, self, error)
-        self.report({"ERROR"}, in_words(error))
+        text = in_words(error) if context is None else kept_errors.keep(context, self, error)
+        self.report({"ERROR"}, text)
         return {"CANCELLED"}
 
     def _deliver(self, context: bpy.types.Context, result: object) -> set[str]:

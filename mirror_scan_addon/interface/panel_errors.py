@@ -21,7 +21,7 @@ def error_box(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         return
     box = layout.box()
     row = box.row()
-    sentence(row.column(), found.text, "ERROR", 1)
+    sentence(row.column(), found.text, "ERROR", 2)
     row.operator("mirror_scan.dismiss_error", text="", icon="X", emboss=False)
     column = box.column(align=True)
     column.operator_context = "INVOKE_DEFAULT"

@@ -51,7 +51,7 @@ def _ready_line(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     text = context.window_manager.mirror_scan.getting_ready
     if text:
         row = layout.row()
-        sentence(row.column(), text, "SORTTIME", 1)
+        sentence(row.column(), text, "SORTTIME", 2)
         row.operator("mirror_scan.stop_getting_ready", text="", icon="X", emboss=False)
 
 
@@ -108,7 +108,7 @@ def _count_in_the_way(context: bpy.types.Context) -> int:
 def _next_steps(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """What is made of an avatar, as buttons."""
     look = context.scene.mirror_scan.look
-    flow = layout.grid_flow(columns=3 if width() >= NARROW else 2, even_columns=True, align=True)
+    flow = layout.grid_flow(row_major=True, columns=3 if width() >= NARROW else 2, even_columns=True, align=True)
     button = flow.operator("mirror_scan.texture", text="Texture", text_ctxt=CONTEXT)
     button.size, button.remove_light = look.texture_size, look.remove_light
     flow.operator("mirror_scan.add_skeleton", text="Skeleton", text_ctxt=CONTEXT)
@@ -121,7 +121,7 @@ def _next_steps(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 def _export(layout: bpy.types.UILayout) -> None:
     column = layout.column(align=True)
     column.label(text="Export", text_ctxt=CONTEXT)
-    flow = column.grid_flow(columns=4, even_columns=True, align=True)
+    flow = column.grid_flow(row_major=True, columns=4, even_columns=True, align=True)
     for kind in ("GLB", "FBX", "OBJ", "PLY", "STL", "USDC", "ABC", "BLEND"):
         flow.operator("mirror_scan.export_avatar", text=kind, translate=False).format = kind
 

@@ -83,8 +83,7 @@ class MIRRORSCAN_OT_scan_to_avatar(job_operators.FileJobOperator, bpy.types.Oper
         # The points stay: they show what is wrong, and the cure is to be clicked on them.
         if self._asked:
             look_from_camera(context, cloud)
-        kept_errors.keep(context, self, result.problem)
-        self.report({"ERROR"}, job_operators.in_words(result.problem))
+        self.report({"ERROR"}, kept_errors.keep(context, self, result.problem))
 
 
 class MIRRORSCAN_FH_avatar(bpy.types.FileHandler):

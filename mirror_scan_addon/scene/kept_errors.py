@@ -169,18 +169,20 @@ def kind_of(text: str, operator: str = "") -> Kind:
     return next((kind for kind in fitting if re.search(kind.pattern, text)), otherwise)
 
 
-def keep(context: bpy.types.Context, operator: bpy.types.Operator, error: Exception) -> None:
-    """Keep what an operator of this add-on failed by, for the scene it was started in."""
+def keep(context: bpy.types.Context, operator: bpy.types.Operator, error: Exception) -> str:
+    """Keep what an operator of this add-on failed by, for the scene it was started in; what is to be reported."""
     from ..background.job_operators import in_words
 
     shown = getattr(context.window_manager, "mirror_scan", None)
     if shown is None or context.scene is None:
-        return
+        return in_words(error)
     notice = error.notice if isinstance(error, MirrorScanError) else Notice.of(in_words(error))
     shown.error = json.dumps({
         "operator": type(operator).bl_idname, "options": _options(operator), "scene": context.scene.session_uid,
         "notice": notice.parts(),
     })  # fmt: skip
+    words = WORDS.get(kind_of(str(notice), type(operator).bl_idname).name)
+    return in_words(error) if words is None or bpy.app.background else words()  # scripts are told the file
 
 
 def kept(context: bpy.types.Context) -> Kept | None:

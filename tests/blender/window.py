@@ -68,7 +68,7 @@ def story() -> Story:
         note("points", len(cloud().data.vertices))
     yield from shot("2_capture")
 
-    with step("load by drag and drop"):
+    with step("load by drag and drop, only to look"):
         _, shown = yield from drop()
         note("points_shown_first_s", shown)  # while kernels are compiled in the background
         yield 1.0
@@ -86,7 +86,6 @@ def story() -> Story:
     with step("pick mirror points"):
         yield from pick()
     with step("find the subject"):
-        yield from open_panel("find_subject", "build_avatar", 64)
         yield from press("find_subject")
         yield from settled()
         expect(bool(settings().subject.message), "the points of the person, counted")
@@ -203,7 +202,6 @@ def story() -> Story:
         yield from keys("A")
         yield from keys("DEL")
         expect(not bpy.context.scene.objects, "an empty scene")
-        yield from open_panel("add_rig", "export_avatar", -57)
         yield from press("add_rig")
         yield from press("simulate")
         yield from settled()
@@ -332,6 +330,9 @@ def drop() -> Story:
         start = time.perf_counter()
         with viewport():
             bpy.ops.wm.drop_import_file("INVOKE_DEFAULT", directory=CAPTURE, files=files)
+        yield 0.3
+        yield from type_key("DOWN_ARROW", *middle())  # the second entry: only look
+        yield from type_key("RET", *middle())
         while busy() or cloud() is None or cloud().session_uid == before:
             expect(time.perf_counter() - start < 60, "other points than before")
             yield 0.01
@@ -693,34 +694,43 @@ def scroll(turns: int) -> Story:
     yield 0.3
 
 
+PANELS = ("capture", "mirrors", "subject", "build", "avatar", "check", "export", "rig")
+"""The folded panels, from top to bottom."""
+
+PANEL_OF = {
+    "load_capture": "capture", "find_mirrors": "mirrors", "clear_mirrors": "mirrors", "pick_mirror_points": "mirrors",
+    "find_subject": "subject", "pick_subject": "subject", "apply_motion": "avatar", "follow_stream": "avatar",
+    "check": "check", "color_by": "check", "jump_to_problem": "check", "add_rig": "rig", "simulate": "rig",
+}  # fmt: skip
+"""In which of them an operator's button is; others are in the panel that is always open."""
+
+HEADER, FIRST = 28, 36  # from one header to the next, and from the last button of *Export* to the first header [px]
+unfolded = ""  # the panel that is open; a click on the header of another opens it instead
+
+
+def unfold(name: str) -> Story:
+    """Open one of the folded panels, and close the one that was open."""
+    global unfolded
+    if unfolded == name:
+        return
+    for panel in filter(None, (unfolded, name)):  # what is above an open one is folded, so its header is where it was
+        yield from scroll(-60)
+        places.pop(("export_avatar", ("format", "BLEND")), None)
+        _, y = yield from find_button("export_avatar", 0.9, {"format": "BLEND"})
+        yield from click(region("UI").x + 70, y - FIRST - HEADER * PANELS.index(panel))
+        yield 0.6
+    unfolded = name
+    places.clear()
+
+
 def press(operator: str, column: float = 0.33, **properties: str) -> Story:
     """Click the button of an operator in the sidebar, at ``column`` of its width; among several the one with these
     properties."""
+    if operator in PANEL_OF:
+        yield from unfold(PANEL_OF[operator])
     place = yield from find_button(operator, column, properties)
     expect(place is not None, f"a button for {operator}")
     yield from click(*place)
-
-
-def open_panel(operator: str, other: str, above: int) -> Story:
-    """Unfold the panel that holds an operator: its header stands so many pixels above the button of ``other``."""
-    x, y = yield from find_button(other)
-    if y + above < region("UI").y + 12:
-        yield from scroll(12)
-        x, y = yield from find_button(other)
-    for off in (0, 6, -6, 12, -12, 18, -18):
-        header = y + above + off
-        yield from click(region("UI").x + 70, header)
-        yield 0.7
-        if header < region("UI").y + 60:  # what was unfolded is below the sidebar's end
-            yield from scroll(40)
-            if (yield from find_button(operator)) is not None:
-                return
-        for below in (30, 24, 36):  # its first row; nothing of it when another panel was hit
-            if (yield from is_button(operator, {}, x, header - below)):
-                return
-        yield from click(region("UI").x + 70, header)
-        yield 0.7
-    raise Missed(f"the panel of {operator}")
 
 
 def find_button(operator: str, column: float = 0.33, properties: dict[str, str] | None = None):
@@ -815,6 +825,12 @@ def choose(path: str, picture: str = "") -> Story:
                 yield 0.5
                 return
     raise Missed("the button that takes the file")
+
+
+def middle() -> tuple[int, int]:
+    """The middle of the viewport."""
+    main = region("WINDOW")
+    return main.x + main.width // 3, main.y + main.height // 2
 
 
 def find_area(kind: str):
