@@ -100,10 +100,13 @@ def put_uv(data: bpy.types.Mesh, texture: Texture, material: bpy.types.Material)
     data[TEXTURED] = material
 
 
-def baked_material(name: str, image: np.ndarray) -> bpy.types.Material:
-    """A material like that of a texture, with an image (H, W, 3) uint8 sRGB of its own."""
+def baked_material(name: str, pixels: np.ndarray, file_name: str = "") -> bpy.types.Material:
+    """A material like that of a texture, with an image (H, W, 3) uint8 sRGB of its own, called ``file_name``."""
     with discard_on_error() as made:
-        return _material(name, _image(name, image, made), made)
+        image = _image(name, pixels, made)
+        if file_name:
+            _call(image, file_name)
+        return _material(name, image, made)
 
 
 def name_image(avatar: bpy.types.Object, name: str) -> None:
@@ -115,12 +118,17 @@ def name_image(avatar: bpy.types.Object, name: str) -> None:
     for node in own.node_tree.nodes:
         if node.type == "TEX_IMAGE" and node.image is not None:
             node.image = node.image.copy()
-            node.image.name, node.image.filepath_raw = name, f"//{name}.png"
-            for packed in node.image.packed_files:
-                packed.filepath = f"{name}.png"
+            _call(node.image, name)
     for slot in avatar.material_slots:
         if slot.material == material:
             slot.link, slot.material = "OBJECT", own
+
+
+def _call(image: bpy.types.Image, name: str) -> None:
+    """Give a packed image a name, under which it is written as a file too."""
+    image.name, image.filepath_raw = name, f"//{name}.png"
+    for packed in image.packed_files:
+        packed.filepath = f"{name}.png"
 
 
 def drop_texture(avatar: bpy.types.Object) -> None:

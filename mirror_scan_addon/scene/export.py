@@ -122,8 +122,7 @@ def write_fbx(path: str | os.PathLike, reconstruction: Rigged, *, clip: Clip | N
         When the file cannot be written, or Blender's FBX exporter is missing or fails.
     """
     with replacing(path) as temporary, temporary_scene() as target:
-        for made in _all_meshes(_add_avatar(target, reconstruction, clip)):
-            bake_colors(made)
+        _bake_all(_add_avatar(target, reconstruction, clip))
         _export(
             target,
             "io_scene_fbx",
@@ -154,9 +153,9 @@ def write_usd(path: str | os.PathLike, reconstruction: Rigged, *, clip: Clip | N
     """
     with replacing_with_companions(path) as temporary, temporary_scene() as target:
         avatar = _add_avatar(target, reconstruction, clip)
-        for made in _all_meshes(avatar):
-            bake_colors(made)
-        name_image(avatar, f"{bpy.path.clean_name(final_stem(path))}_texture")
+        image = f"{bpy.path.clean_name(final_stem(path))}_texture"
+        if not _bake_all(avatar, image):
+            name_image(avatar, image)
         with shown(target), silent():
             try:
                 bpy.ops.wm.usd_export(filepath=str(temporary), export_animation=clip is not None)
@@ -215,13 +214,12 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str, a
                 bones = armature_of(avatar) if kind in _WITH_SKELETON else None
                 with _copy_alone(avatar, size, bones, as_shown) as (target, copy), shown(target), quiet():
                     stiff = bones is not None and armature_of(copy) is None
-                    if kind in _WITHOUT_VERTEX_COLORS:
-                        for made in _all_meshes(copy):
-                            bake_colors(made)
+                    image = f"{bpy.path.clean_name(Path(path).stem)}_texture"
+                    baked = kind in _WITHOUT_VERTEX_COLORS and _bake_all(copy, image)
                     if kind in _PREPARED:
                         _PREPARED[kind](copy)
-                    if kind in _WITH_COMPANIONS:
-                        name_image(copy, f"{bpy.path.clean_name(Path(path).stem)}_texture")
+                    if kind in _WITH_COMPANIONS and not baked:
+                        name_image(copy, image)
                     _EXPORTERS[kind](file, copy)
         # What an operator reports reaches scripts as RuntimeError; without the format there is no such operator.
         except (RuntimeError, AttributeError) as error:
@@ -504,12 +502,12 @@ def _renamed(avatar: bpy.types.ID) -> Iterator[None]:
         avatar.name = name
 
 
-def _all_meshes(avatar: bpy.types.Object) -> list[bpy.types.Object]:
-    """An avatar, and the garments that hang on its armature as it does."""
-    return [
-        avatar,
-        *(item for item in (avatar.parent.children if avatar.parent else ()) if item != avatar and item.type == "MESH"),
-    ]
+def _bake_all(avatar: bpy.types.Object, image: str = "") -> bool:
+    """:func:`.export_colors.bake_colors` of an avatar and of the garments that hang on its armature as it does."""
+    for item in avatar.parent.children if avatar.parent is not None else ():
+        if item != avatar and item.type == "MESH":
+            bake_colors(item, f"{image}_{bpy.path.clean_name(item.name)}" if image else "")
+    return bake_colors(avatar, image)
 
 
 def _add_avatar(

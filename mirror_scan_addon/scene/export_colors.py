@@ -41,11 +41,18 @@ def keep_colors(copy: bpy.types.Object, as_shown: bool = False) -> None:
         slot.material = avatar_material("", copy.get(OWNER, ""), copy.name)
 
 
-def bake_colors(copy: bpy.types.Object) -> None:
+def bake_colors(copy: bpy.types.Object, file_name: str = "") -> bool:
     """Have the material of an object with a mesh of its own show its colours without reading them from the mesh, which
     FBX, OBJ and USD cannot say: by a small texture, or in one colour where there is only one.
 
     Only materials of ours are touched, and a mesh that has a UV map already gets no other.
+
+    ``file_name`` is what the image is called, without an ending, where the file that is written names it.
+
+    Returns
+    -------
+    bool
+        Whether it was given a texture.
     """
     data = copy.data
     slots = [
@@ -53,7 +60,7 @@ def bake_colors(copy: bpy.types.Object) -> None:
     ]
     attribute = data.color_attributes.active_color
     if not slots or attribute is None or not len(data.polygons) or material_of(data) is not None:
-        return
+        return False
     colors = _corner_colors(data, attribute)
     if (colors == colors[0]).all():
         material = new_material(slots[0].material.name, "", "", [])
@@ -62,18 +69,19 @@ def bake_colors(copy: bpy.types.Object) -> None:
         shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
         shader.inputs["Base Color"].default_value = color
     elif len(data.uv_layers):
-        return
+        return False
     else:
         sizes, middles = np.empty(len(data.polygons), np.int32), np.empty((len(data.polygons), 3), np.float32)
         data.polygons.foreach_get("loop_total", sizes)
         data.polygons.foreach_get("center", middles.ravel())
         uv, image = atlas_of_corners(middles, sizes, colors)
-        material = baked_material(copy.name, image)
+        material = baked_material(copy.name, image, file_name)
         layer = data.uv_layers.new(name=UV_MAP, do_init=False)
         layer.uv.foreach_set("vector", uv.ravel())
         data[TEXTURED] = material
     for slot in slots:
         slot.material = material
+    return TEXTURED in data
 
 
 def colors_to_corners(copy: bpy.types.Object) -> None:

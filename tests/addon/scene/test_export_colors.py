@@ -162,6 +162,7 @@ def test_the_colours_of_the_capture_come_back_bit_for_bit(bpy, avatar, mesh, tmp
     np.testing.assert_array_equal(stored_colors(item), truth)
     if ending in BY_IMAGE:
         np.testing.assert_array_equal(texels_shown(item), truth)
+        assert item.active_material.name == ("Avatar Texture" if ending == "fbx" else "Avatar_Texture")
     elif ending in ("glb", "gltf", "blend"):  # the others have no materials
         tree = item.active_material.node_tree
         shader = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
@@ -243,8 +244,8 @@ def test_trimesh_reads_the_colours_of_the_capture(bpy, avatar, mesh, tmp_path, e
     if ending == "obj":  # trimesh shows the image of a material instead; the colours stand in the lines of vertices
         rows = np.array([line.split()[1:] for line in path.read_text().splitlines() if line.startswith("v ")], float)
         points, colors = rows[:, :3], np.rint(255 * rows[:, 3:6])
-        shown = trimesh.load(path, process=False).visual
-        assert shown.material.image is not None and len(shown.uv)
+        assert len(trimesh.load(path, process=False).visual.uv) and (tmp_path / "a.png").is_file()
+        assert "map_Kd a.png" in (tmp_path / "a.mtl").read_text().splitlines()
     else:
         found = trimesh.load(path, process=False)
         points, colors = np.array(found.vertices), found.visual.vertex_colors[:, :3]
