@@ -111,18 +111,50 @@ def judge_mirrors(
             )  # fmt: skip
         else:
             wrong = _contradiction(image, mirror, others, settings) or _about_frame(mirror, error, noise, settings)
-        if wrong is not None and _stands_when_swapped(image, told[k], up, settings):
-            wrong = Notice(
-                "{name}: rows and columns of its points are swapped, so that it lies where no mirror is: a point is "
-                "[column, row], counted from the image's left and top; find the mirrors, or pick points on its frame",
-                name=mirror.name, mirrors=[mirror.name],
-            )  # fmt: skip
+        points = told[k]
+        if wrong is not None and points is not None:
+            wrong = swapped_points(image, points, settings) or wrong
         if wrong is not None:
             found.append(MirrorQuality(WRONG, wrong, error, noise))
             continue
         doubt = _doubt(mirror, error, noise, settings)
         found.append(MirrorQuality(GOOD if doubt is None else USABLE, doubt, error, noise))
     return found
+
+
+def swapped_points(
+    image: RgbdImage,
+    picks: MirrorPicks,
+    settings: QualitySettings = QualitySettings(),  # noqa: B008 - frozen
+) -> Notice | None:
+    """What to say of points that mean no mirror, but one that stands and shows somebody with rows and columns swapped.
+
+    Parameters
+    ----------
+    image : RgbdImage
+        Fused depth, z [m], 0 = no reading.
+    picks : MirrorPicks
+        Points of a mirror that is wrong, or cannot be placed.
+    """
+    if picks.frame_pixels is None or len(picks.frame_pixels) < 3:
+        return None
+    pixels = np.asarray(picks.frame_pixels, np.float64)[:, ::-1]
+    size = image.intrinsics.width, image.intrinsics.height
+    if (pixels < 0).any() or (pixels > np.array(size) - 1).any():
+        return None
+    try:
+        mirror = place_mirror(image, MirrorPicks(picks.name, pixels), MirrorSettings())
+    except MirrorError:
+        return None
+    up, known = _vertical(image)
+    leans = abs(float(mirror.normal @ up)) > np.sin(np.radians(settings.lean if known else settings.lean_unseen))
+    if leans or _contradiction(image, mirror, (), settings) is not None:
+        return None
+    return Notice(
+        "{name}: rows and columns of its points are swapped: a point is [column, row], counted from the image's left "
+        "and top; find the mirrors, or pick points on its frame",
+        name=picks.name, mirrors=[picks.name],
+    )  # fmt: skip
 
 
 def _vertical(image: RgbdImage) -> tuple[np.ndarray, bool]:
@@ -141,24 +173,6 @@ def _noise(image: RgbdImage, mirror: Mirror, model: NoiseModel | None) -> float:
     shape = frame_shape(image, mirror) if mirror.covariance is not None else None
     by_frame = 0.0 if shape is None else shape.noise
     return max(by_frame, 0.0 if model is None else float(model.sigma(abs(mirror.point[2]), image.intrinsics.fx)))
-
-
-def _stands_when_swapped(
-    image: RgbdImage, picks: MirrorPicks | None, up: np.ndarray, settings: QualitySettings
-) -> bool:
-    """Whether the points of a mirror, each with row and column swapped, are those of a mirror that shows somebody."""
-    if picks is None or picks.frame_pixels is None or len(picks.frame_pixels) < 3:
-        return False
-    pixels = np.asarray(picks.frame_pixels, np.float64)[:, ::-1]
-    size = image.intrinsics.width, image.intrinsics.height
-    if (pixels < 0).any() or (pixels > np.array(size) - 1).any():
-        return False
-    try:
-        mirror = place_mirror(image, MirrorPicks(picks.name, pixels), MirrorSettings())
-    except MirrorError:
-        return False
-    stands = abs(float(mirror.normal @ up)) < np.sin(np.radians(settings.lean))
-    return stands and _contradiction(image, mirror, (), settings) is None
 
 
 def _contradiction(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mirror_scan.core.camera import RgbdImage
 from mirror_scan.core.capture import MirrorPicks
-from mirror_scan.core.checks.mirror_quality import judge_mirrors
+from mirror_scan.core.checks.mirror_quality import judge_mirrors, swapped_points
 from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.mirrors.mirror import moved, plane_mirror
 from mirror_scan.core.mirrors.picked_mirror import MirrorSettings, place_mirror
@@ -60,6 +60,16 @@ def test_swapped_rows_and_columns_are_told_with_their_cure(azure):
     assert min(mirror.residual for mirror in mirrors) < 0.001  # on the floor it fits a plane as well as can be
     for quality in judge_mirrors(image, mirrors, swapped, "azure_kinect"):
         assert quality.word == "wrong" and "rows and columns" in quality.reason and "[column, row]" in quality.reason
+
+
+def test_swapped_points_that_cannot_be_placed_are_told_too(azure):
+    image, picks = azure
+    high = np.array([(650.0, 300.0), (652.0, 400.0), (700.0, 350.0)])  # columns of an image 640 wide
+    assert swapped_points(image, MirrorPicks("none", high)) is None
+    for one in picks:
+        assert swapped_points(image, one) is None  # they are not
+        told = swapped_points(image, MirrorPicks(one.name, np.asarray(one.frame_pixels)[:, ::-1]))
+        assert told is not None and told.mirrors == (one.name,)
 
 
 def test_a_mirror_that_lies_or_shows_nobody_is_wrong(azure):
