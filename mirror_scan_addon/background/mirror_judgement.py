@@ -10,11 +10,15 @@ from ...core.camera import Intrinsics, RgbdImage
 from ...core.capture import MirrorPicks
 from ...core.mirrors import Mirror
 
+ENOUGH = 3
+"""Points that make a plane."""
+
 
 def judged(
     records: Sequence[dict], depth: np.ndarray, intrinsics: Intrinsics, mirrors: Sequence[Mirror], sensor: str
 ) -> list[dict]:
-    """Records with ``quality``, ``reason`` and ``error_mm`` of :func:`.mirror_quality.judge_mirrors`.
+    """Records with ``quality``, ``reason`` and ``error_mm`` of :func:`.mirror_quality.judge_mirrors`; where points
+    cannot be placed because their rows and columns are swapped, the message says so.
 
     Parameters
     ----------
@@ -27,18 +31,26 @@ def judged(
     sensor : str
         The camera's name, as a capture has it.
     """
-    if not mirrors:
-        return list(records)
-    from ...core.checks.mirror_quality import judge_mirrors
+    if not records:
+        return []
+    from ...core.checks.mirror_quality import judge_mirrors, swapped_points
 
+    image = RgbdImage(depth, intrinsics)
     placed = [record for record in records if record["plane"]]
-    picks = [
-        MirrorPicks(record["name"], np.array(record["picks"], np.float64)) if len(record["picks"]) >= 3 else None
-        for record in placed
-    ]
-    found = judge_mirrors(RgbdImage(depth, intrinsics), mirrors, picks, sensor)
+    found = judge_mirrors(image, mirrors, [_picks_of(record) for record in placed], sensor)
     words = {
         id(record): {"quality": one.word, "reason": str(one.reason or ""), "error_mm": 1000.0 * min(one.error, 10.0)}
         for record, one in zip(placed, found, strict=True)
     }
+    for record in records:
+        picks = _picks_of(record)
+        if record["message"] and picks is not None and (notice := swapped_points(image, picks)) is not None:
+            words[id(record)] = {"message": str(notice)}
     return [record | words.get(id(record), {}) for record in records]
+
+
+def _picks_of(record: dict) -> MirrorPicks | None:
+    """The points that a record's mirror was placed by, or shall be; None when they are too few."""
+    if len(record["picks"]) < ENOUGH:
+        return None
+    return MirrorPicks(record["name"], np.array(record["picks"], np.float64))

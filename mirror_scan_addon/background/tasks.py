@@ -376,7 +376,7 @@ def _fit(
             placed.append(mirror)
             numbers.append(place + 1)
     if not placed:
-        return Fitted(answers, None)
+        return Fitted(judged(answers, depth, intrinsics, placed, sensor), None)
     # a view's number is its mirror's place in the list, whether earlier ones are placed or not
     return Fitted(
         judged(answers, depth, intrinsics, placed, sensor),
