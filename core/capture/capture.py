@@ -113,6 +113,8 @@ class ReadOptions:
         Metres that one stored unit means, as the file of ``intrinsics`` states it; for RGB-D folders and lone images.
     notes : tuple of str
         What was found out about these options, to stand among the capture's notes.
+    mirrors : bool
+        Whether to read the file of mirrors that lies in the capture's folder.
     native_color : bool
         Whether to keep the colour camera's own pixels beside the colour that is aligned to depth, for a texture; it
         costs their memory, and time where its lens must be straightened.
@@ -129,11 +131,14 @@ class ReadOptions:
     color: bool = True
     lens_unit_m: float | None = None
     notes: tuple[str, ...] = ()
+    mirrors: bool = True
     native_color: bool = False
 
     def __post_init__(self) -> None:
         if self.depth_unit_m is not None and not 1e-7 <= self.depth_unit_m <= 1e3:
-            raise CaptureError(f"the depth unit must be a positive number of metres, not {self.depth_unit_m}")
+            raise CaptureError(
+                f"the depth unit cannot be {1000 * self.depth_unit_m:g} mm; give millimetres from 0.0001 to 1000000"
+            )
         if self.disparity not in ("factory", "linear", "tangent"):
             raise CaptureError(f"the disparity formula is factory, linear or tangent, not {self.disparity!r}")
         if self.kinect_calibration not in ("factory", "burrus"):

@@ -384,7 +384,7 @@ def _reading(options: argparse.Namespace) -> tuple[FrameChoice, ReadOptions]:
         depth_unit_m=options.depth_unit, disparity=options.disparity,
         kinect_calibration=options.kinect_calibration, turn_degrees=options.turn, mirrored=options.mirrored,
         min_confidence=options.min_confidence, color=not options.no_color,
-        native_color=bool(vars(options).get("texture", True)), **lens,
+        native_color=bool(vars(options).get("texture", True)), mirrors=not vars(options).get("mirrors"), **lens,
     )  # fmt: skip
     return (1 if getattr(options, "single_frame", False) else options.frames), reading
 

@@ -46,7 +46,7 @@ def replacing(path: str | os.PathLike) -> Iterator[Path]:
             shutil.copymode(target, temporary)
         os.replace(temporary, target)
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise OutputError(f"{path}: cannot be written: {error.strerror or error}; choose another folder") from error
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -114,4 +114,4 @@ def fresh_folder(folder: str | os.PathLike, replace: bool = False) -> Iterator[P
                     os.replace(stale, target)
                 raise
     except OSError as error:
-        raise OutputError(f"{folder}: cannot be written: {error.strerror or error}") from error
+        raise OutputError(f"{folder}: cannot be written: {error.strerror or error}; choose another folder") from error

@@ -173,7 +173,7 @@ def checked_png(path: Path) -> bytes | None:
     data = path.read_bytes()
     if not data.startswith(PNG_SIGNATURE):
         if path.suffix.lower() == ".png":
-            raise CaptureError(f"{path}: is not a PNG file, whatever its name says")
+            raise CaptureError(f"{path}: is not a PNG file, whatever its name says; copy or record it again")
         return None
     position, kind = len(PNG_SIGNATURE), b""
     while kind != b"IEND":

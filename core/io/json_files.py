@@ -50,7 +50,7 @@ def load_json(path: Path, error_type: type[MirrorScanError]) -> object:
             raise error_type(f"{path}: is far too large for what it should hold; is it the right file?")
         return json.loads(text_of(path.read_bytes(), "strict"))
     except OSError as error:
-        raise error_type(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise error_type(f"{path}: cannot be read: {error.strerror or error}; choose another file") from error
     except json.JSONDecodeError as error:
         raise error_type(f"{path}: is not valid JSON (line {error.lineno}: {error.msg}); correct that line") from error
     except (ValueError, RecursionError) as error:  # no text, endless digits, endless nesting

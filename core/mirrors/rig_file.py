@@ -72,13 +72,13 @@ def read_rig(path: str | os.PathLike) -> RigFile:
     path = Path(path)
     try:
         if path.stat().st_size > MAX_BYTES:
-            raise MirrorError(f"{path}: is too large to be a rig file; make one with “mirror-scan calibrate”")
+            raise MirrorError(f"{path}: is too large to be a rig file; calibrate the rig to have one")
         content = json.loads(text_of(path.read_bytes(), "strict"))
     except (OSError, ValueError, RecursionError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not JSON"
+        reason = f"{error.strerror if isinstance(error, OSError) else 'it is not JSON'}; choose another file"
         raise MirrorError(f"{path}: cannot be read as a rig file: {reason}") from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise MirrorError(f"{path}: is not a rig file; make one with “mirror-scan calibrate”")
+        raise MirrorError(f"{path}: is not a rig file; calibrate the rig to have one")
     if content.get("version") != VERSION:
         raise MirrorError(
             f"{path}: has version {content.get('version')}, this program reads version {VERSION}; calibrate again"

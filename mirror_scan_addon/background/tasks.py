@@ -228,7 +228,7 @@ def _open(path: str, frames: int, mirrors_path: str, reading: dict | None, nativ
     intrinsics, lens = options.pop("intrinsics", ""), options.pop("lens", "")
     if intrinsics:
         options |= lens_options(intrinsics)
-    options = ReadOptions(**options, native_color=native_color)
+    options = ReadOptions(**options, native_color=native_color, mirrors=not mirrors_path)
     if lens and not intrinsics:
         capture = _open_with_lens(path, frames, options, lens)
     else:

@@ -39,7 +39,7 @@ def draw_header_buttons(layout: bpy.types.UILayout) -> None:
     row.operator_context = "INVOKE_DEFAULT"
     row.emboss = "NONE"
     row.operator("mirror_scan.help", text="", icon="HELP")
-    row.operator("mirror_scan.report_problem", text="", icon="ERROR")
+    row.operator("mirror_scan.report_problem", text="", icon="COPYDOWN")
 
 
 MENUS = (

@@ -53,7 +53,7 @@ class MIRRORSCAN_AP_preferences(bpy.types.AddonPreferences):
         row.operator("mirror_scan.clear_compiled_code", text="Clear", text_ctxt=CONTEXT)
         row = layout.row()
         row.operator("mirror_scan.help", icon="HELP", text_ctxt=CONTEXT)
-        row.operator("mirror_scan.report_problem", icon="URL", text_ctxt=CONTEXT)
+        row.operator("mirror_scan.report_problem", icon="COPYDOWN", text_ctxt=CONTEXT)
         row.operator("mirror_scan.sample_capture", icon="OUTLINER_OB_POINTCLOUD", text_ctxt=CONTEXT)
 
 

@@ -100,7 +100,7 @@ class MIRRORSCAN_OT_jump_to_problem(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         problem = no_mesh(context)
         if not problem and not context.scene.is_editable:
-            problem = say("The scene is linked from another file and cannot be changed")
+            problem = say("The scene is linked from another file and cannot be changed; use a scene of this file")
         if not problem:
             report = report_text.avatar_report(context.object)
             if report is None or "problems" not in report:

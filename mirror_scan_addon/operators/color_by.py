@@ -72,7 +72,7 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
         else:
             values = avatar_objects.integers(data, label, domain)
             if values is None:
-                text = say("{name} has no such data; only avatars built by Mirror Scan have it")
+                text = say("{name} has no such data; select an avatar that Mirror Scan built")
                 raise OutputError(text.format(name=avatar.name))
             if self.mode == "KIND" and (values.min() < 0 or values.max() > 2):
                 raise OutputError(say("{name}: “kind” has values other than 0, 1 and 2").format(name=avatar.name))

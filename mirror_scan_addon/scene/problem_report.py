@@ -21,6 +21,8 @@ LEFT_OUT = ("measurements", "joints", "point", "normal", "covariance", "camera_t
 NAMED = ("view_shares", "gains", "shifts")
 """What of a report goes by names that are the user's: they are counted instead."""
 
+COLUMNS = 96  # of a line, so that the dialog shows all of it
+
 _WORD = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _UNTOLD = ("name", "between", "sensor", "by")
 
@@ -72,15 +74,27 @@ def last_report(context: bpy.types.Context) -> dict | None:
 
 
 def figures(report: dict) -> list[str]:
-    """The numbers of a report, each with its key, as ``views[1].noise_mm 0.83``."""
-    return list(_figures(report, ""))
+    """The numbers of a report in lines, a place in it each, as ``views[1]: noise_mm 0.83, frames 6``."""
+    import textwrap
+
+    places: dict[str, list[str]] = {}
+    for key, value in _figures(report, ""):
+        place, _, name = key.rpartition(".")
+        places.setdefault(place, []).append(f"{name} {value}")
+    lines = []
+    for place, values in places.items():
+        line = ", ".join(values)
+        lines += textwrap.wrap(f"{place}: {line}" if place else line, COLUMNS, subsequent_indent="  ")
+    return lines
 
 
 def _figures(value: object, key: str):
     if isinstance(value, bool | int):
-        yield f"{key} {value}"
+        yield key, str(value)
     elif isinstance(value, float):
-        yield f"{key} {value:.4g}"
+        yield key, f"{value:.4g}"
+    elif isinstance(value, list) and value and all(isinstance(item, int | float) for item in value):
+        yield key, " ".join(f"{item:.4g}" for item in value)
     elif isinstance(value, list):
         for number, item in enumerate(value):
             yield from _figures(item, f"{key}[{number}]")

@@ -38,8 +38,13 @@ def not_ours(context: bpy.types.Context) -> str:
     """Why the active object cannot be changed; "" when it can."""
     active = context.object
     if active is not None and (not active.is_editable or active.data is not None and not active.data.is_editable):
-        return say("{name} is linked from another file and cannot be changed").format(name=active.name)
+        return _linked(active)
     return ""
+
+
+def _linked(item: bpy.types.Object) -> str:
+    text = say("{name} is linked from another file and cannot be changed; make it local first")
+    return text.format(name=item.name)
 
 
 def armature_of(item: bpy.types.Object | None) -> bpy.types.Object | None:
@@ -64,7 +69,7 @@ def no_skeleton(context: bpy.types.Context) -> str:
     if bones is None:
         return no_mesh(context) if active is None or active.type != "MESH" else say("Add a skeleton first")
     if not bones.is_editable or not bones.data.is_editable:
-        return say("{name} is linked from another file and cannot be changed").format(name=bones.name)
+        return _linked(bones)
     return ""
 
 
@@ -100,7 +105,7 @@ def no_source(context: bpy.types.Context) -> str:
     if problem := rests_otherwise(context):
         return problem
     if active is None or REPORT not in active:
-        return say("Only avatars built by Mirror Scan from a capture can be textured")
+        return say("Only avatars built by Mirror Scan from a capture can be textured; select one")
     return ""
 
 
@@ -321,7 +326,7 @@ def parse_points(text: str) -> list[list[float]]:
     try:
         points = [[float(value) for value in point] for point in ast.literal_eval(text)]
     except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError) as error:
-        raise MirrorError(say("points: must be a list such as [[485, 393], [561, 404], [568, 319]]")) from error
+        raise MirrorError(say("points: give a list such as [[485, 393], [561, 404], [568, 319]]")) from error
     sizes = {len(point) for point in points}
     if sizes not in ({2}, {3}) or not all(math.isfinite(value) for point in points for value in point):
         raise MirrorError(say("points: must be pairs of pixels or triples of coordinates, all finite numbers"))
@@ -426,7 +431,7 @@ def editable(context: bpy.types.Context) -> str:
     from ..background import job_operators
 
     if not context.scene.is_editable:
-        return say("The scene is linked from another file and cannot be changed")
+        return say("The scene is linked from another file and cannot be changed; use a scene of this file")
     if job_operators.running(context):
         return say("Mirror Scan is busy; wait or press Esc")
     if context.mode != "OBJECT":

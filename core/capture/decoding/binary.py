@@ -53,8 +53,7 @@ def blaming(path: Path, what: str) -> Iterator[None]:
     try:
         yield
     except (struct.error, IndexError, KeyError, ValueError, OverflowError, TypeError, UnicodeError) as error:
-        reason = " ".join(str(error).split())[:100]
-        raise CaptureError(f"{path}: is damaged or not {what} ({reason}); copy or record it again") from error
+        raise CaptureError(f"{path}: is damaged or not {what}; copy or record it again") from error
 
 
 def npy_header(file: IO[bytes], columns: bool = False) -> tuple[tuple[int, ...], np.dtype, bool]:

@@ -99,7 +99,7 @@ def read(path: Path, frames: FrameChoice = None, options: ReadOptions | None = N
             color_camera, pose, said = color_camera_of(path, color_files[matching], color, intrinsics)
             notes += said
     mirror_file = path / "mirrors.json"
-    mirrors = read_mirrors(mirror_file, intrinsics) if mirror_file.exists() else ()
+    mirrors = read_mirrors(mirror_file, intrinsics) if options.mirrors and mirror_file.exists() else ()
     return stored_capture(
         path, FORMAT, depth, color, intrinsics, color_camera, pose, mirrors=mirrors, sensor=sensor_named(lens.sensor),
         sensor_from=lens.sensor_from, notes=notes,
@@ -220,7 +220,7 @@ def mirrors_from(path: Path, content: object, intrinsics: Intrinsics | None = No
     """As :func:`read_mirrors`, of JSON content already read from ``path``."""
     entries = content.get("mirrors") if isinstance(content, dict) else None
     if not isinstance(entries, list):
-        raise MirrorError(f'{path}: must be a JSON object with a list: {{"mirrors": [...]}}')
+        raise MirrorError(f'{path}: must be a JSON object with a list: {{"mirrors": [...]}}; pick the mirrors again')
     if len(entries) > MAX_MIRRORS:
         raise MirrorError(f"{path}: names {len(entries)} mirrors; at most {MAX_MIRRORS} are possible")
     mirrors = tuple(_mirror(path, i, entry, intrinsics) for i, entry in enumerate(entries, start=1))

@@ -103,7 +103,9 @@ def _nodes(data: memoryview, path: Path) -> tuple[list[_Node], bool]:
     """Streams with their properties and frames, and whether the file ends in the middle of something."""
     major, minor, maintenance, build = struct.unpack_from("<BBHI", data, 4)
     if major != 1:
-        raise CaptureError(f"{path}: is an OpenNI recording of version {major}.{minor}, which is not known")
+        raise CaptureError(
+            f"{path}: is an OpenNI recording of version {major}.{minor}, which is not known; record it with OpenNI 2"
+        )
     # Before 1.0.1 the position of the record to undo had 32 bits.
     size = 28 if (minor, maintenance, build) >= (0, 1, 0) else 24
     nodes: dict[int, _Node] = {}
