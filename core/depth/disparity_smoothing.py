@@ -7,9 +7,13 @@ one.
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 
-from ..numeric.kernels import njit, prange
+from ..numeric.kernels import njit
+from ..numeric.threads import each
 from .settings import DepthSettings
 
 _STRIP = 24  # rows a thread works on at a time: its sums stay in the cache
@@ -79,7 +83,27 @@ def smooth_view(
     rows = np.flatnonzero((labels == view).any(axis=1))
     if radius < 1 or not len(rows):
         return depth
-    return _smooth_kernel(depth, labels, view, max(noise, 2e-4), sigma, radius, rows[0], rows[-1] + 1)
+    top, bottom, noise = int(rows[0]), int(rows[-1]) + 1, max(noise, 2e-4)
+    inverse, reference = _inverse_kernel(depth, labels, view, radius, top, bottom)
+    offset, gauss, terms, products = _taps(sigma, radius)
+    # the robust fit starts from whatever could be the same surface; a slanted one may leave the centre by its slope
+    slant = np.minimum(0.008 * sigma * np.sqrt(terms[3] + terms[5]).astype(np.float64), 0.015)
+    window = Window(
+        _row_weights(sigma, radius),
+        offset[0] * inverse.shape[1] + offset[1],
+        gauss,
+        terms,
+        products,
+        (1.0 / (4.0 * noise + 0.005 + slant)).astype(np.float32),
+    )
+    out = depth.copy()
+
+    def smooth(first: int) -> None:
+        last = min(first + _STRIP, bottom)
+        _smooth_kernel(depth, labels, view, noise, inverse, np.float32(reference), window, first, last, out)
+
+    each(smooth, range(top, bottom, _STRIP))
+    return out
 
 
 def keep_relief(
@@ -226,19 +250,25 @@ def _fit_row(sums, low, high, work):
                     left[u] -= right[u] * solved[u]
 
 
-@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
-def _smooth_kernel(depth, labels, view, noise, sigma, radius, top, bottom):
-    """The depth with a view's pixels, in the rows from ``top`` to ``bottom``, smoothed; strips in parallel.
+class Window(NamedTuple):
+    """What the fits of all pixels share."""
 
-    It stays whole because a strip's sums, both fits and their buffers share some twenty arrays, which a function for
-    part of it would have to be given one by one.
+    rows: np.ndarray  # (5, radius + 1) float32: Gaussian times the powers of du / sigma, for sums along a row
+    shift: np.ndarray  # (taps,) int64: from a pixel to the taps of the robust fit, in the flat array
+    gauss: np.ndarray  # (taps,) float32
+    terms: np.ndarray  # (6, taps) float32
+    products: np.ndarray  # (21, taps) float32
+    allowed: np.ndarray  # (taps,) float32: 1 over the departure at which Tukey's weight is zero, at first
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _inverse_kernel(depth, labels, view, radius, top, bottom):
+    """Inverse depth of this view alone, with a margin, so that a tap asks one question: is it zero? Its mean's inverse.
+
+    Single precision: what is fitted is the small departure from the reference; its error of 1e-7 is far below noise.
     """
     height, width = depth.shape
-    out = depth.copy()
-    offset, gauss, terms, products = _taps(sigma, radius)
     one = np.float32(1.0)
-    # Inverse depth of this view alone, with a margin, so that a tap asks one question: is it zero?
-    # Single precision: what is fitted is the small departure from the reference; its error of 1e-7 is far below noise.
     inverse = np.zeros((height + 2 * radius, width + 2 * radius), np.float32)
     total = 0.0
     count = 0
@@ -248,114 +278,108 @@ def _smooth_kernel(depth, labels, view, noise, sigma, radius, top, bottom):
                 inverse[v + radius, u + radius] = one / depth[v, u]
                 total += inverse[v + radius, u + radius]
                 count += 1
-    reference = np.float32(count / total)
-    weights = np.empty((5, radius + 1), np.float32)  # Gaussian times the powers of x = du / sigma
-    for k in range(radius + 1):
-        g = np.exp(-0.5 * (k / sigma) ** 2)
-        for a in range(5):
-            weights[a, k] = g
-            g *= k / sigma
-    # the robust fit starts from whatever could be the same surface; a slanted one may leave the centre by its slope
-    slant = np.minimum(0.008 * sigma * np.sqrt(terms[3] + terms[5]), 0.015)
-    allowed = (1.0 / (4.0 * noise + 0.005 + slant)).astype(np.float32)
+    return inverse, count / total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _smooth_kernel(depth, labels, view, noise, inverse, reference, window, v0, v1, out):
+    """A view's pixels in the rows from ``v0`` to ``v1`` smoothed, into ``out``.
+
+    It stays whole because the sums, both fits and their buffers share some twenty arrays, which a function for part of
+    it would have to be given one by one.
+    """
+    height, width = depth.shape
+    weights = window.rows
+    radius = weights.shape[1] - 1
+    one = np.float32(1.0)
     inlier = np.float32(1.0 / (3.7 * noise + 0.002))
     limit = 3.0 * noise + 0.002
     spoilt = (1.25 * noise + 0.0004) ** 2
-    shift = offset[0] * (width + 2 * radius) + offset[1]
-    flat = inverse.ravel()
-    strips = (bottom - top + _STRIP - 1) // _STRIP
-    for strip in prange(strips):
-        v0 = top + strip * _STRIP
-        v1 = min(v0 + _STRIP, bottom)
-        first, last = np.full(v1 - v0, width), np.zeros(v1 - v0, np.int64)
-        left, right = width, 0
-        for v in range(max(v0 - radius, 0), min(v1 + radius, height)):
-            for u in range(width):
-                if labels[v, u] == view:
-                    left, right = min(left, u), max(right, u + 1)
-                    if v0 <= v < v1:
-                        first[v - v0], last[v - v0] = min(first[v - v0], u), u + 1
-        # sums along the rows: mask · x⁰…x⁴, departure · x⁰…x², departure²
-        across = np.zeros((v1 - v0 + 2 * radius, 9, width), np.float32)
-        there = np.zeros(width + 2 * radius, np.float32)
-        departs = np.zeros(width + 2 * radius, np.float32)
-        squares = np.zeros(width + 2 * radius, np.float32)
-        low, high = max(left - radius, 0), min(right + radius, width)
-        for r in range(v1 - v0 + 2 * radius):
-            row = inverse[v0 + r]
-            some = False
-            for u in range(left + radius, right + radius):
-                seen = row[u] > 0
-                some |= seen
-                there[u] = one if seen else np.float32(0.0)
-                departs[u] = reference * row[u] - one if seen else np.float32(0.0)
-                squares[u] = departs[u] * departs[u]
-            if some:
-                _across(weights[:5], there, radius, low, high, across[r, :5])
-                _across(weights[:3], departs, radius, low, high, across[r, 5:8])
-                _across(weights[:1], squares, radius, low, high, across[r, 8:])
-        sums = np.empty((22, width), np.float32)
-        work = np.empty((29, width), np.float32)
-        A = np.empty((6, 6))
-        rhs = np.empty(6)
-        coef = np.zeros(6)
-        buffers = np.empty((4, len(gauss)), np.float32)
-        for v in range(v0, v1):
-            low, high = first[v - v0], last[v - v0]
-            if low >= high:
+    flat = inverse.reshape(inverse.size)
+    first, last = np.empty(v1 - v0, np.int64), np.zeros(v1 - v0, np.int64)
+    first[:] = width
+    left, right = width, 0
+    for v in range(max(v0 - radius, 0), min(v1 + radius, height)):
+        for u in range(width):
+            if labels[v, u] == view:
+                left, right = min(left, u), max(right, u + 1)
+                if v0 <= v < v1:
+                    first[v - v0], last[v - v0] = min(first[v - v0], u), u + 1
+    # sums along the rows: mask · x⁰…x⁴, departure · x⁰…x², departure²
+    across = np.zeros((v1 - v0 + 2 * radius, 9, width), np.float32)
+    there = np.zeros(width + 2 * radius, np.float32)
+    departs = np.zeros(width + 2 * radius, np.float32)
+    squares = np.zeros(width + 2 * radius, np.float32)
+    low, high = max(left - radius, 0), min(right + radius, width)
+    for r in range(v1 - v0 + 2 * radius):
+        row = inverse[v0 + r]
+        some = False
+        for u in range(left + radius, right + radius):
+            seen = row[u] > 0
+            some |= seen
+            there[u] = one if seen else np.float32(0.0)
+            departs[u] = reference * row[u] - one if seen else np.float32(0.0)
+            squares[u] = departs[u] * departs[u]
+        if some:
+            _across(weights[:5], there, radius, low, high, across[r, :5])
+            _across(weights[:3], departs, radius, low, high, across[r, 5:8])
+            _across(weights[:1], squares, radius, low, high, across[r, 8:])
+    sums = np.empty((22, width), np.float32)
+    work = np.empty((29, width), np.float32)
+    A = np.empty((6, 6))
+    rhs = np.empty(6)
+    coef = np.zeros(6)
+    buffers = np.empty((4, len(window.gauss)), np.float32)
+    for v in range(v0, v1):
+        low, high = first[v - v0], last[v - v0]
+        if low >= high:
+            continue
+        r = v - v0 + radius
+        start = 0
+        for a in range(9):
+            powers = 5 - a if a < 5 else max(8 - a, 1)
+            _down(weights[:powers], across, r, a, radius, low, high, sums[start : start + powers])
+            start += powers
+        _fit_row(sums, low, high, work)
+        for u in range(low, high):
+            if labels[v, u] != view:
                 continue
-            r = v - v0 + radius
-            start = 0
-            for a in range(9):
-                powers = 5 - a if a < 5 else max(8 - a, 1)
-                _down(weights[:powers], across, r, a, radius, low, high, sums[start : start + powers])
-                start += powers
-            _fit_row(sums, low, high, work)
-            for u in range(low, high):
-                if labels[v, u] != view:
-                    continue
-                zc = depth[v, u]
-                if work[1, u] <= spoilt * sums[0, u]:
-                    change = reference / (zc * (1.0 + work[0, u])) - 1.0
-                else:
-                    at = (v + radius) * (width + 2 * radius) + u + radius
-                    departure = _robust_fit(
-                        flat, at, shift, gauss, terms, products, allowed, inlier, zc, A, rhs, coef, buffers
-                    )
-                    change = 1.0 / (1.0 + departure) - 1.0
-                if np.isfinite(change):
-                    out[v, u] = zc * (1.0 + min(max(change, -limit), limit))
-    return out
+            zc = depth[v, u]
+            if work[1, u] <= spoilt * sums[0, u]:
+                change = reference / (zc * (1.0 + work[0, u])) - 1.0
+            else:
+                at = (v + radius) * (width + 2 * radius) + u + radius
+                departure = _robust_fit(flat, at, window, inlier, zc, A, rhs, coef, buffers)
+                change = 1.0 / (1.0 + departure) - 1.0
+            if np.isfinite(change):
+                out[v, u] = zc * (1.0 + min(max(change, -limit), limit))
 
 
-@njit(cache=True, nogil=True)
-def _taps(sigma, radius):
+def _row_weights(sigma: float, radius: int) -> np.ndarray:
+    """Gaussian times the powers 0 to 4 of x = du / sigma (5, radius + 1), du from 0."""
+    weights = np.empty((5, radius + 1), np.float32)
+    for k in range(radius + 1):
+        share = math.exp(-0.5 * (k / sigma) * (k / sigma))
+        for a in range(5):
+            weights[a, k] = share
+            share *= k / sigma
+    return weights
+
+
+def _taps(sigma: float, radius: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Window of the robust fit, a column a tap.
 
     Offset (v, u), Gaussian weight, the quadratic's six terms and their 21 products.
     """
-    room = (2 * radius + 1) ** 2
-    offset, gauss = np.empty((2, room), np.int64), np.empty(room)
-    terms, products = np.empty((6, room)), np.empty((21, room))
-    n = 0
-    for dv in range(-radius, radius + 1):
-        for du in range(-radius, radius + 1):
-            g = np.exp(-0.5 * (dv * dv + du * du) / (sigma * sigma))
-            if g < _REST:
-                continue
-            fx, fy = du / sigma, dv / sigma
-            offset[0, n], offset[1, n], gauss[n] = dv, du, g
-            terms[0, n], terms[1, n], terms[2, n] = 1.0, fx, fy
-            terms[3, n], terms[4, n], terms[5, n] = fx * fx, fx * fy, fy * fy
-            m = 0
-            for a in range(6):
-                for b in range(a + 1):
-                    products[m, n] = terms[a, n] * terms[b, n]
-                    m += 1
-            n += 1
+    side = range(-radius, radius + 1)
+    every = [(dv, du, math.exp(-0.5 * (dv * dv + du * du) / (sigma * sigma))) for dv in side for du in side]
+    kept = [tap for tap in every if tap[2] >= _REST]
+    offset = np.array([tap[:2] for tap in kept]).T
+    fy, fx = offset / sigma
+    terms = np.stack((np.ones(len(kept)), fx, fy, fx * fx, fx * fy, fy * fy))
+    products = np.stack([terms[a] * terms[b] for a in range(6) for b in range(a + 1)])
     single = np.float32
-    kept = gauss[:n].astype(single), terms[:, :n].astype(single), products[:, :n].astype(single)
-    return offset[:, :n].copy(), kept[0], kept[1], kept[2]
+    return offset, np.array([tap[2] for tap in kept], single), terms.astype(single), products.astype(single)
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
@@ -370,12 +394,15 @@ def _weighted_sums(rows, weights, count, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _robust_fit(flat, at, shift, gauss, terms, products, allowed, inlier, zc, A, rhs, coef, buffers):
+def _robust_fit(flat, at, window, inlier, zc, A, rhs, coef, buffers):
     """Departure of the fitted disparity from the centre's, relative; NaN where nothing can be fitted.
 
     A plane, once more where the window holds more than one surface, then the quadratic.
     """
     one, none = np.float32(1.0), np.float32(0.0)
+    shift, gauss, terms, products, allowed = (
+        window.shift, window.gauss, window.terms, window.products, window.allowed,
+    )  # fmt: skip
     taps = len(shift)
     e, there, w, we = buffers[0, :taps], buffers[1, :taps], buffers[2, :taps], buffers[3, :taps]
     lower = np.empty(21)
@@ -384,7 +411,7 @@ def _robust_fit(flat, at, shift, gauss, terms, products, allowed, inlier, zc, A,
         e[k] = zc * near - one
         there[k] = gauss[k] if near > none else none
     _weighted_sums(terms, there, 1, rhs)  # the first term is 1: all the weight that readings have
-    window = rhs[0]
+    weight = rhs[0]
     mixed = False
     for turn in range(3):
         if turn == 1 and not mixed:
@@ -405,7 +432,7 @@ def _robust_fit(flat, at, shift, gauss, terms, products, allowed, inlier, zc, A,
                 we[k] = w[k] * e[k]
         _weighted_sums(products, w, order * (order + 1) // 2, lower)
         _weighted_sums(terms, we, order, rhs)
-        mixed = lower[0] < 0.5 * window
+        mixed = lower[0] < 0.5 * weight
         if lower[0] < 1e-6:
             return np.nan
         m = 0

@@ -13,7 +13,7 @@ import functools
 from typing import Any
 
 import llvmlite.binding
-from numba.core import codegen, compiler, compiler_lock, dispatcher, event, sigutils, typing
+from numba.core import codegen, compiler, compiler_lock, dispatcher, errors, event, sigutils, types, typing
 from numba.core.registry import CPUDispatcher
 
 __all__ = ["Kernel", "rebuilt"]
@@ -47,7 +47,10 @@ class Kernel(CPUDispatcher):
         signature, args = self._compiler.fold_argument_types(args, kws)
         if not self._can_compile:
             return super().get_call_template(args, {})
-        part = self._part(tuple(args))
+        try:
+            part = self._part(tuple(map(_general, args)))
+        except errors.TypingError:  # it may need to know the value
+            part = self._part(tuple(args))
         name = self.py_func.__name__
         template = typing.make_concrete_template(f"CallTemplate({name})", key=name, signatures=[part.signature])
         return template, signature, args, {}
@@ -88,6 +91,15 @@ class Kernel(CPUDispatcher):
                 self.targetctx.insert_user_function(found.entry_point, found.fndesc, [found.library])
                 self._parts[args] = found
             return found
+
+
+def _general(kind: Any) -> Any:
+    """The type that one part for all callers takes: no constant, and a narrow integer as a wide one."""
+    kind = types.unliteral(kind)
+    return types.int64 if kind in _NARROW else kind
+
+
+_NARROW = (types.int8, types.int16, types.int32)
 
 
 # --- libraries -------------------------------------------------------------------------------------------------------
