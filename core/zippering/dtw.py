@@ -10,6 +10,9 @@ import numpy as np
 from ..errors import MirrorScanError
 from ..numeric.kernels import njit
 
+MEMORY = 1 << 26
+"""Bytes that the steps of one warping may take, unless told otherwise."""
+
 
 @dataclass(frozen=True)
 class Warping:
@@ -27,7 +30,7 @@ class Warping:
     distance: float
 
 
-def dtw(x: np.ndarray, y: np.ndarray, skip: float = np.inf, memory: int = 1 << 26) -> Warping:
+def dtw(x: np.ndarray, y: np.ndarray, skip: float = np.inf, memory: int = MEMORY) -> Warping:
     """Match two sequences of feature vectors in order, at the least accumulated Euclidean distance.
 
     Parameters
@@ -108,8 +111,8 @@ def _numbers(sequence: np.ndarray) -> np.ndarray:
         raise MirrorScanError(f"dtw needs two sequences of numbers ({error})") from error
 
 
-@njit(cache=True, nogil=True)
-def warp(x, y, skip, memory=1 << 26, careful=False):
+@njit(cache=True, nogil=True, error_model="numpy")
+def warp(x, y, skip, memory, careful):
     """:func:`dtw` from inside another kernel: sequences (D, N) and (D, M), unchecked; path (K, 2) and distance.
 
     ``careful``: squares of the values may be too large or too small for float64.
@@ -117,7 +120,12 @@ def warp(x, y, skip, memory=1 << 26, careful=False):
     flip = x.shape[1] > y.shape[1]  # the shorter one indexes the diagonals' cells
     if flip:
         x, y = y, x
-    path, distance = _warp(x, y[:, ::-1].copy(), skip, memory, careful)
+    size = y.shape[1]
+    y_reversed = np.empty(y.shape)
+    for c in range(len(y)):
+        for k in range(size):
+            y_reversed[c, k] = y[c, size - 1 - k]
+    path, distance = _warp(x, y_reversed, skip, memory, careful)
     if flip:
         for k in range(len(path)):
             path[k, 0], path[k, 1] = path[k, 1], path[k, 0]
@@ -173,8 +181,9 @@ def _accumulate(x, y_reversed, skip, first, last, before, earlier, steps, best, 
     """
     dims, n = x.shape
     m = y_reversed.shape[1]
-    now = np.full(n + 2, np.inf)
-    one, two = before.copy(), earlier.copy()
+    one, two, now = np.empty(n + 2), np.empty(n + 2), np.empty(n + 2)
+    for k in range(n + 2):
+        one[k], two[k], now[k] = before[k], earlier[k], np.inf
     cost = np.empty(n)
     for d in range(first, last):
         lo, hi = max(0, d - m + 1), min(n, d + 1)
@@ -212,8 +221,8 @@ def _accumulate(x, y_reversed, skip, first, last, before, earlier, steps, best, 
             if hi == n and now[n] + skip * (m - 1 - (d - n + 1)) < best[0]:  # ends at (n-1, d-n+1)
                 best[0], best[1], best[2] = now[n] + skip * (m - 1 - (d - n + 1)), n - 1, d - n + 1
         two, one, now = one, now, two
-    before[:] = one
-    earlier[:] = two
+    for k in range(n + 2):
+        before[k], earlier[k] = one[k], two[k]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -225,12 +234,17 @@ def _warp(x, y_reversed, skip, memory, careful):
     if diagonals * n > memory:
         stretch = min(diagonals, max(int(np.sqrt(16.0 * diagonals)), 2))  # two float diagonals weigh 16 rows of steps
     count = (diagonals + stretch - 1) // stretch
-    starts = np.full((count, 2, n + 2), np.inf)
-    before, earlier = np.full(n + 2, np.inf), np.full(n + 2, np.inf)
+    # of each stretch the two diagonals before it, one after the other; last those before the next stretch
+    starts = np.empty((count + 1, 2 * (n + 2)))
+    for k in range(2 * (n + 2)):
+        starts[count, k] = np.inf
+    before, earlier = starts[count, : n + 2], starts[count, n + 2 :]
     steps = np.empty((stretch, n), np.uint8)
-    best = np.array([np.inf, n - 1.0, m - 1.0])  # a path even where every way is infinitely long
+    best = np.empty(3)
+    best[0], best[1], best[2] = np.inf, n - 1.0, m - 1.0  # a path even where every way is infinitely long
     for s in range(count):
-        starts[s, 0], starts[s, 1] = before, earlier
+        for k in range(2 * (n + 2)):
+            starts[s, k] = starts[count, k]
         last = min((s + 1) * stretch, diagonals)
         _accumulate(x, y_reversed, skip, s * stretch, last, before, earlier, steps, best, careful)
     i, j = int(best[1]), int(best[2])
@@ -245,7 +259,9 @@ def _warp(x, y_reversed, skip, memory, careful):
         s = (i + j) // stretch
         if s != held:
             last = min((s + 1) * stretch, diagonals)
-            _accumulate(x, y_reversed, skip, s * stretch, last, starts[s, 0], starts[s, 1], steps, scrap, careful)
+            _accumulate(
+                x, y_reversed, skip, s * stretch, last, starts[s, : n + 2], starts[s, n + 2 :], steps, scrap, careful
+            )
             held = s
         step = steps[i + j - s * stretch, i]
         if step == 3 or (i == 0 and j == 0):

@@ -5,16 +5,20 @@ Mutual partners that follow one another, found without trying every pair of loop
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 
-from ..numeric.kernels import njit, prange
+from ..numeric.kernels import njit
 from ..numeric.point_products import dot
+from ..numeric.threads import each
 from ..views.free_space import bridge_is_free
 from ..views.view_maps import ViewMaps
 from .boundary_frames import Boundary
-from .dtw import warp
+from .dtw import MEMORY, warp
 from .seam_strips import Candidates
 
+_AT_ONCE = 256  # vertices whose partners one thread looks for before it takes others
 _IN_TURN = 8  # candidates looked at on one side before those on the other
 # What keeps two boundary vertices from being partners; cosines are wide, as the frames at a ragged boundary are rough.
 _MOST_ALONG = 0.3  # cosine between their directions: boundaries that face each other run against each other, -1
@@ -71,25 +75,29 @@ def find_partners(
     """
     level = dot(boundary.point, up)
     order = np.argsort(level, kind="stable")  # neighbours in the search are neighbours in memory
-    at, price = _partners_kernel(  # type: ignore[call-arg]  # of a dispatcher, which takes what the kernel takes
-        *(
-            field[order]
-            for field in (
-                boundary.point,
-                level,
-                boundary.tangent,
-                boundary.normal,
-                boundary.outward,
-                boundary.loop,
-                boundary.arc,
-                boundary.length[boundary.loop],
-                limit,
-                view.astype(np.int64),
-                low,
-            )
-        ),
-        maps.free_space,
-    )
+    fields = [
+        field[order]
+        for field in (
+            boundary.point,
+            level,
+            boundary.tangent,
+            boundary.normal,
+            boundary.outward,
+            boundary.loop,
+            boundary.arc,
+            boundary.length[boundary.loop],
+            limit,
+            view.astype(np.int64),
+            low,
+        )
+    ]
+    at, price = np.full(len(order), -1, np.int64), np.full(len(order), np.inf)
+
+    def search(first: int) -> None:
+        last = min(first + _AT_ONCE, len(order))
+        _partners_kernel(first, last, *fields, maps.free_space, at, price)  # type: ignore[call-arg]  # of a dispatcher
+
+    each(search, range(0, len(order), _AT_ONCE))
     partner, weighed = np.full(len(order), -1, np.int64), np.empty(len(order))
     partner[order], weighed[order] = np.where(at >= 0, order[at], -1), price
     return partner, weighed
@@ -114,88 +122,94 @@ def warp_runs(boundary: Boundary, partner: np.ndarray, price: np.ndarray, edge: 
     end vertices may stay unmatched, for what they would cost at the run's mean price.
     """
     rows = _runs_kernel(partner, boundary.loop, boundary.start, boundary.point, 2.0 * edge, min_run)
-    found, mean = _warp_kernel(rows, boundary.start, boundary.point, boundary.tangent, boundary.normal, price, edge)
-    length = np.minimum(np.diff(found.begin_a), _LONG_RUN)
-    order = np.lexsort((found.at_a[found.begin_a[:-1]], mean - 1e-4 * length))
+    at_a, at_b = np.empty(rows[:, 2].sum(), np.int64), np.empty(rows[:, 5].sum(), np.int64)
+    begin, apart = np.zeros((2, len(rows) + 1), np.int64), np.empty(len(rows))
+    kept = _chosen_kernel(rows, boundary.start, price, at_a, at_b, begin, apart)
+    size_a, size_b = np.diff(begin[:, : kept + 1])
+    room = np.empty((begin[:, kept].sum(), 2), np.int32)
+    steps, mean = np.zeros(kept, np.int64), np.empty(kept)
+
+    def warped(tasks: np.ndarray) -> None:
+        _warp_kernel(
+            tasks, at_a, at_b, begin, apart, boundary.point, boundary.tangent, boundary.normal, edge, room, steps, mean
+        )
+
+    falling, shares = np.argsort(-size_a * size_b), os.cpu_count() or 1
+    each(warped, [np.ascontiguousarray(falling[k::shares]) for k in range(min(shares, kept))])
+    first = begin[:, :kept]
+    order = np.lexsort((at_a[first[0]], mean - 1e-4 * np.minimum(size_a, _LONG_RUN)))
     return Candidates(
-        *_in_order(found.at_a, found.begin_a, order),
-        *_in_order(found.at_b, found.begin_b, order),
-        *_in_order(found.path, found.begin_path, order),
+        *_in_order(at_a, first[0], size_a, order),
+        *_in_order(at_b, first[1], size_b, order),
+        *_in_order(room, first.sum(axis=0), steps, order),
     )
 
 
-def _in_order(flat: np.ndarray, begin: np.ndarray, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Stretches ``flat[begin[k]:begin[k + 1]]`` brought into the given order."""
-    length = np.diff(begin)[order]
+def _in_order(
+    flat: np.ndarray, begin: np.ndarray, length: np.ndarray, order: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stretches ``flat[begin[k] : begin[k] + length[k]]`` brought into the given order."""
+    length = length[order]
     moved = np.concatenate(([0], np.cumsum(length)))
-    place = np.arange(moved[-1]) + np.repeat(begin[:-1][order] - moved[:-1], length)
+    place = np.arange(moved[-1]) + np.repeat(begin[order] - moved[:-1], length)
     return flat[place], moved
 
 
-@njit(cache=True, nogil=True, parallel=True)
-def _warp_kernel(rows, start, point, tangent, normal, price, edge):
-    """The runs that are no two of one vertex as :class:`.seam_strips.Candidates`, and the mean cost of each [m]."""
-    count, room_a, room_b = len(rows), 0, 0
-    for r in range(count):
-        room_a += rows[r, 2]
-        room_b += rows[r, 5]
-    at_a, at_b = np.empty(room_a, np.int64), np.empty(room_b, np.int64)
-    begin = np.zeros((3, count + 1), np.int64)
-    apart = np.empty(count)  # of the vertices of a run from their partners, on average
-    on_a = np.zeros(len(point), np.bool_)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _chosen_kernel(rows, start, price, at_a, at_b, begin, apart):
+    """Boundary vertices of the runs that are no two of one vertex, into ``at_a`` and ``at_b``; how many runs.
+
+    Those of run k begin at ``begin[0, k]`` and ``begin[1, k]``; ``apart`` is how far they are from their partners, on
+    average [m].
+    """
+    on_a = np.zeros(len(price), np.bool_)
     kept = n_a = n_b = 0
-    for r in range(count):
-        loop_a, first_a, size_a, loop_b, first_b, size_b = rows[r]
+    for r in range(len(rows)):
+        loop_a, first_a, size_a = rows[r, 0], rows[r, 1], rows[r, 2]
+        loop_b, first_b, size_b = rows[r, 3], rows[r, 4], rows[r, 5]
         whole_a, whole_b = start[loop_a + 1] - start[loop_a], start[loop_b + 1] - start[loop_b]
-        a, b = at_a[n_a : n_a + size_a], at_b[n_b : n_b + size_b]
         total, priced = 0.0, 0
         for k in range(size_a):
-            a[k] = start[loop_a] + (first_a + k) % whole_a
-            on_a[a[k]] = True
-            if np.isfinite(price[a[k]]):
-                total += price[a[k]]
+            i = start[loop_a] + (first_a + k) % whole_a
+            at_a[n_a + k] = i
+            on_a[i] = True
+            if np.isfinite(price[i]):
+                total += price[i]
                 priced += 1
         shared = False
         for k in range(size_b):
-            b[k] = start[loop_b] + (first_b - k) % whole_b
-            shared = shared or on_a[b[k]]
+            i = start[loop_b] + (first_b - k) % whole_b
+            at_b[n_b + k] = i
+            shared = shared or on_a[i]
         for k in range(size_a):
-            on_a[a[k]] = False
+            on_a[at_a[n_a + k]] = False
         if size_b < 2 or shared:
             continue
         n_a, n_b = n_a + size_a, n_b + size_b
         apart[kept] = total / max(priced, 1)
         kept += 1
         begin[0, kept], begin[1, kept] = n_a, n_b
+    return kept
 
-    # long ones in turn to either half of the tasks, which is what one of two threads takes
-    cost = (begin[0, 1 : kept + 1] - begin[0, :kept]) * (begin[1, 1 : kept + 1] - begin[1, :kept])
-    falling = np.argsort(-cost)
-    order = np.concatenate((falling[::2], falling[1::2]))
-    room = np.empty((n_a + n_b, 2), np.int32)
-    steps, mean = np.zeros(kept, np.int64), np.empty(kept)
-    for task in prange(kept):
-        r = order[task]
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _warp_kernel(tasks, at_a, at_b, begin, apart, point, tangent, normal, edge, room, steps, mean):
+    """The runs named by ``tasks`` warped: paths into ``room``, run r from ``begin[0, r] + begin[1, r]``; mean cost."""
+    for task in range(len(tasks)):
+        r = tasks[task]
         a, b = at_a[begin[0, r] : begin[0, r + 1]], at_b[begin[1, r] : begin[1, r + 1]]
         found, distance = warp(
             _described(a, 1.0, point, tangent, normal), _described(b, -1.0, point, tangent, normal),
-            2.0 * edge + apart[r],
+            2.0 * edge + apart[r], MEMORY, False,
         )  # fmt: skip
         first = begin[0, r] + begin[1, r]
-        room[first : first + len(found)] = found
+        for k in range(len(found)):
+            room[first + k, 0], room[first + k, 1] = found[k, 0], found[k, 1]
         steps[r] = len(found)
         mean[r] = distance / len(found)
-    path = np.empty((steps.sum(), 2), np.int32)
-    for r in range(kept):
-        first, at = begin[0, r] + begin[1, r], begin[2, r]
-        path[at : at + steps[r]] = room[first : first + steps[r]]
-        begin[2, r + 1] = at + steps[r]
-    begin_a, begin_b = begin[0, : kept + 1].copy(), begin[1, : kept + 1].copy()
-    found = Candidates(at_a[:n_a].copy(), begin_a, at_b[:n_b].copy(), begin_b, path, begin[2, : kept + 1].copy())
-    return found, mean
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _described(chosen, sense, point, tangent, normal):
     """What warping compares of the ``chosen`` boundary vertices (9, N): place, direction walked in, and normal."""
     out = np.empty((9, len(chosen)))
@@ -206,13 +220,15 @@ def _described(chosen, sense, point, tangent, normal):
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _product(vectors, i, j):
     return vectors[i, 0] * vectors[j, 0] + vectors[i, 1] * vectors[j, 1] + vectors[i, 2] * vectors[j, 2]
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _partners_kernel(
+    begin,
+    end,
     point,
     level,
     tangent,
@@ -225,12 +241,15 @@ def _partners_kernel(
     view,
     low,
     free_space,
+    partner,
+    price,
 ):
-    """For each boundary vertex, in the order of ``level``, the one to bridge it to (-1 none) and at what cost [m]."""
+    """For each boundary vertex, in the order of ``level``, the one to bridge it to (-1 none) and at what cost [m].
+
+    Those from ``begin`` to ``end``, into ``partner`` and ``price``.
+    """
     count = len(point)
-    partner = np.full(count, -1, np.int64)
-    price = np.full(count, np.inf)
-    for i in prange(count):
+    for i in range(begin, end):
         best = np.inf
         which = -1
         # outwards along the sorting axis, so many on either side in turn, until nothing nearer can come
@@ -279,10 +298,15 @@ def _partners_kernel(
             first += _IN_TURN
         partner[i] = which
         price[i] = best
-    return partner, price
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _distance(point, i, j):
+    dx, dy, dz = point[i, 0] - point[j, 0], point[i, 1] - point[j, 1], point[i, 2] - point[j, 2]
+    return np.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _runs_kernel(partner, loop, start, point, tolerance, min_run):
     """Runs of boundary vertices whose partners are mutual and follow each other backwards on one loop.
 
@@ -298,8 +322,7 @@ def _runs_kernel(partner, loop, start, point, tolerance, min_run):
         k = partner[j]
         if loop[k] != loop[i]:
             continue
-        gap = np.sqrt(((point[i] - point[j]) ** 2).sum())
-        back = np.sqrt(((point[i] - point[k]) ** 2).sum())
+        gap, back = _distance(point, i, j), _distance(point, i, k)
         good[i] = back <= _MOST_BACK * gap + tolerance
     rows = np.empty((count, 6), np.int64)
     n_rows = 0
@@ -332,9 +355,9 @@ def _runs_kernel(partner, loop, start, point, tolerance, min_run):
                     step = (place - (partner[i2] - start[b])) % nb  # backwards steps
                     if step > nb // 2:
                         step -= nb
-                    jump = np.sqrt(((point[partner[i2]] - point[start[b] + place]) ** 2).sum())
-                    moved = np.sqrt(((point[i2] - point[base + (first + last_good) % n]) ** 2).sum())
-                    gap = np.sqrt(((point[partner[i2]] - point[i2]) ** 2).sum())
+                    jump = _distance(point, partner[i2], start[b] + place)
+                    moved = _distance(point, i2, base + (first + last_good) % n)
+                    gap = _distance(point, partner[i2], i2)
                     ok = step >= -_STEPS_BACK and jump <= _MOST_JUMP * moved + gap + tolerance and span + step < nb
                     if ok and step > 0:
                         place = (place - step) % nb
