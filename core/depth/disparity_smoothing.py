@@ -220,15 +220,18 @@ def _fit_row(sums, low, high, work):
     """
     # rows of work: 2-7 the reciprocal pivots, 8-13 the right side eliminated, 14-28 the lower triangle of L
     left = work[1, low:high]
-    left[:] = sums[21, low:high]
-    weight = sums[0, low:high]
+    whole, weight = sums[21, low:high], sums[0, low:high]
+    for u in range(high - low):
+        left[u] = whole[u]
     mixed = np.empty((6, high - low), np.float32)  # L times the pivots, of the row at hand
     for i in range(6):
-        right = work[8 + i, low:high]
-        right[:] = sums[_RIGHT[i], low:high]
+        right, data = work[8 + i, low:high], sums[_RIGHT[i], low:high]
+        for u in range(high - low):
+            right[u] = data[u]
         for j in range(i + 1):
-            entry = mixed[j]
-            entry[:] = sums[_MATRIX[i, j], low:high]
+            entry, moment = mixed[j], sums[_MATRIX[i, j], low:high]
+            for u in range(high - low):
+                entry[u] = moment[u]
             if i == j:
                 ridge = _RIDGE[i]
                 for u in range(high - low):

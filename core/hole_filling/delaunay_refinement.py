@@ -75,9 +75,16 @@ def refine(mesh: Mesh, target: np.ndarray, factor: float, rounds: int = 10) -> t
         return mesh, np.empty((0, 2), np.int64)
     count = len(mesh.vertices)
     fixed, region = mesh.triangles[~made], mesh.triangles[made]
-    vertices, region, kind, parents = _refine_kernel(
-        mesh.vertices, region, mesh.kind[made], twins(region, count), fixed, target, factor, rounds
-    )
+    m, room = len(region), 12 * len(region) + 3000
+    triangles, kind, twin = np.empty((room, 3), np.int32), np.empty(room, np.int8), np.full(3 * room, -1, np.int32)
+    triangles[:m], kind[:m], twin[: 3 * m] = region, mesh.kind[made], np.maximum(twins(region, count), -1)
+    points, size = np.empty((count + room, 3)), np.empty(count + room)
+    points[:count], size[:count] = mesh.vertices, target
+    in_region = np.zeros(count, np.bool_)
+    in_region[region] = True
+    parents = np.empty((room, 2), np.int64)
+    n, m = _refine_kernel(points, size, triangles, kind, twin, parents, in_region, m, fixed, factor, rounds)
+    vertices, region, kind, parents = points[:n].copy(), triangles[:m], kind[:m], parents[: n - count].copy()
     colors = mesh.colors
     if colors is not None and len(parents):
         colors = np.concatenate((colors, np.rint(_middle_colors(colors, parents)).astype(np.uint8)))
@@ -116,25 +123,10 @@ def _link(twin, a, b):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _refine_kernel(vertices, region, kind, twin, fixed, target, factor, rounds):
-    count, m = len(vertices), len(region)
-    room = 12 * m + 3000
-    tri = np.empty((room, 3), np.int32)
-    tri[:m] = region
-    kinds = np.empty(room, np.int8)
-    kinds[:m] = kind
-    tw = np.full(3 * room, -1, np.int32)
-    tw[: 3 * m] = np.maximum(twin, -1)
-    p = np.empty((count + room, 3))
-    p[:count] = vertices
-    size = np.empty(count + room)
-    size[:count] = target
-    parents = np.empty((room, 2), np.int64)
+def _refine_kernel(p, size, tri, kinds, tw, parents, in_region, m, fixed, factor, rounds):
+    """:func:`refine` in arrays that have room for what comes; how many vertices and triangles there are then."""
+    count, room = len(in_region), len(tri)
     n = count
-    in_region = np.zeros(count, np.bool_)
-    for t in range(m):
-        for k in range(3):
-            in_region[tri[t, k]] = True
     # edges between old vertices, which a flip must not repeat; a new vertex's one-ring is walked instead
     edges = empty_edges(count, 3 * (m + len(fixed)))
     for t in range(m):
@@ -147,7 +139,9 @@ def _refine_kernel(vertices, region, kind, twin, fixed, target, factor, rounds):
             i, j = fixed[t, k], fixed[t, (k + 1) % 3]
             if i < j and in_region[i] and in_region[j] and not joined(i, j, *edges):
                 join(i, j, *edges)
-    changed = np.ones(room, np.uint8)
+    changed = np.empty(room, np.uint8)
+    for t in range(room):
+        changed[t] = 1
     fine = np.zeros(room, np.bool_)  # triangles that have not changed since none of their edges was too long
     for _ in range(rounds):
         for _ in range(_FLIP_PASSES):
@@ -169,9 +163,10 @@ def _refine_kernel(vertices, region, kind, twin, fixed, target, factor, rounds):
                     score[wanted] = -ratio2
                     long_edges[wanted] = min(e, g)
                     wanted += 1
-        fine[:m] = True
-        for e in long_edges[:wanted]:
-            fine[e // 3] = fine[tw[e] // 3] = False
+        for t in range(m):
+            fine[t] = True
+        for k in range(wanted):
+            fine[long_edges[k] // 3] = fine[tw[long_edges[k]] // 3] = False
         if wanted == 0:
             break
         order = long_edges[np.argsort(score[:wanted])]
@@ -182,7 +177,8 @@ def _refine_kernel(vertices, region, kind, twin, fixed, target, factor, rounds):
                 continue
             stamp[t] = stamp[s] = True
             i, j = tri[t, e % 3], tri[t, (e % 3 + 1) % 3]
-            p[n] = 0.5 * (p[i] + p[j])
+            for c in range(3):
+                p[n, c] = 0.5 * (p[i, c] + p[j, c])
             size[n] = 0.5 * (size[i] + size[j])
             changed[t] = changed[s] = changed[m] = changed[m + 1] = 1
             fine[t] = fine[s] = False
@@ -192,7 +188,7 @@ def _refine_kernel(vertices, region, kind, twin, fixed, target, factor, rounds):
     for _ in range(_LAST_PASSES):
         if _flip_pass(p, tri, tw, m, edges, count, changed, fine) == 0:
             break
-    return p[:n].copy(), tri[:m].copy(), kinds[:m].copy(), parents[: n - count].copy()
+    return n, m
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -109,7 +109,9 @@ def _inherited(marks, parents):
     """The marks (V, 4) with those of new vertices: each has the mean of its parents'."""
     known = len(marks)
     out = np.empty((known + len(parents), 4))
-    out[:known] = marks
+    for i in range(known):
+        for c in range(4):
+            out[i, c] = marks[i, c]
     for k in range(len(parents)):
         for c in range(4):
             out[known + k, c] = 0.5 * (out[parents[k, 0], c] + out[parents[k, 1], c])

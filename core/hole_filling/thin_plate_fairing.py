@@ -32,10 +32,12 @@ def neighbours(triangles: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np
                     heads[start[i] + count[i]] = j
                     count[i] += 1
     packed = np.zeros(vertex_count + 1, np.int64)
-    out = np.empty(count.sum(), np.int32)
     for v in range(vertex_count):
         packed[v + 1] = packed[v] + count[v]
-        out[packed[v] : packed[v + 1]] = heads[start[v] : start[v] + count[v]]
+    out = np.empty(packed[-1], np.int32)
+    for v in range(vertex_count):
+        for k in range(count[v]):
+            out[packed[v] + k] = heads[start[v] + k]
     return packed, out
 
 

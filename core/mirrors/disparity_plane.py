@@ -105,61 +105,118 @@ class _Fit(NamedTuple):
     common: float
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _fit_kernel(u, v, d, start, started, block):
     """Fit the pixels, pool them to blocks, and correct the fit by these; see :class:`_Fit`."""
     count = len(d)
-    center, scale = np.zeros(3), np.ones(3)
-    center[0], center[1] = u.mean(), v.mean()
-    scale[0], scale[1] = max(np.abs(u - center[0]).max(), 1.0), max(np.abs(v - center[1]).max(), 1.0)
-    weights, residual = np.ones(count), np.empty(count)
+    center, scale = np.zeros(3), np.empty(3)
+    weights, residual = np.empty(count), np.empty(count)
+    for i in range(count):
+        center[0] += u[i]
+        center[1] += v[i]
+        weights[i] = 1.0
+    center[0], center[1] = center[0] / count, center[1] / count
+    scale[0] = scale[1] = scale[2] = 1.0
+    for i in range(count):
+        scale[0], scale[1] = max(scale[0], abs(u[i] - center[0])), max(scale[1], abs(v[i] - center[1]))
     normal, nothing = np.zeros((3, 3)), np.zeros((3, 3))
     found, solution, sigma = _fit_pixels(u, v, d, start, started, center, scale, weights, residual, normal)
     if not found:
         return _Fit(False, solution, nothing, nothing, weights, center, scale, sigma, 0.0)
     sums, member = _pool(u, v, center, scale, weights, residual, block)
-    used = np.flatnonzero(sums[:, 0] > 3.0)
-    n = len(used)
+    place, n = np.empty(len(sums), np.int32), 0  # of a block among those that have enough pixels, -1 none
+    for b in range(len(sums)):
+        place[b] = n if sums[b, 0] > 3.0 else -1
+        n += sums[b, 0] > 3.0
     if n < 6:  # too few to tell what blocks share: the pixels are taken as independent, four as one
-        if not weights.sum() > 3.0 or sigma == 0.0:
+        total = 0.0
+        for i in range(count):
+            total += weights[i]
+        if not total > 3.0 or sigma == 0.0:
             return _Fit(False, solution, nothing, nothing, weights, center, scale, sigma, 0.0)
         return _Fit(True, solution, normal, 4.0 * sigma * sigma * normal, weights, center, scale, sigma, 0.0)
     pooled = np.empty((n, 4))  # x, y, residual, weight of its pixels
-    for k in range(n):
-        cell = sums[used[k]]
-        pooled[k, 0], pooled[k, 1], pooled[k, 2] = cell[1] / cell[0], cell[2] / cell[0], cell[3] / cell[0]
-        pooled[k, 3] = cell[0]
-    trust, deviation = np.ones(n), np.empty(n)
-    found, change, common = _fit_blocks(pooled, sigma, np.abs(solution).max(), trust, deviation, normal)
+    for b in range(len(sums)):
+        k = place[b]
+        if k >= 0:
+            for c in range(3):
+                pooled[k, c] = sums[b, c + 1] / sums[b, 0]
+            pooled[k, 3] = sums[b, 0]
+    trust, deviation = np.empty(n), np.empty(n)
+    found, change, common = _fit_blocks(pooled, sigma, _largest(solution), trust, deviation, normal)
     if not found:
         return _Fit(False, solution, nothing, nothing, weights, center, scale, sigma, 0.0)
     scores = _block_scores(pooled, trust, deviation, change, sigma)
-    place = np.full(len(sums), -1, np.int32)
-    for k in range(n):
-        place[used[k]] = k
     for i in range(count):
         k = place[member[i]]
         weights[i] *= trust[k] if k >= 0 else 0.0
-    return _Fit(True, solution + change, normal, scores, weights, center, scale, sigma, common)
+    for a in range(3):
+        solution[a] += change[a]
+    return _Fit(True, solution, normal, scores, weights, center, scale, sigma, common)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _largest(coefficients):
+    """Largest size of three numbers."""
+    return max(abs(coefficients[0]), abs(coefficients[1]), abs(coefficients[2]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _largest_change(after, before):
+    return max(abs(after[0] - before[0]), abs(after[1] - before[1]), abs(after[2] - before[2]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _median(values):
+    """Median of numbers, which change their order. Quickselect: Hoare 1961."""
+    low, high, middle = 0, len(values) - 1, len(values) // 2
+    while low < high:
+        pivot = values[(low + high) // 2]
+        i, j = low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while values[j] > pivot:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i += 1
+                j -= 1
+        if middle <= j:
+            high = j
+        elif middle >= i:
+            low = i
+        else:
+            break
+    upper = values[middle]
+    if len(values) % 2 == 1:
+        return upper
+    lower = values[0]  # those before the middle are no larger
+    for k in range(1, middle):
+        lower = max(lower, values[k])
+    return (lower + upper) / 2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _fit_pixels(u, v, d, start, started, center, scale, weights, residual, normal):
     """Whether the pixels are not on a line, their plane, and the standard deviation about it.
 
     They are re-weighted up to twelve times; ``weights``, ``residual`` and ``normal`` are filled.
     """
     count = len(d)
-    row, solution, right = np.ones(3), np.zeros(3), np.zeros(3)
+    row, solution, right, previous = np.empty(3), np.zeros(3), np.empty(3), np.empty(3)
+    row[2] = 1.0
+    stride = count // 2000 + 1
+    some = np.empty((count + stride - 1) // stride)
     sigma = 0.0
     for turn in range(12):
-        previous = solution.copy()
+        for a in range(3):
+            previous[a] = solution[a]
         if turn == 0 and started:
             solution[0], solution[1] = start[0] * scale[0], start[1] * scale[1]
             solution[2] = start[0] * center[0] + start[1] * center[1] + start[2]
         else:
-            normal[:] = 0.0
-            right[:] = 0.0
+            _clear(normal, right)
             for i in range(count):
                 row[0], row[1] = (u[i] - center[0]) / scale[0], (v[i] - center[1]) / scale[1]
                 for a in range(3):
@@ -172,21 +229,33 @@ def _fit_pixels(u, v, d, start, started, center, scale, weights, residual, norma
         for i in range(count):
             x, y = (u[i] - center[0]) / scale[0], (v[i] - center[1]) / scale[1]
             residual[i] = d[i] - (solution[0] * x + solution[1] * y + solution[2])
-        sigma = _DEVIATION * np.median(np.abs(residual[:: count // 2000 + 1])) + 1e-9
+        for k in range(len(some)):
+            some[k] = abs(residual[k * stride])
+        sigma = _DEVIATION * _median(some) + 1e-9
         for i in range(count):
             r = residual[i] / (_TUKEY * sigma)
             weights[i] = (1.0 - r * r) ** 2 if abs(r) < 1.0 else 0.0
-        if turn > 0 and np.abs(solution - previous).max() < 1e-5 * np.abs(solution).max():
+        if turn > 0 and _largest_change(solution, previous) < 1e-5 * _largest(solution):
             break
     return True, solution, sigma
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _clear(normal, right):
+    for a in range(3):
+        right[a] = 0.0
+        for b in range(3):
+            normal[a, b] = 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _pool(u, v, center, scale, weights, residual, block):
     """Sums over the pixels of each block of weight, x, y and residual (N, 4), and the block of each pixel (K,)."""
-    left, top = u.min(), v.min()
-    columns = int((u.max() - left) // block) + 1
-    rows = int((v.max() - top) // block) + 1
+    left, top, right, bottom = u[0], v[0], u[0], v[0]
+    for i in range(len(u)):
+        left, top, right, bottom = min(left, u[i]), min(top, v[i]), max(right, u[i]), max(bottom, v[i])
+    columns = int((right - left) // block) + 1
+    rows = int((bottom - top) // block) + 1
     sums, member = np.zeros((rows * columns, 4)), np.empty(len(u), np.int32)
     for i in range(len(u)):
         member[i] = int((v[i] - top) // block) * columns + int((u[i] - left) // block)
@@ -198,7 +267,7 @@ def _pool(u, v, center, scale, weights, residual, block):
     return sums, member
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _fit_blocks(pooled, sigma, size, trust, deviation, normal):
     """Whether the blocks are not on a line, the plane through their residuals, and the variance that a block shares.
 
@@ -206,18 +275,19 @@ def _fit_blocks(pooled, sigma, size, trust, deviation, normal):
     ``normal`` are filled.
     """
     n = len(pooled)
-    gap, row, right, change = np.empty(n), np.ones(3), np.zeros(3), np.zeros(3)
+    gap, some, row, right, change = np.empty(n), np.empty(n), np.empty(3), np.empty(3), np.zeros(3)
+    row[2] = 1.0
     common = 0.0
     for _ in range(8):
         for k in range(n):
             gap[k] = pooled[k, 2] - (change[0] * pooled[k, 0] + change[1] * pooled[k, 1] + change[2])
         # what the pixels of a block err in common: what their noise does not explain of the blocks' residuals
-        common = _VARIANCE * np.median(gap * gap - _MEDIAN * sigma * sigma / pooled[:, 3])
-        common = max(common, 0.0)
-        deviation[:] = np.sqrt(sigma * sigma / pooled[:, 3] + common) + 1e-9
-        normal[:] = 0.0
-        right[:] = 0.0
         for k in range(n):
+            some[k] = gap[k] * gap[k] - _MEDIAN * sigma * sigma / pooled[k, 3]
+        common = max(_VARIANCE * _median(some), 0.0)
+        _clear(normal, right)
+        for k in range(n):
+            deviation[k] = np.sqrt(sigma * sigma / pooled[k, 3] + common) + 1e-9
             r = gap[k] / (_TUKEY * deviation[k])
             trust[k] = (1.0 - r * r) ** 2 if abs(r) < 1.0 else 0.0
             w = trust[k] / (deviation[k] * deviation[k])
@@ -229,17 +299,18 @@ def _fit_blocks(pooled, sigma, size, trust, deviation, normal):
         found, step = _solve_3x3(normal, right)
         if not found:
             return False, change, common
-        moved = np.abs(step - change).max()
+        moved = _largest_change(step, change)
         change = step
         if moved < 1e-6 * size:
             break
     return True, change, common
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _block_scores(pooled, trust, deviation, change, sigma):
     """Sum of the outer products (3, 3) of the blocks' scores, and of what whole bars of the frame may err in common."""
-    scores, kept, bars, row = np.zeros((3, 3)), 0.0, np.zeros((4, 3)), np.ones(3)
+    scores, kept, bars, row = np.zeros((3, 3)), 0.0, np.zeros((4, 3)), np.empty(3)
+    row[2] = 1.0
     for k in range(len(pooled)):
         row[0], row[1] = pooled[k, 0], pooled[k, 1]
         gap = pooled[k, 2] - (change[0] * row[0] + change[1] * row[1] + change[2])
@@ -252,7 +323,9 @@ def _block_scores(pooled, trust, deviation, change, sigma):
         for a in range(3):
             for b in range(3):
                 scores[a, b] += w * w * row[a] * row[b]
-    scores *= kept / max(kept - 3.0, 1.0)
+    for a in range(3):
+        for b in range(3):
+            scores[a, b] *= kept / max(kept - 3.0, 1.0)
     # what a whole bar of the frame errs in common shows in no residual: a share of a pixel's noise
     for bar in range(4):
         for a in range(3):
@@ -261,7 +334,7 @@ def _block_scores(pooled, trust, deviation, change, sigma):
     return scores
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _solve_3x3(matrix, right):
     """Cramer's rule, and whether the determinant is far enough from 0.
 
@@ -313,7 +386,7 @@ def fit_core(u: np.ndarray, v: np.ndarray, depth: np.ndarray, fitted: DisparityP
     return replace(core, covariance=core.covariance + _EDGE_EFFECT * np.outer(change, change))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def erosion(mask):
     """0 off the mask, else 1 + how many rings of 8-neighbours are all on it, up to 3."""
     height, width = mask.shape

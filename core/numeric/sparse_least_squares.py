@@ -44,15 +44,21 @@ def solve_squares(
     O(N · w) memory and O(N · w²) time for envelopes w wide: of a mesh about twice the vertices of its widest front, so
     that strips and many small holes take O(N).
     """
+    columns, rhs = np.ascontiguousarray(columns, np.int64), np.ascontiguousarray(rhs)
     return _solve_kernel(start, columns, values, diagonal, rhs, np.arange(len(rhs)) if order is None else order)
 
 
-@njit(cache=True, nogil=True)
 def elimination_order(start: np.ndarray, heads: np.ndarray) -> np.ndarray:
     """Reversed Cuthill–McKee (N,): breadth first from a far end of each component, those of few neighbours first.
 
     ``start`` (N+1,) and ``heads`` (E,): who is whose neighbour, as CSR arrays. O(E · neighbours).
     """
+    return np.ascontiguousarray(_walk_kernel(start, np.ascontiguousarray(heads, np.int64))[::-1])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _walk_kernel(start, heads):
+    """:func:`elimination_order` from its end."""
     count = len(start) - 1
     order = np.empty(count, np.int64)
     seen = np.zeros(count, np.int64)  # the last walk that came by
@@ -82,7 +88,7 @@ def elimination_order(start: np.ndarray, heads: np.ndarray) -> np.ndarray:
                 at += 1
             root = order[last - 1]
         placed = last
-    return order[::-1].copy()
+    return order
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract"})
@@ -125,7 +131,9 @@ def _solve_kernel(start, columns, values, diagonal, rhs, order):  # noqa: C901  
         place[order[k]] = k
     # Row i of blocks is kept from its first, in column low[i], to the diagonal: block (i, j) at base[i] + 16 j,
     # column by column.
-    low, base = np.arange(blocks), np.empty(blocks, np.int64)
+    low, base = np.empty(blocks, np.int64), np.empty(blocks, np.int64)
+    for i in range(blocks):
+        low[i] = i
     most = 0
     for row in range(len(start) - 1):
         first = count
@@ -178,7 +186,9 @@ def _solve_kernel(start, columns, values, diagonal, rhs, order):  # noqa: C901  
     out, x = np.empty((count, width)), np.empty((_SIDE * blocks, _SIDE))
     for first in range(0, width, _SIDE):  # so many right sides at once
         here = min(width - first, _SIDE)
-        x[:] = 0.0
+        for k in range(_SIDE * blocks):
+            for c in range(_SIDE):
+                x[k, c] = 0.0
         for k in range(count):
             for c in range(here):
                 x[k, c] = rhs[order[k], first + c]

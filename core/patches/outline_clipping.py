@@ -181,14 +181,17 @@ def _clip_kernel(vertices, triangles, field, level):
     out_v = np.empty((n_max, 3))
     source = np.empty((n_max, 2), np.int64)
     share = np.zeros(n_max)
-    out_v[:count] = vertices
     for i in range(count):
+        for c in range(3):
+            out_v[i, c] = vertices[i, c]
         source[i, 0] = source[i, 1] = i
     f = field - level
     snapped = _snap(vertices, triangles, f, out_v, source, share)
     n = count
-    keys = dict()
-    keys[np.int64(-1)] = np.int64(-1)
+    # no edge is cut twice: of each inner end the last vertex put on one of its edges, of each of these the one before
+    last, before = np.empty(count, np.int64), np.empty(n_max - count, np.int64)
+    for i in range(count):
+        last[i] = -1
     out_t = np.empty((2 * len(triangles), 3), np.int32)
     parent = np.empty(2 * len(triangles), np.int64)
     m = 0
@@ -203,7 +206,8 @@ def _clip_kernel(vertices, triangles, field, level):
         if full == 0:
             continue
         if inner == 3:
-            out_t[m] = triangles[t]
+            for k in range(3):
+                out_t[m, k] = triangles[t, k]
             parent[m] = t
             m += 1
             continue
@@ -218,15 +222,18 @@ def _clip_kernel(vertices, triangles, field, level):
                 outer = j if a_in else i
                 if snapped[near]:
                     continue  # the inner end already lies on the line
-                key = np.int64(near) * count + outer
-                if key not in keys:
+                cut = last[near]
+                while cut >= 0 and source[cut, 1] != outer:
+                    cut = before[cut - count]
+                if cut < 0:
                     s = f[near] / (f[near] - f[outer])
                     for c in range(3):
                         out_v[n, c] = vertices[near, c] + s * (vertices[outer, c] - vertices[near, c])
                     source[n, 0], source[n, 1], share[n] = near, outer, s
-                    keys[key] = np.int64(n)
+                    before[n - count], last[near] = last[near], n
+                    cut = n
                     n += 1
-                poly[size] = keys[key]
+                poly[size] = cut
                 size += 1
         for k in range(1, size - 1):
             out_t[m, 0], out_t[m, 1], out_t[m, 2] = poly[0], poly[k], poly[k + 1]
