@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import CaptureError
-from ..numeric.kernels import njit, prange
+from ..numeric.kernels import njit
+from ..numeric.threads import each_range
 from .settings import DepthSettings
 
 
@@ -43,9 +44,9 @@ def fuse_burst(depth: np.ndarray, settings: DepthSettings = DepthSettings()) -> 
     if depth.ndim != 3 or 0 in depth.shape:
         raise CaptureError(f"depth must be frames × height × width, got an array of shape {depth.shape}")
     needed = max(1, int(np.ceil(settings.burst_share * len(depth))))
-    fused, spread = _fuse_kernel(
-        np.ascontiguousarray(depth), settings.min_depth, settings.max_depth, settings.burst_tolerance, needed
-    )
+    fused, spread = np.zeros(depth.shape[1:], np.float32), np.zeros(depth.shape[1:], np.float32)
+    low, high, tolerance = settings.min_depth, settings.max_depth, settings.burst_tolerance
+    each_range(_fuse_kernel, depth.shape[1], np.ascontiguousarray(depth), low, high, tolerance, needed, fused, spread)
     if not fused.any():
         raise CaptureError(
             f"no depth reading between {settings.min_depth:g} and {settings.max_depth:g} m in any of {len(depth)} "
@@ -55,17 +56,16 @@ def fuse_burst(depth: np.ndarray, settings: DepthSettings = DepthSettings()) -> 
     return fused, spread
 
 
-@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
-def _fuse_kernel(depth, low, high, tolerance, needed):
-    frames, height, width = depth.shape
-    fused = np.zeros((height, width), np.float32)
-    spread = np.zeros((height, width), np.float32)
-    for v in prange(height):
-        readings = np.empty(frames, np.float32)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fuse_kernel(begin, end, depth, low, high, tolerance, needed, fused, spread):
+    frames, _, width = depth.shape
+    readings, number = np.empty(frames, np.float32), np.empty(width, np.int32)
+    nearest_of, farthest_of = np.empty(width, np.float32), np.empty(width, np.float32)
+    total_of, squares_of = np.empty(width), np.empty(width)
+    for v in range(begin, end):
         # Sums over the row a frame at a time: most pixels need no more, and this the compiler vectorises.
-        number = np.zeros(width, np.int32)
-        nearest_of, farthest_of = np.full(width, np.inf, np.float32), np.zeros(width, np.float32)
-        total_of, squares_of = np.zeros(width), np.zeros(width)
+        for u in range(width):
+            number[u], nearest_of[u], farthest_of[u], total_of[u], squares_of[u] = 0, np.inf, 0.0, 0.0, 0.0
         for f in range(frames):
             row = depth[f, v]
             for u in range(width):
@@ -112,4 +112,3 @@ def _fuse_kernel(depth, low, high, tolerance, needed):
             fused[v, u] = 1.0 / mean
             if kept > 1:
                 spread[v, u] = np.sqrt(max(squares / kept - mean * mean, 0.0) * kept / (kept - 1)) / mean
-    return fused, spread

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..numeric.kernels import njit, prange
+from ..numeric.kernels import njit
+from ..numeric.threads import each_range
 from .settings import DepthSettings
 
 
@@ -199,7 +200,9 @@ def _compare(
 
     And which share of the moved blocks side by side went the same way: half by chance.
     """
-    cells = _cell_kernel(depth, labels, a, b)
+    rows, columns = (size // _CELL_PIXELS for size in labels.shape)
+    cells = np.zeros((7, rows, columns))
+    each_range(_cell_kernel, rows, depth, labels, a, b, cells)
     views = cells[0]
     moved, alike = [], []
     for k in np.unique(views[views >= 0]):
@@ -274,18 +277,16 @@ def _roughness(values: np.ndarray, known: np.ndarray) -> float:
     return float(np.median(every)) / (0.6745 * np.sqrt(1.5)) if len(every) >= _FEWEST_LINES else 0.0
 
 
-@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
-def _cell_kernel(depth, labels, a, b):
-    """Sums over cells (7, H / 4, W / 4): view, subject pixels, Σ 1/z, surface pixels, Σ shift of 1/z, flips, net flips.
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cell_kernel(begin, end, depth, labels, a, b, out):
+    """Sums over some rows of cells, into ``out`` (7, H / 4, W / 4).
 
+    View, subject pixels, Σ 1/z, surface pixels, Σ shift of 1/z, flips, net flips.
     A pixel flips when it is the subject's in one group of frames and another surface or nothing in the other; +1 to
     nearer, -1 to farther. A cell counts the pixels of the first view found in it.
     """
-    height, width = labels.shape
-    rows, columns = height // _CELL_PIXELS, width // _CELL_PIXELS
-    out = np.zeros((7, rows, columns))
-    for r in prange(rows):
-        for c in range(columns):
+    for r in range(begin, end):
+        for c in range(out.shape[2]):
             view = -1
             subject = surface = flips = net = 0
             near = shift = 0.0
@@ -311,7 +312,6 @@ def _cell_kernel(depth, labels, a, b):
             out[0, r, c] = view
             out[1, r, c], out[2, r, c], out[3, r, c] = subject, near, surface
             out[4, r, c], out[5, r, c], out[6, r, c] = shift, flips, net
-    return out
 
 
 @njit(cache=True, nogil=True)

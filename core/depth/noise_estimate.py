@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..numeric.kernels import njit, prange
+from ..numeric.kernels import njit
+from ..numeric.threads import each_range
 
 
 def measure_noise(depth: np.ndarray, labels: np.ndarray, views: int) -> np.ndarray:
@@ -37,7 +38,7 @@ def window_variance(depth: np.ndarray, labels: np.ndarray) -> np.ndarray:
     Relative to z²; -1 where a window holds other labels than its middle's, and in two of three rows, for the third
     is enough for a median.
     """
-    return residual_kernel(depth, labels, 3)
+    return window_residuals(depth, labels, 3)
 
 
 def noise_of_windows(variance: np.ndarray, calm: bool = False) -> float:
@@ -51,15 +52,21 @@ def noise_of_windows(variance: np.ndarray, calm: bool = False) -> float:
     return float(np.sqrt(np.percentile(variance, percentile) / expected)) if variance.size else 0.0
 
 
-@njit(cache=True, nogil=True, parallel=True)
-def residual_kernel(depth, labels, stride):
-    """Variance of each full 5×5 window about its quadratic fit, relative to z; -1 elsewhere.
+def window_residuals(depth: np.ndarray, labels: np.ndarray, stride: int) -> np.ndarray:
+    """Variance of each full 5×5 window about its quadratic fit, relative to z; -1 elsewhere."""
+    out = np.full(depth.shape, -1.0)
+    each_range(_residual_kernel, len(depth), depth, labels, stride, out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _residual_kernel(begin, end, depth, labels, stride, out):
+    """:func:`window_residuals` in some rows.
 
     On a full window 1, u, v, u²-2, v²-2 and uv are orthogonal, so the fit has a closed form.
     """
     height, width = depth.shape
-    out = np.full((height, width), -1.0)
-    for v in prange(2, height - 2):
+    for v in range(max(begin, 2), min(end, height - 2)):
         if v % stride:  # every row, or a sample of them
             continue
         for u in range(2, width - 2):
@@ -95,7 +102,6 @@ def residual_kernel(depth, labels, stride):
                     - suv * suv / 100.0
                 )
                 out[v, u] = max(rss, 0.0) / 19.0
-    return out
 
 
 @dataclass(frozen=True)

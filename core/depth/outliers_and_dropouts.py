@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..numeric.kernels import njit, prange
-from .noise_estimate import residual_kernel
+from ..numeric.kernels import njit
+from ..numeric.threads import each_range
+from .noise_estimate import window_residuals
 from .settings import DepthSettings
 
 _STEEPEST_DEG = 80.0  # from head-on: a surface at a steeper slant is not read
@@ -34,22 +35,22 @@ def remove_flying_pixels(
     """
     if settings.support <= 0:
         return depth
-    variance = residual_kernel(depth, np.where(depth > 0, 0, -1).astype(np.int8), 8)[::8]  # a sample of rows
+    variance = window_residuals(depth, np.where(depth > 0, 0, -1).astype(np.int8), 8)[::8]  # a sample of rows
     known = variance >= 0
     # noise relative to z grows in proportion to z for triangulating cameras; for others this is on the safe side
     growth = float(np.median(np.sqrt(variance[known]) / depth[::8][known])) if known.any() else 0.0
-    return _flying_kernel(depth, pixel_angle * np.tan(np.radians(_STEEPEST_DEG)), _SIGMAS * growth, settings.support)
+    slope = pixel_angle * np.tan(np.radians(_STEEPEST_DEG))
+    framed, out = np.pad(depth, 1), np.empty_like(depth)  # no pixel needs to ask whether it lies at the border
+    each_range(_flying_kernel, len(depth), framed, slope, _SIGMAS * growth, settings.support, out)
+    return out
 
 
-@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
-def _flying_kernel(depth, slope, noise, support):
-    height, width = depth.shape
-    out = np.empty_like(depth)
-    framed = np.zeros((height + 2, width + 2), np.float32)  # no pixel needs to ask whether it lies at the border
-    framed[1:-1, 1:-1] = depth
+@njit(cache=True, nogil=True, error_model="numpy")
+def _flying_kernel(begin, end, framed, slope, noise, support, out):
+    width = out.shape[1]
     beside, across = np.float32(slope + _OFFSET), np.float32(slope * np.sqrt(2.0) + _OFFSET)
     growth, most = np.float32(noise), np.float32(0.99)  # so that no reading is never near
-    for v in prange(height):
+    for v in range(begin, end):
         above, here, below = framed[v], framed[v + 1], framed[v + 2]
         for u in range(width):
             z = here[u + 1]
@@ -60,7 +61,6 @@ def _flying_kernel(depth, slope, noise, support):
             near += np.int32(abs(above[u] - z) <= farther) + np.int32(abs(above[u + 2] - z) <= farther)
             near += np.int32(abs(below[u] - z) <= farther) + np.int32(abs(below[u + 2] - z) <= farther)
             out[v, u] = z if near >= support else np.float32(0.0)
-    return out
 
 
 def close_dropouts(depth: np.ndarray, labels: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
@@ -81,15 +81,16 @@ def close_dropouts(depth: np.ndarray, labels: np.ndarray, width: int) -> tuple[n
         Copies with these gaps filled.
     """
     for _ in range((width + 1) // 2):
-        depth, labels = _close_kernel(depth, labels)
+        closed = depth.copy(), labels.copy()
+        each_range(_close_kernel, len(depth), depth, labels, *closed)
+        depth, labels = closed
     return depth, labels
 
 
-@njit(cache=True, nogil=True, parallel=True)
-def _close_kernel(depth, labels):
+@njit(cache=True, nogil=True)
+def _close_kernel(begin, end, depth, labels, new_depth, new_labels):
     height, width = depth.shape
-    new_depth, new_labels = depth.copy(), labels.copy()
-    for v in prange(1, height - 1):
+    for v in range(max(begin, 1), min(end, height - 1)):
         for u in range(1, width - 1):
             if labels[v, u] >= 0:
                 continue
@@ -112,4 +113,3 @@ def _close_kernel(depth, labels):
             if count >= _SURROUNDED and high - low < _ONE_SURFACE * low:
                 new_depth[v, u] = count / total
                 new_labels[v, u] = view
-    return new_depth, new_labels

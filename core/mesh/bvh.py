@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import MirrorScanError
-from ..numeric.kernels import njit, prange
+from ..numeric.kernels import njit
+from ..numeric.threads import each_range
 
 STACK = 64
 """Entries a traversal stack needs; :func:`build_bvh` never makes a tree deeper than that."""
@@ -19,7 +20,7 @@ STACK = 64
 _LEAF = 4  # most triangles of a leaf
 _BINS = 16  # bins of the surface area heuristic
 _HALVE_BELOW = 32  # depth from which ranges are halved, so that 32 + log2(2^31) levels bound the stack
-_CHUNK = 256  # queries one task answers with one stack
+_CHUNK = 256  # queries that one thread takes at least
 _ROUND_UP = 1.0 + 1e-15  # lengthens a slab's exit past its rounding error (Ize 2013)
 
 
@@ -364,7 +365,7 @@ def raycast_one(bvh, ox, oy, oz, dx, dy, dz, t_max, stack):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _raycast_some(bvh, origins, directions, t_max, first, last, t, triangle, barycentric):
+def _raycast_kernel(first, last, bvh, origins, directions, t_max, t, triangle, barycentric):
     stack = np.empty(STACK, dtype=np.int32)
     for i in range(first, last):
         t[i], triangle[i], barycentric[i, 0], barycentric[i, 1] = raycast_one(
@@ -378,14 +379,6 @@ def _raycast_some(bvh, origins, directions, t_max, first, last, t, triangle, bar
             t_max,
             stack,
         )
-
-
-@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
-def _raycast_kernel(bvh, origins, directions, t_max, t, triangle, barycentric):
-    total = origins.shape[0]
-    for task in prange((total + _CHUNK - 1) // _CHUNK):
-        first, last = task * _CHUNK, min(total, (task + 1) * _CHUNK)
-        _raycast_some(bvh, origins, directions, t_max, first, last, t, triangle, barycentric)
 
 
 def raycast(
@@ -432,7 +425,7 @@ def raycast(
         ) from error
     total = len(origins)
     t, triangle, barycentric = np.empty(total), np.empty(total, dtype=np.int32), np.empty((total, 2))
-    _raycast_kernel(bvh, origins, directions, float(t_max), t, triangle, barycentric)
+    each_range(_raycast_kernel, total, bvh, origins, directions, float(t_max), t, triangle, barycentric, least=_CHUNK)
     return t, triangle, barycentric
 
 
@@ -550,20 +543,12 @@ def closest_one(bvh, px, py, pz, max_squared, stack):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _closest_some(bvh, points, max_squared, first, last, distance, triangle, nearest):
+def _closest_kernel(first, last, bvh, points, max_squared, distance, triangle, nearest):
     stack = np.empty(STACK, dtype=np.int32)
     for i in range(first, last):
         found = closest_one(bvh, points[i, 0], points[i, 1], points[i, 2], max_squared, stack)
         distance[i], triangle[i] = np.sqrt(found.squared), found.triangle
         nearest[i, 0], nearest[i, 1], nearest[i, 2] = found.x, found.y, found.z
-
-
-@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
-def _closest_kernel(bvh, points, max_squared, distance, triangle, nearest):
-    total = points.shape[0]
-    for task in prange((total + _CHUNK - 1) // _CHUNK):
-        first, last = task * _CHUNK, min(total, (task + 1) * _CHUNK)
-        _closest_some(bvh, points, max_squared, first, last, distance, triangle, nearest)
 
 
 def closest_point(
@@ -599,5 +584,7 @@ def closest_point(
         raise MirrorScanError(f"closest_point: points must be (N, 3), got {points.shape}")
     total = len(points)
     distance, triangle, nearest = np.empty(total), np.empty(total, dtype=np.int32), np.empty((total, 3))
-    _closest_kernel(bvh, points, float(max_distance) ** 2, distance, triangle, nearest)
+    each_range(
+        _closest_kernel, len(points), bvh, points, float(max_distance) ** 2, distance, triangle, nearest, least=_CHUNK
+    )
     return distance, triangle, nearest

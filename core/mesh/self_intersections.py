@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..numeric.kernels import njit, prange
+from ..numeric.kernels import njit
+from ..numeric.threads import each_range
 from .bvh import STACK, build_bvh
 from .half_edges import boundary_vertices
 
@@ -315,10 +316,10 @@ def _pairs_below(bvh, boxes, box, normals, index, spread, a, b, pairs):
     return held
 
 
-@njit(cache=True, nogil=True, parallel=True, error_model="numpy")
-def _self_intersection_kernel(bvh, boxes, box, normals, index, spread, nodes, pairs, found):
-    """One task a pair of ``nodes`` (K, 2): ``pairs`` (K, room, 2), ``found`` (K,)."""
-    for task in prange(len(nodes)):
+@njit(cache=True, nogil=True, error_model="numpy")
+def _self_intersection_kernel(begin, end, bvh, boxes, box, normals, index, spread, nodes, pairs, found):
+    """For some of the pairs of ``nodes`` (K, 2): ``pairs`` (K, room, 2), ``found`` (K,)."""
+    for task in range(begin, end):
         a, b = nodes[task, 0], nodes[task, 1]
         found[task] = _pairs_below(bvh, boxes, box, normals, index, spread, a, b, pairs[task])
 
@@ -360,7 +361,7 @@ def self_intersections(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarra
     room = 64
     while True:
         pairs, found = np.empty((len(nodes), room, 2), dtype=np.int32), np.empty(len(nodes), dtype=np.int64)
-        _self_intersection_kernel(bvh, boxes, box, normals, index, spread, nodes, pairs, found)
+        each_range(_self_intersection_kernel, len(nodes), bvh, boxes, box, normals, index, spread, nodes, pairs, found)
         if found.max() <= room:
             break
         room = int(found.max())

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..numeric.isosurface import CORNERS, split_quads, surface_nets
-from ..numeric.kernels import njit, prange
+from ..numeric.kernels import njit
+from ..numeric.threads import each_range
 
 ELLIPSOID, CAPSULE, LOFT = 0, 1, 2
 FAR = 1.0
@@ -221,11 +222,11 @@ def _blend(a, b, k):
     return min(a, b) - h * h * k * 0.25
 
 
-@njit(cache=True, nogil=True, parallel=True)
-def _fill_grid(solid, start, cell, floor_blend, values):
+@njit(cache=True, nogil=True)
+def _fill_grid(begin, end, solid, start, cell, floor_blend, values):
     """``values`` (nx, ny, nz) float32: the blended field at start + index * cell."""
-    for i in prange(values.shape[0]):
-        _fill_slice(np.int64(i), solid, start, cell, floor_blend, values)
+    for i in range(begin, end):
+        _fill_slice(i, solid, start, cell, floor_blend, values)
 
 
 @njit(cache=True, nogil=True)
@@ -253,11 +254,11 @@ def _fill_slice(i, solid, start, cell, floor_blend, values):
                 values[i, j, k] = -_blend(-values[i, j, k], z, floor_blend)
 
 
-@njit(cache=True, nogil=True, parallel=True)
-def _project(solid, floor_blend, points, step, limit, normals):
+@njit(cache=True, nogil=True)
+def _project(begin, end, solid, floor_blend, points, step, limit, normals):
     """One damped Newton step of each point towards the zero set, in place; the field's unit gradient to ``normals``."""
-    for i in prange(points.shape[0]):
-        _project_one(np.int64(i), solid, floor_blend, points, step, limit, normals)
+    for i in range(begin, end):
+        _project_one(i, solid, floor_blend, points, step, limit, normals)
 
 
 @njit(cache=True, nogil=True)
@@ -338,14 +339,14 @@ def surface(solid: Primitives, cell: float, floor_blend: float = 0.004) -> tuple
     start[2] = -2.513 * cell
     counts = np.ceil((solid.high.max(axis=0) + 2 * cell - start) / cell).astype(int) + 1
     values = np.empty(tuple(counts), dtype=np.float32)
-    _fill_grid(solid, start, cell, floor_blend, values)
+    each_range(_fill_grid, len(values), solid, start, cell, floor_blend, values)
     points, quads = surface_nets(values)
     points = start + points * cell
     edges = np.concatenate((quads[:, :2], quads[:, 1:3], quads[:, 2:], quads[:, ::3]))
     degree = np.bincount(edges.ravel(), minlength=len(points))[:, None]
     normals = np.zeros_like(points)
     for relax in (True, True, False):
-        _project(solid, floor_blend, points, 0.1 * cell, 0.5 * cell, normals)
+        each_range(_project, len(points), solid, floor_blend, points, 0.1 * cell, 0.5 * cell, normals)
         if relax:
             mean = np.empty_like(points)
             for a in range(3):
@@ -353,5 +354,5 @@ def surface(solid: Primitives, cell: float, floor_blend: float = 0.004) -> tuple
                 mean[:, a] += np.bincount(edges[:, 1], points[edges[:, 0], a], len(points))
             shift = mean / degree - points
             points += 0.5 * (shift - (shift * normals).sum(axis=1, keepdims=True) * normals)
-    _project(solid, floor_blend, points, 0.02 * cell, 0.5 * cell, normals)
+    each_range(_project, len(points), solid, floor_blend, points, 0.02 * cell, 0.5 * cell, normals)
     return points, split_quads(points, quads)

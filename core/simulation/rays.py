@@ -9,7 +9,8 @@ import numpy as np
 
 from ..mesh import Mesh
 from ..mesh.bvh import STACK, Bvh, build_bvh, raycast_one
-from ..numeric.kernels import njit, prange
+from ..numeric.kernels import njit
+from ..numeric.threads import each_range
 from .props import together
 from .scene import BACKING, GLASS_INDEX, Rig, room_waves
 
@@ -63,7 +64,8 @@ def look(subject: Mesh, rig: Rig, props: Sequence[Mesh] = ()) -> tuple[Sight, Bv
     view, bounces = np.zeros(shape, dtype=np.int8), np.zeros(shape, dtype=np.uint8)
     incidence, point, normal = np.zeros(shape, dtype=np.float32), np.zeros((*shape, 3)), np.zeros((*shape, 3))
     delay = np.zeros(shape)
-    _look(
+    each_range(
+        _look, intrinsics.height,
         bvh, triangles, len(subject.triangles), _vertex_normals(vertices, triangles), colors, _mirror_rows(rig),
         _room_box(rig), room_waves(rig),
         pose[:3, 3].copy(), pose[:3, :3].copy(), intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy,
@@ -98,7 +100,10 @@ def lit(sight: Sight, bvh: Bvh, rig: Rig, baseline: float) -> np.ndarray:
         [-intrinsics.cx / intrinsics.fx, right / intrinsics.fx, -intrinsics.cy / intrinsics.fy, down / intrinsics.fy]
     )
     turn = pose[:3, :3].copy()
-    _light(bvh, _mirror_rows(rig), projector, turn, reach, sight.object, sight.point, sight.normal, light)
+    each_range(
+        _light, len(light), bvh, _mirror_rows(rig), projector, turn, reach, sight.object, sight.point, sight.normal,
+        light,
+    )  # fmt: skip
     return light
 
 
@@ -259,14 +264,14 @@ def _uneven(waves, what, side, room, o, d, t):
     return t
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(cache=True, nogil=True)
 def _look(
-    bvh, triangles, of_body, vertex_normals, vertex_colors, mirrors, room, waves, eye, turn, fx, fy, cx, cy,
+    begin, end, bvh, triangles, of_body, vertex_normals, vertex_colors, mirrors, room, waves, eye, turn, fx, fy, cx, cy,
     depth, kind, index, view, bounces, incidence, color, point, normals, delay,
 ):  # fmt: skip
-    for v in prange(depth.shape[0]):
+    for v in range(begin, end):
         _look_row(
-            np.int64(v), bvh, triangles, of_body, vertex_normals, vertex_colors, mirrors, room, waves, eye, turn, fx,
+            v, bvh, triangles, of_body, vertex_normals, vertex_colors, mirrors, room, waves, eye, turn, fx,
             fy, cx, cy, depth, kind, index, view, bounces, incidence, color, point, normals, delay,
         )  # fmt: skip
 
@@ -369,10 +374,10 @@ def _blocked(bvh, mirrors, a, b, through, stack, d, s0, s1, s2, s3, m):
     return raycast_one(bvh, a[0], a[1], a[2], d[0], d[1], d[2], 1.0 - 1e-6, stack)[1] >= 0
 
 
-@njit(cache=True, nogil=True, parallel=True)
-def _light(bvh, mirrors, projector, turn, reach, kind, point, normals, light):
-    for v in prange(kind.shape[0]):
-        _light_row(np.int64(v), bvh, mirrors, projector, turn, reach, kind, point, normals, light)
+@njit(cache=True, nogil=True)
+def _light(begin, end, bvh, mirrors, projector, turn, reach, kind, point, normals, light):
+    for v in range(begin, end):
+        _light_row(v, bvh, mirrors, projector, turn, reach, kind, point, normals, light)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

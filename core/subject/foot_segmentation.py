@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..numeric.kernels import njit, prange
+from ..numeric.kernels import njit
+from ..numeric.threads import each_range
 from .connected_pixels import Readings
 
 NEAR_FLOOR = 0.12  # readings within this of the floor show how each view sees it [m]
@@ -90,31 +91,32 @@ def standing_pixels(readings: Readings, floor: FloorViews, first: int, highest: 
     seen, depth = readings.seen, readings.depth
     noises = np.maximum(floor.noises, _QUIET)
     bands = np.maximum(6.0 * noises, clearance) + 0.03
-    out, above, near = _above_kernel(
-        readings.points, seen, readings.up, floor.planes, bands, highest, clearance, first
+    height, near = len(seen), np.zeros(len(seen), np.bool_)
+    out, above = np.full(seen.shape, -1, np.int8), np.empty(seen.shape, np.float32)
+    each_range(
+        _above_kernel, height, readings.points, seen, readings.up, floor.planes, bands, highest, clearance, first,
+        out, above, near,
     )  # fmt: skip
-    rows = _pooled_kernel(above, seen, depth, near)
-    kind = _feet_kernel(
-        seen, depth, rows, near, noises, floor.shares, clearance, first, readings.pixel_angle, out
+    rows, kind = np.full(seen.shape, np.inf, np.float32), np.zeros(seen.shape, np.int8)
+    each_range(_pooled_kernel, height, above, seen, depth, near, rows)
+    each_range(
+        _feet_kernel, height, seen, depth, rows, near, noises, floor.shares, clearance, first, readings.pixel_angle,
+        kind, out,
     )  # fmt: skip
     _islands_kernel(seen, kind, near, out)
     _sides_kernel(seen, above, kind, near, noises, first, out)
     return out
 
 
-@njit(cache=True, nogil=True, parallel=True)
-def _above_kernel(points, seen, up, floors, bands, highest, clearance, first):
+@njit(cache=True, nogil=True)
+def _above_kernel(begin, end, points, seen, up, floors, bands, highest, clearance, first, out, above, near):
     """``seen`` where a point is above its view's floor and below ``highest``.
 
     Its height above that floor [m]; and which rows have points within ``bands`` of it. The floors are those of the
     views from ``first`` on.
     """
-    height, width = seen.shape
-    out = np.full(seen.shape, -1, np.int8)
-    above = np.empty(seen.shape, np.float32)
-    near = np.zeros(height, np.bool_)
-    for v in prange(height):
-        for u in range(width):
+    for v in range(begin, end):
+        for u in range(seen.shape[1]):
             k = seen[v, u]
             above[v, u] = np.inf
             if k < first or k >= first + len(floors):
@@ -127,18 +129,16 @@ def _above_kernel(points, seen, up, floors, bands, highest, clearance, first):
                     out[v, u] = k
                 if a < bands[k - first]:
                     near[v] = True
-    return out, above, near
 
 
-@njit(cache=True, nogil=True, parallel=True)
-def _pooled_kernel(above, seen, depth, near):
+@njit(cache=True, nogil=True)
+def _pooled_kernel(begin, end, above, seen, depth, near, out):
     """Median height (H, W) of each pixel's row about it, in rows ``near`` the floor; inf where there is none."""
-    height, width = seen.shape
-    out = np.full(seen.shape, np.inf, np.float32)
-    for v in prange(height):
+    width = seen.shape[1]
+    row = np.empty(2 * ROW + 1, np.float32)
+    for v in range(begin, end):
         if not near[v]:
             continue
-        row = np.empty(2 * ROW + 1, np.float32)
         for u in range(width):
             if above[v, u] > 2.0 * NEAR_FLOOR:
                 continue
@@ -152,18 +152,19 @@ def _pooled_kernel(above, seen, depth, near):
                     row[at] = a
                     n += 1
             out[v, u] = row[n // 2] if n % 2 else 0.5 * (row[n // 2 - 1] + row[n // 2])
-    return out
 
 
-@njit(cache=True, nogil=True, parallel=True)
-def _feet_kernel(seen, depth, rows, near, noises, shares, clearance, first, pixel_angle, out):
-    """Decide anew for pixels near the floor, in ``out``; 1 = the floor's or below it, 2 = near it but a foot's."""
+@njit(cache=True, nogil=True)
+def _feet_kernel(begin, end, seen, depth, rows, near, noises, shares, clearance, first, pixel_angle, kind, out):
+    """Decide anew for pixels near the floor, in ``out``.
+
+    ``kind``: 1 = the floor's or below it, 2 = near it but a foot's.
+    """
     height, width = seen.shape
-    kind = np.zeros(seen.shape, np.int8)
-    for v in prange(height):
+    column = np.empty(2 * _ROWS + 1)
+    for v in range(begin, end):
         if not near[v]:
             continue
-        column = np.empty(2 * _ROWS + 1)
         for u in range(width):
             h = rows[v, u]
             if h == np.inf:
@@ -226,7 +227,6 @@ def _feet_kernel(seen, depth, rows, near, noises, shares, clearance, first, pixe
             mine = hole * foot > floor
             kind[v, u] = 2 if mine else 1
             out[v, u] = k if mine else -1
-    return kind
 
 
 @njit(cache=True, nogil=True)

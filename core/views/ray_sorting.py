@@ -15,7 +15,8 @@ from ..mirrors.glass_kernels import (
     place_on_plane,
     reflected,
 )
-from ..numeric.kernels import njit, prange
+from ..numeric.kernels import njit
+from ..numeric.threads import each_range
 
 
 def sort_rays(
@@ -42,22 +43,21 @@ def sort_rays(
         The readings where they really are.
     """
     limit = depth_limit if depth_limit > 0 else np.inf
-    return _sort_kernel(points, glass_of(mirrors), near, limit)
+    seen, placed = np.full(points.shape[:2], -1, np.int8), np.empty_like(points)
+    each_range(_sort_kernel, len(points), points, glass_of(mirrors), near, limit, seen, placed)
+    return seen, placed
 
 
 _ON_PLANE = 0.01, 0.01  # readings so near to a mirror's plane, times z and [m], are on it: noise
 _FRAME_MARGIN = 0.02  # so far about the glass they are its frame's [m]; farther out they are a wall, seen directly
 
 
-@njit(cache=True, nogil=True, parallel=True)
-def _sort_kernel(points, glass, near, far):
-    height, width = points.shape[:2]
+@njit(cache=True, nogil=True)
+def _sort_kernel(begin, end, points, glass, near, far, seen, placed):
     count = len(glass.planes)
-    seen = np.full((height, width), -1, np.int8)
-    placed = np.empty_like(points)
-    for v in prange(height):
-        at_glass = np.empty(3)
-        for u in range(width):
+    at_glass = np.empty(3)
+    for v in range(begin, end):
+        for u in range(points.shape[1]):
             x, y, z = points[v, u, 0], points[v, u, 1], points[v, u, 2]
             placed[v, u, 0], placed[v, u, 1], placed[v, u, 2] = x, y, z
             if z == 0 or z > far or z < near:
@@ -93,4 +93,3 @@ def _sort_kernel(points, glass, near, far):
                     twice = True
             if not twice:
                 seen[v, u] = which + 1
-    return seen, placed

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...numeric.kernels import njit, prange
+from ...numeric.kernels import njit
 from ...numeric.rotations import to_vectors
+from ...numeric.threads import each_range
 from ..skeleton import BONES, OTHER_SIDE
 from .body_template import BodyState, BodyTemplate, PosedBody, derivatives, moved, posed
 
@@ -111,8 +112,8 @@ def _pairs(body: PosedBody, surface: Surface, bend: float):
     forth, back = np.empty(len(body.points), np.int64), np.empty(len(surface.points), np.int64)
     first = np.column_stack((body.points, bend * body.normals))
     second = np.column_stack((surface.points, bend * surface.normals))
-    _nearest_kernel(first, second, forth)
-    _nearest_kernel(second, first, back)
+    each_range(_nearest_kernel, len(first), first, second, forth)
+    each_range(_nearest_kernel, len(second), second, first, back)
     to_surface = np.linalg.norm(body.points - surface.points[forth], axis=1)
     return to_surface, np.linalg.norm(surface.points - body.points[back], axis=1), forth, back
 
@@ -175,10 +176,10 @@ def _add_prior(information, gradient, state, body, usual) -> None:
     information[np.diag_indices(len(information))] += 1e-9
 
 
-@njit(cache=True, nogil=True, parallel=True)
-def _nearest_kernel(queries, points, nearest):
-    """Index of the nearest of ``points`` (M, 6) for each of ``queries`` (N, 6)."""
-    for i in prange(len(queries)):
+@njit(cache=True, nogil=True)
+def _nearest_kernel(begin, end, queries, points, nearest):
+    """Index of the nearest of ``points`` (M, 6) for some of ``queries`` (N, 6)."""
+    for i in range(begin, end):
         best, found = np.inf, 0
         x, y, z, u, v, w = queries[i]
         for j in range(len(points)):
