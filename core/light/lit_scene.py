@@ -16,7 +16,9 @@ from ..subject.subject_views import Views
 from .irradiance import irradiance, light_sources
 from .local_surface import local_surface
 
-_REFLECTIVITY = 0.85  # of glass in the near infrared, one pass; what it really is goes into the response's weights
+REFLECTIVITY = 0.85
+"""Of glass in the near infrared, one pass; what it really is goes into the response's weights."""
+
 _GAP = 10  # so far the subject goes on where nothing is read [px]
 
 
@@ -38,7 +40,7 @@ class LitScene:
         self.views, self.mirrors = views, mirrors
         self.labels = views.labels
         self.sources = light_sources(mirrors)
-        self.reflectivity = np.full(len(mirrors), _REFLECTIVITY)
+        self.reflectivity = np.full(len(mirrors), REFLECTIVITY)
 
     @cached_property
     def hiding(self) -> tuple[np.ndarray, np.ndarray]:

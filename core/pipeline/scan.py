@@ -22,6 +22,7 @@ from ..depth.noise_estimate import BurstNoise, burst_noise
 from ..depth.sensor_recognition import Principle, measuring_principle
 from ..depth.settings import DepthSettings
 from ..errors import Notice, ReconstructionError
+from ..light.surface_light import LitReadings
 from ..light.two_way_light import (
     TwoWayLight,
     shows_two_way_light,
@@ -78,6 +79,8 @@ class Scan:
         How each camera measures.
     outline : Outline or None
         Of the subject as it is seen directly, where light came two ways.
+    lit : LitReadings or None
+        Its readings as they were read, where light came two ways.
     """
 
     patches: list[Mesh]
@@ -96,6 +99,7 @@ class Scan:
     lit_twice: tuple[float, float] | None = None
     principles: tuple[Principle, ...] = ()
     outline: Outline | None = None
+    lit: LitReadings | None = None
 
     @property
     def timed(self) -> bool | None:
@@ -138,7 +142,7 @@ def scan_steps(
     yield at(0.33), "Finding the subject"
     views = find_subject(image, placed, settings.views, meeting)
     clock.lap("views")
-    light, unlearnt = None, None
+    light, unlearnt, lit = None, None, None
     sought = settings.light.two_ways != "off" and principle.phase is not False
     if sought and shows_two_way_light(image, views, placed, principle.phase is True):
         yield at(0.45), "Undoing light that comes two ways"
@@ -150,7 +154,9 @@ def scan_steps(
         trusted = read.with_depth(np.where(light.spoiled, np.float32(0.0), light.depth))
         image, placed, placement = _aligned(first, trusted, capture, _without_pairs(settings), principle)
         whole = without_delay(read, placed) if image is not trusted else read
-        views = without_spoiled(find_subject(whole, placed, settings.views, meeting), light.spoiled)
+        found = find_subject(whole, placed, settings.views, meeting)
+        lit = LitReadings(RgbdImage(fused, camera), found.labels, light.spoiled, light.response)
+        views = without_spoiled(found, light.spoiled)
     outline = None if light is None else outline_of(fused, views.labels == 0, 0.0, frayed=1)
     depth = image.depth
     clock.lap("light")
@@ -182,7 +188,7 @@ def scan_steps(
     return Scan(
         patches, maps, views.up, views.axis, views.floor, view_names(placed), placed, sensor, warnings, views.limits,
         burst, (camera,), cut,
-        None if light is None else (light.lit_twice_share, light.corrected_share), (principle,), outline,
+        None if light is None else (light.lit_twice_share, light.corrected_share), (principle,), outline, lit,
     )  # fmt: skip
 
 

@@ -15,7 +15,9 @@ from ..capture import Capture
 from ..checks.plausibility import ScanFacts, check_avatar
 from ..checks.view_disagreement import check_seams
 from ..closing.mesh_closing import close_mesh
+from ..closing.reading_fit import fit_to_readings
 from ..hole_filling.foot_hulls import foot_hulls
+from ..light.surface_light import placed_readings
 from ..mesh import Mesh, Texture
 from ..mesh.soundness import mesh_report
 from ..mirror_alignment.seam_alignment import align_seams, mirrored_views, move_views
@@ -178,6 +180,8 @@ def closing_steps(scan: Scan, settings: Settings, clock: Clock) -> Generator[tup
     yield 0.5, "Closing the mesh"
     closing = settings.closing if scan.lit_twice is None else replace(settings.closing, curved=_CURVED)
     closed, notes = close_mesh(open_mesh, scan.maps, scan.up, scan.floor, closing, twin)
+    if scan.lit is not None:
+        closed = fit_to_readings(closed, placed_readings(scan.lit, scan.mirrors), scan.up, scan.floor)
     clock.lap("closing")
 
     yield 0.87, "Checking the result"

@@ -1,0 +1,243 @@
+"""A closed surface that follows the readings once more, where light of two ways falsified them.
+
+What the zipper got was corrected by what readings themselves said of the surface, or left out. The closed surface knows
+better which light reaches it: by that all readings are corrected anew, also those that were left out, and the surface
+is drawn to them, as far as they are certain and agree with it. What is certain already stays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..hole_filling.thin_plate_fairing import neighbours
+from ..light.surface_light import LightOnSurface, PlacedReadings, light_on_surface, shown_surfaces
+from ..mesh import Mesh
+from ..mesh.normals import vertex_normals
+from ..mesh.self_intersections import self_intersections
+from ..numeric.kernels import njit
+
+_FEWEST = 50  # readings that tell the noise of a view
+_LEAST_NOISE, _USUAL_NOISE = 0.001, 0.01  # of a reading, and where too few tell it [m]
+_MAD = 1.4826
+_STEEP = 0.3  # cosine of incidence below which readings count less
+_GRAZING = 0.15  # cosine below which their error across the surface does not get smaller
+_SOLE = 0.012  # surface so low over the floor is flat, and stays [m]
+_CG_ERROR, _CG_ROUNDS = 0.02, 60  # of conjugate gradients
+_REPAIRS = 6  # times that what runs through itself is moved back, a ring more each time
+
+
+@dataclass(frozen=True)
+class ReadingFitSettings:
+    """How a surface follows readings where light comes two ways.
+
+    Parameters
+    ----------
+    rounds : int
+        Each predicts the light anew from the surface of the last.
+    stiffness : float
+        How smooth the displacement is: the square of that by which a vertex may leave the mean of its neighbours [m].
+    certain, free : float
+        How far surface moves that only light of one way reaches, and any other [m]; standard deviations.
+    clean : float
+        Ratio of the other ways' light to the own below which readings are as certain as their noise.
+    outlier : float
+        Deviations from which a reading counts less.
+    farthest : float
+        That surface moves in a round [m].
+    even_normals : int
+        Times that normals are averaged with those around: the noise of a surface is not its shape.
+    """
+
+    rounds: int = 4
+    stiffness: float = 0.00055
+    certain: float = 0.001
+    free: float = 0.03
+    clean: float = 0.02
+    outlier: float = 2.5
+    farthest: float = 0.03
+    even_normals: int = 4
+
+
+DEFAULTS = ReadingFitSettings()
+
+
+def fit_to_readings(
+    mesh: Mesh,
+    readings: PlacedReadings,
+    up: np.ndarray,
+    floor: float | None,
+    settings: ReadingFitSettings = DEFAULTS,
+) -> Mesh:
+    """The mesh drawn along its normals to readings that are corrected by the light which reaches it.
+
+    Minimises Σ w (δ - h)² + |L δ|² / s² + Σ δ² / σ² over the displacement δ of each vertex: h from it to the readings
+    about it, w their certainty (Cauchy's weight, squared, of what lies far off), L the mean of the neighbours less the
+    vertex, and σ by how certain the vertex was.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Closed; camera frame.
+    readings : PlacedReadings
+    up : np.ndarray [shape=(3,)]
+    floor : float or None
+        Height of the floor along ``up`` [m].
+    settings : ReadingFitSettings
+
+    Returns
+    -------
+    Mesh
+        With the triangles of ``mesh``; no more of them run through each other. ``mesh`` itself where the camera's
+        response is not known, or where that cannot be kept.
+
+    Notes
+    -----
+    A round takes O(V + N) for V vertices and N readings, and 30 to 60 steps of conjugate gradients.
+    """
+    if readings.response is None or not len(readings.view):
+        return mesh
+    triangles = np.ascontiguousarray(mesh.triangles, np.int32)
+    first = np.ascontiguousarray(mesh.vertices, np.float64)
+    start, heads = neighbours(triangles, len(first))
+    stiff = 1.0 / settings.stiffness**2
+    held, moved, vertices = np.zeros(0), np.zeros(len(first)), first
+    for _ in range(settings.rounds):
+        normals = even_normals(vertices, triangles, start, heads, settings.even_normals)
+        shown = shown_surfaces(vertices, triangles, readings)
+        light = light_on_surface(readings, vertices, triangles, normals, shown)
+        pull, weight, clean = _pulls(readings, light, triangles, len(first), settings)
+        if not len(held):
+            held = 1.0 / settings.free**2 + _spread_least(clean, start, heads) ** 2 / settings.certain**2
+            if floor is not None:
+                held[first @ up - floor < _SOLE] = 1.0 / settings.certain**2
+        step = _smooth_kernel(start, heads, stiff, weight + held, weight * pull - held * moved, _CG_ERROR, _CG_ROUNDS)
+        step = np.clip(step, -settings.farthest, settings.farthest)
+        moved = moved + step
+        vertices = vertices + step[:, None] * normals
+    return _uncrossed(mesh, vertices, start, heads)
+
+
+def even_normals(
+    vertices: np.ndarray, triangles: np.ndarray, start: np.ndarray, heads: np.ndarray, rounds: int
+) -> np.ndarray:
+    """Unit vertex normals (V, 3), averaged with those of their one-rings ``rounds`` times."""
+    normals = vertex_normals(vertices, triangles)
+    for _ in range(rounds):
+        normals = 0.5 * (normals + _around(normals, start, heads))
+    return normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
+
+
+def _around(values: np.ndarray, start: np.ndarray, heads: np.ndarray) -> np.ndarray:
+    """Mean over the one-ring of each vertex (V, ...)."""
+    count = np.maximum(np.diff(start), 1)
+    total = np.add.reduceat(values[heads], np.minimum(start[:-1], len(heads) - 1), axis=0)
+    return total / (count[:, None] if values.ndim == 2 else count)
+
+
+def _pulls(
+    readings: PlacedReadings, light: LightOnSurface, triangles: np.ndarray, count: int, settings: ReadingFitSettings
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of each vertex: where readings about it lie along its normal [m], their weight [1/m²], which share is clean."""
+    off = light.behind - light.bias
+    alone = light.known & (light.total < settings.clean) & ~readings.spoiled
+    noise = np.full(len(off), _USUAL_NOISE)
+    for view in range(len(readings.sources)):
+        mine = readings.view == view
+        if (mine & alone).sum() > _FEWEST:
+            noise[mine] = max(_MAD * float(np.median(np.abs(off[mine & alone]))), _LEAST_NOISE)
+    noise = np.hypot(noise, light.uncertain)
+    across = np.maximum(light.facing, _GRAZING)
+    weight = np.where(light.known, 1.0 / (noise * across) ** 2, 0.0)
+    weight *= np.clip(light.facing / _STEEP, 0.0, 1.0) / (1.0 + (off / (settings.outlier * noise)) ** 2) ** 2
+    corners = triangles[np.where(light.known, light.triangle, 0)].ravel()
+
+    def total(values: np.ndarray) -> np.ndarray:
+        return np.bincount(corners, (values[:, None] * light.shares).ravel(), minlength=count)
+
+    weights, pulled = total(weight), total(-weight * light.facing * off)
+    every, clean = total(light.known.astype(float)), total((alone & (np.abs(off) < 3.0 * noise)).astype(float))
+    return pulled / np.maximum(weights, 1e-9), weights, clean / np.maximum(every, 1e-9)
+
+
+def _spread_least(share: np.ndarray, start: np.ndarray, heads: np.ndarray) -> np.ndarray:
+    """The share (V,) where it is not larger than around: what borders on the uncertain is less certain."""
+    for _ in range(3):
+        share = np.minimum(share, 0.5 * (share + _around(share, start, heads)))
+    return share
+
+
+def _uncrossed(mesh: Mesh, vertices: np.ndarray, start: np.ndarray, heads: np.ndarray) -> Mesh:
+    """The mesh with ``vertices``, those moved back whose triangles run through others; ``mesh`` if that is in vain."""
+    before, share = np.ascontiguousarray(mesh.vertices, np.float64), np.ones(len(vertices))
+    most = 0
+    for repair in range(_REPAIRS):
+        placed = before + share[:, None] * (vertices - before)
+        pairs = self_intersections(placed, mesh.triangles)
+        if len(pairs) > most and repair == 0:
+            most = len(self_intersections(before, mesh.triangles))
+        if len(pairs) <= most:
+            return replace(mesh, vertices=placed)
+        back = np.zeros(len(share), np.bool_)
+        back[mesh.triangles[np.unique(pairs)]] = True
+        for _ in range(2 * repair + 1):
+            back |= _around(back.astype(float), start, heads) > 0
+        share[back] = 0.0
+        for _ in range(4):
+            share = np.minimum(share, 0.5 * (share + _around(share, start, heads)))
+    return mesh
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _bend(start, heads, values, out):
+    """Mean of the neighbours less the vertex."""
+    for v in range(len(out)):
+        total = 0.0
+        for e in range(start[v], start[v + 1]):
+            total += values[heads[e]]
+        out[v] = total / max(start[v + 1] - start[v], 1) - values[v]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _product(one, other):
+    total = 0.0
+    for v in range(len(one)):
+        total += one[v] * other[v]
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _smooth_kernel(start, heads, stiff, diagonal, rhs, error, rounds):
+    """Solve (stiff LᵀL + D) x = b by conjugate gradients (Hestenes and Stiefel 1952), scaled by the diagonal."""
+    count = len(rhs)
+    x, rest, bent, product = np.zeros(count), rhs.copy(), np.empty(count), np.empty(count)
+    scale = np.empty(count)
+    for v in range(count):
+        scale[v] = 1.0 + diagonal[v] / stiff
+        for e in range(start[v], start[v + 1]):
+            scale[v] += 1.0 / (start[heads[e] + 1] - start[heads[e]]) ** 2
+        scale[v] = 1.0 / (stiff * scale[v])
+    ahead = scale * rest
+    along, size = ahead.copy(), _product(rest, ahead)
+    least = error * error * size
+    for _ in range(rounds):
+        if size <= least:
+            break
+        _bend(start, heads, along, bent)
+        for v in range(count):  # Lᵀ
+            total = 0.0
+            for e in range(start[v], start[v + 1]):
+                w = heads[e]
+                total += bent[w] / (start[w + 1] - start[w])
+            product[v] = stiff * (total - bent[v]) + diagonal[v] * along[v]
+        step = size / _product(along, product)
+        for v in range(count):
+            x[v] += step * along[v]
+            rest[v] -= step * product[v]
+            ahead[v] = scale[v] * rest[v]
+        after = _product(rest, ahead)
+        for v in range(count):
+            along[v] = ahead[v] + after / size * along[v]
+        size = after
+    return x
