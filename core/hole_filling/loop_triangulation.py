@@ -101,38 +101,36 @@ def fill_loops(
     )
 
 
-@njit(cache=True, nogil=True)
-def _rim_normals(vertices, triangles, edges, flat, starts):
-    """Unit normal of the triangle at each loop edge (entry → next entry)."""
+def _rim_normals(
+    vertices: np.ndarray, triangles: np.ndarray, edges: np.ndarray, flat: np.ndarray, starts: np.ndarray
+) -> np.ndarray:
+    """Unit normal (N, 3) of the triangle at each loop edge (entry → next entry)."""
+    after = np.arange(1, len(flat) + 1)
+    after[starts[1:] - 1] = starts[:-1]
     count = len(vertices)
-    of = dict()
-    of[np.int64(-1)] = np.int64(-1)
-    for e in range(len(edges)):
-        of[np.int64(edges[e, 0]) * count + edges[e, 1]] = np.int64(edges[e, 2])
+    known = edges[:, 0].astype(np.int64) * count + edges[:, 1]
+    order = np.argsort(known, kind="stable")
+    wanted = flat.astype(np.int64) * count + flat[after]
+    place = np.searchsorted(known[order], wanted, side="right") - 1
+    edge = order[np.maximum(place, 0)]
+    found = (place >= 0) & (known[edge] == wanted)
+    i, j, k = triangles[edges[edge[found], 2]].T
+    (ax, ay, az), (bx, by, bz) = (vertices[j] - vertices[i]).T, (vertices[k] - vertices[i]).T
+    normal = np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx))
+    length = np.sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]) + 1e-30
     rim = np.zeros((len(flat), 3))
-    for loop in range(len(starts) - 1):
-        n = starts[loop + 1] - starts[loop]
-        for k in range(n):
-            i, j = flat[starts[loop] + k], flat[starts[loop] + (k + 1) % n]
-            key = np.int64(i) * count + j
-            if key in of:
-                t = of[key]
-                nx, ny, nz = _cross(vertices, triangles[t, 0], triangles[t, 1], triangles[t, 2])
-                length = np.sqrt(nx * nx + ny * ny + nz * nz) + 1e-30
-                rim[starts[loop] + k, 0] = nx / length
-                rim[starts[loop] + k, 1] = ny / length
-                rim[starts[loop] + k, 2] = nz / length
+    rim[found] = (normal / length).T
     return rim
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _cross(points, i, j, k):
     ax, ay, az = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
     bx, by, bz = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], points[k, 2] - points[i, 2]
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _edges_between(triangles, on_loop, room):
     """The :mod:`.edge_lists` of the edges between vertices ``on_loop`` (V,) bool, with ``room`` for more."""
     for t in range(len(triangles)):
@@ -147,7 +145,7 @@ def _edges_between(triangles, on_loop, room):
     return edges
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _chords(points, vertex, edges, place, free_space):
     """Which chords i–j, i < j, of a loop of N vertices are edges of the mesh already, bool (N, N).
 
@@ -174,7 +172,7 @@ def _chords(points, vertex, edges, place, free_space):
     return blocked, penalty
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _fill_kernel(vertices, triangles, flat, starts, rim, largest, free_space):
     count = len(vertices)
     on_loop = np.zeros(count, np.bool_)
@@ -189,36 +187,47 @@ def _fill_kernel(vertices, triangles, flat, starts, rim, largest, free_space):
     around = np.empty(2 * len(flat), np.int32)
     around_of = np.empty(2 * len(flat), np.int32)
     n_centers = n_around = 0
+    # Pieces wait one behind the other: entries, and the rim normal of the edge that leaves each, -1 along a chord.
+    waiting, sizes, pending = np.empty((2, 3 * len(flat)), np.int64), np.empty(len(flat) + 1, np.int64), 0
+    held = np.empty((2, len(flat)), np.int64)
     for loop in range(len(starts) - 1):
-        whole = np.arange(starts[loop], starts[loop + 1])
-        edge = whole.copy()  # the rim normal of the edge that leaves each entry, -1 along a chord
-        todo = [(whole, edge)]
-        while len(todo) > 0:
-            piece, edge = todo.pop()
-            n = len(piece)
+        end = starts[loop + 1] - starts[loop]
+        for k in range(end):
+            waiting[0, k] = waiting[1, k] = starts[loop] + k
+        sizes[0], pending = end, 1
+        while pending > 0:
+            pending -= 1
+            n = sizes[pending]
+            end -= n
+            piece, edge = held[0, :n], held[1, :n]
+            for k in range(n):
+                piece[k], edge[k] = waiting[0, end + k], waiting[1, end + k]
             if n > largest:
                 i, j = _best_chord(vertices, flat, piece, edges)
                 if i >= 0:
                     join(flat[piece[i]], flat[piece[j]], *edges)
-                    one_edge = edge[i : j + 1].copy()
-                    one_edge[-1] = -1
-                    two_edge = np.concatenate((edge[j:], edge[: i + 1]))
-                    two_edge[-1] = -1
-                    todo.append((piece[i : j + 1].copy(), one_edge))
-                    todo.append((np.concatenate((piece[j:], piece[: i + 1])), two_edge))
+                    for first, size in ((i, j - i + 1), (j, n - j + i + 1)):
+                        for k in range(size):
+                            waiting[0, end + k], waiting[1, end + k] = piece[(first + k) % n], edge[(first + k) % n]
+                        end += size
+                        waiting[1, end - 1] = -1
+                        sizes[pending] = size
+                        pending += 1
                     continue
-            vertex, points, normals = np.empty(n, np.int32), np.empty((n, 3)), np.zeros((n, 3))
+            vertex, points, normals = np.empty(n, np.int32), np.empty((n, 3)), np.empty((n, 3))
             for k in range(n):
                 vertex[k] = flat[piece[k]]
-                points[k] = vertices[vertex[k]]
-                if edge[k] >= 0:
-                    normals[k] = rim[edge[k]]
+                for c in range(3):
+                    points[k, c] = vertices[vertex[k], c]
+                    normals[k, c] = rim[edge[k], c] if edge[k] >= 0 else 0.0
             blocked, penalty = _chords(points, vertex, edges, place, free_space)
             apex = _weight_kernel(points, normals, blocked, penalty)
             if apex[0, n - 1] >= 0:
-                stack = [(0, n - 1)]
-                while len(stack) > 0:
-                    i, j = stack.pop()
+                chords, depth = np.empty((n, 2), np.int64), 1
+                chords[0, 0], chords[0, 1] = 0, n - 1
+                while depth > 0:
+                    depth -= 1
+                    i, j = chords[depth, 0], chords[depth, 1]
                     if j - i < 2:
                         continue
                     m = apex[i, j]
@@ -226,12 +235,14 @@ def _fill_kernel(vertices, triangles, flat, starts, rim, largest, free_space):
                     n_out += 1
                     join(vertex[i], vertex[m], *edges)
                     join(vertex[m], vertex[j], *edges)
-                    stack.append((i, m))
-                    stack.append((m, j))
+                    chords[depth, 0], chords[depth, 1], chords[depth + 1, 0], chords[depth + 1, 1] = i, m, m, j
+                    depth += 2
             else:
-                center = np.zeros(3)
+                for c in range(3):
+                    centers[n_centers, c] = 0.0
                 for k in range(n):
-                    center += points[k] / n
+                    for c in range(3):
+                        centers[n_centers, c] += points[k, c] / n
                     around[n_around] = vertex[k]
                     around_of[n_around] = n_centers
                     n_around += 1
@@ -239,12 +250,11 @@ def _fill_kernel(vertices, triangles, flat, starts, rim, largest, free_space):
                     out[n_out, 1] = vertex[k]
                     out[n_out, 2] = count + n_centers
                     n_out += 1
-                centers[n_centers] = center
                 n_centers += 1
     return out[:n_out].copy(), centers[:n_centers].copy(), around[:n_around].copy(), around_of[:n_around].copy()
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _best_chord(vertices, flat, piece, edges):
     n = len(piece)
     best, bi, bj = np.inf, -1, -1
@@ -281,8 +291,10 @@ def _weight_kernel(points, rim, blocked, penalty):
     normal = np.zeros((n, n, 3))  # of the triangle that closes the part between i and j
     for i in range(n - 1):
         weight[i, i + 1] = weight[i + 1, i] = 0.0
-        normal[i, i + 1] = rim[i]
-    normal[n - 1, 0] = rim[n - 1]  # of what lies behind the loop's last edge
+        for c in range(3):
+            normal[i, i + 1, c] = rim[i, c]
+    for c in range(3):
+        normal[n - 1, 0, c] = rim[n - 1, c]  # of what lies behind the loop's last edge
     for span in range(2, n):
         for i in range(n - span):
             j = i + span

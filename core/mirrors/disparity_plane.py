@@ -167,8 +167,8 @@ def _largest_change(after, before):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _median(values):
-    """Median of numbers, which change their order. Quickselect: Hoare 1961."""
+def median(values):
+    """Median of numbers, for kernels: they change their order. Quickselect: Hoare 1961."""
     low, high, middle = 0, len(values) - 1, len(values) // 2
     while low < high:
         pivot = values[(low + high) // 2]
@@ -231,7 +231,7 @@ def _fit_pixels(u, v, d, start, started, center, scale, weights, residual, norma
             residual[i] = d[i] - (solution[0] * x + solution[1] * y + solution[2])
         for k in range(len(some)):
             some[k] = abs(residual[k * stride])
-        sigma = _DEVIATION * _median(some) + 1e-9
+        sigma = _DEVIATION * median(some) + 1e-9
         for i in range(count):
             r = residual[i] / (_TUKEY * sigma)
             weights[i] = (1.0 - r * r) ** 2 if abs(r) < 1.0 else 0.0
@@ -284,7 +284,7 @@ def _fit_blocks(pooled, sigma, size, trust, deviation, normal):
         # what the pixels of a block err in common: what their noise does not explain of the blocks' residuals
         for k in range(n):
             some[k] = gap[k] * gap[k] - _MEDIAN * sigma * sigma / pooled[k, 3]
-        common = max(_VARIANCE * _median(some), 0.0)
+        common = max(_VARIANCE * median(some), 0.0)
         _clear(normal, right)
         for k in range(n):
             deviation[k] = np.sqrt(sigma * sigma / pooled[k, 3] + common) + 1e-9

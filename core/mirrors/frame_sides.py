@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..numeric.kernels import njit
+from .disparity_plane import median
 
 WIDEST = 0.15
 """More than a frame is wide [m]: what goes on in its plane is a wall."""
@@ -68,14 +69,14 @@ _FRAME_MET, _LEFT_IMAGE = 1, 2
 _SHADOW = 6  # px without a reading beside an object in front of a mirror are that object's shadow, more are the glass
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _sides_kernel(depth, intrinsics, plane, tolerance, point, basis, rectangle, widest):
     """Inner and outer edges (2, 2), sides that the image cuts off, and the rotation [rad]."""
     inner, outer, cut = np.full((2, 2), np.nan), np.full((2, 2), np.nan), np.zeros((2, 2), np.bool_)
     slope, weight = 0.0, 0.0
     places, edges = np.empty(_LINES), np.empty((_LINES, 2))
     for axis in range(2):
-        low, high = rectangle[1 - axis]
+        low, high = rectangle[1 - axis, 0], rectangle[1 - axis, 1]
         for end in range(2):
             met, gone = 0, 0
             for i in range(_LINES):
@@ -91,24 +92,50 @@ def _sides_kernel(depth, intrinsics, plane, tolerance, point, basis, rectangle, 
             cut[axis, end] = gone > max(2 * met, _LINES // 6)
             if met < max(6, gone // 2):
                 continue
-            x, y = places[:met] - places[:met].mean(), edges[:met, 0]
-            half = met // 2
-            tilt = np.median((y[half : 2 * half] - y[:half]) / (x[half : 2 * half] - x[:half]))
-            level = np.median(y - tilt * x)
-            near = np.abs(y - tilt * x - level) < _STRAY
-            if near.sum() < max(6.0, 0.4 * met):
+            near, tilt, level, middle, width, reach = _side_line(places, edges, met)
+            if near < max(6.0, 0.4 * met):
                 continue
-            inner[axis, end] = level + tilt * (0.5 * (low + high) - places[:met].mean())
-            width = np.median(np.abs(edges[:met, 1] - y)[near])
+            inner[axis, end] = level + tilt * (0.5 * (low + high) - middle)
             outer[axis, end] = inner[axis, end] + (2 * end - 1) * width
             # seen along b a side drifts along a by the tangent of the rotation, the other way round against it
-            share = near.sum() * (x[near].max() - x[near].min()) ** 2
+            share = near * reach**2
             slope += share * (tilt if axis == 1 else -tilt)
             weight += share
     return inner, outer, cut, np.arctan(slope / weight) if weight > 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _side_line(places, edges, met):
+    """Robust line through the inner edges of a side.
+
+    How many are near it, its slope, its level at the mean place, that place; of those near it the frame's median width
+    and how far apart they are.
+    """
+    middle = 0.0
+    for i in range(met):
+        middle += places[i]
+    middle /= met
+    half = met // 2
+    some = np.empty(met)
+    for i in range(half):
+        some[i] = (edges[half + i, 0] - edges[i, 0]) / (
+            (places[half + i] - middle) - (places[i] - middle)
+        )  # of pairs half the side apart: Theil 1950, with fewer pairs
+    tilt = median(some[:half])
+    for i in range(met):
+        some[i] = edges[i, 0] - tilt * (places[i] - middle)
+    level = median(some)
+    near, least, most = 0, np.inf, -np.inf
+    for i in range(met):
+        x, y = places[i] - middle, edges[i, 0]
+        if abs(y - tilt * x - level) < _STRAY:
+            some[near] = abs(edges[i, 1] - y)
+            near += 1
+            least, most = min(least, x), max(most, x)
+    return near, tilt, level, middle, median(some[:near]) if near > 0 else 0.0, most - least
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _walk(depth, intrinsics, plane, tolerance, point, basis, axis, end, extent, place, widest):
     """What a line across a side meets, and the frame's inner and outer edge on it along ``axis`` [m]."""
     height, width = depth.shape

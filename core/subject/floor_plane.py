@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..mirrors.disparity_plane import median
 from ..numeric.kernels import njit
 from ..numeric.point_products import dot
 from .connected_pixels import Pieces, Readings, gather_pixels
@@ -310,14 +311,15 @@ def _near_floor_kernel(
         for i in range(len(some)):
             v, u = some[i] // width, some[i] % width
             p = points[v, u]
-            sample[i] = p
+            for c in range(3):
+                sample[i, c] = p[c]
             n = 0
             for w in range(max(u - ROW, 0), min(u + ROW + 1, width)):
                 q = points[v, w]
                 if seen[v, w] == seen[v, u] and abs(q[2] - p[2]) < 0.1:
                     row[n] = up[0] * (q[0] - p[0]) + up[1] * (q[1] - p[1]) + up[2] * (q[2] - p[2])
                     n += 1
-            medians[i] = np.median(row[:n])
+            medians[i] = median(row[:n])
         samples.append((sample, medians))
     return samples, heights
 
