@@ -3,12 +3,53 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from typing import TypeVar
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
+
+_RANGES = 4
+"""A thread, so that none waits long for one that had the harder part."""
+
+
+def each(function: Callable[[Item], Answer], items: Iterable[Item]) -> list[Answer]:
+    """``[function(item) for item in items]``, on as many threads as there are cores; the first error is raised.
+
+    ``function`` may call this again. It should not call kernels compiled with ``parallel=True``: where numba's threads
+    are its own, those take turns (:mod:`.kernels`).
+    """
+    items = list(items)
+    threads = min(len(items), os.cpu_count() or 1)
+    if threads < 2:
+        return [function(item) for item in items]
+    answers: dict[int, Answer] = {}
+    errors: dict[int, BaseException] = {}
+    waiting, turn = iter(enumerate(items)), threading.Lock()
+
+    def work() -> None:
+        while not errors:
+            with turn:
+                place, item = next(waiting, (-1, None))
+            if place < 0:
+                return
+            try:
+                answers[place] = function(item)  # type: ignore[arg-type]  # there is one
+            except BaseException as error:  # raised below
+                errors[place] = error
+
+    # This thread works too and waits only for those that have begun: where all others are busy, it does it all.
+    helpers = [_pool().submit(work) for _ in range(threads - 1)]
+    work()
+    for helper in helpers:
+        if not helper.cancel():
+            helper.result()
+    if errors:
+        raise errors[min(errors)]
+    return [answers[place] for place in range(len(items))]
 
 
 def each_range(kernel: Callable[..., None], count: int, *arguments: object, least: int = 1) -> None:
@@ -21,19 +62,10 @@ def each_range(kernel: Callable[..., None], count: int, *arguments: object, leas
     each(lambda first: kernel(first, min(first + step, count), *arguments), range(0, count, step))
 
 
-_RANGES = 4
-"""A thread, so that none waits long for one that had the harder part."""
+@cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="mirror_scan")
 
 
-def each(function: Callable[[Item], Answer], items: Iterable[Item]) -> list[Answer]:
-    """``[function(item) for item in items]``, on as many threads as there are cores; the first error is raised.
-
-    ``function`` should not call kernels compiled with ``parallel=True``: where numba's threads are its own, those take
-    turns (:mod:`.kernels`).
-    """
-    items = list(items)
-    threads = min(len(items), os.cpu_count() or 1)
-    if threads < 2:
-        return [function(item) for item in items]
-    with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(function, items))
+if hasattr(os, "register_at_fork"):  # a fork has the pool but not its threads
+    os.register_at_fork(after_in_child=_pool.cache_clear)
