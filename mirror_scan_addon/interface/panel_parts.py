@@ -106,7 +106,8 @@ def progress(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     column = layout.column(align=True)
     column.progress(factor=shown.fraction, text=f"{shown.fraction:.0%}", translate=False)
     sentence(column, say(shown.message) or say("Starting"), "SORTTIME")
-    sentence(column, " ".join(part for part in (shown.left, say("Press Esc to cancel")) if part), "BLANK1")
+    left = say("{left}; press Esc to cancel").format(left=shown.left) if shown.left else say("Press Esc to cancel")
+    sentence(column, left, "BLANK1")
 
 
 def on_one_line(layout: bpy.types.UILayout, text: str) -> None:

@@ -58,7 +58,9 @@ def capture(context: bpy.types.Context) -> State:
 
 
 def mirrors(context: bpy.types.Context) -> State:
-    found = [scan_records.quality_of(item) for item in context.scene.mirror_scan.mirrors]
+    items = context.scene.mirror_scan.mirrors
+    # while frames are clicked, there is one more for the next click
+    found = [scan_records.quality_of(item) for item in items if item.plane or item.message or len(item.picks)]
     if not found:
         return say("none yet"), OPEN
     words = {

@@ -37,7 +37,7 @@ class MIRRORSCAN_PT_main(Panel, bpy.types.Panel):
         if not busy:
             error_box(layout, context)
             _ready_line(layout, context)
-        _one_press(layout, context)
+        _one_press(layout, context, busy)
         progress(layout, context)
         _build(layout, context)
         if not busy:
@@ -55,14 +55,15 @@ def _ready_line(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         row.operator("mirror_scan.stop_getting_ready", text="", icon="X", emboss=False)
 
 
-def _one_press(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+def _one_press(layout: bpy.types.UILayout, context: bpy.types.Context, busy: bool) -> None:
     settings = context.scene.mirror_scan
+    manager = context.window_manager.mirror_scan
     row = layout.row()
     row.scale_y = 1.6
     button = row.operator("mirror_scan.scan_to_avatar", icon="OUTLINER_OB_ARMATURE", text_ctxt=CONTEXT)
     if settings.capture_path and panel_states.cloud_of(context) is None:
         button.filepath = settings.capture_path  # one that was typed
-    if panel_states.cloud_of(context) is None and not job_operators.running(context):
+    if panel_states.cloud_of(context) is None and not busy and not manager.error:
         sentence(layout, say("Choose a capture, or drop one of its files into the viewport"), "INFO")
         layout.operator("mirror_scan.sample_capture", icon=icon_if_wide("OUTLINER_OB_POINTCLOUD"), text_ctxt=CONTEXT)
 

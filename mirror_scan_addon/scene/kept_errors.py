@@ -149,7 +149,10 @@ class Kept(NamedTuple):
     def text(self) -> str:
         """In the user's language."""
         words = WORDS.get(self.kind.name)
-        return without_options(tell(self.notice)) if words is None else words()
+        if words is not None:
+            return words()
+        text = without_options(tell(self.notice))
+        return text[:1].upper() + text[1:] if text.partition(" ")[0].isalpha() else text  # not a file's name
 
     @property
     def mirror(self) -> str:

@@ -10,6 +10,12 @@ pytest.importorskip("bpy")
 
 OPERATORS = {
     "load_capture": {},
+    "scan_to_avatar": {},
+    "make_room": {},
+    "show_setup": {},
+    "finish_picking": {},
+    "stop_getting_ready": {},
+    "dismiss_error": {},
     "record": {"filepath": "/proc/recording"},
     "find_mirrors": {},
     "set_mirror": {"points": "[[100, 100], [200, 100], [100, 200]]"},

@@ -225,7 +225,7 @@ def test_the_bar_of_a_job_stands_in_the_panel_that_is_always_open(bpy, loaded, m
     progress.operator = "mirror_scan.build_avatar"
     assert {name for name in PANELS if ("progress", "25%") in draw(bpy, name)} == {"main"}
     shown = words(draw(bpy, "main"))
-    assert "Zippering" in shown and "about 12 s left" in shown and "Press Esc" in shown
+    assert "Zippering" in shown and "about 12 s left" in shown and "press Esc" in shown
     progress.operator = ""  # it is over, and a file browser is open: that is no bar
     assert ("progress", "25%") not in draw(bpy, "main")
 
