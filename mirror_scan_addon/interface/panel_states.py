@@ -7,7 +7,9 @@ when they change.
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable
+from typing import TypeVar
 
 import bpy
 
@@ -19,6 +21,7 @@ from .panel_parts import on_one_line
 DONE, OPEN, WRONG = "CHECKMARK", "DOT", "ERROR"
 """Icons in front of a step."""
 
+Answer = TypeVar("Answer")
 State = tuple[str, str]
 """What a step says, and its icon."""
 
@@ -38,10 +41,36 @@ def report_of(avatar: bpy.types.Object | None) -> dict | None:
     return _reports[uid][1]
 
 
+FEW, LOOK_S = 100, 1.0
+"""Objects of a scene that are looked through at every redraw; the seconds for which an answer of more is taken."""
+
+_answers: dict[str, tuple[tuple, float, object]] = {}  # what was found out about a large scene, and when
+
+
+def looked_up(name: str, context: bpy.types.Context, find: Callable[[], Answer]) -> Answer:
+    """What ``find`` finds out by looking through all objects of the scene: at once in a scene of a few, else not more
+    often than :data:`LOOK_S`. The answer must be no object: that may be gone a moment later."""
+    scene = context.scene
+    if len(scene.objects) <= FEW:
+        return find()
+    key = scene.session_uid, len(scene.objects)
+    if name not in _answers or _answers[name][0] != key or time.monotonic() - _answers[name][1] > LOOK_S:
+        _answers[name] = key, time.monotonic(), find()
+    return _answers[name][2]
+
+
 def shown_avatar(context: bpy.types.Context) -> bpy.types.Object | None:
     """The active avatar, else the newest of the scene; None when there is none."""
-    person = scan_records.person_of(context)
-    return person if person is not None and REPORT in person else None
+    active = context.object
+    if active is not None and REPORT in active:
+        return active
+
+    def newest() -> str:
+        person = scan_records.person_of(context)
+        return person.name if person is not None and REPORT in person else ""
+
+    found = context.scene.objects.get(looked_up("avatar", context, newest))
+    return found if found is not None and REPORT in found else None
 
 
 def cloud_of(context: bpy.types.Context) -> bpy.types.Object | None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import bpy
 
 from ..background import getting_ready, job_operators
@@ -13,10 +11,6 @@ from . import panel_states
 from .menus import draw_header_buttons
 from .panel_errors import error_box
 from .panel_parts import NARROW, Panel, icon_if_wide, progress, sentence, width
-
-LOOK_S = 1.0  # how often at most it is looked for objects in the way: a scene may hold thousands
-
-_in_the_way: list[tuple] = []  # the last answer: key, when, count
 
 
 class MIRRORSCAN_PT_main(Panel, bpy.types.Panel):
@@ -79,11 +73,11 @@ def _build(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 def _room(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """Buttons that hide what is in the way, and show what was hidden."""
     row = layout.row(align=True)
-    count = _count_in_the_way(context)
+    count = panel_states.looked_up("in the way", context, lambda: _count_in_the_way(context))
     if count:
         text = say("Hide 1 Object in the Way") if count == 1 else say("Hide {count} Objects in the Way")
         row.operator("mirror_scan.make_room", text=text.format(count=count), icon="HIDE_ON", translate=False)
-    elif hidden := len(room.hidden(context.scene)):
+    elif hidden := panel_states.looked_up("hidden", context, lambda: len(room.hidden(context.scene))):
         text = say("Show 1 Hidden Object") if hidden == 1 else say("Show {count} Hidden Objects")
         button = row.operator("mirror_scan.make_room", text=text.format(count=hidden), icon="HIDE_OFF", translate=False)
         button.show = True
@@ -96,14 +90,9 @@ def _room(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def _count_in_the_way(context: bpy.types.Context) -> int:
-    """How many objects hide the person; looked for at most once in :data:`LOOK_S`."""
-    scene, person = context.scene, scan_records.person_of(context)
-    if person is None:
-        return 0
-    key = scene.session_uid, person.session_uid, len(scene.objects)
-    if not _in_the_way or _in_the_way[0][0] != key or time.monotonic() - _in_the_way[0][1] > LOOK_S:
-        _in_the_way[:] = [(key, time.monotonic(), len(room.in_the_way(scene, context.view_layer, person)))]
-    return _in_the_way[0][2]
+    """How many objects hide the person."""
+    person = panel_states.shown_avatar(context) or panel_states.cloud_of(context)
+    return 0 if person is None else len(room.in_the_way(context.scene, context.view_layer, person))
 
 
 def _next_steps(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

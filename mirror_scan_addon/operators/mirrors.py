@@ -9,7 +9,7 @@ from bpy.props import FloatVectorProperty, IntProperty, StringProperty
 from ...core.errors import MirrorError, OutputError
 from ..background import job_operators
 from ..language.texts import CONTEXT, say, tell
-from ..scene import scan_records
+from ..scene import kept_errors, scan_records
 
 
 class _MirrorOperator(job_operators.JobOperator):
@@ -222,6 +222,7 @@ class MIRRORSCAN_OT_remove_mirror(bpy.types.Operator):
         settings.mirrors.remove(index)
         settings.mirror_index = max(0, min(settings.mirror_index, len(settings.mirrors) - 1))
         _forget_views(context.scene)
+        kept_errors.forget(context, self)
         return {"FINISHED"}
 
 
@@ -240,6 +241,7 @@ class MIRRORSCAN_OT_clear_mirrors(bpy.types.Operator):
         settings.mirrors.clear()
         settings.mirror_index = 0
         _forget_views(context.scene)
+        kept_errors.forget(context, self)
         return {"FINISHED"}
 
 

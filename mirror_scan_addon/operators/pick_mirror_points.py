@@ -11,7 +11,7 @@ from ..interface import overlay
 from ..interface.aiming import NAVIGATION, Aim, region_under
 from ..interface.viewport import look_at_whole_capture
 from ..language.texts import CONTEXT, say, tell
-from ..scene import scan_records
+from ..scene import kept_errors, scan_records
 
 GRAB_PX = 12.0  # how far from the mouse a pick can be grabbed [px at 100 % scale]
 FRAME_M = 0.12  # how far outside of the glass, and of its plane, a frame may reach [m]
@@ -363,6 +363,8 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         point_cloud.forget_values(point_cloud.cloud_of(context.scene).data, point_cloud.VIEW, point_cloud.HEIGHT)
         scan_records.forget_subject(settings)
         self._end(context)
+        if not any(record["message"] for record in kept):
+            kept_errors.forget(context, self)
         for record in kept:
             if record["message"]:
                 self.report({"WARNING"}, record["message"])

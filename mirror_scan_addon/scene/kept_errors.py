@@ -131,7 +131,15 @@ _MAY_FAIL_BY: dict[str, tuple[set[str] | None, Kind]] = {
 """By operator: the topics of what it may fail by, and the kind of what is not recognised. Others work on an avatar."""
 
 _CAPTURE = {"load_capture", "scan_to_avatar", "record", "simulate"}
-_MIRRORS = {"find_mirrors", "set_mirror", "pick_mirror_points", "use_rig", "calibrate_rig"}
+_MIRRORS = {
+    "find_mirrors",
+    "set_mirror",
+    "remove_mirror",
+    "clear_mirrors",
+    "pick_mirror_points",
+    "use_rig",
+    "calibrate_rig",
+}
 _SETTLED = {"find_subject": {"subject"}, "build_avatar": {"capture", "mirrors", "subject", "build"},
             "check": {"avatar"}} | {name: {"mirrors"} for name in _MIRRORS}  # fmt: skip
 """By operator, the topics that its success settles, besides its own errors; a loaded capture settles all."""

@@ -230,6 +230,10 @@ def test_a_mirror_that_is_not_placed_is_removed_or_found(bpy, loaded):
     mirror = bpy.context.scene.mirror_scan.mirrors[0]
     mirror.plane, mirror.message = "", f"{mirror.name}: the 3 frame points lie on one line; pick more"
     assert fails(bpy, "build_avatar") == "mirror"
+    before = bpy.context.window_manager.mirror_scan.error
+    assert bpy.ops.mirror_scan.remove_mirror(index=0) == {"FINISHED"}
+    assert bpy.context.window_manager.mirror_scan.error == "" and len(bpy.context.scene.mirror_scan.mirrors) == 1
+    bpy.context.window_manager.mirror_scan.error = before
     assert bpy.ops.mirror_scan.find_mirrors() == {"FINISHED"}
     assert bpy.context.window_manager.mirror_scan.error == ""  # its cause is gone
     assert bpy.ops.mirror_scan.build_avatar() == {"FINISHED"}

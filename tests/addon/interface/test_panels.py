@@ -241,3 +241,26 @@ def test_while_frames_are_clicked_the_panel_says_how(bpy, loaded):
     finally:
         shown.picking = shown.picked = False
     assert not bpy.ops.mirror_scan.finish_picking.poll()
+
+
+def test_a_large_scene_is_not_looked_through_at_every_redraw(bpy, monkeypatch):
+    from mirror_scan.mirror_scan_addon.interface import panel_states
+    from mirror_scan.mirror_scan_addon.scene import scan_records
+
+    looks: list[bool] = []
+    inner = scan_records.person_of
+    monkeypatch.setattr(scan_records, "person_of", lambda context: looks.append(True) or inner(context))
+    monkeypatch.setattr(panel_states, "_answers", {})
+    draw(bpy, "main")
+    few = len(looks)
+    assert few > 1
+    for _ in range(panel_states.FEW + 1):
+        bpy.context.collection.objects.link(bpy.data.objects.new("Empty", None))
+    looks.clear()
+    monkeypatch.setattr(panel_states, "LOOK_S", 60.0)
+    for _ in range(5):
+        draw(bpy, "main")
+    assert len(looks) == 1
+    bpy.context.collection.objects.link(bpy.data.objects.new("Empty", None))  # another scene now
+    draw(bpy, "main")
+    assert len(looks) == 2
