@@ -38,7 +38,8 @@ class QualitySettings:
         Of a mirror that stands: angle between its plane and the vertical, where a floor tells it, and where the camera
         is taken to stand level for want of one [degrees].
     fewest_shown : int
-        Of every third reading in its glass, as many must lie on something that is seen directly as well.
+        Of every third reading in its glass, as many must lie on something that is seen directly as well. Where no
+        mirror shows so many, nobody is there: that is no mirror's fault.
     """
 
     good_error: float = 0.003
@@ -96,6 +97,7 @@ def judge_mirrors(
     up, known = _vertical(image)
     model = SENSORS.get(sensor)
     told = [*picks, *([None] * (len(mirrors) - len(picks)))]
+    empty = not any(_shows_somebody(image, mirror, settings) for mirror in mirrors)  # a rig, perhaps, and nobody in it
     found = []
     for k, mirror in enumerate(mirrors):
         others = [*mirrors[:k], *mirrors[k + 1 :]]
@@ -110,7 +112,13 @@ def judge_mirrors(
                 name=mirror.name, lean=lean, mirrors=[mirror.name],
             )  # fmt: skip
         else:
-            wrong = _contradiction(image, mirror, others, settings) or _about_frame(mirror, error, noise, settings)
+            wrong = _contradiction(image, mirror, others) or _about_frame(mirror, error, noise, settings)
+            if wrong is None and not empty and not _shows_somebody(image, mirror, settings):
+                wrong = Notice(
+                    "{name}: the person is not seen in it, as in another mirror; turn it until the camera sees the "
+                    "person's back in it, or remove it from the list",
+                    name=mirror.name, mirrors=[mirror.name],
+                )  # fmt: skip
         points = told[k]
         if wrong is not None and points is not None:
             wrong = swapped_points(image, points, settings) or wrong
@@ -118,6 +126,12 @@ def judge_mirrors(
             found.append(MirrorQuality(WRONG, wrong, error, noise))
             continue
         doubt = _doubt(mirror, error, noise, settings)
+        if empty and glass_evidence(image, mirror) is not None:
+            doubt = Notice(
+                "{name}: nobody is seen in it, nor in another mirror; that does for a rig file, but an avatar needs "
+                "the person's back in it",
+                name=mirror.name, mirrors=[mirror.name],
+            )  # fmt: skip
         found.append(MirrorQuality(GOOD if doubt is None else USABLE, doubt, error, noise))
     return found
 
@@ -148,7 +162,7 @@ def swapped_points(
         return None
     up, known = _vertical(image)
     leans = abs(float(mirror.normal @ up)) > np.sin(np.radians(settings.lean if known else settings.lean_unseen))
-    if leans or _contradiction(image, mirror, (), settings) is not None:
+    if leans or not _shows_somebody(image, mirror, settings) or _contradiction(image, mirror, ()) is not None:
         return None
     return Notice(
         "{name}: rows and columns of its points are swapped: a point is [column, row], counted from the image's left "
@@ -175,26 +189,21 @@ def _noise(image: RgbdImage, mirror: Mirror, model: NoiseModel | None) -> float:
     return max(by_frame, 0.0 if model is None else float(model.sigma(abs(mirror.point[2]), image.intrinsics.fx)))
 
 
-def _contradiction(
-    image: RgbdImage, mirror: Mirror, others: Sequence[Mirror], settings: QualitySettings
-) -> Notice | None:
-    """What the picture has against a mirror that stands, if anything."""
+def _shows_somebody(image: RgbdImage, mirror: Mirror, settings: QualitySettings) -> bool:
+    """Whether enough of what is seen in a mirror lies, flipped over its plane, on what the camera sees as well."""
     evidence = glass_evidence(image, mirror)
-    if evidence is None:  # its glass is not known
+    return evidence is None or evidence.shown >= settings.fewest_shown  # of a glass that is not known nothing is said
+
+
+def _contradiction(image: RgbdImage, mirror: Mirror, others: Sequence[Mirror]) -> Notice | None:
+    """What the picture has against a mirror that stands, if anything."""
+    if mirror.source == "found" or not contradicted(image, mirror, others):
         return None
-    if mirror.source != "found" and contradicted(image, mirror, others):
-        return Notice(
-            "{name}: this is no mirror: almost no frame lies in its plane, or what is seen in it would be where the "
-            "camera sees empty space; find the mirrors, or pick points on its frame only",
-            name=mirror.name, mirrors=[mirror.name],
-        )  # fmt: skip
-    if evidence.behind + evidence.unread > 0 and evidence.shown < settings.fewest_shown:
-        return Notice(
-            "{name}: the person is not seen in it; turn the mirror until the camera sees the person's back in it, or "
-            "remove it from the list",
-            name=mirror.name, mirrors=[mirror.name],
-        )  # fmt: skip
-    return None
+    return Notice(
+        "{name}: this is no mirror: almost no frame lies in its plane, or what is seen in it would be where the camera "
+        "sees empty space; find the mirrors, or pick points on its frame only",
+        name=mirror.name, mirrors=[mirror.name],
+    )  # fmt: skip
 
 
 def _about_frame(mirror: Mirror, error: float, noise: float, settings: QualitySettings) -> Notice | None:

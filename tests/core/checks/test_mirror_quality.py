@@ -83,8 +83,19 @@ def test_a_mirror_that_lies_or_shows_nobody_is_wrong(azure):
     assert right.word == "good" and lying.word == "wrong" and "upright" in lying.reason
     assert lying.reason.mirrors == ("floor",)
     turned = moved(mirrors[0], np.array((0.35, 0.0, 0.0)))  # about its own vertical, by 20°: it shows the wall
-    (quality,) = judge_mirrors(image, [turned], (), "azure_kinect")
+    quality, other = judge_mirrors(image, [turned, mirrors[1]], (), "azure_kinect")
     assert quality.word == "wrong" and ("not seen" in quality.reason or "no mirror" in quality.reason)
+    assert other.word == "good"
+
+
+def test_where_nobody_is_no_mirror_is_at_fault():
+    """An empty room, of which a rig file is made."""
+    body = mannequin()
+    away = replace(body, vertices=body.vertices - (0, 30.0, 0))
+    capture = simulate(away, default_rig(sensor="azure_kinect", mirrors=2, frames=2, seed=1)).capture
+    image = RgbdImage(one_depth_map(capture)[0], capture.intrinsics)
+    for quality in judge_mirrors(image, placed(image, capture.mirrors), capture.mirrors, "azure_kinect"):
+        assert quality.word == "usable" and "nobody is seen" in quality.reason
 
 
 def test_an_uncertain_plane_is_told_in_millimetres(azure):
@@ -107,5 +118,5 @@ def test_without_readings_nothing_is_claimed(azure):
     image, picks = azure
     empty = RgbdImage(np.zeros_like(image.depth), image.intrinsics)
     for quality in judge_mirrors(empty, placed(image, picks), picks, "unknown"):
-        assert quality.word == "wrong"  # nobody can be seen where nothing is read
+        assert quality.word != "good"  # nobody can be seen where nothing is read
     assert judge_mirrors(empty, []) == []
