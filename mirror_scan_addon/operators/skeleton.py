@@ -55,7 +55,7 @@ class MIRRORSCAN_OT_add_skeleton(job_operators.JobOperator, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
         from ...core.avatar.skeleton import BONES
-        from ..scene import armature, avatar_objects, avatar_texture, rig_controls
+        from ..scene import armature, avatar_objects, avatar_texture, rig_controls, scan_collections
 
         avatar = avatar_objects.avatar_of(self._uid)
         if len(result.mesh.vertices) != len(avatar.data.vertices):
@@ -64,13 +64,12 @@ class MIRRORSCAN_OT_add_skeleton(job_operators.JobOperator, bpy.types.Operator):
             if result.texture is not None:
                 avatar_texture.put_uv(avatar.data, result.texture, material)
         with armature.object_mode(context, target):
-            bones = armature.add_armature(
-                avatar, result.skeleton, result.weights, _own_collection(avatar, target), self._size
-            )
+            home = _own_collection(avatar, target)
+            bones = armature.add_armature(avatar, result.skeleton, result.weights, home, self._size)
             if self.controls:
                 rig_controls.add_controls(bones)
             if self.metarig:
-                rig_controls.add_metarig(avatar, result.skeleton, self._size)
+                scan_collections.move_to(rig_controls.add_metarig(avatar, result.skeleton, self._size), home)
         if target == context.scene:
             avatar_objects.select_only(context, avatar)
         unsure = [name for name, known in zip(BONES, result.skeleton.confidence, strict=True) if known < UNSURE]
@@ -162,10 +161,13 @@ def _own_collection(avatar: bpy.types.Object, target: bpy.types.Scene) -> bpy.ty
 
     scan = scan_collections.scan_around(avatar, target)
     if scan is not None and not scan_collections.is_version(avatar):
-        return scan_collections.part_of(scan, scan_collections.RIG)
+        home = scan_collections.part_of(scan, scan_collections.RIG)
+        for layer in target.view_layers:
+            scan_collections.show_in_layer(home, layer)
+        return home
     collection = bpy.data.collections.new(f"{avatar.name} Skeleton")
-    home = next((owner for owner in avatar.users_collection if owner in target.collection.children_recursive), None)
-    (home or target.collection).children.link(collection)
+    beside = next((owner for owner in avatar.users_collection if owner in target.collection.children_recursive), None)
+    (beside or target.collection).children.link(collection)
     return collection
 
 

@@ -43,12 +43,15 @@ def scan_of(scene: bpy.types.Scene, path: str, name: str) -> bpy.types.Collectio
     found = find_scan(scene, path, name)
     if found is not None:
         return found
-    root = next(_ours(scene, ROOT), None)
-    if root is None:
-        root = _made("Mirror Scan", ROOT, scene.collection)
-    scan = _made(_free_name(name[:_LONGEST].strip() or "Scan"), SCAN, root)
+    scan = _made(_free_name(name[:_LONGEST].strip() or "Scan"), SCAN, root_of(scene))
     scan[KEY] = path or name
     return scan
+
+
+def root_of(scene: bpy.types.Scene) -> bpy.types.Collection:
+    """The scene's collection *Mirror Scan*, made if there is none."""
+    found = next(_ours(scene, ROOT), None)
+    return _made("Mirror Scan", ROOT, scene.collection) if found is None else found
 
 
 def find_scan(scene: bpy.types.Scene, path: str, name: str) -> bpy.types.Collection | None:
@@ -93,11 +96,14 @@ def move_to(item: bpy.types.Object, collection: bpy.types.Collection) -> None:
 
 
 def show_in_layer(collection: bpy.types.Collection, layer: bpy.types.ViewLayer) -> None:
-    """Have a view layer include a collection: who makes something wants to see it."""
-    above = _way_to(layer.layer_collection, collection)
-    for item in above:
+    """Have a view layer include and show a collection: who makes something wants to see it, and bones can be made in
+    what is shown only."""
+    for item in _way_to(layer.layer_collection, collection):
         if item.exclude:
             item.exclude = False
+        item.hide_viewport = False
+        if item.collection.hide_viewport and item.collection.is_editable:
+            item.collection.hide_viewport = False
 
 
 def tidy(scene: bpy.types.Scene) -> None:

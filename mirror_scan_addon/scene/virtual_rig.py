@@ -17,6 +17,7 @@ from ...core.mesh import Mesh
 from ..language.texts import say
 from .avatar_objects import discard_on_error
 from .report_text import mirror_label
+from .scan_collections import root_of
 from .units import metres_per_unit
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ def add_objects(scene: bpy.types.Scene, rig: Rig) -> list[bpy.types.Object]:
             objects.append(glass)
         for item in objects:
             collection.objects.link(item)
-        scene.collection.children.link(collection)
+        root_of(scene).children.link(collection)
         scene.camera = camera
     return objects
 

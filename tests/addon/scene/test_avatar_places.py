@@ -174,6 +174,28 @@ def test_a_skeleton_stands_in_the_collection_of_the_rig_and_goes_with_its_avatar
     assert hat.parent == again and (hat.matrix_world.translation - stood).length < 1e-5
 
 
+def test_collections_that_are_hidden_or_excluded_show_what_is_made(bpy, build, person):
+    def layer_of(collection, layer=None):
+        layer = layer or bpy.context.view_layer.layer_collection
+        if layer.collection == collection:
+            return layer
+        return next(filter(None, (layer_of(collection, child) for child in layer.children)), None)
+
+    avatar = build("anna")
+    empty = bpy.data.objects.new("Keeps it", None)
+    rig(bpy, avatar, person)
+    home = bpy.data.collections["anna Rig"]
+    home.objects.link(empty)
+    avatar = build("anna")
+    layer_of(home).exclude = True
+    assert rig(bpy, avatar, person).name in bpy.context.view_layer.objects
+    build("anna")
+    home.hide_viewport = layer_of(home).hide_viewport = True
+    assert rig(bpy, avatar, person).visible_get()
+    layer_of(bpy.data.collections["Mirror Scan"]).exclude = True
+    assert build("ben").visible_get()
+
+
 def test_a_version_keeps_its_skeleton(bpy, build, person):
     avatar = build("anna")
     bones = rig(bpy, avatar, person)
