@@ -114,7 +114,7 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
         settings.problem_index = 0
         capture_source.keep_source(avatar, *self._built_from, result.mirrors, self._source["name"])
         points = point_cloud.cloud_of(target)
-        camera_to_avatar = np.array(result.report.get("camera_to_avatar", np.eye(4)))
+        camera_to_avatar = np.array(result.report.get("camera_to_avatar") or np.eye(4))
         if self._aligns and points is not None and points.library is None:
             point_cloud.place(points, avatar_places.pose_of(avatar, target, unit) @ camera_to_avatar, unit)
             settings.show_cloud = False  # the points lie on the avatar now and would hide it

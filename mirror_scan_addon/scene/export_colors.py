@@ -11,14 +11,16 @@ from ...core.numeric.srgb import to_linear
 from .avatar_objects import COLOR, DERIVED, MATERIAL_TAG, OWNER, avatar_material, new_material, set_colors, show_colors
 from .avatar_texture import UV_MAP, baked_material, material_of
 from .scan_records import TEXTURED
+from .virtual_rig import COVERAGE
 
-OURS = (COLOR, *DERIVED.values())
+MADE_TO_SHOW = (*DERIVED.values(), COVERAGE)
+OURS = (COLOR, *MADE_TO_SHOW)
 """Names of colour attributes that Mirror Scan makes."""
 
 
 def shows_otherwise(avatar: bpy.types.Object) -> bool:
     """Whether a mesh object has colours of ours other than the capture's."""
-    return any(name in avatar.data.color_attributes for name in DERIVED.values())
+    return any(name in avatar.data.color_attributes for name in MADE_TO_SHOW)
 
 
 def keep_colors(copy: bpy.types.Object, as_shown: bool = False) -> None:

@@ -279,6 +279,16 @@ def test_scripts_and_the_command_line_write_them_too(bpy, mesh, tmp_path, ending
     np.testing.assert_array_equal(texels_shown(item), truth_at(mesh, corners_of(item)[0]))
 
 
+@pytest.mark.parametrize("ending", ["glb", "ply", "fbx", "blend"])
+def test_what_a_virtual_scan_showed_on_it_stays_here(bpy, avatar, mesh, tmp_path, ending):
+    from mirror_scan.mirror_scan_addon.scene import avatar_objects, virtual_rig
+
+    avatar_objects.set_colors(avatar.data, virtual_rig.COVERAGE, 255 - mesh.colors, "POINT")
+    avatar_objects.show_colors(avatar, virtual_rig.COVERAGE)
+    item = imported(bpy, exported(bpy, tmp_path / f"a.{ending}"))
+    np.testing.assert_array_equal(stored_colors(item), truth_at(mesh, corners_of(item)[0]))
+
+
 def test_what_a_user_made_is_left_alone(bpy, avatar, mesh, tmp_path):
     """A UV map and a material of his own; and a mesh of one colour needs no image."""
     material = bpy.data.materials.new("Mine")
