@@ -35,7 +35,7 @@ def problem_report(context: bpy.types.Context) -> str:
     if report is None:
         return "\n".join([*lines, "  none in this scene"])
     lines += [f"  {line}" for line in figures(report)]
-    told = [last_problem.without_names(str(warning)) for warning in report.get("warnings", ())]
+    told = [last_problem.without_names(warning) for warning in report.get("warnings", ()) if isinstance(warning, str)]
     return "\n".join([*lines, *(f"  warning: {text or 'not one of ours'}" for text in told)])
 
 
