@@ -43,6 +43,8 @@ OPERATORS = {
     "mark_as_asset": {},
     "export_avatar": {"filepath": "/proc/avatar.glb"},
     "simulate": {"frames": 1, "filepath": "/proc/scan"},
+    "report_problem": {},
+    "clear_compiled_code": {},
     # last, since these may well be possible
     "remove_mirror": {},
     "clear_mirrors": {},
@@ -221,7 +223,8 @@ def test_every_poll_answers_quickly_with_a_bool(bpy):
 
 
 def test_every_operator_is_listed_here(bpy):
-    assert set(dir(bpy.ops.mirror_scan)) - {"add_quality_preset"} == set(OPERATORS)
+    elsewhere = {"add_quality_preset", "help", "sample_capture"}  # Blender's; opens a browser; takes its time
+    assert set(dir(bpy.ops.mirror_scan)) - elsewhere == set(OPERATORS)
 
 
 def test_what_is_no_cloud_survives_the_next_capture(bpy, capsule, tmp_path):

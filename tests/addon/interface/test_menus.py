@@ -121,3 +121,42 @@ def test_somebody_else_s_compiled_code_is_not_touched(bpy, tmp_path, monkeypatch
     with pytest.raises(RuntimeError, match="NUMBA_CACHE_DIR"):
         bpy.ops.mirror_scan.clear_compiled_code()
     assert (tmp_path / "kernel.nbi").exists()
+
+
+def test_help_opens_a_page_that_is_there(bpy, monkeypatch):
+    """The browser is Blender's to start; here only what it would be given is looked at."""
+    import webbrowser
+    from pathlib import Path
+    from urllib.parse import unquote, urlparse
+
+    opened = []
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    from mirror_scan.mirror_scan_addon.operators.help import PAGES
+
+    for name, *_ in PAGES:
+        assert bpy.ops.mirror_scan.help(page=name) == {"FINISHED"}
+    assert bpy.ops.mirror_scan.help() == {"FINISHED"}
+    assert len(opened) == len(PAGES) + 1 and "blender" in opened[-1]
+    for url in opened:
+        assert urlparse(url).scheme == "file" and Path(unquote(urlparse(url).path)).is_file()
+
+
+def test_a_copy_without_help_says_so(bpy, monkeypatch, tmp_path):
+    from mirror_scan.mirror_scan_addon.operators import help
+
+    monkeypatch.setattr(help, "ADDON_FOLDER", tmp_path)
+    monkeypatch.setattr(help, "ROOT_FOLDER", tmp_path)
+    with pytest.raises(RuntimeError, match="no help pages; install"):
+        bpy.ops.mirror_scan.help()
+
+
+def test_exports_and_textures_begin_where_preferred(bpy, preferences, capsule, tmp_path, monkeypatch):
+    from mirror_scan.mirror_scan_addon.operators import export_avatar
+    from mirror_scan.mirror_scan_addon.scene.preferred import drop_makes, preferred
+
+    preferences.export_folder = str(tmp_path)
+    assert export_avatar.preferred("export_folder") == str(tmp_path)
+    assert [drop_makes(what) for what in ("AVATAR", "LOOK")] == [True, True]
+    preferences.on_drop = "LOOK"
+    assert [drop_makes(what) for what in ("AVATAR", "LOOK")] == [False, True]
+    assert preferred("on_drop") == "LOOK"
