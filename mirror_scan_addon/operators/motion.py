@@ -91,7 +91,7 @@ class MIRRORSCAN_OT_apply_motion(job_operators.FileJobOperator, bpy.types.Operat
             source = scan_records.absolute(self.filepath)
             ending = os.path.splitext(source)[1].lower()
             if ending not in SUFFIXES:
-                text = say("{path}: is no motion file that is read; choose a BVH or FBX file")
+                text = say("{path}: is not a motion file; choose a BVH or FBX file")
                 raise CaptureError(text.format(path=source))
             if ending == ".fbx":
                 from ..scene.fbx_motion import read_fbx_motion
