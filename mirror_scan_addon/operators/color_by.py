@@ -75,7 +75,8 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
                 text = say("{name} has no such data; select an avatar that Mirror Scan built")
                 raise OutputError(text.format(name=avatar.name))
             if self.mode == "KIND" and (values.min() < 0 or values.max() > 2):
-                raise OutputError(say("{name}: what it remembers of how its surface was made is damaged; build it again").format(name=avatar.name))
+                text = say("{name}: what it remembers of how its surface was made is damaged; build it again")
+                raise OutputError(text.format(name=avatar.name))
             colors = colors_of(values)
             if domain == "FACE":  # Blender keeps the colours of a face at its corners
                 totals = np.empty(len(data.polygons), np.int32)
