@@ -16,14 +16,24 @@ _RANGES = 4
 """A thread, so that none waits long for one that had the harder part."""
 
 
+def thread_count() -> int:
+    """How many threads work is shared out to: what ``NUMBA_NUM_THREADS`` says, else the cores this process may use."""
+    wanted = os.environ.get("NUMBA_NUM_THREADS", "")
+    if wanted.isdigit() and int(wanted) > 0:
+        return int(wanted)
+    if hasattr(os, "sched_getaffinity"):  # Linux; a container or a scheduler may have given it a part of the machine
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def each(function: Callable[[Item], Answer], items: Iterable[Item]) -> list[Answer]:
-    """``[function(item) for item in items]``, on as many threads as there are cores; the first error is raised.
+    """``[function(item) for item in items]``, on :func:`thread_count` threads; the first error is raised.
 
     ``function`` may call this again. It should not call kernels compiled with ``parallel=True``: where numba's threads
     are its own, those take turns (:mod:`.kernels`).
     """
     items = list(items)
-    threads = min(len(items), os.cpu_count() or 1)
+    threads = min(len(items), thread_count())
     if threads < 2:
         return [function(item) for item in items]
     answers: dict[int, Answer] = {}
@@ -53,18 +63,18 @@ def each(function: Callable[[Item], Answer], items: Iterable[Item]) -> list[Answ
 
 
 def each_range(kernel: Callable[..., None], count: int, *arguments: object, least: int = 1) -> None:
-    """``kernel(first, last, *arguments)`` for ranges that together are ``range(count)``, on all cores.
+    """``kernel(first, last, *arguments)`` for ranges that together are ``range(count)``, on :func:`thread_count` threads.
 
     A range has at least ``least`` items but where there are fewer in all; work that is so small stays in this thread.
     Kernels compiled with ``parallel=True`` take seconds more to compile.
     """
-    step = max(least, -(-count // (_RANGES * (os.cpu_count() or 1))), 1)
+    step = max(least, -(-count // (_RANGES * thread_count())), 1)
     each(lambda first: kernel(first, min(first + step, count), *arguments), range(0, count, step))
 
 
 @cache
 def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="mirror_scan")
+    return ThreadPoolExecutor(thread_count(), thread_name_prefix="mirror_scan")
 
 
 if hasattr(os, "register_at_fork"):  # a fork has the pool but not its threads

@@ -5,13 +5,12 @@ Mutual partners that follow one another, found without trying every pair of loop
 
 from __future__ import annotations
 
-import os
 
 import numpy as np
 
 from ..numeric.kernels import njit
 from ..numeric.point_products import dot
-from ..numeric.threads import each
+from ..numeric.threads import each, thread_count
 from ..views.free_space import bridge_is_free
 from ..views.view_maps import ViewMaps
 from .boundary_frames import Boundary
@@ -134,7 +133,7 @@ def warp_runs(boundary: Boundary, partner: np.ndarray, price: np.ndarray, edge: 
             tasks, at_a, at_b, begin, apart, boundary.point, boundary.tangent, boundary.normal, edge, room, steps, mean
         )
 
-    falling, shares = np.argsort(-size_a * size_b), os.cpu_count() or 1
+    falling, shares = np.argsort(-size_a * size_b), thread_count()
     each(warped, [np.ascontiguousarray(falling[k::shares]) for k in range(min(shares, kept))])
     first = begin[:, :kept]
     order = np.lexsort((at_a[first[0]], mean - 1e-4 * np.minimum(size_a, _LONG_RUN)))

@@ -7,7 +7,7 @@ import threading
 
 import numpy as np
 import pytest
-from mirror_scan.core.numeric.threads import each, each_range
+from mirror_scan.core.numeric.threads import each, each_range, thread_count
 
 
 def test_answers_come_in_the_order_of_the_items():
@@ -72,3 +72,14 @@ def test_a_fork_has_threads_of_its_own():
     if child == 0:
         os._exit(0 if each(abs, range(8)) == list(range(8)) else 1)
     assert os.waitpid(child, 0)[1] == 0
+
+
+def test_threads_are_as_many_as_asked_for(monkeypatch):
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
+    assert thread_count() == 1
+    used = set()
+    each(lambda k: used.add(threading.get_ident()), range(50))
+    assert used == {threading.get_ident()}
+    for nonsense in ("", "0", "many"):
+        monkeypatch.setenv("NUMBA_NUM_THREADS", nonsense)
+        assert 1 <= thread_count() <= (os.cpu_count() or 1)
