@@ -63,7 +63,7 @@ def each(function: Callable[[Item], Answer], items: Iterable[Item]) -> list[Answ
 
 
 def each_range(kernel: Callable[..., None], count: int, *arguments: object, least: int = 1) -> None:
-    """``kernel(first, last, *arguments)`` for ranges that together are ``range(count)``, on :func:`thread_count` threads.
+    """``kernel(first, last, *arguments)`` for ranges that together are ``range(count)``, on several threads.
 
     A range has at least ``least`` items but where there are fewer in all; work that is so small stays in this thread.
     Kernels compiled with ``parallel=True`` take seconds more to compile.

@@ -5,7 +5,6 @@ Mutual partners that follow one another, found without trying every pair of loop
 
 from __future__ import annotations
 
-
 import numpy as np
 
 from ..numeric.kernels import njit
