@@ -98,16 +98,23 @@ def _within(vertices, points, reach):
     while cells > _MOST_CELLS:
         cells = 1.0
         for c in range(3):
-            low[c] = points[:, c].min() - reach
-            wide = (points[:, c].max() + reach - low[c]) / reach
+            least, most = points[0, c], points[0, c]
+            for i in range(len(points)):
+                least, most = min(least, points[i, c]), max(most, points[i, c])
+            low[c] = least - reach
+            wide = (most + reach - low[c]) / reach
             size[c] = int(min(wide, _MOST_CELLS)) + 1
             cells *= wide + 1.0
         if cells > _MOST_CELLS:
             reach *= 2.0
     busy = np.zeros((size[0], size[1], size[2]), np.bool_)
-    for p in points:
-        i, j, k = int((p[0] - low[0]) / reach), int((p[1] - low[1]) / reach), int((p[2] - low[2]) / reach)
-        busy[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2, max(k - 1, 0) : k + 2] = True
+    for v in range(len(points)):
+        x, y, z = points[v, 0] - low[0], points[v, 1] - low[1], points[v, 2] - low[2]
+        i, j, k = int(x / reach), int(y / reach), int(z / reach)
+        for a in range(max(i - 1, 0), min(i + 2, size[0])):
+            for b in range(max(j - 1, 0), min(j + 2, size[1])):
+                for c in range(max(k - 1, 0), min(k + 2, size[2])):
+                    busy[a, b, c] = True
     out = np.zeros(len(vertices), np.bool_)
     for v in range(len(vertices)):
         i = int(np.floor((vertices[v, 0] - low[0]) / reach))

@@ -366,15 +366,23 @@ def _gone(row, other, first, last):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _any_of(marked, row, first, last):
+    for u in range(first, last + 1):
+        if marked[row, u]:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _stretch_kernel(one, other, subject, pixel_angle):
     """How stretches went from one frame to another (N, 3): row, aside and ahead [m].
 
     A stretch counts that the other frame does not show where it was, if it is or becomes the ``subject``'s.
     """
-    moves = [(0.0, 0.0, 0.0) for _ in range(0)]
     before, after = np.empty((64, 3)), np.empty((64, 3))
+    moves, count = np.empty((2 * len(before) * len(one), 3)), 0
     for v in range(len(one)):
-        if not subject[v].any():
+        if not _any_of(subject, v, 0, subject.shape[1] - 1):
             continue
         count_a, count_b = _stretches(one[v], before), _stretches(other[v], after)
         for way in range(2):
@@ -397,14 +405,13 @@ def _stretch_kernel(one, other, subject, pixel_angle):
                     if off < best:
                         best, which = off, j
                 if which >= 0 and (
-                    subject[v, first : last + 1].any()
-                    or subject[v, int(theirs[which, 0]) : int(theirs[which, 1]) + 1].any()
+                    _any_of(subject, v, first, last)
+                    or _any_of(subject, v, int(theirs[which, 0]), int(theirs[which, 1]))
                 ):
                     aside = (0.5 * (theirs[which, 0] + theirs[which, 1]) - middle) * pixel_angle
                     aside *= 0.5 * (z + theirs[which, 2])
                     ahead = theirs[which, 2] - z
-                    moves.append((float(v), aside, ahead) if way == 0 else (float(v), -aside, -ahead))
-    out = np.empty((len(moves), 3))
-    for i in range(len(moves)):
-        out[i, 0], out[i, 1], out[i, 2] = moves[i]
-    return out
+                    moves[count, 0] = v
+                    moves[count, 1], moves[count, 2] = (aside, ahead) if way == 0 else (-aside, -ahead)
+                    count += 1
+    return moves[:count].copy()

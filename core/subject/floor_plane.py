@@ -122,11 +122,11 @@ def raised_floor(readings: Readings, floor: float, middle: np.ndarray, reach: fl
 
     def ring(inner: float, outer: float) -> np.ndarray:
         """Points (N, 3) of a floor in a ring, as it is seen directly."""
-        samples, _ = _near_floor_kernel(
+        sample, *_ = _near_floor_kernel(
             readings.points, readings.seen, up, floor, 0.5 * NEAR_FLOOR, middle, inner**2, outer**2, 0.0,
             horizontal_projection(up), 0, 1, readings.pixel_angle,
         )  # fmt: skip
-        return samples[0][0]
+        return sample
 
     def level(inner: float, outer: float) -> tuple[float, float, np.ndarray]:
         """Height of what is level in a ring, its standard deviation, and all heights there."""
@@ -182,11 +182,12 @@ def floor_of_views(readings: Readings, views: range, floor: Floor, rough: float,
     else:
         ring = (0.0 if settings.object else _FEET, floor.outer)
     under = np.inf if floor.center is None else FOOTPRINT
-    samples, heights = _near_floor_kernel(
+    samples, medians, begin, heights = _near_floor_kernel(
         readings.points, readings.seen, up, floor.height, NEAR_FLOOR, center, ring[0] ** 2, ring[1] ** 2, under**2,
         horizontal_projection(up), views[0], count, readings.pixel_angle,
     )  # fmt: skip
-    for k, (view, (sample, rows)) in enumerate(zip(views, samples, strict=True)):
+    for k, view in enumerate(views):
+        sample, rows = samples[begin[k] : begin[k + 1]], medians[begin[k] : begin[k + 1]]
         fitted = _fit_floor(sample, up, floor.height, center, rough)
         if fitted is None:
             noises[k], lift = _UNSEEN, 0.0
@@ -271,13 +272,15 @@ def _near_floor_kernel(
 ):
     """Up to ``_FLOOR_SAMPLES`` points of the floor in each view, evenly taken, and how far each one's row is above it.
 
+    Those of view k begin at the k-th of the third answer.
+
     Of the views from ``first`` on, within ``band`` of the floor and in a ring about the subject; of a row its median
     counts. What stands upright is left out. And how many points there are at each height (views, 120), from -``band``
     to ``band``, nearer to the subject.
     """
     heights = np.zeros((views, 120), np.int64)
     height, width = seen.shape
-    found = [np.empty(seen.size, np.int32) for _ in range(views)]
+    found = np.empty((views, seen.size), np.int32)
     count = np.zeros(views, np.int64)
     for v in range(height):
         for u in range(width):
@@ -301,18 +304,20 @@ def _near_floor_kernel(
                 rise = up[0] * (a[0] - b[0]) + up[1] * (a[1] - b[1]) + up[2] * (a[2] - b[2])
                 if abs(rise) > 3.0 * pixel_angle * points[v, u, 2]:  # half of what an upright surface rises
                     continue
-            found[k][count[k]] = v * width + u
+            found[k, count[k]] = v * width + u
             count[k] += 1
-    samples = []
-    row = np.empty(2 * ROW + 1)
+    row, begin = np.empty(2 * ROW + 1), np.zeros(views + 1, np.int64)
     for k in range(views):
-        some = found[k][: count[k] : count[k] // _FLOOR_SAMPLES + 1]
-        sample, medians = np.empty((len(some), 3)), np.empty(len(some))
-        for i in range(len(some)):
-            v, u = some[i] // width, some[i] % width
+        stride = count[k] // _FLOOR_SAMPLES + 1
+        begin[k + 1] = begin[k] + (count[k] + stride - 1) // stride
+    samples, medians = np.empty((begin[views], 3)), np.empty(begin[views])
+    for k in range(views):
+        for i in range(begin[k], begin[k + 1]):
+            at = found[k, (i - begin[k]) * (count[k] // _FLOOR_SAMPLES + 1)]
+            v, u = at // width, at % width
             p = points[v, u]
             for c in range(3):
-                sample[i, c] = p[c]
+                samples[i, c] = p[c]
             n = 0
             for w in range(max(u - ROW, 0), min(u + ROW + 1, width)):
                 q = points[v, w]
@@ -320,8 +325,7 @@ def _near_floor_kernel(
                     row[n] = up[0] * (q[0] - p[0]) + up[1] * (q[1] - p[1]) + up[2] * (q[2] - p[2])
                     n += 1
             medians[i] = median(row[:n])
-        samples.append((sample, medians))
-    return samples, heights
+    return samples, medians, begin, heights
 
 
 def horizontal_projection(up: np.ndarray) -> np.ndarray:
