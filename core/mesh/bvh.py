@@ -50,20 +50,19 @@ class Bvh(NamedTuple):
     corners: np.ndarray
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def build_bvh(vertices: np.ndarray, triangles: np.ndarray, quick: bool = False) -> Bvh:
     """Build the tree by a binned surface area heuristic (Wald 2007) on the widest axis.
 
     ``quick`` halves the triangles along a space-filling curve instead (Lauterbach et al. 2009): built in a third of the
     time, for a tree that is searched once.
 
-    Time O(T log T), memory about 300 bytes a triangle. May be called from other njit code.
+    Time O(T log T), memory about 300 bytes a triangle.
 
     Parameters
     ----------
-    vertices : np.ndarray [shape=(V, 3), dtype=float64]
+    vertices : np.ndarray [shape=(V, 3)]
         Positions [m].
-    triangles : np.ndarray [shape=(T, 3), dtype=int32]
+    triangles : np.ndarray [shape=(T, 3)]
         Vertex indices.
 
     Returns
@@ -75,6 +74,11 @@ def build_bvh(vertices: np.ndarray, triangles: np.ndarray, quick: bool = False) 
     MirrorScanError
         When an index is out of range, or a used vertex is not finite.
     """
+    return _build_kernel(np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(triangles, np.int32), quick)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _build_kernel(vertices, triangles, quick):
     total = triangles.shape[0]
     corners = np.empty((total, 3, 3))
     origin = np.full(3, np.inf)

@@ -14,7 +14,8 @@ from .kernels import njit
 def dot(points: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """``points @ vector`` of points (..., 3), float64 (...)."""
     points = np.asarray(points, dtype=np.float64)
-    return _dot_kernel(points.reshape(-1, 3), np.asarray(vector, dtype=np.float64)).reshape(points.shape[:-1])
+    vector = np.ascontiguousarray(vector, dtype=np.float64)
+    return _dot_kernel(points.reshape(-1, 3), vector).reshape(points.shape[:-1])
 
 
 def transform(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:
