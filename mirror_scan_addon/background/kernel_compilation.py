@@ -143,6 +143,15 @@ def compile_steps(claims: str, stage: str, stamp: str = "", patient: bool = Fals
     return mine
 
 
+def loading_steps(stage: str) -> Steps[int]:
+    """Load what ``stage`` and those before it call, all of which is compiled; how many kernels that are."""
+    wanted = [entry for entry in entries() if entry.stage in needs(stage)]
+    for k, entry in enumerate(wanted):
+        yield k / len(wanted), "Loading the program"
+        _compile(entry)
+    return len(wanted)
+
+
 def give_up(claims: str, process: int) -> None:
     """Free what a process that was ended had claimed and not finished."""
     for path in Path(claims).glob("claimed_*"):

@@ -75,6 +75,7 @@ class Worker:
             self._rest = b""
             self._tasks = 0
             self.ready = False  # has imported what it needs
+            self.warming = False  # loads what is compiled, until a task comes
             self.share = 0.0  # of what a helper compiles that is done, by whomever
             self._tell(
                 package=ROOT_PACKAGE, root=str(ROOT_FOLDER), folder=str(self.folder), path=[p for p in sys.path if p]
@@ -154,6 +155,7 @@ class Errand:
         self.error: BaseException | None = None
         self._function, self._arguments = function, arguments
         self._worker: Worker | None = None
+        self._warms = False  # the process still loads what it was told to when the tab was shown
         self._compiles = False  # before the task itself
         self._compiling_share = 0.0  # of the whole
         self._ended = False
@@ -167,6 +169,12 @@ class Errand:
             There is no second Python here.
         """
         self._worker = _take()
+        self._warms = self._worker.warming
+        if not self._warms:
+            self._begin()
+
+    def _begin(self) -> None:
+        """Hand the task over, or first what is to be compiled for it."""
         stage = kernel_compilation.STAGE_OF.get(self._function.__name__)
         share = _share_compiling(stage) if stage else None
         if share is None:
@@ -203,6 +211,8 @@ class Errand:
     def _hear(self, message: dict) -> None:
         if "ready" in message:
             self._worker.ready = True
+        elif self._warms and "unable" not in message:
+            self._hear_of_warming(message)
         elif "fraction" in message:
             text = numba_setup.compiling_text() if self._compiles else message["message"]
             self.progress = self._whole(message["fraction"]), text
@@ -226,6 +236,20 @@ class Errand:
             self._end(error=RuntimeError(f"Mirror Scan's second process failed:\n{message['fault']}"))
         elif "unable" in message:
             self._end(error=Unavailable(message["unable"]))
+
+    def _hear_of_warming(self, message: dict) -> None:
+        """The task begins when that is over; what went wrong with it goes wrong again where it matters."""
+        self.progress = 0.0, "Loading the program"
+        if "warning" in message:
+            numba_setup.warnings.append(Notice.of_parts(message["warning"]))
+        if "done" in message or "error" in message or "fault" in message:
+            self._warms = self._worker.warming = False
+            if "done" in message:
+                self._worker.result()
+            try:
+                self._begin()
+            except Unavailable as error:
+                self._end(error=error)
 
     def _end(self, result: object = None, error: Exception | None = None) -> None:
         self.result, self.error, self._ended = result, error, True
@@ -299,13 +323,21 @@ def stop_compiling() -> None:
     _helpers.clear()
 
 
-def warm_up() -> None:
-    """Start the process that does the work, so that the first task need not wait for its start."""
-    if not _idle:
-        try:
-            _idle.append(Worker())
-        except Unavailable:
-            pass  # a task then says so, or a thread does it
+def warm_up(stage: str) -> None:
+    """Start the process that does the work, and have it load what a stage calls, so that the first task need not wait
+    for either; nothing is loaded that would have to be compiled."""
+    if _idle:
+        return
+    try:
+        worker = Worker()
+    except Unavailable:
+        return  # a task then says so, or a thread does it
+    _idle.append(worker)
+    folder = numba_setup.cache_folder()
+    last = kernel_compilation.last_of(stage)
+    if folder and os.path.exists(os.path.join(folder, kernel_compilation.stamp_name(last))):
+        worker.begin(kernel_compilation.loading_steps, (stage,))
+        worker.warming = True
 
 
 def _share_compiling(stage: str) -> tuple[str, str] | None:

@@ -56,9 +56,9 @@ def test_where_all_is_compiled_only_the_process_starts(window, monkeypatch):
 
     warm: list = []
     monkeypatch.setattr(second_process, "compile_ahead", lambda stage: None)
-    monkeypatch.setattr(second_process, "warm_up", lambda: warm.append(True))
+    monkeypatch.setattr(second_process, "warm_up", warm.append)
     window.module.tab_shown()
-    assert window.timers.pop()() is None and warm == [True] and window.shown.getting_ready == ""
+    assert window.timers.pop()() is None and warm == ["build"] and window.shown.getting_ready == ""
 
 
 def test_it_can_be_stopped_and_what_was_claimed_is_free_again(bpy, addon, monkeypatch, tmp_path):
@@ -114,3 +114,50 @@ def test_one_bar_goes_over_compiling_and_the_task(addon):
     assert fractions == pytest.approx([0.0, 0.45, 0.9, 0.9, 0.95, 1.0])
     errand._compiling_share = 0.0  # nothing was left to compile
     assert errand._whole(0.3) == pytest.approx(0.3)
+
+
+def test_a_task_waits_until_the_process_has_loaded_what_it_needs(addon, monkeypatch):
+    from mirror_scan.mirror_scan_addon.background import kernel_compilation, numba_setup, second_process
+
+    class Worker:
+        ready, warming = True, True
+
+        def __init__(self):
+            self.begun, self.said, self.results = [], [], ["loaded", "result"]
+
+        def begin(self, function, arguments, last=False):
+            self.begun.append(function.__name__)
+
+        def heard(self):
+            said, self.said = self.said, []
+            return said
+
+        def result(self):
+            return self.results.pop(0)
+
+        def alive(self):
+            return True
+
+        def close(self):
+            pass
+
+    def measure_steps():
+        yield
+
+    monkeypatch.setattr(numba_setup, "cache_folder", lambda: "")
+    for ending in ({"done": True}, {"fault": "a damaged cache"}):
+        worker = Worker()
+        worker.results = worker.results[len(ending.get("fault", "")) > 0 :]
+        monkeypatch.setattr(second_process, "_idle", [worker])
+        errand = second_process.Errand(measure_steps, ())
+        errand.start()
+        worker.said = [{"fraction": 0.3, "message": "x"}]
+        assert errand.is_alive() and worker.begun == [] and errand.progress == (0.0, "Loading the program")
+        worker.said = [ending]
+        assert errand.is_alive() and worker.begun == ["measure_steps"] and not worker.warming
+        worker.said = [{"fraction": 0.5, "message": "Measuring"}]
+        assert errand.is_alive() and errand.progress == (0.5, "Measuring")
+        worker.said = [{"done": True}]
+        assert not errand.is_alive() and errand.result == "result" and errand.error is None
+    steps = list(kernel_compilation.loading_steps("load"))
+    assert steps and all(0 <= share < 1 for share, _ in steps)

@@ -67,6 +67,8 @@ def test_an_errand_compiles_what_it_needs_first(addon, tmp_path, monkeypatch):
     begun = []
 
     class Worker:
+        warming = False
+
         def __init__(self, patient=False):
             self.process, self.patient = type("Process", (), {"pid": 0}), patient
             self.said, self.ready = [], True
