@@ -32,6 +32,7 @@ def stop() -> None:
 def _begin() -> float | None:
     seconds = second_process.compile_ahead(STAGE)
     if seconds is None:
+        _say("")  # what a file brought along
         second_process.warm_up(STAGE)
         return None
     _say(remaining_time.in_words(seconds))

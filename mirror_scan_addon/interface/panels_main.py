@@ -103,7 +103,8 @@ def _next_steps(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     button.size, button.remove_light = look.texture_size, look.remove_light
     flow.operator("mirror_scan.add_skeleton", text="Skeleton", text_ctxt=CONTEXT)
     flow.operator_menu_enum("mirror_scan.apply_motion", "clip", text="Motion", text_ctxt=CONTEXT)
-    flow.operator_menu_enum("mirror_scan.dress", "kind", text="Dress", text_ctxt=CONTEXT)
+    dress = flow.operator_menu_enum("mirror_scan.dress", "kind", text="Dress", text_ctxt=CONTEXT)
+    dress.ease, dress.tight = look.ease, look.tight
     flow.operator("mirror_scan.measure", text="Measure", text_ctxt=CONTEXT)
     flow.operator("mirror_scan.reduce", text="Reduce", text_ctxt=CONTEXT).triangles = look.triangles
 

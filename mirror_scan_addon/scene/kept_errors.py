@@ -7,6 +7,7 @@ are recognised by their English words; :data:`KINDS` says what is offered for ea
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Callable
 from typing import NamedTuple
@@ -190,7 +191,7 @@ def keep(context: bpy.types.Context, operator: bpy.types.Operator, error: Except
     notice = error.notice if isinstance(error, MirrorScanError) else Notice.of(in_words(error))
     shown.error = json.dumps({
         "operator": type(operator).bl_idname, "options": _options(operator), "scene": context.scene.session_uid,
-        "notice": notice.parts(),
+        "session": os.getpid(), "notice": notice.parts(),
     })  # fmt: skip
     words = WORDS.get(kind_of(str(notice), type(operator).bl_idname).name)
     return in_words(error) if words is None or bpy.app.background else words()  # scripts are told the file
@@ -202,8 +203,8 @@ def kept(context: bpy.types.Context) -> Kept | None:
     if not text:
         return None
     known = json.loads(text)
-    if known["scene"] != context.scene.session_uid:
-        return None
+    if (known["session"], known["scene"]) != (os.getpid(), context.scene.session_uid):
+        return None  # of another scene, or one that came with a file
     notice = Notice.of_parts(known["notice"])
     return Kept(notice, kind_of(str(notice), known["operator"]), known["operator"], known["options"])
 

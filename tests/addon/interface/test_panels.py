@@ -36,6 +36,7 @@ class Layout:
                 properties = getattr(self._bpy.ops.mirror_scan, operator).get_rna_type().properties
                 assert properties[given["property"]].type == "ENUM"
                 self._said.append(("button", operator, True))
+                return Properties(properties)
             if name == "prop":
                 assert given["property"] in given["data"].bl_rna.properties
                 self._said.append(("prop", given["property"]))
@@ -185,6 +186,15 @@ def test_an_avatar_shows_how_it_came_out(bpy, capsule):
     assert "Select an avatar" in words(draw(bpy, "check"))
     avatar[report_text.REPORT] = '{"problems": [1, {"kind": "hole"}], "mesh": {}}'
     assert "No problems found" in words(draw(bpy, "check"))
+
+
+def test_only_avatars_are_checked(bpy, capsule):
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
+
+    bpy.ops.mesh.primitive_cube_add()
+    assert not bpy.ops.mirror_scan.check.poll()
+    select_only(bpy.context, create_avatar(capsule, collection=bpy.context.collection, report={}))
+    assert bpy.ops.mirror_scan.check.poll()
 
 
 def test_every_list_row_can_be_drawn(bpy, loaded):
