@@ -16,6 +16,7 @@ from ..mirror_detection.mirror_at_picks import contradicted, glass_evidence
 from ..mirrors import Mirror
 from ..mirrors.mirror import expected_error
 from ..mirrors.picked_mirror import MirrorSettings, place_mirror
+from ..mirrors.wall_behind_frame import on_wall
 from ..views.floor_and_vertical import find_floor
 
 GOOD, USABLE, WRONG = "good", "usable", "wrong"
@@ -43,7 +44,7 @@ class QualitySettings:
     """
 
     good_error: float = 0.003
-    usable_error: float = 0.015
+    usable_error: float = 0.03
     good_residual: float = 0.005
     usable_residual: float = 0.012
     good_noises: float = 1.0
@@ -214,7 +215,7 @@ def _about_frame(mirror: Mirror, error: float, noise: float, settings: QualitySe
             "wall",
             name=mirror.name, mirrors=[mirror.name],
         )  # fmt: skip
-    if error > settings.usable_error:
+    if error > settings.usable_error and not (_frameless(mirror) or on_wall(mirror)):
         return Notice(
             "{name}: how it stands is too uncertain: what is seen in it may be off by {error:.0f} mm; pick points on "
             "all four sides of its frame",
@@ -225,6 +226,18 @@ def _about_frame(mirror: Mirror, error: float, noise: float, settings: QualitySe
 
 def _doubt(mirror: Mirror, error: float, noise: float, settings: QualitySettings) -> Notice | None:
     """Why a mirror is no more than usable, if it is."""
+    if error > settings.good_error and _frameless(mirror):
+        return Notice(
+            "{name}: no frame is seen, and what is seen in it may be off by {error:.0f} mm; strips of paper or tape, "
+            "3 cm wide, along its edges make it better",
+            name=mirror.name, error=1e3 * min(error, 1.0), mirrors=[mirror.name],
+        )  # fmt: skip
+    if error > settings.good_error and on_wall(mirror):
+        return Notice(
+            "{name}: hangs on a wall, and how far its glass lies in front of the wall is not seen; strips of paper or "
+            "tape, 3 cm wide, along its edges make it better",
+            name=mirror.name, mirrors=[mirror.name],
+        )  # fmt: skip
     if mirror.residual > max(settings.good_residual, settings.good_noises * noise):
         return Notice(
             "{name}: its frame is noisy or bent; a longer recording, or points on all four sides of the frame, make it "
@@ -237,3 +250,8 @@ def _doubt(mirror: Mirror, error: float, noise: float, settings: QualitySettings
             name=mirror.name, error=1e3 * error, mirrors=[mirror.name],
         )  # fmt: skip
     return None
+
+
+def _frameless(mirror: Mirror) -> bool:
+    """Whether a mirror was found by what it shows, without a frame."""
+    return mirror.source == "found" and not mirror.refined
