@@ -17,7 +17,7 @@ PAGES = (
     ("how_it_works", "How It Works", "From the capture to the avatar, in pictures"),
 )
 
-WIDTH = 520  # of the dialog [px at 100 % scale]
+WIDTH = 580  # of the dialog [px at 100 % scale]
 
 
 class MIRRORSCAN_OT_help(bpy.types.Operator):

@@ -21,22 +21,27 @@ LEFT_OUT = ("measurements", "joints", "point", "normal", "covariance", "camera_t
 NAMED = ("view_shares", "gains", "shifts")
 """What of a report goes by names that are the user's: they are counted instead."""
 
-COLUMNS = 96  # of a line, so that the dialog shows all of it
+COLUMNS = 84  # of a line, so that the dialog shows all of it
 
 _WORD = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _UNTOLD = ("name", "between", "sensor", "by")
 
 
 def problem_report(context: bpy.types.Context) -> str:
-    """The whole text, English, a line for each thing."""
-    lines = [*versions(), "", "Last error:", *(f"  {line}" for line in last_problem.last() or ["none in this session"])]
+    """The whole text, English, in lines that the dialog shows whole."""
+    import textwrap
+
+    errors = last_problem.last() or ["none in this session"]
+    lines = [*versions(), "", "Last error:", *(f"  {line}" for line in errors), "", "Last avatar's report:"]
     report = last_report(context)
-    lines += ["", "Last avatar's report:"]
     if report is None:
-        return "\n".join([*lines, "  none in this scene"])
-    lines += [f"  {line}" for line in figures(report)]
-    told = [last_problem.without_names(warning) for warning in report.get("warnings", ()) if isinstance(warning, str)]
-    return "\n".join([*lines, *(f"  warning: {text or 'not one of ours'}" for text in told)])
+        lines.append("  none in this scene")
+    else:
+        lines += [f"  {line}" for line in figures(report)]
+        warnings = [warning for warning in report.get("warnings", ()) if isinstance(warning, str)]
+        lines += [f"  warning: {last_problem.without_names(warning) or 'not one of ours'}" for warning in warnings]
+    broken = (textwrap.wrap(line, COLUMNS, subsequent_indent="    ") or [""] for line in lines)
+    return "\n".join(line for part in broken for line in part)
 
 
 def versions() -> list[str]:
@@ -74,18 +79,12 @@ def last_report(context: bpy.types.Context) -> dict | None:
 
 
 def figures(report: dict) -> list[str]:
-    """The numbers of a report in lines, a place in it each, as ``views[1]: noise_mm 0.83, frames 6``."""
-    import textwrap
-
+    """The numbers of a report, those of one place in it in a line, as ``views[1]: noise_mm 0.83, frames 6``."""
     places: dict[str, list[str]] = {}
     for key, value in _figures(report, ""):
         place, _, name = key.rpartition(".")
         places.setdefault(place, []).append(f"{name} {value}")
-    lines = []
-    for place, values in places.items():
-        line = ", ".join(values)
-        lines += textwrap.wrap(f"{place}: {line}" if place else line, COLUMNS, subsequent_indent="  ")
-    return lines
+    return [f"{place}: {', '.join(values)}" if place else ", ".join(values) for place, values in places.items()]
 
 
 def _figures(value: object, key: str):
