@@ -16,6 +16,9 @@ _LEG = 0.9925  # cosine of thigh and shin from the vertical in the body template
 _LEG_BONES = (("UpLeg", "Leg"), ("Leg", "Foot"))
 _CAP, _SECTIONS = 0.035, 30  # of body height: the top of the head, and level sections of it
 _SECTION = (0.07, 0.17)  # girths of those that are used, of body height
+_FLATTENED = 0.0055  # of body height: by so much is a top too low that nobody saw at all
+_FACE = 0.26  # of body height: girth of a head ``_CAP`` below its top is more, or its back is missing
+_HAIRLINE = 0.012  # of body height: how far below the crown
 _SHOULDER = 0.1  # of body height: the acromion lies no higher above the joint of the arm
 _TILTS = np.radians(np.linspace(-10.0, 70.0, 33))  # of the tape across the back, up from level
 
@@ -43,7 +46,9 @@ def height(body: Body) -> Length:
     """From the floor to the top of the head, as the person stands in the scan.
 
     Near its top a head is a paraboloid, whose level sections grow linearly in area: they say where it begins, and a
-    spike on it counts for nothing.
+    spike on it counts for nothing. What nobody saw of it was filled flatter than it is, so that the top is expected a
+    little higher. Hair that gave no reading leaves a face without the back of the head: the crown then lies above its
+    highest reading, as hairlines do below crowns.
     """
     vertices, triangles = body.mesh.vertices, body.mesh.triangles
     top = float(vertices[:, 2].max())
@@ -63,8 +68,14 @@ def height(body: Body) -> Length:
     else:
         start = np.polyfit(np.array(squares)[used], levels[used], 1)[1]
     crown = np.array(middle)[used][0] * (1.0, 1.0, 0.0) + (0.0, 0.0, start)
-    unseen = 1.0 - measured(body.mesh)[(vertices[triangles, 2] > top - _CAP * body.height).all(axis=1)].mean()
-    return Length(float(start), np.stack((crown * (1.0, 1.0, 0.0), crown)), float(unseen))
+    seen = measured(body.mesh)
+    unseen = 1.0 - float(seen[(vertices[triangles, 2] > top - _CAP * body.height).all(axis=1)].mean())
+    if unseen > 0.0 and size[-1] < _FACE:
+        start, unseen = vertices[triangles[seen], 2].max() + _HAIRLINE * body.height, 1.0
+    else:
+        start += _FLATTENED * unseen * body.height
+    crown[2] = start
+    return Length(float(start), np.stack((crown * (1.0, 1.0, 0.0), crown)), unseen)
 
 
 def straightening(body: Body) -> float:

@@ -78,7 +78,8 @@ def measure(
 ) -> Measurements:
     """Measure a standing person as a tape would: girths are lengths of convex hulls of plane cuts, without the arms.
 
-    Of limbs the mean of left and right is given. All is measured on the surface as it is scanned, over what is worn.
+    Of limbs the mean of left and right is given, the more certain one with more weight. All
+    is measured on the surface as it is scanned, over what is worn.
 
     Parameters
     ----------
@@ -141,8 +142,10 @@ def _arm(side: int) -> tuple[str, ...]:
 
 
 def _of_girths(body: Body, name: str, of: list[Girth], views: Sequence[ViewError], errors: Uncertainty) -> Measurement:
-    estimates = [girth_estimate(body, girth, name, views, errors) for girth in of]
-    length, error = (float(value) for value in np.mean(estimates, axis=0))
+    lengths, bounds = np.array([girth_estimate(body, girth, name, views, errors) for girth in of]).T
+    weight = 1.0 / bounds**2 if (bounds > 0.0).all() else np.ones(len(of))
+    weight /= weight.sum()
+    length, error = float(weight @ lengths), float(weight @ bounds)
     return Measurement(
         name, ISO_NAMES[name], 1000.0 * length, 1000.0 * error, tuple(girth.tape.loop for girth in of), True
     )

@@ -17,11 +17,20 @@ from .tape import DIRECTIONS
 
 _COVERED = 1.96  # standard deviations that hold 95 %
 # By how much a tape is too short, and the spread of that, as a share of its length, where half of it nobody saw.
-_SHORT = {"upper_arm": (0.09, 0.065), "neck": (0.06, 0.055), "calf": (0.012, 0.0), "thigh": (0.006, 0.0)}
+_SHORT = {"neck": (0.042, 0.04), "thigh": (0.006, 0.0)}
+# Girths that follow from what was seen alone: by how much they come out too short, as a share of the girth and of the
+# standard deviation expected of them, since views lose the edges of what they see; where half or more is unseen.
+_ROUND = {"upper_arm": (0.058, 0.6), "calf": (0.01, 0.4)}
+_EXPECTED, _ROUND_SPREAD = 0.65, 0.025  # of their spread: of what is expected, and beside it of the girth
+_SMEARED = 2.0 * np.pi * 0.5  # noise makes limbs that are a few pixels wide thicker, by about half of it
 _MOST_UNSEEN = 4.0  # unseen directions, as a multiple of the seen: what is more is reckoned as this
 _HAIR_AND_SOLES = 2.0  # thicknesses of cloth
 _FILL_REACH = np.radians(30.0)  # over which filled surface errs alike
 _DIRECTIONS = 72  # in which a cross-section is looked at; a divisor of ``DIRECTIONS``
+_ANY_PLACE = 2.0  # of a cross-section whose size and place follow from nothing but what was seen, in mean radii
+_LEAST_SEEN = 6  # directions from which the size of a cross-section can follow
+_ROUNDS = 4  # until size and expectation agree
+_LONGEST = 3.0  # tapes: what is seen of a narrow strip may be of anything
 # Of the Fourier coefficients (cosine and sine alike) of cross-sections' tangent distance, from order 0, in mean radii.
 _SHAPE = (0.5, 0.3, 0.07, 0.02, 0.015, 0.006, 0.006, 0.004, 0.004, 0.002, 0.002, 0.001, 0.001)
 
@@ -133,8 +142,10 @@ def girth_estimate(
     rests on filled surface, with a large error that neighbouring directions share. Seen directions keep what was read;
     the others get the expected value. The error follows by propagation through both.
 
-    Of limbs and necks views lose the edges, so that too little is expected even then: what is missing grew in scans of
-    mannequins with the ratio of unseen to seen directions.
+    Of upper arms and calves what is filled counts for nothing, and size and place of the cross-section are free: a
+    round limb follows from an arc of it, while what closes the gap of an arm whose back nobody saw is flat. Views lose
+    the edges of limbs and necks, so that too little is expected even then: what is missing grew in scans of mannequins
+    and bodies with the standard deviation, of necks with the ratio of unseen to seen directions.
     """
     tape, cut = girth.tape, girth.cut
     chosen = np.arange(0, DIRECTIONS, DIRECTIONS // _DIRECTIONS)
@@ -148,15 +159,24 @@ def girth_estimate(
     prior = radius**2 * _SHAPES
     noise = _reading_errors(body, girth, chosen, seen, views, errors)
     step = 2.0 * np.pi / _DIRECTIONS
+    everywhere = (errors.skin**2 + errors.cloth**2) * (2.0 * np.pi) ** 2
+    if name in _ROUND and seen.sum() >= _LEAST_SEEN:
+        length, variance = _of_seen(read, seen, noise, tape.length)
+        share, deviations = _ROUND[name]
+        missing = min(2.0 * float((~seen).mean()), 1.0)
+        length += share * missing * length + deviations * np.sqrt(variance)
+        known = (
+            _EXPECTED * np.sqrt(variance),
+            _ROUND_SPREAD * missing * length,
+            _SMEARED * _mean_noise(body, girth, chosen, views),
+        )
+        spread = np.sqrt(np.square(known).sum() + everywhere)
+        return TapeEstimate(length + girth.extra, float(np.hypot(_COVERED * spread, girth.placement)))
     gain = np.linalg.solve(prior + noise, prior).T  # readings → expected values
     of_readings = np.where(seen, step, 0.0) + step * gain[~seen].sum(axis=0)
     correction = (of_readings - step) @ (read - radius)
     left = of_readings - step
-    variance = (
-        left @ prior @ left
-        + of_readings @ noise @ of_readings
-        + (errors.skin**2 + errors.cloth**2) * (2.0 * np.pi) ** 2
-    )
+    variance = left @ prior @ left + of_readings @ noise @ of_readings + everywhere
     short, spread = _SHORT.get(name, (0.0, 0.0))
     unseen = tape.length * min(float((~seen).sum() / max(seen.sum(), 1)), _MOST_UNSEEN)
     correction += short * unseen + girth.extra
@@ -164,15 +184,34 @@ def girth_estimate(
     return TapeEstimate(tape.length + correction, float(np.hypot(_COVERED * np.sqrt(variance), girth.placement)))
 
 
-def _shapes() -> np.ndarray:
-    """Covariance of h between directions, for a mean radius of 1."""
+def _of_seen(read: np.ndarray, seen: np.ndarray, noise: np.ndarray, tape: float) -> tuple[float, float]:
+    """A girth [m] and its variance [m²] from the seen directions alone, whose readings stay as they are.
+
+    Of the others h is expected as of a cross-section that may be of any size and anywhere; how far it may differ from a
+    circle grows with its size, so that size and expectation take turns.
+    """
+    step = 2.0 * np.pi / _DIRECTIONS
+    length = tape
+    for _ in range(_ROUNDS):
+        radius = length / (2.0 * np.pi)
+        prior = radius**2 * _SHAPES_ANYWHERE
+        gain = np.linalg.solve((prior + noise)[np.ix_(seen, seen)], prior[seen]).T
+        expected = radius + gain @ (read[seen] - radius)
+        length = float(np.clip(step * np.where(seen, read, expected).sum(), tape / _LONGEST, tape * _LONGEST))
+    left = prior - gain @ prior[seen]
+    return length, float(step**2 * left.sum())
+
+
+def _shapes(spread: tuple[float, ...]) -> np.ndarray:
+    """Covariance of h between directions, for a mean radius of 1; of Fourier coefficients with this ``spread``."""
     angle = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     apart = angle[:, None] - angle[None]
-    orders = np.arange(len(_SHAPE))
-    return (np.square(_SHAPE)[:, None, None] * np.cos(orders[:, None, None] * apart)).sum(axis=0)
+    orders = np.arange(len(spread))
+    return (np.square(spread)[:, None, None] * np.cos(orders[:, None, None] * apart)).sum(axis=0)
 
 
-_SHAPES = _shapes()
+_SHAPES = _shapes(_SHAPE)
+_SHAPES_ANYWHERE = _shapes((_ANY_PLACE, _ANY_PLACE, *_SHAPE[2:]))
 
 
 def _alike() -> np.ndarray:
@@ -206,6 +245,16 @@ def _reading_errors(
         effect *= one.total(errors)
         covariance += effect[:, None] * effect[None] + np.diag(np.where(mine, one.noise**2, 0.0))
     return covariance
+
+
+def _mean_noise(body: Body, girth: Girth, chosen: np.ndarray, views: Sequence[ViewError]) -> float:
+    """Of the readings on which a tape rests in the ``chosen`` directions, without filled surface [m]."""
+    if body.mesh.view is None or not views:
+        return 0.0
+    view = body.mesh.view[girth.cut.edge[girth.tape.rests_on[chosen]]].max(axis=1).astype(np.int64)
+    noise = np.array([one.noise for one in views])
+    known = (view >= 0) & (view < len(noise))
+    return float(noise[view[known]].mean()) if known.any() else float(noise.max())
 
 
 def length_error(length: Length, placement: float, views: Sequence[ViewError], errors: Uncertainty) -> float:

@@ -124,6 +124,49 @@ def test_a_dent_in_filled_surface_is_not_believed(mannequin, measured):
     assert abs(doubted.mm - truth) < doubted.error_mm
 
 
+@pytest.mark.parametrize("depth", [0.0, 0.012, 0.02])
+def test_an_arm_that_only_its_front_was_seen_of_is_taken_to_be_round(mannequin, measured, depth):
+    """What closes the back of an arm without readings is flat; its girth follows from the arc that was seen."""
+    mesh, skeleton, weights = mannequin
+    vertices = mesh.vertices.copy()
+    behind = np.zeros(len(vertices), np.bool_)
+    for side in ("Left", "Right"):
+        shoulder, elbow = (skeleton.joints[BONES.index(side + part)] for part in ("Arm", "ForeArm"))
+        along = (vertices - shoulder) @ (elbow - shoulder) / ((elbow - shoulder) @ (elbow - shoulder))
+        axis = shoulder + along[:, None] * (elbow - shoulder)
+        arm = (along > 0.15) & (along < 0.85) & (np.linalg.norm(vertices - axis, axis=1) < 0.08)
+        cut = arm & (vertices[:, 1] > axis[:, 1] - depth)
+        vertices[cut, 1] = axis[cut, 1] - depth
+        behind |= cut
+    kind = np.where(behind[mesh.triangles].any(axis=1), FILL, SURFACE).astype(np.int8)
+    flat = replace(mesh, vertices=vertices, view=np.where(behind, -1, 0).astype(np.int8))
+    views = (ViewError(np.array([0.0, -2.5, 0.9]), 0.001, 0.0),)
+    believed = measure(replace(flat, kind=0 * kind), skeleton, weights, views)["upper_arm"]
+    doubted = measure(replace(flat, kind=kind), skeleton, weights, views)["upper_arm"]
+    truth = measured["upper_arm"].mm
+    assert truth - believed.mm > 0.1 * truth
+    assert abs(doubted.mm - truth) < 0.5 * (truth - believed.mm)
+    assert abs(doubted.mm - truth) < doubted.error_mm
+
+
+def test_the_top_of_a_head_whose_hair_gave_no_reading_is_above_the_face(mannequin, measured):
+    """A face alone, cut off at the hairline."""
+    mesh, skeleton, weights = mannequin
+    vertices, top = mesh.vertices.copy(), mesh.vertices[:, 2].max()
+    head = vertices[:, 2] > top - 0.13
+    middle = 0.5 * (vertices[head, 1].min() + vertices[head, 1].max())
+    lost = head & ((vertices[:, 1] > middle - 0.05) | (vertices[:, 2] > top - 0.02))
+    vertices[head, 1] = np.minimum(vertices[head, 1], middle - 0.05)
+    vertices[head, 2] = np.minimum(vertices[head, 2], top - 0.02)
+    kind = np.where(lost[mesh.triangles].any(axis=1), FILL, SURFACE).astype(np.int8)
+    face = measure(
+        replace(mesh, vertices=vertices, kind=kind, view=np.zeros(len(vertices), np.int8)), skeleton, weights
+    )
+    assert abs(face["height"].mm - measured["height"].mm) < 12.0  # where hair begins differs as much
+    assert abs(face["height"].mm - measured["height"].mm) < face["height"].error_mm
+    assert face["height"].error_mm > 3 * measured["height"].error_mm
+
+
 def test_uncertain_mirrors_and_joints_widen_the_bounds(mannequin):
     mesh, skeleton, weights = mannequin
     seen = replace(
