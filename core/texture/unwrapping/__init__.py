@@ -4,4 +4,4 @@ from __future__ import annotations
 
 from .islands import unwrap
 
-__all__ = ["flattening", "islands", "packing", "unwrap"]
+__all__ = ["branches", "disks", "flattening", "islands", "packing", "unwrap"]

@@ -11,6 +11,8 @@ from ...mesh.normals import triangle_normals
 from ...mesh.submesh import components_of, remove_bowties, renumbered
 from ...mesh.triangle_mesh import Mesh
 from ...numeric.threads import each
+from .branches import FlatIsland, without_branches
+from .disks import is_disk, without_small
 from .flattening import flatten, flipped
 from .packing import pack
 
@@ -56,6 +58,9 @@ def unwrap(mesh: Mesh, weights: SkinWeights | None, gap: float) -> tuple[np.ndar
             flats.append(flat)
             rows.append(triangles)
         waiting = again
+    if weights is None:
+        parts = without_branches([FlatIsland(*one) for one in zip(pieces, flats, rows, strict=True)])
+        pieces, flats, rows = ([part[k] for part in parts] for k in range(3))
     places = pack(flats, rows, gap)
     uv = np.empty((len(mesh.triangles), 3, 2), np.float32)
     island = np.empty(len(mesh.triangles), np.int32)
@@ -108,7 +113,7 @@ def find_islands(mesh: Mesh, weights: SkinWeights | None = None) -> np.ndarray:
         label = _by_bone(mesh, weights, normals)
     rounds, least = (_SMOOTHING, _SMALL) if weights is not None else (_THING_SMOOTHING, _THING_SMALL)
     label = _smoothed(label, twin, area, bond, rounds)
-    label = _without_small(_without_spikes(label, twin), twin, area, least)
+    label = without_small(_without_spikes(label, twin), twin, area, least)
     pieces = [np.flatnonzero(label == k) for k in range(int(label.max()) + 1)] if len(label) else []
     island = np.full(len(triangles), -1, np.int32)
     count = 0
@@ -120,25 +125,6 @@ def find_islands(mesh: Mesh, weights: SkinWeights | None = None) -> np.ndarray:
         else:
             pieces.extend(halved(mesh, piece))
     return island
-
-
-def is_disk(triangles: np.ndarray, vertex_count: int) -> bool:
-    """Whether triangles are one piece with one boundary and no handle, where they touch in a vertex taken apart."""
-    if len(triangles) == 1:
-        return True
-    vertices, edges, single = _counts(triangles, vertex_count)
-    # One piece with Euler characteristic 1 and a boundary is a disk.
-    return single and vertices - edges + len(triangles) == 1
-
-
-def _counts(triangles: np.ndarray, vertex_count: int) -> tuple[int, int, bool]:
-    """Vertices and edges of triangles, and whether they are one piece; fans that touch in a vertex count apart."""
-    used, own = renumbered(triangles, vertex_count)
-    apart = remove_bowties(Mesh(np.zeros((len(used), 3)), own)).triangles
-    vertices = int(apart.max()) + 1
-    twin = twins(apart, vertices)
-    edges = (len(twin) + int((twin < 0).sum())) // 2
-    return vertices, edges, components_of(twin, len(apart))[1] == 1
 
 
 def halved(mesh: Mesh, piece: np.ndarray) -> list[np.ndarray]:
@@ -161,7 +147,7 @@ def halved(mesh: Mesh, piece: np.ndarray) -> list[np.ndarray]:
     for axis in (*axes, axes[0] + axes[1], axes[0] - axes[1]):
         along = spread @ axis
         side = (along > np.average(along, weights=area)).astype(np.int64)
-        parts = _without_small(side, twin, area, _SLIVER)
+        parts = without_small(side, twin, area, _SLIVER)
         count = int(parts.max()) + 1
         if count < 2:
             continue
@@ -257,29 +243,3 @@ def _components(triangles: np.ndarray, label: np.ndarray, vertex_count: int) -> 
     other = twin // 3
     same = (twin >= 0) & (label[np.arange(len(twin)) // 3] == label[other])
     return components_of(np.where(same, twin, -1).astype(np.int32), len(triangles))[0]
-
-
-def _without_small(label: np.ndarray, twin: np.ndarray, area: np.ndarray, share: float = _SMALL) -> np.ndarray:
-    """Connected pieces (T,) of the labels, those of little area joined to the neighbour along most of their border."""
-    own = np.arange(len(twin)) // 3
-    other = np.where(twin >= 0, twin // 3, own)
-    while True:
-        same = (twin >= 0) & (label[own] == label[other])
-        piece = components_of(np.where(same, twin, -1).astype(np.int32), len(label))[0].astype(np.int64)
-        size = np.bincount(piece, weights=area)
-        border = piece[own] != piece[other]
-        a, b = piece[own[border]], piece[other[border]]
-        small = np.flatnonzero((size < share * size.sum()) & (np.bincount(a, minlength=len(size)) > 0))
-        if not len(small):
-            return piece
-        # the smallest first: others may have grown by then
-        smallest = small[size[small].argsort()[: max(1, len(small) // 2)]]
-        target = np.arange(len(size))
-        joined = np.zeros(len(size), np.bool_)
-        for k in smallest:
-            beside = np.bincount(b[a == k], minlength=len(size))
-            best = int(beside.argmax())
-            if not joined[k] and not joined[best]:
-                target[k] = best
-                joined[k] = joined[best] = True
-        label = target[piece]
