@@ -187,6 +187,25 @@ def story() -> Story:
         note("points_shown", len(cloud().data.vertices))
         note("redraw_points_ms", redraw_ms())
 
+    with step("from a dropped capture to the avatar in one press"):
+        avatars = sum("mirror_scan_report" in item for item in bpy.data.objects)
+        yield from move(*middle())
+        with viewport():
+            bpy.ops.wm.drop_import_file("INVOKE_DEFAULT", directory=CAPTURE, files=[{"name": "intrinsic.json"}])
+        yield 0.3
+        started = time.perf_counter()
+        yield from type_key("S", *middle())  # of the menu that asks: Scan to Avatar
+        yield from settled()
+        note("one_press_s", time.perf_counter() - started)
+        made = sum("mirror_scan_report" in item for item in bpy.data.objects)
+        expect(made == avatars + 1 and watertight(bpy.context.object), "one more avatar, closed")
+        expect(not settings().show_cloud and not settings().show_mirrors, "nothing of the scan before it")
+    yield from shot("9_one_press")
+    with step("undo it"):
+        yield from keys("Z", ctrl=True)
+        yield 0.7
+        expect(sum("mirror_scan_report" in item for item in bpy.data.objects) == avatars, "as many avatars as before")
+
     with step("save and reload"):
         path, points = str(OUT / "saved.blend"), len(cloud().data.vertices)
         with viewport():
@@ -365,6 +384,7 @@ def live() -> Story:
         return settings().subject
 
     stamp = cloud().data["mirror_scan_stamp"]
+    yield from unfold("subject")
     x, y = yield from find_field("mirror_scan.subject.reach", 0.75)
     before = subject().reach
     yield from move(x, y)
