@@ -158,8 +158,11 @@ def swapped_points(
     if (pixels < 0).any() or (pixels > np.array(size) - 1).any():
         return None
     try:
-        mirror = place_mirror(image, MirrorPicks(picks.name, pixels), MirrorSettings())
+        with np.errstate(divide="ignore", invalid="ignore"):  # a plane through the camera, which no mirror has
+            mirror = place_mirror(image, MirrorPicks(picks.name, pixels), MirrorSettings())
     except MirrorError:
+        return None
+    if not (np.isfinite(mirror.normal).all() and np.isfinite(mirror.point).all()):
         return None
     up, known = _vertical(image)
     leans = abs(float(mirror.normal @ up)) > np.sin(np.radians(settings.lean if known else settings.lean_unseen))
