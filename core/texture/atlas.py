@@ -12,6 +12,8 @@ from ..numeric.threads import each
 from .color_cameras import ColorView
 
 _AT_ONCE = 400_000  # texels of a part, about
+_APERTURE = 24.0  # a mean over a cell differs from the value at its middle by its second difference over this
+_POLE = float(np.sqrt(3.0) - 2.0)  # of the filter from samples to coefficients of a cubic B-spline
 _FINE = 1.5  # so many pixels along a texel's side are averaged beforehand
 
 
@@ -40,13 +42,13 @@ class Shading(NamedTuple):
 
 
 class _Source(NamedTuple):
-    """What is looked up in a view: levels (h, w, 3) float32 of a part of its image, maybe halved, its gain applied.
+    """What is looked up in a view: spline coefficients (h, w, 3) float32 of a part of its image, its gain applied.
 
     ``projection`` (3, 4) float32 takes the mesh's frame to homogeneous pixels of it; ``vertex`` (V, 6) float32 are
     positions and offsets.
     """
 
-    levels: np.ndarray
+    coefficients: np.ndarray
     projection: np.ndarray
     vertex: np.ndarray
 
@@ -77,7 +79,8 @@ def paint(
 
     Notes
     -----
-    Images are sampled by Catmull and Rom's cubic (1974), those whose pixels are much finer than texels halved before.
+    Images are sampled by the cubic spline of :func:`spline_coefficients`, those whose pixels are much finer than texels
+    halved before.
     """
     texels = np.empty((len(triangles), 3, 2))
     texels[..., 0] = uv[..., 0].astype(np.float64) * size - 0.5
@@ -159,7 +162,31 @@ def _source(
         projection = np.array(((0.5, 0.0, -0.25), (0.0, 0.5, -0.25), (0.0, 0.0, 1.0))) @ projection
         finer *= 0.5
     vertex = np.hstack((vertices, shading.offset[:, k])).astype(np.float32)
-    return _Source(np.ascontiguousarray(levels), projection.astype(np.float32), vertex)
+    return _Source(spline_coefficients(levels), projection.astype(np.float32), vertex)
+
+
+def spline_coefficients(levels: np.ndarray) -> np.ndarray:
+    """Coefficients (H, W, C) float32 of the cubic B-spline that runs through what an image (H, W, C) was taken of.
+
+    A pixel is the mean over its square: values at pixels' middles follow from three of them, to fourth order, as cell
+    means do in finite volume schemes. The spline's coefficients follow by a filter there and back along each axis
+    (Unser 1999), with the outermost pixels repeated. A spline keeps patterns of three pixels a wave, which shorter
+    cubics flatten.
+    """
+    found = np.asarray(levels, np.float32)
+    for axis in (0, 1):
+        lines = np.array(np.moveaxis(found, axis, 0), order="C")
+        around = np.concatenate((lines[:1], lines, lines[-1:]))
+        lines += (2.0 * lines - around[:-2] - around[2:]) / np.float32(_APERTURE)
+        lines *= np.float32((1.0 - _POLE) ** 2)
+        lines[0] /= np.float32(1.0 - _POLE)  # as if the first went on for ever
+        for k in range(1, len(lines)):
+            lines[k] += np.float32(_POLE) * lines[k - 1]
+        lines[-1] /= np.float32(1.0 - _POLE)
+        for k in range(len(lines) - 2, -1, -1):
+            lines[k] += np.float32(_POLE) * lines[k + 1]
+        found = np.moveaxis(lines, 0, axis)
+    return np.ascontiguousarray(found)
 
 
 def _texels_of(corners: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
@@ -184,7 +211,7 @@ def _colors(corner: np.ndarray, shares: np.ndarray, sources: Sequence[_Source], 
         whole = _blended(source.vertex, corner[rows], shares[rows])
         points = whole[:, :3] @ source.projection[:, :3].T + source.projection[:, 3]
         seen = whole[:, 3:].copy()
-        _sample_kernel(source.levels, points, seen)
+        _sample_kernel(source.coefficients, points, seen)
         color[rows] += weight[rows, k : k + 1] * seen
     if (shading.factor != 1.0).any():
         color *= _blended(shading.factor[:, None], corner, shares)
@@ -204,7 +231,7 @@ def _blended(values: np.ndarray, corner: np.ndarray, shares: np.ndarray) -> np.n
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sample_kernel(levels, points, out):
-    """Add colours (N, 3) of an image (H, W, 3) at homogeneous points (N, 3), by Catmull and Rom's cubic."""
+    """Add the cubic B-spline of coefficients (H, W, 3) at homogeneous points (N, 3)."""
     height, width = levels.shape[:2]
     weight = np.empty((2, 4))
     for n in range(len(points)):
@@ -212,7 +239,7 @@ def _sample_kernel(levels, points, out):
         left, top = int(np.floor(u)) - 1, int(np.floor(v)) - 1
         for k in range(8):
             s = abs(u - left - k) if k < 4 else abs(v - top - k + 4)
-            weight[k // 4, k % 4] = 1.0 + s * s * (1.5 * s - 2.5) if s < 1.0 else 2.0 + s * (s * (2.5 - 0.5 * s) - 4.0)
+            weight[k // 4, k % 4] = (4.0 + s * s * (3.0 * s - 6.0)) / 6.0 if s < 1.0 else (2.0 - s) ** 3 / 6.0
         red = green = blue = 0.0
         for k in range(16):
             w = weight[0, k % 4] * weight[1, k // 4]

@@ -19,6 +19,8 @@ _TOLERANCE = 0.006  # a vertex so far behind the depth buffer is still what is s
 _NEAREST = 0.05  # what is nearer than this to a camera is behind it [m]
 _RIM, _INSIDE = 1.0, 6.0  # nothing is taken so near to an outline; from there on colours are worth their all [px]
 _AT_RIM, _CERTAIN = 0.02, 0.15  # what colours at the rim are worth; and where nothing is mixed with filled skin
+# Of the cosine: twice for pixels a square metre, and twice since errors of the surface move colours by its tangent.
+_POWER = 4.0
 _GRAZING = 0.08  # cosine below which nothing is taken
 _ROUNDS = 8
 _LOYALTY = 0.35  # by how much a view is worth more where a triangle's three neighbours take it
@@ -30,7 +32,7 @@ class Seen(NamedTuple):
     Attributes
     ----------
     score : np.ndarray [shape=(V, K), dtype=float32]
-        Pixels a square metre of skin, times the cosine, less near outlines; 0 = not seen.
+        Pixels a square metre of skin, times the cosine's cube, less near outlines; 0 = not seen.
     pixels : np.ndarray [shape=(V, K, 2), dtype=float32]
         Where in the image [px].
     cosine : np.ndarray [shape=(V, K), dtype=float32]
@@ -87,7 +89,7 @@ def seen_vertices(mesh: Mesh, views: Sequence[ColorView], shifts: np.ndarray) ->
         slack = _TOLERANCE + 1.5 * pixel * np.sqrt(1 - np.clip(cosine, 0, 1) ** 2) / np.maximum(cosine, _GRAZING)
         shown = inside & (cosine > _GRAZING) & (z <= buffer.depth[v, u] + slack)
         within = (pixels[:, k] > 1).all(axis=1) & (pixels[:, k] < (lens.width - 2, lens.height - 2)).all(axis=1)
-        score[:, k] = np.where(shown & within, worth[v, u] * lens.fx * lens.fy * cosine**2 / (z * z), 0.0)
+        score[:, k] = np.where(shown & within, worth[v, u] * lens.fx * lens.fy * cosine**_POWER / (z * z), 0.0)
         cosines[:, k] = np.where(score[:, k] > 0, cosine, 0.0)
         worths[:, k] = np.where(score[:, k] > 0, worth[v, u], 0.0)
     return Seen(score, pixels, cosines, worths)

@@ -15,7 +15,7 @@ from mirror_scan.core.mesh.normals import vertex_normals
 from mirror_scan.core.mirrors.mirror import plane_mirror, reflect
 from mirror_scan.core.numeric.srgb import from_linear, to_linear
 from mirror_scan.core.texture import ColorView, TextureSettings, color_views, make_texture, texture_steps
-from mirror_scan.core.texture.atlas import pad
+from mirror_scan.core.texture.atlas import _sample_kernel, pad, spline_coefficients
 from mirror_scan.core.texture.silhouette_registration import view_shifts
 from mirror_scan.core.texture.surface_diffusion import diffuse, neighbours
 from mirror_scan.core.texture.visibility import choose_views, seen_vertices, view_weights
@@ -220,6 +220,25 @@ def test_diffusion_solves_its_equations():
     exact = np.linalg.solve(laplace[np.ix_(rows, rows)], pull[rows, None] * target[rows])
     np.testing.assert_allclose(got[rows], exact, atol=1e-4)
     assert (got[~member] == 0).all()
+
+
+@pytest.mark.parametrize("pixels, least", [(3.5, 0.93), (5.0, 0.98), (9.0, 0.995)])
+def test_waves_of_a_few_pixels_keep_their_contrast(pixels, least):
+    """Pixels are means over their squares; a wave between them comes back nearly whole, and in its place."""
+    turns = 2 * np.pi / pixels
+    edge = np.arange(61) - 0.5
+    mean = (np.cos(turns * edge[:-1]) - np.cos(turns * edge[1:])) / turns
+    image = 128 + 100 * np.repeat(np.repeat(mean[None], 50, axis=0)[:, :, None], 3, axis=2)
+    at = np.random.default_rng(0).uniform(10, 40, (500, 2))
+    for levels, points in ((image, at), (np.swapaxes(image, 0, 1), at[:, ::-1])):
+        found = np.zeros((len(at), 3), np.float32)
+        homogeneous = np.column_stack((points, np.ones(len(at)))).astype(np.float32)
+        _sample_kernel(spline_coefficients(levels.astype(np.float32)), homogeneous, found)
+        waves = np.column_stack((np.sin(turns * at[:, 0]), np.cos(turns * at[:, 0])))
+        contrast, beside = np.linalg.lstsq(waves, (found[:, 0] - 128.0) / 100.0, rcond=None)[0]
+        assert least < contrast < 1.01 and abs(beside) < 0.01
+    flat = spline_coefficients(np.full((9, 12, 3), 77, np.float32))
+    np.testing.assert_allclose(flat, 77, rtol=1e-5)
 
 
 def test_padding_grows_islands_by_its_width():
