@@ -17,7 +17,7 @@ from .tape import DIRECTIONS
 
 _COVERED = 1.96  # standard deviations that hold 95 %
 # By how much a tape is too short, and the spread of that, as a share of its length, where half of it nobody saw.
-_SHORT = {"neck": (0.042, 0.04), "thigh": (0.006, 0.0)}
+_SHORT = {"neck": (0.042, 0.032), "thigh": (0.006, 0.0)}
 # Girths that follow from what was seen alone: by how much they come out too short, as a share of the girth and of the
 # standard deviation expected of them, since views lose the edges of what they see; where half or more is unseen.
 _ROUND = {"upper_arm": (0.058, 0.6), "calf": (0.01, 0.4)}
