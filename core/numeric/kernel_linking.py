@@ -32,7 +32,7 @@ class Kernel(CPUDispatcher):
     def of(cls, plain: Any) -> Kernel:
         """What :func:`numba.njit` made becomes one of these."""
         plain.__class__ = cls
-        plain._compiler = plain._compiler_with(_EntryCompiler, no_cfunc_wrapper=True)
+        plain._compiler = plain._compiler_with(_EntryCompiler)
         return plain
 
     def add_overload(self, cres: Any) -> None:
@@ -68,10 +68,11 @@ class Kernel(CPUDispatcher):
 
     @functools.cached_property
     def _part_compiler(self) -> Any:
-        return self._compiler_with(_PartCompiler, no_cfunc_wrapper=True, no_cpython_wrapper=True)
+        return self._compiler_with(_PartCompiler)
 
-    def _compiler_with(self, pipeline: type, **options: bool) -> Any:
-        options = self.targetoptions | options
+    def _compiler_with(self, pipeline: type) -> Any:
+        # The same for both: numba compiles np.empty and the like once more for those who are compiled in another way.
+        options = self.targetoptions | {"no_cfunc_wrapper": True, "no_cpython_wrapper": True}
         make: Any = getattr(dispatcher, "_FunctionCompiler")  # noqa: B009  # numba's types do not list it
         return make(self.py_func, self.targetdescr, options, self.locals, pipeline)
 
@@ -176,6 +177,11 @@ class _EntryCompiler(compiler.Compiler):
         library = _EntryLibrary(targetctx.codegen(), "entry")
         library.enable_object_caching()
         super().__init__(typingctx, targetctx, library, *others)
+
+    def define_pipelines(self) -> Any:
+        """What numba runs; the entry itself, and nothing that is compiled on its way, can be called by Python."""
+        self.state.flags.no_cpython_wrapper = False
+        return super().define_pipelines()
 
 
 class _PartCompiler(compiler.Compiler):
