@@ -47,8 +47,13 @@ _said: list[Notice] = []  # what was warned of in this process
 
 
 def njit(**options: Any) -> Callable[[Function], Function]:
-    """Decorator: compiled by :func:`numba.njit`, whose options it takes."""
+    """Decorator: compiled by :func:`numba.njit`, whose options it takes.
+
+    Division by zero gives infinity or NaN, as in numpy, unless ``error_model="python"`` asks for an error: each check
+    is code to compile, and so is numba's own code once more for each model.
+    """
     cached, parallel = options.pop("cache", False), options.get("parallel", False)
+    options.setdefault("error_model", "numpy")
 
     def decorate(function: Function) -> Any:
         kernel: Any = numba.njit(**options)(function)
