@@ -17,7 +17,7 @@ PAGES = (
     ("how_it_works", "How It Works", "From the capture to the avatar, in pictures"),
 )
 
-WIDTH = 580  # of the dialog [px at 100 % scale]
+WIDTH = 600  # of the dialog [px at 100 % scale]
 
 
 class MIRRORSCAN_OT_help(bpy.types.Operator):
@@ -78,7 +78,7 @@ class MIRRORSCAN_OT_report_problem(bpy.types.Operator):
         layout = self.layout
         layout.label(text=say("This will be copied. Paste it where you write about the problem"), translate=False)
         box = layout.box().column(align=True)
-        box.scale_y = 0.75
+        box.scale_y = 0.7
         for line in self._text.splitlines():
             box.label(text=line, translate=False)
 

@@ -21,7 +21,7 @@ LEFT_OUT = ("measurements", "joints", "point", "normal", "covariance", "camera_t
 NAMED = ("view_shares", "gains", "shifts")
 """What of a report goes by names that are the user's: they are counted instead."""
 
-COLUMNS = 84  # of a line, so that the dialog shows all of it
+COLUMNS = 100  # of a line, so that the dialog shows all of it
 
 _WORD = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _UNTOLD = ("name", "between", "sensor", "by")
