@@ -94,7 +94,6 @@ def test_the_wall_of_a_figure_is_nowhere_thinner(figure):
     assert (distance > 0.95 * 1.5).mean() > 0.998 and distance.min() > 0.7 * 1.5
 
 
-@pytest.mark.parametrize("base", [0.0, 3.0])
 def merged_by_place(mesh: Mesh, folder) -> trimesh.Trimesh:
     """What a slicer makes of the STL file, whose triangles have corners of their own."""
     write_mesh(folder / "print.stl", mesh)
@@ -135,6 +134,7 @@ def test_surface_nets_keep_vertices_apart_where_the_grid_lies_on_the_surface(see
     assert worst_edge(trimesh.Trimesh(places, number.reshape(-1)[split_quads(points, quads)], process=False)) == (2, 2)
 
 
+@pytest.mark.parametrize("base", [0.0, 3.0])
 def test_drain_holes_open_the_hollow_to_below(figure, base):
     settings = PrintSettings(height_mm=220, wall_mm=1.5, base_mm=base, drain_mm=3)
     made = prepare_print(figure, settings)
