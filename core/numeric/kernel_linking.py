@@ -5,6 +5,9 @@ turns it into machine code; then it does all of that again with the copy that it
 that another one calls is a *part*: it is typed and translated once for all its callers, and optimised within them. The
 kernel that Python calls, an *entry*, is never linked into another, so that its cache holds machine code alone, which
 loads quickly. A kernel may be both.
+
+This reaches into numba. It is done with the versions that it was tried with; with any other, kernels are compiled as
+numba does it, which gives the same results later.
 """
 
 from __future__ import annotations
@@ -13,10 +16,14 @@ import functools
 from typing import Any
 
 import llvmlite.binding
+import numba
 from numba.core import codegen, compiler, compiler_lock, dispatcher, errors, event, sigutils, types, typing
 from numba.core.registry import CPUDispatcher
 
-__all__ = ["Kernel", "rebuilt"]
+__all__ = ["KNOWN", "Kernel", "rebuilt"]
+
+KNOWN = (0, 61) <= numba.version_info.short <= (0, 68)
+"""Whether this numba is one whose inside was looked at and tried."""
 
 _PART, _ENTRY = "mirror_scan part", "mirror_scan entry"  # kinds of libraries, as they are kept
 

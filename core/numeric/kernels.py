@@ -1,23 +1,19 @@
-"""``njit`` and ``prange`` for kernels: numba's, with a cache that may break and parallel code that any thread may call.
+"""``njit`` for kernels: numba's, with a cache that may break.
 
-- Compiled code that is damaged, or that cannot be kept, costs compiling again and one line of warning, never an error.
-- A process that was forked after parallel code had run runs it with one thread: numba on GNU's OpenMP, its usual choice
-  on Linux, ends such a process otherwise.
-- Threads take turns in parallel kernels where numba's threads are its own (“workqueue”), which end the process when two
-  threads enter at once.
+Compiled code that is damaged, or that cannot be kept, costs compiling again and one line of warning, never an error.
+Kernels are never compiled with ``parallel=True``, which takes seconds each, and whose threads neither forks nor several
+calling threads get along with: :mod:`.threads` shares out their work.
 """
 
 from __future__ import annotations
 
 import contextlib
 import glob
-import importlib
 import inspect
 import io
 import logging
 import os
 import pickle
-import threading
 import time
 import uuid
 import zlib
@@ -25,13 +21,12 @@ from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
 import numba
-from numba import prange
 from numba.core import caching, serialize
 
 from ..errors import Notice
-from .kernel_linking import Kernel, rebuilt
+from .kernel_linking import KNOWN, Kernel, rebuilt
 
-__all__ = ["LOG", "njit", "prange"]
+__all__ = ["LOG", "njit"]
 
 LOG = logging.getLogger(__name__)
 """Says, at most once a process and as a :class:`.notices.Notice`, that compiled code could not be read or kept. A
@@ -52,82 +47,20 @@ def njit(**options: Any) -> Callable[[Function], Function]:
     Division by zero gives infinity or NaN, as in numpy, unless ``error_model="python"`` asks for an error: each check
     is code to compile, and so is numba's own code once more for each model.
     """
-    cached, parallel = options.pop("cache", False), options.get("parallel", False)
+    cached = options.pop("cache", False)
     options.setdefault("error_model", "numpy")
 
     def decorate(function: Function) -> Any:
         kernel: Any = numba.njit(**options)(function)
         if not hasattr(kernel, "py_func"):  # NUMBA_DISABLE_JIT
             return kernel
-        kernel = (_ParallelKernel if parallel else Kernel).of(kernel)
+        if KNOWN:
+            kernel = Kernel.of(kernel)
         if cached:
             kernel._cache = _KernelCache(function)
         return kernel
 
     return decorate
-
-
-# --- parallel kernels ------------------------------------------------------------------------------------------------
-
-
-class _Threads:
-    """What this process has to heed when it calls parallel code."""
-
-    turn = threading.RLock()
-    reentrant = False  # known to be
-    lost = False  # in a fork, which has the parent's OpenMP but none of its threads
-    process = 0  # the fork that has been told so
-
-    @classmethod
-    def in_child(cls) -> None:
-        """Called in a new fork."""
-        cls.turn = threading.RLock()  # another thread of the parent may hold it for ever
-        cls.lost = cls.lost or (_threading_layer() == "omp" and _openmp().openmp_vendor == "GNU")
-
-    @classmethod
-    def do_without(cls) -> None:
-        """Have this thread of a fork run parallel code alone, which GNU's OpenMP can do there.
-
-        Numba's start of its threads starts nothing the second time, but notes the process that may call parallel code.
-        """
-        if cls.process != os.getpid():
-            config: Any = numba.config
-            config.THREADING_LAYER = "omp"  # it is loaded; no other is looked for
-            parallel: Any = importlib.import_module("numba.np.ufunc.parallel")
-            parallel._is_initialized = False
-            parallel._launch_threads()
-            cls.process = os.getpid()
-        numba.set_num_threads(1)
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_Threads.in_child)
-
-
-class _ParallelKernel(Kernel):
-    """A kernel compiled with ``parallel=True``."""
-
-    def __call__(self, *arguments: Any) -> Any:
-        if _Threads.lost:
-            _Threads.do_without()
-        elif not _Threads.reentrant:
-            with _Threads.turn:
-                answer = super().__call__(*arguments)
-            _Threads.reentrant = _threading_layer() in ("omp", "tbb")
-            return answer
-        return super().__call__(*arguments)
-
-
-def _threading_layer() -> str:
-    """Numba's threading layer, "" when no parallel code has been loaded yet."""
-    try:
-        return numba.threading_layer()
-    except ValueError:
-        return ""
-
-
-def _openmp() -> Any:
-    return importlib.import_module("numba.np.ufunc.omppool")
 
 
 # --- the cache -------------------------------------------------------------------------------------------------------
@@ -152,7 +85,7 @@ class _Format(caching.CompileResultCacheImpl):
     _locator_classes: Any = [*caching.CompileResultCacheImpl._locator_classes, _FirstChoice]
 
     def rebuild(self, target_context: Any, payload: Any) -> Any:
-        return rebuilt(target_context, payload)
+        return rebuilt(target_context, payload) if KNOWN else super().rebuild(target_context, payload)
 
 
 class _KernelCache(caching.FunctionCache):
@@ -220,7 +153,8 @@ class _KernelCache(caching.FunctionCache):
 
     def _index_key(self, sig: Any, codegen: Any) -> tuple:
         """Other than in an index that numba wrote, or this program before it kept code in this form."""
-        return ("linked", *super()._index_key(sig, codegen))
+        key = super()._index_key(sig, codegen)
+        return ("linked", *key) if KNOWN else key
 
     def _found(self) -> list[_Place]:
         """Where to look, the place to write to last."""
