@@ -1,3 +1,3 @@
 """What the add-on says, in the user's language."""
 
-__all__ = ["texts"]
+__all__ = ["messages", "texts"]

@@ -16,6 +16,8 @@ __all__ = [
     "kept_errors",
     "live_subject",
     "point_cloud",
+    "preferred",
+    "problem_report",
     "properties",
     "reduced_mesh",
     "report_text",

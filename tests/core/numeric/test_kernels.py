@@ -187,7 +187,7 @@ def test_a_missing_cache_folder_is_made(run, tmp_path, monkeypatch):
 
 
 def test_numba_switched_off(tmp_path):
-    done = python(tmp_path, "print(kernel(np.arange(4.0)))", NUMBA_DISABLE_JIT="1")
+    done = python(tmp_path, "print(work(4))", NUMBA_DISABLE_JIT="1")
     assert done.stdout.split() == ["12.0"]
 
 
@@ -228,6 +228,7 @@ def python(folder, text, **environment):
         timeout=120,
     )
     assert done.returncode == 0 and not done.stderr, (done.returncode, done.stderr)
+    return done
 
 
 @pytest.fixture(scope="module")
