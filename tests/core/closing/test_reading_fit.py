@@ -43,7 +43,8 @@ def falsified(person):
         readings, body.vertices, body.triangles, normals, shown_surfaces(body.vertices, body.triangles, readings)
     )
     lit = np.zeros(len(body.vertices))
-    np.maximum.at(lit, body.triangles[light.triangle[light.known]].T, light.total[light.known])
+    corners = body.triangles[light.triangle[light.known]]
+    np.maximum.at(lit, corners.ravel(), np.repeat(light.total[light.known], 3))
     return readings, body, lit
 
 
