@@ -158,7 +158,7 @@ def test_no_kernel_lies_in_a_face():
 
 
 def test_kernels_are_made_by_our_njit():
-    """Numba's own raises when its cache is damaged or its disk is full, and ends processes that were forked."""
+    """Numba's own raises when its cache is damaged or its disk is full."""
     for module, tree in sources().items():
         if module.startswith("core.") and module != "core.numeric.kernels":
             for node in ast.walk(tree):

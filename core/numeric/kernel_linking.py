@@ -16,13 +16,13 @@ import functools
 from typing import Any
 
 import llvmlite.binding
-import numba
+from numba import version_info
 from numba.core import codegen, compiler, compiler_lock, dispatcher, errors, event, sigutils, types, typing
 from numba.core.registry import CPUDispatcher
 
 __all__ = ["KNOWN", "Kernel", "rebuilt"]
 
-KNOWN = (0, 61) <= numba.version_info.short <= (0, 68)
+KNOWN = (0, 61) <= version_info.short <= (0, 68)
 """Whether this numba is one whose inside was looked at and tried."""
 
 _PART, _ENTRY = "mirror_scan part", "mirror_scan entry"  # kinds of libraries, as they are kept

@@ -12,6 +12,7 @@ from ..interface.viewport import look_from_camera
 from ..language.texts import CONTEXT, say, tell
 from ..scene import scan_records
 from ..scene.capture_objects import show_capture
+from ..scene.preferred import drop_makes
 
 
 class MIRRORSCAN_OT_load_capture(job_operators.FileJobOperator, bpy.types.Operator):
@@ -150,7 +151,7 @@ class MIRRORSCAN_FH_capture(bpy.types.FileHandler):
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
-        return in_viewport(context)
+        return in_viewport(context) and drop_makes("LOOK")
 
 
 class MIRRORSCAN_FH_picture(bpy.types.FileHandler):
@@ -163,7 +164,7 @@ class MIRRORSCAN_FH_picture(bpy.types.FileHandler):
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
-        return on_sidebar(context)
+        return on_sidebar(context) and drop_makes("LOOK")
 
 
 CLASSES = (MIRRORSCAN_OT_load_capture, MIRRORSCAN_OT_record, MIRRORSCAN_FH_capture, MIRRORSCAN_FH_picture)

@@ -12,6 +12,7 @@ from ..interface.viewport import look_from_camera
 from ..language.texts import CONTEXT, say, tell
 from ..scene import kept_errors, scan_collections, scan_records
 from ..scene.capture_objects import show_capture
+from ..scene.preferred import drop_makes
 from .build_avatar import MIRRORSCAN_OT_build_avatar
 from .load_capture import in_viewport, on_sidebar
 
@@ -96,7 +97,7 @@ class MIRRORSCAN_FH_avatar(bpy.types.FileHandler):
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
-        return in_viewport(context)
+        return in_viewport(context) and drop_makes("AVATAR")
 
 
 class MIRRORSCAN_FH_avatar_picture(bpy.types.FileHandler):
@@ -109,7 +110,7 @@ class MIRRORSCAN_FH_avatar_picture(bpy.types.FileHandler):
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
-        return on_sidebar(context)
+        return on_sidebar(context) and drop_makes("AVATAR")
 
 
 CLASSES = (MIRRORSCAN_OT_scan_to_avatar, MIRRORSCAN_FH_avatar, MIRRORSCAN_FH_avatar_picture)
