@@ -172,22 +172,20 @@ def _spread_least(share: np.ndarray, start: np.ndarray, heads: np.ndarray) -> np
 def _uncrossed(mesh: Mesh, vertices: np.ndarray, start: np.ndarray, heads: np.ndarray) -> Mesh:
     """The mesh with ``vertices``, those moved back whose triangles run through others; ``mesh`` if that is in vain."""
     before, share = np.ascontiguousarray(mesh.vertices, np.float64), np.ones(len(vertices))
-    most = 0
     for repair in range(_REPAIRS):
         placed = before + share[:, None] * (vertices - before)
         pairs = self_intersections(placed, mesh.triangles)
-        if len(pairs) > most and repair == 0:
-            most = len(self_intersections(before, mesh.triangles))
-        if len(pairs) <= most:
+        if not len(pairs):
             return replace(mesh, vertices=placed)
         back = np.zeros(len(share), np.bool_)
         back[mesh.triangles[np.unique(pairs)]] = True
-        for _ in range(3 * repair + 2):
+        for _ in range(3 * repair + 3):
             back |= _around(back.astype(float), start, heads) > 0
         share[back] = 0.0
         for _ in range(4):
             share = np.minimum(share, 0.5 * (share + _around(share, start, heads)))
-    return mesh
+    kept = len(pairs) <= len(self_intersections(before, mesh.triangles))
+    return replace(mesh, vertices=placed) if kept else mesh
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
