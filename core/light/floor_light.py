@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..camera import project
-from ..mirrors import Mirror
 from .irradiance import ratio_to_own, through_glass
 from .lit_scene import LitScene, ray_lengths
 from .phase_response import CORRECTABLE, NOTICEABLE, UNLEARNT, PhaseResponse, fit_response, predicted_bias
@@ -19,8 +18,6 @@ _FLOOR_BAND = 0.08  # so far from the floor a reading may be the floor's, misrea
 _FLOOR_GRAZING = 0.12  # sine of the ray's angle to the floor, below which it is not judged
 _FARTHEST_FLOOR, _ABOUT_FEET = 8.0, 1.4  # from the camera, and about the subject [m]
 _ENOUGH_FLOOR = 4000  # readings
-_BESIDE_FRAME = 0.06  # light that passes so near to the edge of a glass may meet its frame [m]
-_AT_FRAME = 0.1  # readings so near to a mirror may be of its frame [m]
 _IN_SIGHT = 0.05  # z of corners that have a place in the image [m]
 
 
@@ -54,7 +51,6 @@ def floor_readings(scene: LitScene, noise: float) -> Floor | None:
     east = np.cross(views.up, (0.0, 0.0, 1.0))
     x, y = flat @ east, flat @ np.cross(east, views.up)
     shape = np.column_stack((np.ones(len(x)), x, y, x * x, x * y, y * y))
-    seen_well &= ~_about_frames(points, scene.mirrors)
     clean = np.flatnonzero((total < 0.003) & seen_well)
     lit = np.flatnonzero((total > NOTICEABLE / 2) & (total < _MODERATE) & seen_well)
     if min(len(clean), len(lit)) < _FLOOR_SAMPLE // 10:
@@ -70,19 +66,6 @@ def floor_readings(scene: LitScene, noise: float) -> Floor | None:
         shape[lit] / slant[lit, None],
     )  # fmt: skip
     return Floor(response, explained)
-
-
-def _about_frames(points: np.ndarray, mirrors: list[Mirror]) -> np.ndarray:
-    """Which points (N, 3) may be of a mirror's frame, or in its shade: the frame's width and depth are not known."""
-    about = np.zeros(len(points), np.bool_)
-    for mirror in mirrors:
-        if mirror.rectangle is None:
-            continue
-        about |= through_glass(points, mirror, -_BESIDE_FRAME) & ~through_glass(points, mirror, _BESIDE_FRAME)
-        off = (points - mirror.point) @ mirror.basis
-        inside = (off[:, :2] > mirror.rectangle[:, 0] - _AT_FRAME) & (off[:, :2] < mirror.rectangle[:, 1] + _AT_FRAME)
-        about |= (np.abs(off[:, 2]) < _AT_FRAME) & inside.all(axis=1)
-    return about
 
 
 def correct_floor(scene: LitScene, response: PhaseResponse | None, depth: np.ndarray, spoiled: np.ndarray) -> None:

@@ -16,7 +16,7 @@ DEVIATIONS = 3.0
 _SEED = 0.15  # share of a limb's half width, from its middle, that light of one way is taken to reach alone
 _LIMB_STEP = 0.03  # of z between neighbours: more is the edge of a limb
 _ROUNDS, _REACH = 16, 2  # so often, and so far each time, the surface is followed outwards [px]
-_DAMPING = 0.25  # of a trusted reading's correction made again: it depends on the surface, which depends on it
+_DAMPING = 0.25  # of a correction that is made again: it depends on the surface, which depends on it
 _CONSISTENT = 0.008  # a corrected reading may lie so far off the surface's way on [m], besides noise
 
 
@@ -72,7 +72,7 @@ def correct_limbs(scene: LitScene, response: PhaseResponse | None) -> Corrected:
         known, before = surface.z > 0, total[some]
         total[some] = np.where(known, ratio.sum(axis=1), np.inf)
         predicted, uncertain = predicted_bias(response, ratio, longer, known)
-        step = np.where(np.isinf(before) | ~trusted[rows[some], columns[some]], 1.0, _DAMPING)
+        step = np.where(np.isinf(before), 1.0, _DAMPING)
         bias[some] = np.where(known, bias[some] + step * (predicted - bias[some]), bias[some])
         value = measured[some] - bias[some] / length[some]
         depth[rows[some], columns[some]] = np.maximum(value, 0.0)

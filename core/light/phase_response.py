@@ -14,12 +14,11 @@ LIGHT_SPEED = 299_792_458.0
 _LOWEST, _HIGHEST, _SPACING = 10e6, 330e6, 8e6  # frequencies that a camera may modulate its light with [Hz]
 _ROUNDS = 3  # of the robust fit
 _UNITY = 400.0  # how much the weights' sum is held to 1, relative to the noise of a reading [1/m²]
-_TO_USUAL = 0.0133  # how much each weight is held to that of usual cameras, relative to the noise of a reading [1/m²]
 _PIECES = 2  # readings are predicted in so many pieces, side by side
 _SMALLEST = 0.02  # weights below are left out: of no effect
 _RATIO_ERROR, _LENGTH_ERROR = 0.15, 0.01  # of what is predicted: share of the ratio, difference of the ways [m]
 
-CORRECTABLE = 0.008
+CORRECTABLE = 0.004
 """What a predicted bias may be wrong by, up to which a reading is corrected [m]."""
 UNLEARNT = 0.05
 """Ratio of light beyond which a reading is thrown away when the response could not be learnt."""
@@ -65,21 +64,6 @@ def weighted_by_frequency(frequencies: tuple[float, ...]) -> PhaseResponse:
     """The response of a camera whose frequencies [Hz] are known: each counts by its precision, the square of it."""
     known = np.asarray(frequencies, dtype=np.float64)
     return PhaseResponse(known, known**2 / np.sum(known**2))
-
-
-def usual_weights(frequencies: np.ndarray) -> np.ndarray:
-    """Mean weights (F,) over cameras that might be, at an even dictionary of frequencies (F,) [Hz]; they add up to 1.
-
-    Each has a high frequency, from 90 to 320 MHz, one of 70 to 100 % and one of 20 to 40 % of it, which count by the
-    square of each; the higher, the rarer.
-    """
-    weights = np.zeros(len(frequencies))
-    for high in np.arange(90e6, 321e6, 10e6):
-        for middle, low in ((m, n) for m in (0.7, 0.85, 1.0) for n in (0.2, 0.4)):
-            used = high * np.array((1.0, middle, low))
-            nearest = np.abs(frequencies - used[:, None]).argmin(axis=1)
-            np.add.at(weights, nearest, used**2 / np.sum(used**2) / high)
-    return weights / weights.sum()
 
 
 def predicted_bias(
@@ -143,7 +127,6 @@ def fit_response(
 
     No frequency is assumed: of a dictionary of all that cameras use, weights that are not negative are fitted (Lawson
     and Hanson 1974), robustly. Their sum is held near to 1: ways of almost the same length mix whatever the frequency.
-    What readings leave open is as with the mean of usual cameras (:func:`usual_weights`).
 
     Parameters
     ----------
@@ -164,7 +147,7 @@ def fit_response(
     """
     frequencies = np.arange(_LOWEST, _HIGHEST + 1.0, _SPACING)
     table = np.column_stack([_biases(f, ratio, longer) for f in frequencies])
-    weights, inlier, usual = np.zeros(len(frequencies)), np.ones(len(bias)), usual_weights(frequencies)
+    weights, inlier = np.zeros(len(frequencies)), np.ones(len(bias))
     rest = bias
     for _ in range(_ROUNDS):
         root = np.sqrt(inlier)
@@ -174,8 +157,7 @@ def fit_response(
             left, right = left - basis @ (basis.T @ left), right - basis @ (basis.T @ right)
         gram, moment = left.T @ left, left.T @ right
         stiff = _UNITY * inlier.sum() * noise**2
-        held = _TO_USUAL * inlier.sum() * noise**2
-        weights = nonnegative_least_squares(gram + stiff + held * np.eye(len(gram)), moment + stiff + held * usual)
+        weights = nonnegative_least_squares(gram + stiff, moment + stiff)
         rest = bias - table @ weights
         if drift is not None:
             rest = rest - drift @ np.linalg.lstsq(drift * root[:, None], rest * root, rcond=None)[0]
