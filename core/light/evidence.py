@@ -62,4 +62,4 @@ def sample(scene: LitScene, view: int) -> tuple[Surface, np.ndarray, np.ndarray]
     rows, columns = np.nonzero((scene.labels == view) & (scene.depth > 0))
     step = max(len(rows) // _SAMPLE, 1)
     surface = scene.surface(scene.depth, scene.labels >= 0, rows[::step], columns[::step])
-    return surface, *scene.light(surface.points, surface.normals, surface.view, scene.doubted(scene.depth, scene.labels))
+    return surface, *scene.light(surface.points, surface.normals, surface.view, (scene.depth, scene.labels))

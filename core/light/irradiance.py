@@ -10,7 +10,7 @@ from ..mirrors.mirror import reflect
 from ..numeric.kernels import njit
 from ..numeric.threads import each
 
-_OCCLUDED = 0.05  # so much nearer than a point, the subject seen in its line of sight hides it [m]
+_OCCLUDED = 0.15  # so much nearer than a point, the subject seen in its line of sight hides it [m]
 _MARGIN = 0.01  # rays that pass the glass nearer to its edge than this are taken to miss it [m]
 _PIECES = 4  # the points are looked at in so many pieces, side by side
 

@@ -65,8 +65,7 @@ def correct_limbs(scene: LitScene, response: PhaseResponse | None) -> Corrected:
         if not len(some):
             break
         surface = scene.surface(depth, trusted, rows[some], columns[some], _REACH)
-        hiding = scene.hiding_by(depth, trusted)
-        light, lengths = scene.light(surface.points, surface.normals, surface.view, hiding)
+        light, lengths = scene.light(surface.points, surface.normals, surface.view)
         ratio = ratio_to_own(light, surface.view)
         longer = lengths - lengths[np.arange(len(some)), surface.view][:, None]
         known, before = surface.z > 0, total[some]

@@ -19,7 +19,6 @@ from .local_surface import local_surface
 REFLECTIVITY = 0.85
 """Of glass in the near infrared, one pass; what it really is goes into the response's weights."""
 
-_DOUBT = 0.1  # by so much light of two ways may draw a reading nearer [m]
 _GAP = 10  # so far the subject goes on where nothing is read [px]
 
 
@@ -45,21 +44,8 @@ class LitScene:
 
     @cached_property
     def hiding(self) -> tuple[np.ndarray, np.ndarray]:
-        """Depth and labels (H, W) of what can hide a point from a source: the subject, unread parts of it too.
-
-        Light of two ways draws readings nearer: each counts as so much farther that it hides nothing by that alone.
-        """
-        return self.doubted(*grown_into_gaps(self.labels, self.depth))
-
-    @staticmethod
-    def doubted(depth: np.ndarray, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Depth and labels (H, W) of what hides a point though it may be misread."""
-        return np.where(depth > 0, depth + np.float32(_DOUBT), np.float32(0.0)), labels
-
-    def hiding_by(self, depth: np.ndarray, trusted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """:attr:`hiding` with the readings that are ``trusted`` (H, W) where ``depth`` (H, W) has them."""
-        doubted, labels = self.hiding
-        return np.where(trusted, depth, doubted), labels
+        """Depth and labels (H, W) of what can hide a point from a source: the subject, unread parts of it too."""
+        return grown_into_gaps(self.labels, self.depth)
 
     @cached_property
     def heights(self) -> np.ndarray:
