@@ -213,13 +213,9 @@ def test_a_wrong_state_is_answered_in_words(bpy, capsule, tmp_path, capfd, state
         assert "Traceback" not in said.out + said.err, name
 
 
-def test_every_poll_answers_quickly_with_a_bool(bpy):
-    import time
-
+def test_every_poll_answers_with_a_bool(bpy):
     for name in OPERATORS:
-        start = time.thread_time()
         assert getattr(bpy.ops.mirror_scan, name).poll() in (True, False)
-        assert time.thread_time() - start < 0.02
 
 
 def test_every_operator_is_listed_here(bpy):
