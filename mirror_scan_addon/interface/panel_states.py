@@ -83,7 +83,8 @@ def capture(context: bpy.types.Context) -> State:
     cloud = cloud_of(context)
     if cloud is None:
         return say("none yet"), OPEN
-    return say("{name}, {points:,} points").format(name=cloud.name, points=len(cloud.data.vertices)), DONE
+    name = cloud.name.removesuffix(" Points")  # as it is named when it is loaded
+    return say("{name}, {points:,} points").format(name=name, points=len(cloud.data.vertices)), DONE
 
 
 def mirrors(context: bpy.types.Context) -> State:

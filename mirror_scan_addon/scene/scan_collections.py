@@ -44,7 +44,7 @@ def scan_of(scene: bpy.types.Scene, path: str, name: str) -> bpy.types.Collectio
     if found is not None:
         return found
     scan = _made(_free_name(name[:_LONGEST].strip() or "Scan"), SCAN, root_of(scene))
-    scan[KEY] = path or name
+    scan[KEY] = _plain(path) or name
     return scan
 
 
@@ -56,13 +56,18 @@ def root_of(scene: bpy.types.Scene) -> bpy.types.Collection:
 
 def find_scan(scene: bpy.types.Scene, path: str, name: str) -> bpy.types.Collection | None:
     """The collection of the scan of a capture, also of one that was moved on the disk; None when there is none."""
-    scans = list(_ours(scene, SCAN))
+    scans, path = list(_ours(scene, SCAN)), _plain(path)
     found = next((scan for scan in scans if scan.get(KEY) == (path or name)), None)
     if found is None and path:
         found = next((scan for scan in scans if _was_moved(str(scan.get(KEY, "")), path)), None)
         if found is not None:
             found[KEY] = path
     return found
+
+
+def _plain(path: str) -> str:
+    """A path without what makes no difference, such as a slash at its end; "" stays as it is."""
+    return str(Path(path)) if path else ""
 
 
 def _was_moved(old: str, new: str) -> bool:
@@ -124,7 +129,7 @@ def sources_match(item: bpy.types.Object, source: dict) -> bool:
     except (AttributeError, KeyError, TypeError, ValueError):  # of an older version, or edited into nonsense
         return False
     if path and source["path"]:
-        return path == source["path"] or _was_moved(path, source["path"])
+        return Path(path) == Path(source["path"]) or _was_moved(path, source["path"])
     return bool(name) and name == source["name"]
 
 
