@@ -211,10 +211,10 @@ def test_a_mirror_is_set_by_pixels_by_places_and_by_its_plane(bpy, scan, loaded)
         ({"points": "[[1, 2], [3, 4]]"}, "too few for a plane"),
         ({"points": "[[1, 2], [3, 4], [5, 60000]]"}, "outside the 640×576"),
         ({"points": "[[100, 20], [320, 20], [540, 20]]"}, "depth reading|one line"),
-        ({"points": "import os"}, "must be a list"),
-        ({"points": "[1, 2, 3]"}, "must be a list"),
+        ({"points": "import os"}, "give a list such as"),
+        ({"points": "[1, 2, 3]"}, "give a list such as"),
         ({"points": "[[1, 2], [3]]"}, "pairs of pixels"),
-        ({"points": "[[1, 2], [3, float('nan')]]"}, "must be a list"),
+        ({"points": "[[1, 2], [3, float('nan')]]"}, "give a list such as"),
         ({}, "Give points"),
         ({"index": 7, "points": "[[1, 2]]"}, "too large"),
     ],
@@ -562,7 +562,7 @@ def test_colours_say_what_they_are_asked(bpy, capsule):
     assert [item.name for item in avatar.data.color_attributes] == ["Color"]
     np.testing.assert_array_equal(shown()[1], capsule.colors)
     avatar.data.attributes.remove(avatar.data.attributes["kind"])
-    with pytest.raises(RuntimeError, match="only avatars built by Mirror Scan"):
+    with pytest.raises(RuntimeError, match="select an avatar that Mirror Scan built"):
         bpy.ops.mirror_scan.color_by(mode="KIND")
 
 

@@ -49,7 +49,7 @@ def test_the_script_of_the_readme_runs(capture, tmp_path):
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert len(re.findall(r"its frame is flat to \d+\.\d mm", done.stdout)) == 2, done.stdout
-    height = float(re.search(r"^Avatar: (\d\.\d\d) m tall", done.stdout, re.MULTILINE).group(1))
+    height = float(re.search(r"^my_scan: (\d\.\d\d) m tall", done.stdout, re.MULTILINE).group(1))
     assert 1.6 < height < 2.0
     for name in ("avatar.glb", "avatar.blend"):
         assert (tmp_path / name).stat().st_size > 100_000

@@ -18,6 +18,7 @@ OPERATORS = {
     "dismiss_error": {},
     "record": {"filepath": "/proc/recording"},
     "find_mirrors": {},
+    "select_mirror": {},
     "set_mirror": {"points": "[[100, 100], [200, 100], [100, 200]]"},
     "pick_mirror_points": {},
     "save_mirrors": {"filepath": "/proc/mirrors.json"},
