@@ -13,6 +13,7 @@ the bpy module of this Python. Where there is neither, the zip is written here a
 from __future__ import annotations
 
 import argparse
+import functools
 import importlib.util
 import os
 import re
@@ -241,12 +242,12 @@ def stage(target: Path, wheels: list[Path], platforms: list[str], any_blender: b
         shutil.copy2(ROOT / name, target / name)
     for name in SHIPPED_FOLDERS:
         shutil.copytree(ROOT / name, target / name, ignore=shutil.ignore_patterns(*LEFT_OUT))
-    pages = runpy.run_path(str(Path(__file__).with_name("pages.py")))
+    pages = _tool("pages.py")
     try:
         pages["write_pages"](target / HELP)
     except pages["PageError"] as error:
         raise BuildError(f"help: {error}") from error
-    tool = runpy.run_path(str(Path(__file__).with_name("messages.py")))
+    tool = _tool("messages.py")
     tool["write_list"](target / tool["LIST"].relative_to(ROOT))  # the one in the checkout may lag behind
     text = (ROOT / MANIFEST).read_text(encoding="utf-8")
     if wheels:
@@ -262,6 +263,12 @@ def stage(target: Path, wheels: list[Path], platforms: list[str], any_blender: b
 
 def _toml_list(items: list[str]) -> str:
     return "[" + ", ".join(f'"{item}"' for item in items) + "]"
+
+
+@functools.cache
+def _tool(name: str) -> dict:
+    """What another of these tools defines; it may remember between two zips what it has read."""
+    return runpy.run_path(str(Path(__file__).with_name(name)))
 
 
 def _replace_list(text: str, key: str, line: str) -> str:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import functools
 import json
 import re
 import runpy
@@ -53,7 +54,7 @@ def sources() -> list[Path]:
 
 def messages() -> list[str]:
     """Templates for ``str.format`` in order; of those that differ in the names in braces alone the first."""
-    found = {text for path in sources() for text in texts_of(ast.parse(path.read_text(encoding="utf-8")))}
+    found = {text for path in sources() for text in texts_in(path.read_text(encoding="utf-8"))}
     return sorted({skeleton(text): text for text in sorted(found, reverse=True)}.values())
 
 
@@ -69,14 +70,21 @@ def skeleton(template: str) -> str:
     return re.sub(r"\{\w+\}", "{}", template)
 
 
+@functools.cache
+def texts_in(source: str) -> frozenset[str]:
+    """:func:`texts_of` a module's source; zips for several platforms ask for the same."""
+    return frozenset(texts_of(ast.parse(source)))
+
+
 def texts_of(tree: ast.Module) -> Iterator[str]:
     """What is written in a module as text with words in it, apart from its documentation."""
-    documentation = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    nodes = list(ast.walk(tree))
+    documentation = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
     parts, stages, templates = set(), set(), set()
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Call) and is_notice(node):
             templates.add(id(node.args[0]))
-        if isinstance(node, ast.Call) and ast.unparse(node.func).rpartition(".")[2] in NOT_SAID:
+        if isinstance(node, ast.Call) and called_name(node) in NOT_SAID:
             parts |= {id(inner) for argument in node.args for inner in ast.walk(argument)}
         elif isinstance(node, ast.JoinedStr):  # its constants are pieces of it, not texts
             parts |= {id(value) for value in node.values}
@@ -84,7 +92,7 @@ def texts_of(tree: ast.Module) -> Iterator[str]:
             stages |= {id(value) for value in node.value.elts}
         elif isinstance(node, ast.FormattedValue) and node.format_spec is not None:
             parts.add(id(node.format_spec))
-    for node in ast.walk(tree):
+    for node in nodes:
         if id(node) in documentation or id(node) in parts:
             continue
         if isinstance(node, ast.JoinedStr):
@@ -99,9 +107,14 @@ def texts_of(tree: ast.Module) -> Iterator[str]:
             yield text.strip()
 
 
+def called_name(call: ast.Call) -> str:
+    """The last name of what is called; "" for what has none."""
+    return getattr(call.func, "attr", getattr(call.func, "id", ""))
+
+
 def is_notice(call: ast.Call) -> bool:
     """Whether a call makes a message of a template and values: ``Notice(…)``, or an error with values."""
-    name = ast.unparse(call.func).rpartition(".")[2]
+    name = called_name(call)
     return bool(call.args) and (name == "Notice" or (name.endswith("Error") and bool(call.keywords)))
 
 
