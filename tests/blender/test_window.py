@@ -131,6 +131,6 @@ def test_the_script_of_the_readme_runs(found):
     done = run.run_readme(place)
     assert done.returncode == 0 and "Traceback" not in done.stdout, done.stdout[-3000:]
     assert len(re.findall(r"its frame is flat to \d+\.\d mm", done.stdout)) == 2, done.stdout
-    assert re.search(r"^Avatar: 1\.\d\d m tall", done.stdout, re.MULTILINE), done.stdout
+    assert re.search(r"^without_mirrors: 1\.\d\d m tall", done.stdout, re.MULTILINE), done.stdout
     for name in ("avatar.glb", "avatar.blend"):
         assert (place.share / name).stat().st_size > 100_000
