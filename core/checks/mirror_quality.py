@@ -13,6 +13,7 @@ from ..capture import MirrorPicks
 from ..errors import MirrorError, Notice
 from ..mirror_alignment.frame_shape import frame_shape, honest_error
 from ..mirror_detection.mirror_at_picks import contradicted, glass_evidence
+from ..mirror_detection.mirror_verification import Evidence
 from ..mirrors import Mirror
 from ..mirrors.mirror import expected_error
 from ..mirrors.picked_mirror import MirrorSettings, place_mirror
@@ -98,7 +99,9 @@ def judge_mirrors(
     up, known = _vertical(image)
     model = SENSORS.get(sensor)
     told = [*picks, *([None] * (len(mirrors) - len(picks)))]
-    empty = not any(_shows_somebody(image, mirror, settings) for mirror in mirrors)  # a rig, perhaps, and nobody in it
+    evidence = [glass_evidence(image, mirror) for mirror in mirrors]
+    shows = [_shows_somebody(seen, settings) for seen in evidence]
+    empty = not any(shows)  # a rig, perhaps, and nobody in it
     found = []
     for k, mirror in enumerate(mirrors):
         others = [*mirrors[:k], *mirrors[k + 1 :]]
@@ -114,7 +117,7 @@ def judge_mirrors(
             )  # fmt: skip
         else:
             wrong = _contradiction(image, mirror, others) or _about_frame(mirror, error, noise, settings)
-            if wrong is None and not empty and not _shows_somebody(image, mirror, settings):
+            if wrong is None and not empty and not shows[k]:
                 wrong = Notice(
                     "{name}: the person is not seen in it, as in another mirror; turn it until the camera sees the "
                     "person's back in it, or remove it from the list",
@@ -127,7 +130,7 @@ def judge_mirrors(
             found.append(MirrorQuality(WRONG, wrong, error, noise))
             continue
         doubt = _doubt(mirror, error, noise, settings)
-        if empty and glass_evidence(image, mirror) is not None:
+        if empty and evidence[k] is not None:
             doubt = Notice(
                 "{name}: nobody is seen in it, nor in another mirror; that does for a rig file, but an avatar needs "
                 "the person's back in it",
@@ -166,7 +169,9 @@ def swapped_points(
         return None
     up, known = _vertical(image)
     leans = abs(float(mirror.normal @ up)) > np.sin(np.radians(settings.lean if known else settings.lean_unseen))
-    if leans or not _shows_somebody(image, mirror, settings) or _contradiction(image, mirror, ()) is not None:
+    if leans or not _shows_somebody(glass_evidence(image, mirror), settings):
+        return None
+    if _contradiction(image, mirror, ()) is not None:
         return None
     return Notice(
         "{name}: rows and columns of its points are swapped: a point is [column, row], counted from the image's left "
@@ -193,9 +198,8 @@ def _noise(image: RgbdImage, mirror: Mirror, model: NoiseModel | None) -> float:
     return max(by_frame, 0.0 if model is None else float(model.sigma(abs(mirror.point[2]), image.intrinsics.fx)))
 
 
-def _shows_somebody(image: RgbdImage, mirror: Mirror, settings: QualitySettings) -> bool:
+def _shows_somebody(evidence: Evidence | None, settings: QualitySettings) -> bool:
     """Whether enough of what is seen in a mirror lies, flipped over its plane, on what the camera sees as well."""
-    evidence = glass_evidence(image, mirror)
     return evidence is None or evidence.shown >= settings.fewest_shown  # of a glass that is not known nothing is said
 
 
