@@ -212,10 +212,9 @@ class JobOperator:
         context.workspace.status_text_set(None)
         redraw(context)
 
-    def fail(self, error: Exception, context: bpy.types.Context | None = None) -> set[str]:
+    def fail(self, error: Exception, context: bpy.types.Context) -> set[str]:
         """Report an error, keep it for the panel, and return what ``execute`` shall return."""
-        text = in_words(error) if context is None else kept_errors.keep(context, self, error)
-        self.report({"ERROR"}, text)
+        self.report({"ERROR"}, kept_errors.keep(context, self, error))
         return {"CANCELLED"}
 
     def _deliver(self, context: bpy.types.Context, result: object) -> set[str]:

@@ -11,7 +11,7 @@ from ...core.capture import MirrorPicks
 from ...core.mirrors import Mirror
 
 ENOUGH = 3
-"""Points that make a plane."""
+"""Picks that make a plane; with fewer the mirror is looked for around them."""
 
 
 def judged(
@@ -37,20 +37,23 @@ def judged(
 
     image = RgbdImage(depth, intrinsics)
     placed = [record for record in records if record["plane"]]
-    found = judge_mirrors(image, mirrors, [_picks_of(record) for record in placed], sensor)
+    found = judge_mirrors(image, mirrors, [_enough_picks(record) for record in placed], sensor)
     words = {
         id(record): {"quality": one.word, "reason": str(one.reason or ""), "error_mm": 1000.0 * min(one.error, 10.0)}
         for record, one in zip(placed, found, strict=True)
     }
     for record in records:
-        picks = _picks_of(record)
+        picks = _enough_picks(record)
         if record["message"] and picks is not None and (notice := swapped_points(image, picks)) is not None:
             words[id(record)] = {"message": str(notice)}
     return [record | words.get(id(record), {}) for record in records]
 
 
-def _picks_of(record: dict) -> MirrorPicks | None:
-    """The points that a record's mirror was placed by, or shall be; None when they are too few."""
-    if len(record["picks"]) < ENOUGH:
-        return None
-    return MirrorPicks(record["name"], np.array(record["picks"], np.float64))
+def picks_of(record: dict) -> MirrorPicks:
+    """The points that a record's mirror was placed by, or shall be."""
+    return MirrorPicks(record["name"], np.array(record["picks"], np.float64).reshape(-1, 2))
+
+
+def _enough_picks(record: dict) -> MirrorPicks | None:
+    """The same; None when they are too few for a plane."""
+    return picks_of(record) if len(record["picks"]) >= ENOUGH else None

@@ -21,7 +21,7 @@ from ...core.errors import CaptureError, MirrorError, MirrorScanError
 from ...core.mesh import Mesh, Texture
 from ...core.mirrors import Mirror
 from ...core.preview.palette import depth_colors
-from .mirror_judgement import judged
+from .mirror_judgement import ENOUGH, judged, picks_of
 
 if TYPE_CHECKING:
     from ...core.avatar.avatar_file import Avatar
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from ...core.decimation import Reduced
     from ...core.measurements import Measurements
     from ...core.motion import Clip, Motion, Soles
+    from ...core.pipeline import Settings
 
 Result = TypeVar("Result")
 Steps = Generator[tuple[float, str], None, Result]
 
-ENOUGH = 3  # picks that make a plane; with fewer the mirror is looked for around them
 READING, AVERAGING = "Reading the capture", "Averaging the frames"
 FINDING, FITTING = "Finding the mirrors", "Fitting the mirrors"
 
@@ -311,7 +311,7 @@ def find_mirrors_steps(
 
     found = find_mirrors(RgbdImage(depth, intrinsics, color), glass_offset=glass_offset)
     yield 0.9, FITTING
-    records = judged([record_of(mirror) for mirror in found], depth, intrinsics, found, sensor)
+    records = _judged_records(found, depth, intrinsics, sensor)
     return Fitted(records, _seen(depth, intrinsics, found) if found else None)
 
 
@@ -328,8 +328,7 @@ def calibrate_steps(
     glass = MirrorSettings(glass_offset=glass_offset, glass_thickness=glass_thickness)
     write_rig(path, calibrate(_capture_of(cloud), known, glass))
     placed = list(read_rig(path).mirrors)  # as later captures will have them
-    records = [record_of(mirror) for mirror in placed]
-    records = judged(records, cloud.depth, cloud.intrinsics, placed, str(cloud.info.get("sensor", "")))
+    records = _judged_records(placed, cloud.depth, cloud.intrinsics, str(cloud.info.get("sensor", "")))
     return Fitted(records, _seen(cloud.depth, cloud.intrinsics, placed))
 
 
@@ -342,8 +341,7 @@ def rig_steps(cloud: Cloud, path: str) -> Steps[Fitted]:
     placed, depth = list(mirrors_for(read_rig(path), cloud.intrinsics)), cloud.depth
     yield 0.5, FITTING
     warnings = tuple(moved_warnings(RgbdImage(depth, cloud.intrinsics), placed))
-    records = [record_of(mirror) for mirror in placed]
-    records = judged(records, depth, cloud.intrinsics, placed, str(cloud.info.get("sensor", "")))
+    records = _judged_records(placed, depth, cloud.intrinsics, str(cloud.info.get("sensor", "")))
     return Fitted(records, _seen(depth, cloud.intrinsics, placed), warnings)
 
 
@@ -362,11 +360,11 @@ def _fit(
     for place, record in zip(places or range(len(records)), records, strict=True):
         try:
             if len(record["picks"]) >= ENOUGH:
-                mirror = place_mirror(RgbdImage(depth, intrinsics), _picks_of(record), settings)
+                mirror = place_mirror(RgbdImage(depth, intrinsics), picks_of(record), settings)
             elif record["picks"]:
                 from ...core.mirror_detection.mirror_at_picks import find_mirror_at
 
-                mirror = find_mirror_at(RgbdImage(depth, intrinsics), _picks_of(record), glass_offset=glass_offset)
+                mirror = find_mirror_at(RgbdImage(depth, intrinsics), picks_of(record), glass_offset=glass_offset)
             else:
                 mirror = mirror_of(record)
         except MirrorError as error:
@@ -375,13 +373,16 @@ def _fit(
             answers.append(record_of(mirror, record["picks"]))
             placed.append(mirror)
             numbers.append(place + 1)
+    answers = judged(answers, depth, intrinsics, placed, sensor)
     if not placed:
-        return Fitted(judged(answers, depth, intrinsics, placed, sensor), None)
+        return Fitted(answers, None)
     # a view's number is its mirror's place in the list, whether earlier ones are placed or not
-    return Fitted(
-        judged(answers, depth, intrinsics, placed, sensor),
-        np.array(numbers, np.int8)[_seen(depth, intrinsics, placed) + 1],
-    )
+    return Fitted(answers, np.array(numbers, np.int8)[_seen(depth, intrinsics, placed) + 1])
+
+
+def _judged_records(mirrors: list[Mirror], depth: np.ndarray, intrinsics: Intrinsics, sensor: str) -> list[dict]:
+    """Records of placed mirrors, with what each is worth."""
+    return judged([record_of(mirror) for mirror in mirrors], depth, intrinsics, mirrors, sensor)
 
 
 def _seen(depth: np.ndarray, intrinsics: Intrinsics, mirrors: list[Mirror]) -> np.ndarray:
@@ -433,12 +434,6 @@ def mirror_of(record: dict) -> Mirror:
         )
     except (ValueError, TypeError, AttributeError) as error:
         raise MirrorError(f"{record['name']}: is not placed; find the mirrors or pick points on its frame") from error
-
-
-def _picks_of(record: dict):
-    from ...core.capture import MirrorPicks
-
-    return MirrorPicks(record["name"], np.array(record["picks"], dtype=np.float64).reshape(-1, 2))
 
 
 def _record_of_picks(known) -> dict:
@@ -511,13 +506,11 @@ def build_steps(
     else:
         raise CaptureError("no capture is chosen; load one first")
     yield 0.05, "Loading the program"
-    from ...core.pipeline import Settings, reconstruction_steps
+    from ...core.pipeline import reconstruction_steps
     from ...core.pipeline.avatar_stages import scaled
 
-    base = Settings()
-    chosen = {name: dataclasses.replace(getattr(base, name), **fields) for name, fields in (settings or {}).items()}
     known = None if mirrors is None else tuple(_known(record) for record in mirrors)
-    steps = reconstruction_steps(capture, known, dataclasses.replace(base, **chosen))
+    steps = reconstruction_steps(capture, known, _settings_of(settings))
     return _built((yield from scaled(steps, (0.1, 1.0))))
 
 
@@ -541,7 +534,7 @@ def scan_steps(
     yield 0.0, READING
     capture = _open(path, frames, mirrors_path, reading)
     yield 0.02, "Loading the program"
-    from ...core.pipeline import Settings, reconstruction_steps
+    from ...core.pipeline import reconstruction_steps
     from ...core.pipeline.avatar_stages import scaled
 
     read, found = SCAN_SHARES
@@ -553,13 +546,22 @@ def scan_steps(
         )
         loaded = dataclasses.replace(loaded, mirrors=seen.mirrors, seen=seen.seen)
         known = tuple(mirror_of(record) for record in seen.mirrors)
-    base = Settings()
-    chosen = {name: dataclasses.replace(getattr(base, name), **fields) for name, fields in (settings or {}).items()}
+    chosen = _settings_of(settings)
     try:
-        steps = reconstruction_steps(capture, known, dataclasses.replace(base, **chosen))
+        steps = reconstruction_steps(capture, known, chosen)
         return Scanned(loaded, _built((yield from scaled(steps, (found, 1.0)))), None)
     except MirrorScanError as error:
         return Scanned(loaded, None, error)
+
+
+def _settings_of(fields: dict | None) -> Settings:
+    """Settings of a reconstruction, by the fields that differ from the defaults; see :func:`build_steps`."""
+    from ...core.pipeline import Settings
+
+    base = Settings()
+    return dataclasses.replace(
+        base, **{name: dataclasses.replace(getattr(base, name), **chosen) for name, chosen in (fields or {}).items()}
+    )
 
 
 def _capture_of(cloud: Cloud) -> Capture:
@@ -571,7 +573,7 @@ def _capture_of(cloud: Cloud) -> Capture:
 
 def _known(record: dict):
     """What to build with: picks, which are fitted again to all frames, else the plane that was given or found."""
-    return _picks_of(record) if len(record["picks"]) >= ENOUGH else mirror_of(record)
+    return picks_of(record) if len(record["picks"]) >= ENOUGH else mirror_of(record)
 
 
 def _built(result) -> Built:

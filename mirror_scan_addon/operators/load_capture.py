@@ -131,6 +131,13 @@ class MIRRORSCAN_OT_record(job_operators.FileJobOperator, bpy.types.Operator):
         self.report({"INFO"}, say("Recorded to {path}").format(path=self.filepath))
 
 
+CAPTURES = ".json;.mkv;.bag;.db3;.oni;.pcd;.npz;.r3d;.dump;.pclzf"
+"""Endings of files that are a capture, or lie in one, and that nothing else in Blender takes."""
+
+PICTURES = ".png;.jpg;.jpeg;.ply"
+"""Endings of files of a capture that Blender itself takes in the viewport."""
+
+
 def in_viewport(context: bpy.types.Context) -> bool:
     """Whether something is dropped into a 3D viewport."""
     return context.area is not None and context.area.type == "VIEW_3D"
@@ -147,7 +154,7 @@ class MIRRORSCAN_FH_capture(bpy.types.FileHandler):
     bl_idname = "MIRRORSCAN_FH_capture"
     bl_label = "Only Look (Mirror Scan)"
     bl_import_operator = "mirror_scan.load_capture"
-    bl_file_extensions = ".json;.mkv;.bag;.db3;.oni;.pcd;.npz;.r3d;.dump;.pclzf"
+    bl_file_extensions = CAPTURES
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
@@ -160,7 +167,7 @@ class MIRRORSCAN_FH_picture(bpy.types.FileHandler):
     bl_idname = "MIRRORSCAN_FH_picture"
     bl_label = "Only Look (Mirror Scan)"
     bl_import_operator = "mirror_scan.load_capture"
-    bl_file_extensions = ".png;.jpg;.jpeg;.ply"
+    bl_file_extensions = PICTURES
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:

@@ -14,7 +14,7 @@ from ..scene import kept_errors, scan_collections, scan_records
 from ..scene.capture_objects import show_capture
 from ..scene.preferred import drop_makes
 from .build_avatar import MIRRORSCAN_OT_build_avatar
-from .load_capture import in_viewport, on_sidebar
+from .load_capture import CAPTURES, PICTURES, in_viewport, on_sidebar
 
 
 class MIRRORSCAN_OT_scan_to_avatar(job_operators.FileJobOperator, bpy.types.Operator):
@@ -93,7 +93,7 @@ class MIRRORSCAN_FH_avatar(bpy.types.FileHandler):
     bl_idname = "MIRRORSCAN_FH_avatar"
     bl_label = "Make Avatar (Mirror Scan)"
     bl_import_operator = "mirror_scan.scan_to_avatar"
-    bl_file_extensions = ".json;.mkv;.bag;.db3;.oni;.pcd;.npz;.r3d;.dump;.pclzf"
+    bl_file_extensions = CAPTURES
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
@@ -106,7 +106,7 @@ class MIRRORSCAN_FH_avatar_picture(bpy.types.FileHandler):
     bl_idname = "MIRRORSCAN_FH_avatar_picture"
     bl_label = "Make Avatar (Mirror Scan)"
     bl_import_operator = "mirror_scan.scan_to_avatar"
-    bl_file_extensions = ".png;.jpg;.jpeg;.ply"
+    bl_file_extensions = PICTURES
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
