@@ -16,7 +16,7 @@ from .results import Finding, limits_table
 MODULES = {"quality": "quality", "speed": "speed", "cleaning": "cleaning", "mirrors": "mirrors", "subject": "subject",
            "dtw": "dtw", "import": "imports", "blender": "blender", "corpus": "corpus", "seams": "seams",
            "growth": "growth", "rigs": "rigs", "experiment": "experiment", "real": "real",
-           "optics": "optics", "honesty": "honesty", "rig": "rig", "look": "look"}  # fmt: skip
+           "optics": "optics", "honesty": "honesty", "rig": "rig", "look": "look", "guard": "guard"}  # fmt: skip
 
 
 def main() -> int:
@@ -33,8 +33,14 @@ def main() -> int:
     parser.add_argument(
         "--pictures", type=Path, metavar="DIR", help="write sheets of results there (corpus, optics, real, rig)"
     )
+    parser.add_argument("--against", metavar="COMMIT", help="the commit that `guard` holds this checkout against")
+    parser.add_argument(
+        "--slowed", type=float, default=0.0, metavar="SHARE", help="waste this share of the time here, to try `guard`"
+    )
     parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the tables there as well")
     options = parser.parse_args()
+    if "guard" in (options.only or ()) and options.against is None:
+        parser.error("guard needs the commit to compare with: --against COMMIT")
     if importlib.util.find_spec("mirror_scan") is None:
         print("error: mirror_scan is not installed in this Python; run `make bench`", file=sys.stderr)
         return 1
@@ -45,7 +51,7 @@ def main() -> int:
     pages = ["# Figures", "Written by `python -m benchmarks --markdown`; run `make bench` for your own."]
     pages.append("\n".join(f"- {line}" for line in heading))
     findings: list[Finding] = []
-    for name in options.only or MODULES:
+    for name in options.only or [name for name in MODULES if name != "guard" or options.against is not None]:
         module = importlib.import_module(f".{MODULES[name]}", __package__)
         if name in ("corpus", "rig"):
             result = module.run(quick=options.quick, pictures=options.pictures)
@@ -53,6 +59,8 @@ def main() -> int:
             result = module.run(quick=options.quick)
         elif name == "optics":
             result = module.run(range(8) if options.quick else None, pictures=options.pictures)
+        elif name == "guard":
+            result = module.run(options.against, options.slowed)
         elif name == "real":
             result = module.run(captures=options.captures, pictures=options.pictures)
         else:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from meshes import ours, sphere
-from mirror_scan.benchmarks import corpus, generated, isolated, optics, real, seams  # noqa: E402
+from mirror_scan.benchmarks import corpus, generated, guard, isolated, optics, real, seams  # noqa: E402
 from mirror_scan.core.camera import project  # noqa: E402
 from mirror_scan.core.mesh import SEAM, SURFACE, Mesh  # noqa: E402
 from mirror_scan.core.mesh.normals import triangle_normals  # noqa: E402
@@ -171,3 +171,34 @@ def test_triples_differ_and_tell_distances_apart():
     assert optics.with_column(rig, triples[0], "ideal") is rig
     real = optics.with_column(rig, triples[0], "real").optics
     assert real.multipath and real.frequencies == triples[0] and not real.warp and real.skin == (0.0, 0.0)
+
+
+def _rounds(rng: np.random.Generator, slower: dict[str, float]) -> list[list[dict[str, float]]]:
+    """Eight processes' rounds: each process is some per cent off for life, each round some more, a few much."""
+    stages = {"depth": 0.03, "views": 0.045, "zippering": 0.03, "closing": 0.06}
+    found = []
+    for _ in range(8):
+        process = {stage: seconds * rng.lognormal(0.0, 0.012) for stage, seconds in stages.items()}
+        found.append(
+            [
+                {
+                    stage: seconds * slower.get(stage, 1.0) * rng.lognormal(0.0, 0.03) * (1 + (rng.random() < 0.1))
+                    for stage, seconds in process.items()
+                }
+                for _ in range(8)
+            ]
+        )
+    return found
+
+
+def test_the_guard_names_the_slower_stage_and_no_other():
+    rng = np.random.default_rng(5)
+    right = clean = 0
+    for _ in range(60):
+        verdicts = guard.judge(_rounds(rng, {"closing": 1.14}), _rounds(rng, {}))
+        slower = [v.stage for v in verdicts if v.slower]
+        right += "closing" in slower and set(slower) <= {"closing", "whole job"}
+        clean += not any(v.slower for v in guard.judge(_rounds(rng, {}), _rounds(rng, {})))
+    assert right >= 57 and clean >= 57
+    with pytest.raises(ValueError, match="two pairs"):
+        guard.judge(_rounds(rng, {})[:1], _rounds(rng, {})[:1])
