@@ -61,7 +61,7 @@ FUZZ_CASES ?= 20000
 fuzz: $(VENV)/ready-bpy,test
 	MIRROR_SCAN_FUZZ_CASES=$(FUZZ_CASES) $(PY) -m pytest -q tests/core/capture/test_damaged_files.py
 
-# Each bpy fits one Python. Those that are not here are left out, by name. PREPARE_ONLY=1 installs and tests nothing.
+# Each bpy fits one Python. Those that are not here are left out, by name. PREPARE_ONLY=1 tests nothing.
 BPYS ?= 4.5.15 5.0.1 5.2.3
 
 test-addon: $(BPYS:%=test-addon-%)
@@ -75,7 +75,7 @@ test-addon-%:
 		$$python -m venv $$venv; \
 		$$venv/bin/python -m pip install -q bpy==$* numba OpenImageIO tqdm pytest pytest-xdist trimesh scipy; \
 		touch $$venv/ready-xdist; }; \
-	[ -z "$(PREPARE_ONLY)" ] || exit 0; \
+	[ -z "$(PREPARE_ONLY)" ] || { $$venv/bin/python tools/compile_kernels.py; exit; }; \
 	echo "bpy $*, $$($$venv/bin/python -c 'import numpy, sys; print("Python", sys.version.split()[0], "numpy", numpy.__version__)')"; \
 	$$venv/bin/python tools/compile_kernels.py; \
 	$$venv/bin/python -m pytest -q -n 2 --dist loadfile tests/addon
