@@ -115,7 +115,8 @@ def called_name(call: ast.Call) -> str:
 def is_notice(call: ast.Call) -> bool:
     """Whether a call makes a message of a template and values: ``Notice(…)``, or an error with values."""
     name = called_name(call)
-    return bool(call.args) and (name == "Notice" or (name.endswith("Error") and bool(call.keywords)))
+    values = any(keyword.arg != "code" for keyword in call.keywords)
+    return bool(call.args) and (name == "Notice" or (name.endswith("Error") and values))
 
 
 def template(node: ast.JoinedStr) -> tuple[str, str]:

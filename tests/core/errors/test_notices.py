@@ -91,11 +91,11 @@ def test_every_template_in_core_gets_what_it_names():
             if not isinstance(node, ast.Call) or path.name in ("notices.py", "exceptions.py"):
                 continue
             name = ast.unparse(node.func).rpartition(".")[2]
-            if name == "Notice" or name.endswith("Error") and node.keywords:
+            given = {keyword.arg for keyword in node.keywords} - {"mirrors", "code"}
+            if name == "Notice" or name.endswith("Error") and given:
                 count += 1
                 where, template = f"{path}:{node.lineno}", node.args[0]
                 assert isinstance(template, ast.Constant), f"{where}: filled in before it is a template"
                 named = {field for _, field, *_ in string.Formatter().parse(template.value) if field is not None}
-                given = {keyword.arg for keyword in node.keywords} - {"mirrors"}
                 assert named == given, where
     assert count > 10
