@@ -42,7 +42,8 @@ def straightened(intrinsics: Intrinsics) -> Intrinsics:
     if len(rays) < 50 or (low >= high).any() or max(-low.min(), high.max()) > 20:
         raise CaptureError(
             "intrinsics: the distortion coefficients do not describe this image (they fold inside it); "
-            "check their order, k1 k2 p1 p2 k3 k4 k5 k6, and that they belong to this resolution"
+            "check their order, k1 k2 p1 p2 k3 k4 k5 k6, and that they belong to this resolution",
+            code="lens_wrong",
         )
     focal = np.array((intrinsics.fx, intrinsics.fy))
     size = (high - low) * focal + 1
@@ -190,7 +191,8 @@ def _check_size(image: np.ndarray, intrinsics: Intrinsics, what: str) -> None:
         raise CaptureError(
             f"the {what} is {image.shape[1]}×{image.shape[0]}, its intrinsics are for "
             f"{intrinsics.width}×{intrinsics.height}; "
-            "use the intrinsics of this resolution"
+            "use the intrinsics of this resolution",
+            code="lens_wrong",
         )
 
 
@@ -198,7 +200,9 @@ def _rigid(pose: np.ndarray) -> np.ndarray:
     """``pose`` as (3, 4) float64, checked to be a rotation and a shift."""
     pose = np.asarray(pose, np.float64)
     if not is_rigid(pose):
-        raise CaptureError("the transform from depth to colour must be a rotation and a shift (4, 4) in metres")
+        raise CaptureError(
+            "the transform from depth to colour must be a rotation and a shift (4, 4) in metres", code="lens_wrong"
+        )
     return np.ascontiguousarray(pose[:3])
 
 

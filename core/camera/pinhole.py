@@ -41,17 +41,19 @@ class Intrinsics:
 
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:
-            raise CaptureError(f"intrinsics: image size {self.width}×{self.height} is not positive")
+            raise CaptureError(f"intrinsics: image size {self.width}×{self.height} is not positive", code="lens_wrong")
         if not np.isfinite((self.fx, self.fy, self.cx, self.cy)).all() or self.fx <= 0 or self.fy <= 0:
             raise CaptureError(
                 f"intrinsics: focal lengths must be positive numbers, got fx={self.fx}, fy={self.fy}, "
-                f"cx={self.cx}, cy={self.cy}"
+                f"cx={self.cx}, cy={self.cy}",
+                code="lens_wrong",
             )
         object.__setattr__(self, "distortion", tuple(float(k) for k in self.distortion))
         if len(self.distortion) not in (0, 4, 5, 8) or not np.isfinite(self.distortion).all():
             raise CaptureError(
                 "intrinsics: distortion must be 0, 4, 5 or 8 finite numbers (k1 k2 p1 p2, k3, k4 k5 k6), "
-                f"got {len(self.distortion)}"
+                f"got {len(self.distortion)}",
+                code="lens_wrong",
             )
 
     @property
@@ -225,7 +227,8 @@ def unproject(depth: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
     if (width, height) != (intrinsics.width, intrinsics.height):
         raise CaptureError(
             f"the depth map is {width}×{height}, its intrinsics are for {intrinsics.width}×{intrinsics.height}; "
-            "use the intrinsics of this resolution"
+            "use the intrinsics of this resolution",
+            code="lens_wrong",
         )
     if intrinsics.is_pinhole:
         from ..numeric.point_products import lay_grid  # here: to name intrinsics must not cost the import of numba

@@ -137,14 +137,17 @@ class ReadOptions:
     def __post_init__(self) -> None:
         if self.depth_unit_m is not None and not 1e-7 <= self.depth_unit_m <= 1e3:
             raise CaptureError(
-                f"the depth unit cannot be {1000 * self.depth_unit_m:g} mm; give millimetres from 0.0001 to 1000000"
+                f"the depth unit cannot be {1000 * self.depth_unit_m:g} mm; give millimetres from 0.0001 to 1000000",
+                code="unit",
             )
         if self.disparity not in ("factory", "linear", "tangent"):
             raise CaptureError(f"the disparity formula is factory, linear or tangent, not {self.disparity!r}")
         if self.kinect_calibration not in ("factory", "burrus"):
             raise CaptureError(f"the Kinect calibration is factory or burrus, not {self.kinect_calibration!r}")
         if self.turn_degrees not in (None, 0, 90, 180, 270):
-            raise CaptureError(f"a capture can be rotated by 0, 90, 180 or 270 degrees, not {self.turn_degrees}")
+            raise CaptureError(
+                f"a capture can be rotated by 0, 90, 180 or 270 degrees, not {self.turn_degrees}", code="rotation"
+            )
         if self.min_confidence not in (0, 1, 2):
             raise CaptureError(f"the least confidence is 0, 1 or 2, not {self.min_confidence}")
 

@@ -195,9 +195,11 @@ def is_raw_disparity(values: np.ndarray) -> bool:
 
 def _check_type(values: np.ndarray) -> None:
     if values.dtype.kind in "ui" and values.dtype.itemsize == 1:
-        raise CaptureError("depth cannot be numbers of 8 bits; save the frame again without converting it")
+        raise CaptureError(
+            "depth cannot be numbers of 8 bits; save the frame again without converting it", code="not_a_capture"
+        )
     if values.dtype.kind not in "uif" or (values.dtype.kind in "ui" and values.dtype.itemsize > 8):
-        raise CaptureError(f"depth must be whole or real numbers, not {values.dtype}")
+        raise CaptureError(f"depth must be whole or real numbers, not {values.dtype}", code="not_a_capture")
 
 
 def _readings(values: np.ndarray) -> np.ndarray:

@@ -26,10 +26,12 @@ def chosen_frames(path: Path, frames: FrameChoice, total: int) -> range:
         When the choice is not understood or none of the frames is chosen.
     """
     if total < 1:
-        raise CaptureError(f"{path}: holds no depth frame; check that the depth stream was on and record again")
+        raise CaptureError(
+            f"{path}: holds no depth frame; check that the depth stream was on and record again", code="empty"
+        )
     chosen = range(total)[parse_frames(path, frames)]
     if not len(chosen):
-        raise CaptureError(f"{path}: has frames 0 to {total - 1}, of which “{frames}” chooses none")
+        raise CaptureError(f"{path}: has frames 0 to {total - 1}, of which “{frames}” chooses none", code="frames")
     return chosen
 
 
@@ -44,7 +46,8 @@ def empty_burst(path: Path, count: int, height: int, width: int) -> np.ndarray:
     if count * height * width > MAX_BURST_PIXELS:
         raise CaptureError(
             f"{path}: {count} frames of {width}×{height} are more than memory should hold; "
-            f"choose {max(1, MAX_BURST_PIXELS // max(1, width * height))} or fewer"
+            f"choose {max(1, MAX_BURST_PIXELS // max(1, width * height))} or fewer",
+            code="memory",
         )
     return np.zeros((count, height, width), np.float32)
 
@@ -55,7 +58,7 @@ def parse_frames(path: Path, frames: FrameChoice) -> slice:
         return slice(None)
     if isinstance(frames, int | np.integer) and not isinstance(frames, bool):
         if frames < 1:
-            raise CaptureError(f"{path}: at least one frame must be read, not {frames}")
+            raise CaptureError(f"{path}: at least one frame must be read, not {frames}", code="frames")
         return slice(int(frames))
     try:
         parts = [int(part) if part.strip() else None for part in str(frames)[:80].split(":")]
@@ -65,7 +68,9 @@ def parse_frames(path: Path, frames: FrameChoice) -> slice:
         return slice(parts[0], parts[0] + 1)
     if len(parts) in (2, 3) and not (len(parts) == 3 and parts[2] is not None and parts[2] < 1):
         return slice(*parts)
-    raise CaptureError(f"{path}: frames are chosen by a count or as “a:b”, “a:b:step” or “a”, not {str(frames)[:40]!r}")
+    raise CaptureError(
+        f"{path}: frames are chosen by a count or as “a:b”, “a:b:step” or “a”, not {str(frames)[:40]!r}", code="frames"
+    )
 
 
 def paired_color(depth_files: Sequence[Path], chosen: int, color_files: Sequence[Path]) -> tuple[int, str]:

@@ -85,7 +85,7 @@ def record(
     """
     folder = Path(folder)
     if frames < 1:
-        raise CaptureError(f"at least one frame must be recorded, not {frames}")
+        raise CaptureError(f"at least one frame must be recorded, not {frames}", code="frames")
     with fresh_folder(folder) as fresh:
         _save(stream, fresh, frames, settle, progress)
     return folder
@@ -106,9 +106,13 @@ def _save(stream: Stream, folder: Path, frames: int, settle: int, progress) -> N
             color = picture if picture is not None else color
             taken += 1
     if taken < frames:
-        raise CaptureError(f"the camera stopped after {taken} of {frames} frames; check its cable and record again")
+        raise CaptureError(
+            f"the camera stopped after {taken} of {frames} frames; check its cable and record again", code="camera"
+        )
     if not kept.any():
-        raise CaptureError("the camera sees nothing: no pixel of any frame has a depth reading; uncover and aim it")
+        raise CaptureError(
+            "the camera sees nothing: no pixel of any frame has a depth reading; uncover and aim it", code="camera"
+        )
     writer = FolderWriter(folder, stream.intrinsics, stream.sensor)
     for number, depth in enumerate(kept):
         if progress:
@@ -139,7 +143,9 @@ def open_realsense(
     """
     rs = realsense()
     if not len(rs.context().query_devices()):  # to start would wait 15 s for one
-        raise CaptureError("no RealSense camera is connected; plug it into a USB 3 port, with a cable made for that")
+        raise CaptureError(
+            "no RealSense camera is connected; plug it into a USB 3 port, with a cable made for that", code="camera"
+        )
     pipeline = rs.pipeline()
 
     def wanted(*color_size: int) -> Any:
@@ -159,7 +165,8 @@ def open_realsense(
     except RuntimeError as error:
         raise CaptureError(
             f"the RealSense camera cannot be started ({' '.join(str(error).split())}); connect it to USB 3, close "
-            f"other programs that use it, and choose a size and rate it has, not {size[0]}×{size[1]} at {rate} Hz"
+            f"other programs that use it, and choose a size and rate it has, not {size[0]}×{size[1]} at {rate} Hz",
+            code="camera",
         ) from error
     try:
         device = profile.get_device()
@@ -193,7 +200,9 @@ def realsense_stream(
         Of the colour stream, and from depth to it; None aligns colour to depth.
     """
     if any(abs(k) > 1e-9 for k in intrinsics.coeffs):
-        raise CaptureError(f"the depth stream of {name or 'this camera'} is distorted; choose a rectified stream")
+        raise CaptureError(
+            f"the depth stream of {name or 'this camera'} is distorted; choose a rectified stream", code="camera"
+        )
     camera = Intrinsics(
         intrinsics.width, intrinsics.height, intrinsics.fx, intrinsics.fy, intrinsics.ppx, intrinsics.ppy
     )
@@ -222,7 +231,8 @@ def _realsense_color(intrinsics: Any) -> Intrinsics:
     ):  # fmt: skip
         raise CaptureError(
             f"the colour camera's lens is {str(intrinsics.model)[:40]}, which is not supported; record with colour "
-            "aligned to depth"
+            "aligned to depth",
+            code="color",
         )
     return Intrinsics(
         intrinsics.width, intrinsics.height, intrinsics.fx, intrinsics.fy, intrinsics.ppx, intrinsics.ppy, coefficients
@@ -262,7 +272,8 @@ def realsense():
     except ImportError as error:
         raise MirrorScanError(
             f"recording from a RealSense camera needs pyrealsense2, which cannot be imported ({error}); install it "
-            "with “pip install pyrealsense2”"
+            "with “pip install pyrealsense2”",
+            code="camera",
         ) from error
     return pyrealsense2
 

@@ -42,7 +42,9 @@ def published_lenses(sensor: str) -> tuple[Intrinsics, ...]:
     found = tuple(lens for name, lens in CAMERAS.values() if name == sensor) + _OTHER_LENSES.get(sensor, ())
     if not found:
         names = ", ".join(dict.fromkeys([name for name, _ in CAMERAS.values()] + list(_OTHER_LENSES)))
-        raise CaptureError("{sensor}: no lens of it is known; choose one of {names}", sensor=sensor, names=names)
+        raise CaptureError(
+            "{sensor}: no lens of it is known; choose one of {names}", sensor=sensor, names=names, code="lens_wrong"
+        )
     return found
 
 

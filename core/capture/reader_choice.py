@@ -72,7 +72,7 @@ def open_capture(path: str | os.PathLike, frames: FrameChoice = None, options: R
     options = options or ReadOptions()
     parse_frames(path, frames)
     if not path.exists():
-        raise CaptureError(f"{path}: there is no such file or folder")
+        raise CaptureError(f"{path}: there is no such file or folder", code="gone")
     for name in READERS:
         reader = importlib.import_module(f".{name}", __package__)
         try:
@@ -80,7 +80,7 @@ def open_capture(path: str | os.PathLike, frames: FrameChoice = None, options: R
                 return _prepared(path, reader.read(path, frames, options), options)
         except OSError as error:
             culprit = error.filename if str(path) in str(error.filename) else path
-            raise CaptureError(f"{culprit}: cannot be read: {error.strerror or error}") from error
+            raise CaptureError(f"{culprit}: cannot be read: {error.strerror or error}", code="gone") from error
         except MirrorScanError as error:
             # quoted names from a file may hold any characters: keep one printable line that names the file
             text = "".join(c if c.isprintable() else "?" for c in str(error))
@@ -94,7 +94,8 @@ def open_capture(path: str | os.PathLike, frames: FrameChoice = None, options: R
             raise type(error)("{path}: {reason}", path=path, reason=said) from error
     raise CaptureError(
         f"{path}: is not a capture; give a folder that holds intrinsic.json and depth/*.png, or a recording "
-        "(.mkv, .bag, .oni, .pcd, .ply, .r3d; see docs/formats.md)"
+        "(.mkv, .bag, .oni, .pcd, .ply, .r3d; see docs/formats.md)",
+        code="not_a_capture",
     )
 
 
@@ -107,7 +108,8 @@ def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:
         raise CaptureError(
             f"{path}: depth is {width}×{height} pixels, the intrinsics are for {camera.width}×{camera.height}; "
             + ("width and height are exchanged, or the picture was rotated; " if exchanged else "")
-            + "give the intrinsics of this resolution"
+            + "give the intrinsics of this resolution",
+            code="rotation",
         )
     if options.intrinsics or not capture.format.startswith("organized"):  # fitted to the points, it is where it is
         check_principal_point(path, camera)
@@ -118,7 +120,8 @@ def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:
     if not any(frame.any() for frame in depth):  # as a rule the first one answers
         frames = f"{len(depth)} frame{'s' if len(depth) > 1 else ''}"
         raise CaptureError(
-            f"{path}: no pixel of {frames} has a depth reading; check that the depth stream was on and record again"
+            f"{path}: no pixel of {frames} has a depth reading; check that the depth stream was on and record again",
+            code="empty",
         )
     color = capture.color if options.color else None
     capture = replace(capture, depth=depth, color=color, intrinsics=camera)
@@ -131,7 +134,9 @@ def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:
 
         capture = align(capture, options.native_color)
         if not capture.depth.any():
-            raise CaptureError(f"{path}: no reading is left after straightening; check the distortion coefficients")
+            raise CaptureError(
+                f"{path}: no reading is left after straightening; check the distortion coefficients", code="lens_wrong"
+            )
     if options.native_color and capture.color is not None and capture.native_color is None:
         capture = replace(
             capture, native_color=capture.color, color_intrinsics=capture.intrinsics, depth_to_color=np.eye(4)
@@ -168,7 +173,8 @@ def _scaled_to_depth(path: Path, capture: Capture, native: bool) -> Capture:
     if not holds_scaled(color, camera):
         raise CaptureError(
             f"{path}: colour is {color.shape[1]}×{color.shape[0]} pixels, but depth has {width}×{height}; their "
-            "alignment is unknown; align colour to depth when recording, or leave colour out"
+            "alignment is unknown; align colour to depth when recording, or leave colour out",
+            code="color",
         )
     if capture.color_intrinsics is None:
         note = Notice(

@@ -136,7 +136,8 @@ def write_folder(folder: str | os.PathLike, capture: Capture) -> tuple[str, ...]
     if not writer.readings:
         raise OutputError(
             f"{writer.folder}: all readings lie beyond {MAX_METRES} m, more than 16-bit millimetres hold; "
-            "check the depth unit"
+            "check the depth unit",
+            code="unit",
         )
     return (
         Notice(

@@ -55,7 +55,8 @@ def align(capture: Capture, native: bool = False) -> Capture:
     if color is not None and aligned and color.shape[:2] != depth.shape[1:]:
         raise CaptureError(
             f"{capture.name}: colour is {color.shape[1]}×{color.shape[0]} px, depth {camera.width}×{camera.height}; "
-            "their alignment is unknown; align them when recording, or leave colour out"
+            "their alignment is unknown; align them when recording, or leave colour out",
+            code="color",
         )
     if not camera.is_pinhole:
         straight = straightened(camera)
@@ -91,7 +92,9 @@ def turned(capture: Capture, degrees: int) -> Capture:
         For any other angle.
     """
     if degrees not in _TURNS:
-        raise CaptureError(f"{capture.name}: a capture can be rotated by 0, 90, 180 or 270 degrees, not {degrees}")
+        raise CaptureError(
+            f"{capture.name}: a capture can be rotated by 0, 90, 180 or 270 degrees, not {degrees}", code="rotation"
+        )
     for _ in range(_TURNS[degrees]):
         height = capture.intrinsics.height
         color = None if capture.color is None else _turn_color(capture.color)
@@ -190,6 +193,7 @@ def _straight_pixels(pixels: np.ndarray, intrinsics: Intrinsics, straight: Intri
     rays = rays[np.isfinite(rays).all(axis=1)]
     if len(rays) < 3:
         raise CaptureError(
-            "picks on a mirror's frame are outside the field in which the lens model is valid; pick further in"
+            "picks on a mirror's frame are outside the field in which the lens model is valid; pick further in",
+            code="mirror_file",
         )
     return project(np.column_stack((rays, np.ones(len(rays)))), straight)

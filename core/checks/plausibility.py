@@ -96,7 +96,7 @@ def check_avatar(mesh: Mesh, volume: float | None, facts: ScanFacts, any_object:
     if height <= 0.0 or (volume is not None and volume <= 0.0):
         raise ReconstructionError(
             "the result has no inside: {volume:.1f} l at a height of {height:.2f} m; {cause}",
-            volume=1e3 * (volume or 0.0), height=height, cause=_likely_cause(mesh, replace(facts, cut=())),
+            volume=1e3 * (volume or 0.0), height=height, cause=_likely_cause(mesh, replace(facts, cut=())), code="size",
         )  # fmt: skip
     if any_object:
         return
@@ -104,13 +104,13 @@ def check_avatar(mesh: Mesh, volume: float | None, facts: ScanFacts, any_object:
         raise ReconstructionError(
             "the subject would be {height:.2f} m tall, too small for a person: {cause}; if it is an object, say so "
             "(--object; in Blender “Any Object”)",
-            height=height, cause=_likely_cause(mesh, facts),
+            height=height, cause=_likely_cause(mesh, facts), code="size",
         )  # fmt: skip
     if height > min(HEIGHTS[1], facts.highest - _REACH):
         raise ReconstructionError(
             "the subject would be {height:.2f} m tall or more, too tall for a person: {cause}; if it is an object, say "
             "so (--object; in Blender “Any Object”)",
-            height=height, cause=_likely_cause(mesh, facts),
+            height=height, cause=_likely_cause(mesh, facts), code="size",
         )  # fmt: skip
     if volume is None:
         return
@@ -119,13 +119,13 @@ def check_avatar(mesh: Mesh, volume: float | None, facts: ScanFacts, any_object:
         raise ReconstructionError(
             "the avatar would have only {volume:.0f} l at a height of {height:.2f} m, and a person has more than "
             "{least:.0f} l: {cause}",
-            volume=1e3 * volume, height=height, least=1e3 * least, cause=_likely_cause(mesh, facts, False),
+            volume=1e3 * volume, height=height, least=1e3 * least, cause=_likely_cause(mesh, facts, False), code="size",
         )  # fmt: skip
     if volume > most:
         raise ReconstructionError(
             "the avatar would have {volume:.0f} l at a height of {height:.2f} m, and a person has less than {most:.0f} "
             "l: {cause}; if it is an object, say so (--object; in Blender “Any Object”)",
-            volume=1e3 * volume, height=height, most=1e3 * most, cause=_likely_cause(mesh, facts, False),
+            volume=1e3 * volume, height=height, most=1e3 * most, cause=_likely_cause(mesh, facts, False), code="size",
         )  # fmt: skip
 
 

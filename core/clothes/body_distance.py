@@ -51,7 +51,7 @@ class BodyDistance:
 
     def __init__(self, mesh: Mesh) -> None:
         if not len(mesh.triangles):
-            raise MirrorScanError("clothes: the body has no triangles; give a closed mesh")
+            raise MirrorScanError("clothes: the body has no triangles; give a closed mesh", code="no_person")
         vertices = np.ascontiguousarray(mesh.vertices, np.float64)
         self.triangles = np.ascontiguousarray(mesh.triangles, np.int32)
         self._tree = build_bvh(vertices, self.triangles)

@@ -140,7 +140,9 @@ def make_garment(
     else:
         made, places, top = _cut_out(body, kind, ease, tight)
     if len(made.triangles) < 50:
-        raise MirrorScanError(f"clothes: the body leaves no room for a {NAMES[kind].lower()}; look at its skeleton")
+        raise MirrorScanError(
+            f"clothes: the body leaves no room for a {NAMES[kind].lower()}; look at its skeleton", code="no_person"
+        )
     return _finished(body, made, places, top, kind, ease, tight, mesh)
 
 

@@ -83,7 +83,7 @@ def garment_weights(garment: Mesh, body: Mesh, weights: SkinWeights) -> SkinWeig
         When the garment has no triangles.
     """
     if not len(garment.triangles):
-        raise MirrorScanError("clothes: the garment has no faces; give a surface")
+        raise MirrorScanError("clothes: the garment has no faces; give a surface", code="no_person")
     at = BodyDistance(body)
     skin = at.at(garment.vertices)
     known = at_skin(dense(weights), at.triangles, skin)

@@ -42,7 +42,9 @@ def fuse_burst(depth: np.ndarray, settings: DepthSettings = DepthSettings()) -> 
     """
     depth = np.asarray(depth, dtype=np.float32)
     if depth.ndim != 3 or 0 in depth.shape:
-        raise CaptureError(f"depth must be frames × height × width, got an array of shape {depth.shape}")
+        raise CaptureError(
+            f"depth must be frames × height × width, got an array of shape {depth.shape}", code="not_a_capture"
+        )
     needed = max(1, int(np.ceil(settings.burst_share * len(depth))))
     fused, spread = np.zeros(depth.shape[1:], np.float32), np.zeros(depth.shape[1:], np.float32)
     low, high, tolerance = settings.min_depth, settings.max_depth, settings.burst_tolerance
@@ -51,7 +53,8 @@ def fuse_burst(depth: np.ndarray, settings: DepthSettings = DepthSettings()) -> 
         raise CaptureError(
             f"no depth reading between {settings.min_depth:g} and {settings.max_depth:g} m in any of {len(depth)} "
             "frames; "
-            "check that the depth images are 16-bit millimetres and the camera was not covered"
+            "check that the depth images are 16-bit millimetres and the camera was not covered",
+            code="unit",
         )
     return fused, spread
 

@@ -41,7 +41,8 @@ def openimageio() -> ModuleType:
         except ImportError as error:
             raise MirrorScanError(
                 f"images need the Python package OpenImageIO, which cannot be imported ({error}); "
-                "install it with “pip install OpenImageIO”"
+                "install it with “pip install OpenImageIO”",
+                code="wheels",
             ) from error
     return OpenImageIO
 
@@ -69,7 +70,7 @@ def read_image(path: str | os.PathLike, channel: tuple[str, ...] = ()) -> np.nda
     """
     path = Path(path)
     if not path.is_file():
-        raise CaptureError(f"{path}: there is no such file")
+        raise CaptureError(f"{path}: there is no such file", code="gone")
     checked_png(path)
     oiio = openimageio()
     config = oiio.ImageSpec()

@@ -102,10 +102,13 @@ def body_of(mesh: Mesh, skeleton: Skeleton, weights: SkinWeights) -> Body:
     if len(weights.index) != len(mesh.vertices):
         raise MirrorScanError(
             f"measurements: the skin weights are of {len(weights.index)} vertices, the mesh has {len(mesh.vertices)}; "
-            "give the weights of this mesh"
+            "give the weights of this mesh",
+            code="no_person",
         )
     if not len(mesh.triangles) or not np.isfinite(mesh.vertices).all():
-        raise MirrorScanError("measurements: the mesh has no triangles or a vertex that is not finite; repair it first")
+        raise MirrorScanError(
+            "measurements: the mesh has no triangles or a vertex that is not finite; repair it first", code="no_person"
+        )
 
     def share(*first: str) -> np.ndarray:
         bones = below([BONES.index(name) for name in first])

@@ -40,7 +40,9 @@ def chest_level(body: Body) -> tuple[float, float]:
         if all(len(half) for half in halves):
             score[k] = np.mean([half.max() for half in halves]) / (_FLAT * body.height)
     if not np.isfinite(score).any():
-        raise MirrorScanError("measurements: there is no chest in the mesh; check that the skeleton fits the mesh")
+        raise MirrorScanError(
+            "measurements: there is no chest in the mesh; check that the skeleton fits the mesh", code="no_person"
+        )
     score -= ((place - _EXPECTED) / _SPREAD) ** 2
     best = float(place[int(score.argmax())])
     likely = np.exp(0.5 * (score - score.max()))

@@ -56,7 +56,8 @@ class Girth:
 def _girth(cut: PlaneCut, point: np.ndarray, normal: np.ndarray, placement: float, what: str) -> Girth:
     if len(cut.points) < 3:
         raise MirrorScanError(
-            f"measurements: there is no surface where the {what} is measured; check that the skeleton fits the mesh"
+            f"measurements: there is no surface where the {what} is measured; check that the skeleton fits the mesh",
+            code="no_person",
         )
     return Girth(lay_tape(cut.points, normal), cut, point, normal, placement)
 
@@ -94,7 +95,7 @@ def _trunk_girth(body: Body, low: float, high: float, spread: tuple[float, float
     lengths = _trunk_lengths(body.between(levels[0], levels[-1]), levels)
     inside = (levels >= low) & (levels <= high)
     if not np.isfinite(lengths[inside]).any():
-        raise MirrorScanError(f"measurements: the trunk has no surface where the {what} is measured")
+        raise MirrorScanError(f"measurements: the trunk has no surface where the {what} is measured", code="no_person")
     at = int(np.flatnonzero(inside)[_best(lengths[inside], sign)])
     others = []
     for narrow in ((levels >= low + spread[0]) & (levels <= high - spread[1]), np.ones(len(levels), np.bool_)):
@@ -189,7 +190,7 @@ def calf(body: Body, side: int) -> Girth:
     lengths = np.array([_length(leg.limb(start + at * along, along, leg.legs[side]), along) for at in places])
     what = f"{SIDES[side].lower()} calf"
     if not np.isfinite(lengths).any():
-        raise MirrorScanError(f"measurements: there is no surface where the {what} is measured")
+        raise MirrorScanError(f"measurements: there is no surface where the {what} is measured", code="no_person")
     at = places[_best(lengths, 1.0)]
     return _girth(body.limb(start + at * along, along, body.legs[side]), start + at * along, along, 0.0, what)
 

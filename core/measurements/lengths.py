@@ -116,7 +116,8 @@ def acromion(body: Body, side: int) -> np.ndarray:
     if not reach.any():
         raise MirrorScanError(
             f"measurements: there is no skin above the {SIDES[side].lower()} shoulder's joint; "
-            "check that the skeleton fits the mesh"
+            "check that the skeleton fits the mesh",
+            code="no_person",
         )
     return joint + above[reach].min() * up
 

@@ -66,7 +66,9 @@ def read_bvh(path: Path | str, rate: float | None = None) -> Motion:
 def write_bvh(path: Path | str, motion: Motion) -> None:
     """Write a motion with rotations: positions of the roots, angles about Z, Y, X; joints ``…_End`` as end sites."""
     if motion.rotations is None or motion.rest is None:
-        raise MirrorScanError("{name}: BVH holds rotations, and this motion has only positions", name=motion.name)
+        raise MirrorScanError(
+            "{name}: BVH holds rotations, and this motion has only positions", name=motion.name, code="motion"
+        )
     children: dict[int, list[int]] = {}
     for joint, parent in enumerate(motion.parents):
         children.setdefault(int(parent), []).append(joint)
@@ -106,11 +108,11 @@ def _lines(path: Path) -> list[list[str]]:
     """Words of each line."""
     try:
         if path.stat().st_size > _LARGEST:
-            raise MirrorScanError("{path}: larger than 2 GB; cut the motion into parts", path=path)
+            raise MirrorScanError("{path}: larger than 2 GB; cut the motion into parts", path=path, code="motion")
         text = path.read_bytes()
     except OSError as error:
         reason = error.strerror or str(error)
-        raise MirrorScanError("{path}: cannot be read ({reason})", path=path, reason=reason) from error
+        raise MirrorScanError("{path}: cannot be read ({reason})", path=path, reason=reason, code="motion") from error
     if text.startswith((b"\xff\xfe", b"\xfe\xff")):
         decoded = text.decode("utf-16", errors="replace")
     else:
@@ -122,7 +124,7 @@ def _hierarchy(path: Path, lines: list[list[str]]) -> tuple[list[_Joint], int]:
     """The joints, and the line after MOTION."""
     first = next((words for words in lines if words), [""])
     if first[0].upper() != "HIERARCHY":
-        raise MirrorScanError("{path}: is no BVH file (it does not begin with HIERARCHY)", path=path)
+        raise MirrorScanError("{path}: is no BVH file (it does not begin with HIERARCHY)", path=path, code="motion")
     joints: list[_Joint] = []
     open_joints: list[int] = []
     expected = None  # the joint whose opening brace has not come yet
@@ -151,7 +153,7 @@ def _hierarchy(path: Path, lines: list[list[str]]) -> tuple[list[_Joint], int]:
             if key in ("ROOT", "JOINT", "END"):
                 expected = len(joints) - 1
             words = words[brace:]
-    raise MirrorScanError("{path}: has no MOTION; it is cut off or holds only a skeleton", path=path)
+    raise MirrorScanError("{path}: has no MOTION; it is cut off or holds only a skeleton", path=path, code="motion")
 
 
 def _statement(path: Path, number: int, words: list[str], joints: list[_Joint], open_joints: list[int]) -> None:
@@ -187,7 +189,9 @@ def _statement(path: Path, number: int, words: list[str], joints: list[_Joint], 
 def _frames(path: Path, lines: list[list[str]], at: int, width: int, rate: float | None) -> tuple[np.ndarray, float]:
     """Values (F, width) and the rate."""
     if width == 0:
-        raise MirrorScanError("{path}: its joints have no channels; export it again with rotations", path=path)
+        raise MirrorScanError(
+            "{path}: its joints have no channels; export it again with rotations", path=path, code="motion"
+        )
     stated, seconds = None, None
     while at < len(lines) and (not lines[at] or lines[at][0][:1].isalpha()) and seconds is None:
         words = " ".join(lines[at]).replace(":", ": ").split()
@@ -199,7 +203,9 @@ def _frames(path: Path, lines: list[list[str]], at: int, width: int, rate: float
             raise _damaged(path, at, f"“{words[0]}” is not known here")
         at += 1
     if stated is None or seconds is None:
-        raise MirrorScanError("{path}: Frames or Frame Time is missing after MOTION; export it again", path=path)
+        raise MirrorScanError(
+            "{path}: Frames or Frame Time is missing after MOTION; export it again", path=path, code="motion"
+        )
     if rate is None and not 1e-4 <= seconds <= 10:
         raise _damaged(path, at - 1, f"a frame time of {seconds:g} s is not possible; write the seconds a frame lasts")
     rows = [number for number in range(at, len(lines)) if lines[number]]
@@ -217,7 +223,7 @@ def _frames(path: Path, lines: list[list[str]], at: int, width: int, rate: float
         count = len(lines[wrong - 1])
         raise _damaged(path, wrong - 1, f"a frame has {width} numbers, not {count}")
     if len(values) < width:
-        raise MirrorScanError("{path}: holds no whole frame; export it again", path=path)
+        raise MirrorScanError("{path}: holds no whole frame; export it again", path=path, code="motion")
     bad = np.flatnonzero(~(np.abs(values) < _HIGHEST))  # true for NaN too
     if len(bad):
         line = rows[min(int(bad[0]) // width, len(rows) - 1)]
@@ -244,4 +250,4 @@ def _is_number(word: str) -> bool:
 
 
 def _damaged(path: Path, number: int, what: str) -> MirrorScanError:
-    return MirrorScanError("{path}, line {line}: {what}", path=path, line=number + 1, what=what)
+    return MirrorScanError("{path}, line {line}: {what}", path=path, line=number + 1, what=what, code="motion")

@@ -32,7 +32,9 @@ def make_clip(name: str, skeleton: Skeleton, rate: float = 30.0, in_place: bool 
         There is no clip of that name.
     """
     if name not in CLIPS:
-        raise MirrorScanError("there is no clip {name}; choose of {names}", name=name, names=", ".join(CLIPS))
+        raise MirrorScanError(
+            "there is no clip {name}; choose of {names}", name=name, names=", ".join(CLIPS), code="motion"
+        )
     seconds, plan = CLIPS[name]
     count = max(4, round(seconds * rate))
     body = _Body(skeleton, count)

@@ -112,6 +112,7 @@ def match_joints(name: str, joints: Sequence[str], parents: np.ndarray) -> Joint
             "(Hips, LeftArm, LeftForeArm, LeftHand, LeftUpLeg, LeftLeg, LeftFoot)",
             name=name,
             missing=", ".join(missing),
+            code="motion",
         )
     if tree:
         trunk = _trunk(found, above)

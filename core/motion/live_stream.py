@@ -119,6 +119,7 @@ class LiveStream:
                 port=port,
                 address=address,
                 reason=getattr(error, "strerror", None) or str(error),
+                code="stream",
             ) from error
         self.port = int(self._socket.getsockname()[1])
 

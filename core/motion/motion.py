@@ -45,17 +45,21 @@ class Motion:
     def __post_init__(self) -> None:
         frames, count = len(self.positions), len(self.joints)
         if frames == 0:
-            raise MirrorScanError("{name}: holds no frame; choose a file with a recorded motion", name=self.name)
+            raise MirrorScanError(
+                "{name}: holds no frame; choose a file with a recorded motion", name=self.name, code="motion"
+            )
         right = self.positions.shape == (frames, count, 3) and self.parents.shape == (count,)
         if self.rotations is not None:
             right &= self.rotations.shape == (frames, count, 3, 3) and self.rest is not None
         if self.rest is not None:
             right &= self.rest.shape == (count, 3)
         if not right:
-            raise MirrorScanError("{name}: joints, positions and rotations are of different sizes", name=self.name)
+            raise MirrorScanError(
+                "{name}: joints, positions and rotations are of different sizes", name=self.name, code="motion"
+            )
         if not (np.isfinite(self.rate) and self.rate > 0):
             raise MirrorScanError("{name}: a rate of {rate} frames a second is not possible", name=self.name,
-                                  rate=self.rate)  # fmt: skip
+                                  rate=self.rate, code="motion")  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.positions)

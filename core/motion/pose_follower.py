@@ -133,6 +133,7 @@ class PoseFollower:
                 "joints must come as {count} times 3 numbers, or as 22 rotations; got {shape}",
                 count=len(self._names),
                 shape=values.shape,
+                code="motion",
             )
         return self.pose
 

@@ -92,7 +92,7 @@ def _followed(motion: Motion, joints: JointMap, skeleton: Skeleton, palms: np.nd
     follower = PoseFollower(skeleton, motion.joints, _up_axis(motion, joints), palms, floor=False)
     poses = [follower.follow(frame) for frame in motion.positions]
     if follower.world is None:
-        raise MirrorScanError("{name}: hips and shoulders are never seen together", name=motion.name)
+        raise MirrorScanError("{name}: hips and shoulders are never seen together", name=motion.name, code="motion")
     rotations = np.array([pose.rotations for pose in poses])
     translations = np.array([pose.translation for pose in poses])
     return _facing_front(motion, rotations, translations, follower.world)
@@ -196,7 +196,7 @@ def _leg_length(motion: Motion, joints: JointMap) -> float:
             if not own.min() > 0:
                 raise MirrorScanError(
                     "{name}: {bone} has no length in frame {frame}; export it again with a whole skeleton",
-                    name=motion.name, bone=bone, frame=int(np.argmin(own)) + 1,
+                    name=motion.name, bone=bone, frame=int(np.argmin(own)) + 1, code="motion",
                 )  # fmt: skip
         if upper.endswith("UpLeg"):
             length += float(np.median(lengths.sum(axis=1))) / 2
@@ -223,7 +223,9 @@ def _up_axis(motion: Motion, joints: JointMap) -> np.ndarray:
         hips = np.nanmean(motion.positions[:, [places["LeftUpLeg"], places["RightUpLeg"]]], axis=1)
         mean = np.nanmean(unit(hips - feet) + unit(arms - hips), axis=0)
         if not np.isfinite(mean).all():
-            raise MirrorScanError("{name}: hips, shoulders and feet are never seen together", name=motion.name)
+            raise MirrorScanError(
+                "{name}: hips, shoulders and feet are never seen together", name=motion.name, code="motion"
+            )
         up = np.zeros(3)
         axis = int(np.argmax(np.abs(mean)))
         up[axis] = np.sign(mean[axis])

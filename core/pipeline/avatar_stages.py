@@ -80,7 +80,9 @@ def check_wishes(captures: Sequence[Capture], settings: Settings) -> None:
     CaptureError
     """
     if settings.texture is not None and all(capture.color is None for capture in captures):
-        raise CaptureError("{name}: has no colour, so no texture can be made of it", name=captures[0].name)
+        raise CaptureError(
+            "{name}: has no colour, so no texture can be made of it", name=captures[0].name, code="color"
+        )
 
 
 def shares(settings: Settings) -> dict[str, tuple[float, float]]:
@@ -176,7 +178,7 @@ def _with_skeleton(avatar: AvatarParts, settings: Settings) -> AvatarParts:
 
     try:
         if settings.views.object:
-            raise ReconstructionError("skeleton: none, since the subject is an object and no person")
+            raise ReconstructionError("skeleton: none, since the subject is an object and no person", code="no_person")
         skeleton = find_skeleton(avatar.mesh)
     except MirrorScanError as error:
         # a texture does without joints

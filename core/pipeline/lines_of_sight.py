@@ -150,12 +150,14 @@ def check_meeting_point(
                 "{name}: nobody stands where all other cameras see the subject; check this camera's pose (camera frame "
                 "→ common frame, metres), and that its picture shows the subject",
                 name=names[odd],
+                code="nobody",
             )
     raise ReconstructionError(
         "by their poses the cameras do not look at one subject: nobody stands where the lines of sight of {names} "
         "meet; check the poses (camera frame → common frame, metres, not the inverse), and that all captures show "
         "the same subject",
         names=_listed(names),
+        code="nobody",
     )
 
 

@@ -84,6 +84,7 @@ def first_mirrors(
             "(option “mirrors”); a frame at least 3 cm wide and 10 cm off the wall is found automatically, and a "
             "mirror without one where the camera sees some of the same skin directly and in it",
             name=capture.name,
+            code="no_mirror",
         )
     return placed
 

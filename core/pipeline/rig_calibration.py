@@ -76,6 +76,7 @@ def calibrate(
             "{capture}: no mirror was found; see that each mirror's frame is in the picture and stands clear of walls, "
             "or pick points on the frames (option “mirrors”)",
             capture=capture.name,
+            code="no_mirror",
         )
     image = RgbdImage(fused, intrinsics)
     if mirror.glass_thickness:

@@ -286,7 +286,8 @@ def make_patches(
     patches = each(make, range(len(mirrors) + 1))
     if not any(len(patch.triangles) for patch in patches):
         raise ReconstructionError(
-            "the subject's readings are too noisy to connect; use a longer burst or come closer to the camera"
+            "the subject's readings are too noisy to connect; use a longer burst or come closer to the camera",
+            code="noise",
         )
     return patches
 

@@ -75,7 +75,7 @@ def find_subject(
         if direct is None and clicked is None and not told:
             direct = _person_beside_axis(readings, floor, mirrors, intrinsics, settings)
     if direct is None:
-        raise ReconstructionError(_nobody(settings))
+        raise ReconstructionError(_nobody(settings), code="nobody")
     labels = direct.labels()
     axis = np.median(points[labels == 0], axis=0)
 
@@ -184,14 +184,17 @@ def _clicked_pixel(click: tuple[float, float], depth: np.ndarray, seen: np.ndarr
     height, width = depth.shape
     u, v = click
     if not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):
-        raise ReconstructionError(f"the click ({u:g}, {v:g}) is outside the {width}×{height} depth image")
+        raise ReconstructionError(
+            f"the click ({u:g}, {v:g}) is outside the {width}×{height} depth image", code="nobody"
+        )
     row, column, r = int(round(v)), int(round(u)), _CLICK_RADIUS
     top, left = max(row - r, 0), max(column - r, 0)
     rows, columns = np.nonzero(seen[top : row + r + 1, left : column + r + 1] >= 0)
     if not len(rows):
         raise ReconstructionError(
             f"there is no reading within {r} px of the click ({u:g}, {v:g}); click where the depth image shows the "
-            "subject"
+            "subject",
+            code="nobody",
         )
     nearest = int(np.argmin((rows + top - v) ** 2 + (columns + left - u) ** 2))
     return int(rows[nearest] + top), int(columns[nearest] + left)

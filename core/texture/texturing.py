@@ -126,7 +126,9 @@ def texture_steps(
 ) -> Generator[tuple[float, str], None, tuple[Texture, TextureSummary]]:
     """:func:`make_texture` in pieces: yields (fraction done, what comes next)."""
     if not views:
-        raise MirrorScanError("texture: the capture has no colour; record colour, or leave the texture out")
+        raise MirrorScanError(
+            "texture: the capture has no colour; record colour, or leave the texture out", code="color"
+        )
     if not len(mesh.triangles):
         raise MirrorScanError("texture: the mesh has no triangles")
     if not np.isfinite(mesh.vertices).all():

@@ -37,17 +37,20 @@ def check_standing(mesh: Mesh) -> None:
     ReconstructionError
     """
     if not len(mesh.triangles):
-        raise ReconstructionError("skeleton: the mesh has no triangles; reconstruct the capture first")
+        raise ReconstructionError(
+            "skeleton: the mesh has no triangles; reconstruct the capture first", code="no_person"
+        )
     size = np.ptp(mesh.vertices, axis=0)
     if not _HEIGHTS[0] <= size[2] <= _HEIGHTS[1]:
         raise ReconstructionError(
             "skeleton: the mesh is {height:.2f} m high, no person's height; give one whole person "
-            "who stands upright, in metres, Z up", height=float(size[2]),
+            "who stands upright, in metres, Z up", height=float(size[2]), code="no_person",
         )  # fmt: skip
     if max(size[:2]) > _BREADTH * size[2]:
         raise ReconstructionError(
             "skeleton: the mesh is {breadth:.2f} m broad and only {height:.2f} m high, so nobody stands in it; give "
             "one whole person who stands upright, Z up", breadth=float(max(size[:2])), height=float(size[2]),
+            code="no_person",
         )  # fmt: skip
 
 
@@ -77,12 +80,13 @@ def check_person(template: BodyTemplate, found: Fit, top: float) -> None:
     if odd or strange > _MOST_STRANGE or len(missing) > 4:
         raise ReconstructionError(
             "skeleton: the mesh has not the shape of a whole person who stands upright and faces -Y; check that "
-            "nothing else was reconstructed with the person, and take the whole body from head to feet"
+            "nothing else was reconstructed with the person, and take the whole body from head to feet",
+            code="no_person",
         )
     if missing:
         raise ReconstructionError(
             "skeleton: no {parts} found in the mesh; take the snapshot again with the whole person in the picture and "
-            "in the mirrors, arms away from the trunk", parts=" and no ".join(missing),
+            "in the mirrors, arms away from the trunk", parts=" and no ".join(missing), code="no_person",
         )  # fmt: skip
 
 

@@ -214,5 +214,5 @@ def _cluster(data: memoryview, start: int, end: int, scale: int, found: Matroska
                 raise CaptureError(f"{path}: track {number} is laced, which no depth recorder does; record it again")
             frames = tracks[number].frames
             if len(frames) >= MAX_FRAMES:
-                raise CaptureError(f"{path}: has more than {MAX_FRAMES} frames; cut the recording")
+                raise CaptureError(f"{path}: has more than {MAX_FRAMES} frames; cut the recording", code="frames")
             frames.append(((time + offset) * scale, body + 3, b))

@@ -136,7 +136,7 @@ class RosBag:
     def _more(self, count: int) -> None:
         self._count += count
         if self._count > MAX_MESSAGES:
-            raise CaptureError(f"{self._path}: has more than {MAX_MESSAGES} messages; cut the recording")
+            raise CaptureError(f"{self._path}: has more than {MAX_MESSAGES} messages; cut the recording", code="frames")
 
     def _chunk(self, number: int) -> np.ndarray:
         """Unpacked bytes of a chunk; the last one is kept."""

@@ -76,7 +76,9 @@ def _index(path: Path) -> tuple[list[tuple[float, str]], list[tuple[float, str]]
     if not found["d"]:
         if any(path.glob("*.avi")) or "ffmpeg" in text:
             raise CaptureError(f"{path}: was recorded as lossy video, which spoils depth; record without -ffmpeg")
-        raise CaptureError(f"{path / 'INDEX.txt'}: lists no depth frame (d-….pgm); record with the depth stream on")
+        raise CaptureError(
+            f"{path / 'INDEX.txt'}: lists no depth frame (d-….pgm); record with the depth stream on", code="empty"
+        )
     return found["d"], found["r"]
 
 

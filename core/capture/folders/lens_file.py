@@ -121,7 +121,9 @@ def read_lens_file(path: str | os.PathLike, need_intrinsics: bool = True) -> Len
     try:
         loaded = load_json(path, CaptureError)
         if not isinstance(loaded, dict):
-            raise CaptureError(f"{path}: must be a JSON object with width, height and intrinsic_matrix")
+            raise CaptureError(
+                f"{path}: must be a JSON object with width, height and intrinsic_matrix", code="lens_missing"
+            )
         content = loaded
         unit = _unit(path, content, used, notes)
         intrinsics = _intrinsics(path, content, used, notes)
@@ -203,24 +205,28 @@ def check_principal_point(where: object, intrinsics: Intrinsics) -> None:
     if 0.93 <= across <= 1.25 and 0.93 <= along <= 1.25:
         raise CaptureError(
             f"{said}, where it lies near half the size: these intrinsics look like those of a picture of double size; "
-            "give the intrinsics of this resolution (halve fx, fy, cx and cy)"
+            "give the intrinsics of this resolution (halve fx, fy, cx and cy)",
+            code="lens_wrong",
         )
     if fx < 0.55 * width and abs(across - 0.25) < 0.045 and abs(along - 0.25) < 0.045:
         raise CaptureError(
             f"{said}, where it lies near half the size: these intrinsics look like those of a picture of half the "
-            "size; give the intrinsics of this resolution (double fx, fy, cx and cy)"
+            "size; give the intrinsics of this resolution (double fx, fy, cx and cy)",
+            code="lens_wrong",
         )
     if not (0.02 <= across <= 0.98 and 0.02 <= along <= 0.98):
         larger = f"; a picture {scale:.2g} times as large would have it there" if scale > 1.9 else ""
         raise CaptureError(
             f"{said}: it lies at the edge or outside, and must be in pixels, near half the size{larger}; "
-            "give the intrinsics of this resolution"
+            "give the intrinsics of this resolution",
+            code="lens_wrong",
         )
     exchanged = abs(cx + 0.5 - height / 2) < 0.02 * height and abs(cy + 0.5 - width / 2) < 0.02 * width
     if exchanged and abs(width - height) > 0.15 * max(width, height):
         raise CaptureError(
             f"{said}: cx and cy look exchanged, as after a rotation of the picture; "
-            f"write cx {cy:g} and cy {cx:g}, or give the intrinsics of this picture"
+            f"write cx {cy:g} and cy {cx:g}, or give the intrinsics of this picture",
+            code="lens_wrong",
         )
 
 
@@ -250,12 +256,16 @@ def _intrinsics(path: Path, content: dict, used: set[str], notes: list[str]) -> 
     if spelled is not None:
         missing = [key for key in missing if key != "intrinsic_matrix"]
     if missing:
-        raise CaptureError(f"{path}: {', '.join(missing)} missing; write the values your camera's software gives")
+        raise CaptureError(
+            f"{path}: {', '.join(missing)} missing; write the values your camera's software gives", code="lens_wrong"
+        )
     size = []
     for key in ("width", "height"):
         value = number(content[key])
         if not (value >= 1 and value == int(value)):
-            raise CaptureError(f"{path}: {key} must be a positive whole number of pixels, not {short(content[key])}")
+            raise CaptureError(
+                f"{path}: {key} must be a positive whole number of pixels, not {short(content[key])}", code="lens_wrong"
+            )
         size.append(int(value))
     width, height = size
     fx, fy, cx, cy = _pinhole(path, matrix) if spelled is None else (float(v) for v in spelled)
@@ -273,7 +283,8 @@ def _distortion(path: Path, content: dict, pinhole: Intrinsics, used: set[str], 
         if coefficients is None:
             raise CaptureError(
                 f"{path}: distortion must be 4, 5 or 8 finite numbers [k1, k2, p1, p2, k3, k4, k5, k6], "
-                f"not {short(content['distortion'])}"
+                f"not {short(content['distortion'])}",
+                code="lens_wrong",
             )
     else:
         for name, value in content.items():
@@ -293,7 +304,8 @@ def _distortion(path: Path, content: dict, pinhole: Intrinsics, used: set[str], 
     if any(word in _plain(model) for word in _FISHEYE):
         raise CaptureError(
             f"{path}: its images are of a fisheye lens ({model[:30]}), which is not supported; rectify them, and give "
-            "the intrinsics of the rectified ones"
+            "the intrinsics of the rectified ones",
+            code="lens_wrong",
         )
     if key != "distortion":
         notes.append(Notice("{name}: the lens distortion is taken from “{key}”", name=path.name, key=key[:80]))
@@ -327,7 +339,8 @@ def _unit(path: Path, content: dict, used: set[str], notes: list[str]) -> float 
         if not 0 < scale < math.inf:
             raise CaptureError(
                 f"{path}: depth_scale must be a positive number of depth units per metre (1000 for millimetres), "
-                f"not {short(content['depth_scale'])}"
+                f"not {short(content['depth_scale'])}",
+                code="unit",
             )
         return 1 / scale if scale >= 1 else scale
     for name, value in content.items():
@@ -403,19 +416,25 @@ def _pinhole(path: Path, value: object) -> tuple[float, float, float, float]:
         flat = numbers(value, 9)
     if flat is None:
         raise CaptureError(
-            f"{path}: intrinsic_matrix must be nine finite numbers [fx,0,0, 0,fy,0, cx,cy,1], not {short(value)}"
+            f"{path}: intrinsic_matrix must be nine finite numbers [fx,0,0, 0,fy,0, cx,cy,1], not {short(value)}",
+            code="lens_wrong",
         )
     matrix = flat.reshape(3, 3) if nested else flat.reshape(3, 3).T
     if matrix[:2, 2].tolist() == [0, 0] and matrix[2, :2].any():
         order, wanted = ("column by column", matrix.T.tolist()) if nested else ("row by row", matrix.ravel().tolist())
-        raise CaptureError(f"{path}: intrinsic_matrix is written {order}; write it as {json.dumps(wanted)}")
+        raise CaptureError(
+            f"{path}: intrinsic_matrix is written {order}; write it as {json.dumps(wanted)}", code="lens_wrong"
+        )
     fx, fy, cx, cy = (float(matrix[i]) for i in ((0, 0), (1, 1), (0, 2), (1, 2)))
     if fx <= 0 or fy <= 0:
-        raise CaptureError(f"{path}: focal lengths must be positive, got fx={fx:g}, fy={fy:g}; enter your camera's")
+        raise CaptureError(
+            f"{path}: focal lengths must be positive, got fx={fx:g}, fy={fy:g}; enter your camera's", code="lens_wrong"
+        )
     skew = max(abs(matrix[0, 1]), abs(matrix[1, 0]))
     if skew > 1e-6 * fx or abs(matrix[2] - (0, 0, 1)).max() > 1e-9:
         raise CaptureError(
-            f"{path}: intrinsic_matrix is not that of a pinhole camera; it must be [fx,0,0, 0,fy,0, cx,cy,1]"
+            f"{path}: intrinsic_matrix is not that of a pinhole camera; it must be [fx,0,0, 0,fy,0, cx,cy,1]",
+            code="lens_wrong",
         )
     return fx, fy, cx, cy
 
@@ -426,22 +445,25 @@ def _depth_to_color(path: Path, value: object) -> np.ndarray:
     if flat is None:
         raise CaptureError(
             f"{path}: depth_to_color must be sixteen finite numbers, column by column: a rotation, and a shift in "
-            f"metres, not {short(value)}"
+            f"metres, not {short(value)}",
+            code="color",
         )
     pose = flat.reshape(4, 4) if nested else flat.reshape(4, 4).T
     if not pose[:3, 3].any() and pose[3, :3].any():
         order, wanted = ("column by column", pose.T.tolist()) if nested else ("row by row", pose.ravel().tolist())
-        raise CaptureError(f"{path}: depth_to_color is written {order}; write it as {json.dumps(wanted)}")
+        raise CaptureError(f"{path}: depth_to_color is written {order}; write it as {json.dumps(wanted)}", code="color")
     if not is_rigid(pose):
         raise CaptureError(
             f"{path}: depth_to_color is not a rotation and a shift; write the transform of points of the depth "
-            "camera's frame into the colour camera's (x right, y down, z forward), column by column"
+            "camera's frame into the colour camera's (x right, y down, z forward), column by column",
+            code="color",
         )
     shift = float(np.linalg.norm(pose[:3, 3]))
     if shift > MAX_SHIFT_M:
         raise CaptureError(
             f"{path}: depth_to_color moves points by {shift:.4g} m, and the two cameras of one device are not that far "
-            "apart; its shift is in metres"
+            "apart; its shift is in metres",
+            code="color",
         )
     return pose
 
@@ -451,17 +473,20 @@ def _check_plausible(path: Path, width: int, height: int, fx: float, fy: float, 
     if fx < 10 and fy < 10 and 0 < cx < 2 and 0 < cy < 2:
         raise CaptureError(
             f"{path}: fx={fx:g}, fy={fy:g}, cx={cx:g}, cy={cy:g} are in parts of the image's size; all are given in "
-            f"pixels: fx and cx times {width}, fy and cy times {height}"
+            f"pixels: fx and cx times {width}, fy and cy times {height}",
+            code="lens_wrong",
         )
     for axis, focal, length in (("fx", fx, width), ("fy", fy, height)):
         if not 0.1 * length <= focal <= 50 * length:
             raise CaptureError(
                 f"{path}: {axis}={focal:g} cannot be for {length} pixels (a field of view of "
-                f"{2 * math.degrees(math.atan2(length, 2 * focal)):.3g}°); focal lengths are in pixels"
+                f"{2 * math.degrees(math.atan2(length, 2 * focal)):.3g}°); focal lengths are in pixels",
+                code="lens_wrong",
             )
     for axis, centre, length in (("cx", cx, width), ("cy", cy, height)):
         if centre == 0:
             raise CaptureError(
                 f"{path}: {axis}={centre:g} cannot be the image centre of {length} pixels; "
-                "it is in pixels, near half the size, for this resolution"
+                "it is in pixels, near half the size, for this resolution",
+                code="lens_wrong",
             )

@@ -81,7 +81,9 @@ def read(path: Path, frames: FrameChoice = None, options: ReadOptions | None = N
     assert intrinsics is not None  # one of both was read
     notes = list(lens.notes)
     if not depth_files:
-        raise CaptureError(f"{path / 'depth'}: holds no PNG; put the depth frames there (16 bit, millimetres)")
+        raise CaptureError(
+            f"{path / 'depth'}: holds no PNG; put the depth frames there (16 bit, millimetres)", code="empty"
+        )
     chosen = chosen_frames(path / "depth", frames, len(depth_files))
     stated = next((u for u in (options.depth_unit_m, options.lens_unit_m, lens.unit_m) if u is not None), None)
     depth, note = _read_depth([depth_files[i] for i in chosen], intrinsics, stated)
@@ -140,7 +142,8 @@ def color_camera_of(
             raise CaptureError(
                 f"{file}: is {width}×{height} pixels, but depth has {intrinsics.width}×{intrinsics.height}; align "
                 f"colour to depth when recording, write {COLOR_INTRINSIC_NAME} with its intrinsics and depth_to_color, "
-                "or remove the color folder to go without"
+                "or remove the color folder to go without",
+                code="color",
             )
         return None, None, []
     camera, pose, notes = read_color_file(described)
@@ -148,7 +151,8 @@ def color_camera_of(
         if not aligned:
             raise CaptureError(
                 f"{described}: is for {camera.width}×{camera.height} pixels, {file.name} has {width}×{height}; give "
-                "the intrinsics of this resolution"
+                "the intrinsics of this resolution",
+                code="lens_wrong",
             )
         note = Notice(
             "{name} is for {lens_width}×{lens_height} pixels, {image} has {width}×{height}, as depth: it was not used",
@@ -220,14 +224,19 @@ def mirrors_from(path: Path, content: object, intrinsics: Intrinsics | None = No
     """As :func:`read_mirrors`, of JSON content already read from ``path``."""
     entries = content.get("mirrors") if isinstance(content, dict) else None
     if not isinstance(entries, list):
-        raise MirrorError(f'{path}: must be a JSON object with a list: {{"mirrors": [...]}}; pick the mirrors again')
+        raise MirrorError(
+            f'{path}: must be a JSON object with a list: {{"mirrors": [...]}}; pick the mirrors again',
+            code="mirror_file",
+        )
     if len(entries) > MAX_MIRRORS:
-        raise MirrorError(f"{path}: names {len(entries)} mirrors; at most {MAX_MIRRORS} are possible")
+        raise MirrorError(
+            f"{path}: names {len(entries)} mirrors; at most {MAX_MIRRORS} are possible", code="mirror_file"
+        )
     mirrors = tuple(_mirror(path, i, entry, intrinsics) for i, entry in enumerate(entries, start=1))
     names = [mirror.name for mirror in mirrors]
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
-        raise MirrorError(f"{path}: two mirrors are named “{repeated[0]}”; give each its own name")
+        raise MirrorError(f"{path}: two mirrors are named “{repeated[0]}”; give each its own name", code="mirror_file")
     return mirrors
 
 
@@ -244,7 +253,8 @@ def _lens(path: Path, depth_files: list[Path], options: ReadOptions) -> LensFile
     if nominal is None:
         raise CaptureError(
             f"{path / INTRINSIC_NAMES[0]}: is missing; it gives width, height and intrinsic_matrix of the depth "
-            "camera; write it, or give a file that holds them (option “intrinsics”)"
+            "camera; write it, or give a file that holds them (option “intrinsics”)",
+            code="lens_missing",
         )
     intrinsics, sensor, note = nominal
     return LensFile(intrinsics, None, sensor, "size", (note,))
@@ -263,7 +273,7 @@ def _images(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
     try:
         files = [p for p in folder.iterdir() if p.suffix.lower() in suffixes and not p.name.startswith(".")]
     except OSError as error:
-        raise CaptureError(f"{folder}: cannot be listed: {error.strerror or error}") from error
+        raise CaptureError(f"{folder}: cannot be listed: {error.strerror or error}", code="gone") from error
     return sorted(files, key=lambda p: [(int(s), "") if s.isdecimal() else (-1, s) for s in re.split(r"(\d+)", p.name)])
 
 
@@ -289,7 +299,8 @@ def _read_depth(files: list[Path], intrinsics: Intrinsics, unit_m: float | None)
     if seen is None:
         raise CaptureError(
             f"{files[0].parent}: no pixel of {len(files)} frame{'s' if len(files) > 1 else ''} has a depth reading; "
-            "check that the depth stream was on and record again"
+            "check that the depth stream was on and record again",
+            code="empty",
         )
     unit = DepthUnit(0.001)
     if unit_m is not None and 65535 * unit_m < SCENE_DEPTH_M:  # as :func:`.depth_units.in_metres` has it
@@ -310,7 +321,8 @@ def _depth_frame(file: Path, intrinsics: Intrinsics, files: list[Path]) -> np.nd
         channels = "gray" if frame.ndim == 2 else f"{frame.shape[2]}-channel"
         raise CaptureError(
             f"{file}: is a {bits}-bit {channels} image; depth must be 16-bit gray, in millimetres. "
-            "Save the frame again without converting it"
+            "Save the frame again without converting it",
+            code="not_a_capture",
         )
     width, height = intrinsics.width, intrinsics.height
     if frame.shape != (height, width):
@@ -318,12 +330,14 @@ def _depth_frame(file: Path, intrinsics: Intrinsics, files: list[Path]) -> np.nd
         if frame.shape == (width, height):
             raise CaptureError(
                 f"{file}: is {frame.shape[1]}×{frame.shape[0]} pixels, but intrinsic.json says {width}×{height}: width "
-                "and height are exchanged, or the picture was rotated; give the intrinsics of the picture as it is"
+                "and height are exchanged, or the picture was rotated; give the intrinsics of the picture as it is",
+                code="rotation",
             )
         other = "intrinsic.json says" if first else f"{files[0].name} and intrinsic.json have"
         raise CaptureError(
             f"{file}: is {frame.shape[1]}×{frame.shape[0]} pixels, but {other} {width}×{height}; "
-            + ("give the intrinsics of this resolution" if first else "keep frames of one size only")
+            + ("give the intrinsics of this resolution" if first else "keep frames of one size only"),
+            code="lens_wrong",
         )
     return frame
 
@@ -334,7 +348,9 @@ def _read_color(file: Path) -> np.ndarray:
     if color.dtype == np.uint16:
         color = (color >> 8).astype(np.uint8)
     elif color.dtype != np.uint8:
-        raise CaptureError(f"{file}: colour must have 8 or 16 bits a channel; save it as an ordinary PNG or JPEG")
+        raise CaptureError(
+            f"{file}: colour must have 8 or 16 bits a channel; save it as an ordinary PNG or JPEG", code="color"
+        )
     if color.ndim == 2 or color.shape[2] < 3:
         color = np.repeat((color if color.ndim == 2 else color[..., 0])[..., None], 3, axis=2)
     return np.ascontiguousarray(color[..., :3])
@@ -342,13 +358,15 @@ def _read_color(file: Path) -> np.ndarray:
 
 def _mirror(path: Path, index: int, entry: object, intrinsics: Intrinsics | None) -> MirrorPicks:
     if not isinstance(entry, dict):
-        raise MirrorError(f"{path}: mirror {index} must be a JSON object, not {short(entry)}")
+        raise MirrorError(f"{path}: mirror {index} must be a JSON object, not {short(entry)}", code="mirror_file")
     name = entry.get("name", f"mirror {index}")
     if not isinstance(name, str) or not name.strip() or len(name) > 64 or not name.isprintable():
-        raise MirrorError(f"{path}: the name of mirror {index} must be a short printable text, not {short(name)}")
+        raise MirrorError(
+            f"{path}: the name of mirror {index} must be a short printable text, not {short(name)}", code="mirror_file"
+        )
     where = f"{path}: mirror “{name}”"
     if ("frame_pixels" in entry) == ("plane" in entry):
-        raise MirrorError(f"{where} needs either frame_pixels or plane, and not both")
+        raise MirrorError(f"{where} needs either frame_pixels or plane, and not both", code="mirror_file")
     if "plane" in entry:
         return MirrorPicks(name, **_plane(where, entry["plane"]))
     return MirrorPicks(name, frame_pixels=_frame_pixels(where, entry["frame_pixels"], intrinsics))
@@ -359,27 +377,31 @@ def _plane(where: str, plane: object) -> dict[str, np.ndarray]:
     point = numbers(plane.get("point"), 3) if isinstance(plane, dict) else None
     normal = numbers(plane.get("normal"), 3) if isinstance(plane, dict) else None
     if point is None or normal is None:
-        raise MirrorError(f'{where}: plane must be {{"point": [x,y,z], "normal": [x,y,z]}} with finite numbers')
+        raise MirrorError(
+            f'{where}: plane must be {{"point": [x,y,z], "normal": [x,y,z]}} with finite numbers', code="mirror_file"
+        )
     longest = np.abs(normal).max()
     if longest == 0:
-        raise MirrorError(f"{where}: the plane's normal is zero; it must point somewhere")
+        raise MirrorError(f"{where}: the plane's normal is zero; it must point somewhere", code="mirror_file")
     normal = normal / longest  # first, so that squares neither overflow nor vanish
     return {"point": point, "normal": normal / np.linalg.norm(normal)}
 
 
 def _frame_pixels(where: str, picks: object, intrinsics: Intrinsics | None) -> np.ndarray:
     if not isinstance(picks, list):
-        raise MirrorError(f"{where}: frame_pixels must be a list of [u, v], not {short(picks)}")
+        raise MirrorError(f"{where}: frame_pixels must be a list of [u, v], not {short(picks)}", code="mirror_file")
     pixels = np.empty((len(picks), 2))
     for i, pick in enumerate(picks):
         pixel = numbers(pick, 2)
         if pixel is None:
-            raise MirrorError(f"{where}: pick {i + 1} must be two finite numbers [u, v], not {short(pick)}")
+            raise MirrorError(
+                f"{where}: pick {i + 1} must be two finite numbers [u, v], not {short(pick)}", code="mirror_file"
+            )
         pixels[i] = pixel
     different = len(np.unique(pixels, axis=0))
     if different < 3:
         picked = f"{different} different pick{'' if different == 1 else 's'}"
-        raise MirrorError(f"{where} has {picked}; a plane needs at least 3 points on the frame")
+        raise MirrorError(f"{where} has {picked}; a plane needs at least 3 points on the frame", code="mirror_file")
     if intrinsics is not None:
         size = np.array((intrinsics.width, intrinsics.height))
         outside = np.flatnonzero(((pixels < -0.5) | (pixels > size - 0.5)).any(axis=1))
@@ -387,6 +409,7 @@ def _frame_pixels(where: str, picks: object, intrinsics: Intrinsics | None) -> n
             u, v = pixels[outside[0]]
             raise MirrorError(
                 f"{where}: pick {outside[0] + 1} at ({u:g}, {v:g}) lies outside the {size[0]}×{size[1]} image; "
-                "pick on the depth image of this capture"
+                "pick on the depth image of this capture",
+                code="mirror_file",
             )
     return pixels

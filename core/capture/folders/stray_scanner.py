@@ -89,7 +89,7 @@ def _intrinsics(path: Path) -> Intrinsics:
     except ValueError:
         k = []
     if len(k) != 9:
-        raise CaptureError(f"{path}: must hold the nine numbers of a camera matrix, row by row")
+        raise CaptureError(f"{path}: must hold the nine numbers of a camera matrix, row by row", code="lens_wrong")
     return Intrinsics(*VIDEO_SIZE, k[0], k[4], k[2], k[5])
 
 

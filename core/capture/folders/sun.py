@@ -65,5 +65,5 @@ def _intrinsics(path: Path, width: int, height: int) -> Intrinsics:
         fx = skew = cx = below = fy = cy = np.nan
         last = []
     if last != [0, 0, 1] or skew or below:
-        raise CaptureError(f"{path}: must hold nine numbers, fx 0 cx 0 fy cy 0 0 1")
+        raise CaptureError(f"{path}: must hold nine numbers, fx 0 cx 0 fy cy 0 0 1", code="lens_wrong")
     return Intrinsics(width, height, fx, fy, cx, cy)

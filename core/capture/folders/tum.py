@@ -55,7 +55,9 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     known = [camera for name, camera in CAMERAS.items() if name in path.resolve().name.lower()]
     camera = options.intrinsics or (known or [DEFAULT])[0]
     if options.intrinsics is None and (width, height) != (640, 480):
-        raise CaptureError(f"{path}: the intrinsics of these {width}×{height} pixels are unknown; give them")
+        raise CaptureError(
+            f"{path}: the intrinsics of these {width}×{height} pixels are unknown; give them", code="lens_missing"
+        )
     color = None
     if unit == 0.001 and options.depth_unit_m is None:
         notes.append("depth is taken for millimetres: its values are no multiples of 5, as those of TUM RGB-D are")

@@ -46,7 +46,8 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             names = ", ".join(f"{t.name or t.number} ({_fourcc(t)})" for t in content.tracks[:8]) or "none"
             raise CaptureError(
                 f"{path}: has no depth track (its tracks: {names}); record with the depth stream on, "
-                "and never convert the recording"
+                "and never convert the recording",
+                code="empty",
             )
         width, height = depth_track.width, depth_track.height
         if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE):
@@ -79,7 +80,8 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             nominal = nominal_camera(width, height)
             if nominal is None:
                 raise CaptureError(
-                    f"{path}: has no calibration attached; give the intrinsics of these {width}×{height}"
+                    f"{path}: has no calibration attached; give the intrinsics of these {width}×{height}",
+                    code="lens_missing",
                 )
             camera, _, note = nominal
             notes.append(note)
@@ -149,7 +151,8 @@ def decode_color(data: bytes, track: Track, path: Path) -> np.ndarray:
     sizes = {"BGRA": 4, "NV12": 1.5, "YUY2": 2}
     if kind not in sizes:
         raise CaptureError(
-            f"{path}: colour is {kind[:20]}, which is not known; record colour as MJPG, BGRA, NV12 or YUY2"
+            f"{path}: colour is {kind[:20]}, which is not known; record colour as MJPG, BGRA, NV12 or YUY2",
+            code="color",
         )
     if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE) or len(data) != int(width * height * sizes[kind]):
         raise ValueError(f"a colour frame of {len(data)} bytes is not {width}×{height} {kind}")

@@ -54,7 +54,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         notes = ["the recording was cut off; the frames before that are read"] if truncated else []
         node = next((n for n in nodes if n.kind == DEPTH and n.frames), None)
         if node is None:
-            raise CaptureError(f"{path}: holds no depth frame; record with the depth stream on")
+            raise CaptureError(f"{path}: holds no depth frame; record with the depth stream on", code="empty")
         width, height = _size(node)
         chosen = chosen_frames(path, frames, len(node.frames))
         unit, table = _unit(node, options)
@@ -104,7 +104,8 @@ def _nodes(data: memoryview, path: Path) -> tuple[list[_Node], bool]:
     major, minor, maintenance, build = struct.unpack_from("<BBHI", data, 4)
     if major != 1:
         raise CaptureError(
-            f"{path}: is an OpenNI recording of version {major}.{minor}, which is not known; record it with OpenNI 2"
+            f"{path}: is an OpenNI recording of version {major}.{minor}, which is not known; record it with OpenNI 2",
+            code="not_a_capture",
         )
     # Before 1.0.1 the position of the record to undo had 32 bits.
     size = 28 if (minor, maintenance, build) >= (0, 1, 0) else 24
@@ -132,7 +133,7 @@ def _nodes(data: memoryview, path: Path) -> tuple[list[_Node], bool]:
             (time,) = struct.unpack_from("<Q", data, start)
             frames += 1
             if frames > MAX_FRAMES:
-                raise CaptureError(f"{path}: has more than {MAX_FRAMES} frames; cut the recording")
+                raise CaptureError(f"{path}: has more than {MAX_FRAMES} frames; cut the recording", code="frames")
             if payload:
                 nodes[number].frames.append((time, end, end + payload))
         elif kind == 0x0B:

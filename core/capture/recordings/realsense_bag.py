@@ -82,7 +82,9 @@ def _depth_topic(bag: RosBag, path: Path) -> Topic:
     depth = [t for t in depth if _first(bag, t).encoding in DEPTH_ENCODINGS]
     if not depth:
         names = ", ".join(t.name for t in images[:6]) or "none"
-        raise CaptureError(f"{path}: has no depth images (images: {names[:200]}); record with the depth stream on")
+        raise CaptureError(
+            f"{path}: has no depth images (images: {names[:200]}); record with the depth stream on", code="empty"
+        )
     return min(depth, key=lambda t: (not t.name.startswith("/device_"), "aligned_depth_to_color" not in t.name))
 
 
@@ -145,7 +147,9 @@ def _color(image: _Image, path: Path) -> np.ndarray:
         return yuyv_to_rgb(_rows(image, 2), luma_first=kind in ("yuyv", "yuv422_yuy2"))
     if kind == "mjpeg":
         return rgb(image_in(image.data, path, "a colour frame"))
-    raise CaptureError(f"{path}: colour is {kind[:20]!r}, which is not known; record colour as RGB8 or YUYV")
+    raise CaptureError(
+        f"{path}: colour is {kind[:20]!r}, which is not known; record colour as RGB8 or YUYV", code="color"
+    )
 
 
 def _info_topic(bag: RosBag, topic: Topic) -> Topic | None:
@@ -157,7 +161,10 @@ def _info_topic(bag: RosBag, topic: Topic) -> Topic | None:
 
 def _intrinsics(bag: RosBag, topic: Topic | None, path: Path) -> Intrinsics:
     if topic is None:
-        raise CaptureError(f"{path}: has no camera_info beside its images; give the intrinsics, or record it along")
+        raise CaptureError(
+            f"{path}: has no camera_info beside its images; give the intrinsics, or record it along",
+            code="lens_missing",
+        )
     message = bag.message(topic, 0)
     (size,) = struct.unpack_from("<I", message, 12)
     position = 16 + size
@@ -177,7 +184,10 @@ def _intrinsics(bag: RosBag, topic: Topic | None, path: Path) -> Intrinsics:
     ):
         raise ValueError("the camera info makes no sense")
     if model.startswith(("ftheta", "kannala", "equidistant", "fisheye")) and any(intrinsics):
-        raise CaptureError(f"{path}: its images are of a fisheye lens ({model}), which is not supported; rectify them")
+        raise CaptureError(
+            f"{path}: its images are of a fisheye lens ({model}), which is not supported; rectify them",
+            code="lens_wrong",
+        )
     if len(intrinsics) not in (0, 4, 5, 8):
         intrinsics = intrinsics[:8] if len(intrinsics) > 8 and not any(intrinsics[8:]) else ()
     camera = Intrinsics(width, height, k[0], k[4], k[2], k[5], tuple(intrinsics) if any(intrinsics) else ())

@@ -41,7 +41,9 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         topics = {str(name): int(number) for number, name in _rows(file, "SELECT id, name FROM topics LIMIT 10000")}
         depth_topic = next((name for name in topics if name.endswith(DEPTH_ENDS)), None)
         if depth_topic is None:
-            raise CaptureError(f"{path}: has no depth images as RealSense's SDK writes them; record the depth stream")
+            raise CaptureError(
+                f"{path}: has no depth images as RealSense's SDK writes them; record the depth stream", code="empty"
+            )
         listed = _messages(file, topics[depth_topic])
         chosen = chosen_frames(path, frames, len(listed))
         base = depth_topic.removesuffix(DEPTH_ENDS)
@@ -151,7 +153,9 @@ def _intrinsics(text: str) -> Intrinsics:
     distortion = tuple(float(k) for k in pairs.get("coeffs", "").split(",") if k)
     model = pairs.get("model", "").lower()
     if any(distortion) and not ("brown" in model or model in ("", "none")):
-        raise CaptureError(f"intrinsics: a fisheye lens ({model[:30]}) is not supported; rectify the images")
+        raise CaptureError(
+            f"intrinsics: a fisheye lens ({model[:30]}) is not supported; rectify the images", code="lens_wrong"
+        )
     fx, fy, cx, cy = (float(pairs[name]) for name in ("fx", "fy", "ppx", "ppy"))
     camera = Intrinsics(width, height, fx, fy, cx, cy, distortion if any(distortion) else ())
     if model.startswith("inverse") and any(distortion):

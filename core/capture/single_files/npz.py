@@ -168,7 +168,7 @@ def _member(archive: zipfile.ZipFile, path: Path, name: str, kinds: tuple[str, .
         if size != entry.file_size - file.tell():
             raise ValueError(f"{name} states another size than it has")
         if size > 4 * 256_000_000:
-            raise CaptureError(f"{path}: {name} is more than memory should hold; save fewer frames")
+            raise CaptureError(f"{path}: {name} is more than memory should hold; save fewer frames", code="memory")
         data = file.read(size)
         if len(data) != size:
             raise ValueError(f"{name} is cut short")

@@ -47,7 +47,9 @@ def depth_of_cloud(
         good = np.isfinite(points).all(axis=2) & (np.abs(points) < 1e9).all(axis=2) & points.any(axis=2)
     flat = np.flatnonzero(good)
     if len(flat) < _MIN_POINTS:
-        raise CaptureError(f"{path}: has {len(flat)} points with a reading; check that the depth stream was on")
+        raise CaptureError(
+            f"{path}: has {len(flat)} points with a reading; check that the depth stream was on", code="empty"
+        )
     chosen = flat[:: max(1, len(flat) // _SAMPLE)]
     sample = points.reshape(-1, 3)[chosen].astype(np.float64)
     v, u = np.divmod(chosen, width)
@@ -69,11 +71,14 @@ def depth_of_cloud(
         fit = "no camera" if best is None else f"within {best[0]:.1f} px"
         raise CaptureError(
             f"{path}: its points are not what one camera sees pixel by pixel ({fit}); "
-            "save the cloud organized and in the camera's own frame"
+            "save the cloud organized and in the camera's own frame",
+            code="not_a_capture",
         )
     _, axes, sign, (fx, cx, _), (fy, cy, _) = best
     if not (0.1 * width <= abs(fx) <= 50 * width and 0.1 * height <= abs(fy) <= 50 * height):
-        raise CaptureError(f"{path}: its points give no focal length a depth camera has ({fx:.0f}, {fy:.0f} px)")
+        raise CaptureError(
+            f"{path}: its points give no focal length a depth camera has ({fx:.0f}, {fy:.0f} px)", code="lens_wrong"
+        )
     z = points[..., axes[2]] * sign
     depth = np.where(good & (np.where(good, z, 0) > 0), z, 0).astype(np.float32)
     notes: list[str] = [Notice("intrinsics fitted from the points, within {error:.2f} px", error=best[0] / 2)]

@@ -40,7 +40,8 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         if height < 2 or width < 2:
             raise CaptureError(
                 f"{path}: holds {points} points in no grid; save it organized (WIDTH × HEIGHT, with the pixels "
-                "that have no reading as nan)"
+                "that have no reading as nan)",
+                code="not_a_capture",
             )
         kind = header["DATA"][0]
         if kind == "ascii":

@@ -43,7 +43,8 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         kind, values = read_pclzf(files[number])
         if kind != "depth16":
             raise CaptureError(
-                f"{files[number]}: holds {kind}, not depth; open the file whose name ends in _depth.pclzf"
+                f"{files[number]}: holds {kind}, not depth; open the file whose name ends in _depth.pclzf",
+                code="not_a_capture",
             )
         if depth is None:
             depth = empty_burst(path, len(chosen), *values.shape)
@@ -60,7 +61,9 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     if camera is None:
         nominal = nominal_camera(width, height)
         if nominal is None:
-            raise CaptureError(f"{first}: {base}.xml with its intrinsics is missing; put it beside the file")
+            raise CaptureError(
+                f"{first}: {base}.xml with its intrinsics is missing; put it beside the file", code="lens_missing"
+            )
         camera, _, note = nominal
         notes.append(note)
     color = None
@@ -106,7 +109,7 @@ def _parameters(path: Path, width: int, height: int) -> Intrinsics | None:
     text = text_of(read_limited(path, 100_000))
     section = re.search(r"<depth>(.*?)</depth>", text, re.DOTALL)
     if section is None:
-        raise CaptureError(f"{path}: has no section <depth> with the camera's parameters")
+        raise CaptureError(f"{path}: has no section <depth> with the camera's parameters", code="lens_missing")
     values = []
     for name in ("focal_length_x", "focal_length_y", "principal_point_x", "principal_point_y"):
         number = re.search(rf"<{name}>\s*([-+0-9.eE]{{1,40}})\s*</{name}>", section[1])

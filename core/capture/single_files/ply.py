@@ -76,7 +76,8 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     if not sizes:
         raise CaptureError(
             f"{path}: its {len(points)} points lie in no grid of pixels; save the cloud organized, with one vertex for "
-            "each pixel (those without a reading as nan or 0 0 0)"
+            "each pixel (those without a reading as nan or 0 0 0)",
+            code="not_a_capture",
         )
     problem: CaptureError | None = None
     for width, height in sizes:

@@ -76,7 +76,8 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         if options.intrinsics is None and nominal is None:
             raise CaptureError(
                 f"{path}: the intrinsics of these {width}×{height} pixels are unknown; give them, or put an "
-                f"{INTRINSIC_NAMES[0]} beside the file"
+                f"{INTRINSIC_NAMES[0]} beside the file",
+                code="lens_missing",
             )
         if options.intrinsics is None and nominal is not None:
             camera, sensor, note = nominal
@@ -119,7 +120,8 @@ def read_values(path: Path, frames: FrameChoice = None) -> np.ndarray:
     if values.ndim != 2 or values.dtype.itemsize == 1:
         raise CaptureError(
             f"{path}: is an 8-bit or colour picture; depth must be 16-bit gray or floating point. "
-            "Save the frame again without converting it"
+            "Save the frame again without converting it",
+            code="not_a_capture",
         )
     chosen_frames(path, frames, 1)
     return values[None]
@@ -140,7 +142,7 @@ def _read_npy(path: Path, frames: FrameChoice) -> np.ndarray:
         shape = shape if len(shape) == 3 else (1, *shape)
         chosen = chosen_frames(path, frames, shape[0])
         if len(chosen) * shape[1] * shape[2] > MAX_BURST_PIXELS:
-            raise CaptureError(f"{path}: is more than memory should hold; choose fewer frames")
+            raise CaptureError(f"{path}: is more than memory should hold; choose fewer frames", code="memory")
         stored = np.memmap(path, dtype, "r", start, stored_shape, order="F" if columns else "C").reshape(shape)
         return np.array(stored[chosen.start : chosen.stop : chosen.step]).astype(dtype.newbyteorder("="), copy=False)
 
@@ -156,7 +158,10 @@ def _read_pgm(path: Path) -> np.ndarray:
     width, height, largest = (int(n) for n in match.groups())
     size = width * height
     if largest < 256:
-        raise CaptureError(f"{path}: is an 8-bit picture; depth must have 16 bits. Record the depth stream itself")
+        raise CaptureError(
+            f"{path}: is an 8-bit picture; depth must have 16 bits. Record the depth stream itself",
+            code="not_a_capture",
+        )
     if not size or len(data) - match.end() < 2 * size:
         raise CaptureError(f"{path}: is truncated: {width}×{height} pixels are not all there; copy it again")
     orders = [np.frombuffer(data, order, size, match.end()).reshape(height, width) for order in ("<u2", ">u2")]
