@@ -37,7 +37,7 @@ def prepare_kernels() -> None:
     try:
         import numba
     except ImportError as error:
-        raise MirrorScanError(no_numba_text(error)) from error
+        raise MirrorScanError(no_numba_text(error), code="program") from error
     if not numba.config.CACHE_DIR:
         numba.config.CACHE_DIR = cache_folder()
 

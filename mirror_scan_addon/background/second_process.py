@@ -231,7 +231,7 @@ class Errand:
             self._end(result=self._worker.result())
         elif "error" in message:
             kind = getattr(errors, message["error"], errors.MirrorScanError)
-            self._end(error=kind(Notice.of_parts(message["notice"])))
+            self._end(error=kind(Notice.of_parts(message["notice"]), code=message["code"]))
         elif "fault" in message:
             self._end(error=RuntimeError(f"Mirror Scan's second process failed:\n{message['fault']}"))
         elif "unable" in message:
@@ -268,7 +268,7 @@ class Errand:
             "The process that does the work was ended (code {code}); if you did not do that, memory ran out: close "
             "other programs, or use fewer frames. {said}"
         )
-        return errors.MirrorScanError(text.format(code=code, said=said).strip())
+        return errors.MirrorScanError(text.format(code=code, said=said).strip(), code="worker")
 
 
 def _take() -> Worker:

@@ -228,7 +228,8 @@ def _open(path: str, frames: int, mirrors_path: str, reading: dict | None, nativ
     intrinsics, lens = options.pop("intrinsics", ""), options.pop("lens", "")
     if intrinsics:
         options |= lens_options(intrinsics)
-    options = ReadOptions(**options, native_color=native_color, mirrors=not mirrors_path)
+    mirrors = options.pop("mirrors", True) and not mirrors_path
+    options = ReadOptions(**options, native_color=native_color, mirrors=mirrors)
     if lens and not intrinsics:
         capture = _open_with_lens(path, frames, options, lens)
     else:
@@ -504,7 +505,7 @@ def build_steps(
     elif cloud is not None:
         capture = _capture_of(cloud)
     else:
-        raise CaptureError("no capture is chosen; load one first")
+        raise CaptureError("no capture is chosen; load one first", code="not_loaded")
     yield 0.05, "Loading the program"
     from ...core.pipeline import reconstruction_steps
     from ...core.pipeline.avatar_stages import scaled

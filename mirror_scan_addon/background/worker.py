@@ -114,16 +114,20 @@ def _do(task: dict, package: str, folder: Path, say: Callable) -> None:
         _tell_error(say, error)
     except OSError as error:
         reason = error.strerror or error
-        _tell_error(say, errors.MirrorScanError("{path}: {reason}", path=error.filename or folder, reason=reason))
+        path, code = error.filename or folder, errors.code_of(error)
+        _tell_error(say, errors.MirrorScanError("{path}: {reason}", path=path, reason=reason, code=code))
     except MemoryError:
-        _tell_error(say, errors.MirrorScanError("There is not enough memory for this; close other files or programs"))
+        _tell_error(
+            say,
+            errors.MirrorScanError("There is not enough memory for this; close other files or programs", code="memory"),
+        )
     except Exception:
         say(fault=traceback.format_exc())
 
 
 def _tell_error(say: Callable, error: Exception) -> None:
     """Hand over a :class:`.errors.MirrorScanError`, whole."""
-    say(error=type(error).__name__, notice=error.notice.parts())
+    say(error=type(error).__name__, code=error.code, notice=error.notice.parts())
 
 
 def _drain(job: Iterator, say: Callable) -> object:

@@ -73,6 +73,10 @@ def _no_color(layout, context, found) -> None:
     fields(layout).prop(context.scene.mirror_scan.reading, "color")
 
 
+def _no_mirror_file(layout, context, found) -> None:
+    fields(layout).prop(context.scene.mirror_scan.reading, "own_mirrors")
+
+
 def _subject(layout, context, found) -> None:
     column = fields(layout)
     for name in ("depth_limit", "reach", "object"):
@@ -119,6 +123,7 @@ CURES: dict[str, Callable] = {
     "turn": _turn,
     "frames": _frames,
     "no color": _no_color,
+    "no mirror file": _no_mirror_file,
     "subject": _subject,
     "remove": _remove,
     "apply scale": _apply_scale,

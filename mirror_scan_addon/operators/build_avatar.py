@@ -74,7 +74,9 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
             points = point_cloud.cloud_of(context.scene)
             path = scan_records.capture_root(settings.capture_path)
             if not path and points is None:
-                raise CaptureError(say("No capture is loaded; choose one in the Mirror Scan tab of the sidebar"))
+                raise CaptureError(
+                    say("No capture is loaded; choose one in the Mirror Scan tab of the sidebar"), code="not_loaded"
+                )
             mirrors = scan_records.placed_mirrors(settings) if settings.mirrors and not mirrors_path else None
             for item in settings.mirrors if mirrors else ():
                 if complaint := scan_records.complaint_of(item):

@@ -44,7 +44,7 @@ class MIRRORSCAN_OT_check(job_operators.JobOperator, bpy.types.Operator):
 
         avatar = avatar_objects.object_of(self._uid)
         if avatar is None:
-            raise OutputError(say("The object that was checked no longer exists"))
+            raise OutputError(say("The object that was checked no longer exists"), code="no_data")
         report = report_text.avatar_report(avatar) or {}
         mesh = report.setdefault("mesh", {})
         mesh.update({name: value for name, value in result.report.items() if name != "min_angle_deg"})

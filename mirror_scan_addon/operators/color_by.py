@@ -8,7 +8,7 @@ from bpy.props import EnumProperty
 
 from ..background import job_operators
 from ..language.texts import CONTEXT, say
-from ..scene import scan_records
+from ..scene import kept_errors, scan_records
 from ..scene.avatar_objects import DERIVED
 from ..scene.scan_records import no_mesh, not_ours
 
@@ -44,8 +44,9 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
         try:
             self._show(context)
         except job_operators.REPORTED as error:
-            self.report({"ERROR"}, job_operators.in_words(error))
+            self.report({"ERROR"}, kept_errors.keep(context, self, error))
             return {"CANCELLED"}
+        kept_errors.forget(context, self)
         space = context.space_data
         if space is not None and space.type == "VIEW_3D" and space.shading.type == "SOLID":
             space.shading.color_type = "VERTEX"
@@ -68,15 +69,15 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
         name = DERIVED.get(self.mode, avatar_objects.COLOR)
         if colors_of is None:
             if data.color_attributes.get(avatar_objects.COLOR) is None:
-                raise OutputError(say("{name} has no colours from a capture").format(name=avatar.name))
+                raise OutputError(say("{name} has no colours from a capture").format(name=avatar.name), code="no_data")
         else:
             values = avatar_objects.integers(data, label, domain)
             if values is None:
                 text = say("{name} has no such data; select an avatar that Mirror Scan built")
-                raise OutputError(text.format(name=avatar.name))
+                raise OutputError(text.format(name=avatar.name), code="no_data")
             if self.mode == "KIND" and (values.min() < 0 or values.max() > 2):
                 text = say("{name}: what it remembers of how its surface was made is damaged; build it again")
-                raise OutputError(text.format(name=avatar.name))
+                raise OutputError(text.format(name=avatar.name), code="no_data")
             colors = colors_of(values)
             if domain == "FACE":  # Blender keeps the colours of a face at its corners
                 totals = np.empty(len(data.polygons), np.int32)

@@ -186,7 +186,7 @@ class MIRRORSCAN_OT_prepare_for_cloth(_ClothOperator, bpy.types.Operator):
         for item in chosen:
             if self.pins and self.pins not in item.vertex_groups:
                 text = say("{name}: has no vertex group “{group}”").format(name=item.name, group=self.pins)
-                raise OutputError(text)
+                raise OutputError(text, code="avatar")
             surface = avatar_objects.read_surface(item, np.ones(3))
             there = np.array(cloth.in_avatar(item, avatar))
             placed = (surface.vertices @ there[:3, :3].T + there[:3, 3]) * unit
@@ -240,7 +240,7 @@ def _alive(uid: int) -> bpy.types.Object:
 
     found = avatar_objects.object_of(uid)
     if found is None:
-        raise OutputError(say("The avatar or a garment no longer exists"))
+        raise OutputError(say("The avatar or a garment no longer exists"), code="no_data")
     return found
 
 

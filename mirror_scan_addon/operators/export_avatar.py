@@ -9,7 +9,7 @@ from bpy.props import EnumProperty, StringProperty
 from ...core.errors import OutputError
 from ..background import job_operators
 from ..language.texts import CONTEXT, say
-from ..scene import scan_records
+from ..scene import kept_errors, scan_records
 from ..scene.preferred import preferred
 from ..scene.scan_records import no_mesh
 
@@ -116,8 +116,9 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
                 path += wanted
             stiff = export.write_object(path, context.object, kind, self.colors == "SHOWN")
         except job_operators.REPORTED as error:
-            self.report({"ERROR"}, job_operators.in_words(error))
+            self.report({"ERROR"}, kept_errors.keep(context, self, error))
             return {"CANCELLED"}
+        kept_errors.forget(context, self)
         if stiff:
             text = say("{name} is mirrored or sheared: written without its skeleton; apply its scale first (Ctrl A)")
             self.report({"WARNING"}, text.format(name=context.object.name))

@@ -41,7 +41,7 @@ class MIRRORSCAN_OT_find_subject(job_operators.JobOperator, bpy.types.Operator):
         settings = target.mirror_scan
         points = point_cloud.cloud_of(target)
         if points is None:
-            raise CaptureError(say("The points of the capture are gone; load it again"))
+            raise CaptureError(say("The points of the capture are gone; load it again"), code="not_loaded")
         put_subject(target, points, result, self._views)
         point_cloud.place(points, result.placement, metres_per_unit(target))
         settings.cloud_colors, settings.show_cloud = "PART", True

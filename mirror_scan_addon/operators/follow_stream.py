@@ -130,7 +130,7 @@ class MIRRORSCAN_OT_follow_stream(bpy.types.Operator):
 
         if self.address not in _LOCAL and not bpy.app.online_access:
             text = say("Blender is not allowed online; allow it in the preferences (System, Network), or use {address}")
-            raise CaptureError(text.format(address=LOOPBACK))
+            raise CaptureError(text.format(address=LOOPBACK), code="stream")
         bones = armature_of(context.object)
         self._uid = bones.session_uid
         self._unit = armature.unit_of(bones, context.scene)
@@ -156,7 +156,7 @@ class MIRRORSCAN_OT_follow_stream(bpy.types.Operator):
 
         bones = avatar_objects.object_of(self._uid)
         if bones is None:
-            raise CaptureError(say("The skeleton no longer exists"))
+            raise CaptureError(say("The skeleton no longer exists"), code="no_skeleton")
         return bones
 
     def _advance(self, context: bpy.types.Context) -> bool:
@@ -192,9 +192,9 @@ class MIRRORSCAN_OT_follow_stream(bpy.types.Operator):
         """The end: what was recorded becomes a motion."""
         if not self._stream.frames:
             if self._stream.problem is not None:
-                raise CaptureError(tell(self._stream.problem))
+                raise CaptureError(tell(self._stream.problem), code="stream")
             text = say("nothing came at port {port}; start the tracker, and have it send to {address}")
-            raise CaptureError(text.format(port=self.port, address=self.address))
+            raise CaptureError(text.format(port=self.port, address=self.address), code="stream")
         if self.record and len(self._poses) > 1:
             from ..scene import armature
 

@@ -68,7 +68,7 @@ class MIRRORSCAN_OT_load_capture(job_operators.FileJobOperator, bpy.types.Operat
         settings = context.scene.mirror_scan
         path = scan_records.absolute(scan_records.capture_root(self.filepath or settings.capture_path))
         if not path:
-            raise CaptureError(say("No capture is chosen; choose its folder or file"))
+            raise CaptureError(say("No capture is chosen; choose its folder or file"), code="not_loaded")
         frames = self.frames if self.properties.is_property_set("frames") else settings.frames
         self._path, self._frames = scan_records.capture_root(self.filepath or settings.capture_path), frames
         mirrors = scan_records.absolute(self.mirrors_filepath)

@@ -11,7 +11,7 @@ from bpy.props import BoolProperty, StringProperty
 from ...core.errors import OutputError
 from ..background import job_operators
 from ..language.texts import CONTEXT, say
-from ..scene import scan_records
+from ..scene import kept_errors, scan_records
 from ..scene.scan_records import armature_of, no_mesh, not_ours
 from ..scene.units import metres_per_unit
 
@@ -104,8 +104,9 @@ class MIRRORSCAN_OT_save_measurements(bpy.types.Operator):
                 path, {name: Measurement(name, **one, loops=(), closed=True) for name, one in kept.items()}
             )
         except job_operators.REPORTED as error:
-            self.report({"ERROR"}, job_operators.in_words(error))
+            self.report({"ERROR"}, kept_errors.keep(context, self, error))
             return {"CANCELLED"}
+        kept_errors.forget(context, self)
         self.report({"INFO"}, say("{name} written to {path}").format(name=context.object.name, path=path))
         return {"FINISHED"}
 

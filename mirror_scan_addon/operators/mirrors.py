@@ -28,7 +28,7 @@ def replace_mirrors(target: bpy.types.Scene, fitted) -> None:
     scan_records.set_records(target.mirror_scan, fitted.mirrors)
     points = point_cloud.cloud_of(target)
     if points is None:
-        raise MirrorError(say("The points of the capture are gone; load it again"))
+        raise MirrorError(say("The points of the capture are gone; load it again"), code="not_loaded")
     point_cloud.forget_values(points.data, point_cloud.VIEW, point_cloud.HEIGHT)
     if fitted.seen is None:
         point_cloud.forget_values(points.data, point_cloud.SEEN)
@@ -59,7 +59,8 @@ class MIRRORSCAN_OT_find_mirrors(_MirrorOperator, bpy.types.Operator):
                 say(
                     "No mirror was found; pick points on their frames instead. A mirror is found automatically if its "
                     "frame is at least 3 cm wide and 10 cm in front of the wall, and the glass shows the person"
-                )
+                ),
+                code="no_mirror",
             )
         super().finish(context, target, result)
         names = ", ".join(record["name"] for record in result.mirrors)
@@ -297,13 +298,14 @@ class MIRRORSCAN_OT_save_mirrors(bpy.types.Operator):
             if not self.filepath:
                 raise OutputError(say("Enter the name of the file to write"))
             if not entries:
-                raise OutputError(say("No mirror is placed yet; there is nothing to write"))
+                raise OutputError(say("No mirror is placed yet; there is nothing to write"), code="no_mirror")
             path = scan_records.absolute(self.filepath)
             with replacing(path) as temporary:
                 temporary.write_text(json.dumps({"mirrors": entries}, indent=1, ensure_ascii=False), encoding="utf-8")
         except job_operators.REPORTED as error:
-            self.report({"ERROR"}, job_operators.in_words(error))
+            self.report({"ERROR"}, kept_errors.keep(context, self, error))
             return {"CANCELLED"}
+        kept_errors.forget(context, self)
         names = ", ".join(entry["name"] for entry in entries)
         self.report({"INFO"}, say("Mirrors written to {path}: {names}").format(path=path, names=names))
         return {"FINISHED"}

@@ -87,12 +87,14 @@ class MIRRORSCAN_OT_apply_motion(job_operators.FileJobOperator, bpy.types.Operat
         source = self.clip
         if source == "FILE":
             if not self.filepath:
-                raise CaptureError(say("No motion is chosen; choose a BVH or FBX file, or one of the clips"))
+                raise CaptureError(
+                    say("No motion is chosen; choose a BVH or FBX file, or one of the clips"), code="motion"
+                )
             source = scan_records.absolute(self.filepath)
             ending = os.path.splitext(source)[1].lower()
             if ending not in SUFFIXES:
                 text = say("{path}: is not a motion file; choose a BVH or FBX file")
-                raise CaptureError(text.format(path=source))
+                raise CaptureError(text.format(path=source), code="motion")
             if ending == ".fbx":
                 from ..scene.fbx_motion import read_fbx_motion
 
@@ -113,7 +115,7 @@ class MIRRORSCAN_OT_apply_motion(job_operators.FileJobOperator, bpy.types.Operat
 
         bones = avatar_objects.object_of(self._uid)
         if bones is None:
-            raise OutputError(say("The skeleton no longer exists"))
+            raise OutputError(say("The skeleton no longer exists"), code="no_skeleton")
         armature.add_clip(bones, result, self._unit, start=target.frame_start)
         if rig_controls.switch_controls(bones, False):
             self.report({"INFO"}, say("The control bones rest while the motion moves the limbs"))

@@ -58,7 +58,7 @@ class MIRRORSCAN_OT_reduce(job_operators.JobOperator, bpy.types.Operator):
             return job_operators.Task("reduce_steps", (surface, guide, None))
         if self.triangles >= len(surface.triangles):
             text = say("{name} has only {count} triangles")
-            raise OutputError(text.format(name=avatar.name, count=len(surface.triangles)))
+            raise OutputError(text.format(name=avatar.name, count=len(surface.triangles)), code="no_data")
         return job_operators.Task("reduce_steps", (surface, self.triangles, texture))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
@@ -68,7 +68,9 @@ class MIRRORSCAN_OT_reduce(job_operators.JobOperator, bpy.types.Operator):
         avatar = avatar_objects.avatar_of(self._uid)
         avatar.data.calc_loop_triangles()
         if (len(avatar.data.vertices), len(avatar.data.loop_triangles)) != self._before:
-            raise OutputError(say("{name} was changed meanwhile; reduce it again").format(name=avatar.name))
+            raise OutputError(
+                say("{name} was changed meanwhile; reduce it again").format(name=avatar.name), code="no_data"
+            )
         if self.quads:
             guide = Mesh(result.mesh.vertices / self._size, result.mesh.triangles)
             with armature.object_mode(context, target):

@@ -29,7 +29,7 @@ class _RigFileOperator(job_operators.FileJobOperator):
         from ..scene import point_cloud
 
         if not self.filepath:
-            raise OutputError(say("Enter the name of a rig file"))
+            raise OutputError(say("Enter the name of a rig file"), code="rig_file")
         arrays = point_cloud.read_cloud(point_cloud.cloud_of(context.scene))
         return self.task(arrays, scan_records.absolute(self.filepath), context.scene.mirror_scan)
 
@@ -77,7 +77,7 @@ class MIRRORSCAN_OT_use_rig(_RigFileOperator, bpy.types.Operator):
 
     def task(self, arrays, path: str, settings: bpy.types.PropertyGroup) -> job_operators.Task:
         if os.path.isdir(path):
-            raise MirrorError(say("{path}: is a folder; choose a rig file").format(path=path))
+            raise MirrorError(say("{path}: is a folder; choose a rig file").format(path=path), code="rig_file")
         return job_operators.Task("rig_steps", (arrays, path))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:

@@ -62,7 +62,7 @@ class MIRRORSCAN_OT_scan_to_avatar(job_operators.FileJobOperator, bpy.types.Oper
         root = scan_records.capture_root(self.filepath or settings.capture_path)
         path = scan_records.absolute(root)
         if not path:
-            raise CaptureError(say("No capture is chosen; choose its folder or file"))
+            raise CaptureError(say("No capture is chosen; choose its folder or file"), code="not_loaded")
         frames = self.frames if self.properties.is_property_set("frames") else settings.frames
         reading, options = scan_records.reading_of(settings), scan_records.build_settings(settings)
         options["views"] |= {"click": None}  # that of another capture

@@ -9,7 +9,7 @@ from bpy.props import BoolProperty
 from ...core.errors import OutputError
 from ..background import job_operators
 from ..language.texts import CONTEXT, say
-from ..scene import scan_records
+from ..scene import kept_errors, scan_records
 from ..scene.scan_records import armature_of, has_controls, no_mesh, no_skeleton, not_ours
 from ..scene.units import metres_per_unit
 
@@ -112,8 +112,9 @@ class MIRRORSCAN_OT_rest_in_t_pose(bpy.types.Operator):
                 armature.move_rest(avatar, bones, vertices, skeleton, size)
             avatar[scan_records.RESTS_OTHERWISE] = True
         except job_operators.REPORTED as error:
-            self.report({"ERROR"}, job_operators.in_words(error))
+            self.report({"ERROR"}, kept_errors.keep(context, self, error))
             return {"CANCELLED"}
+        kept_errors.forget(context, self)
         if any(shared):
             text = say("{name}: others shared its mesh or its bones and keep them as they are; it has its own now")
             self.report({"INFO"}, text.format(name=avatar.name))
@@ -152,7 +153,7 @@ class MIRRORSCAN_OT_use_controls(bpy.types.Operator):
 def _check_shape_keys(avatar: bpy.types.Object) -> None:
     if avatar.data.shape_keys is not None:
         text = say("{name} has shape keys, which a changed mesh would lose; remove or apply them first")
-        raise OutputError(text.format(name=avatar.name))
+        raise OutputError(text.format(name=avatar.name), code="avatar")
 
 
 def _own_collection(avatar: bpy.types.Object, target: bpy.types.Scene) -> bpy.types.Collection:

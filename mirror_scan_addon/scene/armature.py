@@ -236,7 +236,7 @@ def body_of(item: bpy.types.Object) -> bpy.types.Object:
     for child in item.children_recursive:
         if child.type == "MESH" and armature_of(child) == item and not set(_NOT_BODY).intersection(child.keys()):
             return child
-    raise CaptureError(say("{name}: moves no mesh").format(name=item.name))
+    raise CaptureError(say("{name}: moves no mesh").format(name=item.name), code="no_skeleton")
 
 
 def read_skeleton(armature: bpy.types.Object, unit: float = 1.0) -> Skeleton:
@@ -259,7 +259,7 @@ def read_avatar(avatar: bpy.types.Object, unit: float = 1.0) -> Avatar:
     """
     armature = armature_of(avatar)
     if armature is None:
-        raise CaptureError(say("{name}: has no skeleton").format(name=avatar.name))
+        raise CaptureError(say("{name}: has no skeleton").format(name=avatar.name), code="no_skeleton")
     mesh = read_surface(avatar, np.full(3, unit))
     return Avatar(mesh, read_skeleton(armature, unit), read_weights(avatar), ())
 

@@ -178,7 +178,7 @@ def even_size_of(avatar: bpy.types.Object, unit: float) -> np.ndarray:
     size = size_of(avatar, unit)
     if size.max() > 1.01 * size.min():
         text = say("{name} is scaled unevenly; apply its scale first (Ctrl A)")
-        raise OutputError(text.format(name=avatar.name))
+        raise OutputError(text.format(name=avatar.name), code="scaled")
     return size
 
 
@@ -194,7 +194,7 @@ def read_surface(avatar: bpy.types.Object, size: np.ndarray) -> Mesh:
     """
     surface = surface_of(avatar.data, size)
     if not len(surface.triangles):
-        raise OutputError(say("{name}: has no faces").format(name=avatar.name))
+        raise OutputError(say("{name}: has no faces").format(name=avatar.name), code="avatar")
     return surface
 
 
@@ -222,7 +222,7 @@ def check_finite(item: bpy.types.Object, vertices: np.ndarray) -> None:
     """
     if not (np.abs(vertices) < 1e30).all():  # false for NaN too; Blender turns infinity into its largest number
         text = say("{name}: the position of a vertex or of the object is not finite; remove or move it first")
-        raise OutputError(text.format(name=item.name))
+        raise OutputError(text.format(name=item.name), code="avatar")
 
 
 def active_colors(data: bpy.types.Mesh, but: str = "") -> np.ndarray | None:
@@ -297,7 +297,7 @@ def avatar_of(uid: int) -> bpy.types.Object:
     """
     avatar = object_of(uid)
     if avatar is None:
-        raise OutputError(say("The avatar no longer exists"))
+        raise OutputError(say("The avatar no longer exists"), code="avatar")
     return avatar
 
 
@@ -329,14 +329,14 @@ def _check(mesh: Mesh) -> None:
     vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
     if vertices.ndim != 2 or vertices.shape[1] != 3 or triangles.ndim != 2 or triangles.shape[1] != 3:
         text = say("mesh: vertices must be (V, 3) and triangles (T, 3), got {vertices} and {triangles}")
-        raise OutputError(text.format(vertices=vertices.shape, triangles=triangles.shape))
+        raise OutputError(text.format(vertices=vertices.shape, triangles=triangles.shape), code="avatar")
     if len(vertices) == 0 or len(triangles) == 0:
-        raise OutputError(say("mesh: has no triangles, so there is nothing to show"))
+        raise OutputError(say("mesh: has no triangles, so there is nothing to show"), code="avatar")
     if not (np.abs(vertices) < np.finfo(np.float32).max).all():  # false for NaN too
-        raise OutputError(say("mesh: some vertex coordinates are not finite numbers"))
+        raise OutputError(say("mesh: some vertex coordinates are not finite numbers"), code="avatar")
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         text = say("mesh: a triangle refers to a vertex that does not exist (there are {count})")
-        raise OutputError(text.format(count=len(vertices)))
+        raise OutputError(text.format(count=len(vertices)), code="avatar")
     for label, values, shape in (
         ("colors", mesh.colors, (len(vertices), 3)),
         ("view", mesh.view, (len(vertices),)),
@@ -344,7 +344,7 @@ def _check(mesh: Mesh) -> None:
     ):
         if values is not None and np.shape(values) != shape:
             text = say("mesh: {label} must have the shape {shape}, not {found}")
-            raise OutputError(text.format(label=label, shape=shape, found=np.shape(values)))
+            raise OutputError(text.format(label=label, shape=shape, found=np.shape(values)), code="avatar")
 
 
 def _fill(data: bpy.types.Mesh, mesh: Mesh, unit: float) -> None:

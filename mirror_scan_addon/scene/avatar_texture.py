@@ -42,7 +42,7 @@ def check_triangles(avatar: bpy.types.Object) -> None:
     """
     if len(avatar.data.loops) != 3 * len(avatar.data.polygons):
         text = say("{name}: has faces with more than three corners; triangulate them first (Ctrl T in Edit Mode)")
-        raise OutputError(text.format(name=avatar.name))
+        raise OutputError(text.format(name=avatar.name), code="avatar")
 
 
 def set_texture(avatar: bpy.types.Object, texture: Texture) -> None:
@@ -64,7 +64,7 @@ def set_texture(avatar: bpy.types.Object, texture: Texture) -> None:
     check_triangles(avatar)
     if len(texture.uv) != len(data.polygons):
         text = say("{name}: the texture is of another mesh ({count} triangles)")
-        raise OutputError(text.format(name=avatar.name, count=len(texture.uv)))
+        raise OutputError(text.format(name=avatar.name, count=len(texture.uv)), code="avatar")
     old = material_of(data)
     with discard_on_error() as made:
         material = _material(avatar.name, _image(avatar.name, texture.image, made), made)

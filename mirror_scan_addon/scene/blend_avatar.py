@@ -37,7 +37,7 @@ def read_blend_avatar(path: Path) -> Avatar:
     avatar = next((item for item in objects if armature_of(item) is not None), None)
     if avatar is None:
         text = say("{path}: no mesh in it has a skeleton; make it with “reconstruct --skeleton”")
-        raise CaptureError(text.format(path=path))
+        raise CaptureError(text.format(path=path), code="no_skeleton")
     unit = float(even_size_of(avatar, metres_per_unit(scene)).mean())
     garments = cloth.read_garments(avatar, unit)
     return replace(read_avatar(avatar, unit), texture=read_texture(avatar), garments=garments)
@@ -50,7 +50,7 @@ def _belongs_to_one(item: bpy.types.Object) -> bool:
 
 def _open(path: Path, operator: bpy.types.Operator) -> None:
     if not path.is_file():
-        raise CaptureError(say("{path}: no such file").format(path=path))
+        raise CaptureError(say("{path}: no such file").format(path=path), code="gone")
     try:
         with quiet(), silent():
             operator(filepath=str(path))

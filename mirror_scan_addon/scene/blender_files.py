@@ -53,7 +53,7 @@ def enabled(module: str) -> Iterator[None]:
     _, loaded = addon_utils.check(module)
     if not loaded and addon_utils.enable(module, default_set=False) is None:
         text = say("Blender's add-on {module} cannot be enabled; it is missing in this Blender, or broken")
-        raise OutputError(text.format(module=module))
+        raise OutputError(text.format(module=module), code="other")
     try:
         yield
     finally:
@@ -67,14 +67,16 @@ def shown(target: bpy.types.Scene) -> Iterator[None]:
     windows = [window for manager in bpy.data.window_managers for window in manager.windows]
     window = bpy.context.window or next(iter(windows), None)
     if window is None:
-        raise OutputError(say("Blender has no window to export from; open a file first"))
+        raise OutputError(say("Blender has no window to export from; open a file first"), code="other")
     shown, layer = window.scene, window.view_layer
     try:
         with bpy.context.temp_override(window=window):
             # Not by overriding the context's scene: Blender 5.0 crashes when its view layer is updated then.
             window.scene = target
             if bpy.context.scene != target:
-                raise OutputError(say("Cannot export inside a context override of the scene; leave it first"))
+                raise OutputError(
+                    say("Cannot export inside a context override of the scene; leave it first"), code="other"
+                )
             yield
     finally:
         window.scene = shown

@@ -40,7 +40,7 @@ def source_of(avatar: bpy.types.Object, scene: bpy.types.Scene) -> Source:
     placement = report.get("camera_to_avatar")
     if placement is None:
         text = say("{name}: does not say where its camera stood; build the avatar again")
-        raise CaptureError(text.format(name=avatar.name))
+        raise CaptureError(text.format(name=avatar.name), code="no_data")
     kept = _kept(avatar)
     settings = scene.mirror_scan
     if kept is None:
@@ -59,7 +59,7 @@ def source_of(avatar: bpy.types.Object, scene: bpy.types.Scene) -> Source:
     same = points is not None and (kept is None or scan_records.capture_root(settings.capture_path) == path)
     if not same:
         text = say("{path}: no longer exists; put the capture back, or load it again and build the avatar from it")
-        raise CaptureError(text.format(path=path or say("The capture")))
+        raise CaptureError(text.format(path=path or say("The capture")), code="gone")
     return Source("", frames, reading, mirrors, placement, point_cloud.read_cloud(points))
 
 
@@ -82,7 +82,7 @@ def unit_as_built(avatar: bpy.types.Object, scene: bpy.types.Scene) -> float:
     off = np.abs(np.log(units * shown / tall))
     if off.min() > _SAME_SIZE:
         text = say("{name}: its mesh is no longer as large as in its capture; undo its scaling, or build it again")
-        raise CaptureError(text.format(name=avatar.name))
+        raise CaptureError(text.format(name=avatar.name), code="no_data")
     return float(units[np.argmin(off)])
 
 

@@ -277,4 +277,6 @@ def check_motion(scene: bpy.types.Scene) -> None:
     OutputError
     """
     if scene.frame_end <= scene.frame_start:
-        raise OutputError(say("The scene has only one frame; set its first and last frame, or apply a motion first"))
+        raise OutputError(
+            say("The scene has only one frame; set its first and last frame, or apply a motion first"), code="other"
+        )

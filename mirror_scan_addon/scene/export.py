@@ -403,7 +403,7 @@ def _copy_alone(
         avatar_scene.check_finite(avatar, np.array(placed))
         if placed.determinant() == 0.0:
             text = say("{name}: has no extent along an axis, since its scale there is 0; change it first")
-            raise OutputError(text.format(name=name))
+            raise OutputError(text.format(name=name), code="avatar")
         # an armature that is left behind would pose a copy of another size from where it stands
         posed = bones is None and armature_of(avatar) is not None
         stiff = posed or placed.is_negative or not _is_orthogonal(placed)
@@ -426,7 +426,7 @@ def _copy_alone(
             copy.matrix_world = Matrix()
         layer.update()
         if not copy.evaluated_get(layer.depsgraph).data.polygons:
-            raise OutputError(say("{name}: its modifiers leave no face of it").format(name=name))
+            raise OutputError(say("{name}: its modifiers leave no face of it").format(name=name), code="avatar")
         copy.select_set(True, view_layer=layer)
         layer.objects.active = copy
         yield target, copy

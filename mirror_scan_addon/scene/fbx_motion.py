@@ -28,18 +28,18 @@ def read_fbx_motion(path: str | Path) -> Motion:
     """
     path = Path(path)
     if not path.is_file():
-        raise MirrorScanError(say("{path}: there is no such file").format(path=path))
+        raise MirrorScanError(say("{path}: there is no such file").format(path=path), code="gone")
     with temporary_scene() as scene, enabled("io_scene_fbx"), shown(scene), quiet():
         try:
             bpy.ops.import_scene.fbx(filepath=str(path), ignore_leaf_bones=False, automatic_bone_orientation=False)
         except (RuntimeError, OutputError) as error:
             said = reason_of(str(error))
             text = say("{path}: Blender cannot read it: {reason}")
-            raise MirrorScanError(text.format(path=path, reason=said)) from error
+            raise MirrorScanError(text.format(path=path, reason=said), code="motion") from error
         moved = [thing for thing in scene.objects if thing.type == "ARMATURE" and action_of(thing) is not None]
         if not moved:
             text = say("{path}: nothing in it moves a skeleton; export it with its animation")
-            raise MirrorScanError(text.format(path=path))
+            raise MirrorScanError(text.format(path=path), code="motion")
         return _motion(path.name, scene, max(moved, key=lambda thing: len(thing.data.bones)))
 
 

@@ -1,20 +1,20 @@
 """The last error of a scene, kept for the panel with what cures it, until its cause is gone or it is dismissed.
 
-It belongs to the session: undo, which an operator that failed makes no step of, must not bring it back. Core's messages
-are recognised by their English words; :data:`KINDS` says what is offered for each.
+It belongs to the session: undo, which an operator that failed makes no step of, must not bring it back. Errors are
+known by their codes (:data:`.errors.ErrorCode`); :data:`KINDS` says what is offered for each.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import re
 from collections.abc import Callable
 from typing import NamedTuple
 
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 
+from ...core import errors
 from ...core.errors import MirrorScanError, Notice
 from ..language.texts import say, tell, without_options
 
@@ -25,108 +25,77 @@ class Kind(NamedTuple):
     Parameters
     ----------
     name : str
+        Their :data:`.errors.ErrorCode`, or what stands for an error of an operator that has none of its own.
     topic : str
         The step of the work that it belongs to: when that has succeeded, the error is gone.
-    pattern : str
-        Regular expression found in their English text.
     cures : tuple of str
         What is offered, by the names that :mod:`..interface.panel_errors` draws.
     """
 
     name: str
     topic: str
-    pattern: str
     cures: tuple[str, ...]
 
 
-KINDS = (
-    Kind("unsaved", "capture", r"is relative to the \.blend file", ("save", "choose")),
-    Kind("program", "program", r"numba cannot be imported|There is no second Python", ()),
-    Kind("memory", "program", r"emory|may be read at once", ("frames", "again")),
-    Kind("wheels", "capture", r"OpenImageIO, which cannot be imported|needs PyAV", ("no color", "again")),
-    Kind("camera", "capture", r"pyrealsense2|RealSense camera (?:is|cannot)|the camera stopped after|depth stream of",
-         ("again", "choose")),
-    Kind("nobody", "subject", r"nobody stands|nothing stands|no connected figure|stands on the floor is seen|"
-         r"depth image shows the subject|[Tt]he click|smaller than a person", ("find", "click person", "subject")),
-    Kind("size", "build", r"too tall|too small|would (?:be|have)|has no inside|nearer than a person",
-         ("unit", "subject", "find")),
-    Kind("noise", "build", r"too noisy", ("frames", "again")),
-    Kind("rig file", "mirrors", r"rig file|rig was calibrated|calibrate (?:it )?again|moved since it was calibrated",
-         ("choose rig", "find", "pick")),
-    Kind("no mirror", "mirrors", r"[Nn]o mirror was found|[Nn]o mirrors? yet|There are no mirrors",
-         ("pick", "find")),
-    Kind("mirror file", "mirrors", r"frame_pixels|\"mirrors\"|plane must be|two mirrors are named|mirrors; at most|"
-         r"name of mirror|mirror \d+ must be|mirrors\.json", ("choose", "again")),
-    Kind("lens missing", "capture",
-         r"intrinsics?(?:\w*)\.json: is missing|intrinsics of these .* are unknown|has no calibration attached|"
-         r"no camera_info beside|with its intrinsics is missing|width, height and intrinsic_matrix|"
-         r"no section <depth>", ("lens", "again")),
-    Kind("rotation", "capture", r"width and height are exchanged|the picture was rotated|can be rotated by",
-         ("turn", "again")),
-    Kind("lens wrong", "capture",
-         r"intrinsics do not fit|intrinsics of this resolution|intrinsics are|is for \d+×\d+ pixels|"
-         r"cannot be the image centre|ocal lengths? |principal point|distortion|intrinsic_matrix|nine numbers|"
-         r"positive whole number of pixels|fisheye|\d+° ?\)|missing; write the values|in parts of the image's size|"
-         r"lies at the edge or outside|look exchanged", ("lens", "again")),
-    Kind("unit", "capture", r"depth unit|depth_scale|no depth reading between|readings lie beyond|too far|"
-         r"holds no distance", ("unit", "again")),
-    Kind("colour", "capture", r"(?:colou?r|color_intrinsic\.json|color folder)\b.*(?:align|depth_to_color|not known|"
-         r"channels|has no|lossy)|depth_to_color|has no colour|no colour;", ("no color", "again")),
-    Kind("empty", "capture", r"no (?:pixel|reading|depth frame|depth reading|frame|PNG|depth images|depth track|image|"
-         r"whole frame|vertices)\b.*|sees nothing", ("choose", "again")),
-    Kind("frames", "capture", r"chooses none|at least one frame|frames? (?:are|is) chosen|choose fewer frames|"
-         r"more than memory|more than \S+ frames", ("frames", "again")),
-    Kind("gone", "capture", r"there is no such file|no longer exists; put|cannot be read \(|cannot be listed|"
-         r"No such file|ermission denied.*|Is a directory", ("choose", "again")),
-    Kind("not a capture", "capture", r"is not a capture|is not depth|not depth; open|depth must (?:be|have)|"
-         r"points in no grid|grid of pixels|one camera sees|OpenNI recording of version|unknown mesh format",
-         ("choose",)),
-    Kind("damaged", "capture", r"truncated|damaged|cut off|cut short|is empty|ends too early|cannot be decoded|"
-         r"not (?:valid )?JSON|not a readable image|far too large|(?:copy|record|export) (?:it )?again",
-         ("choose", "again")),
-    Kind("not loaded", "capture", r"[Nn]o capture is (?:chosen|loaded)|points of the capture are gone|Load a capture",
-         ("choose",)),
-    Kind("mirror lies", "mirrors", r"lies? (?:flat )?on the (?:floor|ground)|not upright|rows and columns",
-         ("find", "pick", "remove")),
-    Kind("mirror", "mirrors", r"its frame|the mirror|frame point|is not placed|on the frame|a plane needs|picks?\b|"
-         r"lie on one line|in one plane|edge-on|[Mm]irror", ("pick", "find", "remove")),
-    Kind("scaled", "avatar", r"scaled unevenly|no longer as large", ("apply scale", "again")),
-    Kind("no skeleton", "avatar", r"Add a skeleton|its skeleton lacks|has no skeleton", ("skeleton",)),
-    Kind("no person", "avatar", r"skeleton:|whole person|measurements:|clothes:|there is no chest", ("build", "again")),
-    Kind("motion", "motion", r"this skeleton's names|MOTION|holds no frame|BVH|caption|glTF|joints|animation|motion",
-         ("other file",)),
-    Kind("stream", "motion", r"UDP port|datagram|stream", ("again",)),
-    Kind("writing", "output", r"cannot (?:be written|write|be kept)|written|Enter the name|exists already|"
-         r"choose another (?:folder|name)|create it first|make room|empty folder|nothing was written",
-         ("other file", "again")),
-    Kind("no data", "avatar", r"has no such data|no colours from|where its camera stood|build the avatar again|"
-         r"no longer exists|Select an avatar|has no faces|not finite", ("build",)),
-    Kind("worker", "program", r"process that does the work|second process", ("frames", "again")),
-)  # fmt: skip
-"""The first whose pattern is found says what is offered; a message of none is shown with *Try Again*."""
+KINDS: dict[str, Kind] = {kind.name: kind for kind in (
+    Kind("unsaved", "capture", ("save", "choose")),
+    Kind("not_loaded", "capture", ("choose",)),
+    Kind("not_a_capture", "capture", ("choose",)),
+    Kind("gone", "capture", ("choose", "again")),
+    Kind("damaged", "capture", ("choose", "again")),
+    Kind("empty", "capture", ("choose", "again")),
+    Kind("frames", "capture", ("frames", "again")),
+    Kind("memory", "program", ("frames", "again")),
+    Kind("lens_missing", "capture", ("lens", "again")),
+    Kind("lens_wrong", "capture", ("lens", "again")),
+    Kind("rotation", "capture", ("turn", "again")),
+    Kind("unit", "capture", ("unit", "again")),
+    Kind("color", "capture", ("no color", "again")),
+    Kind("camera", "capture", ("again", "choose")),
+    Kind("no_mirror", "mirrors", ("pick", "find")),
+    Kind("mirror", "mirrors", ("pick", "find", "remove")),
+    Kind("mirror_file", "mirrors", ("no mirror file", "choose", "again")),
+    Kind("rig_file", "mirrors", ("choose rig", "find", "pick")),
+    Kind("nobody", "subject", ("find", "click person", "subject")),
+    Kind("size", "build", ("unit", "subject", "find")),
+    Kind("noise", "build", ("frames", "again")),
+    Kind("avatar", "avatar", ("again", "build")),
+    Kind("scaled", "avatar", ("apply scale", "again")),
+    Kind("no_skeleton", "avatar", ("skeleton",)),
+    Kind("no_person", "avatar", ("build", "again")),
+    Kind("no_data", "avatar", ("build",)),
+    Kind("motion", "motion", ("other file",)),
+    Kind("stream", "motion", ("again",)),
+    Kind("writing", "output", ("other file", "again")),
+    Kind("program", "program", ()),
+    Kind("wheels", "capture", ("no color", "again")),
+    Kind("worker", "program", ("frames", "again")),
+)}  # fmt: skip
+"""By code; a message whose code is "other" is shown with what its operator offers, or *Try Again*."""
 
 WORDS: dict[str, Callable[[], str]] = {
-    "lens missing": lambda: say("The camera's lens is missing: no file of this capture gives it"),
-    "not a capture": lambda: say(
+    "lens_missing": lambda: say("The camera's lens is missing: no file of this capture gives it"),
+    "not_a_capture": lambda: say(
         "This is no capture of a depth camera. Choose its recording, or the folder with its depth images"
     ),
-    "no mirror": lambda: say(
+    "no_mirror": lambda: say(
         "No mirror was found. Click the frame of each mirror; a frame is found automatically if it is at least 3 cm "
         "wide and 10 cm in front of the wall"
     ),
 }
 """What is said in place of the message, by kind: where the message speaks of files that nobody has to write here."""
 
-OTHER = Kind("other", "", "", ("again",))
+OTHER = Kind("other", "", ("again",))
 
-_SCAN = {"capture", "mirrors", "subject", "build", "program"}, Kind("file", "capture", "", ("choose", "again"))
-_AVATAR = {"avatar", "output", "program"}, Kind("avatar", "avatar", "", ("build", "again"))
-_MIRROR = {"mirrors", "output", "program"}, Kind("mirrors", "mirrors", "", ("pick", "find"))
-_MOTION = {"motion", "avatar", "program"}, Kind("file", "motion", "", ("other file",))
+_SCAN = {"capture", "mirrors", "subject", "build", "program"}, Kind("file", "capture", ("choose", "again"))
+_AVATAR = {"avatar", "output", "program"}, Kind("avatar", "avatar", ("build", "again"))
+_MIRROR = {"mirrors", "output", "program"}, Kind("mirrors", "mirrors", ("pick", "find"))
+_MOTION = {"motion", "avatar", "program"}, Kind("file", "motion", ("other file",))
 _MAY_FAIL_BY: dict[str, tuple[set[str] | None, Kind]] = {
     "load_capture": _SCAN, "scan_to_avatar": _SCAN, "build_avatar": _SCAN, "find_subject": _SCAN, "texture": _SCAN,
     "record": (_SCAN[0] | {"output"}, _SCAN[1]), "simulate": (_SCAN[0] | {"output"}, OTHER),
-    "find_mirrors": _MIRROR, "set_mirror": _MIRROR, "use_rig": _MIRROR, "calibrate_rig": _MIRROR,
+    "find_mirrors": _MIRROR, "set_mirror": _MIRROR, "save_mirrors": _MIRROR, "use_rig": _MIRROR,
+    "calibrate_rig": _MIRROR,
     "apply_motion": _MOTION, "follow_stream": _MOTION,
 }  # fmt: skip
 """By operator: the topics of what it may fail by, and the kind of what is not recognised. Others work on an avatar."""
@@ -170,15 +139,18 @@ class Kept(NamedTuple):
         return known[0] if known else str(self.notice).partition(":")[0]
 
 
-def kind_of(text: str, operator: str = "") -> Kind:
-    """The kind of an error by its English text, among those that the operator may fail by."""
+def kind_of(code: str, operator: str = "") -> Kind:
+    """The kind of an error by its code, if the operator may fail by such; else what the operator offers."""
     topics, otherwise = _MAY_FAIL_BY.get(operator.partition(".")[2], _AVATAR if operator else (None, OTHER))
-    fitting = (kind for kind in KINDS if topics is None or kind.topic in topics)
-    where, colon, what = text.partition(": ")
-    parts = re.split(r"[/\\]", where)
-    if colon and len(parts) > 1:  # a folder's name says nothing of what is wrong
-        text = f"{parts[-1]}: {what}"
-    return next((kind for kind in fitting if re.search(kind.pattern, text)), otherwise)
+    kind = KINDS.get(code)
+    return kind if kind is not None and (topics is None or kind.topic in topics) else otherwise
+
+
+def code_of(error: Exception) -> str:
+    """The code of what an operator may fail by (:data:`..background.job_operators.REPORTED`)."""
+    if isinstance(error, MirrorScanError):
+        return error.code
+    return "memory" if isinstance(error, MemoryError) else errors.code_of(error)
 
 
 def keep(context: bpy.types.Context, operator: bpy.types.Operator, error: Exception) -> str:
@@ -191,9 +163,9 @@ def keep(context: bpy.types.Context, operator: bpy.types.Operator, error: Except
     notice = error.notice if isinstance(error, MirrorScanError) else Notice.of(in_words(error))
     shown.error = json.dumps({
         "operator": type(operator).bl_idname, "options": _options(operator), "scene": context.scene.session_uid,
-        "session": os.getpid(), "notice": notice.parts(),
+        "session": os.getpid(), "notice": notice.parts(), "code": code_of(error),
     })  # fmt: skip
-    words = WORDS.get(kind_of(str(notice), type(operator).bl_idname).name)
+    words = WORDS.get(kind_of(code_of(error), type(operator).bl_idname).name)
     return in_words(error) if words is None or bpy.app.background else words()  # scripts are told the file
 
 
@@ -206,7 +178,8 @@ def kept(context: bpy.types.Context) -> Kept | None:
     if (known["session"], known["scene"]) != (os.getpid(), context.scene.session_uid):
         return None  # of another scene, or one that came with a file
     notice = Notice.of_parts(known["notice"])
-    return Kept(notice, kind_of(str(notice), known["operator"]), known["operator"], known["options"])
+    code = known.get("code", "other")  # one that an older version kept has none
+    return Kept(notice, kind_of(code, known["operator"]), known["operator"], known["options"])
 
 
 def forget(context: bpy.types.Context, operator: bpy.types.Operator | None = None) -> None:

@@ -59,7 +59,7 @@ def create_cloud(
     """
     pixel = np.flatnonzero(depth.ravel() > 0).astype(np.int32)
     if not len(pixel):
-        raise CaptureError(say("{name}: no pixel has a depth reading").format(name=name))
+        raise CaptureError(say("{name}: no pixel has a depth reading").format(name=name), code="not_loaded")
     points = unproject(depth, intrinsics).reshape(-1, 3)[pixel].astype(np.float32)
     points[:, 2] = depth.ravel()[pixel]
     with discard_on_error() as made:
@@ -101,17 +101,17 @@ def read_cloud(cloud: bpy.types.Object, color: bool = True) -> Cloud:
         intrinsics = Intrinsics(**info.pop("intrinsics"))
     except (KeyError, TypeError) as error:
         text = say("{name}: the data of its camera is lost; load the capture again")
-        raise CaptureError(text.format(name=cloud.name)) from error
+        raise CaptureError(text.format(name=cloud.name), code="not_loaded") from error
     size = intrinsics.width * intrinsics.height
     if pixel is None or not count or pixel.min() < 0 or pixel.max() >= size:
         text = say("{name}: its points no longer form a depth map; load the capture again")
-        raise CaptureError(text.format(name=cloud.name))
+        raise CaptureError(text.format(name=cloud.name), code="not_loaded")
     points = np.empty((count, 3), np.float32)
     mesh.attributes["position"].data.foreach_get("vector", points.ravel())
     sound = np.isfinite(points).all(axis=1) & (points[:, 2] > 0)
     if not sound.any():
         text = say("{name}: none of its points is in front of the camera any more; load the capture again")
-        raise CaptureError(text.format(name=cloud.name))
+        raise CaptureError(text.format(name=cloud.name), code="not_loaded")
     image = None
     colors = colors_of(mesh) if color else None
     if colors is not None:
@@ -138,7 +138,7 @@ def cloud_info(cloud: bpy.types.Object) -> dict:
     except ValueError:
         pass
     text = say("{name}: the data of its capture is damaged; load the capture again")
-    raise CaptureError(text.format(name=cloud.name))
+    raise CaptureError(text.format(name=cloud.name), code="not_loaded")
 
 
 def values(mesh: bpy.types.Mesh, name: str, dtype: type) -> np.ndarray | None:

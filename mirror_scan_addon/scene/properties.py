@@ -208,6 +208,10 @@ class MIRRORSCAN_PG_reading(bpy.types.PropertyGroup):
     color: BoolProperty(
         name="Colour", description="Read the colour images too", default=True, translation_context=CONTEXT
     )
+    own_mirrors: BoolProperty(
+        name="Capture's Mirrors", description="Use the mirrors that the capture's files give, if they give any",
+        default=True, translation_context=CONTEXT,
+    )  # fmt: skip
 
 
 class MIRRORSCAN_PG_pick(bpy.types.PropertyGroup):

@@ -133,9 +133,11 @@ def _quadriflow(helper: bpy.types.Object, name: str, faces: int) -> None:
             done = bpy.ops.object.quadriflow_remesh(mode="FACES", target_faces=faces, seed=0)
         except RuntimeError as error:
             text = say("{name}: Blender cannot make quads of it: {reason}")
-            raise OutputError(text.format(name=name, reason=reason_of(str(error)))) from error
+            raise OutputError(text.format(name=name, reason=reason_of(str(error))), code="avatar") from error
     if done != {"FINISHED"} or not any(len(polygon.vertices) == 4 for polygon in helper.data.polygons):
-        raise OutputError(say("{name}: Blender made no quads of it; check that it is closed").format(name=name))
+        raise OutputError(
+            say("{name}: Blender made no quads of it; check that it is closed").format(name=name), code="avatar"
+        )
 
 
 def _shares(points: np.ndarray, corners: np.ndarray) -> np.ndarray:

@@ -54,7 +54,9 @@ def add_metarig(avatar: bpy.types.Object, skeleton: Skeleton, unit: float) -> bp
         When this Blender has no Rigify.
     """
     if addon_utils.enable("rigify", default_set=True) is None:
-        raise OutputError(say("Rigify is not installed in this Blender; add the skeleton without its metarig"))
+        raise OutputError(
+            say("Rigify is not installed in this Blender; add the skeleton without its metarig"), code="other"
+        )
     bpy.ops.object.armature_human_metarig_add()
     metarig = bpy.context.object
     metarig.name = f"{avatar.name} Metarig"

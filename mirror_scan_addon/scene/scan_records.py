@@ -137,7 +137,7 @@ keep no judgement."""
 
 READING = (
     "lens", "intrinsics", "depth_unit_mm", "turn", "mirrored", "min_confidence", "disparity", "kinect_calibration",
-    "color",
+    "color", "own_mirrors",
 )  # fmt: skip
 """What may be said of a capture's files, in the order in which the panels ask for it."""
 
@@ -156,7 +156,7 @@ def absolute(path: str) -> str:
     """
     if path.startswith("//") and not bpy.data.filepath:
         text = say("{path}: is relative to the .blend file, which is not saved yet; save it first")
-        raise CaptureError(text.format(path=path))
+        raise CaptureError(text.format(path=path), code="unsaved")
     return bpy.path.abspath(path)
 
 
@@ -248,7 +248,9 @@ def placed_mirrors(settings: bpy.types.PropertyGroup) -> list[dict]:
     """
     records = records_of(settings)
     if not records:
-        raise MirrorError(say("There are no mirrors yet; find them or pick points on their frames first"))
+        raise MirrorError(
+            say("There are no mirrors yet; find them or pick points on their frames first"), code="no_mirror"
+        )
     for record in records:
         if not record["plane"]:
             text = say("{name}: is not placed; pick at least 3 points on its frame, or remove it")
@@ -352,6 +354,7 @@ def reading_of(settings: bpy.types.PropertyGroup) -> dict:
         "disparity": reading.disparity,
         "kinect_calibration": reading.kinect_calibration,
         "color": reading.color,
+        "mirrors": reading.own_mirrors,
     }
 
 
