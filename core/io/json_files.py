@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import MirrorScanError
+from ..errors import ErrorCode, MirrorScanError
 
 MAX_JSON_BYTES = 16_000_000
 _MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
@@ -37,24 +37,28 @@ def plain_text(data: bytes) -> bytes:
     return data
 
 
-def load_json(path: Path, error_type: type[MirrorScanError]) -> object:
+def load_json(path: Path, error_type: type[MirrorScanError], code: ErrorCode) -> object:
     """Content of a JSON file.
 
     Raises
     ------
     MirrorScanError
-        Of the given type, when it cannot be read or is no JSON.
+        Of the given type and code, when it cannot be read or is no JSON.
     """
     try:
         if path.stat().st_size > MAX_JSON_BYTES:
-            raise error_type(f"{path}: is far too large for what it should hold; is it the right file?")
+            raise error_type(f"{path}: is far too large for what it should hold; is it the right file?", code=code)
         return json.loads(text_of(path.read_bytes(), "strict"))
     except OSError as error:
-        raise error_type(f"{path}: cannot be read: {error.strerror or error}; choose another file") from error
+        raise error_type(
+            f"{path}: cannot be read: {error.strerror or error}; choose another file", code=code
+        ) from error
     except json.JSONDecodeError as error:
-        raise error_type(f"{path}: is not valid JSON (line {error.lineno}: {error.msg}); correct that line") from error
+        raise error_type(
+            f"{path}: is not valid JSON (line {error.lineno}: {error.msg}); correct that line", code=code
+        ) from error
     except (ValueError, RecursionError) as error:  # no text, endless digits, endless nesting
-        raise error_type(f"{path}: is not valid JSON ({type(error).__name__}); write it again") from error
+        raise error_type(f"{path}: is not valid JSON ({type(error).__name__}); write it again", code=code) from error
 
 
 def number(value: object) -> float:

@@ -7,8 +7,8 @@ import bpy
 from ..background import job_operators
 from ..language.texts import CONTEXT, say, tell
 from ..scene import scan_records
+from ..scene.capture_objects import place_on_found
 from ..scene.live_subject import put_subject
-from ..scene.units import metres_per_unit
 
 
 class MIRRORSCAN_OT_find_subject(job_operators.JobOperator, bpy.types.Operator):
@@ -43,7 +43,7 @@ class MIRRORSCAN_OT_find_subject(job_operators.JobOperator, bpy.types.Operator):
         if points is None:
             raise CaptureError(say("The points of the capture are gone; load it again"), code="not_loaded")
         put_subject(target, points, result, self._views)
-        point_cloud.place(points, result.placement, metres_per_unit(target))
+        place_on_found(target, points, result.placement)
         settings.cloud_colors, settings.show_cloud = "PART", True
         if not result.floor:
             self.report({"WARNING"}, say("No floor is visible; heights are measured from the person's lowest point"))

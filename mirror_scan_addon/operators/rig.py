@@ -151,7 +151,7 @@ class MIRRORSCAN_OT_simulate(_WithSensor, job_operators.JobOperator, bpy.types.O
             avatar_objects.show_colors(body, virtual_rig.COVERAGE)
         if not self._folder:
             result.loaded.info["name"] = say("Virtual Scan") if body is None else body.name
-        points = show_capture(context, target, result.loaded)
+        points = show_capture(context, target, result.loaded, beside=False)
         target.mirror_scan.capture_path = self.filepath if self._folder else ""
         if target == context.scene:
             if body is not None:

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 
 GAP = 0.3
 """Between two persons [m]."""
+_RIG_SIZE = 2.5
+"""How far from the person on either axis points belong to the rig; farther away are the room's walls [m]."""
+_MOST_POINTS = 20_000
+"""How many points are asked where they stand."""
 
 
 def avatar_from(scene: bpy.types.Scene, source: dict) -> bpy.types.Object | None:
@@ -64,7 +68,7 @@ def put_avatar(
         scene.view_layers[0].update()  # where they stand
         made = avatar_objects.create_avatar(mesh, name, home, report, unit, owner=str(scan[KEY]))
         if place is None:
-            made.location.x = _free_place(made, others, GAP / unit)
+            made.location.x = _free_place(*_bounds([made]), others, GAP / unit)
         else:
             made.matrix_world = place
     for layer in scene.view_layers:
@@ -81,6 +85,44 @@ def pose_of(avatar: bpy.types.Object, scene: bpy.types.Scene, unit: float) -> np
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = np.array(turn.to_matrix()), unit * np.array(place)
     return pose
+
+
+def place_of_points(
+    scene: bpy.types.Scene, source: dict, points: np.ndarray, placement: np.ndarray, unit: float
+) -> np.ndarray:
+    """(4, 4) rigid, camera frame → world [m]: where a capture's points stand before an avatar is built of them.
+
+    On the avatar that was built of this capture before; else with all of the rig beside the avatars that are there, as
+    the next person is going to stand.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    source : dict
+        ``path`` and ``name`` of the capture.
+    points : np.ndarray [shape=(N, 3)]
+        Camera frame [m].
+    placement : np.ndarray [shape=(4, 4)]
+        Camera frame → avatar frame, as well as it is known.
+    unit : float
+        Metres in a Blender unit.
+    """
+    avatar = avatar_from(scene, source)
+    if avatar is not None:
+        known = report_text.avatar_report(avatar).get("camera_to_avatar")
+        return pose_of(avatar, scene, unit) @ (placement if known is None else np.array(known))
+    others = _avatars(scene)
+    if not others:
+        return placement
+    scene.view_layers[0].update()
+    standing = points[:: len(points) // _MOST_POINTS + 1] @ placement[:3, :3].T + placement[:3, 3]
+    near = standing[(np.abs(standing[:, :2]) < _RIG_SIZE).all(axis=1)]
+    if not len(near):
+        return placement
+    low, high = near.min(axis=0) / unit, near.max(axis=0) / unit
+    beside = np.eye(4)
+    beside[0, 3] = unit * _free_place(low, high, others, GAP / unit)
+    return beside @ placement
 
 
 def _avatars(scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -165,9 +207,9 @@ def _keep_version(avatar: bpy.types.Object, scan: bpy.types.Collection) -> None:
                 item.data.name = item.name
 
 
-def _free_place(made: bpy.types.Object, others: list[bpy.types.Object], gap: float) -> float:
-    """Where an avatar at the origin must move to along x to stand beside others that take its place; 0 when none do."""
-    low, high = _bounds([made])
+def _free_place(low: np.ndarray, high: np.ndarray, others: list[bpy.types.Object], gap: float) -> float:
+    """How far what reaches from ``low`` to ``high`` must move along x to stand beside others that take its place; 0
+    when none do."""
     x = 0.0
     for left, right in sorted(
         (_bounds([item, *cloth.garments_of(item)]) for item in others), key=lambda box: box[0][0]

@@ -9,22 +9,32 @@ from . import live_subject, scan_records
 from .preferred import begin_with_preferences
 from .units import metres_per_unit
 
+STANDS = "mirror_scan_stands"
+"""Custom property of a capture's points: where the frame stands in which its avatar is made, along x [m]."""
 
-def show_capture(context: bpy.types.Context, target: bpy.types.Scene, loaded) -> bpy.types.Object:
-    """Put a loaded capture into a scene, in place of the one before."""
-    from . import avatar_objects, point_cloud, scan_collections
+
+def show_capture(context: bpy.types.Context, target: bpy.types.Scene, loaded, beside: bool = True) -> bpy.types.Object:
+    """Put a loaded capture into a scene, in place of the one before; beside the avatars of others, unless its camera is
+    one of the scene's."""
+    from ...core.camera import unproject
+    from . import avatar_objects, avatar_places, point_cloud, scan_collections
 
     settings = target.mirror_scan
-    path = str(loaded.info.get("path", ""))
-    name = scan_collections.capture_name(path) if path else str(loaded.info["name"])
+    source = _source_of(loaded.info)
+    path, name = source["path"], source["name"]
+    unit, placement = metres_per_unit(target), loaded.placement
+    if beside:
+        seen = unproject(loaded.depth, loaded.intrinsics)[loaded.depth > 0]
+        placement = avatar_places.place_of_points(target, source, seen, loaded.placement, unit)
     with avatar_objects.discard_on_error() as made:
         made.append(point_cloud.create_picture(f"{name} depth", loaded.depth_picture))
         if loaded.color is not None:
             made.append(point_cloud.create_picture(f"{name} colour", loaded.color))
         points = point_cloud.create_cloud(
-            f"{name} Points", loaded.depth, loaded.color, loaded.intrinsics, loaded.info, loaded.placement, None,
-            metres_per_unit(target),
+            f"{name} Points", loaded.depth, loaded.color, loaded.intrinsics, loaded.info, placement, None, unit,
         )  # fmt: skip
+    if avatar_places.avatar_from(target, source) is None:
+        points[STANDS] = float(placement[0, 3] - loaded.placement[0, 3])
     forget_capture(target)
     scan = scan_collections.scan_of(target, path, name)
     home = scan_collections.part_of(scan, scan_collections.POINTS)
@@ -55,6 +65,27 @@ def show_capture(context: bpy.types.Context, target: bpy.types.Scene, loaded) ->
         avatar_objects.select_only(context, points)
         points.select_set(False, view_layer=context.view_layer)  # its box would draw the eye
     return points
+
+
+def place_on_found(target: bpy.types.Scene, points: bpy.types.Object, placement) -> None:
+    """Move a capture's points with the person that was found, whose frame ``placement`` (4, 4), camera frame → avatar
+    frame [m], gives; those that stand on their avatar stay there."""
+    import numpy as np
+
+    from . import avatar_places, point_cloud
+
+    if avatar_places.avatar_from(target, _source_of(point_cloud.cloud_info(points))) is None:
+        beside = np.eye(4)
+        beside[0, 3] = float(points.get(STANDS, 0.0))  # files of older versions hold none
+        point_cloud.place(points, beside @ placement, metres_per_unit(target))
+
+
+def _source_of(info: dict) -> dict:
+    """``path`` and ``name`` of a capture, by what is known of it."""
+    from . import scan_collections
+
+    path = str(info.get("path", ""))
+    return {"path": path, "name": scan_collections.capture_name(path) if path else str(info.get("name", ""))}
 
 
 def forget_capture(target: bpy.types.Scene) -> None:

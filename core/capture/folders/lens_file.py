@@ -119,7 +119,7 @@ def read_lens_file(path: str | os.PathLike, need_intrinsics: bool = True) -> Len
     used: set[str] = {"intrinsic_matrix"}
     unit, content, intrinsics = None, {}, None
     try:
-        loaded = load_json(path, CaptureError)
+        loaded = load_json(path, CaptureError, "lens_wrong")
         if not isinstance(loaded, dict):
             raise CaptureError(
                 f"{path}: must be a JSON object with width, height and intrinsic_matrix", code="lens_missing"
@@ -167,7 +167,7 @@ def read_color_file(path: Path) -> tuple[Intrinsics, np.ndarray | None, tuple[st
     """
     lens = read_lens_file(path)
     assert lens.intrinsics is not None  # they were asked for
-    content = load_json(path, CaptureError)
+    content = load_json(path, CaptureError, "lens_wrong")
     assert isinstance(content, dict)  # as was read above
     if "depth_to_color" not in content:
         return lens.intrinsics, None, lens.notes

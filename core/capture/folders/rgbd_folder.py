@@ -217,7 +217,7 @@ def read_mirrors(path: str | os.PathLike, intrinsics: Intrinsics | None = None) 
         mirror, picks outside the image, or a plane without a direction.
     """
     path = Path(path)
-    return mirrors_from(path, load_json(path, MirrorError), intrinsics)
+    return mirrors_from(path, load_json(path, MirrorError, "mirror_file"), intrinsics)
 
 
 def mirrors_from(path: Path, content: object, intrinsics: Intrinsics | None = None) -> tuple[MirrorPicks, ...]:

@@ -205,8 +205,18 @@ def test_a_version_keeps_its_skeleton(bpy, build, person):
     assert sorted(bpy.data.collections["anna Versions"].objects.keys()) == ["anna Version 1", "anna Version 1 Skeleton"]
 
 
-def test_points_stand_beside_their_avatar_in_the_scan(bpy, scan):
-    """The real way: load, build, and once more, with another avatar at the origin."""
+def rig_bounds(cloud):
+    """Least and largest coordinates of a capture's points, but for the room's walls."""
+    points = np.empty((len(cloud.data.vertices), 3), np.float32)
+    cloud.data.attributes["position"].data.foreach_get("vector", points.ravel())
+    matrix = np.array(cloud.matrix_world)
+    points = points @ matrix[:3, :3].T + matrix[:3, 3]
+    points = points[np.abs(points - np.median(points, axis=0)).max(axis=1) < 2]
+    return points.min(axis=0), points.max(axis=0)
+
+
+def test_points_stand_beside_others_and_on_their_own_avatar_in_the_scan(bpy, scan):
+    """The real way: load, find the person, build, and once more, with another avatar at the origin."""
     from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar
     from mirror_scan.mirror_scan_addon.scene.report_text import avatar_report
 
@@ -214,14 +224,27 @@ def test_points_stand_beside_their_avatar_in_the_scan(bpy, scan):
     for written in (str(scan[0]), f"{scan[0]}/", str(scan[0] / "intrinsic.json")):  # the same capture each time
         bpy.ops.mirror_scan.load_capture(filepath=written)
         assert tree(bpy)["Mirror Scan"] == {"capture": {"capture Points": {"": ["capture Points"]}}}
-    for _ in range(2):
+    settings = bpy.context.scene.mirror_scan
+    assert rig_bounds(settings.cloud)[0][0] > bounds(other)[1][0] + 0.29
+    before, avatar = np.array(settings.cloud.matrix_world), None
+    assert bpy.ops.mirror_scan.find_subject() == {"FINISHED"}
+    assert np.abs(np.array(settings.cloud.matrix_world) - before).max() < 0.3
+    for number in range(2):
+        if number:  # its points come back where it stands, even if it was moved
+            avatar.location, avatar.rotation_euler.z = (1, 5, 0), 0.4
+            bpy.ops.mirror_scan.load_capture(filepath=str(scan[0]))
+            stands = np.array(settings.cloud.matrix_world)
+            assert bpy.ops.mirror_scan.find_subject() == {"FINISHED"}
+            np.testing.assert_array_equal(np.array(settings.cloud.matrix_world), stands)
+            expected = np.array(avatar.matrix_world) @ np.array(avatar_report(avatar)["camera_to_avatar"])
+            np.testing.assert_allclose(stands, expected, atol=1e-5)
         assert bpy.ops.mirror_scan.build_avatar() == {"FINISHED"}
         bpy.context.view_layer.update()
         avatar = bpy.context.object
         assert tree(bpy)["Mirror Scan"]["capture"] == {
             "capture Points": {"": ["capture Points"]}, "capture Avatar": {"": ["capture"]},
         }  # fmt: skip
-        assert bounds(avatar)[0][0] > bounds(other)[1][0] + 0.29
+        assert number or bounds(avatar)[0][0] > bounds(other)[1][0] + 0.29
         cloud = bpy.context.scene.mirror_scan.cloud
         expected = np.array(avatar.matrix_world) @ np.array(avatar_report(avatar)["camera_to_avatar"])
         np.testing.assert_allclose(np.array(cloud.matrix_world), expected, atol=1e-5)
