@@ -33,6 +33,7 @@ __all__ = [
     "clothes",
     "preview",
     "pipeline",
+    "cluster",
     "simulation",
     "experiments",
     "cli",

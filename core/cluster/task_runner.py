@@ -1,0 +1,304 @@
+"""Many tasks over workers that Dask starts or finds: :func:`start_workers` and :class:`TaskRunner`.
+
+What is Dask's: starting processes ("spawn"), restarting those that end or take more memory than is theirs, giving the
+task of a lost worker to another, and carrying arguments and results. What is ours: as many threads a task as leave no
+core with two, kernels compiled once a host before the tasks start, and results handed on as they come.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import logging
+import time
+import uuid
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..errors import MirrorScanError
+from ..numeric.threads import thread_count
+from .program_version import program_version
+from .worker_process import Readiness, Threads, get_ready, host_of, quiet_worker, run_task
+
+TASK_GB = 1.5
+"""Memory that one reconstruction may need [GB]; more workers than memory has room for are not started by default."""
+CONNECT_S = 30
+CLOSE_S = 10
+
+
+class ClusterError(MirrorScanError):
+    """The workers cannot be had, or were lost."""
+
+
+@dataclass(frozen=True)
+class WorkerSettings:
+    """Who does the work.
+
+    Parameters
+    ----------
+    workers : int
+        Processes on this machine, each with one task at a time; 0: as many as cores and memory allow.
+    threads : int
+        Threads a task; 0: the cores shared out to all tasks that run at the same time, at least one.
+    memory_gb : float
+        Memory of a worker [GB]; one that takes more is ended and started again. 0: an equal share of the machine's.
+    scheduler : str
+        Address of a Dask scheduler, as ``tcp://10.0.0.1:8786``, whose workers are used instead; "" for this machine.
+    retries : int
+        How often a task whose worker was lost is tried again. A scheduler that runs already has its own rule.
+    processes : bool
+        False runs the workers as threads of this process; for tests.
+    log : Path or None
+        File to which workers of our own print; None for nowhere.
+    """
+
+    workers: int = 0
+    threads: int = 0
+    memory_gb: float = 0.0
+    scheduler: str = ""
+    retries: int = 2
+    processes: bool = True
+    log: Path | None = None
+
+
+class Outcome(NamedTuple):
+    """What became of a task.
+
+    ``number``: its place among the tasks, from 0. ``value``: what its function returned. ``error``: what it raised, or
+    a :class:`ClusterError` when its workers were lost; None when all went well.
+    """
+
+    number: int
+    value: Any
+    error: Exception | None
+
+
+@contextlib.contextmanager
+def start_workers(
+    settings: WorkerSettings = WorkerSettings(), warm_up: Callable[[], object] | None = None
+) -> Iterator[TaskRunner]:
+    """Start workers, or connect to a scheduler; they are ended, or left alone, when the block ends, however it ends.
+
+    A script that calls this needs ``if __name__ == "__main__":`` around what it does: each worker imports it.
+
+    Parameters
+    ----------
+    settings : WorkerSettings
+    warm_up : function() or None
+        A module's function; each worker calls it before its first task, one a host first and alone, so that kernels
+        are compiled once a host. What it returns is dropped.
+
+    Raises
+    ------
+    ClusterError
+        Without Dask; when nobody answers at ``settings.scheduler``; when a worker cannot be started, or has another
+        version of this program.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ClusterError(
+            "many captures at a time need Dask, which is not installed; install it with "
+            "“pip install 'mirror_scan[cluster]'”"
+        ) from error
+    began = time.perf_counter()
+    with contextlib.ExitStack() as stack:
+        if settings.scheduler:
+            try:
+                client = stack.enter_context(Client(settings.scheduler, timeout=CONNECT_S, set_as_default=False))
+                client.wait_for_workers(1, timeout=CONNECT_S)
+            except (OSError, ValueError) as error:  # TimeoutError is an OSError
+                raise ClusterError(
+                    "{address}: no Dask scheduler with workers answers there; start “dask scheduler” and "
+                    "“dask worker {address}”, or correct the address",
+                    address=settings.scheduler,
+                ) from error
+            each = settings.threads
+        else:
+            count, each = _shares(settings)
+            client = stack.enter_context(_local(settings, count, each))
+        runner = TaskRunner(client, each if settings.processes else -1, warm_up)
+        runner.start_s = time.perf_counter() - began
+        runner._prepare()
+        yield runner
+
+
+def _shares(settings: WorkerSettings) -> tuple[int, int]:
+    """How many workers this machine gets, and how many threads each of their tasks."""
+    from distributed.system import MEMORY_LIMIT
+
+    cores = thread_count()
+    count = settings.workers
+    if not count:
+        room = int(MEMORY_LIMIT / 1e9 / (settings.memory_gb or TASK_GB))
+        count = max(1, min(cores // (settings.threads or 1), room))
+    return count, settings.threads or max(1, cores // count)
+
+
+@contextlib.contextmanager
+def _local(settings: WorkerSettings, count: int, each: int) -> Iterator[Any]:
+    """A client of a cluster of our own on this machine."""
+    import dask
+    from distributed import Client, LocalCluster
+    from distributed.system import MEMORY_LIMIT
+
+    memory = int(1e9 * settings.memory_gb) or MEMORY_LIMIT // count
+    own = {
+        "distributed.scheduler.allowed-failures": settings.retries,
+        "distributed.worker.multiprocessing-method": "spawn",
+        "distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS": each,
+        "logging": {"distributed": "critical"},
+    }
+    with (
+        dask.config.set(own if settings.processes else {}),
+        LocalCluster(
+            n_workers=count,
+            threads_per_worker=1,
+            processes=settings.processes,
+            memory_limit=memory if settings.processes else 0,
+            dashboard_address=None,
+            silence_logs=logging.CRITICAL,
+        ) as cluster,
+        Client(cluster, timeout=CONNECT_S, set_as_default=False) as client,
+    ):
+        if settings.processes:
+            client.register_plugin(quiet_worker(str(settings.log.absolute()) if settings.log else ""))
+        yield client
+
+
+class TaskRunner:
+    """Workers that are ready; made by :func:`start_workers`.
+
+    Attributes
+    ----------
+    start_s : float
+        Seconds until all workers had started.
+    compile_s : float
+        Seconds until all had called ``warm_up``: of the compiling of kernels, or of loading them.
+    """
+
+    def __init__(self, client: Any, each: int, warm_up: Callable[[], object] | None) -> None:
+        self._client, self._each, self._warm_up = client, each, warm_up
+        self.start_s = self.compile_s = 0.0
+
+    @property
+    def slots(self) -> int:
+        """How many tasks run at the same time; changes as workers come and go."""
+        return sum(self._hosts().values())
+
+    def run(self, function: Callable[..., Any], tasks: Iterable[tuple]) -> Iterator[Outcome]:
+        """``function(*arguments)`` for each of ``tasks``, handed on as they end, in no order.
+
+        Closing the iterator, or an error within its loop, cancels what has not ended.
+
+        Parameters
+        ----------
+        function : function
+            Of a module, so that a worker can import it. What it returns is sent back.
+        tasks : iterable of tuple
+            Arguments, which can be pickled. Taken only as workers become free: it may be long, and make its items late.
+
+        Yields
+        ------
+        Outcome
+
+        Raises
+        ------
+        ClusterError
+            When the scheduler is lost.
+        """
+        from distributed import as_completed
+
+        waiting = enumerate(tasks)
+        batch = uuid.uuid4().hex[:8]
+        numbers: dict[str, int] = {}
+        running: dict[str, Any] = {}
+        ended = as_completed(loop=self._client.loop)
+        try:
+            while True:
+                hosts = self._hosts()
+                # One for each worker: what waited behind a task that takes all the memory would be blamed, too.
+                for number, arguments in itertools.islice(waiting, max(1, sum(hosts.values())) - len(running)):
+                    future = self._client.submit(
+                        run_task, function, arguments, Threads(self._each, hosts), self._warm_up,
+                        key=f"mirror_scan-{batch}-{number}", pure=False,
+                    )  # fmt: skip
+                    numbers[future.key], running[future.key] = number, future
+                    ended.add(future)
+                if not running:
+                    return
+                future = next(ended)
+                del running[future.key]
+                yield Outcome(numbers.pop(future.key), *_result(future))
+                future.release()
+        finally:
+            if running:
+                self._client.cancel(list(running.values()), force=True)
+
+    def _hosts(self) -> dict[str, int]:
+        """Host → tasks that its workers run at the same time."""
+        found: dict[str, int] = {}
+        for address, slots in self._client.nthreads().items():
+            found[host_of(address)] = found.get(host_of(address), 0) + slots
+        return found
+
+    def _prepare(self) -> None:
+        """Have one worker of each host compile kernels, then the others load them."""
+        began = time.perf_counter()
+        hosts = self._hosts()
+        first: dict[str, str] = {}
+        for address in self._client.nthreads():
+            first.setdefault(host_of(address), address)
+        others = [address for address in self._client.nthreads() if address not in first.values()]
+        for addresses in (list(first.values()), others):
+            futures = [
+                self._client.submit(
+                    get_ready, Threads(self._each, hosts), self._warm_up, False,
+                    workers=[address], allow_other_workers=True, pure=False,
+                )
+                for address in addresses
+            ]  # fmt: skip
+            for future, address in zip(futures, addresses, strict=True):
+                value, error = _result(future)
+                _check(value, error, address)
+        self.compile_s = time.perf_counter() - began
+
+
+def _check(ready: Readiness | None, error: Exception | None, address: str) -> None:
+    """Refuse a worker that cannot do our tasks, or would do them otherwise."""
+    if isinstance(error, ImportError):
+        raise ClusterError(
+            "the worker {address} cannot import this program: {error}; install the same version there",
+            address=address, error=error,
+        ) from error  # fmt: skip
+    if error is not None:
+        raise error
+    if ready is not None and ready.version != program_version():
+        raise ClusterError(
+            "the worker {address} ({host}) has another version of this program; install the same version there",
+            address=address, host=ready.host,
+        )  # fmt: skip
+
+
+def _result(future: Any) -> tuple[Any, Exception | None]:
+    """Value and error of a task that ended, or will."""
+    from concurrent.futures import CancelledError
+
+    from distributed import KilledWorker
+
+    try:
+        return future.result(), None
+    except KilledWorker as error:
+        lost = ClusterError(
+            "the worker was lost {count} times while it worked on this, as happens where memory is too small; use "
+            "fewer workers, or give each more memory",
+            count=error.allowed_failures + 1,
+        )
+        lost.__cause__ = error
+        return None, lost
+    except CancelledError as error:
+        raise ClusterError("the connection to the Dask scheduler was lost; start again to go on") from error
+    except Exception as error:  # the task's own; who asked for it decides
+        return None, error

@@ -1,0 +1,109 @@
+"""Tasks over Dask's workers: all of them done, errors told apart, threads shared out, lost workers made up for."""
+
+from __future__ import annotations
+
+import importlib.util
+import operator
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from mirror_scan.core.cluster import ClusterError, WorkerSettings, program_version, start_workers
+
+pytest.importorskip("distributed", reason="Dask is not installed")
+
+IN_PROCESS = WorkerSettings(workers=2, processes=False)
+calls: list[str] = []
+
+
+def note_call() -> None:
+    calls.append("warm up")
+
+
+def test_every_task_is_done_once_and_an_error_stays_its_own(monkeypatch):
+    calls.clear()
+    taken = []
+
+    def tasks():
+        for k in range(-5, 6):
+            taken.append(k)
+            yield 60, k
+
+    with start_workers(IN_PROCESS, note_call) as runner:
+        assert runner.slots == 2 and runner.start_s > 0
+        outcomes = runner.run(operator.floordiv, tasks())
+        first = next(outcomes)
+        assert len(taken) <= 4, "tasks are taken as workers become free, not all at once"
+        found = {one.number: one for one in (first, *outcomes)}
+    assert calls == ["warm up"]
+    assert sorted(found) == list(range(11))
+    for number, k in enumerate(range(-5, 6)):
+        if k:
+            assert found[number].value == 60 // k and found[number].error is None
+        else:
+            assert isinstance(found[number].error, ZeroDivisionError)
+
+
+def test_what_is_left_is_cancelled_when_nobody_asks_any_more():
+    began = time.monotonic()
+    with start_workers(IN_PROCESS) as runner:
+        outcomes = runner.run(time.sleep, ((0.2,) for _ in range(1000)))
+        next(outcomes)
+        outcomes.close()
+        assert [one.value for one in runner.run(operator.neg, [(3,)])] == [-3]
+    assert time.monotonic() - began < 60
+
+
+def test_nobody_at_the_address_is_one_line(monkeypatch):
+    monkeypatch.setattr("mirror_scan.core.cluster.task_runner.CONNECT_S", 1)
+    with (
+        pytest.raises(ClusterError, match="127.0.0.1:9: no Dask scheduler"),
+        start_workers(WorkerSettings(scheduler="tcp://127.0.0.1:9")),
+    ):
+        pass  # pragma: no cover
+
+
+def test_without_dask_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ClusterError, match=r"mirror_scan\[cluster\]"), start_workers():
+        pass  # pragma: no cover
+
+
+def test_importing_brings_neither_dask_nor_numba():
+    code = (
+        f"import sys; sys.path.insert(0, {str(Path(__file__).parents[2])!r}); import conftest\n"
+        "sys.modules['numba'] = sys.modules['dask'] = sys.modules['distributed'] = None\n"
+        "import mirror_scan.core.cluster"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_version_is_that_of_the_code():
+    assert len(program_version()) == 16 and program_version() == program_version()
+
+
+@pytest.mark.slow
+def test_processes_share_the_threads_and_lost_ones_are_made_up_for(tmp_path, capfd, monkeypatch):
+    if importlib.util.find_spec("mirror_scan").loader is None:
+        pytest.skip("mirror_scan is not installed, so that workers cannot import it")
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "6")  # taken for the cores of the machine
+    log = tmp_path / "workers of Zoë.log"
+    with start_workers(WorkerSettings(workers=2, retries=1, log=log)) as runner:
+        assert [one.value for one in runner.run(os.getenv, [("NUMBA_NUM_THREADS",)])] == ["3"]
+        list(runner.run(os.write, [(2, b"noise of a worker")]))
+        victim = next(runner.run(os.getpid, [()])).value
+        outcomes = runner.run(time.sleep, [(0.4,)] * 6)
+        found = [next(outcomes)]
+        os.kill(victim, signal.SIGKILL)
+        found += outcomes
+        assert sorted(one.number for one in found) == list(range(6)) and not any(one.error for one in found)
+        (ended,) = runner.run(os._exit, [(9,)])
+        assert isinstance(ended.error, ClusterError) and "lost 2 times" in str(ended.error)
+    assert victim != os.getpid()
+    assert log.read_text() == "noise of a worker"
+    assert capfd.readouterr() == ("", "")
