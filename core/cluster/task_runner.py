@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 from ..errors import MirrorScanError
 from ..numeric.threads import thread_count
 from .program_version import program_version
-from .worker_process import Readiness, Threads, get_ready, host_of, quiet_worker, run_task
+from .worker_process import Readiness, Threads, WarmUp, get_ready, host_of, quiet_worker, run_task
 
 TASK_GB = 1.5
 """Memory that one reconstruction may need [GB]; more workers than memory has room for are not started by default."""
@@ -87,8 +87,8 @@ def start_workers(
     ----------
     settings : WorkerSettings
     warm_up : function() or None
-        A module's function; each worker calls it before its first task, one a host first and alone, so that kernels
-        are compiled once a host. What it returns is dropped.
+        A module's function, or a partial of one. Each worker calls it before its first task, one a host first and
+        alone, so that kernels are compiled once a host. What it returns is dropped.
 
     Raises
     ------
@@ -180,7 +180,8 @@ class TaskRunner:
     """
 
     def __init__(self, client: Any, each: int, warm_up: Callable[[], object] | None) -> None:
-        self._client, self._each, self._warm_up = client, each, warm_up
+        self._client, self._each = client, each
+        self._warm_up = None if warm_up is None else WarmUp(uuid.uuid4().hex, warm_up)
         self.start_s = self.compile_s = 0.0
 
     @property

@@ -16,7 +16,7 @@ from .program_version import program_version
 _CORES = thread_count()
 """Of this process, before :func:`_share` says how many of them a task may use."""
 
-_warm: set[tuple[str, str]] = set()  # what has been called to compile kernels
+_warm: set[str] = set()  # tokens of what has been called to compile kernels
 
 
 class Threads(NamedTuple):
@@ -29,6 +29,13 @@ class Threads(NamedTuple):
     slots: Mapping[str, int]
 
 
+class WarmUp(NamedTuple):
+    """``function()`` compiles kernels; a process calls it once for each ``token``."""
+
+    token: str
+    function: Callable[[], object]
+
+
 class Readiness(NamedTuple):
     """Answer of :func:`get_ready`: version of the program, name of the machine, and the seconds it took."""
 
@@ -37,24 +44,21 @@ class Readiness(NamedTuple):
     seconds: float
 
 
-def get_ready(threads: Threads, warm_up: Callable[[], object] | None, turns: bool = True) -> Readiness:
+def get_ready(threads: Threads, warm_up: WarmUp | None, turns: bool = True) -> Readiness:
     """Set the number of threads and call ``warm_up``, unless this process has done so.
 
     ``turns``: one process of a host after the other, so that the first compiles and the others load.
     """
     _share(threads)
     began = time.perf_counter()
-    name = (getattr(warm_up, "__module__", ""), getattr(warm_up, "__qualname__", repr(warm_up)))
-    if warm_up is not None and name not in _warm:
+    if warm_up is not None and warm_up.token not in _warm:
         with _turn() if turns else contextlib.nullcontext():
-            warm_up()
-        _warm.add(name)
+            warm_up.function()
+        _warm.add(warm_up.token)
     return Readiness(program_version(), socket.gethostname(), time.perf_counter() - began)
 
 
-def run_task(
-    function: Callable[..., Any], arguments: tuple, threads: Threads, warm_up: Callable[[], object] | None
-) -> Any:
+def run_task(function: Callable[..., Any], arguments: tuple, threads: Threads, warm_up: WarmUp | None) -> Any:
     """One task, in a worker that may have started only now."""
     get_ready(threads, warm_up)
     return function(*arguments)
