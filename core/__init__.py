@@ -34,6 +34,7 @@ __all__ = [
     "preview",
     "pipeline",
     "cluster",
+    "sequences",
     "simulation",
     "experiments",
     "cli",

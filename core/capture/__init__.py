@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from .capture import Capture, MirrorPicks, ReadOptions
 from .frames import chosen_frames, empty_burst
-from .reader_choice import open_capture
+from .reader_choice import count_frames, open_capture
 
 __all__ = [
     "Capture",
     "MirrorPicks",
     "ReadOptions",
     "chosen_frames",
+    "count_frames",
     "empty_burst",
     "open_capture",
     "camera_poses",

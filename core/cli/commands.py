@@ -135,7 +135,7 @@ def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
         from ..capture.camera_poses import open_posed_captures
         from ..pipeline.multi_camera import reconstruct_views
 
-        captures, poses = open_posed_captures(options.captures, options.poses, *_reading(options))
+        captures, poses = open_posed_captures(options.captures, options.poses, *reading_of(options))
         read_ms = (time.perf_counter() - started) * 1e3
         for capture in captures:
             for note in capture.notes:
@@ -371,10 +371,10 @@ def _open(path: Path, options: argparse.Namespace) -> Capture:
     """The capture at ``path``, read as the options of :func:`.parser._add_reading` say."""
     from ..capture import open_capture
 
-    return open_capture(path, *_reading(options))
+    return open_capture(path, *reading_of(options))
 
 
-def _reading(options: argparse.Namespace) -> tuple[FrameChoice, ReadOptions]:
+def reading_of(options: argparse.Namespace) -> tuple[FrameChoice, ReadOptions]:
     """Which frames to read, and what the options of :func:`.parser._add_reading` say of the file."""
     from ..capture import ReadOptions
     from ..capture.folders.lens_file import lens_options

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from . import commands, dressing
+from . import commands, dressing, sequence
 from .terminal import show
 
 SENSORS = ("ideal", "kinect_v1", "kinect_v2", "azure_kinect", "femto_bolt", "realsense_d455", "phone_dtof")
@@ -45,6 +45,7 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     )
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     _add_reconstruct(subparsers)
+    _add_sequence(subparsers)
     _add_animate(subparsers)
     _add_dress(subparsers)
     _add_calibrate(subparsers)
@@ -136,6 +137,42 @@ def _add_print(command: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--hollow", metavar="MM", type=_millimetres(0.4, 100), help="make it hollow, with walls of MM")
     group.add_argument("--base", metavar="MM", type=_millimetres(0.4, 100), help="stand it on a base plate, MM thick")
+
+
+def _add_sequence(subparsers: _Commands) -> None:
+    command = subparsers.add_parser("sequence", help="make an avatar of every frame of a recording")
+    command.add_argument(
+        "recording",
+        metavar="RECORDING",
+        type=Path,
+        help="of a camera that stands still: .mkv .bag .oni .r3d, or a folder",
+    )
+    command.add_argument(
+        "-o", dest="folder", metavar="DIR", type=Path, required=True, help="folder to make: frame_000000.ply and so on"
+    )
+    command.add_argument(
+        "--format", dest="formats", metavar="FORMAT", action="append", choices=("ply", "glb"),
+        help="of the frames: ply (default) or glb; may be given twice",
+    )  # fmt: skip
+    command.add_argument("--every", metavar="N", type=_whole(1, 1000), default=1, help="take every N-th frame")
+    command.add_argument(
+        "--fps", metavar="N", type=_whole(1, 240), default=30, help="frames a second of what is written, default 30"
+    )
+    command.add_argument("--mirrors", metavar="FILE", type=Path, help="mirrors.json to use instead of the recording's")
+    command.add_argument("--rig", metavar="FILE", type=Path, help="rig file written by “calibrate”")
+    command.add_argument("--unfiltered", action="store_true", help="do not steady depth in time")
+    command.add_argument(
+        "--workers", metavar="N", type=_whole(0, 64), default=0,
+        help="frames made at the same time; by default two where there are two cores",
+    )  # fmt: skip
+    command.add_argument("--resume", action="store_true", help="go on with a sequence that was interrupted")
+    command.add_argument("--object", action="store_true", help="the subject is any object: cut off what it stands on")
+    _add_reading(command)
+    _add_cleaning(command)
+    _add_glass(command)
+    _add_light(command)
+    _add_quiet(command)
+    command.set_defaults(run=sequence.run_sequence)
 
 
 def _add_animate(subparsers: _Commands) -> None:

@@ -128,6 +128,7 @@ def undo_two_way_light(
     noise: float,
     settings: LightSettings = DEFAULTS,
     phase: bool = False,
+    response: PhaseResponse | None = None,
 ) -> TwoWayLight | None:
     """Readings that the light of mirrors falsifies are corrected or marked.
 
@@ -144,6 +145,8 @@ def undo_two_way_light(
     settings : LightSettings
     phase : bool
         The camera is known to measure phase; else its readings must show it.
+    response : PhaseResponse, optional
+        What the camera makes of such light, where another snapshot has shown it; by default the floor does.
 
     Returns
     -------
@@ -155,8 +158,9 @@ def undo_two_way_light(
     Path model after Bhandari et al. 2014 and Freedman et al. 2014. O(H W).
     """
     scene = LitScene(image, views, mirrors)
-    response = weighted_by_frequency(tuple(1e6 * f for f in settings.frequencies)) if settings.frequencies else None
-    floor = floor_readings(scene, noise)
+    if response is None and settings.frequencies:
+        response = weighted_by_frequency(tuple(1e6 * f for f in settings.frequencies))
+    floor = None if response is not None and phase else floor_readings(scene, noise)
     shown = floor is not None and floor.explained >= _LEAST_EXPLAINED
     if not (phase or shown or agreement(scene)[2] >= FEWEST):
         return None

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from .reconstruction import finish, reconstruct, reconstruction_steps
+from .scan import KnownScene
 from .settings import Settings
 from .surface import Reconstruction
 
 __all__ = [
+    "KnownScene",
     "Reconstruction",
     "Settings",
     "finish",

@@ -11,7 +11,7 @@ from ..errors import ReconstructionError
 from ..mirrors import Mirror
 from ..numeric.blas_threads import one_blas_thread
 from .avatar_stages import check_wishes, shares
-from .scan import Clock, scan_steps
+from .scan import Clock, KnownScene, scan_steps
 from .settings import Settings
 from .surface import SCAN_SHARE, PlacedCapture, Reconstruction, joining_steps
 
@@ -24,6 +24,7 @@ def reconstruct(
     settings: Settings = Settings(),
     progress: Progress | None = None,
     frame: str = "avatar",
+    scene: KnownScene | None = None,
 ) -> Reconstruction:
     """Capture → closed, coloured avatar.
 
@@ -38,13 +39,16 @@ def reconstruct(
         Called at the start of each stage; an exception it raises stops the work.
     frame : {"avatar", "camera"}
         Frame of the mesh.
+    scene : KnownScene, optional
+        Of another frame of the same recording, :attr:`.surface.Reconstruction.scene`: mirrors, floor and light are
+        taken from it, and only the subject is looked for. ``mirrors`` do not count then.
 
     Raises
     ------
     CaptureError, MirrorError, ReconstructionError
         The input or the scene is at fault; the message says what to do.
     """
-    return finish(reconstruction_steps(capture, mirrors, settings, frame), progress)
+    return finish(reconstruction_steps(capture, mirrors, settings, frame, scene), progress)
 
 
 def finish(
@@ -65,6 +69,7 @@ def reconstruction_steps(
     mirrors: tuple[MirrorPicks | Mirror, ...] | None = None,
     settings: Settings = Settings(),
     frame: str = "avatar",
+    scene: KnownScene | None = None,
 ) -> Generator[tuple[float, str], None, Reconstruction]:
     """:func:`reconstruct` in pieces.
 
@@ -75,9 +80,10 @@ def reconstruction_steps(
     picks = capture.mirrors if mirrors is None else tuple(mirrors)
     clock = Clock()
     with one_blas_thread():
-        scan = yield from scan_steps(capture, picks, settings, clock, (0.0, SCAN_SHARE * shares(settings)["scan"][1]))
+        part = 0.0, SCAN_SHARE * shares(settings)["scan"][1]
+        scan = yield from scan_steps(capture, picks, settings, clock, part, known=scene)
         placed = [PlacedCapture(capture, np.eye(4), len(scan.mirrors))]
-        return (yield from joining_steps(scan, placed, settings, frame, clock))
+        return (yield from joining_steps(scan, placed, settings, frame, clock, scene is not None))
 
 
 def check_frame(frame: str) -> None:

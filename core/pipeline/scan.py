@@ -22,6 +22,7 @@ from ..depth.noise_estimate import BurstNoise, burst_noise
 from ..depth.sensor_recognition import Principle, measuring_principle
 from ..depth.settings import DepthSettings
 from ..errors import Notice, ReconstructionError
+from ..light.phase_response import PhaseResponse
 from ..light.surface_light import LitReadings
 from ..light.two_way_light import (
     TwoWayLight,
@@ -40,10 +41,40 @@ from ..patches.outline_colors import colors_from_inside
 from ..subject.image_border import cut_sides
 from ..subject.subject_search import find_subject
 from ..subject.subject_views import Views
+from ..views.floor_and_vertical import Ground
 from ..views.silhouette_contact import Outline, outline_of
 from ..views.view_maps import ViewMaps, view_maps
 from .mirror_placement import align_mirrors, first_mirrors
 from .settings import Settings
+
+
+@dataclass(frozen=True)
+class KnownScene:
+    """What does not change from frame to frame of a recording, so that it is found once and handed on.
+
+    Parameters
+    ----------
+    framed, mirrors : tuple of Mirror
+        Where their frames are; and as they were aligned, with the thickness and bow of their glass.
+    principle : Principle
+        How the camera measures.
+    ground : Ground
+        Vertical and floor.
+    lit_twice : bool
+        Light comes two ways.
+    response : PhaseResponse or None
+        What the camera makes of such light.
+    subject : np.ndarray [shape=(3,)] or None
+        A point of the vertical line through the subject, camera frame [m]: about there it is looked for.
+    """
+
+    framed: tuple[Mirror, ...]
+    mirrors: tuple[Mirror, ...]
+    principle: Principle
+    ground: Ground
+    lit_twice: bool = False
+    response: PhaseResponse | None = None
+    subject: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -81,6 +112,8 @@ class Scan:
         Of the subject as it is seen directly, where light came two ways.
     lit : LitReadings or None
         Its readings as they were read, where light came two ways.
+    scene : KnownScene or None
+        What another snapshot of the same rig need not find again.
     """
 
     patches: list[Mesh]
@@ -101,6 +134,8 @@ class Scan:
     outline: Outline | None = None
     lit: LitReadings | None = None
 
+    scene: KnownScene | None = None
+
     @property
     def timed(self) -> bool | None:
         """Whether the camera measures time, which glass delays; None for several, and where it is not known."""
@@ -116,11 +151,13 @@ def scan_steps(
     meeting: np.ndarray | None = None,
     find: bool = True,
     alone: bool = True,
+    known: KnownScene | None = None,
 ) -> Generator[tuple[float, str], None, Scan]:
     """One camera's readings → patches: the first half of the job, ``part`` of the whole.
 
     ``meeting``: where the subject is meant to stand, camera frame [m]; by default where the mirrors look. ``find``:
-    without ``picks`` mirrors are searched for. ``alone``: as in :func:`.scene_advice.check_scene`.
+    without ``picks`` mirrors are searched for. ``alone``: as in :func:`.scene_advice.check_scene`. ``known``: the scene
+    of another snapshot of the same rig; nothing of it is found again or judged, and ``picks`` do not count.
     """
 
     def at(share: float) -> float:
@@ -132,29 +169,34 @@ def scan_steps(
     clock.lap("depth")
 
     yield at(0.17), "Fitting the mirrors"
-    first = first_mirrors(picks, depth, capture, settings) if picks or find else []
-    principle = measuring_principle(capture, settings.depth, settings.light.phase_said)
+    if known is not None:
+        first, principle = list(known.framed), known.principle
+    else:
+        first = first_mirrors(picks, depth, capture, settings) if picks or find else []
+        principle = measuring_principle(capture, settings.depth, settings.light.phase_said)
     sensor, model = principle.sensor, SENSORS.get(principle.sensor)
     fused, read = depth, RgbdImage(depth, camera)
-    image, placed, placement = _aligned(first, read, capture, settings, principle)
+    image, placed, placement = _aligned(first, read, capture, settings, principle, known)
     clock.lap("mirrors")
 
     yield at(0.33), "Finding the subject"
-    views = find_subject(image, placed, settings.views, meeting)
+    ground = None if known is None else known.ground
+    if known is not None and meeting is None:
+        meeting = known.subject
+    views = find_subject(image, placed, settings.views, meeting, ground)
     clock.lap("views")
     light, unlearnt, lit = None, None, None
-    sought = settings.light.two_ways != "off" and principle.phase is not False
-    if sought and shows_two_way_light(image, views, placed, principle.phase is True):
+    if _lit_twice(image, views, placed, principle, settings, known):
         yield at(0.45), "Undoing light that comes two ways"
-        light = _light_undone(read, first, principle, settings, meeting)
+        light = _light_undone(read, first, principle, settings, meeting, known)
     if light is not None:
         unlearnt = unlearnt_light(light, views)
         principle = principle if principle.phase else replace(principle, time=True, phase=True, by="readings")
         read = read.with_depth(light.depth)
         trusted = read.with_depth(np.where(light.spoiled, np.float32(0.0), light.depth))
-        image, placed, placement = _aligned(first, trusted, capture, _without_pairs(settings), principle)
+        image, placed, placement = _aligned(first, trusted, capture, _without_pairs(settings), principle, known)
         whole = without_delay(read, placed) if image is not trusted else read
-        found = find_subject(whole, placed, settings.views, meeting)
+        found = find_subject(whole, placed, settings.views, meeting, ground)
         lit = LitReadings(RgbdImage(fused, camera), found.labels, light.spoiled, light.response)
         views = without_spoiled(found, light.spoiled)
     outline = None if light is None else outline_of(fused, views.labels == 0, 0.0, frayed=1)
@@ -162,9 +204,12 @@ def scan_steps(
     clock.lap("light")
 
     yield at(0.58), "Smoothing the depth"
-    views, contradictions = check_agreement(image, views, placed, principle.time)
-    seat = [] if settings.views.object else check_seat(views)
-    faults = [*contradictions, *check_scene(image, views, placed, model, alone)]
+    seat: list[str] = []
+    faults: list[str] = []
+    if known is None:  # else it was judged there
+        views, contradictions = check_agreement(image, views, placed, principle.time)
+        seat = [] if settings.views.object else [*check_seat(views)]
+        faults = [*contradictions, *check_scene(image, views, placed, model, alone)]
     burst = burst_noise(len(capture.depth), spread, depth, views.labels, len(placed) + 1)
     moved = still_warning(capture.depth, views.labels, camera.fx, settings.depth)
     cut = tuple(cut_sides(depth, views.labels == 0))
@@ -189,7 +234,27 @@ def scan_steps(
         patches, maps, views.up, views.axis, views.floor, view_names(placed), placed, sensor, warnings, views.limits,
         burst, (camera,), cut,
         None if light is None else (light.lit_twice_share, light.corrected_share), (principle,), outline, lit,
+        KnownScene(
+            tuple(first), tuple(placed), principle, known.ground if known else _ground(views), light is not None,
+            None if light is None else light.response, views.axis,
+        ),
     )  # fmt: skip
+
+
+def _ground(views: Views) -> Ground:
+    """Vertical and floor as the views have them."""
+    return Ground(views.up, views.floor, views.floor_noise, views.disagreement_deg)
+
+
+def _lit_twice(
+    image: RgbdImage, views: Views, placed: list[Mirror], principle: Principle, settings: Settings,
+    known: KnownScene | None,
+) -> bool:  # fmt: skip
+    """Whether light comes two ways: as it is known, else as the readings show it."""
+    if known is not None:
+        return known.lit_twice
+    sought = settings.light.two_ways != "off" and principle.phase is not False
+    return sought and shows_two_way_light(image, views, placed, principle.phase is True)
 
 
 def _without_pairs(settings: Settings) -> Settings:
@@ -204,26 +269,35 @@ def _without_pairs(settings: Settings) -> Settings:
 
 
 def _aligned(
-    first: list[Mirror], read: RgbdImage, capture: Capture, settings: Settings, principle: Principle
-) -> tuple[RgbdImage, list[Mirror], tuple[str, ...]]:
-    """The mirrors aligned, the depth without what their glass delays, and what to warn of."""
+    first: list[Mirror], read: RgbdImage, capture: Capture, settings: Settings, principle: Principle,
+    known: KnownScene | None = None,
+) -> tuple[RgbdImage, list[Mirror], tuple[str, ...]]:  # fmt: skip
+    """The mirrors aligned, or as they are known, the depth without what their glass delays, and what to warn of."""
     if not first:
         return read, [], ()
-    placed, warnings = align_mirrors(first, read, capture, settings, principle)
+    warnings: tuple[str, ...] = ()
+    if known is not None:
+        placed = list(known.mirrors)
+    else:
+        placed, warnings = align_mirrors(first, read, capture, settings, principle)
     if principle.time is not False:
         read = without_delay(read, placed)
     return read, placed, warnings
 
 
 def _light_undone(
-    read: RgbdImage, first: list[Mirror], principle: Principle, settings: Settings, meeting: np.ndarray | None
-) -> TwoWayLight | None:
+    read: RgbdImage, first: list[Mirror], principle: Principle, settings: Settings, meeting: np.ndarray | None,
+    known: KnownScene | None = None,
+) -> TwoWayLight | None:  # fmt: skip
     """:func:`.two_way_light.undo_two_way_light` with the mirrors where their frames are."""
-    views = find_subject(read, first, settings.views, meeting)
+    ground = None if known is None else known.ground
+    response = None if known is None else known.response
+    views = find_subject(read, first, settings.views, meeting, ground)
     if any(not (views.labels == view).any() for view in range(1, len(first) + 1)):
         read = without_falsified_floor(read, views, first)
-        views = find_subject(read, first, settings.views, meeting)
-    return undo_two_way_light(read, views, first, views.floor_noise, settings.light, principle.phase is True)
+        views = find_subject(read, first, settings.views, meeting, ground)
+    phase = principle.phase is True or response is not None
+    return undo_two_way_light(read, views, first, views.floor_noise, settings.light, phase, response)
 
 
 _MUCH_LEFT_OUT = 0.1  # share of the subject's readings that is reported when it is left out for want of a response

@@ -31,7 +31,7 @@ from ..zippering.seam_strips import Seam
 from ..zippering.zipper import zip_patches
 from .avatar_stages import Shot, avatar_steps, scaled, shares
 from .report import make_report, scan_report
-from .scan import Clock, Scan
+from .scan import Clock, KnownScene, Scan
 from .settings import Settings
 
 if TYPE_CHECKING:
@@ -74,6 +74,8 @@ class Reconstruction:
         Of the mesh's triangles, where one was asked for.
     measurements : Measurements or None
         Of the body, where they were asked for and it has a skeleton.
+    scene : KnownScene or None
+        What the next frame of a recording need not find again; its mirrors are ``mirrors``.
     """
 
     mesh: Mesh
@@ -87,6 +89,7 @@ class Reconstruction:
     weights: SkinWeights | None = None
     texture: Texture | None = None
     measurements: Measurements | None = None
+    scene: KnownScene | None = None
 
 
 @dataclass(frozen=True)
@@ -122,11 +125,11 @@ class ClosedSurface:
 
 
 def joining_steps(
-    scan: Scan, cameras: Sequence[PlacedCapture], settings: Settings, frame: str, clock: Clock
+    scan: Scan, cameras: Sequence[PlacedCapture], settings: Settings, frame: str, clock: Clock, known: bool = False
 ) -> Generator[tuple[float, str], None, Reconstruction]:
-    """Patches → the avatar: the second half of the job."""
+    """Patches → the avatar: the second half of the job. ``known``: the mirrors are, and are not judged by the seams."""
     end = shares(settings)["scan"][1]
-    closed = yield from scaled(closing_steps(scan, settings, clock), (SCAN_SHARE * end, end))
+    closed = yield from scaled(closing_steps(scan, settings, clock, known), (SCAN_SHARE * end, end))
     scan, to_avatar = closed.scan, closed.to_avatar
     of_scan = scan_report(scan, closed.patches, closed.seams, to_avatar)
     shots = _shots(scan, cameras, to_avatar)
@@ -145,11 +148,14 @@ def joining_steps(
     return Reconstruction(
         avatar.mesh, frame, to_avatar, report, warnings, tuple(closed.patches), tuple(scan.mirrors),
         avatar.skeleton, avatar.weights, avatar.texture, avatar.measurements,
+        None if scan.scene is None else replace(scan.scene, mirrors=tuple(scan.mirrors)),
     )  # fmt: skip
 
 
-def closing_steps(scan: Scan, settings: Settings, clock: Clock) -> Generator[tuple[float, str], None, ClosedSurface]:
-    """Patches → one closed mesh that can be right.
+def closing_steps(
+    scan: Scan, settings: Settings, clock: Clock, known: bool = False
+) -> Generator[tuple[float, str], None, ClosedSurface]:
+    """Patches → one closed mesh that can be right. ``known``: the mirrors are, and are not judged by the seams.
 
     Raises
     ------
@@ -165,14 +171,15 @@ def closing_steps(scan: Scan, settings: Settings, clock: Clock) -> Generator[tup
     clock.lap("zippering")
 
     yield 0.45, "Comparing the seams"
-    scan, thick = glass_shown(scan, open_mesh, settings)
-    aligned = None if thick else seams_aligned(scan, open_mesh, settings)
-    scan = aligned or scan
-    if thick or aligned is not None:
-        patches = part_overlaps(scan.patches, scan.maps, settings.overlap)
-        open_mesh, seams, twin = _zippered(patches, scan, settings)
-    faults = check_seams(scan.mirrors, scan.maps, open_mesh, scan.timed, scan.warnings)
-    scan = replace(scan, warnings=(*scan.warnings, *faults))
+    if not known:
+        scan, thick = glass_shown(scan, open_mesh, settings)
+        aligned = None if thick else seams_aligned(scan, open_mesh, settings)
+        scan = aligned or scan
+        if thick or aligned is not None:
+            patches = part_overlaps(scan.patches, scan.maps, settings.overlap)
+            open_mesh, seams, twin = _zippered(patches, scan, settings)
+        faults = check_seams(scan.mirrors, scan.maps, open_mesh, scan.timed, scan.warnings)
+        scan = replace(scan, warnings=(*scan.warnings, *faults))
     if settings.colors.exposure:
         open_mesh = match_exposures(open_mesh, np.linalg.det(scan.maps.to_view[:, :3, :3]) < 0)
     clock.lap("seams")

@@ -10,7 +10,7 @@ from ..camera import Intrinsics, RgbdImage, unproject
 from ..errors import Notice, ReconstructionError
 from ..mirrors import Mirror
 from ..numeric.point_products import dot
-from ..views.floor_and_vertical import find_ground
+from ..views.floor_and_vertical import Ground, find_ground
 from ..views.ray_sorting import sort_rays
 from ..views.rig_axis import reflected_sight, rig_axis
 from .connected_pixels import Readings, label_kernel
@@ -28,8 +28,9 @@ _CLICK_RADIUS = 6  # px: a click without a reading takes the nearest one
 
 
 def find_subject(
-    image: RgbdImage, mirrors: list[Mirror], settings: ViewSettings = DEFAULTS, expected: np.ndarray | None = None
-) -> Views:
+    image: RgbdImage, mirrors: list[Mirror], settings: ViewSettings = DEFAULTS, expected: np.ndarray | None = None,
+    ground: Ground | None = None,
+) -> Views:  # fmt: skip
     """Sort every pixel into its view and keep the subject: the connected figure above the floor where the rig looks.
 
     What is seen directly is chosen first: the connected figure nearest to where the lines of sight meet, or the one
@@ -45,6 +46,8 @@ def find_subject(
     expected : np.ndarray [shape=(3,)], optional
         A point of the vertical line where the subject is meant to stand, camera frame [m]; by default where the
         mirrors look.
+    ground : Ground, optional
+        Vertical and floor where they are known; by default they are found.
 
     Raises
     ------
@@ -57,7 +60,7 @@ def find_subject(
     """
     depth, intrinsics = image.depth, image.intrinsics
     seen, points = sort_rays(unproject(depth, intrinsics), mirrors, settings.depth_limit, settings.near)
-    ground, views = find_ground(points, seen, mirrors), len(mirrors) + 1
+    ground, views = ground or find_ground(points, seen, mirrors), len(mirrors) + 1
     readings = Readings(depth, seen, points, ground.up, 1.0 / intrinsics.fx)
     clicked = None if settings.click is None else _clicked_pixel(settings.click, depth, seen)
     told = expected is not None

@@ -1,0 +1,21 @@
+"""Every frame of a recording a closed avatar: the rig placed once, depth steadied in time, frames streamed."""
+
+from __future__ import annotations
+
+from .recording import Recording, open_recording
+from .rig_placement import SequenceRig, place_rig
+from .sequence import SequenceFrame, SequenceSettings, reconstruct_sequence
+from .temporal_filter import DepthFilter, FilterSettings
+
+__all__ = [
+    "DepthFilter",
+    "FilterSettings",
+    "Recording",
+    "SequenceFrame",
+    "SequenceRig",
+    "SequenceSettings",
+    "open_recording",
+    "place_rig",
+    "reconstruct_sequence",
+    "sequence_files",
+]

@@ -1,0 +1,218 @@
+"""A recording → one closed avatar a frame, in order, as they are made: :func:`reconstruct_sequence`."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..camera.noise_models import SENSORS
+from ..capture import Capture
+from ..errors import MirrorScanError, Notice
+from ..mesh import Mesh
+from ..numeric.threads import thread_count
+from ..pipeline import KnownScene, Reconstruction, Settings, reconstruct
+from .exposure import match_frame
+from .recording import Recording
+from .rig_placement import SequenceRig
+from .temporal_filter import DepthFilter, FilterSettings
+
+MADE, BRIDGED, LOST = "made", "bridged", "lost"
+"""States of a frame: reconstructed; the mesh before it is held; nothing to be held, or for too long."""
+
+_KNOWN_VOLUMES = 5  # frames whose median a volume is held against
+
+
+@dataclass(frozen=True)
+class SequenceSettings:
+    """How a recording is gone through.
+
+    Parameters
+    ----------
+    filter : FilterSettings
+    workers : int
+        Frames made at the same time; 0 = as many as there are cores, two at most.
+    hold : int
+        Frames that the last good mesh is held for at most.
+    volume_change : float
+        A body whose volume differs from that of the frames before by more than this share is not whole [0..1].
+    """
+
+    filter: FilterSettings = FilterSettings()
+    workers: int = 0
+    hold: int = 15
+    volume_change: float = 0.3
+
+
+@dataclass(frozen=True)
+class SequenceFrame:
+    """One frame of a recording.
+
+    Parameters
+    ----------
+    place, number : int
+        In the sequence; in the recording.
+    state : str
+        "made", "bridged" or "lost".
+    mesh : Mesh or None
+        Closed, in the frame of :attr:`.rig_placement.SequenceRig.to_avatar`; None when the frame is lost.
+    reason : str
+        Why it was not made; empty when it was.
+    report : dict
+        Of the pipeline, :attr:`..pipeline.Reconstruction.report`; empty when it was not made.
+    steadied : float
+        Share of its readings that were averaged with those of the frames before [0..1].
+    seconds : float
+        It took, reading aside.
+    """
+
+    place: int
+    number: int
+    state: str
+    mesh: Mesh | None
+    reason: str = ""
+    report: dict | None = None
+    steadied: float = 0.0
+    seconds: float = 0.0
+
+
+def reconstruct_sequence(
+    recording: Recording,
+    rig: SequenceRig,
+    settings: Settings = Settings(),
+    sequence: SequenceSettings = SequenceSettings(),
+    skip: Callable[[int], bool] | None = None,
+) -> Iterator[SequenceFrame]:
+    """Each frame's closed avatar, in order.
+
+    Parameters
+    ----------
+    recording : Recording
+    rig : SequenceRig
+        Of :func:`.rig_placement.place_rig`.
+    settings : Settings
+        As for one snapshot; skeleton, measurements, texture and fewer triangles are not made.
+    sequence : SequenceSettings
+    skip : callable(place), optional
+        Frames that are there already: they only go through the filter, and are not yielded.
+
+    Notes
+    -----
+    Holds as many frames as are made at the same time, and the filter's last; any length of recording takes as much.
+    Frames do not depend on how many are made at the same time.
+    """
+    settings = replace(settings, skeleton=False, measure=False, triangles=None, texture=None)
+    workers = sequence.workers or min(2, thread_count())
+    state = _Judge(sequence)
+    with ThreadPoolExecutor(workers, thread_name_prefix="mirror_scan_frame") as pool:
+        waiting: deque[_Job] = deque()
+        try:
+            for job in _jobs(recording, rig, sequence, skip):
+                if job.capture is not None:
+                    job.result = pool.submit(_reconstructed, job.capture, rig.scene, settings)
+                    job.capture = None
+                waiting.append(job)
+                if len(waiting) > workers:
+                    yield state.judged(waiting.popleft(), rig)
+            while waiting:
+                yield state.judged(waiting.popleft(), rig)
+        finally:
+            for job in waiting:
+                if job.result is not None:
+                    job.result.cancel()
+
+
+@dataclass
+class _Job:
+    """A frame on its way."""
+
+    place: int
+    number: int
+    capture: Capture | None = None
+    fault: MirrorScanError | None = None
+    steadied: float = 0.0
+    result: Future | None = None
+
+
+def _jobs(
+    recording: Recording, rig: SequenceRig, sequence: SequenceSettings, skip: Callable[[int], bool] | None
+) -> Iterator[_Job]:
+    """The frames read and steadied, one after the other."""
+    steady: DepthFilter | None = None
+    for place, number in enumerate(recording.numbers):
+        skipped = skip is not None and skip(place)
+        try:
+            capture = recording.read(number)
+        except MirrorScanError as fault:
+            if not skipped:
+                yield _Job(place, number, fault=fault)
+            continue
+        if steady is None:
+            model = SENSORS.get(rig.scene.principle.sensor)
+            steady = DepthFilter(capture.intrinsics.fx, model, sequence.filter)
+        depth = steady.next(capture.depth[0])
+        if skipped:
+            continue
+        capture = match_frame(capture, rig.color, rig.background)
+        share = steady.shares[-1] if steady.shares else 0.0
+        yield _Job(place, number, replace(capture, depth=depth[None]), steadied=share)
+
+
+def _reconstructed(capture: Capture, scene: KnownScene, settings: Settings) -> tuple[Reconstruction, float]:
+    started = time.perf_counter()
+    result = reconstruct(capture, (), settings, frame="camera", scene=scene)
+    return result, time.perf_counter() - started
+
+
+class _Judge:
+    """Says what becomes of each frame: it is taken, or bridged by the last one that was."""
+
+    def __init__(self, settings: SequenceSettings) -> None:
+        self._settings = settings
+        self._volumes: deque[float] = deque(maxlen=_KNOWN_VOLUMES)
+        self._last: Mesh | None = None
+        self._held = 0
+
+    def judged(self, job: _Job, rig: SequenceRig) -> SequenceFrame:
+        """The frame, once it is made."""
+        if job.result is None:
+            assert job.fault is not None  # it was not read
+            return self._bridged(job, str(job.fault))
+        try:
+            result, seconds = job.result.result()
+        except MirrorScanError as fault:
+            return self._bridged(job, str(fault))
+        reason = self._fault(result.report["mesh"])
+        if reason:
+            return self._bridged(job, reason)
+        self._volumes.append(result.report["mesh"]["volume_l"])
+        self._held = 0
+        self._last = result.mesh.transformed(rig.to_avatar)
+        return SequenceFrame(
+            job.place, job.number, MADE, self._last, "", result.report, job.steadied, seconds
+        )  # fmt: skip
+
+    def _fault(self, mesh: dict) -> str:
+        """What is wrong with a mesh, in one sentence; empty when nothing is."""
+        if not (mesh["watertight"] and mesh["manifold"]):
+            return "its mesh is not closed"
+        if len(self._volumes) < self._volumes.maxlen // 2 + 1:  # type: ignore[operator]  # it has one
+            return ""
+        usual, now = float(np.median(self._volumes)), mesh["volume_l"]
+        if abs(now / usual - 1.0) > self._settings.volume_change:
+            return Notice(
+                "the body has {now:.0f} l where the frames before have {usual:.0f} l: it moved too fast for the "
+                "camera, or something hides a part of it",
+                now=now, usual=usual,
+            )  # fmt: skip
+        return ""
+
+    def _bridged(self, job: _Job, reason: str) -> SequenceFrame:
+        self._held += 1
+        if self._last is None or self._held > self._settings.hold:
+            return SequenceFrame(job.place, job.number, LOST, None, reason, None, job.steadied)
+        return SequenceFrame(job.place, job.number, BRIDGED, self._last, reason, None, job.steadied)

@@ -1,0 +1,160 @@
+"""The files of a sequence: a mesh a frame under numbered names, and ``sequence.json``: what became of each."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from ..avatar.avatar_file import Avatar, write_avatar
+from ..errors import MirrorScanError, OutputError
+from ..io import write_mesh
+from ..io.atomic_files import replacing
+from ..mesh import Mesh
+from .sequence import LOST, MADE, SequenceFrame
+
+FORMAT, VERSION = "mirror-scan sequence", 1
+REPORT = "sequence.json"
+MESH_FORMATS = (".ply", ".glb")
+_DIGITS = 6
+
+
+def frame_name(place: int, suffix: str) -> str:
+    """Name of a frame's file; sorted by name, files are in the order of time."""
+    return f"frame_{place:0{_DIGITS}d}{suffix}"
+
+
+def frame_files(folder: Path) -> list[Path]:
+    """The files of a sequence's frames in the order of time; of two formats the first of :data:`MESH_FORMATS`.
+
+    Raises
+    ------
+    MirrorScanError
+        There is none.
+    """
+    for suffix in MESH_FORMATS:
+        found = sorted(folder.glob(f"frame_*{suffix}"))
+        if found:
+            return found
+    raise MirrorScanError("{folder}: holds no frames of a sequence (frame_000000.ply and so on)", folder=folder)
+
+
+class SequenceFolder:
+    """Writes a sequence into a folder, frame by frame; whatever happens, what stands there is whole.
+
+    Parameters
+    ----------
+    folder : Path
+        Made when it is missing.
+    formats : sequence of str
+        Of :data:`MESH_FORMATS`.
+    facts : dict
+        Of the recording, the rig and the settings: what a sequence must have in common to be gone on with.
+    resume : bool
+        Go on with a sequence that is there, made of the same by the same settings.
+
+    Raises
+    ------
+    OutputError
+        The folder holds something else, or a sequence that is not to be gone on with.
+    """
+
+    def __init__(self, folder: Path, formats: Sequence[str], facts: dict, resume: bool = False) -> None:
+        for suffix in formats:
+            if suffix not in MESH_FORMATS:
+                raise OutputError(f"{folder}: frames are written as {', '.join(MESH_FORMATS)}, not as {suffix}")
+        self.folder, self._formats, self._facts = folder, tuple(formats), facts
+        self._rows: dict[int, dict] = {}
+        self._begin(resume)
+
+    def _begin(self, resume: bool) -> None:
+        there = sorted(self.folder.iterdir()) if self.folder.is_dir() else []
+        if self.folder.exists() and not self.folder.is_dir():
+            raise OutputError(f"{self.folder}: is no folder; give the name of a folder to make")
+        if there and not resume:
+            raise OutputError(
+                f"{self.folder}: holds {there[0].name} already; choose another folder, or go on (--resume)"
+            )
+        if there:
+            self._go_on()
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"{self.folder}: cannot be made a folder: {error.strerror or error}") from error
+
+    def _go_on(self) -> None:
+        path = self.folder / REPORT
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+            rows = {int(row["place"]): row for row in content["frames"]}
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise OutputError(f"{path}: is no report of a sequence to go on with; choose another folder") from error
+        if content.get("made_of") != json.loads(json.dumps(self._facts)):
+            raise OutputError(
+                f"{path}: this sequence was made of another recording, or with other settings; choose another folder"
+            )
+        self._rows = {place: row for place, row in rows.items() if self._is_whole(row)}
+
+    def _is_whole(self, row: dict) -> bool:
+        names = [frame_name(int(row["place"]), suffix) for suffix in self._formats]
+        return row["state"] == LOST or all((self.folder / name).is_file() for name in names)
+
+    def has(self, place: int) -> bool:
+        """Whether a frame is there already."""
+        return place in self._rows
+
+    def add(self, frame: SequenceFrame) -> None:
+        """Write a frame, and the report with it."""
+        if frame.mesh is not None:
+            for suffix in self._formats:
+                with replacing(self.folder / frame_name(frame.place, suffix)) as temporary:
+                    write_frame(temporary, frame.mesh)
+        self._rows[frame.place] = row_of(frame)
+
+    def finish(self, extra: dict) -> dict:
+        """Write ``sequence.json``; what was done up to here is in it. Returns its content."""
+        content = report_of(self._facts, [self._rows[place] for place in sorted(self._rows)], extra)
+        with replacing(self.folder / REPORT) as temporary:
+            temporary.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        return content
+
+
+def write_frame(path: Path, mesh: Mesh) -> None:
+    """A mesh as .ply or .glb, by the suffix."""
+    if path.suffix == ".glb":
+        write_avatar(path, Avatar(mesh))
+    else:
+        write_mesh(path, mesh)
+
+
+def row_of(frame: SequenceFrame) -> dict:
+    """What the report says of a frame."""
+    row: dict = {"place": frame.place, "number": frame.number, "state": frame.state}
+    if frame.reason:
+        row["reason"] = str(frame.reason)
+    row |= {"steadied_share": round(frame.steadied, 4), "seconds": round(frame.seconds, 3)}
+    if frame.report is not None:
+        mesh = frame.report["mesh"]
+        row |= {key: mesh[key] for key in ("vertices", "triangles", "watertight", "manifold", "volume_l", "height_m")}
+    return row
+
+
+def report_of(facts: dict, rows: Sequence[dict], extra: dict) -> dict:
+    """The content of ``sequence.json``."""
+    counts = {state: sum(row["state"] == state for row in rows) for state in ("made", "bridged", "lost")}
+    seconds = [row["seconds"] for row in rows if row["state"] == MADE]
+    return {
+        "format": FORMAT, "version": VERSION, "made_of": facts, "counts": counts,
+        "seconds_a_frame": round(sum(seconds) / len(seconds), 3) if seconds else None,
+        **extra, "frames": list(rows),
+    }  # fmt: skip
+
+
+def written(
+    frames: Iterable[SequenceFrame], folder: SequenceFolder, each: Callable[[SequenceFrame], None] | None = None
+) -> None:
+    """Write frames as they come; ``each`` is called after each."""
+    for frame in frames:
+        folder.add(frame)
+        if each is not None:
+            each(frame)
