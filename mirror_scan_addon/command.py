@@ -13,6 +13,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 
 BLENDER_FORMATS = {".blend": "write_blend", ".glb": "write_glb", ".fbx": "write_fbx", ".usd": "write_usd",
                    ".usdc": "write_usd"}  # fmt: skip
+SEQUENCE = "sequence"
+"""In place of a suffix: what writes a whole sequence into one file, .abc or .usd; see :mod:`.scene.sequence_cache`."""
 READ_BY_BLENDER = {".blend": ("blend_avatar", "read_blend_avatar"), ".fbx": ("fbx_motion", "read_fbx_motion")}
 BPY_PYTHONS = {(3, 11): "bpy 4.5 and 5.0", (3, 13): "bpy 5.1 and later"}
 
@@ -29,6 +31,11 @@ class BlenderWriters(Mapping):
     """
 
     def __getitem__(self, suffix: str) -> Callable:
+        if suffix == SEQUENCE:
+            _require_bpy("a sequence as .abc or .usd")
+            from .scene.sequence_cache import write_sequence
+
+            return write_sequence
         name = BLENDER_FORMATS[suffix]
         _require_bpy(suffix)
         from .scene import export
@@ -38,7 +45,7 @@ class BlenderWriters(Mapping):
         return getattr(export, name)
 
     def __contains__(self, suffix: object) -> bool:
-        return suffix in BLENDER_FORMATS
+        return suffix in BLENDER_FORMATS or suffix == SEQUENCE
 
     def __iter__(self) -> Iterator[str]:
         return iter(BLENDER_FORMATS)

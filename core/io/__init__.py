@@ -11,6 +11,7 @@ __all__ = [
     "write_mesh",
     "atomic_files",
     "color_atlas",
+    "frame_files",
     "gltf",
     "images",
     "json_files",

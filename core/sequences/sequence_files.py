@@ -3,40 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..avatar.avatar_file import Avatar, write_avatar
-from ..errors import MirrorScanError, OutputError
+from ..errors import OutputError
 from ..io import write_mesh
 from ..io.atomic_files import replacing
+from ..io.frame_files import MESH_FORMATS, REPORT, frame_name
 from ..mesh import Mesh
 from .sequence import LOST, MADE, SequenceFrame
 
 FORMAT, VERSION = "mirror-scan sequence", 1
-REPORT = "sequence.json"
-MESH_FORMATS = (".ply", ".glb")
-_DIGITS = 6
-
-
-def frame_name(place: int, suffix: str) -> str:
-    """Name of a frame's file; sorted by name, files are in the order of time."""
-    return f"frame_{place:0{_DIGITS}d}{suffix}"
-
-
-def frame_files(folder: Path) -> list[Path]:
-    """The files of a sequence's frames in the order of time; of two formats the first of :data:`MESH_FORMATS`.
-
-    Raises
-    ------
-    MirrorScanError
-        There is none.
-    """
-    for suffix in MESH_FORMATS:
-        found = sorted(folder.glob(f"frame_*{suffix}"))
-        if found:
-            return found
-    raise MirrorScanError("{folder}: holds no frames of a sequence (frame_000000.ply and so on)", folder=folder)
 
 
 class SequenceFolder:
@@ -148,13 +126,3 @@ def report_of(facts: dict, rows: Sequence[dict], extra: dict) -> dict:
         "seconds_a_frame": round(sum(seconds) / len(seconds), 3) if seconds else None,
         **extra, "frames": list(rows),
     }  # fmt: skip
-
-
-def written(
-    frames: Iterable[SequenceFrame], folder: SequenceFolder, each: Callable[[SequenceFrame], None] | None = None
-) -> None:
-    """Write frames as they come; ``each`` is called after each."""
-    for frame in frames:
-        folder.add(frame)
-        if each is not None:
-            each(frame)

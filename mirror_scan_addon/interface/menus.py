@@ -10,6 +10,7 @@ from ..language.texts import CONTEXT
 def _draw_import(self, context: bpy.types.Context) -> None:
     self.layout.operator_context = "INVOKE_DEFAULT"
     self.layout.operator("mirror_scan.load_capture", text="Mirror Scan Capture", text_ctxt=CONTEXT)
+    self.layout.operator("mirror_scan.import_sequence", text="Mirror Scan Sequence", text_ctxt=CONTEXT)
 
 
 def _draw_export(self, context: bpy.types.Context) -> None:

@@ -347,6 +347,19 @@ def _check(mesh: Mesh) -> None:
             raise OutputError(text.format(label=label, shape=shape, found=np.shape(values)), code="avatar")
 
 
+def fill_mesh(data: bpy.types.Mesh, mesh: Mesh, unit: float = 1.0) -> None:
+    """Give a mesh data-block another mesh's vertices, faces and colours; its materials and name stay.
+
+    Raises
+    ------
+    OutputError
+        When the arrays do not make a mesh; the data-block is as it was then.
+    """
+    _check(mesh)
+    data.clear_geometry()
+    _fill(data, mesh, unit)
+
+
 def _fill(data: bpy.types.Mesh, mesh: Mesh, unit: float) -> None:
     """Arrays into an empty mesh data-block by ``foreach_set``, then validate."""
     n_vertices, n_triangles = len(mesh.vertices), len(mesh.triangles)

@@ -58,7 +58,10 @@ def test_entries_open_what_they_name(bpy):
         layout = Layout(bpy)
         draw(SimpleNamespace(layout=layout), bpy.context)
         found[name] = layout.buttons
-    assert found["TOPBAR_MT_file_import"] == [("mirror_scan.load_capture", "Mirror Scan Capture")]
+    assert found["TOPBAR_MT_file_import"] == [
+        ("mirror_scan.load_capture", "Mirror Scan Capture"),
+        ("mirror_scan.import_sequence", "Mirror Scan Sequence"),
+    ]
     assert found["TOPBAR_MT_file_export"] == [("mirror_scan.export_avatar", "Mirror Scan Avatar")]
     assert ("mirror_scan.add_rig", "Mirror Scan Rig") in found["VIEW3D_MT_add"]
 
