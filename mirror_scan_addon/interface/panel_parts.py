@@ -90,7 +90,7 @@ def table(layout: bpy.types.UILayout, lines: list[tuple[str, str, str]]) -> None
     for label, value, mark in lines:
         wide = blf.dimensions(0, value)[0] + (ICON if mark else 0)
         if wide > 0.58 * room or blf.dimensions(0, label)[0] > 0.42 * room:
-            column.label(text=label, translate=False)
+            sentence(column, label)
             sentence(column, value, ICONS[mark] if mark else "BLANK1")
             continue
         row = column.split(factor=0.42)

@@ -148,12 +148,54 @@ def on_sidebar(context: bpy.types.Context) -> bool:
     return in_viewport(context) and context.region is not None and context.region.type == "UI"
 
 
+class Dropped:
+    """What a dropped file is asked for: Blender's menu shows the names of operators, so these say it in the user's
+    words and hand the file on."""
+
+    bl_translation_context = CONTEXT
+    bl_options = {"INTERNAL"}
+
+    filepath: StringProperty(
+        name="Capture", description="A file of the capture", subtype="FILE_PATH", options={"SKIP_SAVE"},
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    _makes = ""  # the operator that it is handed on to
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return scan_records.allows(cls, scan_records.editable(context))
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        return self._hand_on("INVOKE_DEFAULT")
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        return self._hand_on("EXEC_DEFAULT")
+
+    def _hand_on(self, how: str) -> set[str]:
+        from ..scene.blender_files import reason_of
+
+        operator = getattr(bpy.ops.mirror_scan, self._makes)
+        try:
+            return operator(how, True, filepath=self.filepath) - {"RUNNING_MODAL"} or {"FINISHED"}
+        except RuntimeError as error:  # what an operator reports as an error reaches callers so
+            self.report({"ERROR"}, reason_of(str(error)))
+            return {"CANCELLED"}
+
+
+class MIRRORSCAN_OT_drop_look(Dropped, bpy.types.Operator):
+    """Load the dropped capture and show its points"""
+
+    bl_idname = "mirror_scan.drop_look"
+    bl_label = "Only Look"
+    _makes = "load_capture"
+
+
 class MIRRORSCAN_FH_capture(bpy.types.FileHandler):
     """Captures dropped into a 3D viewport; to load a folder, drop any JSON file in it."""
 
     bl_idname = "MIRRORSCAN_FH_capture"
     bl_label = "Only Look (Mirror Scan)"
-    bl_import_operator = "mirror_scan.load_capture"
+    bl_import_operator = "mirror_scan.drop_look"
     bl_file_extensions = CAPTURES
 
     @classmethod
@@ -166,7 +208,7 @@ class MIRRORSCAN_FH_picture(bpy.types.FileHandler):
 
     bl_idname = "MIRRORSCAN_FH_picture"
     bl_label = "Only Look (Mirror Scan)"
-    bl_import_operator = "mirror_scan.load_capture"
+    bl_import_operator = "mirror_scan.drop_look"
     bl_file_extensions = PICTURES
 
     @classmethod
@@ -174,4 +216,10 @@ class MIRRORSCAN_FH_picture(bpy.types.FileHandler):
         return on_sidebar(context) and drop_makes("LOOK")
 
 
-CLASSES = (MIRRORSCAN_OT_load_capture, MIRRORSCAN_OT_record, MIRRORSCAN_FH_capture, MIRRORSCAN_FH_picture)
+CLASSES = (
+    MIRRORSCAN_OT_load_capture,
+    MIRRORSCAN_OT_record,
+    MIRRORSCAN_OT_drop_look,
+    MIRRORSCAN_FH_capture,
+    MIRRORSCAN_FH_picture,
+)

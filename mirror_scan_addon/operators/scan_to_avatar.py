@@ -14,7 +14,7 @@ from ..scene import kept_errors, scan_collections, scan_records
 from ..scene.capture_objects import show_capture
 from ..scene.preferred import drop_makes
 from .build_avatar import MIRRORSCAN_OT_build_avatar
-from .load_capture import CAPTURES, PICTURES, in_viewport, on_sidebar
+from .load_capture import CAPTURES, PICTURES, Dropped, in_viewport, on_sidebar
 
 
 class MIRRORSCAN_OT_scan_to_avatar(job_operators.FileJobOperator, bpy.types.Operator):
@@ -87,12 +87,20 @@ class MIRRORSCAN_OT_scan_to_avatar(job_operators.FileJobOperator, bpy.types.Oper
         self.report({"ERROR"}, kept_errors.keep(context, self, result.problem))
 
 
+class MIRRORSCAN_OT_drop_avatar(Dropped, bpy.types.Operator):
+    """Load the dropped capture and make an avatar of it"""
+
+    bl_idname = "mirror_scan.drop_avatar"
+    bl_label = "Make Avatar"
+    _makes = "scan_to_avatar"
+
+
 class MIRRORSCAN_FH_avatar(bpy.types.FileHandler):
     """Captures dropped into a 3D viewport, of which an avatar is made; Blender asks whether to do this or only look."""
 
     bl_idname = "MIRRORSCAN_FH_avatar"
     bl_label = "Make Avatar (Mirror Scan)"
-    bl_import_operator = "mirror_scan.scan_to_avatar"
+    bl_import_operator = "mirror_scan.drop_avatar"
     bl_file_extensions = CAPTURES
 
     @classmethod
@@ -105,7 +113,7 @@ class MIRRORSCAN_FH_avatar_picture(bpy.types.FileHandler):
 
     bl_idname = "MIRRORSCAN_FH_avatar_picture"
     bl_label = "Make Avatar (Mirror Scan)"
-    bl_import_operator = "mirror_scan.scan_to_avatar"
+    bl_import_operator = "mirror_scan.drop_avatar"
     bl_file_extensions = PICTURES
 
     @classmethod
@@ -113,4 +121,9 @@ class MIRRORSCAN_FH_avatar_picture(bpy.types.FileHandler):
         return on_sidebar(context) and drop_makes("AVATAR")
 
 
-CLASSES = (MIRRORSCAN_OT_scan_to_avatar, MIRRORSCAN_FH_avatar, MIRRORSCAN_FH_avatar_picture)
+CLASSES = (
+    MIRRORSCAN_OT_scan_to_avatar,
+    MIRRORSCAN_OT_drop_avatar,
+    MIRRORSCAN_FH_avatar,
+    MIRRORSCAN_FH_avatar_picture,
+)

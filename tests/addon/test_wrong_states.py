@@ -11,6 +11,8 @@ pytest.importorskip("bpy")
 OPERATORS = {
     "load_capture": {},
     "scan_to_avatar": {},
+    "drop_avatar": {},
+    "drop_look": {},
     "make_room": {},
     "show_setup": {},
     "finish_picking": {},

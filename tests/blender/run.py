@@ -27,8 +27,8 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 ADDON = "bl_ext.user_default.mirror_scan"
-ABOVE = 300  # rows of our own screen above Blender's main window, where the windows it opens reach to
-SCREEN = f"1280x{800 + ABOVE}x24"
+ABOVE = 500  # rows of our own screen above Blender's main window, where the windows it opens and larger ones reach to
+SCREEN = f"1600x{800 + ABOVE}x24"
 PLATFORM = {"linux": "linux-x64", "win32": "windows-x64", "darwin": "macos-arm64"}[sys.platform]
 
 PICTURES = (
@@ -36,6 +36,12 @@ PICTURES = (
     "7_walk", "8_problem", "9_rig",
 )  # fmt: skip
 """Screenshots that the documentation shows."""
+
+STEPS = (
+    "1_panel", "2_capture", "3_mirrors", "4_picking", "5_subject", "6_building", "7_avatar", "7_walk", "7_look",
+    "8_check", "8_problem", "9_rig",
+)  # fmt: skip
+"""Those that it shows in both sizes of the window, dark and light."""
 
 START = f"""
 import time, json, bpy, addon_utils
@@ -140,13 +146,18 @@ def prepare(place: Place) -> None:
     )  # fmt: skip
     if done.returncode:
         raise RuntimeError(done.stderr)
+    runpy.run_path(str(ROOT / "tests" / "conftest.py"))  # makes the checkout the package
     if not (place.share / "capture").exists():
         write_capture(place.share / "capture")
+    shutil.rmtree(place.share / "wrong", ignore_errors=True)
+    made = runpy.run_path(str(ROOT / "tests" / "addon" / "wrong_files.py"))["make_dropped"](
+        place.share / "wrong", place.share / "capture"
+    )
+    (place.share / "wrong" / "wrong.json").write_text(json.dumps(made), encoding="utf-8")
 
 
 def write_capture(folder: Path) -> None:
     """A virtual capture of the mannequin, nearly 300 000 points in a frame."""
-    runpy.run_path(str(ROOT / "tests" / "conftest.py"))
     from mirror_scan.core.simulation.mannequin import mannequin
     from mirror_scan.core.simulation.scene import default_rig
     from mirror_scan.core.simulation.simulate import simulate, write_simulation
@@ -176,8 +187,9 @@ def start_figures(place: Place, runs: int = 3) -> list[float]:
 PURGE = f"import sys; [sys.modules.pop(name) for name in list(sys.modules) if name.startswith({ADDON!r})]\n"
 
 
-def go(place: Place, out: Path, timeout: float = 1500) -> dict:
-    """The run in the window; returns what it found, pictures are in ``out``."""
+def go(place: Place, out: Path, timeout: float = 2400, looks: bool = False) -> dict:
+    """The run in the window; returns what it found, pictures are in ``out``; ``looks``: in both sizes, light and
+    dark."""
     inner = place.share / "out"
     inner.mkdir(exist_ok=True)
     (package,) = (place.share / "zips").glob("mirror_scan-*.zip")
@@ -186,6 +198,8 @@ def go(place: Place, out: Path, timeout: float = 1500) -> dict:
         "MIRROR_SCAN_CAPTURE": place.seen(place.share / "capture"),
         "MIRROR_SCAN_ZIP": place.seen(package),
         "MIRROR_SCAN_ID": ADDON,
+        "MIRROR_SCAN_WRONG": place.seen(place.share / "wrong"),
+        "MIRROR_SCAN_LOOKS": "1" if looks else "",
     }
     blender = [place.blender, "--enable-event-simulate", "--no-window-focus", "--window-geometry", "0", "0", "1280",
                "800", "--python-exit-code", "1", "--python", place.seen(HERE / "window.py")]  # fmt: skip
@@ -229,13 +243,24 @@ def write_images(place: Place, out: Path, folder: Path) -> None:
     """Pictures for the documentation: the viewport of each screenshot, small, in few colours."""
     inner = place.share / "images"
     inner.mkdir(exist_ok=True)
-    window, preferences = "1052x774+0+26", "876x244+104+163"
+    window, preferences = "1052x774+0+26", f"876x244+104+{ABOVE - 137}"
     for name in PICTURES:
         source, target = place.share / "out" / f"{name}.png", inner / f"blender_{name}.png"
         cut = preferences if name.startswith("0_") else window
         done = place.run(
             ["convert", place.seen(source), "-crop", cut, "+repage", "-resize", "840x",
              "+dither", "-colors", "120", "-strip", f"png8:{place.seen(target)}"], 60)  # fmt: skip
+        if done.returncode:
+            raise RuntimeError(done.stdout)
+        shutil.copy(target, folder / target.name)
+    for name in STEPS:
+        sources = [place.seen(place.share / "out" / f"{name}{look}.png")
+                   for look in ("", "_1280_light", "_1600_dark", "_1600_light")]  # fmt: skip
+        target = inner / f"looks_{name}.png"
+        done = place.run(
+            ["convert", "(", *sources[:2], "-resize", "560x350!", "+append", ")",
+             "(", *sources[2:], "-resize", "560x350!", "+append", ")", "-append",
+             "+dither", "-colors", "64", "-strip", f"png8:{place.seen(target)}"], 60)  # fmt: skip
         if done.returncode:
             raise RuntimeError(done.stdout)
         shutil.copy(target, folder / target.name)
@@ -257,7 +282,7 @@ def main() -> int:
             print(f"not run: {error}", file=sys.stderr)
             return 2
         prepare(place)
-        found = go(place, options.out)
+        found = go(place, options.out, looks=options.images is not None)
         found["figures"]["enable_ms"] = start_figures(place)
         (options.out / "result.json").write_text(json.dumps(found, indent=1))
         if options.images is not None and found["code"] == 0:

@@ -13,6 +13,7 @@ import faulthandler
 import json
 import math
 import os
+import re
 import shutil
 import socket
 import subprocess
@@ -32,7 +33,10 @@ OUT, CAPTURE, ZIP, ADDON = (
     os.environ["MIRROR_SCAN_ZIP"],
     os.environ["MIRROR_SCAN_ID"],
 )
-WIDTH, ABOVE = 1280, int(os.environ["MIRROR_SCAN_ABOVE"])  # of the window, and of the screen above it [px]
+ABOVE = int(os.environ["MIRROR_SCAN_ABOVE"])  # how much of the screen is above the window [px]
+SMALL, LARGE = (1280, 800), (1600, 1000)  # of the window [px]
+ALL_LOOKS = bool(os.environ.get("MIRROR_SCAN_LOOKS"))  # pictures in both sizes, light and dark
+WRONG = Path(os.environ["MIRROR_SCAN_WRONG"])  # folder of files that are no capture
 LIMIT_S = 900.0  # for one step of the way, compiling included
 STUCK_S = 200.0  # without a turn of Blender's timers, after which it is taken for stuck
 
@@ -55,7 +59,7 @@ def story() -> Story:
         yield from install()
     with step("open the sidebar"):
         yield from open_sidebar()
-    yield from shot("1_panel")
+    yield from looks("1_panel")
     note("redraw_empty_ms", redraw_ms())
 
     with step("load by the file browser"):
@@ -66,7 +70,7 @@ def story() -> Story:
         expect(cloud() is not None, "points of the capture")
         note("first_load_s", time.perf_counter() - started)
         note("points", len(cloud().data.vertices))
-    yield from shot("2_capture")
+    yield from looks("2_capture")
 
     with step("load by drag and drop, only to look"):
         _, shown = yield from drop()
@@ -81,7 +85,7 @@ def story() -> Story:
         yield from settled()
         expect(len(settings().mirrors) == 2, f"two mirrors, not {len(settings().mirrors)}")
         note("mirror_residuals_mm", [mirror.residual_mm for mirror in settings().mirrors])
-    yield from shot("3_mirrors")
+    yield from looks("3_mirrors")
 
     with step("pick mirror points"):
         yield from pick()
@@ -89,7 +93,7 @@ def story() -> Story:
         yield from press("find_subject")
         yield from settled()
         expect(bool(settings().subject.message), "the points of the person, counted")
-    yield from shot("5_subject")
+    yield from looks("5_subject")
 
     with step("click the person"):
         yield from click_person()
@@ -110,7 +114,7 @@ def story() -> Story:
         blocks.start()
         started = time.perf_counter()
         yield 1.2
-        yield from shot("6_building", settle=0.0)
+        yield from looks("6_building", settle=0.0)
         yield from settled()
         note("first_build_s", time.perf_counter() - started)
         yield 0.5
@@ -120,7 +124,7 @@ def story() -> Story:
         note("avatar_vertices", len(avatar().data.vertices))
         note("watertight", watertight(avatar()))
         result["clicks_from_zip_to_avatar"] = len(result["events"])
-    yield from shot("7_avatar")
+    yield from looks("7_avatar")
 
     with step("undo and redo by the keyboard"):
         count = len(bpy.data.meshes)
@@ -168,7 +172,7 @@ def story() -> Story:
         expect(bpy.context.object == avatar(), "the avatar selected")
         yield from press("check")
         yield from settled()
-        yield from shot("8_check")
+        yield from looks("8_check")
         tear(bpy.context.object)
         yield from press("check")
         yield from settled()
@@ -176,9 +180,12 @@ def story() -> Story:
         yield from press("jump_to_problem", 0.97, direction="NEXT")
         expect(settings().problem_index == 1, "the first problem")
         yield 0.5
-    yield from shot("8_problem")
+    yield from looks("8_problem")
 
     yield from pictures()
+
+    with step("drop what is none, and press what cures it"):
+        yield from wrong_files()
 
     with step("load by drag and drop again, kernels ready"):
         made, shown = yield from drop()
@@ -194,7 +201,7 @@ def story() -> Story:
             bpy.ops.wm.drop_import_file("INVOKE_DEFAULT", directory=CAPTURE, files=[{"name": "intrinsic.json"}])
         yield 0.3
         started = time.perf_counter()
-        yield from type_key("S", *middle())  # of the menu that asks: Scan to Avatar
+        yield from type_key("M", *middle())  # of the menu that asks: Make Avatar
         yield from settled()
         note("one_press_s", time.perf_counter() - started)
         made = sum("mirror_scan_report" in item for item in bpy.data.objects)
@@ -226,7 +233,7 @@ def story() -> Story:
         yield from settled()
         expect(cloud() is not None and "%" in settings().rig_message, "a virtual capture, and what it covers")
         yield from scroll(40)
-    yield from shot("9_rig")
+    yield from looks("9_rig")
 
     with step("disable and enable"):
         # in the midst of picking: that ends, and the mirrors are as before
@@ -304,7 +311,7 @@ def pick() -> Story:
         yield from click(*place)
         if number == 4:
             yield 0.6
-            yield from shot("4_picking", settle=0.0)
+            yield from looks("4_picking", settle=0.0)
     expect(settings().mirrors[0].name == "mirror 1", f"mirror 1, not {settings().mirrors[0].name}")
     picked = len(settings().mirrors[0].picks)
     expect(picked >= 6, f"picks: {picked} of {len(pixels)}")
@@ -351,7 +358,7 @@ def drop() -> Story:
         with viewport():
             bpy.ops.wm.drop_import_file("INVOKE_DEFAULT", directory=CAPTURE, files=files)
         yield 0.3
-        yield from type_key("L", *middle())  # of the menu that asks: Load Capture, not Scan to Avatar
+        yield from type_key("O", *middle())  # of the menu that asks: Only Look, not Make Avatar
         while busy() or cloud() is None or cloud().session_uid == before:
             expect(time.perf_counter() - start < 60, "other points than before")
             yield 0.01
@@ -412,7 +419,7 @@ def live() -> Story:
 
 def motion() -> Story:
     """A skeleton, a clip that plays, and joints sent over UDP that the avatar follows until the button is pressed."""
-    yield from press("add_skeleton")
+    yield from press("add_skeleton", 0.6)
     started = time.perf_counter()
     yield from settled()
     note("skeleton_s", time.perf_counter() - started)
@@ -428,7 +435,7 @@ def motion() -> Story:
         scene.frame_set(frame)
     note("walk_frame_ms", 1e3 * (time.perf_counter() - started) / len(frames))
     scene.frame_set(scene.frame_start + len(frames) // 4)
-    yield from shot("7_walk")
+    yield from looks("7_walk")
 
     hand = bones.pose.bones["mixamorig:LeftHand"]
     yield from press("follow_stream")
@@ -473,7 +480,7 @@ def look() -> Story:
     expect(sum("Skirt" in item.name for item in bpy.data.objects) == 1, "a skirt")
     expect(bpy.context.scene.camera.name == "Studio Camera", "a studio")
     yield 0.5
-    yield from shot("7_look")
+    yield from looks("7_look")
     with viewport():
         bpy.ops.mirror_scan.remove_studio("INVOKE_DEFAULT")
     yield 0.5
@@ -498,21 +505,127 @@ def raised(place, shoulder, angle: float, name: str) -> list[float]:
 
 def pictures() -> Story:
     """Panels in the light theme and in a narrow sidebar, from top to bottom."""
-    theme = next(Path(bpy.utils.system_resource("SCRIPTS")).glob("presets/interface_theme/*ight.xml"))
     with step("light theme"):
-        with viewport():
-            bpy.ops.script.execute_preset(filepath=str(theme), menu_idname="USERPREF_MT_interface_theme_presets")
-        for number, turns in enumerate((-40, 12, 12), start=1):
+        use_theme("light")
+        for number, turns in enumerate((-40, 24), start=1):
             yield from scroll(turns)
             yield from shot(f"8_light_{number}")
-    with step("dark theme"), viewport():
-        bpy.ops.preferences.reset_default_theme()
+    with step("dark theme"):
+        use_theme("dark")
     with step("narrow sidebar"):
         yield from resize_sidebar(180)
         for number, turns in enumerate((-40, 12, 12), start=1):
             yield from scroll(turns)
             yield from shot(f"8_narrow_{number}")
         yield from resize_sidebar(300)
+
+
+def wrong_files() -> Story:
+    """Files that are no capture, or a spoiled one, dropped: the panel says what is wrong, and its button cures it."""
+    keeper = sys.modules[f"{ADDON}.mirror_scan_addon.scene.kept_errors"]
+    pressed = 0
+    for wrong in json.loads((WRONG / "wrong.json").read_text()):
+        folder, file = os.path.split(WRONG / wrong["file"])
+        yield from move(*middle())
+        with viewport():
+            bpy.ops.wm.drop_import_file("INVOKE_DEFAULT", directory=folder, files=[{"name": file}])
+        yield 0.2
+        yield from type_key("O", *middle())
+        yield from settled()
+        kept = keeper.kept(bpy.context)
+        expect(kept is not None and re.search(wrong["words"], str(kept.notice)), f"{wrong['name']}: {kept}")
+        if pressed == 0:
+            yield from press_cure("load_capture", "filepath=", absent=True)
+            yield from until(lambda: find_area("FILE_BROWSER") is not None, "a file browser for another capture")
+            with seen(*find_area("FILE_BROWSER"), "WINDOW"):
+                bpy.ops.file.cancel()
+            yield 0.3
+            pressed += 1
+        repaired = False
+        if wrong["name"] == "a depth image cut off":
+            name = min(os.listdir(Path(CAPTURE) / "depth"))
+            shutil.copy(Path(CAPTURE) / "depth" / name, Path(folder) / "depth" / name)
+            repaired = True
+        elif kept.kind.name == "lens_wrong":
+            yield from shot("8_error")
+            settings().reading.lens = "azure_kinect"
+            repaired = True
+        elif kept.kind.name == "mirror_file":
+            yield from click(*(yield from find_field("reading.own_mirrors", 0.5)))
+            expect(not settings().reading.own_mirrors, "the mirrors of the file left out")
+            repaired = True
+        if repaired:
+            yield from press_cure("load_capture", "filepath=")
+            yield from settled()
+            expect(keeper.kept(bpy.context) is None and settings().capture_path == folder, f"{wrong['name']}, cured")
+            pressed += 1
+        else:
+            yield from press_cure("dismiss_error", "", 0.97)
+            expect(keeper.kept(bpy.context) is None, "no error any more")
+    settings().reading.property_unset("lens")
+    settings().reading.property_unset("own_mirrors")
+    expect(pressed == 4, f"four cures pressed, not {pressed}")
+
+
+def press_cure(operator: str, words: str, column: float = 0.33, absent: bool = False) -> Story:
+    """Click the button of an operator in the box of the error, on top of the sidebar; with these words in what it
+    calls, or without them."""
+    sidebar = region("UI")
+    x = sidebar.x + 10 + round(column * (sidebar.width - 48))
+    for y in range(sidebar.y + sidebar.height - 10, sidebar.y + sidebar.height // 3, -10):
+        if (yield from is_button(operator, {}, x, y)) and (words in bpy.context.window_manager.clipboard) != absent:
+            yield from click(x, y)
+            return
+    raise Missed(f"a button for {operator} in the error's box")
+
+
+def looks(name: str, settle: float = 0.6) -> Story:
+    """A picture; where all are wanted, also in the light theme and in a larger window."""
+    yield from shot(name, settle)
+    if not ALL_LOOKS:
+        return
+    use_theme("light")
+    yield from shot(f"{name}_1280_light")
+    yield from resize_window(LARGE)
+    yield from shot(f"{name}_1600_light")
+    use_theme("dark")
+    yield from shot(f"{name}_1600_dark")
+    yield from resize_window(SMALL)
+
+
+def use_theme(name: str) -> None:
+    with viewport():
+        if name == "light":
+            theme = next(Path(bpy.utils.system_resource("SCRIPTS")).glob("presets/interface_theme/*ight.xml"))
+            bpy.ops.script.execute_preset(filepath=str(theme), menu_idname="USERPREF_MT_interface_theme_presets")
+        else:
+            bpy.ops.preferences.reset_default_theme()
+
+
+def resize_window(size: tuple[int, int]) -> Story:
+    """Have the X server change the size of Blender's window, as a window manager would; its lower edge stays."""
+    import ctypes
+
+    x11 = ctypes.CDLL("libX11.so.6")
+    x11.XOpenDisplay.restype = ctypes.c_void_p
+    x11.XDefaultRootWindow.restype = ctypes.c_ulong
+    x11.XDefaultRootWindow.argtypes = (ctypes.c_void_p,)
+    display = ctypes.c_void_p(x11.XOpenDisplay(None))
+    root, parent, children = ctypes.c_ulong(), ctypes.c_ulong(), ctypes.POINTER(ctypes.c_ulong)()
+    count = ctypes.c_uint()
+    x11.XQueryTree(display, ctypes.c_ulong(x11.XDefaultRootWindow(display)), ctypes.byref(root), ctypes.byref(parent),
+                   ctypes.byref(children), ctypes.byref(count))  # fmt: skip
+    for number in range(count.value):
+        window_id = ctypes.c_ulong(children[number])
+        place = [ctypes.c_int() for _ in range(2)]
+        measures = [ctypes.c_uint() for _ in range(4)]
+        x11.XGetGeometry(display, window_id, ctypes.byref(root), *map(ctypes.byref, (*place, *measures)))
+        if (measures[0].value, measures[1].value) in (SMALL, LARGE):  # Blender's main window
+            x11.XMoveResizeWindow(display, window_id, 0, ABOVE + SMALL[1] - size[1], *size)
+    x11.XFlush(display)
+    x11.XCloseDisplay(display)
+    yield from until(lambda: (window().width, window().height) == size, f"a window of {size}", 20.0)
+    yield 0.5
 
 
 def tear(item) -> None:
@@ -707,11 +820,18 @@ def scroll(turns: int) -> Story:
     """The wheel over the sidebar, down, or up when negative."""
     sidebar = region("UI")
     x, y = sidebar.x + 20, sidebar.y + sidebar.height // 2
+    if turns < 0 and scrolled() > -1:  # is at its top
+        return
     yield from move(x, y)
     for _ in range(abs(turns)):
         send("WHEELDOWNMOUSE" if turns > 0 else "WHEELUPMOUSE", "PRESS", x, y)
         yield 0.03
     yield 0.3
+
+
+def scrolled() -> float:
+    """Where the top of the sidebar is in its panels; 0 when it is not scrolled down, else negative."""
+    return region("UI").view2d.region_to_view(0, region("UI").height)[1]
 
 
 PANELS = ("capture", "mirrors", "subject", "build", "avatar", "check", "export", "rig")
@@ -735,8 +855,8 @@ def unfold(name: str) -> Story:
         return
     for panel in filter(None, (unfolded, name)):  # what is above an open one is folded, so its header is where it was
         yield from scroll(-60)
-        places.pop(("export_avatar", ("format", "BLEND")), None)
-        _, y = yield from find_button("export_avatar", 0.9, {"format": "BLEND"})
+        places.pop(("export_avatar", ("format", "3MF")), None)
+        _, y = yield from find_button("export_avatar", 0.4, {"format": "3MF"}, 10)
         yield from click(region("UI").x + 70, y - FIRST - HEADER * PANELS.index(panel))
         yield 0.6
     unfolded = name
@@ -753,19 +873,22 @@ def press(operator: str, column: float = 0.33, **properties: str) -> Story:
     yield from click(*place)
 
 
-def find_button(operator: str, column: float = 0.33, properties: dict[str, str] | None = None):
+def find_button(operator: str, column: float = 0.33, properties: dict[str, str] | None = None, by: int = 14):
     """Move down the sidebar until Blender says that the button under the mouse is the one; scroll when it is not."""
     properties = properties or {}
     key = (operator, *properties.items())
     for share in (column, 0.97, 0.1, 0.6):
         for turns in (0, -60, *[8] * 6):
+            before = scrolled()
             if turns:
                 yield from scroll(turns)
+                if scrolled() == before:  # nothing new to see
+                    continue
             sidebar = region("UI")
             if key in places and (yield from is_button(operator, properties, *places[key])):
                 return places[key]
             x = sidebar.x + 10 + round(share * (sidebar.width - 48))
-            for y in range(sidebar.y + sidebar.height - 10, sidebar.y, -10):
+            for y in range(sidebar.y + sidebar.height - 10, sidebar.y, -by):
                 if (yield from is_button(operator, properties, x, y)):
                     places[key] = x, y
                     return x, y
@@ -779,7 +902,7 @@ def find_field(name: str, column: float):
     for turns in (0, -40, 8, 8, 8):
         if turns:
             yield from scroll(turns)
-        for y in range(sidebar.y + sidebar.height - 10, sidebar.y, -8):
+        for y in range(sidebar.y + sidebar.height - 10, sidebar.y, -12):
             yield from move(x - 1, y)
             yield from move(x, y)
             manager.clipboard = ""
@@ -1015,7 +1138,9 @@ def shot(name: str, settle: float = 0.6) -> Story:
     yield 0.3
     path = OUT / f"{name}.png"
     if shutil.which("import"):
-        cut = ["-crop", "+0+0" if name.startswith(("0_", "failed")) else f"{WIDTH}x800+0+{ABOVE}", "+repage"]
+        width, height = window().width, window().height
+        place = f"{width}x{height}+0+{ABOVE + SMALL[1] - height}"
+        cut = ["-crop", "+0+0" if name.startswith(("0_", "failed")) else place, "+repage"]
         subprocess.run(["import", "-window", "root", *cut, str(path)], check=True, timeout=60)
     else:
         with viewport():

@@ -163,3 +163,17 @@ def test_exports_and_textures_begin_where_preferred(bpy, preferences, capsule, t
     preferences.on_drop = "LOOK"
     assert [drop_makes(what) for what in ("AVATAR", "LOOK")] == [False, True]
     assert preferred("on_drop") == "LOOK"
+
+
+def test_what_is_dropped_is_asked_for_in_words(bpy, tmp_path):
+    """Blender's menu shows the names of the operators that dropped files are handed to."""
+    kinds = bpy.types.FileHandler.__subclasses__()
+    handlers = [kind for kind in kinds if kind.bl_import_operator.startswith("mirror_scan.drop_")]
+    names = set()
+    for handler in handlers:
+        operator = getattr(bpy.ops.mirror_scan, handler.bl_import_operator.partition(".")[2])
+        names.add(operator.get_rna_type().name)
+        assert handler.bl_label.startswith(operator.get_rna_type().name)
+        with pytest.raises(RuntimeError, match="no such file"):
+            operator(filepath=str(tmp_path / "nowhere.mkv"))
+    assert names == {"Make Avatar", "Only Look"} and len(handlers) == 4
