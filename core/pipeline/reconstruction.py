@@ -70,10 +70,12 @@ def reconstruction_steps(
     settings: Settings = Settings(),
     frame: str = "avatar",
     scene: KnownScene | None = None,
+    averaged: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Generator[tuple[float, str], None, Reconstruction]:
     """:func:`reconstruct` in pieces.
 
-    Yields (fraction done, what comes next), returns the :class:`.surface.Reconstruction`.
+    Yields (fraction done, what comes next), returns the :class:`.surface.Reconstruction`. ``averaged``: the capture's
+    depth map and its spread, if :func:`.depth_map.one_depth_map` made them already by ``settings.depth``.
     """
     check_frame(frame)
     check_wishes([capture], settings)
@@ -81,7 +83,7 @@ def reconstruction_steps(
     clock = Clock()
     with one_blas_thread():
         part = 0.0, SCAN_SHARE * shares(settings)["scan"][1]
-        scan = yield from scan_steps(capture, picks, settings, clock, part, known=scene)
+        scan = yield from scan_steps(capture, picks, settings, clock, part, known=scene, averaged=averaged)
         placed = [PlacedCapture(capture, np.eye(4), len(scan.mirrors))]
         return (yield from joining_steps(scan, placed, settings, frame, clock, scene is not None))
 

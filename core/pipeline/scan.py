@@ -152,12 +152,14 @@ def scan_steps(
     find: bool = True,
     alone: bool = True,
     known: KnownScene | None = None,
+    averaged: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Generator[tuple[float, str], None, Scan]:
     """One camera's readings → patches: the first half of the job, ``part`` of the whole.
 
     ``meeting``: where the subject is meant to stand, camera frame [m]; by default where the mirrors look. ``find``:
     without ``picks`` mirrors are searched for. ``alone``: as in :func:`.scene_advice.check_scene`. ``known``: the scene
     of another snapshot of the same rig; nothing of it is found again or judged, and ``picks`` do not count.
+    ``averaged``: what :func:`.depth_map.one_depth_map` gave for this capture and these settings, if that is known.
     """
 
     def at(share: float) -> float:
@@ -165,7 +167,7 @@ def scan_steps(
 
     camera = capture.intrinsics
     yield at(0.0), "Fusing the burst"
-    depth, spread = one_depth_map(capture, settings.depth)
+    depth, spread = one_depth_map(capture, settings.depth) if averaged is None else averaged
     clock.lap("depth")
 
     yield at(0.17), "Fitting the mirrors"

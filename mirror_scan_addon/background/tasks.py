@@ -204,7 +204,7 @@ def load_steps(path: str, frames: int, mirrors_path: str = "", reading: dict | N
     :func:`.scan_records.reading_of`."""
     yield 0.0, READING
     capture = _open(path, frames, mirrors_path, reading)
-    return (yield from _loaded(capture, path))
+    return (yield from _loaded(capture, path))[0]
 
 
 def record_steps(camera: str, folder: str, frames: int) -> Steps[Loaded]:
@@ -254,13 +254,14 @@ def _open_with_lens(path: str, frames: int, options: ReadOptions, sensor: str) -
     raise first
 
 
-def _loaded(capture: Capture, path: str) -> Steps[Loaded]:
+def _loaded(capture: Capture, path: str) -> Steps[tuple[Loaded, np.ndarray]]:
+    """What is shown of a capture, and how much each pixel's readings spread over the frames, relative to z."""
     yield 0.4, AVERAGING
     from ...core.depth.depth_map import one_depth_map
     from ...core.depth.sensor_recognition import measuring_principle
     from ...core.depth.settings import DepthSettings
 
-    depth, _ = one_depth_map(capture)
+    depth, spread = one_depth_map(capture)
     yield 0.7, FITTING
     from ...core.views.capture_placement import upright_frame
 
@@ -278,10 +279,11 @@ def _loaded(capture: Capture, path: str) -> Steps[Loaded]:
         "measures": measuring_principle(capture, DepthSettings()).measures,
         "notes": list(capture.notes),
     }
-    return Loaded(
+    loaded = Loaded(
         depth, capture.color, depth_colors(depth), capture.intrinsics, info,
         upright_frame(depth, capture.intrinsics), fitted.mirrors, fitted.seen,
     )  # fmt: skip
+    return loaded, spread
 
 
 # --- mirrors ---------------------------------------------------------------------------------------------------------
@@ -535,11 +537,12 @@ def scan_steps(
     yield 0.0, READING
     capture = _open(path, frames, mirrors_path, reading)
     yield 0.02, "Loading the program"
+    from ...core.depth.settings import DepthSettings
     from ...core.pipeline import reconstruction_steps
     from ...core.pipeline.avatar_stages import scaled
 
     read, found = SCAN_SHARES
-    loaded = yield from scaled(_loaded(capture, path), (0.04, read))
+    loaded, spread = yield from scaled(_loaded(capture, path), (0.04, read))
     known: tuple | None = None
     if not loaded.mirrors:
         seen = yield from scaled(
@@ -548,8 +551,9 @@ def scan_steps(
         loaded = dataclasses.replace(loaded, mirrors=seen.mirrors, seen=seen.seen)
         known = tuple(mirror_of(record) for record in seen.mirrors)
     chosen = _settings_of(settings)
+    averaged = (loaded.depth, spread) if chosen.depth == DepthSettings() else None
     try:
-        steps = reconstruction_steps(capture, known, chosen)
+        steps = reconstruction_steps(capture, known, chosen, averaged=averaged)
         return Scanned(loaded, _built((yield from scaled(steps, (found, 1.0)))), None)
     except MirrorScanError as error:
         return Scanned(loaded, None, error)
@@ -762,7 +766,7 @@ def simulate_steps(body: Mesh | None, rig: dict, mirrors: list[dict] | None, fol
     if folder:
         yield 0.75, "Writing the capture"
         write_simulation(simulation, Path(folder))
-    loaded = yield from _loaded(simulation.capture, folder)
+    loaded, _ = yield from _loaded(simulation.capture, folder)
     # The rig already has a place in the world: the points stay where it puts them.
     return Simulated(dataclasses.replace(loaded, placement=arranged.camera_to_avatar), view, share)
 
