@@ -4,13 +4,12 @@ The generator yields ``(fraction, message)`` between pieces of work and returns 
 data: the user may undo, delete or switch scenes between two pieces, and other threads must not touch bpy.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable
 from typing import NamedTuple
 
+# No “from __future__ import annotations”: Blender would have to compile those of each operator's when it starts.
 import bpy
 
 from ...core.errors import MirrorScanError
@@ -25,7 +24,6 @@ LEAVE_S = 20.0  # how long Blender waits for a thread when the add-on is unregis
 # Core's parallel kernels may be entered by one thread at a time (numba's “workqueue” layer aborts the process
 # otherwise), and a thread that was asked to stop still finishes its piece.
 _kernels = threading.Lock()
-_threads: list[Thread] = []  # those alive; they belong to the session, not to a file
 
 
 class Task(NamedTuple):
@@ -85,6 +83,9 @@ class Thread(threading.Thread):
     def ask_to_stop(self) -> None:
         """At the end of the present piece; what it has made until then is dropped."""
         self._stop_asked.set()
+
+
+_threads: list[Thread] = []  # those alive; they belong to the session, not to a file
 
 
 def begin(task: Task, thread: bool = False) -> second_process.Errand | Thread:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from mathutils import Matrix, Quaternion, Vector
 

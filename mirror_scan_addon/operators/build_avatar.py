@@ -1,7 +1,5 @@
 """Build an avatar in the scene from a capture."""
 
-from __future__ import annotations
-
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import os
 

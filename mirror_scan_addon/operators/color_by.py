@@ -1,7 +1,5 @@
 """Choose what the colours of an avatar show."""
 
-from __future__ import annotations
-
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import EnumProperty

@@ -1,7 +1,5 @@
 """Clothes for an avatar: garments of ours, and the artist's own made ready for cloth."""
 
-from __future__ import annotations
-
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty

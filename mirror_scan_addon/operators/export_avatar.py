@@ -1,7 +1,5 @@
 """Write the selected avatar to a file, in one of Blender's formats."""
 
-from __future__ import annotations
-
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import EnumProperty, StringProperty

@@ -1,7 +1,5 @@
 """Move an avatar live, by the joints a tracking program sends over UDP."""
 
-from __future__ import annotations
-
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import time
 
@@ -46,7 +44,7 @@ class MIRRORSCAN_OT_follow_stream(bpy.types.Operator):
         subtype="TIME_ABSOLUTE", options={"SKIP_SAVE"}, translation_context=CONTEXT,
     )  # fmt: skip
 
-    _following: MIRRORSCAN_OT_follow_stream | None = None
+    _following = None  # the one that follows, of this class
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -1,7 +1,5 @@
 """Measure an avatar's body as a tape would, and write the figures to a file."""
 
-from __future__ import annotations
-
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import os
 

@@ -1,7 +1,5 @@
 """Find mirrors, set them by scripts, remove them, write them to a file."""
 
-from __future__ import annotations
-
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import FloatVectorProperty, IntProperty, StringProperty

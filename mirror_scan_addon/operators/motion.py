@@ -1,7 +1,5 @@
 """Move an avatar: a motion file, or one of our own clips."""
 
-from __future__ import annotations
-
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty

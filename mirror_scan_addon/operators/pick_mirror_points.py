@@ -1,7 +1,5 @@
 """Pick points on a mirror's frame in the viewport."""
 
-from __future__ import annotations
-
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import BoolProperty

@@ -1,7 +1,5 @@
 """Choose the person by a click, where the search chooses another."""
 
-from __future__ import annotations
-
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import FloatVectorProperty

@@ -1,7 +1,5 @@
 """A virtual rig: objects of the scene represent camera and mirrors, and a mesh is scanned with them."""
 
-from __future__ import annotations
-
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty

@@ -1,7 +1,5 @@
 """Calibrate a rig once and use it for every later capture, until a part of it moves."""
 
-from __future__ import annotations
-
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import os
 

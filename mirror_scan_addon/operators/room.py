@@ -1,7 +1,5 @@
 """Hide what is in the person's way, and show or hide what belongs to the scan."""
 
-from __future__ import annotations
-
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import BoolProperty

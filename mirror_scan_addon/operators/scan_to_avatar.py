@@ -1,7 +1,5 @@
 """One press: from a capture's file to the avatar."""
 
-from __future__ import annotations
-
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import IntProperty, StringProperty

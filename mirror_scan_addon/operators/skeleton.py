@@ -1,7 +1,5 @@
 """Give an avatar a skeleton, and take another rest pose."""
 
-from __future__ import annotations
-
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import BoolProperty

@@ -1,7 +1,5 @@
 """Show an avatar: a studio to render it in, and its place in the asset library."""
 
-from __future__ import annotations
-
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 

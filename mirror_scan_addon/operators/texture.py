@@ -1,7 +1,5 @@
 """Lay a texture of the colour camera's pixels on an avatar."""
 
-from __future__ import annotations
-
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import BoolProperty, EnumProperty

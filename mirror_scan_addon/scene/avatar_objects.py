@@ -6,7 +6,6 @@ import contextlib
 import logging
 from collections.abc import Iterator
 
-# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 import numpy as np
 

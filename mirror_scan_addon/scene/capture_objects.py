@@ -1,7 +1,5 @@
 """Objects of a loaded capture: its point cloud and camera, shown and taken away."""
 
-from __future__ import annotations
-
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 

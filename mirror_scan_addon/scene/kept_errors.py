@@ -11,7 +11,6 @@ import os
 from collections.abc import Callable
 from typing import NamedTuple
 
-# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 
 from ...core import errors

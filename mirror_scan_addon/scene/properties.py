@@ -4,8 +4,6 @@ Everything the panels show and the operators use is here or in attributes of the
 undo, copying and linking keep it; a session keeps nothing.
 """
 
-from __future__ import annotations
-
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 from bpy.props import (

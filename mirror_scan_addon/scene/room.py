@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 
 from .scan_records import armature_of

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 
 from .scan_records import SOURCE

@@ -7,7 +7,6 @@ import math
 import os
 from pathlib import Path
 
-# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 
 from ...core.errors import CaptureError, MirrorError, OutputError
