@@ -264,11 +264,13 @@ class Errand:
             said = ""
         if not self._worker.ready:
             return Unavailable(f"{sys.executable} ended with code {code}: {said}")
+        if said:
+            print(said, file=sys.stderr)  # for who looks for the cause; it tells a user nothing
         text = say(
-            "The process that does the work was ended (code {code}); if you did not do that, memory ran out: close "
-            "other programs, or use fewer frames. {said}"
+            "The work was ended from outside (code {code}); if you did not do that, memory ran out: close other "
+            "programs, or use fewer frames"
         )
-        return errors.MirrorScanError(text.format(code=code, said=said).strip(), code="worker")
+        return errors.MirrorScanError(text.format(code=code), code="worker")
 
 
 def _take() -> Worker:

@@ -59,7 +59,7 @@ class MIRRORSCAN_AP_preferences(bpy.types.AddonPreferences):
 
 def _size_in_words() -> str:
     if compiled_code.elsewhere():
-        return say("kept where NUMBA_CACHE_DIR says")
+        return say("kept in a folder that this computer's settings name")
     size, count = compiled_code.size()
     if not count:
         return say("none yet")

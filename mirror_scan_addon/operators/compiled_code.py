@@ -22,7 +22,7 @@ class MIRRORSCAN_OT_clear_compiled_code(bpy.types.Operator):
         if job_operators.running(context):
             problem = say("Mirror Scan is busy; wait or press Esc")
         elif compiled_code.elsewhere():
-            problem = say("The folder is not the add-on's own; clear it where NUMBA_CACHE_DIR says")
+            problem = say("It is kept in a folder that you chose by NUMBA_CACHE_DIR; clear that yourself")
         elif not compiled_code.size()[1]:
             problem = say("Nothing is kept yet")
         return scan_records.allows(cls, problem)

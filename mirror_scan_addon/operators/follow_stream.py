@@ -200,7 +200,7 @@ class MIRRORSCAN_OT_follow_stream(bpy.types.Operator):
             clip = _clip_of(self._poses, rate)
             armature.add_clip(self._bones(), clip, self._unit, start=context.scene.frame_current)
         if self._stream.malformed:
-            text = say("{count} datagrams could not be read; the last: {problem}")
+            text = say("{count} messages of the tracker could not be read; the last: {problem}")
             self.report({"WARNING"}, text.format(count=self._stream.malformed, problem=tell(self._stream.problem)))
         self.report({"INFO"}, say("Followed {frames} frames").format(frames=self._stream.frames))
 

@@ -128,8 +128,8 @@ class MIRRORSCAN_PG_reading(bpy.types.PropertyGroup):
     """What the files of a capture lack, or have wrong."""
 
     intrinsics: StringProperty(
-        name="Intrinsics",
-        description="File with the depth camera's intrinsics (intrinsic.json), for captures that lack them. "
+        name="Lens File",
+        description="File that describes the depth camera's lens (intrinsic.json), for captures that lack it. "
         "Leave empty to use the capture's own",
         subtype="FILE_PATH", options={"PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
@@ -196,7 +196,7 @@ class MIRRORSCAN_PG_reading(bpy.types.PropertyGroup):
     )  # fmt: skip
     kinect_calibration: EnumProperty(
         name="Kinect Lens",
-        description="Intrinsics of a first Kinect, for recordings that lack them",
+        description="Lens of a first Kinect, for recordings that lack it",
         items=(
             ("factory", "Factory", "Nominal values of the camera's drivers"),
             ("burrus", "Burrus", "Measured by Burrus on one camera, and widely used"),
