@@ -64,7 +64,7 @@ def put_avatar(
         if old is not None:
             name, place = old.name, old.matrix_world.copy()
             _keep_version(old, scan)
-        others = list(_avatars(scene))
+        others = _avatars(scene, linked=True)
         scene.view_layers[0].update()  # where they stand
         made = avatar_objects.create_avatar(mesh, name, home, report, unit, owner=str(scan[KEY]))
         if place is None:
@@ -111,7 +111,7 @@ def place_of_points(
     if avatar is not None:
         known = report_text.avatar_report(avatar).get("camera_to_avatar")
         return pose_of(avatar, scene, unit) @ (placement if known is None else np.array(known))
-    others = _avatars(scene)
+    others = _avatars(scene, linked=True)
     if not others:
         return placement
     scene.view_layers[0].update()
@@ -125,14 +125,15 @@ def place_of_points(
     return beside @ placement
 
 
-def _avatars(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The scene's avatars; those that were kept as versions are left out."""
+def _avatars(scene: bpy.types.Scene, linked: bool = False) -> list[bpy.types.Object]:
+    """The scene's avatars; those that were kept as versions are left out, and those of other files unless ``linked``
+    asks for them too."""
     return [
         item
         for item in scene.objects
         if item.type == "MESH"
         and REPORT in item
-        and item.is_editable
+        and (linked or item.is_editable)
         and len(item.data.vertices)
         and not scan_collections.is_version(item)
     ]

@@ -261,6 +261,19 @@ def _box():
     return Mesh(corners, np.array(triangles, np.int32))
 
 
+def test_the_next_person_stands_beside_avatars_of_other_files_too(bpy, build, tmp_path):
+    build("anna")
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"))
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, here):
+        here.objects = ["anna"]
+    far = bpy.data.objects["anna"]
+    bpy.context.scene.collection.objects.link(far)
+    for name in ("anna", "ben"):  # the linked one cannot be built again, and stays
+        made = build(name)
+        assert made != far and bounds(made)[0][0] > bounds(far)[1][0] + 0.29
+
+
 # --- files of older versions -----------------------------------------------------------------------------------------
 
 
