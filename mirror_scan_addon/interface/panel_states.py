@@ -152,7 +152,7 @@ def check(context: bpy.types.Context) -> State:
 def export(context: bpy.types.Context) -> State:
     folder = context.scene.mirror_scan.export_folder
     if not folder:
-        return say("asks for a place"), OPEN
+        return say("asks each time"), OPEN
     return say("to {folder}").format(folder=os.path.basename(folder.rstrip("/\\")) or folder), DONE
 
 

@@ -113,7 +113,7 @@ def _export(layout: bpy.types.UILayout) -> None:
     column = layout.column(align=True)
     column.label(text="Export", text_ctxt=CONTEXT)
     flow = column.grid_flow(row_major=True, columns=4, even_columns=True, align=True)
-    for kind in ("GLB", "GLTF", "FBX", "USDC", "OBJ", "PLY", "ABC", "BLEND", "STL", "3MF"):  # the last two: to print
+    for kind in ("GLB", "GLTF", "FBX", "USDC", "OBJ", "PLY", "ABC", "BLEND", "STL", "3MF", "VRM"):
         flow.operator("mirror_scan.export_avatar", text=kind, translate=False).format = kind
 
 

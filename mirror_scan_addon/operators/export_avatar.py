@@ -19,6 +19,7 @@ FORMATS = (
     ("PLY", "Stanford (.ply)", "For scans and point clouds; with colours, in full precision"),
     ("STL", "STL (.stl)", "For 3D printing, in millimetres; no colours"),
     ("3MF", "3MF (.3mf)", "For 3D printing, in millimetres; with colours"),
+    ("VRM", "VRM (.vrm)", "For avatars in virtual worlds and streams; with skeleton and colours, without motion"),
     ("USDC", "Universal Scene Description (.usdc)", "For film and Apple devices; with colours"),
     ("ABC", "Alembic (.abc)", "For film; with colours"),
     ("BLEND", "Blender (.blend)", "Only the avatar, to append or link in other files"),

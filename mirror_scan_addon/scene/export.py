@@ -7,6 +7,7 @@ Files appear under their name only when they are complete.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import math
 import os
 import re
@@ -26,8 +27,8 @@ from ...core.mesh import Texture
 from ..language.texts import say
 from . import avatar_objects as avatar_scene
 from . import cloth as scene_cloth
-from .armature import action_of, add_armature, add_clip
-from .avatar_texture import name_image, set_texture, texture_image
+from .armature import action_of, add_armature, add_clip, read_avatar
+from .avatar_texture import name_image, read_texture, set_texture, texture_image
 from .blender_files import enabled, quiet, reason_of, removed_again, shown, silent, temporary_scene
 from .export_colors import bake_colors, colors_above_bytes, colors_to_corners, keep_colors, shows_otherwise
 from .scan_records import armature_of
@@ -177,7 +178,7 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str, a
         With the ending the format has.
     avatar : bpy.types.Object
         A mesh in the context's scene.
-    kind : {"GLB", "GLTF", "FBX", "OBJ", "PLY", "STL", "3MF", "USDC", "ABC", "BLEND"}
+    kind : {"GLB", "GLTF", "FBX", "OBJ", "PLY", "STL", "3MF", "USDC", "ABC", "BLEND", "VRM"}
     as_shown : bool
         With the colours that *Colour By* shows instead of the capture's.
 
@@ -285,15 +286,29 @@ def _write_3mf(file: str, copy: bpy.types.Object) -> None:
     write_mesh(file, surface, texture)
 
 
+def _write_vrm(file: str, copy: bpy.types.Object) -> None:
+    """As the core does: the body in its rest pose, its bones by VRM's names, and what it wears; no motion."""
+    from ...core.avatar.avatar_file import write_avatar
+
+    if armature_of(copy) is None:
+        text = say("{name}: VRM is for avatars with a skeleton that are neither mirrored nor sheared; add a skeleton")
+        raise OutputError(text.format(name=copy.name), code="no_skeleton")
+    unit = float(avatar_scene.even_size_of(copy, 1.0).mean())
+    garments = scene_cloth.read_garments(copy, unit)
+    whole = dataclasses.replace(read_avatar(copy, unit), texture=read_texture(copy), garments=garments)
+    write_avatar(file, whole, vrm=True)
+
+
 _WITH_COMPANIONS = ("OBJ", "USDC", "GLTF")
 _PREPARED = {"ABC": colors_to_corners, "PLY": colors_above_bytes}
 _WITHOUT_VERTEX_COLORS = ("FBX", "OBJ", "USDC")
 _MILLIMETRES = 1000.0  # in a metre: slicers take an STL's numbers for millimetres
-_WITH_SKELETON = ("GLB", "GLTF", "FBX", "USDC")
+_WITH_SKELETON = ("GLB", "GLTF", "FBX", "USDC", "VRM")
 _EXPORTERS: dict[str, Callable[[str, bpy.types.Object], object]] = {
     "GLB": _write_gltf,
     "GLTF": _write_gltf,
     "3MF": _write_3mf,
+    "VRM": _write_vrm,
     "FBX": _write_fbx,
     "OBJ": _write_obj,
     "PLY": lambda file, copy: bpy.ops.wm.ply_export(filepath=file, export_selected_objects=True, export_colors="SRGB"),
@@ -329,7 +344,7 @@ def _holds_faces(file: Path, kind: str) -> bool:
         return re.search(rb"element face [1-9]", head) is not None
     if kind == "STL":
         return len(head) > 84 and head[80:84] != bytes(4)
-    if kind == "GLB":
+    if kind in ("GLB", "VRM"):
         with open(file, "rb") as stream:
             return b'"primitives"' in stream.read(20 + int.from_bytes(head[12:16], "little"))
     if kind == "OBJ":

@@ -506,3 +506,23 @@ Frames: 3
 Frame Time: 0.5
 """
 NOD += "".join(f"0 94 0 0 0 0 {'0 0 0 ' * 2} 0 {turn} 0 {'0 0 0 ' * 12}\n" for turn in (0, 20, 0))
+
+
+def test_vrm_holds_the_avatar_where_its_own_axes_are(bpy, avatar, person, tmp_path):
+    """Read again without Blender: in metres at its origin, in the rest pose, whatever the object's place and size."""
+    from mirror_scan.core.avatar.avatar_file import read_avatar
+
+    path = tmp_path / "a.vrm"
+    with pytest.raises(RuntimeError, match="add a skeleton"):
+        bpy.ops.mirror_scan.export_avatar(filepath=str(path))
+    assert bpy.ops.mirror_scan.add_skeleton() == {"FINISHED"}
+    assert bpy.ops.mirror_scan.apply_motion(clip="squat") == {"FINISHED"}
+    bones = avatar.parent
+    bones.location, bones.scale = (3, 4, 0), (2, 2, 2)
+    assert bpy.ops.mirror_scan.export_avatar(filepath=str(path)) == {"FINISHED"}
+    assert b"VRMC_vrm" in path.read_bytes() and not list(tmp_path.glob(".*"))
+    again = read_avatar(path)
+    tall = np.ptp(person[0].vertices[:, 2])
+    assert np.ptp(again.mesh.vertices[:, 2]) == pytest.approx(2 * tall, rel=1e-3)
+    assert np.abs(again.mesh.vertices[:, :2].mean(axis=0)).max() < 0.3
+    assert again.skeleton is not None and len(again.skeleton.joints) == 22 and again.mesh.colors is not None

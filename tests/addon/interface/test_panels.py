@@ -102,7 +102,7 @@ def test_an_empty_scene_says_what_to_do_first(bpy):
     shown = {name: draw(bpy, name) for name in PANELS}
     buttons = [entry[1] for entry in shown["main"] if entry[0] == "button"]
     assert buttons[:5] == ["help", "report_problem", "scan_to_avatar", "sample_capture", "build_avatar"]
-    assert buttons.count("export_avatar") == 10
+    assert buttons.count("export_avatar") == 11
     assert "Choose a capture, or drop one" in words(shown["main"])
     assert ("button", "load_capture", True) in shown["capture"] and "Load a capture" in words(shown["capture"])
     assert "Find them, or click points" in words(shown["mirrors"])
@@ -110,7 +110,7 @@ def test_an_empty_scene_says_what_to_do_first(bpy):
     said = {name: folded(bpy, name)[0] for name in PANELS if hasattr(panel(bpy, name), "state")}
     assert said == {
         "capture": "none yet", "mirrors": "none yet", "subject": "automatic", "build": "nothing yet",
-        "avatar": "nothing yet", "check": "not checked", "export": "asks for a place",
+        "avatar": "nothing yet", "check": "not checked", "export": "asks each time",
     }  # fmt: skip
     for name in said:  # and that is all that is seen of it at first
         assert panel(bpy, name).bl_options == {"DEFAULT_CLOSED"} and said[name] in words(draw(bpy, name))
