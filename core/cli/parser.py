@@ -148,8 +148,10 @@ def _add_sequence(subparsers: _Commands) -> None:
         help="of a camera that stands still: .mkv .bag .oni .r3d, or a folder",
     )
     command.add_argument(
-        "-o", dest="folder", metavar="DIR", type=Path, required=True, help="folder to make: frame_000000.ply and so on"
-    )
+        "-o", dest="outputs", metavar="OUT", type=Path, action="append", required=True,
+        help="folder to make for the frames; may be given again for files of the whole sequence: .mp4 .webp, with "
+        "--skeleton .glb, with Blender .abc .usd",
+    )  # fmt: skip
     command.add_argument(
         "--format", dest="formats", metavar="FORMAT", action="append", choices=("ply", "glb"),
         help="of the frames: ply (default) or glb; may be given twice",
@@ -165,6 +167,9 @@ def _add_sequence(subparsers: _Commands) -> None:
         "--workers", metavar="N", type=_whole(0, 64), default=0,
         help="frames made at the same time; by default two where there are two cores",
     )  # fmt: skip
+    command.add_argument(
+        "--skeleton", action="store_true", help="follow the joints: -o NAME.glb gets one avatar and its motion"
+    )
     command.add_argument("--resume", action="store_true", help="go on with a sequence that was interrupted")
     command.add_argument("--object", action="store_true", help="the subject is any object: cut off what it stands on")
     _add_reading(command)

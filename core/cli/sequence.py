@@ -4,104 +4,232 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import CaptureError
+from ..errors import CaptureError, MirrorScanError, OutputError
 from .commands import reading_of, settings_of
-from .outputs import Writers
-from .terminal import advance, complain, progress_bar, say, stage_of
+from .outputs import Writers, blaming, check_targets, write_together
+from .terminal import Progress, advance, complain, progress_bar, say, stage_of
 
 if TYPE_CHECKING:
     from ..capture import MirrorPicks
+    from ..mesh import Mesh
     from ..mirrors import Mirror
-    from ..sequences import Recording, SequenceFrame
+    from ..sequences import Recording, SequenceFrame, SequenceRig
+    from ..sequences.sequence_files import SequenceFolder
 
-_PLACING = 0.1  # of the progress
+_PLACING, _FRAMES, _FOLLOWED = 0.1, 0.75, 0.9  # of the progress: up to where each part goes
+_CACHES, _VIDEOS, _CLIPS = (".abc", ".usd", ".usdc"), (".mp4", ".webp"), (".glb",)
+_NOT_OF_THE_RESULT = ("outputs", "run", "quiet", "resume", "workers", "find_bridge", "readers", "recording", "skeleton")
+
+
+@dataclass(frozen=True)
+class _Targets:
+    """What is written: the folder of frames, and files of the whole sequence."""
+
+    folder: Path
+    caches: list[Path]
+    videos: list[Path]
+    clips: list[Path]
+
+    @property
+    def files(self) -> list[Path]:
+        return [*self.caches, *self.videos, *self.clips]
 
 
 def run_sequence(options: argparse.Namespace, writers: Writers) -> None:
     """``sequence``: make an avatar of every frame of a recording."""
+    targets = _targets(options, writers)
     frames, reading = reading_of(options)
-    from ..sequences import FilterSettings, SequenceSettings, open_recording, place_rig, reconstruct_sequence
+    from ..sequences import open_recording
     from ..sequences.sequence_files import SequenceFolder
 
     recording = open_recording(options.recording, frames, options.every, reading)
     suffixes = [f".{name}" for name in options.formats or ("ply",)]
-    folder = SequenceFolder(options.folder, suffixes, _facts(options, recording), options.resume)
-    settings = settings_of(options)
-    wanted = SequenceSettings(FilterSettings(use=not options.unfiltered), options.workers)
-    started, done = time.perf_counter(), 0
+    folder = SequenceFolder(targets.folder, suffixes, _facts(options, recording), options.resume)
+    started = time.perf_counter()
     with progress_bar(options.quiet) as progress:
-        rig = place_rig(recording, _mirrors(options, recording), settings, progress=stage_of(progress, 0.0, _PLACING))
-        for warning in rig.warnings:
-            complain("warning", warning)
-        began, todo = time.perf_counter(), sum(not folder.has(place) for place in range(len(recording)))
-
-        def report(frame: SequenceFrame) -> None:
-            nonlocal done
-            done += 1
-            if frame.reason:
-                complain("warning", f"frame {frame.number}: {frame.state}: {frame.reason}")
-            left = (time.perf_counter() - began) / done * (todo - done)
-            share = _PLACING + (1.0 - _PLACING) * done / max(todo, 1)
-            advance(progress, share, f"frame {frame.place + 1} of {len(recording)}, {_time(left)} left")
-
-        extra = {"rig": _rig_rows(rig), "rate": options.fps}
+        extra = {"rate": options.fps}
         try:
-            for frame in reconstruct_sequence(recording, rig, settings, wanted, folder.has):
-                folder.add(frame)
-                report(frame)
+            _make_frames(options, recording, folder, extra, progress)
+            made = folder.places()
+            if not made:
+                raise CaptureError(f"{options.recording}: none of {len(recording)} frames could be made")
+            if targets.clips:
+                extra["skeleton"] = _follow(folder, made, targets.clips, options.fps, progress)
+            _write_whole(folder, recording, targets, writers, options.fps, progress)
         finally:
             content = folder.finish({**extra, "seconds": round(time.perf_counter() - started, 2)})
-    if not options.quiet:
-        counts = content["counts"]
-        say(f"{counts['made']} frames made, {counts['bridged']} bridged, {counts['lost']} lost")
-        if content["seconds_a_frame"] is not None:
-            say(f"{content['seconds']:.1f} s in all, {(time.perf_counter() - began) / max(done, 1):.2f} s a frame")
-        say(f"  {options.folder}")
+    if options.quiet:
+        return
+    counts = content["counts"]
+    say(f"{counts['made']} frames made, {counts['bridged']} bridged, {counts['lost']} lost, {content['seconds']:.0f} s")
+    for path in (targets.folder, *targets.files):
+        say(f"  {path}")
+
+
+def _make_frames(
+    options: argparse.Namespace, recording: Recording, folder: SequenceFolder, extra: dict, progress: Progress | None
+) -> None:
+    """Each frame's mesh, written as it is made."""
+    from ..sequences import FilterSettings, SequenceSettings, place_rig, reconstruct_sequence
+
+    todo = sum(not folder.has(place) for place in range(len(recording)))
+    if not todo:
+        return
+    settings = settings_of(options)
+    rig = place_rig(recording, _mirrors(options, recording), settings, progress=stage_of(progress, 0.0, _PLACING))
+    for warning in rig.warnings:
+        complain("warning", warning)
+    extra["rig"] = _rig_summary(rig)
+    wanted = SequenceSettings(FilterSettings(use=not options.unfiltered), options.workers)
+    began, done = time.perf_counter(), 0
+    for frame in reconstruct_sequence(recording, rig, settings, wanted, folder.has):
+        with blaming(folder.folder):
+            folder.add(frame)
+        done += 1
+        _tell(frame)
+        left = (time.perf_counter() - began) / done * (todo - done)
+        share = _PLACING + (_FRAMES - _PLACING) * done / todo
+        advance(progress, share, f"frame {frame.place + 1} of {len(recording)}, {_duration(left)} left")
+
+
+def _tell(frame: SequenceFrame) -> None:
+    """Say what became of a frame that was not made."""
+    if frame.reason:
+        how = "the frame before is held" if frame.mesh is not None else "left out"
+        complain("warning", f"frame {frame.number}: {how}: {frame.reason}")
+
+
+def _follow(folder: SequenceFolder, made: list[int], paths: list[Path], rate: float, progress: Progress | None) -> dict:
+    """The avatar of the sequence with its clip; what the report says of it."""
+    from ..avatar.avatar_file import Avatar, write_avatar
+    from ..sequences.skeleton_tracking import best_frame, track
+
+    advance(progress, _FRAMES, "Finding the skeleton")
+    rigged = best_frame(made, folder.mesh)
+    clip, residual = track(rigged, made, folder.mesh, rate, stage_of(progress, _FRAMES, _FOLLOWED))
+    avatar = Avatar(rigged.mesh, rigged.skeleton, rigged.weights, clips=(clip,))
+    write_together([(path, write_avatar) for path in paths], avatar)
+    return {"avatar_of": rigged.place, "residual_mm": [round(1000.0 * float(value), 2) for value in residual]}
+
+
+def _write_whole(
+    folder: SequenceFolder, recording: Recording, targets: _Targets, writers: Writers, rate: float,
+    progress: Progress | None,
+) -> None:  # fmt: skip
+    """The files that hold all frames."""
+    shown = _held(folder, len(recording))
+    for path in targets.videos:
+        from ..io.atomic_files import replacing
+        from ..sequences.video import PreviewVideo
+
+        advance(progress, _FOLLOWED, "Writing the video")
+        with replacing(path) as temporary, PreviewVideo(temporary, rate) as video:
+            for mesh_at in shown:
+                video.add(mesh_at())
+    for path in targets.caches:
+        advance(progress, 0.95, f"Writing {path.name}")
+        writers["sequence"](path, len(shown), lambda place: shown[place](), rate)
+
+
+def _held(folder: SequenceFolder, count: int) -> list[Callable[[], Mesh]]:
+    """What reads the mesh of each frame; of those that are lost, that of the frame before, or of the first there is."""
+    there = folder.places(bridged=True)
+    places, last = [], there[0]
+    known = set(there)
+    for place in range(count):
+        last = place if place in known else last
+        places.append(last)
+    return [lambda place=place: folder.mesh(place) for place in places]  # type: ignore[misc]  # mypy cannot infer it
+
+
+def _targets(options: argparse.Namespace, writers: Writers) -> _Targets:
+    """What the names after ``-o`` mean, by their endings.
+
+    Raises
+    ------
+    OutputError
+        No folder, or two; a file that cannot be written; a clip without ``--skeleton``, or the other way round.
+    """
+    ends = {path: path.suffix.lower() for path in options.outputs}
+    caches, videos, clips = ([p for p, end in ends.items() if end in ends_of] for ends_of in (_CACHES, _VIDEOS, _CLIPS))
+    folders = [path for path in options.outputs if path not in (*caches, *videos, *clips)]
+    if len(folders) != 1:
+        raise OutputError(
+            f"{len(folders)} folders are given for the frames; give one with -o, and files that end in "
+            f"{', '.join((*_CACHES, *_VIDEOS))}, or with --skeleton in .glb, beside it"
+        )
+    if clips and not options.skeleton:
+        raise OutputError(f"{clips[0]}: holds an avatar and its motion; ask for them with --skeleton")
+    if options.skeleton and not clips:
+        raise OutputError("--skeleton: give the file for the avatar and its motion, too: -o NAME.glb")
+    targets = _Targets(folders[0], caches, videos, clips)
+    check_targets(targets.files)
+    if caches:
+        try:
+            writers["sequence"]
+        except KeyError as error:
+            raise OutputError(f"{caches[0]}: needs Blender's Python module: “pip install bpy”") from error
+    for path in videos:
+        from ..sequences.video import check_video
+
+        check_video(path)
+    return targets
 
 
 def _facts(options: argparse.Namespace, recording: Recording) -> dict:
     """What a sequence is made of: one that is gone on with must have the same."""
-    given = {
-        key: str(value) for key, value in sorted(vars(options).items())
-        if key not in ("folder", "run", "quiet", "resume", "workers", "find_bridge", "readers", "recording", "fps")
-    }  # fmt: skip
-    status = recording.path.stat()
-    return {
-        "recording": recording.path.name, "bytes": 0 if recording.path.is_dir() else status.st_size,
-        "numbers": list(recording.numbers), "options": given,
-    }  # fmt: skip
+    given = {key: str(value) for key, value in sorted(vars(options).items()) if key not in _NOT_OF_THE_RESULT}
+    path = recording.path
+    size = None if path.is_dir() else path.stat().st_size
+    return {"recording": path.name, "bytes": size, "numbers": list(recording.numbers), "options": given}
 
 
 def _mirrors(options: argparse.Namespace, recording: Recording) -> tuple[MirrorPicks | Mirror, ...] | None:
-    """What is known of the mirrors; None where the recording says it."""
+    """What is known of the mirrors; None where the recording says it, or they are found."""
     from ..capture.folders.rgbd_folder import read_mirrors
     from ..mirrors.rig_file import mirrors_for, read_rig
 
-    if not (options.mirrors or options.rig):
-        return None
-    intrinsics = recording.read(recording.numbers[0]).intrinsics
     if options.mirrors and options.rig:
         raise CaptureError("--mirrors and --rig both say where the mirrors are; give one of them")
-    return (
-        read_mirrors(options.mirrors, intrinsics) if options.mirrors else mirrors_for(read_rig(options.rig), intrinsics)
-    )
+    if not (options.mirrors or options.rig):
+        return None
+    intrinsics = _first(recording).intrinsics
+    if options.mirrors:
+        return read_mirrors(options.mirrors, intrinsics)
+    return mirrors_for(read_rig(options.rig), intrinsics)
 
 
-def _rig_rows(rig) -> dict:
+def _first(recording: Recording):
+    """The first frame that can be read."""
+    fault: MirrorScanError | None = None
+    for number in recording.numbers:
+        try:
+            return recording.read(number)
+        except MirrorScanError as error:
+            fault = fault or error
+    assert fault is not None  # a recording has frames
+    raise fault
+
+
+def _rig_summary(rig: SequenceRig) -> dict:
+    """What the report says of the rig."""
+    scene = rig.scene
     return {
         "placed_with": list(rig.placed_with),
         "spread_mm": {name: round(1000.0 * value, 2) for name, value in rig.spread.items()},
-        "mirrors": [
-            {"name": m.name, "point": m.point.tolist(), "normal": m.normal.tolist()} for m in rig.scene.mirrors
-        ],
+        "mirrors": [{"name": m.name, "point": m.point.tolist(), "normal": m.normal.tolist()} for m in scene.mirrors],
         "camera_to_avatar": rig.to_avatar.tolist(),
-        "light_comes_two_ways": rig.scene.lit_twice,
-        "sensor": rig.scene.principle.sensor,
+        "light_comes_two_ways": scene.lit_twice,
+        "sensor": scene.principle.sensor,
+        "warnings": [str(warning) for warning in rig.warnings],
     }
 
 
-def _time(seconds: float) -> str:
+def _duration(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
     return f"{minutes} min {rest} s" if minutes else f"{rest} s"

@@ -18,4 +18,6 @@ __all__ = [
     "place_rig",
     "reconstruct_sequence",
     "sequence_files",
+    "skeleton_tracking",
+    "video",
 ]

@@ -6,13 +6,13 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..avatar.avatar_file import Avatar, write_avatar
+from ..avatar.avatar_file import Avatar, read_avatar, write_avatar
 from ..errors import OutputError
-from ..io import write_mesh
+from ..io import read_mesh, write_mesh
 from ..io.atomic_files import replacing
 from ..io.frame_files import MESH_FORMATS, REPORT, frame_name
 from ..mesh import Mesh
-from .sequence import LOST, MADE, SequenceFrame
+from .sequence import BRIDGED, LOST, MADE, SequenceFrame
 
 FORMAT, VERSION = "mirror-scan sequence", 1
 
@@ -80,6 +80,16 @@ class SequenceFolder:
     def has(self, place: int) -> bool:
         """Whether a frame is there already."""
         return place in self._rows
+
+    def places(self, bridged: bool = False) -> list[int]:
+        """Frames that were made, in order; with ``bridged`` those that hold another's mesh, too."""
+        states = (MADE, BRIDGED) if bridged else (MADE,)
+        return [place for place, row in sorted(self._rows.items()) if row["state"] in states]
+
+    def mesh(self, place: int) -> Mesh:
+        """The mesh of a frame, as it was written."""
+        path = self.folder / frame_name(place, self._formats[0])
+        return read_avatar(path).mesh if path.suffix == ".glb" else read_mesh(path)
 
     def add(self, frame: SequenceFrame) -> None:
         """Write a frame, and the report with it."""
