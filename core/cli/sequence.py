@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING
 from ..errors import CaptureError, MirrorScanError, OutputError
 from .commands import reading_of, settings_of
 from .outputs import Writers, blaming, check_targets, write_together
-from .terminal import Progress, advance, complain, progress_bar, say, stage_of
+from .terminal import advance, complain, progress_bar, say, stage_of
 
 if TYPE_CHECKING:
     from ..capture import MirrorPicks
     from ..mesh import Mesh
     from ..mirrors import Mirror
+    from ..pipeline.reconstruction import Progress
     from ..sequences import Recording, SequenceFrame, SequenceRig
     from ..sequences.sequence_files import SequenceFolder
 

@@ -185,14 +185,17 @@ def scan_steps(
     ground = None if known is None else known.ground
     if known is not None and meeting is None:
         meeting = known.subject
-    views = find_subject(image, placed, settings.views, meeting, ground)
+    surely_lit = known is not None and known.lit_twice  # then the subject is looked for when that is undone
+    views = None if surely_lit else find_subject(image, placed, settings.views, meeting, ground)
     clock.lap("views")
     light, unlearnt, lit = None, None, None
-    if _lit_twice(image, views, placed, principle, settings, known):
+    if views is None or (known is None and _shows_light(image, views, placed, principle, settings)):
         yield at(0.45), "Undoing light that comes two ways"
         light = _light_undone(read, first, principle, settings, meeting, known)
-    if light is not None:
-        unlearnt = unlearnt_light(light, views)
+    if light is None:
+        views = views or find_subject(image, placed, settings.views, meeting, ground)
+    else:
+        unlearnt = None if views is None else unlearnt_light(light, views)
         principle = principle if principle.phase else replace(principle, time=True, phase=True, by="readings")
         read = read.with_depth(light.depth)
         trusted = read.with_depth(np.where(light.spoiled, np.float32(0.0), light.depth))
@@ -248,13 +251,10 @@ def _ground(views: Views) -> Ground:
     return Ground(views.up, views.floor, views.floor_noise, views.disagreement_deg)
 
 
-def _lit_twice(
-    image: RgbdImage, views: Views, placed: list[Mirror], principle: Principle, settings: Settings,
-    known: KnownScene | None,
-) -> bool:  # fmt: skip
-    """Whether light comes two ways: as it is known, else as the readings show it."""
-    if known is not None:
-        return known.lit_twice
+def _shows_light(
+    image: RgbdImage, views: Views, placed: list[Mirror], principle: Principle, settings: Settings
+) -> bool:
+    """Whether the readings show light that comes two ways, where that is looked for."""
     sought = settings.light.two_ways != "off" and principle.phase is not False
     return sought and shows_two_way_light(image, views, placed, principle.phase is True)
 
