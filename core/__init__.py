@@ -34,6 +34,7 @@ __all__ = [
     "preview",
     "pipeline",
     "cluster",
+    "batches",
     "sequences",
     "simulation",
     "experiments",

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from .capture import Capture, MirrorPicks, ReadOptions
 from .frames import chosen_frames, empty_burst
-from .reader_choice import count_frames, open_capture
+from .reader_choice import frame_count, is_capture, open_capture
 
 __all__ = [
     "Capture",
     "MirrorPicks",
     "ReadOptions",
     "chosen_frames",
-    "count_frames",
     "empty_burst",
+    "frame_count",
+    "is_capture",
     "open_capture",
     "camera_poses",
     "capture_summary",

@@ -15,16 +15,14 @@ MAX_APART_S = 0.1  # between a depth and a colour image of one recording, before
 _KINDS = re.compile(r"depth|colou?r|rgb|image|img|frame", re.IGNORECASE)
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 FrameChoice = int | str | None
-COUNT = "count"
-"""Not a choice of a person's: a reader that is asked for it stops with :class:`FramesCounted`."""
+BEYOND = 1 << 60
+"""No recording has so many frames."""
 
 
-class FramesCounted(Exception):
-    """How many frames a recording has, which is all that was asked of its reader."""
+class NoSuchFrames(CaptureError):
+    """None of the frames is chosen; ``total`` is how many there are."""
 
-    def __init__(self, total: int) -> None:
-        super().__init__(total)
-        self.total = total
+    total = 0
 
 
 def chosen_frames(path: Path, frames: FrameChoice, total: int) -> range:
@@ -39,11 +37,11 @@ def chosen_frames(path: Path, frames: FrameChoice, total: int) -> range:
         raise CaptureError(
             f"{path}: holds no depth frame; check that the depth stream was on and record again", code="empty"
         )
-    if frames == COUNT:
-        raise FramesCounted(total)
     chosen = range(total)[parse_frames(path, frames)]
     if not len(chosen):
-        raise CaptureError(f"{path}: has frames 0 to {total - 1}, of which “{frames}” chooses none", code="frames")
+        error = NoSuchFrames(f"{path}: has frames 0 to {total - 1}, of which “{frames}” chooses none", code="frames")
+        error.total = total
+        raise error
     return chosen
 
 

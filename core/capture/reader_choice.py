@@ -20,7 +20,7 @@ from .capture import Capture, ReadOptions
 from .depth_units import SCENE_DEPTH_M, background_limit
 from .folders.lens_file import check_principal_point
 from .folders.rgbd_folder import holds_scaled
-from .frames import COUNT, FrameChoice, FramesCounted, parse_frames
+from .frames import BEYOND, FrameChoice, NoSuchFrames, parse_frames
 
 MAX_MESSAGE = 400  # characters of an error beside the path
 
@@ -69,26 +69,8 @@ def open_capture(path: str | os.PathLike, frames: FrameChoice = None, options: R
         When nothing is there, no reader knows it, or its content is faulty.
     """
     path = Path(path)
+    options = options or ReadOptions()
     parse_frames(path, frames)
-    return _read(path, frames, options or ReadOptions())
-
-
-def count_frames(path: str | os.PathLike, options: ReadOptions | None = None) -> int:
-    """How many depth frames there are in what :func:`open_capture` reads; none of them is read.
-
-    Raises
-    ------
-    CaptureError, MirrorError
-        As of :func:`open_capture`.
-    """
-    try:
-        capture = _read(Path(path), COUNT, options or ReadOptions())
-    except FramesCounted as counted:
-        return counted.total
-    return len(capture.depth)
-
-
-def _read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     if not path.exists():
         raise CaptureError(f"{path}: there is no such file or folder", code="gone")
     for name in READERS:
@@ -115,6 +97,32 @@ def _read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         "(.mkv, .bag, .oni, .pcd, .ply, .r3d; see docs/formats.md)",
         code="not_a_capture",
     )
+
+
+def frame_count(path: str | os.PathLike, options: ReadOptions | None = None) -> int:
+    """How many depth frames a capture has; no pixel of them is read. ``options``: what the file cannot say.
+
+    Raises
+    ------
+    CaptureError
+        When it is no capture, or has none.
+    """
+    options = options or ReadOptions()
+    try:
+        return len(open_capture(path, f"{BEYOND}:", replace(options, color=False, mirrors=False)).depth)
+    except NoSuchFrames as error:
+        return error.total
+
+
+def is_capture(path: str | os.PathLike) -> bool:
+    """Whether a reader recognises what is at ``path``, by its content; whether it can be read shows only then.
+
+    Raises
+    ------
+    OSError
+        When it cannot be looked at.
+    """
+    return any(importlib.import_module(f".{name}", __package__).recognises(Path(path)) for name in READERS)
 
 
 def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:

@@ -60,6 +60,15 @@ CLEANING: dict[str, dict[str, float]] = {
 
 def run_reconstruct(options: argparse.Namespace, writers: Writers) -> None:
     """``reconstruct``: make an avatar of one or several captures."""
+    result, planned = avatar_to_files(options, writers)
+    if not options.quiet:
+        say(summary_line(result))
+        for path in planned:
+            say(f"  {path}")
+
+
+def avatar_to_files(options: argparse.Namespace, writers: Writers) -> tuple[Reconstruction, list[Path]]:
+    """Make an avatar as the options of ``reconstruct`` say; it, and the files it was written to."""
     options.skeleton = options.skeleton or options.vrm
     files = AvatarFiles(options.vrm, print_of(options), bool(options.texture), options.measure)
     outputs = plan_outputs(options.outputs, writers, files)
@@ -85,10 +94,7 @@ def run_reconstruct(options: argparse.Namespace, writers: Writers) -> None:
     for level, plan in zip(_levels_of(result, options.levels), levels, strict=True):
         outputs += [(path, _of_level(write, level)) for path, write in plan]
     write_outputs(result, outputs, options.report, read_ms)
-    if not options.quiet:
-        say(summary_line(result))
-        for path in planned:
-            say(f"  {path}")
+    return result, planned
 
 
 def _check_wishes(options: argparse.Namespace) -> None:

@@ -10,13 +10,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from . import commands, dressing, sequence
+from . import batch, commands, dressing, sequence
 from .terminal import show
 
 SENSORS = ("ideal", "kinect_v1", "kinect_v2", "azure_kinect", "femto_bolt", "realsense_d455", "phone_dtof")
 OPTICS = ("ideal", "real")
 EFFECTS = ("multipath", "glass", "bow", "attenuation", "dark", "skin", "noise", "warp", "color", "uneven")
 CAMERAS = ("realsense",)
+BATCH_FORMATS = ("glb", "ply", "obj", "stl", "3mf")
 GARMENTS = ("tshirt", "trousers", "skirt")
 TEXTURE_SIZE = 2048
 """Width and height of a texture unless another is asked for [px]."""
@@ -46,6 +47,7 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     _add_reconstruct(subparsers)
     _add_sequence(subparsers)
+    _add_batch(subparsers)
     _add_animate(subparsers)
     _add_dress(subparsers)
     _add_calibrate(subparsers)
@@ -76,19 +78,26 @@ def _add_reconstruct(subparsers: _Commands) -> None:
         help="file to write, by suffix: .glb .ply .obj .stl .3mf, with --measure .csv, with Blender .blend .fbx .usd; "
         "may be given several times",
     )  # fmt: skip
+    command.add_argument(
+        "--poses", metavar="FILE", type=Path, help="poses.json with the pose of each camera, by capture"
+    )
+    command.add_argument("--report", metavar="FILE", type=Path, help="write what was found and measured, as JSON")
+    _add_reconstruction(command)
+    _add_quiet(command)
+    command.set_defaults(run=commands.run_reconstruct)
+
+
+def _add_reconstruction(command: argparse.ArgumentParser) -> None:
+    """Options for how an avatar is made, whether of one capture or of many."""
     command.add_argument("--mirrors", metavar="FILE", type=Path, help="mirrors.json to use instead of the capture's")
     command.add_argument(
         "--rig", metavar="FILE", type=Path, help="rig file written by “calibrate”, with the mirrors to use"
-    )
-    command.add_argument(
-        "--poses", metavar="FILE", type=Path, help="poses.json with the pose of each camera, by capture"
     )
     command.add_argument(
         "--subject", metavar="U,V", type=_pixel, help="pixel of the depth image on the subject, if another is found"
     )
     command.add_argument("--object", action="store_true", help="the subject is any object: cut off what it stands on")
     command.add_argument("--keep-islands", action="store_true", help="keep pieces that are not connected to the body")
-    command.add_argument("--report", metavar="FILE", type=Path, help="write what was found and measured, as JSON")
     command.add_argument("--frame", choices=("avatar", "camera"), default="avatar", help="coordinates (default avatar)")
     command.add_argument("--single-frame", action="store_true", help="use only the first depth frame of a burst")
     _add_avatar(command)
@@ -97,8 +106,48 @@ def _add_reconstruct(subparsers: _Commands) -> None:
     _add_cleaning(command)
     _add_glass(command)
     _add_light(command)
+
+
+def _add_batch(subparsers: _Commands) -> None:
+    command = subparsers.add_parser(
+        "batch", help="make an avatar of each of many captures, on all cores or on a cluster (docs/batch.md)"
+    )
+    command.add_argument(
+        "captures", metavar="CAPTURE", nargs="+",
+        help="capture or recording, folder to search for them, or pattern as “scans/**/*.mkv”",
+    )  # fmt: skip
+    command.add_argument(
+        "-o", dest="folder", metavar="DIR", type=Path, required=True,
+        help="folder to write to: new, or of an earlier batch, which is gone on with",
+    )  # fmt: skip
+    command.add_argument(
+        "--format", dest="formats", metavar="SUFFIX", action="append", choices=BATCH_FORMATS,
+        help=f"format of the avatars: {', '.join(BATCH_FORMATS)}; default glb; may be given several times",
+    )  # fmt: skip
+    command.add_argument(
+        "--every-frames", metavar="N", type=_whole(1, 1000), default=0,
+        help="make an avatar of every N frames of a recording, instead of one of all",
+    )  # fmt: skip
+    group = command.add_argument_group("workers", "who does the work; needs Dask: pip install 'mirror_scan[cluster]'")
+    group.add_argument(
+        "--workers", metavar="N", type=_whole(1, 1024), default=0,
+        help="processes on this machine; by default as many as cores and memory allow",
+    )  # fmt: skip
+    group.add_argument(
+        "--threads", metavar="N", type=_whole(1, 1024), default=0,
+        help="threads of each; by default the cores are shared out to the workers",
+    )  # fmt: skip
+    group.add_argument(
+        "--memory", metavar="GB", type=_gigabytes, default=0.0,
+        help="memory of each; one that takes more is started again. By default an equal share of the machine's",
+    )  # fmt: skip
+    group.add_argument(
+        "--scheduler", metavar="ADDRESS", default="",
+        help="use the workers of a Dask scheduler, as tcp://10.0.0.1:8786, instead of this machine",
+    )  # fmt: skip
+    _add_reconstruction(command)
     _add_quiet(command)
-    command.set_defaults(run=commands.run_reconstruct)
+    command.set_defaults(run=batch.run_batch)
 
 
 def _add_avatar(command: argparse.ArgumentParser) -> None:
@@ -476,6 +525,17 @@ def _millimetres(low: float, high: float) -> Callable[[str], float]:
         return value
 
     return millimetres
+
+
+def _gigabytes(text: str) -> float:
+    """A type for argparse: memory, from 0.5 GB on."""
+    value = float(text)
+    if not 0.5 <= value <= 1e6:
+        raise argparse.ArgumentTypeError(f"must be from 0.5 GB on, not {text}")
+    return value
+
+
+_gigabytes.__name__ = "number of gigabytes"
 
 
 def _size(text: str) -> tuple[int, int]:

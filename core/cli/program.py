@@ -78,8 +78,8 @@ def _run(
     except MirrorScanError as error:
         complain("error", str(error))
         return 1
-    except KeyboardInterrupt:
-        complain("error", "interrupted; nothing was written")
+    except KeyboardInterrupt as stop:
+        complain("error", str(stop) or "interrupted; nothing was written")
         return 130
     return 0
 

@@ -6,6 +6,7 @@ import contextlib
 import os
 import sys
 from collections.abc import Iterator
+from contextvars import ContextVar
 from typing import TYPE_CHECKING, TextIO
 
 from ..errors import OutputError
@@ -30,6 +31,7 @@ _PLAIN = {
 }
 
 _bars: list = []  # the progress bar that is shown, if one is
+_heard: ContextVar[list[str] | None] = ContextVar("heard", default=None)  # where complaints go, if not to stderr
 
 
 def summary_line(result: Reconstruction) -> str:
@@ -62,11 +64,28 @@ def distance_lines(distances: dict) -> Iterator[str]:
 
 def say(text: str) -> None:
     """One line on stdout."""
+    for bar in _bars:
+        bar.clear()
     show(f"{text}\n", sys.stdout)
+
+
+@contextlib.contextmanager
+def complaints_heard() -> Iterator[list[str]]:
+    """What :func:`complain` is given meanwhile in this thread, in place of being shown: lines as it would show them."""
+    lines: list[str] = []
+    before = _heard.set(lines)
+    try:
+        yield lines
+    finally:
+        _heard.reset(before)
 
 
 def complain(kind: str, text: str) -> None:
     """One line on stderr, whatever line breaks the text has."""
+    heard = _heard.get()
+    if heard is not None:
+        heard.append(f"{kind}: {' '.join(text.split())}")
+        return
     for bar in _bars:
         bar.clear()  # it draws itself again below the line
     show(f"{kind}: {' '.join(text.split())}\n", sys.stderr)

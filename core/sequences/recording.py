@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..capture import Capture, ReadOptions, chosen_frames, count_frames, open_capture
+from ..capture import Capture, ReadOptions, chosen_frames, frame_count, open_capture
 from ..capture.frames import FrameChoice
 from ..errors import CaptureError
 
@@ -70,5 +70,5 @@ def open_recording(
         raise CaptureError(f"every {every}th frame cannot be taken; give 1 or more")
     options = options or ReadOptions()
     path = Path(path)
-    total = count_frames(path, options)
+    total = frame_count(path, options)
     return Recording(path, tuple(chosen_frames(path, frames, total)[::every]), options)

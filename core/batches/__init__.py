@@ -1,0 +1,19 @@
+"""Many captures: found, told apart by their content, their results kept and summed up."""
+
+from .batch_folder import BatchFolder, Finished, open_batch_folder
+from .batch_summary import Row, write_summary
+from .capture_list import Found, find_captures
+from .content_digest import content_digest, settings_digest, surroundings
+
+__all__ = [
+    "BatchFolder",
+    "Finished",
+    "Found",
+    "Row",
+    "content_digest",
+    "find_captures",
+    "open_batch_folder",
+    "settings_digest",
+    "surroundings",
+    "write_summary",
+]

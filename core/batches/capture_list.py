@@ -1,0 +1,103 @@
+"""Which captures files, folders and patterns name: :func:`find_captures`."""
+
+from __future__ import annotations
+
+import glob
+import os
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from ..capture import is_capture
+from ..capture.camera_poses import holds_poses
+from ..errors import CaptureError, MirrorScanError
+from .batch_folder import is_batch_folder
+
+RECORDINGS = (".mkv", ".bag", ".db3", ".oni", ".r3d", ".npz", ".pcd", ".pclzf", ".ply")
+"""Files that are looked at in folders; lone images there are parts of captures, or no captures, as a rule."""
+
+
+class Found(NamedTuple):
+    """A capture, or why there is none at ``path``."""
+
+    path: Path
+    error: MirrorScanError | None = None
+
+
+def find_captures(paths: Iterable[str | os.PathLike]) -> list[Found]:
+    """The captures that ``paths`` name, each once, in the order given; those of a folder in the order of their names.
+
+    A file is a capture, and so is a folder that a reader recognises, or that holds several cameras' captures and their
+    poses. Any other folder is searched, with what it holds, for such folders and for recordings; hidden folders and the
+    results of batches are passed over. Text with ``*``, ``?`` or ``[`` is a pattern unless a file has that name;
+    ``**`` stands for folders of any depth.
+
+    Parameters
+    ----------
+    paths : iterable of path
+        Need not exist: what is wrong with one becomes its ``error``.
+    """
+    found: dict[str, Found] = {}
+    for given in paths:
+        text = os.fspath(given)
+        for one in _named(text):
+            found.setdefault(os.path.realpath(one.path), one)
+    return list(found.values())
+
+
+def _named(text: str) -> Iterator[Found]:
+    if not os.path.lexists(text) and glob.has_magic(text):
+        matches = sorted(glob.glob(text, recursive=True), key=_natural)
+        if not matches:
+            yield Found(Path(text), CaptureError("{path}: no file or folder fits this pattern", path=text))
+        for match in matches:
+            # of a pattern, only what is a capture counts
+            yield from _within(Path(match)) if os.path.isdir(match) else _recording(Path(match), any_file=True)
+        return
+    path = Path(text)
+    if not path.is_dir():
+        yield Found(path)
+        return
+    inside = list(_within(path))
+    yield from inside or [
+        Found(path, CaptureError("{path}: no capture was found in this folder or those within it", path=path))
+    ]
+
+
+def _within(folder: Path) -> Iterator[Found]:
+    """The folder itself, or what it holds."""
+    try:
+        if holds_poses(folder) or is_capture(folder):
+            yield Found(folder)
+            return
+        entries = sorted(os.scandir(folder), key=lambda entry: _natural(entry.name))
+    except OSError as error:
+        reason = error.strerror or error
+        yield Found(folder, CaptureError("{path}: cannot be read: {reason}", path=folder, reason=reason))
+        return
+    for entry in entries:
+        path = folder / entry.name
+        if entry.is_dir(follow_symlinks=False):
+            if not entry.name.startswith(".") and not is_batch_folder(path):
+                yield from _within(path)
+        elif entry.is_dir():  # a link to a folder: taken, but not searched, since it may lead in a circle
+            yield from [Found(path)] if is_capture(path) else []
+        else:
+            yield from _recording(path)
+
+
+def _recording(path: Path, any_file: bool = False) -> Iterator[Found]:
+    if path.name.startswith(".") or not (any_file or path.suffix.lower() in RECORDINGS):
+        return
+    try:
+        if is_capture(path):
+            yield Found(path)
+    except OSError as error:
+        reason = error.strerror or error
+        yield Found(path, CaptureError("{path}: cannot be read: {reason}", path=path, reason=reason))
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """``scan 10`` comes after ``scan 9``."""
+    return [(int(part), "") if part.isdecimal() else (-1, part.casefold()) for part in re.split(r"(\d+)", name)]

@@ -1,0 +1,370 @@
+"""``batch``: many captures, each an avatar, over the cores of this machine or over a cluster."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import os
+import socket
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from ..errors import CaptureError, MirrorScanError, OutputError, ReconstructionError
+from .commands import avatar_to_files
+from .outputs import Writers
+from .terminal import advance, complain, complaints_heard, progress_bar, say
+
+if TYPE_CHECKING:
+    from ..batches import BatchFolder, Finished, Found, Row
+    from ..cluster import Outcome, TaskRunner, WorkerSettings
+    from ..pipeline import Reconstruction
+
+AVATAR, REPORT, PREVIEW, THUMBNAIL = "avatar", "report.json", "preview.png", "thumbnail.png"
+WORKER_LOG = "workers.log"
+_SHOWN = (THUMBNAIL, PREVIEW, REPORT)
+_NOT_SETTINGS = frozenset(
+    ("captures", "folder", "run", "find_bridge", "readers", "quiet", "workers", "threads", "memory", "scheduler",
+     "every_frames", "frames")
+)  # fmt: skip
+"""Options that do not belong to one avatar; its frames are chosen for each."""
+_PREVIEW_SIZE, _THUMBNAIL_SIZE = (300, 480), (110, 176)
+
+
+@dataclass
+class _Job:
+    """A capture of the batch, or some frames of it, and what became of it."""
+
+    path: Path
+    frames: str | None
+    error: MirrorScanError | None = None
+    row: Row | None = None
+    key: str = ""
+
+    @property
+    def label(self) -> str:
+        return f"{self.path}{f' [{self.frames}]' if self.frames else ''}"
+
+    @property
+    def source(self) -> str:
+        return f"{os.path.abspath(self.path)}{f' [{self.frames}]' if self.frames else ''}"
+
+    @property
+    def name(self) -> str:
+        """What its folder is to be called."""
+        whole = Path(os.path.abspath(self.path))
+        name = whole.name if whole.is_dir() else whole.stem
+        return f"{name}_{self.frames.replace(':', '-')}" if self.frames else name
+
+
+class Made(NamedTuple):
+    """What a worker sends back: the files of a result by name, what the summary shows, and what was said of it."""
+
+    files: dict[str, bytes]
+    figures: dict[str, Any]
+    said: list[str]
+
+
+def run_batch(options: argparse.Namespace, writers: Writers) -> None:
+    """``batch``: make an avatar of each of many captures."""
+    from ..batches import find_captures, open_batch_folder
+    from ..cluster import WorkerSettings
+
+    options.skeleton = options.skeleton or options.vrm
+    options.formats = tuple(dict.fromkeys(options.formats or ["glb"]))
+    if options.scheduler and (options.workers or options.memory):
+        raise OutputError("--workers and --memory: are for this machine; a cluster has its own, leave them out")
+    if options.every_frames and options.single_frame:
+        raise OutputError("--every-frames: takes bursts of a recording; leave out --single-frame")
+    found = find_captures(options.captures)
+    if not found:
+        raise CaptureError("no capture was found")
+    _check_apart(options.folder, found)
+    jobs = [job for one in found for job in _jobs_of(one, options)]
+    folder = open_batch_folder(options.folder)
+    settings = WorkerSettings(
+        workers=options.workers, threads=options.threads, memory_gb=options.memory, scheduler=options.scheduler,
+        log=options.folder / WORKER_LOG,
+    )  # fmt: skip
+    batch = _Batch(jobs, folder, options)
+    try:
+        batch.run(settings)
+    except KeyboardInterrupt:
+        batch.finish()
+        done = sum(job.row is not None and job.row.state in ("made", "kept") for job in jobs)
+        raise KeyboardInterrupt(
+            f"interrupted; {done} of {len(jobs)} captures are done, and the same command goes on from there"
+        ) from None
+    except BaseException:
+        batch.finish()
+        raise
+    page = batch.finish()
+    failed = sum(job.row is not None and job.row.state == "failed" for job in jobs)
+    if not options.quiet:
+        say(f"  {page}")
+    if failed:
+        raise ReconstructionError(
+            "{failed} of {count} captures failed; {page} says why", failed=failed, count=len(jobs), page=page
+        )
+
+
+def _check_apart(folder: Path, found: list[Found]) -> None:
+    """Refuse to write into what is read."""
+    for one in found:
+        if one.error is None and Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(one.path)):
+            raise OutputError(
+                "{folder}: lies within the capture {path}; choose another folder", folder=folder, path=one.path
+            )
+
+
+def _jobs_of(one: Found, options: argparse.Namespace) -> list[_Job]:
+    """A capture whole, or, with ``--every-frames``, piece by piece."""
+    if one.error is not None or not options.every_frames:
+        return [_Job(one.path, options.frames, one.error)]
+    from ..capture import frame_count
+    from ..capture.frames import parse_frames
+
+    try:
+        chosen = range(frame_count(one.path))[parse_frames(one.path, options.frames)]
+    except MirrorScanError as error:
+        return [_Job(one.path, None, error)]
+    pieces = [chosen[k : k + options.every_frames] for k in range(0, len(chosen), options.every_frames)]
+    step = "" if chosen.step == 1 else f":{chosen.step}"
+    return [_Job(one.path, f"{piece[0]}:{piece[-1] + 1}{step}") for piece in pieces]
+
+
+class _Batch:
+    """The captures on their way through the workers."""
+
+    def __init__(self, jobs: list[_Job], folder: BatchFolder, options: argparse.Namespace) -> None:
+        self._jobs, self._folder, self._options = jobs, folder, options
+        self._on_their_way: dict[str, list[_Job]] = {}
+        self._submitted: list[_Job] = []
+        self._settings = ""
+        self._sent = argparse.Namespace(
+            **{
+                name: Path(os.path.abspath(value)) if isinstance(value, Path) else value
+                for name, value in vars(options).items()
+                if name not in _NOT_SETTINGS
+            }
+        )
+
+    def run(self, settings: WorkerSettings) -> None:
+        """Make what is not made yet."""
+        from ..batches import settings_digest
+        from ..cluster import start_workers
+
+        self._settings = settings_digest(vars(self._sent))
+        with progress_bar(self._options.quiet) as progress:
+            advance(progress, 0.0, "looking for what is done already")
+            tasks = self._tasks()
+            first = next(tasks, None)
+            if first is None:
+                return
+            advance(progress, 0.0, "starting workers, compiling")
+            began = time.perf_counter()
+            with start_workers(settings, partial(compile_kernels, self._sent)) as runner:
+                ready = time.perf_counter()
+                for made, outcome in enumerate(runner.run(make_avatar, itertools.chain([first], tasks)), 1):
+                    self._take(outcome)
+                    done = sum(job.row is not None for job in self._jobs)
+                    left = (time.perf_counter() - ready) / made * (len(self._jobs) - done)
+                    advance(progress, done / len(self._jobs), f"{done} of {len(self._jobs)}, {_spoken(left)} left")
+        if not self._options.quiet:
+            self._say_times(runner, ready - began, time.perf_counter() - ready)
+
+    def finish(self) -> Path:
+        """Write the summary, whatever has become of each; its page."""
+        from ..batches import Row, write_summary
+
+        self._folder.close()
+        log = self._folder.path / WORKER_LOG
+        if log.is_file() and not log.stat().st_size:
+            log.unlink()
+        return write_summary(self._folder.path, [job.row or Row(job.label, "left") for job in self._jobs])[1]
+
+    def _tasks(self) -> Iterator[tuple]:
+        """Arguments of :func:`make_avatar` for what must be made; the rest is dealt with on the way."""
+        for job in self._jobs:
+            try:
+                if job.error is not None:
+                    raise job.error
+                job.key = self._key(job)
+                earlier = self._folder.finished(job.key, job.source)
+                if earlier is not None:
+                    self._keep(job, earlier)
+                    continue
+            except MirrorScanError as error:
+                self._fail(job, error)
+                continue
+            if job.key in self._on_their_way:
+                self._on_their_way[job.key].append(job)
+                continue
+            self._on_their_way[job.key] = [job]
+            self._submitted.append(job)
+            yield os.path.abspath(job.path), job.frames, self._sent
+
+    def _key(self, job: _Job) -> str:
+        """Digest of all that the result depends on."""
+        from ..batches import content_digest, settings_digest, surroundings
+        from ..cluster import program_version
+
+        if not job.path.exists():
+            raise CaptureError("{path}: there is no such file or folder", path=job.path)
+        return settings_digest(
+            {
+                "program": program_version(), "settings": self._settings, "frames": job.frames,
+                "content": content_digest(job.path)[0], "beside": surroundings(job.path),
+            }
+        )  # fmt: skip
+
+    def _take(self, outcome: Outcome) -> None:
+        """Keep what a worker sent back, for each capture of that content."""
+        job = self._submitted[outcome.number]
+        for same in self._on_their_way.pop(job.key):
+            if outcome.error is not None:
+                self._fail(same, outcome.error)
+                continue
+            try:
+                self._enter(same, outcome.value)
+            except MirrorScanError as error:
+                self._fail(same, error)
+
+    def _enter(self, job: _Job, made: Made) -> None:
+        from ..batches import Finished
+
+        name = self._folder.name_for(job.source, job.name)
+        figures = {**made.figures, "said": made.said}
+        finished = self._folder.keep(name, Finished(job.key, job.source, {}, figures), made.files)
+        self._set_row(job, "made", finished)
+
+    def _keep(self, job: _Job, earlier: Finished) -> None:
+        """A result of before; of the same content elsewhere, once more under this capture's name."""
+        if earlier.source != job.source:
+            name = self._folder.name_for(job.source, job.name)
+            earlier = self._folder.keep(name, replace(earlier, source=job.source), self._folder.files_of(earlier))
+        self._set_row(job, "kept", earlier)
+
+    def _set_row(self, job: _Job, state: str, finished: Finished) -> None:
+        from ..batches import Row
+
+        files = [name for name in finished.files if name not in _SHOWN]
+        picture = (self._folder.path / finished.folder / THUMBNAIL).read_bytes()
+        said = [str(text) for text in finished.figures.get("said", ())]
+        job.row = Row(
+            job.label, state, finished.folder, [*files, PREVIEW, REPORT], finished.figures, said, picture
+        )  # fmt: skip
+        if not self._options.quiet:
+            words = "made before" if state == "kept" else f"{finished.figures['seconds']:.1f} s"
+            say(f"{job.label}: {words}")
+        for text in said if state == "made" else ():
+            kind, _, words = text.partition(": ")
+            complain(kind, f"{job.label}: {words}")
+
+    def _fail(self, job: _Job, error: Exception) -> None:
+        from ..batches import Row
+
+        text = str(error)
+        if not isinstance(error, MirrorScanError):
+            text = f"a fault of the program: {type(error).__name__}: {error}; {WORKER_LOG} has more"
+            with open(self._folder.path / WORKER_LOG, "a", encoding="utf-8", errors="backslashreplace") as file:
+                file.write(f"{job.label}\n{''.join(traceback.format_exception(error))}\n")
+        text = text.replace(os.path.abspath(job.path), str(job.path))  # as the user named it
+        job.row = Row(job.label, "failed", said=[text])
+        complain("error", text if text.startswith(str(job.path)) else f"{job.label}: {text}")
+
+    def _say_times(self, runner: TaskRunner, until_ready: float, seconds: float) -> None:
+        count = len(self._submitted)
+        say(
+            f"{count} avatar{'' if count == 1 else 's'} in {seconds:.1f} s; workers had started after "
+            f"{runner.start_s:.1f} s and had their kernels {max(0.0, until_ready - runner.start_s):.1f} s later"
+        )
+
+
+def make_avatar(path: str, frames: str | None, options: argparse.Namespace) -> Made:
+    """What a worker does with one capture. Results are sent back, so that only captures must lie where all see them.
+
+    Parameters
+    ----------
+    path : str
+        Absolute.
+    frames : str or None
+        As of :func:`.capture.open_capture`.
+    options : argparse.Namespace
+        Of the command.
+    """
+    from ..batches import content_digest
+    from ..io.images import png_bytes
+    from ..preview.mesh_views import SIDES, render_views
+
+    if not os.path.exists(path):
+        raise CaptureError(
+            "{path}: the worker on {host} does not see it; put captures where all machines have them under one path",
+            path=path, host=socket.gethostname(),
+        )  # fmt: skip
+    began = time.perf_counter()
+    with tempfile.TemporaryDirectory(prefix="mirror_scan_") as folder, complaints_heard() as said:
+        outputs = [Path(folder, f"{AVATAR}.{suffix}") for suffix in options.formats]
+        if options.measure and "csv" not in options.formats:
+            outputs.append(Path(folder, "measurements.csv"))
+        own = vars(options) | {
+            "captures": [Path(path)], "outputs": outputs, "report": Path(folder, REPORT), "poses": None, "quiet": True,
+            "frames": frames,
+        }  # fmt: skip
+        result, _ = avatar_to_files(argparse.Namespace(**own), {})
+        files = {name: Path(folder, name).read_bytes() for name in sorted(os.listdir(folder))}
+    shown = _upright(result)
+    sides = [SIDES[side] for side in ("front", "left side", "back", "right side")]
+    files[PREVIEW] = png_bytes(render_views(shown, shown.colors, sides, *_PREVIEW_SIZE, texture=result.texture))
+    files[THUMBNAIL] = png_bytes(
+        render_views(shown, shown.colors, sides[::2], *_THUMBNAIL_SIZE, texture=result.texture)
+    )
+    mesh = result.report["mesh"]
+    figures = {
+        **{name: mesh.get(name) for name in ("height_m", "volume_l", "triangles", "watertight")},
+        "warnings": len(said), "seconds": round(time.perf_counter() - began, 3), "memory_mb": _peak_memory(),
+        "bytes_in": content_digest(path)[1], "bytes_out": sum(len(data) for data in files.values()),
+    }  # fmt: skip
+    return Made(files, figures, said)
+
+
+def compile_kernels(options: argparse.Namespace) -> None:
+    """Make an avatar of a small capture that comes with the program, with what the options ask of an avatar."""
+    capture = str(Path(__file__).resolve().parents[1] / "batches" / "small_capture.npz")
+    plain: dict[str, Any] = {
+        "rig": None, "mirrors": None, "subject": None, "intrinsics": None, "turn": None, "mirrored": None,
+        "depth_unit": None, "sensor": "auto", "texture": 256 if options.texture else None, "single_frame": False,
+        "min_confidence": 1,
+    }  # fmt: skip
+    try:
+        make_avatar(capture, None, argparse.Namespace(**vars(options) | plain))
+    except MirrorScanError as error:  # then the rest is compiled when the first capture needs it
+        print(f"compiling: {error}", file=sys.stderr)
+
+
+def _upright(result: Reconstruction) -> Any:
+    """The mesh in the avatar frame."""
+    return result.mesh if result.frame == "avatar" else result.mesh.transformed(result.camera_to_avatar)
+
+
+def _peak_memory() -> float | None:
+    """The most memory this process has had [MB]; None where the system does not say."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return round(peak / 1e6 if sys.platform == "darwin" else peak * 1024 / 1e6, 1)
+
+
+def _spoken(seconds: float) -> str:
+    """A duration in words."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 90 * 60 else f"{seconds / 3600:.1f} h"
