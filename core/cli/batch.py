@@ -280,7 +280,7 @@ class _Batch:
         complain("error", text if text.startswith(str(job.path)) else f"{job.label}: {text}")
 
     def _say_times(self, runner: TaskRunner, until_ready: float, seconds: float) -> None:
-        count = len(self._submitted)
+        count = sum(job.row is not None and job.row.state == "made" for job in self._jobs)
         say(
             f"{count} avatar{'' if count == 1 else 's'} in {seconds:.1f} s; workers had started after "
             f"{runner.start_s:.1f} s and had their kernels {max(0.0, until_ready - runner.start_s):.1f} s later"
