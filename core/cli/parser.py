@@ -213,9 +213,12 @@ def _add_sequence(subparsers: _Commands) -> None:
     command.add_argument("--rig", metavar="FILE", type=Path, help="rig file written by “calibrate”")
     command.add_argument("--unfiltered", action="store_true", help="do not steady depth in time")
     command.add_argument(
-        "--workers", metavar="N", type=_whole(0, 64), default=0,
-        help="frames made at the same time; by default two where there are two cores",
+        "--workers", metavar="N", type=_whole(1, 1024), default=0,
+        help="make frames in N processes, which needs Dask; by default in this process, two at a time",
     )  # fmt: skip
+    command.add_argument(
+        "--scheduler", metavar="ADDRESS", default="", help="make frames by the workers of a Dask scheduler"
+    )
     command.add_argument(
         "--skeleton", action="store_true", help="follow the joints: -o NAME.glb gets one avatar and its motion"
     )

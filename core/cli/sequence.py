@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from .terminal import advance, complain, progress_bar, say, stage_of
 
 if TYPE_CHECKING:
     from ..capture import MirrorPicks
+    from ..cluster import TaskRunner
     from ..mesh import Mesh
     from ..mirrors import Mirror
     from ..pipeline.reconstruction import Progress
@@ -24,7 +26,18 @@ if TYPE_CHECKING:
 
 _PLACING, _FRAMES, _FOLLOWED = 0.1, 0.75, 0.9  # of the progress: up to where each part goes
 _CACHES, _VIDEOS, _CLIPS = (".abc", ".usd", ".usdc"), (".mp4", ".webp"), (".glb",)
-_NOT_OF_THE_RESULT = ("outputs", "run", "quiet", "resume", "workers", "find_bridge", "readers", "recording", "skeleton")
+_NOT_OF_THE_RESULT = (
+    "outputs",
+    "run",
+    "quiet",
+    "resume",
+    "workers",
+    "scheduler",
+    "find_bridge",
+    "readers",
+    "recording",
+    "skeleton",
+)
 
 
 @dataclass(frozen=True)
@@ -86,16 +99,26 @@ def _make_frames(
     for warning in rig.warnings:
         complain("warning", warning)
     extra["rig"] = _rig_summary(rig)
-    wanted = SequenceSettings(FilterSettings(use=not options.unfiltered), options.workers)
+    wanted = SequenceSettings(FilterSettings(use=not options.unfiltered))
     began, done = time.perf_counter(), 0
-    for frame in reconstruct_sequence(recording, rig, settings, wanted, folder.has):
-        with blaming(folder.folder):
-            folder.add(frame)
-        done += 1
-        _tell(frame)
-        left = (time.perf_counter() - began) / done * (todo - done)
-        share = _PLACING + (_FRAMES - _PLACING) * done / todo
-        advance(progress, share, f"frame {frame.place + 1} of {len(recording)}, {_duration(left)} left")
+    with _workers(options) as runner:
+        for frame in reconstruct_sequence(recording, rig, settings, wanted, folder.has, runner):
+            with blaming(folder.folder):
+                folder.add(frame)
+            done += 1
+            _tell(frame)
+            left = (time.perf_counter() - began) / done * (todo - done)
+            share = _PLACING + (_FRAMES - _PLACING) * done / todo
+            advance(progress, share, f"frame {frame.place + 1} of {len(recording)}, {_duration(left)} left")
+
+
+def _workers(options: argparse.Namespace) -> contextlib.AbstractContextManager[TaskRunner | None]:
+    """Workers of Dask where they are asked for; None for this process alone."""
+    if not (options.workers or options.scheduler):
+        return contextlib.nullcontext()
+    from ..cluster import WorkerSettings, start_workers
+
+    return start_workers(WorkerSettings(options.workers, scheduler=options.scheduler))
 
 
 def _tell(frame: SequenceFrame) -> None:

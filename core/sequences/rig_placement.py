@@ -171,7 +171,7 @@ def _agreed(
         response=mean_response(responses) if lit and responses else None,
         principle=next(s.principle for s in scenes if s.lit_twice == lit), subject=np.median(feet, axis=0),
     )  # fmt: skip
-    warnings = list(dict.fromkeys(str(w) for _, r in chosen for w in r.warnings if _holds_for_all(w, len(scenes))))
+    warnings = _of_most([r.warnings for _, r in chosen])
     if len(chosen) < len(results):
         warnings.append(
             Notice(
@@ -184,9 +184,15 @@ def _agreed(
     )
 
 
-def _holds_for_all(warning: str, samples: int) -> bool:
-    """Whether a warning is of mirrors, which are the same in all frames, or there is one frame only."""
-    return samples == 1 or bool(Notice.of(warning).mirrors)
+def _of_most(warnings: Sequence[Sequence[str]]) -> list[str]:
+    """What more than half of the samples are warned of, in the words of the first: what holds for one only is moving."""
+    first: dict[tuple, str] = {}
+    count: Counter[tuple] = Counter()
+    for of_sample in warnings:
+        kinds = {(Notice.of(text).template, Notice.of(text).mirrors): text for text in of_sample}
+        count.update(kinds)
+        first = kinds | first
+    return [first[kind] for kind in first if 2 * count[kind] > len(warnings)]
 
 
 def _named(mirrors: Sequence[Mirror], name: str) -> Mirror:

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,11 +16,14 @@ from ..capture import Capture
 from ..errors import MirrorScanError, Notice
 from ..mesh import Mesh
 from ..numeric.threads import thread_count
-from ..pipeline import KnownScene, Reconstruction, Settings, reconstruct
+from ..pipeline import KnownScene, Settings, reconstruct
 from .exposure import match_frame
 from .recording import Recording
 from .rig_placement import SequenceRig
 from .temporal_filter import DepthFilter, FilterSettings
+
+if TYPE_CHECKING:
+    from ..cluster import TaskRunner
 
 MADE, BRIDGED, LOST = "made", "bridged", "lost"
 """States of a frame: reconstructed; the mesh before it is held; nothing to be held, or for too long."""
@@ -86,6 +90,7 @@ def reconstruct_sequence(
     settings: Settings = Settings(),
     sequence: SequenceSettings = SequenceSettings(),
     skip: Callable[[int], bool] | None = None,
+    runner: TaskRunner | None = None,
 ) -> Iterator[SequenceFrame]:
     """Each frame's closed avatar, in order.
 
@@ -99,6 +104,8 @@ def reconstruct_sequence(
     sequence : SequenceSettings
     skip : callable(place), optional
         Frames that are there already: they only go through the filter, and are not yielded.
+    runner : TaskRunner, optional
+        Workers of :mod:`..cluster` that make the frames; by default this process does.
 
     Notes
     -----
@@ -106,24 +113,69 @@ def reconstruct_sequence(
     Frames do not depend on how many are made at the same time.
     """
     settings = replace(settings, skeleton=False, measure=False, triangles=None, texture=None)
+    judge = _Judge(sequence)
+    jobs = _jobs(recording, rig, sequence, skip)
+    made = _made_here(jobs, rig, settings, sequence) if runner is None else _made_by(runner, jobs, rig, settings)
+    for job in made:
+        yield judge.judged(job, rig)
+
+
+def _made_here(
+    jobs: Iterator[_Job], rig: SequenceRig, settings: Settings, sequence: SequenceSettings
+) -> Iterator[_Job]:
+    """The frames made by threads of this process, in order."""
     workers = sequence.workers or min(2, thread_count())
-    state = _Judge(sequence)
     with ThreadPoolExecutor(workers, thread_name_prefix="mirror_scan_frame") as pool:
-        waiting: deque[_Job] = deque()
+        waiting: deque[tuple[_Job, Future | None]] = deque()
         try:
-            for job in _jobs(recording, rig, sequence, skip):
-                if job.capture is not None:
-                    job.result = pool.submit(_reconstructed, job.capture, rig.scene, settings)
-                    job.capture = None
-                waiting.append(job)
+            for job in jobs:
+                capture, job.capture = job.capture, None
+                task = None if capture is None else pool.submit(frame_made, capture, rig.scene, settings)
+                waiting.append((job, task))
                 if len(waiting) > workers:
-                    yield state.judged(waiting.popleft(), rig)
+                    yield _ended(*waiting.popleft())
             while waiting:
-                yield state.judged(waiting.popleft(), rig)
+                yield _ended(*waiting.popleft())
         finally:
-            for job in waiting:
-                if job.result is not None:
-                    job.result.cancel()
+            for _, task in waiting:
+                if task is not None:
+                    task.cancel()
+
+
+def _ended(job: _Job, task: Future | None) -> _Job:
+    """The job with what its task gave, waited for."""
+    if task is not None:
+        try:
+            job.made = task.result()
+        except MirrorScanError as fault:
+            job.fault = fault
+    return job
+
+
+def _made_by(runner: TaskRunner, jobs: Iterator[_Job], rig: SequenceRig, settings: Settings) -> Iterator[_Job]:
+    """The frames made by workers, which end in any order, in order."""
+    waiting: deque[_Job] = deque()
+    tasks: list[_Job] = []
+
+    def arguments() -> Iterator[tuple]:
+        for job in jobs:
+            waiting.append(job)
+            if job.capture is not None:
+                tasks.append(job)
+                yield job.capture, rig.scene, settings
+
+    for outcome in runner.run(frame_made, arguments()):
+        job = tasks[outcome.number]
+        job.capture = None
+        if outcome.error is None:
+            job.made = outcome.value
+        elif isinstance(outcome.error, MirrorScanError):
+            job.fault = outcome.error
+        else:
+            raise outcome.error
+        while waiting and (waiting[0].made is not None or waiting[0].fault is not None):
+            yield waiting.popleft()
+    yield from waiting
 
 
 @dataclass
@@ -135,7 +187,7 @@ class _Job:
     capture: Capture | None = None
     fault: MirrorScanError | None = None
     steadied: float = 0.0
-    result: Future | None = None
+    made: FrameMade | None = None
 
 
 def _jobs(
@@ -162,10 +214,25 @@ def _jobs(
         yield _Job(place, number, replace(capture, depth=depth[None]), steadied=share)
 
 
-def _reconstructed(capture: Capture, scene: KnownScene, settings: Settings) -> tuple[Reconstruction, float]:
+class FrameMade(NamedTuple):
+    """A frame's mesh in the camera's frame, its report, and the seconds it took."""
+
+    mesh: Mesh
+    report: dict
+    seconds: float
+
+
+def frame_made(capture: Capture, scene: KnownScene, settings: Settings) -> FrameMade:
+    """One frame reconstructed in a scene that is known: the task of a worker.
+
+    Raises
+    ------
+    MirrorScanError
+        As of :func:`..pipeline.reconstruct`.
+    """
     started = time.perf_counter()
     result = reconstruct(capture, (), settings, frame="camera", scene=scene)
-    return result, time.perf_counter() - started
+    return FrameMade(result.mesh, result.report, time.perf_counter() - started)
 
 
 class _Judge:
@@ -179,13 +246,9 @@ class _Judge:
 
     def judged(self, job: _Job, rig: SequenceRig) -> SequenceFrame:
         """The frame, once it is made."""
-        if job.result is None:
-            assert job.fault is not None  # it was not read
+        result = job.made
+        if result is None:
             return self._bridged(job, str(job.fault))
-        try:
-            result, seconds = job.result.result()
-        except MirrorScanError as fault:
-            return self._bridged(job, str(fault))
         reason = self._fault(result.report["mesh"])
         if reason:
             return self._bridged(job, reason)
@@ -193,7 +256,7 @@ class _Judge:
         self._held = 0
         self._last = result.mesh.transformed(rig.to_avatar)
         return SequenceFrame(
-            job.place, job.number, MADE, self._last, "", result.report, job.steadied, seconds
+            job.place, job.number, MADE, self._last, "", result.report, job.steadied, result.seconds
         )  # fmt: skip
 
     def _fault(self, mesh: dict) -> str:
