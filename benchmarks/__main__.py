@@ -16,7 +16,8 @@ from .results import Finding, limits_table
 MODULES = {"quality": "quality", "speed": "speed", "cleaning": "cleaning", "mirrors": "mirrors", "subject": "subject",
            "dtw": "dtw", "import": "imports", "blender": "blender", "corpus": "corpus", "seams": "seams",
            "growth": "growth", "rigs": "rigs", "experiment": "experiment", "real": "real",
-           "optics": "optics", "honesty": "honesty", "rig": "rig", "look": "look", "guard": "guard"}  # fmt: skip
+           "optics": "optics", "honesty": "honesty", "rig": "rig", "look": "look",
+           "many": "many", "guard": "guard"}  # fmt: skip
 
 
 def main() -> int:
@@ -55,7 +56,7 @@ def main() -> int:
         module = importlib.import_module(f".{MODULES[name]}", __package__)
         if name in ("corpus", "rig"):
             result = module.run(quick=options.quick, pictures=options.pictures)
-        elif name == "look":
+        elif name in ("look", "many"):
             result = module.run(quick=options.quick)
         elif name == "optics":
             result = module.run(range(8) if options.quick else None, pictures=options.pictures)
