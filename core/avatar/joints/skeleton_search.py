@@ -18,8 +18,10 @@ from .template_fit import Fit, Surface, fit, forearms, joint_spread, mirrored_tu
 _SAMPLES = 3000
 _ARMS_DOWN = (-80.0, -25.0, 0.0, 25.0)  # from the template's rest pose, which has them some 45° down [deg]
 _COARSE, _FINE = np.geomspace(0.12, 0.05, 8), np.geomspace(0.05, 0.025, 12)
-_FILLED = 0.3  # how much filled surface counts, next to smooth measured one
-_SMOOTH, _ROUGH = np.radians(5.0), np.radians(15.0)  # of normals to those of a smoother mesh: fills count little, fully
+_FILLED = 0.3  # how much filled surface counts, next to measured one
+_ROUGH = np.radians(9.0)  # normals of what a view saw, to those of a smoother mesh: so rough a view counts half
+_OWN, _SMOOTHER = np.radians(8.0), np.radians(20.0)  # so rough, a view's own normals are taken, or the smoother mesh's
+_FEW = 30  # samples of a view that say how rough it is
 _RIGID = 2  # first steps without change of shape
 _BUMPS, _ROUNDS = 0.03, 30  # of body height; rounds of smoothing at most
 _INSIDE, _MOST_INSIDE = 0.012, 0.06  # of body height under the trunk's skin; share of a forearm that may lie so deep
@@ -92,18 +94,29 @@ def _arms_as_others(state: BodyState, sides: list[str]) -> BodyState:
 def sampled(mesh: Mesh) -> tuple[Surface, Surface]:
     """Points spread evenly over a mesh with its normals; fewer, with the normals of a smoother mesh.
 
-    What was measured counts more than what filled its holes, unless it is rough itself.
+    A view's noise grows with its distance, so what mirrors showed is several times as wrong as what was seen directly.
+    How rough a view left the surface says how noisy it was: the rougher, the less it counts, and the more its normals
+    are those of the smoother mesh. What filled holes counts less than what was measured.
     """
     points, triangle = sample_surface(mesh, _SAMPLES)
     corners = mesh.triangles[triangle]
     normals = vertex_normals(mesh.vertices, mesh.triangles)
     smooth = _smoothed(mesh, normals.copy())
     own, smoother = unit(normals[corners].sum(axis=1)), unit(smooth[corners].sum(axis=1))
-    counts = np.ones(len(points))
-    if mesh.kind is not None and (filled := mesh.kind[triangle] == FILL).any() and not filled.all():
-        bent = np.median(np.arccos(np.clip(np.einsum("ij,ij->i", own, smoother)[~filled], -1.0, 1.0)))
-        counts[filled] = np.interp(bent, (_SMOOTH, _ROUGH), (_FILLED, 1.0))
-    fine = Surface(points, own, counts)
+    filled = np.zeros(len(points), np.bool_) if mesh.kind is None else mesh.kind[triangle] == FILL
+    view = np.full(len(points), -1) if mesh.view is None else np.median(mesh.view[corners], axis=1).astype(np.int64)
+    view[filled] = -1
+    bent = np.arccos(np.clip(np.einsum("ij,ij->i", own, smoother), -1.0, 1.0))
+    rough = np.full(len(points), np.median(bent))
+    for each in np.unique(view):
+        if np.count_nonzero(view == each) >= _FEW:
+            rough[view == each] = np.median(bent[view == each])
+    counts = 1.0 / (1.0 + (rough / _ROUGH) ** 4)
+    counts /= counts.mean() if filled.all() else counts[~filled].mean()
+    if not filled.all():
+        counts[filled] *= _FILLED
+    share = np.interp(rough, (_OWN, _SMOOTHER), (0.0, 1.0))[:, None]
+    fine = Surface(points, unit((1.0 - share) * own + share * smoother), counts)
     return fine, Surface(points[::3], smoother[::3], counts[::3])
 
 

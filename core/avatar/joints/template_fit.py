@@ -30,7 +30,7 @@ SPREAD = np.radians([_SPREADS[name.removeprefix("Left").removeprefix("Right")] f
 
 @dataclass(frozen=True)
 class Surface:
-    """Samples of a mesh: points (S, 3) [m], outward unit normals (S, 3), and how much each counts (S,), 0 to 1."""
+    """Samples of a mesh: points (S, 3) [m], outward unit normals (S, 3), and how much each counts (S,), about 1."""
 
     points: np.ndarray
     normals: np.ndarray
