@@ -17,7 +17,7 @@ _UP = np.array([0.0, 0, 1])
 
 
 def read_fbx_motion(path: str | Path) -> Motion:
-    """The longest motion of an armature in an FBX file; what is open in this Blender stays as it is.
+    """The longest motion of the armature with the most bones in an FBX file; what is open in this Blender stays so.
 
     Frames are those of the file, at its rate. Leaf bones' tips become joints named after their bone with ``_End``.
 
@@ -30,6 +30,7 @@ def read_fbx_motion(path: str | Path) -> Motion:
     if not path.is_file():
         raise MirrorScanError(say("{path}: there is no such file").format(path=path), code="gone")
     with temporary_scene() as scene, enabled("io_scene_fbx"), shown(scene), quiet():
+        before = set(bpy.data.actions)
         try:
             bpy.ops.import_scene.fbx(filepath=str(path), ignore_leaf_bones=False, automatic_bone_orientation=False)
         except (RuntimeError, OutputError) as error:
@@ -40,7 +41,21 @@ def read_fbx_motion(path: str | Path) -> Motion:
         if not moved:
             text = say("{path}: nothing in it moves a skeleton; export it with its animation")
             raise MirrorScanError(text.format(path=path), code="motion")
-        return _motion(path.name, scene, max(moved, key=lambda thing: len(thing.data.bones)))
+        armature = max(moved, key=lambda thing: len(thing.data.bones))
+        _take_longest(armature, [action for action in bpy.data.actions if action not in before])
+        return _motion(path.name, scene, armature)
+
+
+def _take_longest(armature: bpy.types.Object, actions: list[bpy.types.Action]) -> None:
+    """Have the armature move by the longest of the ``actions`` that are of it: the importer gives it the first.
+
+    The importer begins an action's name with that of the object.
+    """
+    own = [action for action in actions if action.name.startswith(f"{armature.name}|") and action.slots]
+    longest = max(own, key=lambda action: float(np.ptp(action.frame_range)), default=armature.animation_data.action)
+    if longest != armature.animation_data.action:
+        armature.animation_data.action = longest
+        armature.animation_data.action_slot = longest.slots[0]
 
 
 def _motion(name: str, scene: bpy.types.Scene, armature: bpy.types.Object) -> Motion:

@@ -118,6 +118,28 @@ def test_a_motion_of_an_fbx_file_is_read_frame_by_frame(bpy, avatar, tmp_path):
         np.testing.assert_allclose(found.positions[frame, place], joints, atol=1e-3)
 
 
+@pytest.mark.parametrize("lengths", [(2, FRAMES), (FRAMES, 2)], ids=["short first", "long first"])
+def test_of_several_motions_of_an_fbx_file_the_longest_is_read(bpy, avatar, tmp_path, lengths):
+    from mirror_scan.mirror_scan_addon.scene.armature import add_clip
+    from mirror_scan.mirror_scan_addon.scene.export import write_blend
+    from mirror_scan.mirror_scan_addon.scene.fbx_motion import read_fbx_motion
+
+    (motion,) = avatar.clips
+    write_blend(tmp_path / "a.blend", avatar, own_process=True)
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
+    armature = next(item for item in bpy.context.scene.objects if item.type == "ARMATURE")
+    for length in lengths:
+        clip = Clip(f"of {length}", motion.rate, motion.rotations[:length], motion.translations[:length])
+        action = add_clip(armature, clip)
+        track = armature.animation_data.nla_tracks.new()
+        track.strips.new(clip.name, 0, action).action_slot = action.slots[0]
+    armature.animation_data.action = None
+    bpy.ops.export_scene.fbx(
+        filepath=str(tmp_path / "a.fbx"), object_types={"ARMATURE"}, bake_anim_use_all_actions=False
+    )
+    assert len(read_fbx_motion(tmp_path / "a.fbx")) == FRAMES
+
+
 def test_files_without_a_skeleton_are_told(bpy, reconstruction, tmp_path):
     from mirror_scan.core.errors import MirrorScanError
     from mirror_scan.mirror_scan_addon.scene.blend_avatar import read_blend_avatar
