@@ -18,6 +18,7 @@ from .template_fit import Fit, Surface, fit, forearms, joint_spread, mirrored_tu
 _SAMPLES = 3000
 _ARMS_DOWN = (-80.0, -25.0, 0.0, 25.0)  # from the template's rest pose, which has them some 45° down [deg]
 _COARSE, _FINE = np.geomspace(0.12, 0.05, 8), np.geomspace(0.05, 0.025, 12)
+_SLIDING = 0.02  # weight along the surface in the fine steps
 _FILLED = 0.3  # how much filled surface counts, next to measured one
 _ROUGH = np.radians(9.0)  # normals of what a view saw, to those of a smoother mesh: so rough a view counts half
 _OWN, _SMOOTHER = np.radians(8.0), np.radians(20.0)  # so rough, a view's own normals are taken, or the smoother mesh's
@@ -57,11 +58,11 @@ def fitted_body(mesh: Mesh, template: BodyTemplate | None = None) -> Fit:
     starts = [fit(template, coarse, _start(template, mesh, angle), _COARSE, _RIGID) for angle in _ARMS_DOWN]
     best = min(starts, key=lambda found: (len(lost_forearms(template, found)), _apart(found)))
     lost = lost_forearms(template, best)
-    found = fit(template, surface, _arms_as_others(best.state, lost), _FINE, lost=lost)
+    found = fit(template, surface, _arms_as_others(best.state, lost), _FINE, lost=lost, tangent=_SLIDING)
     gone = [side for side in ("Left", "Right") if forearm_missing(part_shares(template, found), side)]
     if more := [side for side in {*lost_forearms(template, found), *gone} if side not in lost]:
         lost = [*lost, *more]
-        found = fit(template, surface, _arms_as_others(best.state, lost), _FINE, lost=lost)
+        found = fit(template, surface, _arms_as_others(best.state, lost), _FINE, lost=lost, tangent=_SLIDING)
     return found
 
 

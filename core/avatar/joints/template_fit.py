@@ -17,7 +17,7 @@ from ...numeric.threads import each_range
 from ..skeleton import BONES, OTHER_SIDE
 from .body_template import BodyState, BodyTemplate, PosedBody, derivatives, moved, posed
 
-_TANGENT = 0.1  # weight of the distance along the surface, of that across it
+TANGENT = 0.1  # weight of the distance along the surface, of that across it
 _NOISE = 0.025  # of body height: what one pair of many, which err together, says about the body
 # How far bones turn from the rest pose, about x, y, z [deg]; the rest has arms some 45° down and elbows a little bent.
 _SPREADS = {
@@ -70,6 +70,7 @@ def fit(
     reaches: np.ndarray,
     rigid: int = 0,
     lost: Collection[str] = (),
+    tangent: float = TANGENT,
 ) -> Fit:
     """As many steps as ``reaches`` has numbers.
 
@@ -85,13 +86,16 @@ def fit(
         In so many first steps the shape stays.
     lost : collection of {"Left", "Right"}
         Sides whose forearm and hand the surface lacks: nothing pairs with them, and they stand as the other side's.
+    tangent : float
+        Weight of a pair's distance along the surface, of that across it: it brings limbs that lie apart together, and
+        then hinders them from sliding to where they belong.
     """
     size = len(state.shape)
     known = ~np.isin(np.argmax(template.weights, axis=1), forearms(lost))
     for step, reach in enumerate(reaches):
         body = posed(template, state)
         to_surface, to_body, forth, back = _pairs(body, surface, 0.5 * reach * state.height)
-        pull, push = _pair_terms(body, surface, to_surface, to_body, forth, back, reach * state.height)
+        pull, push = _pair_terms(body, surface, to_surface, to_body, forth, back, reach * state.height, tangent)
         pull[~known], push[~known] = 1e-9 * np.eye(3), 0.0
         jacobian, _ = derivatives(template, state, body)
         root = np.linalg.cholesky(pull)
@@ -118,7 +122,7 @@ def _pairs(body: PosedBody, surface: Surface, bend: float):
     return to_surface, np.linalg.norm(surface.points - body.points[back], axis=1), forth, back
 
 
-def _pair_terms(body, surface, to_surface, to_body, forth, back, reach):
+def _pair_terms(body, surface, to_surface, to_body, forth, back, reach, tangent):
     """Per point of the template: quadratic form (N, 3, 3) and pull (N, 3) of all of its pairs."""
     count = len(body.points)
     of = np.concatenate((np.arange(count), back))
@@ -129,7 +133,7 @@ def _pair_terms(body, surface, to_surface, to_body, forth, back, reach):
     weight = agree * (reach**2 / (reach**2 + apart**2)) ** 2 * surface.counts[to]
     weight[count:] *= count / len(back)
     offset = surface.points[to] - body.points[of]
-    form = weight[:, None, None] * ((1 - _TANGENT) * normal[:, :, None] * normal[:, None, :] + _TANGENT * np.eye(3))
+    form = weight[:, None, None] * ((1 - tangent) * normal[:, :, None] * normal[:, None, :] + tangent * np.eye(3))
     force = np.einsum("sij,sj->si", form, offset)
     pull, push = np.empty((count, 9)), np.empty((count, 3))
     for k in range(9):
