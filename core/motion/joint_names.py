@@ -106,6 +106,13 @@ def match_joints(name: str, joints: Sequence[str], parents: np.ndarray) -> Joint
         hips = _nearest_common(above[found["LeftUpLeg"]], above[found["RightUpLeg"]])
         found |= {"Hips": hips} if hips >= 0 else {}
     missing = [bone for bone in _NEEDED if bone not in found and (tree or bone != "Hips")]
+    if missing and len(missing) <= len(_NEEDED) // 2:
+        raise MirrorScanError(
+            "{name}: the motion of a whole body is needed; not found: {missing}. Where they are there, name them as "
+            "Mixamo does (Hips, LeftArm, LeftForeArm, LeftHand, LeftUpLeg, LeftLeg, LeftFoot)",
+            name=name,
+            missing=", ".join(missing),
+        )
     if missing:
         raise MirrorScanError(
             "{name}: this skeleton's names are not known; not found: {missing}. Name its joints as Mixamo does "
