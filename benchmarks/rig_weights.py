@@ -1,7 +1,8 @@
 """Skin weights: avatars of bodies with a known rig, posed, against the truly posed bodies, by the true joints.
 
-Beside ours stand the true weights of the nearest point of the body (what the scan itself costs), Blender's bone heat,
-and each vertex with its nearest bone. ``python -m benchmarks.rig_weights [BODY …]`` prints the table alone.
+Beside ours stand the true weights of the nearest point of the body (what the scan itself costs), ours with the joints
+that were found, Blender's bone heat, and each vertex with its nearest bone. ``python -m benchmarks.rig_weights
+[BODY …]`` prints the tables alone.
 """
 
 from __future__ import annotations
@@ -9,12 +10,15 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from mirror_scan.core.avatar.joints.skeleton_search import find_skeleton
 from mirror_scan.core.avatar.pose import Pose, SkinWeights, bone_matrices, skinned
 from mirror_scan.core.avatar.skeleton import BONES, Skeleton
 from mirror_scan.core.avatar.skin_weights import skinned_mesh, strongest
+from mirror_scan.core.decimation import decimate
 from mirror_scan.core.io import read_mesh
 from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.bvh import build_bvh, closest_point
@@ -25,7 +29,7 @@ from mirror_scan.core.simulation.scene import default_rig, with_real_optics
 from mirror_scan.core.simulation.simulate import simulate
 
 from .machine import say
-from .results import Result, Table
+from .results import Finding, Result, Table, limits_table
 
 FOLDER = Path(__file__).resolve().parents[2] / "shared" / "data" / "rigged"
 BODIES = {"s020": "azure_kinect", "s037": "azure_kinect", "s011": "azure_kinect", "s038": "realsense_d455",
@@ -33,7 +37,11 @@ BODIES = {"s020": "azure_kinect", "s037": "azure_kinect", "s011": "azure_kinect"
 """Bare bodies, and what scans them."""
 POSES = ("tpose", "armsup", "knee60", "squat")
 ALLOWED = {"tpose": (1.0, 5.0), "armsup": (1.0, 5.0), "knee60": (1.0, 5.0), "squat": (3.0, 9.0)}
-"""Mean and 95 % above the true weights [mm]."""
+"""Mean and 95 % above the true weights and joints [mm]."""
+MORE_CROSSING, AND = 1.2, 20
+"""Crossing faces: so many times the posed true body's, and so many more."""
+LONGEST = 4.0
+"""Edges with arms up, of their former length."""
 
 
 class Rig:
@@ -120,10 +128,10 @@ def distances(mesh: Mesh, posed: np.ndarray, rig: Rig, pose: str) -> tuple[float
     """Posed avatar to posed body, mean and 95 % [mm]; crossing faces; the longest edge of its former length."""
     tree = build_bvh(rig.posed[pose], rig.body.triangles)
     distance = 1e3 * closest_point(tree, posed)[0]
-    crossing = len(np.unique(self_intersections(posed, mesh.triangles)))
+    count = crossing(mesh, posed)[0]
     before, after = (edge_lengths(v, mesh.triangles) for v in (mesh.vertices, posed))
     long = before > 1e-3
-    return float(distance.mean()), float(np.quantile(distance, 0.95)), crossing, float((after / before)[long].max())
+    return float(distance.mean()), float(np.quantile(distance, 0.95)), count, float((after / before)[long].max())
 
 
 def edge_by_area(mesh: Mesh) -> float:
@@ -136,8 +144,8 @@ def edge_by_area(mesh: Mesh) -> float:
 
 def true_cell(rig: Rig, pose: str) -> str:
     """Crossing faces and longest edge of the truly posed body itself."""
-    _, _, crossing, longest = distances(rig.body, rig.posed[pose], rig, pose)
-    return f"{crossing}; {longest:.1f}"
+    _, _, count, longest = distances(rig.body, rig.posed[pose], rig, pose)
+    return f"{count}; {longest:.1f}"
 
 
 def edge_lengths(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -155,41 +163,128 @@ def scanned(name: str, sensor: str) -> tuple[Rig, Mesh]:
 WAYS: dict[str, Callable[[Mesh, Skeleton], SkinWeights]] = {"bone heat": bone_heat, "nearest bone": slices}
 
 
+@dataclass
+class Posed:
+    """An avatar, what moves it, and what comes of it: (mean, 95 % [mm], crossing faces, longest edge) a pose."""
+
+    mesh: Mesh
+    weights: SkinWeights
+    skeleton: Skeleton
+    made: dict[str, tuple[float, float, int, float]] = field(default_factory=dict)
+
+    def measured(self, rig: Rig) -> Posed:
+        for pose in POSES:
+            self.made[pose] = distances(self.mesh, self.vertices(rig, pose), rig, pose)
+        return self
+
+    def vertices(self, rig: Rig, pose: str) -> np.ndarray:
+        return skinned(self.mesh.vertices, self.weights, bone_matrices(self.skeleton, rig.pose(pose, self.skeleton)))
+
+    def coarser(self, edge: float) -> Posed:
+        """With about as long edges, each as often as its triangle is large [m]."""
+        count = round(len(self.mesh.triangles) * (edge_by_area(self.mesh) / edge) ** 2)
+        less = decimate(self.mesh, count, weights=self.weights)
+        assert less.weights is not None
+        return Posed(less.mesh, less.weights, self.skeleton)
+
+
+def crossing(mesh: Mesh, posed: np.ndarray) -> tuple[int, float]:
+    """Crossing faces and their area in the rest pose [cm²]."""
+    faces = np.unique(self_intersections(posed, mesh.triangles))
+    a, b, c = (mesh.vertices[mesh.triangles[faces, k]] for k in range(3))
+    return len(faces), float(1e4 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
 def run(bodies: Sequence[str] = tuple(BODIES)) -> Result:
     table = Table(
-        "Skin weights: posed avatar to truly posed body, by the true joints [mm mean / 95 %]; crossing faces; "
-        "longest edge of its former length",
+        "Skin weights: posed avatar to truly posed body [mm mean / 95 %]; crossing faces; longest edge of its former "
+        "length",
+        ("body", "weights", *POSES),
+        left=2,
+    )
+    folds = Table(
+        "Skin that runs through skin: crossing faces as they are; with edges as long as the true body's; their area "
+        "[cm²]",
         ("body", "weights", *POSES),
         left=2,
     )
     if not FOLDER.is_dir():
         table.notes.append("left out: no bodies with a rig")
         return Result([table], [])
-    over = []
+    over: dict[str, list[tuple[str, float, float]]] = {"true": [], "found": []}  # pose, mean and 95 % above the true
+    longest, folded = [], []
     for name in bodies:
         say(f"rig weights: {name}")
         rig, scan = scanned(name, BODIES[name])
-        mesh, own = skinned_mesh(scan, rig.skeleton)
-        ways = {"true": rig.nearest_weights(mesh), "ours": own}
-        ways |= {way: make(mesh, rig.skeleton) for way, make in WAYS.items()}
-        finer = edge_by_area(rig.body) / edge_by_area(mesh)
+        ways = _ways(rig, scan)
+        finer = edge_by_area(rig.body) / edge_by_area(ways["true"].mesh)
         table.rows.append((name, f"true body (edges {finer:.1f} ×)", *(true_cell(rig, pose) for pose in POSES)))
-        floor = {}
-        for way, weights in ways.items():
-            cells = []
-            for pose in POSES:
-                posed = skinned(mesh.vertices, weights, bone_matrices(rig.skeleton, rig.pose(pose, rig.skeleton)))
-                mean, most, crossing, longest = distances(mesh, posed, rig, pose)
-                floor.setdefault(pose, (mean, most))
-                cells.append(f"{mean:.2f} / {most:.1f}; {crossing}; {longest:.1f}")
-                if way == "ours":
-                    over.append(mean - floor[pose][0] <= ALLOWED[pose][0] and most - floor[pose][1] <= ALLOWED[pose][1])
+        for way, posed in ways.items():
+            cells = (f"{m:.2f} / {p:.1f}; {count}; {edge:.1f}" for m, p, count, edge in posed.made.values())
             table.rows.append((name, way, *cells))
-    table.notes.append("where skin meets skin as many more faces cross as edges are shorter than the true body's (×)")
-    table.notes.append(f"ours within the limits above the true weights: {sum(over)} of {len(over)}")
-    return Result([table], [])
+        for joints, way in (("true", "ours"), ("found", "ours, found joints")):
+            for pose in POSES:
+                mean, most = (ways[way].made[pose][k] - ways["true"].made[pose][k] for k in (0, 1))
+                over[joints].append((pose, mean, most))
+            longest.append(ways[way].made["armsup"][3])
+        folded += _folds(folds, name, rig, ways)
+    folds.notes.append("folds of the same length cross more faces the shorter edges are, and less area")
+    return Result([table, folds], _findings(over, longest, folded))
+
+
+def _ways(rig: Rig, scan: Mesh) -> dict[str, Posed]:
+    mesh, own = skinned_mesh(scan, rig.skeleton)
+    made = {"true": Posed(mesh, rig.nearest_weights(mesh), rig.skeleton), "ours": Posed(mesh, own, rig.skeleton)}
+    found = find_skeleton(scan)
+    refined, weights = skinned_mesh(scan, found)
+    made["ours, found joints"] = Posed(refined, weights, found)
+    made |= {way: Posed(mesh, make(mesh, rig.skeleton), rig.skeleton) for way, make in WAYS.items()}
+    return {way: posed.measured(rig) for way, posed in made.items()}
+
+
+def _folds(table: Table, name: str, rig: Rig, ways: dict[str, Posed]) -> list[tuple[int, int]]:
+    """Rows of the table; crossing faces of ours at the true body's edges, and the true body's."""
+    pairs, edge = [], edge_by_area(rig.body)
+    true = {pose: crossing(rig.body, rig.posed[pose]) for pose in POSES}
+    table.rows.append((name, "true body", *(f"{count}; {count}; {area:.0f}" for count, area in true.values())))
+    for way in ("true", "ours", "ours, found joints"):
+        posed, cells = ways[way].coarser(edge), []
+        for pose in POSES:
+            as_it_is, area = crossing(ways[way].mesh, ways[way].vertices(rig, pose))
+            count, _ = crossing(posed.mesh, posed.vertices(rig, pose))
+            cells.append(f"{as_it_is}; {count}; {area:.0f}")
+            if way != "true":
+                pairs.append((count, true[pose][0]))
+        table.rows.append((name, way, *cells))
+    return pairs
+
+
+def _findings(
+    over: dict[str, list[tuple[str, float, float]]], longest: list[float], folded: list[tuple[int, int]]
+) -> list[Finding]:
+    found = []
+    for joints, of in over.items():
+        for poses, (mean, most) in ((POSES[:3], ALLOWED["tpose"]), (POSES[3:], ALLOWED["squat"])):
+            worst = np.array([row[1:] for row in of if row[0] in poses]).max(axis=0)
+            found.append(
+                Finding(
+                    f"{', '.join(poses)} by {joints} joints: ≤ {mean:g} mm mean, ≤ {most:g} mm at 95 % above the true",
+                    f"{worst[0]:.1f} / {worst[1]:.1f} mm",
+                    bool(worst[0] <= mean and worst[1] <= most),
+                )
+            )
+    worst_edge = max(longest)
+    found.append(Finding(f"arms up: longest edge ≤ {LONGEST:g} ×", f"{worst_edge:.1f} ×", worst_edge <= LONGEST))
+    share = max((ours - AND) / max(true, 1) for ours, true in folded)
+    held = all(ours <= MORE_CROSSING * true + AND for ours, true in folded)
+    found.append(
+        Finding(f"crossing faces, edges alike: ≤ {MORE_CROSSING:g} × the true body's + {AND}",
+                f"{max(share, 0.0):.1f} × + {AND}", held)
+    )  # fmt: skip
+    return found
 
 
 if __name__ == "__main__":
-    for made in run(sys.argv[1:] or tuple(BODIES)).tables:
+    measured = run(sys.argv[1:] or tuple(BODIES))
+    for made in (*measured.tables, limits_table(measured.findings)):
         print(made.text())
