@@ -150,7 +150,7 @@ def prepare(place: Place) -> None:
     if not (place.share / "capture").exists():
         write_capture(place.share / "capture")
     shutil.rmtree(place.share / "wrong", ignore_errors=True)
-    made = runpy.run_path(str(ROOT / "tests" / "addon" / "wrong_files.py"))["make_dropped"](
+    made = runpy.run_path(str(ROOT / "tests" / "wrong_files.py"))["make_dropped"](
         place.share / "wrong", place.share / "capture"
     )
     (place.share / "wrong" / "wrong.json").write_text(json.dumps(made), encoding="utf-8")

@@ -532,6 +532,7 @@ def wrong_files() -> Story:
         yield 0.2
         yield from type_key("O", *middle())
         yield from settled()
+        yield from keys("ESC")  # Blender's own message, at the mouse
         kept = keeper.kept(bpy.context)
         expect(kept is not None and re.search(wrong["words"], str(kept.notice)), f"{wrong['name']}: {kept}")
         if pressed == 0:
