@@ -222,8 +222,7 @@ def small_png() -> bytes:
 
 DROPPED = (
     "a letter called .mkv", "a database that is none", "a recording of an unknown version", "a frame cut off",
-    "a zip cut off", "black depth images", "a depth image cut off", "the lens of another camera",
-    "mirrors that are a number",
+    "black depth images", "a depth image cut off", "the lens of another camera", "mirrors that are a number",
 )  # fmt: skip
 """Of :data:`FILES`, a handful of kinds, by name; the last ones are capture folders."""
 

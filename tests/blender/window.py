@@ -529,7 +529,7 @@ def wrong_files() -> Story:
         yield from move(*middle())
         with viewport():
             bpy.ops.wm.drop_import_file("INVOKE_DEFAULT", directory=folder, files=[{"name": file}])
-        yield 0.2
+        yield 0.1
         yield from type_key("O", *middle())
         yield from settled()
         yield from keys("ESC")  # Blender's own message, at the mouse
@@ -573,7 +573,7 @@ def press_cure(operator: str, words: str, column: float = 0.33, absent: bool = F
     calls, or without them."""
     sidebar = region("UI")
     x = sidebar.x + 10 + round(column * (sidebar.width - 48))
-    for y in range(sidebar.y + sidebar.height - 10, sidebar.y + sidebar.height // 3, -10):
+    for y in range(sidebar.y + sidebar.height - 10, sidebar.y + sidebar.height // 3, -14):
         if (yield from is_button(operator, {}, x, y)) and (words in bpy.context.window_manager.clipboard) != absent:
             yield from click(x, y)
             return
