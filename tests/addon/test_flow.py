@@ -128,7 +128,7 @@ def test_handlers_take_what_belongs_to_captures(bpy):
     from mirror_scan.mirror_scan_addon.operators.load_capture import MIRRORSCAN_FH_capture, MIRRORSCAN_FH_picture
 
     for handler in (MIRRORSCAN_FH_capture, MIRRORSCAN_FH_picture):
-        assert handler.bl_import_operator == "mirror_scan.load_capture"
+        assert handler.bl_import_operator == "mirror_scan.drop_look"
         assert handler.is_registered
     assert ".mkv" in MIRRORSCAN_FH_capture.bl_file_extensions.split(";")
     from types import SimpleNamespace
