@@ -425,7 +425,7 @@ def motion() -> Story:
     note("skeleton_s", time.perf_counter() - started)
     bones = avatar().parent
     expect(bones is not None and len(bones.data.bones) == 22, "a skeleton")
-    yield from press("apply_motion", 0.6, clip="walk")
+    yield from press("apply_motion", 0.2, clip="walk")
     yield from settled()
     expect(bones.animation_data.action is not None, "a motion")
     scene = bpy.context.scene
@@ -460,7 +460,7 @@ def motion() -> Story:
     yield from press("follow_stream")
     yield 0.3
     expect(not busy() and abs(hand.head[2] - aim[2]) < 0.02, "the pose stays when the button is pressed again")
-    yield from press("apply_motion", 0.6, clip="idle")
+    yield from press("apply_motion", 0.2, clip="idle")
     yield from settled()
 
 
