@@ -273,7 +273,7 @@ class MIRRORSCAN_PG_subject(bpy.types.PropertyGroup):
     )  # fmt: skip
     floor_clearance_m: _metres(0.002, 0.0, 0.5)
     floor_clearance: _length(
-        "floor_clearance_m", "Height Threshold",
+        "floor_clearance_m", "Floor Height",
         "Everything up to this height above the floor counts as floor. Raise it if pieces of the floor stick to the "
         "soles",
         step=0.1, precision=4, default=0.002, update=_search_changed,
