@@ -600,10 +600,15 @@ def test_a_click_writes_into_the_folder_that_was_chosen(bpy, capsule, tmp_path):
     select_only(bpy.context, create_avatar(capsule, collection=bpy.context.collection))
     said = []
     kind = bpy.ops.mirror_scan.export_avatar.get_rna_type()
-    button = SimpleNamespace(
+
+    class Button(SimpleNamespace):
+        bl_idname = Export.bl_idname
+
+    button = Button(
         filepath="", format="PLY", colors="CAPTURE", _ending=lambda: ".ply",
         report=lambda kind, text: said.append((kind, text)),
-        properties=SimpleNamespace(is_property_set=lambda name: True), bl_rna=kind,
+        properties=SimpleNamespace(is_property_set=lambda name: name == "format", format="PLY", bl_rna=kind),
+        bl_rna=kind,
     )  # fmt: skip
     button.execute = lambda context: Export.execute(button, context)
     settings_of(bpy).export_folder = str(tmp_path)
