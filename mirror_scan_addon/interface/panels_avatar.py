@@ -75,7 +75,7 @@ class MIRRORSCAN_PT_avatar(Panel, Step, bpy.types.Panel):
             sentence(layout, problem or say("A skeleton lets motions move the avatar"), "INFO")
             return
         layout.operator("mirror_scan.apply_motion", icon="FILE_MOVIE", text_ctxt=CONTEXT).clip = "FILE"
-        flow = layout.grid_flow(columns=3, even_columns=True, align=True)
+        flow = layout.grid_flow(row_major=True, columns=3, even_columns=True, align=True)
         clips = bpy.ops.mirror_scan.apply_motion.get_rna_type().properties["clip"].enum_items
         for item in clips[1:]:
             button = flow.operator("mirror_scan.apply_motion", text=item.name, text_ctxt=CONTEXT)
@@ -149,7 +149,7 @@ class MIRRORSCAN_PT_clothes(_AvatarPart, bpy.types.Panel):
         layout = self.layout
         look = context.scene.mirror_scan.look
         layout.operator_context = "INVOKE_DEFAULT"
-        flow = layout.grid_flow(columns=3, even_columns=True, align=True)
+        flow = layout.grid_flow(row_major=True, columns=3, even_columns=True, align=True)
         for item in bpy.ops.mirror_scan.dress.get_rna_type().properties["kind"].enum_items:
             button = flow.operator("mirror_scan.dress", text=item.name, text_ctxt=CONTEXT)
             button.kind, button.ease, button.tight = item.identifier, look.ease, look.tight

@@ -425,7 +425,7 @@ def motion() -> Story:
     note("skeleton_s", time.perf_counter() - started)
     bones = avatar().parent
     expect(bones is not None and len(bones.data.bones) == 22, "a skeleton")
-    yield from press("apply_motion", 0.2, clip="walk")
+    yield from press("apply_motion", 0.5, clip="walk")
     yield from settled()
     expect(bones.animation_data.action is not None, "a motion")
     scene = bpy.context.scene
