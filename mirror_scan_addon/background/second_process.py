@@ -265,7 +265,9 @@ class Errand:
         if not self._worker.ready:
             return Unavailable(f"{sys.executable} ended with code {code}: {said}")
         if said:
-            print(said, file=sys.stderr)  # for who looks for the cause; it tells a user nothing
+            import logging
+
+            logging.getLogger(__name__).warning("%s", said)  # for who looks for the cause; it tells a user nothing
         text = say(
             "The work was ended from outside (code {code}); if you did not do that, memory ran out: close other "
             "programs, or use fewer frames"

@@ -180,13 +180,13 @@ def test_errors_and_warnings_keep_their_parts(errands):
     assert warning == "50% is seen" and warning.values == {"share": "50%"} and not isinstance(plain, Notice)
 
 
-def test_a_process_that_dies_is_told_and_replaced(errands, capsys):
+def test_a_process_that_dies_is_told_and_replaced(errands, caplog):
     from mirror_scan.core.errors import MirrorScanError
 
     errand, _ = run(errands.end, 7)
     assert isinstance(errand.error, MirrorScanError)
     assert "code 7" in str(errand.error) and errand.error.code == "worker"
-    assert "out of luck" in capsys.readouterr().err  # what it printed is for who looks for the cause
+    assert "out of luck" in caplog.text  # what it printed is for who looks for the cause
     assert not errand._worker.folder.exists()
     assert run(errands.count, 2)[0].result["sum"] == 1
 
