@@ -20,7 +20,17 @@ from typing import Any, NamedTuple
 from ..errors import MirrorScanError
 from ..numeric.threads import thread_count
 from .program_version import program_version
-from .worker_process import Readiness, Threads, WarmUp, get_ready, host_of, quiet_worker, run_task
+from .worker_process import (
+    Readiness,
+    Threads,
+    WarmUp,
+    get_ready,
+    host_of,
+    packed,
+    quiet_worker,
+    run_task,
+    unpacked_there,
+)
 
 TASK_GB = 1.5
 """Memory that one reconstruction may need [GB]; more workers than memory has room for are not started by default."""
@@ -182,7 +192,7 @@ class TaskRunner:
     """
 
     def __init__(self, client: Any, each: int, warm_up: Callable[[], object] | None) -> None:
-        self._client, self._each = client, each
+        self._client, self._each, self._call = client, each, unpacked_there()
         self._warm_up = None if warm_up is None else WarmUp(uuid.uuid4().hex, warm_up)
         self.start_s = self.compile_s = 0.0
 
@@ -225,7 +235,7 @@ class TaskRunner:
                 # One for each worker: what waited behind a task that takes all the memory would be blamed, too.
                 for number, arguments in itertools.islice(waiting, max(1, sum(hosts.values())) - len(running)):
                     future = self._client.submit(
-                        run_task, function, arguments, Threads(self._each, hosts), self._warm_up,
+                        self._call, packed(run_task, function, arguments, Threads(self._each, hosts), self._warm_up),
                         key=f"mirror_scan-{batch}-{number}", pure=False,
                     )  # fmt: skip
                     numbers[future.key], running[future.key] = number, future
@@ -258,7 +268,7 @@ class TaskRunner:
         for addresses in (list(first.values()), others):
             futures = [
                 self._client.submit(
-                    get_ready, Threads(self._each, hosts), self._warm_up, False,
+                    self._call, packed(get_ready, Threads(self._each, hosts), self._warm_up, False),
                     workers=[address], allow_other_workers=True, pure=False,
                 )
                 for address in addresses

@@ -44,6 +44,29 @@ class Readiness(NamedTuple):
     seconds: float
 
 
+def unpacked_there() -> Callable[[bytes], Any]:
+    """``function(packed)`` for Dask: in the worker, calls what :func:`packed` holds.
+
+    What a worker cannot import would break its connection, over and over, if Dask unpacked it; here that is the task's
+    own error. So the function is one that goes to the worker by its code, not by its name.
+    """
+
+    def call(packed: bytes) -> Any:
+        import pickle
+
+        function, arguments = pickle.loads(packed)
+        return function(*arguments)
+
+    return call
+
+
+def packed(function: Callable[..., Any], *arguments: Any) -> bytes:
+    """A call, as bytes."""
+    import cloudpickle  # Dask brings it
+
+    return cloudpickle.dumps((function, arguments))
+
+
 def get_ready(threads: Threads, warm_up: WarmUp | None, turns: bool = True) -> Readiness:
     """Set the number of threads and call ``warm_up``, unless this process has done so.
 

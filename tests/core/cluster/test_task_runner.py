@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import types
 from pathlib import Path
 
 import pytest
@@ -102,6 +103,11 @@ def test_processes_share_the_threads_and_lost_ones_are_made_up_for(tmp_path, cap
         os.kill(victim, signal.SIGKILL)
         found += outcomes
         assert sorted(one.number for one in found) == list(range(6)) and not any(one.error for one in found)
+        ghost = types.ModuleType("ghost")
+        ghost.answer = types.FunctionType(compile("None", "ghost", "exec"), {"__name__": "ghost"}, "answer")
+        monkeypatch.setitem(sys.modules, "ghost", ghost)
+        (unknown,) = runner.run(ghost.answer, [()])
+        assert isinstance(unknown.error, ModuleNotFoundError), "a worker that lacks a module says so"
         (ended,) = runner.run(os._exit, [(9,)])
         assert isinstance(ended.error, ClusterError) and "lost 2 times" in str(ended.error)
     assert victim != os.getpid()
