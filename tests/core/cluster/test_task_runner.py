@@ -104,7 +104,7 @@ def test_processes_share_the_threads_and_lost_ones_are_made_up_for(tmp_path, cap
         found += outcomes
         assert sorted(one.number for one in found) == list(range(6)) and not any(one.error for one in found)
         ghost = types.ModuleType("ghost")
-        ghost.answer = types.FunctionType(compile("None", "ghost", "exec"), {"__name__": "ghost"}, "answer")
+        exec("def answer(): pass", ghost.__dict__)
         monkeypatch.setitem(sys.modules, "ghost", ghost)
         (unknown,) = runner.run(ghost.answer, [()])
         assert isinstance(unknown.error, ModuleNotFoundError), "a worker that lacks a module says so"
