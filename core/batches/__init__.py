@@ -3,7 +3,7 @@
 from .batch_folder import BatchFolder, Finished, open_batch_folder
 from .batch_summary import Row, write_summary
 from .capture_list import Found, find_captures
-from .content_digest import content_digest, settings_digest, surroundings
+from .digests import content_digest, settings_digest, surroundings
 
 __all__ = [
     "BatchFolder",
