@@ -15,17 +15,20 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from mirror_scan.core import cli
+from mirror_scan.core.batches import Finished, content_digest, open_batch_folder
 from mirror_scan.core.batches.batch_folder import UNFINISHED, read_record
 from mirror_scan.core.capture import Capture, open_capture
 from mirror_scan.core.capture.rgbd_writer import write_folder
 from mirror_scan.core.cli.batch import make_avatar
 from mirror_scan.core.cli.parser import build_parser
+from mirror_scan.core.cluster import WorkerSettings, start_workers
 
 from .machine import installed
 from .results import Finding, Result, Table, yes
@@ -58,8 +61,8 @@ def tables(quick: bool = False) -> Result:
         write_captures(scans, quick)
         speed = _speed(scans, Path(place))
         kills = _kills(scans, Path(place))
-        costs = _costs(Path(place))
-    return Result([speed.tables[0], kills.tables[0], costs], speed.findings + kills.findings)
+        costs, around = _costs(Path(place)), _around(Path(place))
+    return Result([speed.tables[0], kills.tables[0], costs, around], speed.findings + kills.findings)
 
 
 def write_captures(scans: Path, quick: bool) -> None:
@@ -186,6 +189,38 @@ def _costs(place: Path) -> Table:
     notes = ["Memory is the most that the worker's process had, with Python, numba and all kernels."]
     columns = ("capture", "seconds, one thread", "of the processor", "memory MB", "read MB", "sent back MB")
     return Table("Batch: what a capture costs", columns, rows, notes)
+
+
+def _around(place: Path) -> Table:
+    """What the one machine that runs the command does around the work; the first to have enough in a large cluster."""
+    block, results, tasks = os.urandom(5_000_000), 200, 400
+    rows = []
+    (place / "block").mkdir()
+    for k in range(40):
+        (place / "block" / f"{k}.bin").write_bytes(block)
+    seconds = _seconds(lambda: content_digest(place / "block"))
+    rows.append(("tell captures by their bytes", f"{40 * len(block) / 1e6 / seconds:.0f} MB/s"))
+    folder = open_batch_folder(place / "around")
+
+    def keep() -> None:
+        for k in range(results):
+            files = {"avatar.glb": block, "preview.png": block[:60_000], "report.json": block[:6_000]}
+            folder.keep(f"person {k}", Finished(str(k), f"/{k}", {}, {}), files)
+
+    rows.append(("write results of 5 MB", f"{results / _seconds(keep):.0f} /s"))
+    rows.append(("find what is done already", f"{results / _seconds(lambda: open_batch_folder(folder.path)):.0f} /s"))
+    with start_workers(WorkerSettings(workers=WORKERS, threads=1)) as runner:
+        empty = _seconds(lambda: list(runner.run(len, [((),)] * tasks)))
+        full = _seconds(lambda: list(runner.run(bytes, [(len(block),)] * tasks)))
+    rows.append(("hand out tasks, results empty", f"{tasks / empty:.0f} /s"))
+    rows.append(("hand out tasks, results of 5 MB", f"{tasks / full:.0f} /s"))
+    return Table("Batch: what the machine that runs it does itself", ("work", "rate"), rows)
+
+
+def _seconds(call: Callable[[], object]) -> float:
+    began = time.perf_counter()
+    call()
+    return time.perf_counter() - began
 
 
 def _loop(scans: Path, threads: int, wanted: list[str] | None = None) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 Importing this brings neither Dask nor numba.
 """
 
-from .program_version import program_version
+from .code_version import program_version
 from .task_runner import ClusterError, Outcome, TaskRunner, WorkerSettings, start_workers
 
 __all__ = ["ClusterError", "Outcome", "TaskRunner", "WorkerSettings", "program_version", "start_workers"]

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 from ..errors import MirrorScanError
 from ..numeric.threads import thread_count
-from .program_version import program_version
+from .code_version import program_version
 from .worker_process import (
     Readiness,
     Threads,
@@ -35,7 +35,7 @@ from .worker_process import (
 TASK_GB = 1.5
 """Memory that one reconstruction may need [GB]; more workers than memory has room for are not started by default."""
 CONNECT_S = 30
-CLOSE_S = 10
+LOOK_S = 1.0
 
 
 class ClusterError(MirrorScanError):
@@ -194,6 +194,8 @@ class TaskRunner:
     def __init__(self, client: Any, each: int, warm_up: Callable[[], object] | None) -> None:
         self._client, self._each, self._call = client, each, unpacked_there()
         self._warm_up = None if warm_up is None else WarmUp(uuid.uuid4().hex, warm_up)
+        self._known_hosts: dict[str, int] = {}
+        self._hosts_at = float("-inf")
         self.start_s = self.compile_s = 0.0
 
     @property
@@ -233,7 +235,8 @@ class TaskRunner:
             while True:
                 hosts = self._hosts()
                 # One for each worker: what waited behind a task that takes all the memory would be blamed, too.
-                for number, arguments in itertools.islice(waiting, max(1, sum(hosts.values())) - len(running)):
+                free = max(0, max(1, sum(hosts.values())) - len(running))  # workers may have gone
+                for number, arguments in itertools.islice(waiting, free):
                     future = self._client.submit(
                         self._call, packed(run_task, function, arguments, Threads(self._each, hosts), self._warm_up),
                         key=f"mirror_scan-{batch}-{number}", pure=False,
@@ -251,10 +254,13 @@ class TaskRunner:
                 self._client.cancel(list(running.values()), force=True)
 
     def _hosts(self) -> dict[str, int]:
-        """Host → tasks that its workers run at the same time."""
+        """Host → tasks that its workers run at the same time; asked for again after a second."""
+        if time.monotonic() - self._hosts_at < LOOK_S:
+            return self._known_hosts
         found: dict[str, int] = {}
         for address, slots in self._client.nthreads().items():
             found[host_of(address)] = found.get(host_of(address), 0) + slots
+        self._known_hosts, self._hosts_at = found, time.monotonic()
         return found
 
     def _prepare(self) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from ..numeric.threads import thread_count
-from .program_version import program_version
+from .code_version import program_version
 
 _CORES = thread_count()
 """Of this process, before :func:`_share` says how many of them a task may use."""

@@ -59,6 +59,15 @@ def test_what_is_left_is_cancelled_when_nobody_asks_any_more():
     assert time.monotonic() - began < 60
 
 
+def test_workers_may_go_while_tasks_run(monkeypatch):
+    with start_workers(IN_PROCESS) as runner:
+        outcomes = runner.run(operator.neg, [(k,) for k in range(6)])
+        found = [next(outcomes)]
+        monkeypatch.setattr(runner, "_hosts", dict)  # none is there for the moment
+        found += outcomes
+    assert sorted(one.value for one in found) == [-5, -4, -3, -2, -1, 0]
+
+
 def test_nobody_at_the_address_is_one_line(monkeypatch):
     monkeypatch.setattr("mirror_scan.core.cluster.task_runner.CONNECT_S", 1)
     with (
