@@ -12,15 +12,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..camera import unproject
 from ..capture import Capture, MirrorPicks
 from ..depth.burst_fusion import fuse_burst
+from ..depth.depth_map import one_depth_map
 from ..depth.settings import DepthSettings
 from ..errors import MirrorScanError, Notice, ReconstructionError
 from ..light.phase_response import PhaseResponse
 from ..mirrors import Mirror
 from ..mirrors.mirror import moved, person_before, reflection_shift
 from ..pipeline import KnownScene, Reconstruction, Settings, reconstruct
-from ..views.floor_and_vertical import Ground
+from ..views.floor_and_vertical import Ground, find_ground
+from ..views.ray_sorting import sort_rays
 from .recording import Recording
 
 SAMPLES = 5
@@ -28,6 +31,7 @@ SAMPLES = 5
 
 _STATIC = DepthSettings(burst_tolerance=0.01, burst_share=0.6)  # readings of the same surface; most samples show it
 _STILL = 2.5  # times what readings of the room typically spread by, relative to z²: more, and something moved
+_SAME = 4.0  # times that spread, within which a reading is of the room
 
 
 @dataclass(frozen=True)
@@ -99,6 +103,7 @@ def place_rig(
             faults.append(fault)
     if not captures:
         raise faults[0]
+    raw = captures
     background, captures = still_averaged(captures)
     results: list[tuple[int, Reconstruction]] = []
     plain = replace(settings, skeleton=False, measure=False, triangles=None, texture=None)
@@ -111,7 +116,9 @@ def place_rig(
             faults.append(fault)
     if not results:
         raise faults[0]
-    return _agreed(results, background, captures[0].color)
+    rig = _agreed(results, background, captures[0].color)
+    ground = replace(rig.scene.ground, noise=_floor_noise(raw, list(rig.scene.mirrors), settings))
+    return replace(rig, scene=replace(rig.scene, ground=ground))
 
 
 def still_averaged(captures: Sequence[Capture]) -> tuple[np.ndarray, list[Capture]]:
@@ -140,13 +147,24 @@ def still_averaged(captures: Sequence[Capture]) -> tuple[np.ndarray, list[Captur
     fused, spread = fuse_burst(depth, _STATIC)
     known = (fused > 0) & (spread > 0)
     relative = np.where(known, spread / np.maximum(fused, 1e-6), 0.0)
-    limit = _STILL * float(np.median(relative[known])) if known.any() else 0.0
+    usual = float(np.median(relative[known])) if known.any() else 0.0
+    limit = _STILL * usual
     still = known & (relative <= limit)
     background = np.where(still, fused, np.float32(0.0))
     return background, [
-        replace(capture, depth=np.where(still & (frame > 0), fused, frame)[None])
+        replace(capture, depth=np.where(still & (np.abs(frame - fused) < _SAME * usual * fused), fused, frame)[None])
         for capture, frame in zip(captures, depth, strict=True)
     ]
+
+
+def _floor_noise(captures: Sequence[Capture], mirrors: list[Mirror], settings: Settings) -> float:
+    """Standard deviation of a frame's own readings of the floor [m]: those that were averaged are better."""
+    found = []
+    for capture in captures:
+        points = unproject(one_depth_map(capture, settings.depth)[0], capture.intrinsics)
+        seen, points = sort_rays(points, mirrors, settings.views.depth_limit, settings.views.near)
+        found.append(find_ground(points, seen, mirrors).noise)
+    return float(np.median(found))
 
 
 def _agreed(
@@ -185,12 +203,12 @@ def _agreed(
 
 
 def _of_most(warnings: Sequence[Sequence[str]]) -> list[str]:
-    """What more than half of the samples are warned of, in the words of the first: what holds for one only is moving."""
+    """What more than half of the samples are warned of, in the words of the first."""
     first: dict[tuple, str] = {}
     count: Counter[tuple] = Counter()
     for of_sample in warnings:
         kinds = {(Notice.of(text).template, Notice.of(text).mirrors): text for text in of_sample}
-        count.update(kinds)
+        count.update(kinds.keys())
         first = kinds | first
     return [first[kind] for kind in first if 2 * count[kind] > len(warnings)]
 

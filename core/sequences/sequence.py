@@ -205,7 +205,7 @@ def _jobs(
             continue
         if steady is None:
             model = SENSORS.get(rig.scene.principle.sensor)
-            steady = DepthFilter(capture.intrinsics.fx, model, sequence.filter)
+            steady = DepthFilter(capture.intrinsics, model, sequence.filter, rig.background)
         depth = steady.next(capture.depth[0])
         if skipped:
             continue

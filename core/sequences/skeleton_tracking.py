@@ -24,9 +24,9 @@ from ..mesh.normals import triangle_normals, vertex_normals
 from ..numeric.rotations import between, from_vectors
 
 _CANDIDATES = 6  # frames in which a skeleton is looked for
-_POINTS = 2500  # of the skin that are fitted
+_POINTS = 1500  # of the skin that are fitted
 _FACING = 0.4  # cosine between normals of the skin and the surface: less is another side
-_FAR, _NEAR, _ROUNDS = 0.25, 0.05, 14  # reach of a point at first and at last [m], and Gauss-Newton rounds
+_FAR, _NEAR, _ROUNDS = 0.25, 0.05, 12  # reach of a point at first and at last [m], and Gauss-Newton rounds
 _ROBUST = 0.015  # m: from where a distance weighs less
 _STIFF = 2e-4  # m² a rad²: how much a bone's turn against its parent costs
 _HANDS = 25.0  # times as stiff are bones whose skin says little of their turn
