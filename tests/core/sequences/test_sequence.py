@@ -1,0 +1,97 @@
+"""From a recording to closed meshes: made once, held where a frame shows nothing, gone on with."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mirror_scan.core.capture.rgbd_writer import FolderWriter
+from mirror_scan.core.cli import main
+from mirror_scan.core.errors import CaptureError
+from mirror_scan.core.io import read_mesh
+from mirror_scan.core.mesh.soundness import mesh_report
+from mirror_scan.core.sequences import open_recording
+
+
+@pytest.fixture(scope="module")
+def recording(simulated, tmp_path_factory):
+    """Four frames of a person who stands; the third shows a wall only."""
+    capture = simulated("ideal").capture
+    folder = tmp_path_factory.mktemp("sequence") / "standing"
+    writer = FolderWriter(folder, capture.intrinsics, "ideal")
+    for place in range(4):
+        writer.add(np.full_like(capture.depth[0], 1.0) if place == 2 else capture.depth[0])
+    writer.set_color(capture.color)
+    from mirror_scan.core.capture.folders.rgbd_folder import mirrors_to
+
+    writer.write_json("mirrors.json", {"mirrors": mirrors_to(capture.mirrors)})
+    return folder
+
+
+def test_frames_are_chosen_and_counted(recording):
+    assert open_recording(recording).numbers == (0, 1, 2, 3)
+    assert open_recording(recording, "1:", 2).numbers == (1, 3)
+    assert open_recording(recording).sample(2) == (1, 3)
+    assert len(open_recording(recording).read(1).depth) == 1
+    with pytest.raises(CaptureError, match="chooses none"):
+        open_recording(recording, "9:")
+
+
+def test_every_frame_is_closed_and_the_one_without_a_person_is_bridged(recording, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["sequence", str(recording), "-o", str(out), "--frames", "0:3", "--fps", "15"]) == 0
+    said = capsys.readouterr()
+    assert "2 frames made, 1 bridged, 0 lost" in said.out and "frame 2: the frame before is held" in said.err
+    report = json.loads((out / "sequence.json").read_text(encoding="utf-8"))
+    assert [row["state"] for row in report["frames"]] == ["made", "made", "bridged"] and report["rate"] == 15
+    meshes = [read_mesh(out / f"frame_{place:06d}.ply") for place in range(3)]
+    for mesh in meshes:
+        checked = mesh_report(mesh)
+        assert checked["watertight"] and checked["manifold"]
+    np.testing.assert_array_equal(meshes[1].vertices, meshes[2].vertices)
+    assert abs(meshes[0].vertices[:, 2].min()) < 0.03  # the floor of all frames
+
+    # gone on with: what is there is not made again
+    before = (out / "frame_000000.ply").stat().st_mtime_ns
+    again = ["sequence", str(recording), "-o", str(out), "--frames", "0:3", "--fps", "15", "--quiet"]
+    assert main(again) == 1 and "already" in capsys.readouterr().err
+    (out / "frame_000001.ply").unlink()
+    assert main([*again, "--resume"]) == 0
+    assert (out / "frame_000001.ply").exists() and (out / "frame_000000.ply").stat().st_mtime_ns == before
+    assert main([*again[:-1], "--unfiltered", "--resume"]) == 1
+    assert "other settings" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("outputs", "said"),
+    [
+        (["a.mp4"], "0 folders are given"),
+        (["a", "b"], "2 folders are given"),
+        (["a", "b.glb"], "ask for them with --skeleton"),
+    ],
+)
+def test_what_cannot_be_written_is_said_at_once(recording, tmp_path, capsys, outputs, said):
+    given = [part for name in outputs for part in ("-o", str(tmp_path / name))]
+    assert main(["sequence", str(recording), *given]) == 1
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_volume_that_jumps_is_no_whole_body():
+    from mirror_scan.core.mesh import Mesh
+    from mirror_scan.core.sequences.rig_placement import SequenceRig
+    from mirror_scan.core.sequences.sequence import BRIDGED, MADE, FrameMade, SequenceSettings, _Job, _Judge
+
+    rig = SequenceRig(None, np.eye(4), np.zeros((2, 2)), None, (0,), {})  # type: ignore[arg-type]  # its frame only
+    judge = _Judge(SequenceSettings(hold=2))
+    mesh = Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32))
+
+    def frame(place, litres):
+        report = {"mesh": {"watertight": True, "manifold": True, "volume_l": litres}}
+        return judge.judged(replace(_Job(place, place), made=FrameMade(mesh, report, 0.1)), rig)
+
+    states = [frame(k, v) for k, v in enumerate((70.0, 71.0, 69.0, 70.0, 30.0, 31.0, 29.0, 70.5))]
+    assert [one.state for one in states] == [MADE] * 4 + [BRIDGED] * 2 + ["lost", MADE]
+    assert "30 l" in states[4].reason
