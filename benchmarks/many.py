@@ -5,11 +5,11 @@
 
 from __future__ import annotations
 
-from . import many_batch
+from . import many_batch, many_sequence
 from .results import Result
 
 
 def run(quick: bool = False) -> Result:
     """All parts; quick: smaller captures."""
-    parts = [module.tables(quick) for module in (many_batch,)]
+    parts = [module.tables(quick) for module in (many_batch, many_sequence)]
     return Result([t for part in parts for t in part.tables], [f for part in parts for f in part.findings])
