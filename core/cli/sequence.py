@@ -66,7 +66,7 @@ def run_sequence(options: argparse.Namespace, writers: Writers) -> None:
     folder = SequenceFolder(targets.folder, suffixes, _facts(options, recording), options.resume)
     started = time.perf_counter()
     with progress_bar(options.quiet) as progress:
-        extra = {"rate": options.fps}
+        extra = folder.kept | {"rate": options.fps}
         try:
             _make_frames(options, recording, folder, extra, progress)
             made = folder.places()
@@ -75,6 +75,11 @@ def run_sequence(options: argparse.Namespace, writers: Writers) -> None:
             if targets.clips:
                 extra["skeleton"] = _follow(folder, made, targets.clips, options.fps, progress)
             _write_whole(folder, recording, targets, writers, options.fps, progress)
+        except KeyboardInterrupt:
+            done = len(folder.places(bridged=True))
+            raise KeyboardInterrupt(
+                f"interrupted; {done} of {len(recording)} frames are done, and --resume goes on from there"
+            ) from None
         finally:
             content = folder.finish({**extra, "seconds": round(time.perf_counter() - started, 2)})
     if options.quiet:

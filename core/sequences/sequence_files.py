@@ -31,6 +31,11 @@ class SequenceFolder:
     resume : bool
         Go on with a sequence that is there, made of the same by the same settings.
 
+    Attributes
+    ----------
+    kept : dict
+        Of a sequence that is gone on with: what its report said of the rig.
+
     Raises
     ------
     OutputError
@@ -43,6 +48,7 @@ class SequenceFolder:
                 raise OutputError(f"{folder}: frames are written as {', '.join(MESH_FORMATS)}, not as {suffix}")
         self.folder, self._formats, self._facts = folder, tuple(formats), facts
         self._rows: dict[int, dict] = {}
+        self.kept: dict = {}
         self._begin(resume)
 
     def _begin(self, resume: bool) -> None:
@@ -71,6 +77,7 @@ class SequenceFolder:
             raise OutputError(
                 f"{path}: this sequence was made of another recording, or with other settings; choose another folder"
             )
+        self.kept = {"rig": content["rig"]} if "rig" in content else {}
         self._rows = {place: row for place, row in rows.items() if self._is_whole(row)}
 
     def _is_whole(self, row: dict) -> bool:

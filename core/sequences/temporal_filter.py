@@ -105,14 +105,14 @@ class DepthFilter:
             moving &= ~((there > 0) & (np.abs(inverse - there) < _STILL * sigma))
         change = np.where((inverse > 0) & (self._mean > 0) & ~moving, self._mean - inverse, np.float32(np.nan))
         before = np.where(moving, np.uint8(0), self._count)
-        if settings.follow and sigma > 0 and moving.any():
+        if settings.follow and moving.any():
             self._follow(inverse, moving, sigma, change, before)
         elif not settings.follow:
             change = np.where((inverse > 0) & (self._mean > 0), self._mean - inverse, np.float32(np.nan))
             before = self._count
         out, count = np.zeros_like(inverse), np.zeros(depth.shape, np.uint8)
         each_range(
-            _blend_kernel, len(depth), inverse, change, before, np.float32(sigma), np.float32(settings.deviations),
+            _blend_kernel, len(depth), inverse, change, before, sigma, np.float32(settings.deviations),
             settings.window, settings.memory, out, count,
         )  # fmt: skip
         self._mean, self._count = out, count
@@ -121,20 +121,20 @@ class DepthFilter:
         np.divide(np.float32(1.0), out, out=steady, where=out > 0)
         return steady
 
-    def _sigma(self, inverse: np.ndarray) -> float:
-        """Standard deviation of a reading's inverse depth [1/m]: of the model, or of the quieter half of the frame."""
+    def _sigma(self, inverse: np.ndarray) -> np.ndarray:
+        """Standard deviation (H, W) float32 of inverse depth [1/m]: of the model, or of what is quiet."""
         assert self._mean is not None
-        both = (inverse > 0) & (self._mean > 0)
-        if not both.any():
-            return 0.0
-        middle = 1.0 / float(np.median(inverse[both]))
         if self._model is not None:
-            return float(self._model.sigma(middle, self._camera.fx)) / middle**2
-        change = np.abs(inverse[both] - self._mean[both])
-        return float(np.percentile(change, 25)) / 0.3186 / np.sqrt(2.0)  # a quarter of a normal's values lie within
+            z = 1.0 / np.maximum(inverse, np.float32(1e-3))
+            return (self._model.sigma(z, self._camera.fx) * inverse * inverse).astype(np.float32)
+        both = (inverse > 0) & (self._mean > 0)
+        change = np.abs(inverse[both] - self._mean[both]) if both.any() else np.zeros(1, np.float32)
+        # a quarter of a normal distribution's values lie within 0.3186 standard deviations
+        quiet = max(float(np.percentile(change, 25)) / 0.3186 / np.sqrt(2.0), 1e-6)
+        return np.full(inverse.shape, quiet, np.float32)
 
     def _follow(
-        self, inverse: np.ndarray, moving: np.ndarray, sigma: float, change: np.ndarray, before: np.ndarray
+        self, inverse: np.ndarray, moving: np.ndarray, sigma: np.ndarray, change: np.ndarray, before: np.ndarray
     ) -> None:
         """Where things move: ``change`` to the mean of the surface that each reading lies on, and its ``before``."""
         camera, mean, count = self._camera, self._mean, self._count
@@ -153,7 +153,7 @@ class DepthFilter:
             flat = motion.reshape(-1, 6)
             each_range(
                 _register_kernel, len(nodes), nodes, shape[1], inverse, moving, planes, centers, flat, lens,
-                1.0 / sigma, equations, right,
+                sigma, equations, right,
             )  # fmt: skip
             step = np.linalg.solve(equations / _TOGETHER + prior, right / _TOGETHER - flat[nodes] @ prior)
             flat[nodes] += step
@@ -243,7 +243,7 @@ def _plane_kernel(begin, end, mean, planes):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _register_kernel(
-    begin, end, nodes, columns, inverse, moving, planes, centers, motion, lens, precision, equations, right
+    begin, end, nodes, columns, inverse, moving, planes, centers, motion, lens, sigma, equations, right
 ):
     """Normal equations of some nodes' motions: their windows' points onto the planes of the frame before."""
     height, width = inverse.shape
@@ -259,7 +259,7 @@ def _register_kernel(
             for u in range(max(u0 - _REACH, 0), min(u0 + _REACH + 1, width), _STRIDE):
                 if not moving[v, u]:
                     continue
-                z = 1.0 / inverse[v, u]
+                z, precision = 1.0 / inverse[v, u], 1.0 / sigma[v, u]
                 if abs(z - mz) > 2.0 * _SAME:
                     continue
                 rx, ry, rz = (u - cx) / fx * z - mx, (v - cy) / fy * z - my, z - mz
@@ -345,7 +345,7 @@ def _blend_kernel(begin, end, inverse, change, before, sigma, deviations, window
                 continue
             out[v, u], number[v, u] = d, 1
             r, n = change[v, u], np.float32(before[v, u])
-            limit = deviations * sigma * np.sqrt(np.float32(1.0) + np.float32(1.0) / max(n, np.float32(1.0)))
+            limit = deviations * sigma[v, u] * np.sqrt(np.float32(1.0) + np.float32(1.0) / max(n, np.float32(1.0)))
             if n == 0.0 or not abs(r) <= limit:  # true for NaN, too
                 continue
             total, found = np.float32(0.0), np.float32(0.0)
