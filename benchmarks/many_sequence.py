@@ -32,6 +32,7 @@ from mirror_scan.core.sequences import (
     FilterSettings,
     SequenceRig,
     SequenceSettings,
+    SurfaceFilterSettings,
     open_recording,
     place_rig,
     reconstruct_sequence,
@@ -144,7 +145,9 @@ def make(moving: Moving, rig: SequenceRig, use: bool) -> Made:
     recording, meshes, sound, bridged, steadied = open_recording(moving.folder), {}, True, 0, []
     to_camera, memory = np.linalg.inv(rig.to_avatar), []
     started = time.perf_counter()
-    for frame in reconstruct_sequence(recording, rig, sequence=SequenceSettings(FilterSettings(use=use))):
+    for frame in reconstruct_sequence(
+        recording, rig, sequence=SequenceSettings(FilterSettings(use=use), SurfaceFilterSettings(use=use))
+    ):
         memory.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
         if frame.mesh is None or frame.report is None:
             bridged += 1

@@ -94,7 +94,7 @@ def _make_frames(
     options: argparse.Namespace, recording: Recording, folder: SequenceFolder, extra: dict, progress: Progress | None
 ) -> None:
     """Each frame's mesh, written as it is made."""
-    from ..sequences import FilterSettings, SequenceSettings, place_rig, reconstruct_sequence
+    from ..sequences import FilterSettings, SequenceSettings, SurfaceFilterSettings, place_rig, reconstruct_sequence
 
     todo = sum(not folder.has(place) for place in range(len(recording)))
     if not todo:
@@ -104,7 +104,8 @@ def _make_frames(
     for warning in rig.warnings:
         complain("warning", warning)
     extra["rig"] = _rig_summary(rig)
-    wanted = SequenceSettings(FilterSettings(use=not options.unfiltered))
+    steady = not options.unfiltered
+    wanted = SequenceSettings(FilterSettings(use=steady), SurfaceFilterSettings(use=steady))
     began, done = time.perf_counter(), 0
     with _workers(options) as runner:
         for frame in reconstruct_sequence(recording, rig, settings, wanted, folder.has, runner):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from .recording import Recording, open_recording
 from .rig_placement import SequenceRig, place_rig
 from .sequence import SequenceFrame, SequenceSettings, reconstruct_sequence
+from .surface_filter import SurfaceFilter, SurfaceFilterSettings
 from .temporal_filter import DepthFilter, FilterSettings
 
 __all__ = [
@@ -14,6 +15,8 @@ __all__ = [
     "SequenceFrame",
     "SequenceRig",
     "SequenceSettings",
+    "SurfaceFilter",
+    "SurfaceFilterSettings",
     "open_recording",
     "place_rig",
     "reconstruct_sequence",

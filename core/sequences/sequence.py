@@ -20,6 +20,7 @@ from ..pipeline import KnownScene, Settings, reconstruct
 from .exposure import match_frame
 from .recording import Recording
 from .rig_placement import SequenceRig
+from .surface_filter import SurfaceFilter, SurfaceFilterSettings
 from .temporal_filter import DepthFilter, FilterSettings
 
 if TYPE_CHECKING:
@@ -37,7 +38,8 @@ class SequenceSettings:
 
     Parameters
     ----------
-    filter : FilterSettings
+    filter, surface : FilterSettings, SurfaceFilterSettings
+        How depth, and the closed surfaces, are steadied in time.
     workers : int
         Frames made at the same time; 0 = as many as there are cores, two at most.
     hold : int
@@ -47,6 +49,7 @@ class SequenceSettings:
     """
 
     filter: FilterSettings = FilterSettings()
+    surface: SurfaceFilterSettings = SurfaceFilterSettings()
     workers: int = 0
     hold: int = 15
     volume_change: float = 0.3
@@ -109,8 +112,9 @@ def reconstruct_sequence(
 
     Notes
     -----
-    Holds as many frames as are made at the same time, and the filter's last; any length of recording takes as much.
-    Frames do not depend on how many are made at the same time.
+    Holds as many frames as are made at the same time, and the filters' last; any length of recording takes as much.
+    Frames do not depend on how many are made at the same time. A frame's report is of the mesh before it is steadied,
+    which moves vertices and leaves triangles as they are.
     """
     settings = replace(settings, skeleton=False, measure=False, triangles=None, texture=None)
     judge = _Judge(sequence)
@@ -239,7 +243,7 @@ class _Judge:
     """Says what becomes of each frame: it is taken, or bridged by the last one that was."""
 
     def __init__(self, settings: SequenceSettings) -> None:
-        self._settings = settings
+        self._settings, self._steady = settings, SurfaceFilter(settings.surface)
         self._volumes: deque[float] = deque(maxlen=_KNOWN_VOLUMES)
         self._last: Mesh | None = None
         self._held = 0
@@ -254,7 +258,7 @@ class _Judge:
             return self._bridged(job, reason)
         self._volumes.append(result.report["mesh"]["volume_l"])
         self._held = 0
-        self._last = result.mesh.transformed(rig.to_avatar)
+        self._last = self._steady.next(result.mesh.transformed(rig.to_avatar))
         return SequenceFrame(
             job.place, job.number, MADE, self._last, "", result.report, job.steadied, result.seconds
         )  # fmt: skip
