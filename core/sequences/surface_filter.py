@@ -18,16 +18,16 @@ from ..mesh import Mesh
 from ..mesh.bvh import Bvh, build_bvh, closest_point
 from ..mesh.normals import triangle_normals, vertex_normals
 
-_VOXEL, _REACH = 0.08, 0.10  # m: between nodes, and how far their motion reaches, one standard deviation
+_VOXEL, _REACH = 0.2, 0.3  # m: between nodes, and how far their motion reaches, one standard deviation
 _NODES = 4  # nodes that move a point
-_POINTS, _ROUNDS = 4000, 7  # points of the surface that are registered, and how often
+_POINTS, _ROUNDS = 2500, 6  # points of the surface that are registered, and how often
 _FAR, _NEAR = 0.15, 0.05  # m: where a point's partner is looked for, at first and at last
 _FACING = 0.5  # cosine between normals; less is another side
 _TURN, _SHIFT = 0.3, 0.08  # standard deviations of a neighbourhood's motion [rad], [m]
 _NOISE = 0.004  # of a point of the surface [m], against these
 _OUTLIER = 0.012  # m: from where a distance weighs less
-_CLOSE = 0.16  # m: nodes that keep together
-_MOST = 0.025  # m: no vertex is moved farther
+_CLOSE = 0.42  # m: nodes that keep together
+_MOST = 0.015  # m: no vertex is moved farther
 _TINT = 40.0  # sRGB levels by which a colour may differ to be averaged
 
 
@@ -45,7 +45,7 @@ class SurfaceFilterSettings:
     """
 
     use: bool = True
-    memory: int = 4
+    memory: int = 6
     deviations: float = 3.0
 
 
