@@ -25,6 +25,7 @@ __all__ = [
     "room",
     "scan_collections",
     "scan_records",
+    "sequence_cache",
     "studio",
     "tape_curves",
     "units",
