@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,6 +23,11 @@ _ANKLE = (0.1, 0.17)  # between these heights above the floor the legs stand apa
 _SLANTS, _ABOVE = 0.06, 0.04  # what lies higher, and so much above a ring, says nothing of it: a leg slants [m]
 _LEG = 0.18  # a leg is nowhere so wide there [m]
 _LINK = 0.04  # so near in the plan readings are one leg's [m]
+_SHIN = 0.3  # height up to which a leg tells how it slants [m]
+_SLANTED = 0.09  # above this height a leg slants as a whole [m]
+_STEEPEST = 0.5  # a leg slants by no more: its way aside over its height
+_ARCH = (0.22, 0.68)  # shares of a foot's length, from its heel, between which it is hollow on the inner side
+_HOLLOW = (0.024, 0.03)  # so far in, and up to this height: half of what a bare foot is, as shoes are less so [m]
 _LONG = 0.3  # a foot reaches no farther from the middle of its ankle [m]
 _RAYS = 96  # of a ring
 _FEWEST = 30  # readings of an ankle, and of what lies below it
@@ -33,8 +39,9 @@ _SPECK, _LEAST = 20, 0.0015  # triangles of a piece, and area [m²] of all, belo
 def foot_hulls(patches: list[Mesh], free_space: FreeSpace, up: np.ndarray, floor: float) -> Mesh | None:
     """What was not read of feet that stand on the floor, as far as what was read of them tells; None where all was.
 
-    A foot overhangs nowhere, and is convex seen from above: at each height it is at least the convex hull of what was
-    read of it at that height and above. What lies beside a reading, and what was seen to be empty, is left out.
+    A foot overhangs nowhere but at its arch, and is convex seen from above: at each height it is at least the convex
+    hull of what was read of it at that height and above, where a leg that slants is followed. What lies beside a
+    reading, and what was seen to be empty, is left out.
 
     Parameters
     ----------
@@ -58,17 +65,18 @@ def foot_hulls(patches: list[Mesh], free_space: FreeSpace, up: np.ndarray, floor
     some = [patch for patch in patches if len(patch.triangles)]
     points = np.concatenate([patch.vertices for patch in some])
     height = dot(points, up) - floor
+    east = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    east /= np.linalg.norm(east)
+    north = np.cross(up, east)
+    every = np.column_stack((dot(points, east), dot(points, north), height))
+    shin = every[(height > _ANKLE[0]) & (height < _SHIN)]
     low = np.flatnonzero((height > 0.0) & (height < _ANKLE[1]))
     if len(low) < _FEWEST:
         return None
     normals = np.concatenate([vertex_normals(patch.vertices, patch.triangles) for patch in some])[low]
     colors = [patch.colors for patch in some if patch.colors is not None]
     color = np.concatenate(colors)[low] if len(colors) == len(some) else None
-    points, height = points[low], height[low]
-    east = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-    east /= np.linalg.norm(east)
-    north = np.cross(up, east)
-    plan = np.column_stack((dot(points, east), dot(points, north)))
+    points, height, plan = points[low], height[low], every[low, :2]
     ankles = _ankles(plan[height > _ANKLE[0]])
     if not len(ankles):
         return None
@@ -81,7 +89,10 @@ def foot_hulls(patches: list[Mesh], free_space: FreeSpace, up: np.ndarray, floor
             continue
         levels = np.repeat(_LEVELS, _RAYS)[:, None] + floor
         axis = ankle[0] * east + ankle[1] * north + levels * up
-        hull = Mesh(axis + _rings(plan[mine] - ankle, height[mine]) @ np.stack((east, north)), _RING_TRIANGLES)
+        rings = _rings(plan[mine] - ankle, height[mine], _slant(shin, ankle))
+        if len(ankles) > 1:
+            rings = _with_arch(rings, ankles[np.argsort(np.linalg.norm(ankles - ankle, axis=1))[1]] - ankle)
+        hull = Mesh(axis + rings @ np.stack((east, north)), _RING_TRIANGLES)
         missed = _not_read(hull, points[mine], normals[mine])
         missed &= reach_before_empty(axis, hull.vertices, free_space) >= 1.0
         rest = np.flatnonzero(missed[hull.triangles].all(axis=1))
@@ -122,16 +133,48 @@ def _ankles(plan: np.ndarray) -> np.ndarray:
     return np.array(ankles).reshape(-1, 2)
 
 
-def _rings(plan: np.ndarray, height: np.ndarray) -> np.ndarray:
+def _slant(shin: np.ndarray, ankle: np.ndarray) -> np.ndarray:
+    """By how much the leg over an ankle (2,) goes aside as it goes up (2,); ``shin``: readings of the legs (N, 3)."""
+    parts = np.linspace(_ANKLE[0], _SHIN, 5)
+    middles, heights, at = [], [], ankle
+    for low, high in pairwise(parts):
+        part = shin[(shin[:, 2] >= low) & (shin[:, 2] < high), :2]
+        part = part[(np.abs(part - at) < 0.5 * _LEG).all(axis=1)]
+        if len(part) < _FEWEST:
+            break
+        at = 0.5 * (part.min(axis=0) + part.max(axis=0))
+        middles.append(at)
+        heights.append(0.5 * (low + high))
+    if len(middles) < 2:
+        return np.zeros(2)
+    return np.clip(np.polyfit(heights, np.array(middles), 1)[0], -_STEEPEST, _STEEPEST)
+
+
+def _with_arch(rings: np.ndarray, inner: np.ndarray) -> np.ndarray:
+    """Rings (K · R, 2) that are hollow below the middle of the foot, on the side to which ``inner`` (2,) points."""
+    levels = rings.reshape(len(_LEVELS), _RAYS, 2)
+    toes = levels[0][np.argmax(np.linalg.norm(levels[0], axis=1))]
+    toes = toes / np.linalg.norm(toes)
+    aside = np.array((-toes[1], toes[0]))
+    aside *= np.sign(aside @ inner)
+    along, out = levels @ toes, levels @ aside
+    share = (along - along[0].min()) / np.ptp(along[0])
+    hollow = np.sin(np.pi * np.clip((share - _ARCH[0]) / (_ARCH[1] - _ARCH[0]), 0.0, 1.0))
+    hollow *= _HOLLOW[0] * np.clip(1.0 - _LEVELS / _HOLLOW[1], 0.0, 1.0)[:, None]
+    return (levels - np.minimum(hollow, np.maximum(out, 0.0))[:, :, None] * aside).reshape(-1, 2)
+
+
+def _rings(plan: np.ndarray, height: np.ndarray, slant: np.ndarray) -> np.ndarray:
     """The hull (K · R, 2) at each of the levels, about the middle of the ankle, of readings (N, 2) at heights (N,)."""
     angle = 2.0 * np.pi * np.arange(_RAYS) / _RAYS
     way = np.column_stack((np.cos(angle), np.sin(angle)))
-    reach = plan @ way.T
+    reach = (plan - np.maximum(height - _SLANTED, 0.0)[:, None] * slant) @ way.T
     facing = way @ way.T
     rings = []
     for level in _LEVELS:
         above = (height >= level) & (height < max(_SLANTS, level + _ABOVE))  # a leg slants
-        least = np.maximum(reach[above].max(axis=0, initial=0.0), _BESIDE)  # of each ray's half plane
+        here = reach[above] + max(level - _SLANTED, 0.0) * (way @ slant)
+        least = np.maximum(here.max(axis=0, initial=0.0), _BESIDE)  # of each ray's half plane
         with np.errstate(divide="ignore"):
             radius = np.where(facing > 1e-6, least[:, None] / np.maximum(facing, 1e-6), np.inf).min(axis=0)
         rings.append(radius)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mirror_scan.core.hole_filling.foot_hulls import GUESSED, foot_hulls
@@ -73,3 +75,37 @@ def test_nothing_is_made_without_legs(person):
     strips = [np.column_stack((here, after, here + 200)) + 200 * k for k in range(39)]
     robe = Mesh(np.concatenate(rings), np.concatenate(strips).astype(np.int32))
     assert foot_hulls([robe], NOTHING_SEEN.free_space, UP, 0.0) is None
+
+
+def far_outside(made: Mesh, whole: Mesh) -> float:
+    """Area [cm²] of what was made more than 10 mm outside the body."""
+    middles = np.ascontiguousarray(made.vertices[made.triangles].mean(axis=1))
+    away, triangle, _ = closest_point(build_bvh(whole.vertices, whole.triangles), middles)
+    corners = whole.vertices[whole.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[triangle]
+    out = ((middles - corners[triangle, 0]) * normals).sum(axis=1) > 0
+    corners = made.vertices[made.triangles]
+    areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return 1e4 * float(areas[out & (away > 0.01)].sum())
+
+
+@pytest.mark.parametrize("case", ["arch", "slant"])
+def test_nothing_stands_out(person, case):
+    """Under an arch on the inner side of a foot, and where a leg slants."""
+    whole = legs(person, False)
+    vertices = whole.vertices.copy()
+    foot = vertices[vertices[:, 2] < 0.05]
+    inner = np.clip((np.median(np.abs(foot[:, 0])) - np.abs(vertices[:, 0])) / 0.03, 0.0, 1.0)
+    if case == "arch":
+        share = (foot[:, 1].max() - vertices[:, 1]) / np.ptp(foot[:, 1])
+        hollow = inner * np.sin(np.pi * np.clip((share - 0.2) / 0.5, 0.0, 1.0))
+        vertices[:, 2] += 0.024 * hollow * np.clip(1.0 - vertices[:, 2] / 0.05, 0.0, 1.0)
+        missing, low, high = inner > 0, 0.0, 0.045
+    else:
+        vertices[:, 0] += 0.45 * np.sign(vertices[:, 0]) * np.maximum(vertices[:, 2] - 0.09, 0.0)
+        missing, low, high = inner < 1, 0.06, 0.13
+    height = vertices[:, 2]
+    read = replace(whole, vertices=vertices)
+    read = keep_triangles(read, ~(missing & (height > low) & (height < high))[whole.triangles].any(axis=1))
+    made = foot_hulls([read], NOTHING_SEEN.free_space, UP, 0.0)
+    assert made is not None and far_outside(made, replace(whole, vertices=vertices)) < 1.0
