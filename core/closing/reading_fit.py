@@ -23,6 +23,7 @@ _LEAST_NOISE, _USUAL_NOISE = 0.001, 0.01  # of a reading, and where too few tell
 _MAD = 1.4826
 _STEEP = 0.3  # cosine of incidence below which readings count less
 _GRAZING = 0.15  # cosine below which their error across the surface does not get smaller
+_FADE = 10  # rings about surface that light of two ways reaches, over which what borders on it gets more certain
 _SOLE = 0.012  # surface so low over the floor is flat, and stays [m]
 _CG_ERROR, _CG_ROUNDS = 0.03, 40  # of conjugate gradients
 _REPAIRS = 4  # times that what runs through itself is moved back, three rings more each time
@@ -55,7 +56,7 @@ class ReadingFitSettings:
     certain: float = 0.001
     free: float = 0.03
     clean: float = 0.02
-    outlier: float = 2.5
+    outlier: float = 4.0
     farthest: float = 0.03
     even_normals: int = 4
 
@@ -164,7 +165,7 @@ def _pulls(
 
 def _spread_least(share: np.ndarray, start: np.ndarray, heads: np.ndarray) -> np.ndarray:
     """The share (V,) where it is not larger than around: what borders on the uncertain is less certain."""
-    for _ in range(3):
+    for _ in range(_FADE):
         share = np.minimum(share, 0.5 * (share + _around(share, start, heads)))
     return share
 
