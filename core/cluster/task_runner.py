@@ -161,6 +161,9 @@ def _local(settings: WorkerSettings, count: int, each: int) -> Iterator[Any]:
         "distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS": each,
         # Dask's has glibc give memory back at once and ask for it again: a quarter more time for a reconstruction.
         "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
+        # Dask looks at what a worker is doing a hundred times a second, which costs a tenth of its time.
+        "distributed.worker.profile.enabled": False,
+        "distributed.admin.system-monitor.interval": "5s",
         "logging": {"distributed": "critical"},
     }
     with (
