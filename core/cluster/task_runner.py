@@ -10,6 +10,8 @@ from __future__ import annotations
 import contextlib
 import itertools
 import logging
+import signal
+import threading
 import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator
@@ -128,7 +130,12 @@ def start_workers(
             each = settings.threads
         else:
             count, each = _shares(settings)
-            client = stack.enter_context(_local(settings, count, each))
+            try:
+                client = stack.enter_context(_local(settings, count, each))
+            except (OSError, RuntimeError) as error:
+                raise ClusterError(
+                    "the workers could not be started: {reason}", reason=str(error) or type(error).__name__
+                ) from error
         runner = TaskRunner(client, each if settings.processes else -1, warm_up)
         runner.start_s = time.perf_counter() - began
         runner._prepare()
@@ -166,21 +173,56 @@ def _local(settings: WorkerSettings, count: int, each: int) -> Iterator[Any]:
         "distributed.admin.system-monitor.interval": "5s",
         "logging": {"distributed": "critical"},
     }
-    with (
-        dask.config.set(own if settings.processes else {}),
-        LocalCluster(
-            n_workers=count,
-            threads_per_worker=1,
-            processes=settings.processes,
-            memory_limit=memory if settings.processes else 0,
-            dashboard_address=None,
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster, timeout=CONNECT_S, set_as_default=False) as client,
-    ):
-        if settings.processes:
-            client.register_plugin(quiet_worker(str(settings.log.absolute()) if settings.log else ""))
+    with contextlib.ExitStack() as stack:
+        with _interrupts_held():
+            stack.enter_context(dask.config.set(own if settings.processes else {}))
+            cluster = stack.enter_context(
+                LocalCluster(
+                    n_workers=count,
+                    threads_per_worker=1,
+                    processes=settings.processes,
+                    memory_limit=memory if settings.processes else 0,
+                    dashboard_address=None,
+                    silence_logs=logging.CRITICAL,
+                )
+            )
+            client = stack.enter_context(Client(cluster, timeout=CONNECT_S, set_as_default=False))
+            if settings.processes:
+                client.register_plugin(quiet_worker(str(settings.log.absolute()) if settings.log else ""))
         yield client
+
+
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Ctrl-C within the block is raised at its end: Dask leaves a cluster that is half started in disorder.
+
+    Threads and processes that the block starts never hear of it, where the system can do that.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    mask = None
+    if hasattr(signal, "pthread_sigmask"):
+        from multiprocessing import resource_tracker
+
+        resource_tracker.ensure_running()  # as it starts, it would have SIGINT through again
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    except Exception as error:
+        if mask is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if came:  # a worker heard it, too, and did not start
+            raise KeyboardInterrupt from error
+        raise
+    finally:
+        if mask is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, handler if handler is not None else signal.default_int_handler)
+    if came:
+        raise KeyboardInterrupt
 
 
 class TaskRunner:
