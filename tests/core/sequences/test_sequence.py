@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from mirror_scan.core.capture.rgbd_writer import FolderWriter
 from mirror_scan.core.cli import main
-from mirror_scan.core.errors import CaptureError
+from mirror_scan.core.errors import CaptureError, OutputError
 from mirror_scan.core.io import read_mesh
+from mirror_scan.core.mesh import Mesh
 from mirror_scan.core.mesh.soundness import mesh_report
-from mirror_scan.core.sequences import open_recording
+from mirror_scan.core.sequences import SequenceFrame, open_recording
+from mirror_scan.core.sequences.sequence_files import SequenceFolder
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +41,7 @@ def test_frames_are_chosen_and_counted(recording):
         open_recording(recording, "9:")
 
 
+@pytest.mark.slow
 def test_every_frame_is_closed_and_the_one_without_a_person_is_bridged(recording, tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["sequence", str(recording), "-o", str(out), "--frames", "0:3", "--fps", "15"]) == 0
@@ -53,15 +56,24 @@ def test_every_frame_is_closed_and_the_one_without_a_person_is_bridged(recording
     np.testing.assert_array_equal(meshes[1].vertices, meshes[2].vertices)
     assert abs(meshes[0].vertices[:, 2].min()) < 0.03  # the floor of all frames
 
-    # gone on with: what is there is not made again
-    before = (out / "frame_000000.ply").stat().st_mtime_ns
-    again = ["sequence", str(recording), "-o", str(out), "--frames", "0:3", "--fps", "15", "--quiet"]
-    assert main(again) == 1 and "already" in capsys.readouterr().err
-    (out / "frame_000001.ply").unlink()
-    assert main([*again, "--resume"]) == 0
-    assert (out / "frame_000001.ply").exists() and (out / "frame_000000.ply").stat().st_mtime_ns == before
-    assert main([*again[:-1], "--unfiltered", "--resume"]) == 1
-    assert "other settings" in capsys.readouterr().err
+
+def test_a_sequence_is_gone_on_with_where_it_was_left(tmp_path):
+    mesh = Mesh(np.eye(3), np.array([[0, 1, 2]], np.int32))
+    report = {"mesh": {"vertices": 3, "triangles": 1, "watertight": True, "manifold": True, "volume_l": 1.0,
+                       "height_m": 1.0}}  # fmt: skip
+    first = SequenceFolder(tmp_path / "out", [".ply"], {"recording": "a"})
+    for place in range(3):
+        first.add(SequenceFrame(place, place, "made", mesh, report=report))
+    first.finish({"rig": {"sensor": "ideal"}})
+    (tmp_path / "out" / "frame_000001.ply").unlink()
+    with pytest.raises(OutputError, match="already"):
+        SequenceFolder(tmp_path / "out", [".ply"], {"recording": "a"})
+    with pytest.raises(OutputError, match="other settings"):
+        SequenceFolder(tmp_path / "out", [".ply"], {"recording": "b"}, resume=True)
+    again = SequenceFolder(tmp_path / "out", [".ply"], {"recording": "a"}, resume=True)
+    assert [again.has(place) for place in range(4)] == [True, False, True, False]
+    assert again.kept == {"rig": {"sensor": "ideal"}} and again.places() == [0, 2]
+    np.testing.assert_array_equal(again.mesh(0).triangles, mesh.triangles)
 
 
 @pytest.mark.parametrize(
@@ -80,7 +92,6 @@ def test_what_cannot_be_written_is_said_at_once(recording, tmp_path, capsys, out
 
 
 def test_a_volume_that_jumps_is_no_whole_body():
-    from mirror_scan.core.mesh import Mesh
     from mirror_scan.core.sequences.rig_placement import SequenceRig
     from mirror_scan.core.sequences.sequence import BRIDGED, MADE, FrameMade, SequenceSettings, _Job, _Judge
 
