@@ -3,7 +3,7 @@
     python tools/signatures.py
 
 Goes the whole way with virtual captures of two cameras, then compiles what was called into an empty cache, to know how
-long each takes; some minutes. To be run again when kernels came or went; ``tests/addon/test_compiling.py`` says when.
+long each takes; some minutes. To be run again when kernels came or went; ``tests/addon/background/test_kernel_compilation.py`` says when.
 """
 
 from __future__ import annotations
