@@ -36,6 +36,7 @@ SHIPPED_FOLDERS = ("core", "mirror_scan_addon")
 SHIPPED_DATA = (
     "core/avatar/joints/body_template.npz",
     "core/avatar/weight_fields.npz",
+    "core/batches/small_capture.npz",
     "mirror_scan_addon/signatures.json",
     "mirror_scan_addon/messages.json",
 )

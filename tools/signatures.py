@@ -3,7 +3,8 @@
     python tools/signatures.py
 
 Goes the whole way with virtual captures of two cameras, then compiles what was called into an empty cache, to know how
-long each takes; some minutes. To be run again when kernels came or went; ``tests/addon/background/test_kernel_compilation.py`` says when.
+long each takes; some minutes. To be run again when kernels came or went, as
+``tests/addon/background/test_kernel_compilation.py`` says.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 from .batch_folder import BatchFolder, Finished, open_batch_folder
 from .batch_summary import Row, write_summary
-from .capture_list import Found, find_captures
+from .capture_list import Found, find_captures, small_capture
 from .digests import content_digest, settings_digest, surroundings
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "find_captures",
     "open_batch_folder",
     "settings_digest",
+    "small_capture",
     "surroundings",
     "write_summary",
 ]

@@ -6,6 +6,7 @@ import glob
 import os
 import re
 from collections.abc import Iterable, Iterator
+from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
@@ -101,3 +102,8 @@ def _recording(path: Path, any_file: bool = False) -> Iterator[Found]:
 def _natural(name: str) -> list[tuple[int, str]]:
     """``scan 10`` comes after ``scan 9``."""
     return [(int(part), "") if part.isdecimal() else (-1, part.casefold()) for part in re.split(r"(\d+)", name)]
+
+
+def small_capture() -> Path:
+    """A capture that comes with the program, small enough to be made into an avatar in no time."""
+    return Path(str(files(__package__))) / "small_capture.npz"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import os
-import socket
+import platform
 import sys
 import tempfile
 import time
@@ -306,7 +306,7 @@ def make_avatar(path: str, frames: str | None, options: argparse.Namespace) -> M
     if not os.path.exists(path):
         raise CaptureError(
             "{path}: the worker on {host} does not see it; put captures where all machines have them under one path",
-            path=path, host=socket.gethostname(),
+            path=path, host=platform.node(),
         )  # fmt: skip
     began = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="mirror_scan_") as folder, complaints_heard() as said:
@@ -336,16 +336,17 @@ def make_avatar(path: str, frames: str | None, options: argparse.Namespace) -> M
 
 def compile_kernels(options: argparse.Namespace) -> None:
     """Make an avatar of a small capture that comes with the program, with what the options ask of an avatar."""
-    capture = str(Path(__file__).resolve().parents[1] / "batches" / "small_capture.npz")
+    from ..batches import small_capture
+
     plain: dict[str, Any] = {
         "rig": None, "mirrors": None, "subject": None, "intrinsics": None, "turn": None, "mirrored": None,
         "depth_unit": None, "sensor": "auto", "texture": 256 if options.texture else None, "single_frame": False,
         "min_confidence": 1,
     }  # fmt: skip
     try:
-        make_avatar(capture, None, argparse.Namespace(**vars(options) | plain))
+        make_avatar(str(small_capture()), None, argparse.Namespace(**vars(options) | plain))
     except MirrorScanError as error:  # then the rest is compiled when the first capture needs it
-        print(f"compiling: {error}", file=sys.stderr)
+        complain("warning", f"not all could be compiled beforehand: {error}")
 
 
 def _upright(result: Reconstruction) -> Any:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import os
+import platform
 import signal
-import socket
 import time
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -78,7 +78,7 @@ def get_ready(threads: Threads, warm_up: WarmUp | None, turns: bool = True) -> R
         with _turn() if turns else contextlib.nullcontext():
             warm_up.function()
         _warm.add(warm_up.token)
-    return Readiness(program_version(), socket.gethostname(), time.perf_counter() - began)
+    return Readiness(program_version(), platform.node(), time.perf_counter() - began)
 
 
 def run_task(function: Callable[..., Any], arguments: tuple, threads: Threads, warm_up: WarmUp | None) -> Any:
@@ -107,7 +107,7 @@ def _turn() -> contextlib.AbstractContextManager:
     """A lock that the workers of a host share."""
     from distributed import Lock
 
-    return Lock(f"mirror_scan kernels {socket.gethostname()}")
+    return Lock(f"mirror_scan kernels {platform.node()}")
 
 
 def quiet_worker(log: str) -> Any:

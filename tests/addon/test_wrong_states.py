@@ -10,6 +10,7 @@ pytest.importorskip("bpy")
 
 OPERATORS = {
     "load_capture": {},
+    "import_sequence": {"filepath": "/proc/sequence"},
     "scan_to_avatar": {},
     "drop_avatar": {},
     "drop_look": {},
