@@ -101,7 +101,7 @@ def _visible(points: np.ndarray, ring: np.ndarray, m: np.ndarray) -> int:
     for k in range(3):
         c, d = corner[k], corner[(k + 1) % 3]
         within &= (d[0] - c[0]) * (a[:, 1] - c[1]) - (d[1] - c[1]) * (a[:, 0] - c[0]) >= 0
-    within &= (a != p).any(axis=1)
+    within &= (a != p).any(axis=1) & _sees(np.roll(a, 1, axis=0), a, b, m)
     if not within.any():
         return end
     step = a - m
@@ -109,6 +109,17 @@ def _visible(points: np.ndarray, ring: np.ndarray, m: np.ndarray) -> int:
     slope[~within] = np.inf
     nearest = np.lexsort(((step**2).sum(axis=1), slope))
     return int(nearest[0])
+
+
+def _sees(before: np.ndarray, here: np.ndarray, behind: np.ndarray, m: np.ndarray) -> np.ndarray:
+    """Whether ``m`` lies within the ring as seen from each of its corners (N, 2): one where a bridge ends is there twice,
+    and only one of both opens towards ``m``."""
+
+    def left_of(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
+        return (q[:, 0] - p[:, 0]) * (r[..., 1] - p[:, 1]) - (q[:, 1] - p[:, 1]) * (r[..., 0] - p[:, 0]) > 0
+
+    first, second = left_of(before, here, m), left_of(here, behind, m)
+    return np.where(left_of(before, here, behind), first & second, first | second)
 
 
 def _clip_ears(points: np.ndarray, ring: np.ndarray) -> np.ndarray:

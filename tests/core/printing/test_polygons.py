@@ -11,7 +11,8 @@ from scipy.spatial import ConvexHull
 
 def star(rng, middle, radius, count):
     """A ring that no ray from its middle meets twice, counter-clockwise."""
-    angle = np.sort(rng.choice(720, count, replace=False)) * np.pi / 360
+    # no gap of half a turn, beyond which the ring would run around the other side, and might cross itself
+    angle = (np.arange(count) + rng.uniform(0.0, 0.45, count)) * 2 * np.pi / count
     reach = radius * rng.uniform(0.3, 1.0, count)
     return np.asarray(middle) + reach[:, None] * np.column_stack((np.cos(angle), np.sin(angle)))
 
