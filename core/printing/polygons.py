@@ -113,7 +113,8 @@ def _visible(points: np.ndarray, ring: np.ndarray, m: np.ndarray) -> int:
 
 def _sees(before: np.ndarray, here: np.ndarray, behind: np.ndarray, m: np.ndarray) -> np.ndarray:
     """Whether ``m`` lies within the ring as seen from each of its corners (N, 2): one where a bridge ends is there twice,
-    and only one of both opens towards ``m``."""
+    and only one of both opens towards ``m``.
+    """
 
     def left_of(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
         return (q[:, 0] - p[:, 0]) * (r[..., 1] - p[:, 1]) - (q[:, 1] - p[:, 1]) * (r[..., 0] - p[:, 0]) > 0
