@@ -112,8 +112,9 @@ def _visible(points: np.ndarray, ring: np.ndarray, m: np.ndarray) -> int:
 
 
 def _sees(before: np.ndarray, here: np.ndarray, behind: np.ndarray, m: np.ndarray) -> np.ndarray:
-    """Whether ``m`` lies within the ring as seen from each of its corners (N, 2): one where a bridge ends is there twice,
-    and only one of both opens towards ``m``.
+    """Whether each corner (N, 2) of the ring opens towards ``m``.
+
+    A corner where a bridge ends is there twice, and one of both opens to the bridge's other side.
     """
 
     def left_of(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
