@@ -571,6 +571,7 @@ def wrong_files() -> Story:
 def press_cure(operator: str, words: str, column: float = 0.33, absent: bool = False) -> Story:
     """Click the button of an operator in the box of the error, on top of the sidebar; with these words in what it
     calls, or without them."""
+    yield from scroll(-40)
     sidebar = region("UI")
     x = sidebar.x + 10 + round(column * (sidebar.width - 48))
     for y in range(sidebar.y + sidebar.height - 10, sidebar.y + sidebar.height // 3, -14):
