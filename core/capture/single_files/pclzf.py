@@ -52,12 +52,13 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             raise CaptureError(f"{files[number]}: is of another size than the first frame")
         depth[i] = metres(values, options.depth_unit_m or 0.001)[0]
     first = files[chosen[0]]
-    base = first.name.removesuffix(".pclzf").removesuffix("_depth")
+    xml_file, rgb_file = companions(first)
+    base = xml_file.stem
     assert depth is not None  # chosen_frames gives at least one
     height, width = depth.shape[1:]
     camera = options.intrinsics
-    if camera is None and (first.parent / f"{base}.xml").is_file():
-        camera = _parameters(first.parent / f"{base}.xml", width, height)
+    if camera is None and xml_file.is_file():
+        camera = _parameters(xml_file, width, height)
     if camera is None:
         nominal = nominal_camera(width, height)
         if nominal is None:
@@ -67,13 +68,18 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
         camera, _, note = nominal
         notes.append(note)
     color = None
-    rgb_file = first.parent / f"{base}_rgb.pclzf"
     if options.color and rgb_file.is_file() and rgb_file != first:
         kind, image = read_pclzf(rgb_file)
         color = image if image.ndim == 3 else None
         if color is None:
             notes.append(Notice("{name} is left out: {kind} is no colour image", name=rgb_file.name, kind=kind))
     return stored_capture(path, FORMAT, depth, color, camera, sensor="kinect_v1", sensor_from="size", notes=notes)
+
+
+def companions(path: Path) -> tuple[Path, Path]:
+    """Files that belong to a frame and lie beside it: its intrinsics and its colour image; they need not exist."""
+    base = path.name.removesuffix(".pclzf").removesuffix("_depth")
+    return path.with_name(f"{base}.xml"), path.with_name(f"{base}_rgb.pclzf")
 
 
 def read_pclzf(path: Path) -> tuple[str, np.ndarray]:

@@ -85,7 +85,7 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
             notes.append(note)
     color = None
     if options.color:
-        found = _color_beside(path)
+        found = color_beside(path)
         if found is not None:
             color = rgb(read_image(found))
             intrinsics = options.intrinsics or camera
@@ -170,7 +170,7 @@ def _read_pgm(path: Path) -> np.ndarray:
     return (little if rough[0] < rough[1] else big).astype(np.uint16)
 
 
-def _color_beside(path: Path) -> Path | None:
+def color_beside(path: Path) -> Path | None:
     """The colour image whose name differs from the depth image's only by the word for its kind."""
     if "depth" not in path.stem.lower():
         return None

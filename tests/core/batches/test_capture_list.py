@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
@@ -73,6 +74,34 @@ def test_content_is_what_counts(tmp_path):
     assert "a" in surroundings(tmp_path / "a"), "without intrinsics, the name may say which camera it was"
     with pytest.raises(CaptureError, match="nowhere: cannot be read"):
         content_digest(tmp_path / "nowhere")
+
+
+def test_what_lies_elsewhere_and_is_read_counts_and_nothing_else(tmp_path):
+    data, linked, posed, images = (tmp_path / name for name in ("data", "linked", "posed", "images"))
+    for folder in (data, linked, posed, images):
+        folder.mkdir()
+    (data / "0.png").write_bytes(b"0")
+    (linked / "depth").symlink_to(data)
+    (linked / "circle").symlink_to(linked)
+    before = content_digest(linked)
+    (data / "0.png").write_bytes(b"1")
+    assert content_digest(linked)[0] != before[0] and before[1] == 1, "a linked folder counts, once"
+
+    pose = [[float(i == j) for j in range(4)] for i in range(4)]
+    (posed / "poses.json").write_text(json.dumps({"cameras": [{"capture": "../data", "camera_to_world": pose}]}))
+    before = surroundings(posed)
+    (data / "0.png").write_bytes(b"2")
+    assert surroundings(posed) != before, "so does a capture that poses.json names elsewhere"
+
+    for name in ("1_depth.pclzf", "1.xml", "a_depth.png", "a_color.png", "intrinsic.json"):
+        (images / name).write_bytes(b"0")
+    for name, belongs in (("1_depth.pclzf", {"1.xml"}), ("a_depth.png", {"a_color.png", "intrinsic.json"})):
+        for other in ("1.xml", "a_color.png", "intrinsic.json", "new.png"):
+            before = surroundings(images / name)
+            (images / other).write_bytes(other.encode())
+            changed = surroundings(images / name) != before
+            assert changed == (other in belongs) or other == "intrinsic.json", f"{other} beside {name}"
+            (images / other).write_bytes(b"0")
 
 
 def test_settings_count_files_by_content(tmp_path):
