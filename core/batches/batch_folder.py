@@ -21,6 +21,7 @@ from ..errors import OutputError
 from ..io.atomic_files import replacing
 
 MARKER = "batch.json"
+_FORMAT = "mirror-scan batch"
 RECORD = "record.json"
 UNFINISHED = ".unfinished"
 _LONGEST = 120  # bytes of a folder's name; file systems take 255, and numbers may be added
@@ -54,7 +55,12 @@ class Finished:
 
 def is_batch_folder(folder: Path) -> bool:
     """Whether a batch was written there."""
-    return (folder / MARKER).is_file()
+    try:
+        with open(folder / MARKER, encoding="utf-8") as file:
+            marker = json.loads(file.read(1000))
+    except (OSError, ValueError):
+        return False
+    return isinstance(marker, dict) and marker.get("format") == _FORMAT
 
 
 def open_batch_folder(folder: str | os.PathLike) -> BatchFolder:

@@ -6,6 +6,7 @@ import glob
 import os
 import re
 from collections.abc import Iterable, Iterator
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
@@ -48,44 +49,65 @@ def find_captures(paths: Iterable[str | os.PathLike]) -> list[Found]:
 
 
 def _named(text: str) -> Iterator[Found]:
-    if not os.path.lexists(text) and glob.has_magic(text):
-        matches = sorted(glob.glob(text, recursive=True), key=_natural)
-        if not matches:
-            yield Found(Path(text), CaptureError("{path}: no file or folder fits this pattern", path=text))
-        for match in matches:
-            # of a pattern, only what is a capture counts
-            yield from _within(Path(match)) if os.path.isdir(match) else _recording(Path(match), any_file=True)
-        return
     path = Path(text)
-    if not path.is_dir():
+    if not os.path.lexists(text) and glob.has_magic(text):
+        yield from _fitting(text)
+    elif not os.path.isdir(text):
         yield Found(path)
+    else:
+        inside = list(_within(path))
+        yield from inside or [
+            Found(path, CaptureError("{path}: no capture was found in this folder or those within it", path=path))
+        ]
+
+
+def _fitting(pattern: str) -> Iterator[Found]:
+    """What fits a pattern and is a capture; not what is part of one that fits, or of a batch's results."""
+    matches = sorted(glob.glob(pattern, recursive=True), key=_natural)
+    if not matches:
+        yield Found(Path(pattern), CaptureError("{path}: no file or folder fits this pattern", path=pattern))
         return
-    inside = list(_within(path))
-    yield from inside or [
-        Found(path, CaptureError("{path}: no capture was found in this folder or those within it", path=path))
-    ]
+    of_batches = cache(is_batch_folder)
+    found: set[Path] = set()
+    for match in map(Path, matches):
+        if not found.isdisjoint(match.parents) or any(map(of_batches, (match, *match.parents))):
+            continue
+        for one in _within(match) if os.path.isdir(match) else _recording(match, any_file=True):
+            found.add(one.path)
+            yield one
+    if not found:
+        yield Found(
+            Path(pattern), CaptureError("{path}: nothing that fits this pattern is a capture", path=pattern)
+        )
 
 
 def _within(folder: Path) -> Iterator[Found]:
     """The folder itself, or what it holds."""
     try:
-        if holds_poses(folder) or is_capture(folder):
+        if _is_folder_capture(folder):
             yield Found(folder)
             return
         entries = sorted(os.scandir(folder), key=lambda entry: _natural(entry.name))
     except OSError as error:
-        reason = error.strerror or error
-        yield Found(folder, CaptureError("{path}: cannot be read: {reason}", path=folder, reason=reason))
+        yield _unreadable(folder, error)
         return
     for entry in entries:
         path = folder / entry.name
-        if entry.is_dir(follow_symlinks=False):
-            if not entry.name.startswith(".") and not is_batch_folder(path):
-                yield from _within(path)
-        elif entry.is_dir():  # a link to a folder: taken, but not searched, since it may lead in a circle
-            yield from [Found(path)] if is_capture(path) else []
-        else:
+        if not os.path.isdir(path):
             yield from _recording(path)
+        elif entry.name.startswith(".") or is_batch_folder(path):
+            continue
+        elif not (entry.is_symlink() or getattr(entry, "is_junction", bool)()):  # before Python 3.12 there is no second
+            yield from _within(path)
+        else:  # a link to a folder: taken, but not searched, since it may lead in a circle
+            try:
+                yield from [Found(path)] if _is_folder_capture(path) else []
+            except OSError as error:
+                yield _unreadable(path, error)
+
+
+def _is_folder_capture(folder: Path) -> bool:
+    return holds_poses(folder) or is_capture(folder)
 
 
 def _recording(path: Path, any_file: bool = False) -> Iterator[Found]:
@@ -94,9 +116,15 @@ def _recording(path: Path, any_file: bool = False) -> Iterator[Found]:
     try:
         if is_capture(path):
             yield Found(path)
+        elif path.suffix.lower() in RECORDINGS and os.path.isfile(path) and not path.stat().st_size:
+            yield Found(path, CaptureError("{path}: is empty; copy or record it again", path=path))
     except OSError as error:
-        reason = error.strerror or error
-        yield Found(path, CaptureError("{path}: cannot be read: {reason}", path=path, reason=reason))
+        yield _unreadable(path, error)
+
+
+def _unreadable(path: Path, error: OSError) -> Found:
+    reason = error.strerror or error
+    return Found(path, CaptureError("{path}: cannot be read: {reason}", path=path, reason=reason))
 
 
 def _natural(name: str) -> list[tuple[int, str]]:

@@ -42,6 +42,25 @@ def test_each_capture_counts_once_and_a_named_file_is_never_passed_over(place):
     assert len(named(".")) == 4
 
 
+def test_links_in_circles_and_results_are_passed_over(place):
+    os.symlink("loop", place / "deep" / "loop")
+    (place / "poses").mkdir()
+    (place / "poses" / "poses.json").write_text("{}")
+    (place / "results" / "a.bag").write_bytes(b"#ROSBAG V2.0\n")
+    (place / "links").mkdir()
+    os.symlink(place / "poses", place / "links" / "linked")
+    assert named("deep") == [("deep/er/ملف", True), ("deep/one.bag", True)]
+    assert named("links", "**/*.bag", "results*") == [
+        ("links/linked", True), ("deep/one.bag", True), ("results*", False),
+    ]  # fmt: skip
+    (place / "scan 9" / "depth" / "0.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    assert named("scan*/**") == [("scan 9", True), ("scan 10", True)], "an image of a capture is no other capture"
+    (place / "deep" / "failed.mkv").touch()
+    assert named("deep")[-2:] == [("deep/failed.mkv", False), ("deep/one.bag", True)]
+    (place / "scan 9" / "batch.json").write_text('{"format": "of another program"}')
+    assert ("scan 9", True) in named(".")
+
+
 def test_what_names_nothing_is_said(place):
     (place / "empty").mkdir()
     found = find_captures(["empty", "*.oni", "nowhere"])
