@@ -208,6 +208,7 @@ def _around(place: Path) -> Table:
             folder.keep(f"person {k}", Finished(str(k), f"/{k}", {}, {}), files)
 
     rows.append(("write results of 5 MB", f"{results / _seconds(keep):.0f} /s"))
+    folder.close()
     rows.append(("find what is done already", f"{results / _seconds(lambda: open_batch_folder(folder.path)):.0f} /s"))
     with start_workers(WorkerSettings(workers=WORKERS, threads=1)) as runner:
         empty = _seconds(lambda: list(runner.run(len, [((),)] * tasks)))

@@ -6,6 +6,7 @@ is not a batch's is ever replaced.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -15,17 +16,24 @@ import unicodedata
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from ..errors import OutputError
 from ..io.atomic_files import replacing
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 MARKER = "batch.json"
 _FORMAT = "mirror-scan batch"
 RECORD = "record.json"
 UNFINISHED = ".unfinished"
+OURS = ("summary.csv", "summary.html", "workers.log")
+"""Files of a batch beside its results; no result's folder has such a name."""
 _LONGEST = 120  # bytes of a folder's name; file systems take 255, and numbers may be added
-_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)  # on Windows
+_RESERVED = re.compile(r"(con|conin\$|conout\$|prn|aux|nul|(com|lpt)[\d¹²³])(\..*)?", re.IGNORECASE)  # on Windows
 
 
 @dataclass(frozen=True)
@@ -69,7 +77,7 @@ def open_batch_folder(folder: str | os.PathLike) -> BatchFolder:
     Raises
     ------
     OutputError
-        When it holds anything else, or cannot be made or written to.
+        When it holds anything else, another batch writes to it, or it cannot be made or written to.
     """
     folder = Path(folder)
     try:
@@ -78,23 +86,48 @@ def open_batch_folder(folder: str | os.PathLike) -> BatchFolder:
                 "{folder}: exists and is not the folder of an earlier batch; choose another name", folder=folder
             )
         folder.mkdir(parents=True, exist_ok=True)
-        with replacing(folder / MARKER) as temporary:
-            temporary.write_text('{"format": "mirror-scan batch", "version": 1}\n', encoding="utf-8")
+        if not is_batch_folder(folder):
+            with replacing(folder / MARKER) as temporary:
+                _write(temporary, f'{{"format": "{_FORMAT}", "version": 1}}\n'.encode("ascii"))
+        lock = _locked(folder)
         shutil.rmtree(folder / UNFINISHED, ignore_errors=True)  # of a batch that was ended by force
+        (folder / UNFINISHED).mkdir(exist_ok=True)  # so that what cannot be written to is known before the work
     except OSError as error:
         reason = error.strerror or error
         raise OutputError("{folder}: cannot be written to: {reason}", folder=folder, reason=reason) from error
-    return BatchFolder(folder)
+    return BatchFolder(folder, lock)
+
+
+def _locked(folder: Path) -> IO[bytes]:
+    """The marker, which no other batch can lock until it is closed, or this process ends, however it ends."""
+    file = open(folder / MARKER, "r+b")
+    try:
+        if fcntl is not None:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        else:
+            import msvcrt
+
+            file.seek(1 << 20)  # beyond its end, so that it can still be read
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]  # only Windows has it
+    except OSError as error:
+        if error.errno in (errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK):
+            file.close()
+            raise OutputError(
+                "{folder}: another batch is writing to it; wait until it has ended, or choose another folder",
+                folder=folder,
+            ) from error
+        # else a network disk without locks
+    return file
 
 
 class BatchFolder:
     """Results of a batch, by what they were made of and by where their captures lie; of :func:`open_batch_folder`."""
 
-    def __init__(self, folder: Path) -> None:
-        self.path = folder
+    def __init__(self, folder: Path, lock: IO[bytes]) -> None:
+        self.path, self._lock = folder, lock
         self._by_key: dict[str, Finished] = {}
         self._by_source: dict[str, Finished] = {}
-        self._taken: dict[str, str] = {}  # name, as file systems compare it, → source
+        self._taken = dict.fromkeys(OURS, "")  # name, as file systems compare it, → source
         for name in sorted(os.listdir(folder)):
             self._taken[_compared(name)] = ""
             found = read_record(folder / name)
@@ -138,14 +171,19 @@ class BatchFolder:
         try:
             (temporary / "new").mkdir(parents=True)
             for file, data in files.items():
-                (temporary / "new" / file).write_bytes(data)
+                _write(temporary / "new" / file, data)
             record = asdict(finished)
             del record["folder"]
             text = json.dumps(record, indent=1)  # escaped: a name need not be UTF-8
-            (temporary / "new" / RECORD).write_text(text + "\n", encoding="ascii")
+            _write(temporary / "new" / RECORD, f"{text}\n".encode("ascii"))
             if target.exists():
                 os.replace(target, temporary / "old")
-            os.replace(temporary / "new", target)
+            try:
+                os.replace(temporary / "new", target)
+            except OSError:
+                if (temporary / "old").exists():
+                    os.replace(temporary / "old", target)
+                raise
         except OSError as error:
             reason = error.strerror or error
             raise OutputError("{folder}: cannot be written: {reason}", folder=target, reason=reason) from error
@@ -168,14 +206,26 @@ class BatchFolder:
             raise OutputError("{path}: cannot be read: {reason}", path=error.filename, reason=reason) from error
 
     def close(self) -> None:
-        """Remove what only a running batch needs."""
+        """Remove what only a running batch needs, and let others write to the folder."""
         shutil.rmtree(self.path / UNFINISHED, ignore_errors=True)
+        self._lock.close()
 
     def _enter(self, finished: Finished) -> Finished:
+        earlier = self._by_source.get(finished.source)
+        if earlier is not None and self._by_key.get(earlier.key) is earlier:
+            del self._by_key[earlier.key]  # its folder holds something else now
         self._by_key.setdefault(finished.key, finished)
         self._by_source[finished.source] = finished
         self._taken[_compared(finished.folder)] = finished.source
         return finished
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Write a file so that it is on the disk before its folder takes its name: a power cut leaves no empty files."""
+    with open(path, "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def read_record(folder: Path) -> Finished | None:
