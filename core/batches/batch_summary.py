@@ -50,8 +50,8 @@ class Row:
         Values of :data:`FIGURES`; may lack some.
     said : sequence of str
         Why it failed, or the warnings.
-    picture : bytes
-        A PNG; empty for none.
+    picture : Path or None
+        A PNG, read as the page is written.
     """
 
     capture: str
@@ -60,7 +60,7 @@ class Row:
     files: Sequence[str] = ()
     figures: Mapping[str, Any] = field(default_factory=dict)
     said: Sequence[str] = ()
-    picture: bytes = b""
+    picture: Path | None = None
 
 
 def write_summary(folder: Path, rows: Sequence[Row]) -> tuple[Path, Path]:
@@ -74,11 +74,14 @@ def write_summary(folder: Path, rows: Sequence[Row]) -> tuple[Path, Path]:
         When one cannot be written.
     """
     table, page = folder / CSV_NAME, folder / HTML_NAME
-    with replacing(table) as temporary:
-        # Spreadsheets need the mark at the start to read it as UTF-8.
-        temporary.write_bytes(csv_text(rows).encode("utf-8-sig", "backslashreplace"))
-    with replacing(page) as temporary:
-        temporary.write_bytes(html_text(rows).encode("utf-8", "backslashreplace"))
+    try:
+        with replacing(table) as temporary:
+            # Spreadsheets need the mark at the start to read it as UTF-8.
+            temporary.write_bytes(csv_text(rows).encode("utf-8-sig", "backslashreplace"))
+    finally:  # a spreadsheet that has the table open keeps it on Windows, but not the page
+        with replacing(page) as temporary, open(temporary, "wb") as file:
+            for text in html_lines(rows):  # pictures of ten thousands are more than memory should hold
+                file.write(f"{text}\n".encode("utf-8", "backslashreplace"))
     return table, page
 
 
@@ -119,20 +122,17 @@ a { color: #0b57a4 }
 """
 
 
-def html_text(rows: Sequence[Row]) -> str:
+def html_lines(rows: Sequence[Row]) -> Iterator[str]:
     """The page."""
     headings = "".join(f'<th class="figure">{escape(FIGURES[name][0])}</th>' for name in _ON_PAGE)
-    return "\n".join(
-        (
-            '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
-            '<meta name="viewport" content="width=device-width">',
-            f"<title>Mirror Scan: {len(rows)} captures</title>\n<style>{_STYLE}</style>\n</head>\n<body>",
-            f"<h1>{len(rows)} capture{'' if len(rows) == 1 else 's'}</h1>\n<p>{escape(counts_line(rows))}</p>",
-            f"<table>\n<thead><tr><th></th><th>capture</th><th></th>{headings}</tr></thead>\n<tbody>",
-            *(_html_row(row) for row in rows),
-            "</tbody>\n</table>\n</body>\n</html>\n",
-        )
-    )
+    title = f"{len(rows)} capture{'' if len(rows) == 1 else 's'}"
+    yield '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">'
+    yield '<meta name="viewport" content="width=device-width">'
+    yield f"<title>Mirror Scan: {title}</title>\n<style>{_STYLE}</style>\n</head>\n<body>"
+    yield f"<h1>{title}</h1>\n<p>{escape(counts_line(rows))}</p>"
+    yield f"<table>\n<thead><tr><th></th><th>capture</th><th></th>{headings}</tr></thead>\n<tbody>"
+    yield from map(_html_row, rows)
+    yield "</tbody>\n</table>\n</body>\n</html>"
 
 
 def counts_line(rows: Sequence[Row]) -> str:
@@ -143,8 +143,8 @@ def counts_line(rows: Sequence[Row]) -> str:
 
 def _html_row(row: Row) -> str:
     picture = ""
-    if row.picture:
-        data = base64.b64encode(row.picture).decode("ascii")
+    if row.picture is not None and row.picture.is_file():
+        data = base64.b64encode(row.picture.read_bytes()).decode("ascii")
         picture = f'<img alt="front and back" src="data:image/png;base64,{data}">'
     return "".join(
         (

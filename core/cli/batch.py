@@ -255,7 +255,7 @@ class _Batch:
         from ..batches import Row
 
         files = [name for name in finished.files if name not in _SHOWN]
-        picture = (self._folder.path / finished.folder / THUMBNAIL).read_bytes()
+        picture = self._folder.path / finished.folder / THUMBNAIL
         said = [str(text) for text in finished.figures.get("said", ())]
         job.row = Row(
             job.label, state, finished.folder, [*files, PREVIEW, REPORT], finished.figures, said, picture
