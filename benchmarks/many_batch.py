@@ -184,7 +184,7 @@ def _costs(place: Path) -> Table:
         figures = told["figures"]
         rows.append(
             (name, f"{figures['seconds']:.1f}", f"{told['cpu']:.1f}", f"{figures['memory_mb']:.0f}",
-             f"{figures['bytes_in'] / 1e6:.1f}", f"{figures['bytes_out'] / 1e6:.1f}")
+             f"{content_digest(folder / 'scan')[1] / 1e6:.1f}", f"{figures['bytes_out'] / 1e6:.1f}")
         )  # fmt: skip
     notes = ["Memory is the most that the worker's process had, with Python, numba and all kernels."]
     columns = ("capture", "seconds, one thread", "of the processor", "memory MB", "read MB", "sent back MB")

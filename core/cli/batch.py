@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import importlib.util
 import itertools
 import os
 import platform
@@ -17,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import CaptureError, MirrorScanError, OutputError, ReconstructionError
-from .commands import avatar_to_files
+from .commands import avatar_to_files, check_wishes, reading_of
 from .outputs import Writers
 from .terminal import advance, complain, complaints_heard, progress_bar, say
 
@@ -46,6 +48,7 @@ class _Job:
     error: MirrorScanError | None = None
     row: Row | None = None
     key: str = ""
+    size: int = 0  # bytes
 
     @property
     def label(self) -> str:
@@ -59,7 +62,7 @@ class _Job:
     def name(self) -> str:
         """What its folder is to be called."""
         whole = Path(os.path.abspath(self.path))
-        name = whole.name if whole.is_dir() else whole.stem
+        name = whole.name if os.path.isdir(whole) else whole.stem
         return f"{name}_{self.frames.replace(':', '-')}" if self.frames else name
 
 
@@ -82,6 +85,8 @@ def run_batch(options: argparse.Namespace, writers: Writers) -> None:
         raise OutputError("--workers and --memory: are for this machine; a cluster has its own, leave them out")
     if options.every_frames and options.single_frame:
         raise OutputError("--every-frames: takes bursts of a recording; leave out --single-frame")
+    outputs = [Path(f"{AVATAR}.{suffix}") for suffix in options.formats]
+    check_wishes(argparse.Namespace(**vars(options) | {"outputs": outputs}))
     found = find_captures(options.captures)
     if not found:
         raise CaptureError("no capture was found")
@@ -128,12 +133,18 @@ def _jobs_of(one: Found, options: argparse.Namespace) -> list[_Job]:
     if one.error is not None or not options.every_frames:
         return [_Job(one.path, options.frames, one.error)]
     from ..capture import frame_count
-    from ..capture.frames import parse_frames
+    from ..capture.camera_poses import holds_poses
+    from ..capture.frames import chosen_frames
 
     try:
-        chosen = range(frame_count(one.path))[parse_frames(one.path, options.frames)]
+        if holds_poses(one.path):
+            raise CaptureError("{path}: holds several cameras; leave out --every-frames", path=one.path)
+        chosen = chosen_frames(one.path, options.frames, frame_count(one.path, reading_of(options)[1]))
     except MirrorScanError as error:
         return [_Job(one.path, None, error)]
+    except OSError as error:
+        reason = error.strerror or error
+        return [_Job(one.path, None, CaptureError("{path}: cannot be read: {reason}", path=one.path, reason=reason))]
     pieces = [chosen[k : k + options.every_frames] for k in range(0, len(chosen), options.every_frames)]
     step = "" if chosen.step == 1 else f":{chosen.step}"
     return [_Job(one.path, f"{piece[0]}:{piece[-1] + 1}{step}") for piece in pieces]
@@ -147,6 +158,7 @@ class _Batch:
         self._on_their_way: dict[str, list[_Job]] = {}
         self._submitted: list[_Job] = []
         self._settings = ""
+        self._read: tuple[Path, str, list, int] | None = None  # what was read last: path, digests and bytes
         self._sent = argparse.Namespace(
             **{
                 name: Path(os.path.abspath(value)) if isinstance(value, Path) else value
@@ -171,11 +183,13 @@ class _Batch:
             began = time.perf_counter()
             with start_workers(settings, partial(compile_kernels, self._sent)) as runner:
                 ready = time.perf_counter()
-                for made, outcome in enumerate(runner.run(make_avatar, itertools.chain([first], tasks)), 1):
-                    self._take(outcome)
-                    done = sum(job.row is not None for job in self._jobs)
-                    left = (time.perf_counter() - ready) / made * (len(self._jobs) - done)
-                    advance(progress, done / len(self._jobs), f"{done} of {len(self._jobs)}, {_spoken(left)} left")
+                with contextlib.closing(runner.run(make_avatar, itertools.chain([first], tasks))) as outcomes:
+                    for made, outcome in enumerate(outcomes, 1):
+                        self._take(outcome)
+                        done = sum(job.row is not None for job in self._jobs)
+                        left = (time.perf_counter() - ready) / made * (len(self._jobs) - done)
+                        words = f"{done} of {len(self._jobs)}, {_spoken(left)} left"
+                        advance(progress, done / len(self._jobs), words)
         if not self._options.quiet:
             self._say_times(runner, ready - began, time.perf_counter() - ready)
 
@@ -183,11 +197,14 @@ class _Batch:
         """Write the summary, whatever has become of each; its page."""
         from ..batches import Row, write_summary
 
-        self._folder.close()
         log = self._folder.path / WORKER_LOG
-        if log.is_file() and not log.stat().st_size:
-            log.unlink()
-        return write_summary(self._folder.path, [job.row or Row(job.label, "left") for job in self._jobs])[1]
+        try:
+            with contextlib.suppress(PermissionError):  # on Windows, where a worker has not quite ended
+                if log.is_file() and not log.stat().st_size:
+                    log.unlink()
+            return write_summary(self._folder.path, [job.row or Row(job.label, "left") for job in self._jobs])[1]
+        finally:
+            self._folder.close()
 
     def _tasks(self) -> Iterator[tuple]:
         """Arguments of :func:`make_avatar` for what must be made; the rest is dealt with on the way."""
@@ -211,16 +228,20 @@ class _Batch:
             yield os.path.abspath(job.path), job.frames, self._sent
 
     def _key(self, job: _Job) -> str:
-        """Digest of all that the result depends on."""
+        """Digest of all that the result depends on; with PyAV there is colour in recordings that had none before."""
         from ..batches import content_digest, settings_digest, surroundings
         from ..cluster import program_version
 
-        if not job.path.exists():
-            raise CaptureError("{path}: there is no such file or folder", path=job.path)
+        if self._read is None or self._read[0] != job.path:  # a recording has many pieces
+            if not os.path.lexists(job.path) and os.access(job.path.parent, os.R_OK | os.X_OK):
+                raise CaptureError("{path}: there is no such file or folder", path=job.path)
+            content, size = content_digest(job.path)
+            self._read = (job.path, content, surroundings(job.path), size)
+        _, content, beside, job.size = self._read
         return settings_digest(
             {
                 "program": program_version(), "settings": self._settings, "frames": job.frames,
-                "content": content_digest(job.path)[0], "beside": surroundings(job.path),
+                "content": content, "beside": beside, "video": importlib.util.find_spec("av") is not None,
             }
         )  # fmt: skip
 
@@ -240,7 +261,7 @@ class _Batch:
         from ..batches import Finished
 
         name = self._folder.name_for(job.source, job.name)
-        figures = {**made.figures, "said": made.said}
+        figures = {**made.figures, "bytes_in": job.size, "said": made.said}
         finished = self._folder.keep(name, Finished(job.key, job.source, {}, figures), made.files)
         self._set_row(job, "made", finished)
 
@@ -273,7 +294,10 @@ class _Batch:
         text = str(error)
         if not isinstance(error, MirrorScanError):
             text = f"a fault of the program: {type(error).__name__}: {error}; {WORKER_LOG} has more"
-            with open(self._folder.path / WORKER_LOG, "a", encoding="utf-8", errors="backslashreplace") as file:
+            with (
+                contextlib.suppress(OSError),  # on a full disk; the error itself is shown all the same
+                open(self._folder.path / WORKER_LOG, "a", encoding="utf-8", errors="backslashreplace") as file,
+            ):
                 file.write(f"{job.label}\n{''.join(traceback.format_exception(error))}\n")
         text = text.replace(os.path.abspath(job.path), str(job.path))  # as the user named it
         job.row = Row(job.label, "failed", said=[text])
@@ -299,7 +323,6 @@ def make_avatar(path: str, frames: str | None, options: argparse.Namespace) -> M
     options : argparse.Namespace
         Of the command.
     """
-    from ..batches import content_digest
     from ..io.images import png_bytes
     from ..preview.mesh_views import SIDES, render_views
 
@@ -329,7 +352,7 @@ def make_avatar(path: str, frames: str | None, options: argparse.Namespace) -> M
     figures = {
         **{name: mesh.get(name) for name in ("height_m", "volume_l", "triangles", "watertight")},
         "warnings": len(said), "seconds": round(time.perf_counter() - began, 3), "memory_mb": _peak_memory(),
-        "bytes_in": content_digest(path)[1], "bytes_out": sum(len(data) for data in files.values()),
+        "bytes_out": sum(len(data) for data in files.values()),
     }  # fmt: skip
     return Made(files, figures, said)
 

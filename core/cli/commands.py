@@ -79,7 +79,7 @@ def avatar_to_files(options: argparse.Namespace, writers: Writers) -> tuple[Reco
     planned = [path for plan in (outputs, *levels) for path, _ in plan]
     check_targets([*planned, *([options.report] if options.report else [])])
 
-    _check_wishes(options)
+    check_wishes(options)
     result, read_ms = _reconstructed(options)
     for warning in result.warnings:
         complain("warning", warning)
@@ -97,7 +97,7 @@ def avatar_to_files(options: argparse.Namespace, writers: Writers) -> tuple[Reco
     return result, planned
 
 
-def _check_wishes(options: argparse.Namespace) -> None:
+def check_wishes(options: argparse.Namespace) -> None:
     """Refuse options that nothing would come of."""
     printed = any(path.suffix.lower() in PRINT_SUFFIXES for path in options.outputs)
     for name in ("print_height", "hollow", "base"):

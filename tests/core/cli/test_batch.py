@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import functools
+import json
 import re
 import shutil
 from html.parser import HTMLParser
@@ -143,6 +144,7 @@ def test_what_cannot_work_is_refused_before_anything_is_written(scans, made, cap
         ((capture, "-o", there), "not the folder of an earlier batch"),
         ((capture, "-o", scans.parent / "new", "--scheduler", "tcp://x:1"), "are for this machine"),
         ((capture, "-o", scans.parent / "new", "--every-frames", "2", "--single-frame"), "leave out --single-frame"),
+        ((capture, "-o", scans.parent / "new", "--remove-light"), "ask for one with --texture"),
     ):
         assert run(*arguments) == 1
         assert re.search(f"error: .*{words}", capsys.readouterr().err)
@@ -156,3 +158,26 @@ def test_a_recording_is_cut_into_bursts(scans, made):
     out = scans.parent / "out"
     assert run(capture, "-o", out, "--every-frames", "2") == 0
     assert sorted(p.name for p in out.iterdir() if p.is_dir()) == [f"Zoë's scan_{r}" for r in ("0-2", "2-4", "4-5")]
+
+
+def test_pieces_of_a_recording_go_by_what_the_options_say_of_it(scans, made, capsys):
+    capture, out = scans / "Zoë's scan", scans.parent / "out"
+    (capture / "intrinsic.json").rename(scans / "lens.json")
+    assert run(capture, "-o", out, "--every-frames", "1", "--intrinsics", scans / "lens.json") == 0 and len(made) == 1
+    capsys.readouterr()
+    assert run(capture, "-o", out, "--every-frames", "1", "--frames", "5:9", "--intrinsics", scans / "lens.json") == 1
+    assert "has frames 0 to 0, of which “5:9” chooses none" in capsys.readouterr().err, "not left out without a word"
+    assert [row["state"] for row in table(out).values()] == ["failed"]
+
+
+def test_two_captures_that_change_places_keep_their_own(scans, made):
+    first, second, out = scans / "Zoë's scan", scans / "more" / "Zoë's scan", scans.parent / "out"
+    assert run(first, second, "-o", out) == 0
+    report = {one: (out / one / "record.json").read_bytes() for one in ("Zoë's scan", "Zoë's scan_2")}
+    first.rename(scans / "between")
+    second.rename(first)
+    (scans / "between").rename(second)
+    assert run(first, second, "-o", out) == 0
+    keys = {one: json.loads((out / one / "record.json").read_bytes())["key"] for one in report}
+    before = [json.loads(text)["key"] for text in report.values()]
+    assert list(keys.values()) == before[::-1] and len(made) == 3, "the one that was replaced first is made again"
