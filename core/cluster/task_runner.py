@@ -23,7 +23,7 @@ from ..errors import MirrorScanError
 from ..numeric.threads import thread_count
 from .code_version import program_version
 from .worker_process import (
-    Readiness,
+    OTHER_VERSION,
     Threads,
     WarmUp,
     get_ready,
@@ -38,6 +38,7 @@ TASK_GB = 1.5
 """Memory that one reconstruction may need [GB]; more workers than memory has room for are not started by default."""
 CONNECT_S = 30
 LOOK_S = 1.0
+LOST = "the connection to the Dask scheduler was lost; start again to go on"
 
 
 class ClusterError(MirrorScanError):
@@ -110,6 +111,7 @@ def start_workers(
     """
     try:
         from distributed import Client
+        from distributed.utils import silence_logging_cmgr
     except ImportError as error:
         raise ClusterError(
             "many captures at a time need Dask, which is not installed; install it with "
@@ -117,11 +119,13 @@ def start_workers(
         ) from error
     began = time.perf_counter()
     with contextlib.ExitStack() as stack:
+        for name in ("distributed", "distributed.client"):  # what matters of it becomes an error of ours
+            stack.enter_context(silence_logging_cmgr(logging.CRITICAL, name))
         if settings.scheduler:
             try:
                 client = stack.enter_context(Client(settings.scheduler, timeout=CONNECT_S, set_as_default=False))
                 client.wait_for_workers(1, timeout=CONNECT_S)
-            except (OSError, ValueError) as error:  # TimeoutError is an OSError
+            except (OSError, ValueError, TypeError) as error:  # of them TimeoutError, and TLS without certificates
                 raise ClusterError(
                     "{address}: no Dask scheduler with workers answers there; start “dask scheduler” and "
                     "“dask worker {address}”, or correct the address",
@@ -237,7 +241,7 @@ class TaskRunner:
     """
 
     def __init__(self, client: Any, each: int, warm_up: Callable[[], object] | None) -> None:
-        self._client, self._each, self._call = client, each, unpacked_there()
+        self._client, self._each, self._call = client, each, unpacked_there(program_version())
         self._warm_up = None if warm_up is None else WarmUp(uuid.uuid4().hex, warm_up)
         self._known_hosts: dict[str, int] = {}
         self._hosts_at = float("-inf")
@@ -295,7 +299,7 @@ class TaskRunner:
                 yield Outcome(numbers.pop(future.key), *_result(future))
                 future.release()
         finally:
-            if running:
+            if running and self._client.status != "closed":
                 self._client.cancel(list(running.values()), force=True)
 
     def _hosts(self) -> dict[str, int]:
@@ -303,19 +307,27 @@ class TaskRunner:
         if time.monotonic() - self._hosts_at < LOOK_S:
             return self._known_hosts
         found: dict[str, int] = {}
-        for address, slots in self._client.nthreads().items():
+        for address, slots in self._workers().items():
             found[host_of(address)] = found.get(host_of(address), 0) + slots
         self._known_hosts, self._hosts_at = found, time.monotonic()
         return found
+
+    def _workers(self) -> dict[str, int]:
+        """Address of each worker → tasks that it runs at the same time."""
+        try:
+            return self._client.nthreads()
+        except OSError as error:
+            raise ClusterError(LOST) from error
 
     def _prepare(self) -> None:
         """Have one worker of each host compile kernels, then the others load them."""
         began = time.perf_counter()
         hosts = self._hosts()
         first: dict[str, str] = {}
-        for address in self._client.nthreads():
+        workers = self._workers()
+        for address in workers:
             first.setdefault(host_of(address), address)
-        others = [address for address in self._client.nthreads() if address not in first.values()]
+        others = [address for address in workers if address not in first.values()]
         for addresses in (list(first.values()), others):
             futures = [
                 self._client.submit(
@@ -325,13 +337,16 @@ class TaskRunner:
                 for address in addresses
             ]  # fmt: skip
             for future, address in zip(futures, addresses, strict=True):
-                value, error = _result(future)
-                _check(value, error, address)
+                _check(_result(future)[1], address)
         self.compile_s = time.perf_counter() - began
 
 
-def _check(ready: Readiness | None, error: Exception | None, address: str) -> None:
+def _check(error: Exception | None, address: str) -> None:
     """Refuse a worker that cannot do our tasks, or would do them otherwise."""
+    if isinstance(error, ImportError) and error.msg == OTHER_VERSION:
+        raise ClusterError(
+            "the worker {address} has another version of this program; install the same version there", address=address
+        ) from error
     if isinstance(error, ImportError):
         raise ClusterError(
             "the worker {address} cannot import this program: {error}; install the same version there",
@@ -339,11 +354,6 @@ def _check(ready: Readiness | None, error: Exception | None, address: str) -> No
         ) from error  # fmt: skip
     if error is not None:
         raise error
-    if ready is not None and ready.version != program_version():
-        raise ClusterError(
-            "the worker {address} ({host}) has another version of this program; install the same version there",
-            address=address, host=ready.host,
-        )  # fmt: skip
 
 
 def _result(future: Any) -> tuple[Any, Exception | None]:
@@ -363,6 +373,14 @@ def _result(future: Any) -> tuple[Any, Exception | None]:
         lost.__cause__ = error
         return None, lost
     except CancelledError as error:
-        raise ClusterError("the connection to the Dask scheduler was lost; start again to go on") from error
+        raise ClusterError(LOST) from error
+    except ImportError as error:
+        if error.msg != OTHER_VERSION:
+            return None, error
+        late = ClusterError(
+            "a worker that came later has another version of this program; install the same version there"
+        )
+        late.__cause__ = error
+        return None, late
     except Exception as error:  # the task's own; who asked for it decides
         return None, error

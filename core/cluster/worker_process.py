@@ -6,7 +6,6 @@ import contextlib
 import os
 import platform
 import signal
-import time
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -15,6 +14,8 @@ from .code_version import program_version
 
 _CORES = thread_count()
 """Of this process, before :func:`_share` says how many of them a task may use."""
+
+OTHER_VERSION = "it has another version of this program"
 
 _warm: set[str] = set()  # tokens of what has been called to compile kernels
 
@@ -36,24 +37,21 @@ class WarmUp(NamedTuple):
     function: Callable[[], object]
 
 
-class Readiness(NamedTuple):
-    """Answer of :func:`get_ready`: version of the program, name of the machine, and the seconds it took."""
-
-    version: str
-    host: str
-    seconds: float
-
-
-def unpacked_there() -> Callable[[bytes], Any]:
+def unpacked_there(version: str) -> Callable[[bytes], Any]:
     """``function(packed)`` for Dask: in the worker, calls what :func:`packed` holds.
 
     What a worker cannot import would break its connection, over and over, if Dask unpacked it; here that is the task's
-    own error. So the function is one that goes to the worker by its code, not by its name.
+    own error. So the function is one that goes to the worker by its code, not by its name; it asks for the ``version``
+    before it unpacks what another one may understand otherwise.
     """
+    module, words = program_version.__module__, OTHER_VERSION
 
     def call(packed: bytes) -> Any:
+        import importlib
         import pickle
 
+        if importlib.import_module(module).program_version() != version:
+            raise ImportError(words)
         function, arguments = pickle.loads(packed)
         return function(*arguments)
 
@@ -67,18 +65,16 @@ def packed(function: Callable[..., Any], *arguments: Any) -> bytes:
     return cloudpickle.dumps((function, arguments))
 
 
-def get_ready(threads: Threads, warm_up: WarmUp | None, turns: bool = True) -> Readiness:
+def get_ready(threads: Threads, warm_up: WarmUp | None, turns: bool = True) -> None:
     """Set the number of threads and call ``warm_up``, unless this process has done so.
 
     ``turns``: one process of a host after the other, so that the first compiles and the others load.
     """
     _share(threads)
-    began = time.perf_counter()
     if warm_up is not None and warm_up.token not in _warm:
         with _turn() if turns else contextlib.nullcontext():
             warm_up.function()
         _warm.add(warm_up.token)
-    return Readiness(program_version(), platform.node(), time.perf_counter() - began)
 
 
 def run_task(function: Callable[..., Any], arguments: tuple, threads: Threads, warm_up: WarmUp | None) -> Any:

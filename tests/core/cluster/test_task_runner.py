@@ -13,7 +13,7 @@ import types
 from pathlib import Path
 
 import pytest
-from mirror_scan.core.cluster import ClusterError, WorkerSettings, program_version, start_workers
+from mirror_scan.core.cluster import ClusterError, WorkerSettings, code_version, program_version, start_workers
 
 pytest.importorskip("distributed", reason="Dask is not installed")
 
@@ -75,6 +75,27 @@ def test_nobody_at_the_address_is_one_line(monkeypatch):
         start_workers(WorkerSettings(scheduler="tcp://127.0.0.1:9")),
     ):
         pass  # pragma: no cover
+
+
+def test_another_version_is_refused_whenever_it_comes(monkeypatch):
+    with start_workers(IN_PROCESS) as runner:
+        monkeypatch.setattr(code_version, "program_version", lambda: "another")
+        (late,) = runner.run(operator.neg, [(1,)])
+        assert isinstance(late.error, ClusterError) and "came later has another version" in str(late.error)
+    with pytest.raises(ClusterError, match="inproc.* has another version"), start_workers(IN_PROCESS):
+        pass  # pragma: no cover
+
+
+def test_a_lost_scheduler_is_one_line(monkeypatch):
+    with start_workers(IN_PROCESS) as runner:
+
+        def lost():
+            raise ConnectionError("Timed out trying to connect")
+
+        monkeypatch.setattr(runner._client, "nthreads", lost)
+        monkeypatch.setattr(runner, "_hosts_at", float("-inf"))
+        with pytest.raises(ClusterError, match="scheduler was lost"):
+            next(runner.run(operator.neg, [(1,)]))
 
 
 def test_without_dask_the_extra_is_named(monkeypatch):
