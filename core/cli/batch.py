@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
 import importlib.util
 import itertools
 import os
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from ..batches import BatchFolder, Finished, Found, Row
     from ..cluster import Outcome, TaskRunner, WorkerSettings
     from ..pipeline import Reconstruction
+    from ..pipeline.reconstruction import Progress
 
 AVATAR, REPORT, PREVIEW, THUMBNAIL = "avatar", "report.json", "preview.png", "thumbnail.png"
 WORKER_LOG = "workers.log"
@@ -36,6 +38,7 @@ _NOT_SETTINGS = frozenset(
      "every_frames", "frames")
 )  # fmt: skip
 """Options that do not belong to one avatar; its frames are chosen for each."""
+_NO_ROOM = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 _PREVIEW_SIZE, _THUMBNAIL_SIZE = (300, 480), (110, 176)
 
 
@@ -157,6 +160,8 @@ class _Batch:
         self._jobs, self._folder, self._options = jobs, folder, options
         self._on_their_way: dict[str, list[_Job]] = {}
         self._submitted: list[_Job] = []
+        self._dealt_with = 0
+        self._progress: Progress | None = None
         self._settings = ""
         self._read: tuple[Path, str, list, int] | None = None  # what was read last: path, digests and bytes
         self._sent = argparse.Namespace(
@@ -174,19 +179,20 @@ class _Batch:
 
         self._settings = settings_digest(vars(self._sent))
         with progress_bar(self._options.quiet) as progress:
+            self._progress = progress
             advance(progress, 0.0, "looking for what is done already")
             tasks = self._tasks()
             first = next(tasks, None)
             if first is None:
                 return
-            advance(progress, 0.0, "starting workers, compiling")
+            advance(progress, self._dealt_with / len(self._jobs), "starting workers, compiling")
             began = time.perf_counter()
             with start_workers(settings, partial(compile_kernels, self._sent)) as runner:
                 ready = time.perf_counter()
                 with contextlib.closing(runner.run(make_avatar, itertools.chain([first], tasks))) as outcomes:
                     for made, outcome in enumerate(outcomes, 1):
                         self._take(outcome)
-                        done = sum(job.row is not None for job in self._jobs)
+                        done = self._dealt_with
                         left = (time.perf_counter() - ready) / made * (len(self._jobs) - done)
                         words = f"{done} of {len(self._jobs)}, {_spoken(left)} left"
                         advance(progress, done / len(self._jobs), words)
@@ -216,6 +222,8 @@ class _Batch:
                 earlier = self._folder.finished(job.key, job.source)
                 if earlier is not None:
                     self._keep(job, earlier)
+                    if not self._submitted:
+                        advance(self._progress, self._dealt_with / len(self._jobs), "looking for what is done already")
                     continue
             except MirrorScanError as error:
                 self._fail(job, error)
@@ -278,6 +286,7 @@ class _Batch:
         files = [name for name in finished.files if name not in _SHOWN]
         picture = self._folder.path / finished.folder / THUMBNAIL
         said = [str(text) for text in finished.figures.get("said", ())]
+        self._dealt_with += 1
         job.row = Row(
             job.label, state, finished.folder, [*files, PREVIEW, REPORT], finished.figures, said, picture
         )  # fmt: skip
@@ -301,7 +310,14 @@ class _Batch:
                 file.write(f"{job.label}\n{''.join(traceback.format_exception(error))}\n")
         text = text.replace(os.path.abspath(job.path), str(job.path))  # as the user named it
         job.row = Row(job.label, "failed", said=[text])
+        self._dealt_with += 1
         complain("error", text if text.startswith(str(job.path)) else f"{job.label}: {text}")
+        cause = error.__cause__
+        if isinstance(cause, OSError) and cause.errno in _NO_ROOM:
+            raise OutputError(
+                "{folder}: the disk is full; make room, and the same command goes on from there",
+                folder=self._folder.path,
+            ) from error
 
     def _say_times(self, runner: TaskRunner, until_ready: float, seconds: float) -> None:
         count = sum(job.row is not None and job.row.state == "made" for job in self._jobs)

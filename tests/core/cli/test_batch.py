@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import functools
 import json
 import re
@@ -13,7 +14,9 @@ import pytest
 from command_line import write_json
 from mirror_scan.core import cli, cluster
 from mirror_scan.core import pipeline as whole_job
+from mirror_scan.core.batches import BatchFolder
 from mirror_scan.core.cli import batch
+from mirror_scan.core.errors import OutputError
 
 pytest.importorskip("distributed", reason="Dask is not installed")
 
@@ -181,3 +184,17 @@ def test_two_captures_that_change_places_keep_their_own(scans, made):
     keys = {one: json.loads((out / one / "record.json").read_bytes())["key"] for one in report}
     before = [json.loads(text)["key"] for text in report.values()]
     assert list(keys.values()) == before[::-1] and len(made) == 3, "the one that was replaced first is made again"
+
+
+def test_a_full_disk_ends_it_and_what_is_there_stays(scans, made, capsys, monkeypatch):
+    out = scans.parent / "out"
+    assert run(scans / "Zoë's scan", "-o", out) == 0
+
+    def full(*_):
+        raise OutputError("cannot be written: No space left on device") from OSError(errno.ENOSPC, "No space left")
+
+    monkeypatch.setattr(BatchFolder, "keep", full)
+    assert run(scans / "Zoë's scan", scans / "more", scans / "worse", "-o", out) == 1
+    assert "the disk is full; make room" in capsys.readouterr().err
+    states = [row["state"] for row in table(out).values()]
+    assert states[:2] == ["kept", "failed"] and states[2] in ("failed", "left")
