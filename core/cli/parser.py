@@ -118,7 +118,7 @@ def _add_batch(subparsers: _Commands) -> None:
     )  # fmt: skip
     command.add_argument(
         "-o", dest="folder", metavar="DIR", type=Path, required=True,
-        help="folder to write to: new, or of an earlier batch, which is gone on with",
+        help="folder to write to: a new one, or that of an earlier batch, to go on with it",
     )  # fmt: skip
     command.add_argument(
         "--format", dest="formats", metavar="SUFFIX", action="append", choices=BATCH_FORMATS,
