@@ -175,6 +175,10 @@ def _local(settings: WorkerSettings, count: int, each: int) -> Iterator[Any]:
         # Dask looks at what a worker is doing a hundred times a second, which costs a tenth of its time.
         "distributed.worker.profile.enabled": False,
         "distributed.admin.system-monitor.interval": "5s",
+        # A worker that was large once stays so; one that pauses for that never goes on. There is nothing to spill.
+        "distributed.worker.memory.pause": False,
+        "distributed.worker.memory.spill": False,
+        "distributed.worker.memory.target": False,
         "logging": {"distributed": "critical"},
     }
     with contextlib.ExitStack() as stack:

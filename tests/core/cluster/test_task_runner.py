@@ -120,12 +120,15 @@ def test_the_version_is_that_of_the_code():
 
 @pytest.mark.slow
 def test_processes_share_the_threads_and_lost_ones_are_made_up_for(tmp_path, capfd, monkeypatch):
+    import dask.config
+
     if importlib.util.find_spec("mirror_scan").loader is None:
         pytest.skip("mirror_scan is not installed, so that workers cannot import it")
     monkeypatch.setenv("NUMBA_NUM_THREADS", "6")  # taken for the cores of the machine
     log = tmp_path / "workers of Zoë.log"
     with start_workers(WorkerSettings(workers=2, retries=1, log=log)) as runner:
         assert [one.value for one in runner.run(os.getenv, [("NUMBA_NUM_THREADS",)])] == ["3"]
+        assert [one.value for one in runner.run(dask.config.get, [("distributed.worker.memory.pause",)])] == [False]
         list(runner.run(os.write, [(2, b"noise of a worker")]))
         victim = next(runner.run(os.getpid, [()])).value
         outcomes = runner.run(time.sleep, [(0.4,)] * 6)
