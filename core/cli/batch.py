@@ -14,6 +14,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -122,6 +123,23 @@ def run_batch(options: argparse.Namespace, writers: Writers) -> None:
         )
 
 
+class _Read(NamedTuple):
+    """What a capture's files are: digest, what counts beside them, and how many bytes."""
+
+    content: str
+    beside: list
+    size: int
+
+
+def _read(path: Path) -> _Read:
+    from ..batches import content_digest, surroundings
+
+    if not os.path.lexists(path) and os.access(path.parent, os.R_OK | os.X_OK):
+        raise CaptureError("{path}: there is no such file or folder", path=path)
+    content, size = content_digest(path)
+    return _Read(content, surroundings(path), size)
+
+
 def _check_apart(folder: Path, found: list[Found]) -> None:
     """Refuse to write into what is read."""
     for one in found:
@@ -163,7 +181,6 @@ class _Batch:
         self._dealt_with = 0
         self._progress: Progress | None = None
         self._settings = ""
-        self._read: tuple[Path, str, list, int] | None = None  # what was read last: path, digests and bytes
         self._sent = argparse.Namespace(
             **{
                 name: Path(os.path.abspath(value)) if isinstance(value, Path) else value
@@ -214,42 +231,42 @@ class _Batch:
 
     def _tasks(self) -> Iterator[tuple]:
         """Arguments of :func:`make_avatar` for what must be made; the rest is dealt with on the way."""
-        for job in self._jobs:
-            try:
-                if job.error is not None:
-                    raise job.error
-                job.key = self._key(job)
-                earlier = self._folder.finished(job.key, job.source)
-                if earlier is not None:
-                    self._keep(job, earlier)
-                    if not self._submitted:
-                        advance(self._progress, self._dealt_with / len(self._jobs), "looking for what is done already")
+        with ThreadPoolExecutor(1, thread_name_prefix="mirror_scan_read") as reader:
+            reading: dict[Path, Future[_Read]] = {}  # of this capture and the next, which is read while workers work
+            for job, after in zip(self._jobs, [*self._jobs[1:], None], strict=True):
+                near = dict.fromkeys(one.path for one in (job, after) if one is not None and one.error is None)
+                reading = {path: reading.get(path) or reader.submit(_read, path) for path in near}
+                try:
+                    if job.error is not None:
+                        raise job.error
+                    job.key = self._key(job, reading[job.path].result())
+                    earlier = self._folder.finished(job.key, job.source)
+                    if earlier is not None:
+                        self._keep(job, earlier)
+                        if not self._submitted:
+                            share = self._dealt_with / len(self._jobs)
+                            advance(self._progress, share, "looking for what is done already")
+                        continue
+                except MirrorScanError as error:
+                    self._fail(job, error)
                     continue
-            except MirrorScanError as error:
-                self._fail(job, error)
-                continue
-            if job.key in self._on_their_way:
-                self._on_their_way[job.key].append(job)
-                continue
-            self._on_their_way[job.key] = [job]
-            self._submitted.append(job)
-            yield os.path.abspath(job.path), job.frames, self._sent
+                if job.key in self._on_their_way:
+                    self._on_their_way[job.key].append(job)
+                    continue
+                self._on_their_way[job.key] = [job]
+                self._submitted.append(job)
+                yield os.path.abspath(job.path), job.frames, self._sent
 
-    def _key(self, job: _Job) -> str:
+    def _key(self, job: _Job, read: _Read) -> str:
         """Digest of all that the result depends on; with PyAV there is colour in recordings that had none before."""
-        from ..batches import content_digest, settings_digest, surroundings
+        from ..batches import settings_digest
         from ..cluster import program_version
 
-        if self._read is None or self._read[0] != job.path:  # a recording has many pieces
-            if not os.path.lexists(job.path) and os.access(job.path.parent, os.R_OK | os.X_OK):
-                raise CaptureError("{path}: there is no such file or folder", path=job.path)
-            content, size = content_digest(job.path)
-            self._read = (job.path, content, surroundings(job.path), size)
-        _, content, beside, job.size = self._read
+        job.size = read.size
         return settings_digest(
             {
                 "program": program_version(), "settings": self._settings, "frames": job.frames,
-                "content": content, "beside": beside, "video": importlib.util.find_spec("av") is not None,
+                "content": read.content, "beside": read.beside, "video": importlib.util.find_spec("av") is not None,
             }
         )  # fmt: skip
 
