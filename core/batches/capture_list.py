@@ -63,7 +63,7 @@ def _named(text: str) -> Iterator[Found]:
 
 def _fitting(pattern: str) -> Iterator[Found]:
     """What fits a pattern and is a capture; not what is part of one that fits, or of a batch's results."""
-    matches = sorted(glob.glob(pattern, recursive=True), key=_natural)
+    matches = sorted(dict.fromkeys(_matches(pattern)), key=_natural)
     if not matches:
         yield Found(Path(pattern), CaptureError("{path}: no file or folder fits this pattern", path=pattern))
         return
@@ -79,6 +79,23 @@ def _fitting(pattern: str) -> Iterator[Found]:
         yield Found(
             Path(pattern), CaptureError("{path}: nothing that fits this pattern is a capture", path=pattern)
         )
+
+
+def _matches(pattern: str) -> list[str]:
+    """What fits a pattern. As in a search, ``**`` passes over hidden folders and does not follow links."""
+    parts = Path(pattern).parts
+    if "**" not in parts:
+        return glob.glob(pattern)
+    at = parts.index("**")
+    found: list[str] = []
+    for head in glob.glob(os.path.join(*parts[:at])) if at else ["."]:
+        for place, folders, files in os.walk(head):
+            folders[:] = [name for name in folders if not name.startswith(".")]
+            if parts[at + 1 :]:
+                found += _matches(os.path.join(glob.escape(place), *parts[at + 1 :]))
+            else:
+                found += [place, *(os.path.join(place, name) for name in files)]
+    return found
 
 
 def _within(folder: Path) -> Iterator[Found]:

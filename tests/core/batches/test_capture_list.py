@@ -43,7 +43,8 @@ def test_each_capture_counts_once_and_a_named_file_is_never_passed_over(place):
 
 
 def test_links_in_circles_and_results_are_passed_over(place):
-    os.symlink("loop", place / "deep" / "loop")
+    for name, target in (("loop", "loop"), ("up", ".."), ("here", ".")):
+        os.symlink(target, place / "deep" / name)
     (place / "poses").mkdir()
     (place / "poses" / "poses.json").write_text("{}")
     (place / "results" / "a.bag").write_bytes(b"#ROSBAG V2.0\n")
