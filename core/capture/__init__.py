@@ -23,5 +23,6 @@ __all__ = [
     "live_camera",
     "nominal_intrinsics",
     "rgbd_writer",
+    "single_files",
     "upright_grid",
 ]

@@ -1,3 +1,3 @@
 """Readers of single files: clouds, arrays, images."""
 
-__all__ = ["single_image"]
+__all__ = ["pclzf", "single_image"]
