@@ -11,10 +11,11 @@ import os
 import platform
 import sys
 import tempfile
+import threading
 import time
 import traceback
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -140,6 +141,13 @@ def _read(path: Path) -> _Read:
     return _Read(content, surroundings(path), size)
 
 
+def _read_into(path: Path, answer: Future[_Read]) -> None:
+    try:
+        answer.set_result(_read(path))
+    except Exception as error:  # raised where the answer is asked for
+        answer.set_exception(error)
+
+
 def _check_apart(folder: Path, found: list[Found]) -> None:
     """Refuse to write into what is read."""
     for one in found:
@@ -181,6 +189,7 @@ class _Batch:
         self._dealt_with = 0
         self._progress: Progress | None = None
         self._settings = ""
+        self._reading: tuple[Path, Future[_Read]] | None = None  # of the capture that is next, while workers work
         self._sent = argparse.Namespace(
             **{
                 name: Path(os.path.abspath(value)) if isinstance(value, Path) else value
@@ -231,31 +240,38 @@ class _Batch:
 
     def _tasks(self) -> Iterator[tuple]:
         """Arguments of :func:`make_avatar` for what must be made; the rest is dealt with on the way."""
-        with ThreadPoolExecutor(1, thread_name_prefix="mirror_scan_read") as reader:
-            reading: dict[Path, Future[_Read]] = {}  # of this capture and the next, which is read while workers work
-            for job, after in zip(self._jobs, [*self._jobs[1:], None], strict=True):
-                near = dict.fromkeys(one.path for one in (job, after) if one is not None and one.error is None)
-                reading = {path: reading.get(path) or reader.submit(_read, path) for path in near}
-                try:
-                    if job.error is not None:
-                        raise job.error
-                    job.key = self._key(job, reading[job.path].result())
-                    earlier = self._folder.finished(job.key, job.source)
-                    if earlier is not None:
-                        self._keep(job, earlier)
-                        if not self._submitted:
-                            share = self._dealt_with / len(self._jobs)
-                            advance(self._progress, share, "looking for what is done already")
-                        continue
-                except MirrorScanError as error:
-                    self._fail(job, error)
+        for job, after in zip(self._jobs, [*self._jobs[1:], None], strict=True):
+            try:
+                if job.error is not None:
+                    raise job.error
+                read = self._being_read(job.path).result()
+                if after is not None and after.error is None:
+                    self._being_read(after.path)
+                job.key = self._key(job, read)
+                earlier = self._folder.finished(job.key, job.source)
+                if earlier is not None:
+                    self._keep(job, earlier)
+                    if not self._submitted:
+                        share = self._dealt_with / len(self._jobs)
+                        advance(self._progress, share, "looking for what is done already")
                     continue
-                if job.key in self._on_their_way:
-                    self._on_their_way[job.key].append(job)
-                    continue
-                self._on_their_way[job.key] = [job]
-                self._submitted.append(job)
-                yield os.path.abspath(job.path), job.frames, self._sent
+            except MirrorScanError as error:
+                self._fail(job, error)
+                continue
+            if job.key in self._on_their_way:
+                self._on_their_way[job.key].append(job)
+                continue
+            self._on_their_way[job.key] = [job]
+            self._submitted.append(job)
+            yield os.path.abspath(job.path), job.frames, self._sent
+
+    def _being_read(self, path: Path) -> Future[_Read]:
+        """What is read last, or now; a recording has many pieces."""
+        if self._reading is None or self._reading[0] != path:
+            self._reading = path, Future()
+            # not of a pool, which would be waited for at the end
+            threading.Thread(target=_read_into, args=self._reading, daemon=True).start()
+        return self._reading[1]
 
     def _key(self, job: _Job, read: _Read) -> str:
         """Digest of all that the result depends on; with PyAV there is colour in recordings that had none before."""
