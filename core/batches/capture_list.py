@@ -76,9 +76,7 @@ def _fitting(pattern: str) -> Iterator[Found]:
             found.add(one.path)
             yield one
     if not found:
-        yield Found(
-            Path(pattern), CaptureError("{path}: nothing that fits this pattern is a capture", path=pattern)
-        )
+        yield Found(Path(pattern), CaptureError("{path}: nothing that fits this pattern is a capture", path=pattern))
 
 
 def _matches(pattern: str) -> list[str]:
