@@ -7,7 +7,7 @@ import os
 import re
 from collections.abc import Iterable, Iterator
 from functools import cache
-from importlib.resources import files
+from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
@@ -149,4 +149,4 @@ def _natural(name: str) -> list[tuple[int, str]]:
 
 def small_capture() -> Path:
     """A capture that comes with the program, small enough to be made into an avatar in no time."""
-    return Path(str(files(__package__))) / "small_capture.npz"
+    return Path(str(resources.files(__package__))) / "small_capture.npz"

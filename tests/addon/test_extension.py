@@ -182,11 +182,12 @@ class TestReviewRules:
             spelling = imported == "urllib.parse" or imported.startswith("urllib.parse.")
             assert top not in never or (name, top) in asked or spelling, f"{name} imports {imported}"
             if top in {"threading", "_thread", "concurrent", "multiprocessing"}:
-                # where they end before the call returns, or no second process can be had; a lock starts none
+                # where they end before the call returns, or no second process can be had; a lock starts none, and a
+                # batch reads ahead
                 assert name in {
                     "core/numeric/threads.py", "mirror_scan_addon/background/job_operators.py",
                     "core/numeric/kernels.py", "core/numeric/blas_threads.py", "core/sequences/sequence.py",
-                    "core/cluster/task_runner.py",
+                    "core/cluster/task_runner.py", "core/cli/batch.py",
                 }, f"{name} imports {imported}"  # fmt: skip
 
     def test_nothing_reaches_into_python_or_the_extension_folder(self, sources):
