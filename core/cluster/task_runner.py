@@ -14,7 +14,7 @@ import signal
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -256,7 +256,7 @@ class TaskRunner:
         """How many tasks run at the same time; changes as workers come and go."""
         return sum(self._hosts().values())
 
-    def run(self, function: Callable[..., Any], tasks: Iterable[tuple]) -> Iterator[Outcome]:
+    def run(self, function: Callable[..., Any], tasks: Iterable[tuple]) -> Generator[Outcome, None, None]:
         """``function(*arguments)`` for each of ``tasks``, handed on as they end, in no order.
 
         Closing the iterator, or an error within its loop, cancels what has not ended.
@@ -347,7 +347,7 @@ class TaskRunner:
 
 def _check(error: Exception | None, address: str) -> None:
     """Refuse a worker that cannot do our tasks, or would do them otherwise."""
-    if isinstance(error, ImportError) and error.msg == OTHER_VERSION:
+    if isinstance(error, ClusterError) and isinstance(error.__cause__, ImportError):  # as _result has it
         raise ClusterError(
             "the worker {address} has another version of this program; install the same version there", address=address
         ) from error
