@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from .capture import Capture, MirrorPicks, ReadOptions
+from .decoding.file_indices import FileIndices
 from .frames import chosen_frames, empty_burst
 from .reader_choice import frame_count, is_capture, open_capture
 
 __all__ = [
     "Capture",
+    "FileIndices",
     "MirrorPicks",
     "ReadOptions",
     "chosen_frames",

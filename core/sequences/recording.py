@@ -1,12 +1,12 @@
-"""A recording read frame by frame, whatever its format: never more than one frame is in memory."""
+"""A recording read frame by frame, whatever its format; only one frame is in memory, and where the others are."""
 
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..capture import Capture, ReadOptions, chosen_frames, frame_count, open_capture
+from ..capture import Capture, FileIndices, ReadOptions, chosen_frames, frame_count, open_capture
 from ..capture.frames import FrameChoice
 from ..errors import CaptureError
 
@@ -23,11 +23,14 @@ class Recording:
         Of the depth frames, counted from 0 in the file, in the order of time.
     options : ReadOptions
         What the file cannot say.
+    indices : FileIndices
+        Where in the file the frames are, found by the first that is read.
     """
 
     path: Path
     numbers: tuple[int, ...]
     options: ReadOptions = ReadOptions()
+    indices: FileIndices = field(default_factory=FileIndices, repr=False, compare=False)
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -39,7 +42,8 @@ class Recording:
         ------
         CaptureError, MirrorError
         """
-        return open_capture(self.path, str(number), self.options)
+        with self.indices.kept():
+            return open_capture(self.path, str(number), self.options)
 
     def sample(self, count: int) -> tuple[int, ...]:
         """At most ``count`` of the numbers, evenly over the recording."""
@@ -70,5 +74,7 @@ def open_recording(
         raise CaptureError(f"every {every}th frame cannot be taken; give 1 or more")
     options = options or ReadOptions()
     path = Path(path)
-    total = frame_count(path, options)
-    return Recording(path, tuple(chosen_frames(path, frames, total)[::every]), options)
+    indices = FileIndices()
+    with indices.kept():
+        total = frame_count(path, options)
+    return Recording(path, tuple(chosen_frames(path, frames, total)[::every]), options, indices)

@@ -1,3 +1,3 @@
 """Containers and codecs that several readers share."""
 
-__all__ = ["binary", "depth_png", "lzf", "lzfse", "matroska", "openni_codec", "rosbag"]
+__all__ = ["binary", "depth_png", "file_indices", "lzf", "lzfse", "matroska", "openni_codec", "rosbag"]

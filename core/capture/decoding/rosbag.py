@@ -10,6 +10,7 @@ import bz2
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,8 +30,16 @@ class Topic:
     messages: list[tuple[int, int, int]] = field(default_factory=list)
 
 
+class BagIndex(NamedTuple):
+    """What a walk through a bag finds: chunks, topics by the number of their connection, whether it was cut off."""
+
+    chunks: list[tuple[str, int, int, int]]
+    topics: dict[int, Topic]
+    truncated: bool
+
+
 class RosBag:
-    """The messages of a bag whose bytes are ``data``.
+    """The messages of a bag whose bytes are ``data``; with the ``index`` of another one of the same, at once.
 
     Raises
     ------
@@ -38,13 +47,16 @@ class RosBag:
         When the bytes make no sense.
     """
 
-    def __init__(self, data: memoryview, path: Path) -> None:
+    def __init__(self, data: memoryview, path: Path, index: BagIndex | None = None) -> None:
         self._data, self._path = data, path
         self._chunks: list[tuple[str, int, int, int]] = []  # compression, unpacked size, extent
         self._unpacked: tuple[int, np.ndarray] | None = None
         self.topics: dict[int, Topic] = {}
         self.truncated = False
         self._count = 0
+        if index is not None:
+            self._chunks, self.topics, self.truncated = index
+            return
         if bytes(data[: len(SIGNATURE)]) != SIGNATURE:
             raise CaptureError(f"{path}: is no ROS bag of version 2.0")
         indexed: set[int] = set()
@@ -63,6 +75,11 @@ class RosBag:
         for number in range(len(self._chunks)):
             if number not in indexed or not all(topic.name for topic in self.topics.values()):
                 self._walk(number, number not in indexed)
+
+    @property
+    def index(self) -> BagIndex:
+        """What the walk through the bag found; it holds none of its bytes."""
+        return BagIndex(self._chunks, self.topics, self.truncated)
 
     def find(self, name_ends: str, kind: str) -> Topic | None:
         """The first topic with messages whose name ends so, of a message type."""

@@ -15,6 +15,7 @@ from ...camera import Intrinsics
 from ...errors import CaptureError
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, image_in, mapped, rgb, starts_with, yuv_to_rgb, yuyv_to_rgb
+from ..decoding.file_indices import index_of
 from ..decoding.matroska import SIGNATURE, Track, parse
 from ..frames import FrameChoice, apart_note, chosen_frames, empty_burst
 from ..nominal_intrinsics import nominal_camera
@@ -40,7 +41,7 @@ def recognises(path: Path) -> bool:
 def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     """Read depth frames and the colour frame nearest in time to the first of them."""
     with mapped(path) as data, blaming(path, "a Matroska recording"):
-        content = parse(data, path)
+        content = index_of(path, FORMAT, lambda: parse(data, path))
         depth_track = _depth_track(content)
         if depth_track is None:
             names = ", ".join(f"{t.name or t.number} ({_fourcc(t)})" for t in content.tracks[:8]) or "none"

@@ -13,6 +13,7 @@ from ...camera import Intrinsics
 from ...errors import CaptureError, Notice
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, image_in, mapped, rgb, starts_with, yuyv_to_rgb
+from ..decoding.file_indices import index_of
 from ..frames import FrameChoice, apart_note, chosen_frames, empty_burst
 from ..kinect_disparity import NOMINAL_COLOR, depth_of_disparity
 
@@ -50,7 +51,7 @@ def recognises(path: Path) -> bool:
 def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     """Read depth frames and the colour frame nearest in time to the first of them."""
     with mapped(path) as data, blaming(path, "an OpenNI recording"):
-        nodes, truncated = _nodes(data, path)
+        nodes, truncated = index_of(path, FORMAT, lambda: _nodes(data, path))
         notes = ["the recording was cut off; the frames before that are read"] if truncated else []
         node = next((n for n in nodes if n.kind == DEPTH and n.frames), None)
         if node is None:

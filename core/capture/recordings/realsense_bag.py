@@ -13,6 +13,7 @@ from ...camera.pinhole import brown_of_inverse
 from ...errors import CaptureError
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, image_in, mapped, rgb, starts_with, yuyv_to_rgb
+from ..decoding.file_indices import index_of
 from ..decoding.rosbag import SIGNATURE, RosBag, Topic
 from ..depth_units import metres
 from ..folders.rgbd_folder import sensor_named
@@ -42,7 +43,7 @@ def recognises(path: Path) -> bool:
 def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     """Read depth frames and the colour frame nearest in time to the first of them."""
     with mapped(path) as data, blaming(path, "a ROS bag"):
-        bag = RosBag(data, path)
+        bag = RosBag(data, path, index_of(path, FORMAT, lambda: RosBag(data, path).index))
         depth_topic = _depth_topic(bag, path)
         chosen = chosen_frames(path, frames, len(depth_topic.messages))
         notes = ["the recording was cut off; the frames before that are read"] if bag.truncated else []

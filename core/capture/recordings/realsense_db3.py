@@ -17,6 +17,7 @@ from ...camera import Intrinsics
 from ...errors import CaptureError
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, image_in, rgb, starts_with
+from ..decoding.file_indices import index_of
 from ..depth_units import metres
 from ..folders.rgbd_folder import sensor_named
 from ..frames import FrameChoice, apart_note, chosen_frames, empty_burst
@@ -85,8 +86,14 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
     return stored_capture(path, FORMAT, depth, color, camera, color_camera, pose, sensor=sensor, notes=notes)
 
 
+class _File(sqlite3.Connection):
+    """An open recording that knows its name."""
+
+    path = Path()
+
+
 @contextmanager
-def _opened(path: Path) -> Iterator[sqlite3.Connection]:
+def _opened(path: Path) -> Iterator[_File]:
     steps = 0
 
     def too_long() -> bool:
@@ -95,7 +102,10 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
         return steps > MAX_STEPS
 
     try:
-        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as file:
+        with closing(
+            sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True, factory=_File)
+        ) as file:
+            file.path = path
             file.set_progress_handler(too_long, 100_000)
             file.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_MESSAGE)
             yield file
@@ -107,10 +117,14 @@ def _rows(file: sqlite3.Connection, query: str, values: tuple = ()) -> list[tupl
     return file.execute(query, values).fetchall()
 
 
-def _messages(file: sqlite3.Connection, topic: int) -> list[tuple[int, int]]:
+def _messages(file: _File, topic: int) -> list[tuple[int, int]]:
     """Time [ns] and row of each message of a topic, in time."""
     query = "SELECT timestamp, id FROM messages WHERE topic_id = ? ORDER BY timestamp LIMIT ?"
-    return [(int(time), int(row)) for time, row in _rows(file, query, (topic, MAX_FRAMES))]
+
+    def find() -> list[tuple[int, int]]:
+        return [(int(time), int(row)) for time, row in _rows(file, query, (topic, MAX_FRAMES))]
+
+    return index_of(file.path, f"{FORMAT} {topic}", find)
 
 
 def _message(file: sqlite3.Connection, row: int) -> bytes:
@@ -126,7 +140,7 @@ def _png(message: bytes) -> bytes:
     return message[start:]
 
 
-def _text(file: sqlite3.Connection, topics: dict[str, int], name: str, default: str | None = None) -> str:
+def _text(file: _File, topics: dict[str, int], name: str, default: str | None = None) -> str:
     """All text messages of a topic, one after the other; ``default`` when there are none."""
     listed = _messages(file, topics[name])[:50] if name in topics else []
     if not listed and default is not None:
@@ -163,7 +177,7 @@ def _intrinsics(text: str) -> Intrinsics:
     return camera
 
 
-def _place(file: sqlite3.Connection, topics: dict[str, int], prefix: str) -> np.ndarray | None:
+def _place(file: _File, topics: dict[str, int], prefix: str) -> np.ndarray | None:
     """Transform (4, 4) that takes points of the recording's reference into a stream's frame."""
     name = next((n for n in topics if n.startswith(f"{prefix}/tf/")), None)
     if name is None:

@@ -23,6 +23,7 @@ from ...io.images import read_image
 from ...io.json_files import text_of
 from ..capture import Capture, ReadOptions, stored_capture
 from ..decoding.binary import blaming, image_in, read_limited, rgb, starts_with
+from ..decoding.file_indices import are_kept, index_of
 from ..frames import FrameChoice, chosen_frames, empty_burst, paired_color
 
 FORMAT = "Record3D"
@@ -44,6 +45,7 @@ class _Files:
                 f"{d}/{p.name}" for d in ("rgbd", "depth", "rgb") if (path / d).is_dir() for p in (path / d).iterdir()
             ]
             names += [name for name in METADATA if (path / name).is_file()]
+        self.every = names
         root = next((str(PurePosixPath(n).parent) for n in names if PurePosixPath(n).name in METADATA), ".")
         self._root = "" if root == "." else root + "/"
         self.names = [n[len(self._root) :] for n in names if n.startswith(self._root)]
@@ -69,8 +71,8 @@ def recognises(path: Path) -> bool:
     if not starts_with(path, b"PK\x03\x04"):
         return False
     try:
-        with zipfile.ZipFile(path) as archive:
-            names = archive.namelist()
+        with _archive(path) as files:
+            names = files.every
     except (zipfile.BadZipFile, ValueError, NotImplementedError):
         return path.suffix.lower() == ".r3d"
     return any(PurePosixPath(n).name in METADATA for n in names) and any(n.endswith((".depth", ".exr")) for n in names)
@@ -142,13 +144,23 @@ def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
 
 
 @contextmanager
+def _archive(path: Path) -> Iterator[_Files]:
+    """The members of an archive, which stays open where its frames are read one after the other."""
+    if are_kept():
+        yield index_of(path, FORMAT, lambda: _Files(path, zipfile.ZipFile(path)))
+        return
+    with zipfile.ZipFile(path) as archive:
+        yield _Files(path, archive)
+
+
+@contextmanager
 def _opened(path: Path) -> Iterator[_Files]:
     if path.is_dir():
         yield _Files(path, None)
         return
     try:
-        with zipfile.ZipFile(path) as archive:
-            yield _Files(path, archive)
+        with _archive(path) as files:
+            yield files
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
         raise CaptureError(f"{path}: is a damaged archive ({error}); copy or export it again") from error
 

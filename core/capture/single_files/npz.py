@@ -25,6 +25,7 @@ from ...errors import CaptureError, OutputError
 from ...io.atomic_files import replacing
 from ..capture import Capture, ReadOptions
 from ..decoding.binary import blaming, npy_header, starts_with
+from ..decoding.file_indices import index_of
 from ..folders.rgbd_folder import mirrors_from, mirrors_to
 from ..frames import FrameChoice, chosen_frames, empty_burst
 
@@ -37,8 +38,7 @@ def recognises(path: Path) -> bool:
     if not starts_with(path, b"PK\x03\x04"):
         return False
     try:
-        with zipfile.ZipFile(path) as archive:
-            return {"depth.npy", "camera.npy"} <= set(archive.namelist())
+        return index_of(path, FORMAT, lambda: {"depth.npy", "camera.npy"} <= _names(path))
     except (zipfile.BadZipFile, ValueError, NotImplementedError):
         return path.suffix.lower() == ".npz"
 
@@ -82,6 +82,11 @@ def write_npz(path: str | os.PathLike, capture: Capture) -> None:
             about=np.frombuffer(json.dumps(about).encode(), np.uint8),
             **{name: np.ascontiguousarray(array) for name, array in arrays.items() if array is not None},
         )
+
+
+def _names(path: Path) -> set[str]:
+    with zipfile.ZipFile(path) as archive:
+        return set(archive.namelist())
 
 
 def read(path: Path, frames: FrameChoice, options: ReadOptions) -> Capture:
