@@ -17,8 +17,8 @@ from ..capture import Capture, MirrorPicks
 from ..depth.burst_fusion import fuse_burst
 from ..depth.depth_map import one_depth_map
 from ..depth.settings import DepthSettings
-from ..errors import MirrorScanError, Notice, ReconstructionError
-from ..light.phase_response import PhaseResponse
+from ..errors import CaptureError, MirrorScanError, Notice, ReconstructionError
+from ..light.phase_response import PhaseResponse, nonnegative_least_squares
 from ..mirrors import Mirror
 from ..mirrors.mirror import moved, person_before, reflection_shift
 from ..pipeline import KnownScene, Reconstruction, Settings, reconstruct
@@ -32,6 +32,9 @@ SAMPLES = 5
 _STATIC = DepthSettings(burst_tolerance=0.01, burst_share=0.6)  # readings of the same surface; most samples show it
 _STILL = 2.5  # times what readings of the room typically spread by, relative to z²: more, and something moved
 _SAME = 4.0  # times that spread, within which a reading is of the room
+_RATIOS = np.array((0.02, 0.05, 0.1, 0.2, 0.4, 0.8))  # of light of two ways, by which responses are compared
+_LONGER = np.arange(0.03, 4.0, 0.05)  # and by how much one way is longer [m]
+_CORRECTABLE, _ALIKE = 0.03, 0.0003  # biases that are corrected at all, and what they may differ by [m]
 
 
 @dataclass(frozen=True)
@@ -141,6 +144,9 @@ def still_averaged(captures: Sequence[Capture]) -> tuple[np.ndarray, list[Captur
     CaptureError
         The captures are of different sizes.
     """
+    if len({capture.depth.shape[1:] for capture in captures}) > 1:
+        sizes = ", ".join(sorted({f"{c.depth.shape[2]}×{c.depth.shape[1]}" for c in captures}))
+        raise CaptureError("the frames are of different sizes ({sizes} pixels); record anew", sizes=sizes)
     depth = np.stack([capture.depth[0] for capture in captures])
     if len(depth) < 3:  # two cannot outvote one
         return np.zeros(depth.shape[1:], np.float32), [replace(c, depth=c.depth[:1]) for c in captures]
@@ -267,7 +273,23 @@ def _median_ground(grounds: Sequence[Ground], feet: Sequence[np.ndarray]) -> tup
 
 
 def mean_response(responses: Sequence[PhaseResponse]) -> PhaseResponse:
-    """The response that predicts the mean of what several predict: their weights averaged, frequency by frequency."""
+    """The response that predicts the mean of what several predict, with as few frequencies as that takes.
+
+    Each frequency costs time with every reading of every frame. Of those of all responses the one that explains the
+    most of what is left is added, and all weights are fitted anew, until what is left is less than noise.
+    """
     frequencies, place = np.unique(np.concatenate([r.frequencies for r in responses]), return_inverse=True)
     weights = np.bincount(place, np.concatenate([r.weights for r in responses])) / len(responses)
-    return PhaseResponse(frequencies, weights)
+    ratio, longer = (grid.reshape(-1, 1) for grid in np.meshgrid(_RATIOS, _LONGER))
+    table = np.column_stack([PhaseResponse(f, np.ones(1)).bias(ratio, longer) for f in frequencies[:, None]])
+    mean = table @ weights
+    asked = np.abs(mean) < _CORRECTABLE  # larger ones are never corrected
+    table, mean = table[asked], mean[asked]
+    gram, moment = table.T @ table, table.T @ mean
+    few, chosen = np.zeros(len(frequencies)), np.zeros(len(frequencies), np.bool_)
+    while not chosen.all() and np.abs(table @ few - mean).max(initial=0.0) > _ALIKE:
+        chosen[np.argmax(np.where(chosen, -np.inf, moment - gram @ few))] = True
+        few[chosen] = nonnegative_least_squares(gram[np.ix_(chosen, chosen)], moment[chosen])
+    if chosen.all():
+        return PhaseResponse(frequencies, weights)
+    return PhaseResponse(frequencies[few > 0], few[few > 0])
