@@ -214,7 +214,7 @@ def _jobs(
         if skipped:
             continue
         capture = match_frame(capture, rig.color, rig.background)
-        share = steady.shares[-1] if steady.shares else 0.0
+        share = steady.share
         yield _Job(place, number, replace(capture, depth=depth[None]), steadied=share)
 
 

@@ -28,6 +28,8 @@ _OUTLIER = 4.0  # standard deviations from which a pixel weighs less
 _FEWEST = 12  # pixels from which a plane is fitted
 _TOGETHER = 4.0  # so many pixels of a window count: noise of neighbours is alike
 _STILL = 3.0  # standard deviations from the background that are no motion
+_SPECK, _ALONE = 2, 6  # half the side of a window [px], and readings in it from which something moves: fewer are noise
+_SLACK = 2  # px beside what moved, where its planes are fitted, too
 
 
 @dataclass(frozen=True)
@@ -69,8 +71,8 @@ class DepthFilter:
 
     Attributes
     ----------
-    shares : list of float
-        Of each frame's readings that are not the background's, the share that was averaged with those before [0..1].
+    share : float
+        Of the last frame's readings that are not the background's, what share was averaged with those before [0..1].
     """
 
     def __init__(
@@ -84,7 +86,8 @@ class DepthFilter:
         self._background = background
         self._mean: np.ndarray | None = None  # of 1/z [1/m], 0 = none
         self._count: np.ndarray | None = None
-        self.shares: list[float] = []
+        self._moved: np.ndarray | None = None  # what moved in the frame before
+        self.share = 0.0
 
     def next(self, depth: np.ndarray) -> np.ndarray:
         """The next frame's depth (H, W) float32 [m], steadied; where there is no reading there is none after."""
@@ -95,14 +98,10 @@ class DepthFilter:
         np.divide(np.float32(1.0), depth, out=inverse, where=depth > 0)
         if self._mean is None or self._count is None or self._mean.shape != depth.shape:
             self._mean, self._count = inverse, (depth > 0).astype(np.uint8)
-            self.shares.append(0.0)
+            self._moved, self.share = inverse > 0, 0.0
             return depth
         sigma = self._sigma(inverse)
-        moving = inverse > 0
-        if self._background is not None and self._background.shape == depth.shape:
-            there = np.zeros_like(inverse)
-            np.divide(np.float32(1.0), self._background, out=there, where=self._background > 0)
-            moving &= ~((there > 0) & (np.abs(inverse - there) < _STILL * sigma))
+        moving = self._moving(inverse, sigma)
         change = np.where((inverse > 0) & (self._mean > 0) & ~moving, self._mean - inverse, np.float32(np.nan))
         before = np.where(moving, np.uint8(0), self._count)
         if settings.follow and moving.any():
@@ -115,11 +114,21 @@ class DepthFilter:
             _blend_kernel, len(depth), inverse, change, before, sigma, np.float32(settings.deviations),
             settings.window, settings.memory, out, count,
         )  # fmt: skip
-        self._mean, self._count = out, count
-        self.shares.append(float((count[moving] > 1).mean()) if moving.any() else 0.0)
+        self._mean, self._count, self._moved = out, count, moving
+        self.share = float((count[moving] > 1).mean()) if moving.any() else 0.0
         steady = np.zeros_like(depth)
         np.divide(np.float32(1.0), out, out=steady, where=out > 0)
         return steady
+
+    def _moving(self, inverse: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+        """Readings (H, W) that are not of the background."""
+        moving = inverse > 0
+        if self._background is None or self._background.shape != inverse.shape:
+            return moving
+        there = np.zeros_like(inverse)
+        np.divide(np.float32(1.0), self._background, out=there, where=self._background > 0)
+        moving &= ~((there > 0) & (np.abs(inverse - there) < _STILL * sigma))
+        return moving & (_around(moving, _SPECK) >= _ALONE)
 
     def _sigma(self, inverse: np.ndarray) -> np.ndarray:
         """Standard deviation (H, W) float32 of inverse depth [1/m]: of the model, or of what is quiet."""
@@ -141,7 +150,8 @@ class DepthFilter:
         assert mean is not None and count is not None
         lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy))
         planes = np.zeros((*inverse.shape, 3), np.float32)
-        each_range(_plane_kernel, len(inverse), mean, planes)
+        assert self._moved is not None
+        each_range(_plane_kernel, len(inverse), mean, _around(self._moved, _SLACK), planes)
         found, middle = _nodes(inverse, moving, lens)
         shape = found.shape
         nodes = np.flatnonzero(found.ravel())
@@ -155,12 +165,22 @@ class DepthFilter:
                 _register_kernel, len(nodes), nodes, shape[1], inverse, moving, planes, centers, flat, lens,
                 sigma, equations, right,
             )  # fmt: skip
-            step = np.linalg.solve(equations / _TOGETHER + prior, right / _TOGETHER - flat[nodes] @ prior)
-            flat[nodes] += step
+            equations += np.tril(equations, -1).transpose(0, 2, 1)  # the kernel fills the lower half
+            right = right / _TOGETHER - flat[nodes] @ prior
+            flat[nodes] += np.linalg.solve(equations / _TOGETHER + prior, right[..., None])[..., 0]
             motion = _with_neighbours(motion, found, middle)
         each_range(
             _change_kernel, len(inverse), inverse, moving, mean, count, found, middle, motion, lens, change, before
         )
+
+
+def _around(mask: np.ndarray, radius: int) -> np.ndarray:
+    """How many pixels of the mask (H, W) lie in the window of that radius about each; uint8."""
+    count = np.pad(mask.astype(np.uint8), radius)
+    for axis in (0, 1):
+        size = count.shape[axis] - 2 * radius
+        count = sum(count.take(range(k, k + size), axis) for k in range(2 * radius + 1))
+    return count
 
 
 def _nodes(inverse: np.ndarray, moving: np.ndarray, lens: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -198,13 +218,16 @@ def _with_neighbours(motion: np.ndarray, found: np.ndarray, middle: np.ndarray) 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _plane_kernel(begin, end, mean, planes):
-    """Of each pixel, the plane through its neighbourhood on the same surface: inverse depth there, slopes a pixel."""
+def _plane_kernel(begin, end, mean, wanted, planes):
+    """Of each pixel that is ``wanted``, the plane through its neighbourhood on the same surface.
+
+    Inverse depth there, and slopes a pixel.
+    """
     height, width = mean.shape
     for v in range(begin, end):
         for u in range(width):
             d = mean[v, u]
-            if d == 0.0:
+            if d == 0.0 or wanted[v, u] == 0:
                 continue
             limit = d * d * _SAME
             n = su = sv = suu = svv = suv = sd = sdu = sdv = 0.0
@@ -286,7 +309,7 @@ def _register_kernel(
                 weight = 1.0 / (1.0 + (e / _OUTLIER) ** 2)
                 for a in range(6):
                     right[k, a] -= weight * row[a] * e
-                    for b in range(6):
+                    for b in range(a + 1):
                         equations[k, a, b] += weight * row[a] * row[b]
 
 

@@ -55,13 +55,13 @@ def test_what_moves_is_followed_without_lagging(step):
     left = errors(steady[-1], truths[-1])
     assert left.std() < 0.65 * NOISE
     assert abs(left.mean()) < 0.4 * NOISE
-    assert made.shares[-1] > 0.6
+    assert made.share > 0.6
 
 
 def test_what_jumps_begins_anew():
     truths = [sphere((0.0, 0.0, 2.0))] * 3 + [sphere((0.0, 0.0, 1.6))]
     raw, steady, made = filtered(truths)
-    assert made.shares[-1] < 0.05
+    assert made.share < 0.05
     np.testing.assert_array_equal(steady[-1][raw[-1] == 0], 0.0)
     assert np.abs(errors(steady[-1] - raw[-1] + truths[-1], truths[-1])).mean() < 0.2 * NOISE
 
