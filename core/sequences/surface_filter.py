@@ -17,6 +17,8 @@ import numpy as np
 from ..mesh import Mesh
 from ..mesh.bvh import Bvh, build_bvh, closest_point
 from ..mesh.normals import triangle_normals, vertex_normals
+from ..numeric.kernels import njit
+from ..numeric.threads import each_range
 
 _VOXEL, _REACH = 0.2, 0.3  # m: between nodes, and how far their motion reaches, one standard deviation
 _NODES = 4  # nodes that move a point
@@ -70,6 +72,11 @@ class SurfaceFilter:
         """Forget the surface before."""
         self._before = None
 
+    def begin(self, mesh: Mesh) -> None:
+        """Take a mesh for the surface before: it is one that was steadied already."""
+        if self._settings.use:
+            self._keep(mesh, np.ones(len(mesh.vertices), np.uint8))
+
     def next(self, mesh: Mesh) -> Mesh:
         """The next frame's mesh, steadied: the same triangles, vertices moved along their normals."""
         if not self._settings.use:
@@ -77,17 +84,22 @@ class SurfaceFilter:
         count = np.ones(len(mesh.vertices), np.uint8)
         if self._before is not None:
             mesh, count = self._steadied(mesh, self._before)
+        self._keep(mesh, count)
+        return mesh
+
+    def _keep(self, mesh: Mesh, count: np.ndarray) -> None:
         normals = triangle_normals(mesh.vertices, mesh.triangles)
         normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
         self._before = _Surface(mesh, build_bvh(mesh.vertices, mesh.triangles), normals, count)
-        return mesh
 
     def _steadied(self, mesh: Mesh, before: _Surface) -> tuple[Mesh, np.ndarray]:
         """The mesh drawn towards the one before, and how many frames each vertex's mean has."""
         normals = vertex_normals(mesh.vertices, mesh.triangles)
         nodes = _nodes(mesh.vertices)
         motion = _registered(mesh.vertices, normals, nodes, before)
-        moved, turned = _moved(mesh.vertices, normals, nodes, motion)
+        moved, turned = np.empty(normals.shape), np.empty(normals.shape)
+        points = np.ascontiguousarray(mesh.vertices, np.float64)
+        each_range(_moved_kernel, len(points), points, normals, nodes, motion, moved, turned)
         _, triangle, nearest = closest_point(before.tree, moved, _MOST)
         found = triangle >= 0
         found[found] = np.einsum("vi,vi->v", before.normals[triangle[found]], turned[found]) > _FACING
@@ -98,10 +110,12 @@ class SurfaceFilter:
         corners = before.mesh.triangles[triangle[found]]
         frames = np.minimum(before.count[corners].min(axis=1) + 1, self._settings.memory)
         share = 1.0 - 1.0 / frames
-        vertices = mesh.vertices.astype(np.float64).copy()
+        vertices = points.copy()
         vertices[found] += (share * gap[found])[:, None] * normals[found]
         count = np.ones(len(vertices), np.uint8)
         count[found] = frames
+        vertices, back = _unfolded(points, vertices, mesh.triangles)
+        count[back] = 1
         return replace(mesh, vertices=vertices, colors=_colors(mesh, before.mesh, found, corners, share)), count
 
 
@@ -120,8 +134,9 @@ def _colors(mesh: Mesh, before: Mesh, found: np.ndarray, corners: np.ndarray, sh
 def _nodes(vertices: np.ndarray) -> np.ndarray:
     """Points (N, 3) spread over the surface: the mean of what lies in each cell of a grid."""
     cells = np.floor(vertices / _VOXEL).astype(np.int64)
-    _, place, number = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
-    place = place.ravel()
+    cells -= cells.min(axis=0)
+    number = np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
+    _, place, number = np.unique(number, return_inverse=True, return_counts=True)
     return np.stack([np.bincount(place, vertices[:, k]) for k in range(3)], axis=1) / number[:, None]
 
 
@@ -140,10 +155,10 @@ def _shares(points: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 def _moved(
     points: np.ndarray, normals: np.ndarray, nodes: np.ndarray, motion: np.ndarray,
-    shares: tuple[np.ndarray, np.ndarray] | None = None,
+    shares: tuple[np.ndarray, np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Points (V, 3) and normals moved by their nodes' motions (N, 6): small turns [rad] about them, and shifts [m]."""
-    index, share = _shares(points, nodes) if shares is None else shares
+    index, share = shares
     turn, shift = motion[index, :3], motion[index, 3:]
     arm = points[:, None] - nodes[index]
     moved = points + np.einsum("vk,vki->vi", share, np.cross(turn, arm) + shift)
@@ -187,6 +202,22 @@ def _registered(vertices: np.ndarray, normals: np.ndarray, nodes: np.ndarray, be
     return motion
 
 
+def _unfolded(before: np.ndarray, after: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices moved from ``before`` to ``after``, and which were put back, so that no triangle turns over."""
+    first, after = triangle_normals(before, triangles), after.copy()
+    back = np.zeros(len(before), np.bool_)
+    has_area = (first != 0.0).any(axis=1)
+    some = np.flatnonzero(has_area)
+    while True:  # each time at least one more is put back
+        facing = np.einsum("ti,ti->t", triangle_normals(after, triangles[some]), first[some])
+        over = some[facing <= 0.0]
+        if not len(over):
+            return after, back
+        back[triangles[over]] = True
+        after[back] = before[back]
+        some = np.flatnonzero(has_area & back[triangles].any(axis=1))
+
+
 def _neighbours(nodes: np.ndarray) -> np.ndarray:
     """How much nodes (N, N) keep to each other; rows sum to 1, or are 0 for a node that is alone."""
     apart = np.linalg.norm(nodes[:, None] - nodes, axis=2)
@@ -203,3 +234,41 @@ def _with_neighbours(motion: np.ndarray, nodes: np.ndarray, together: np.ndarray
     mean = np.concatenate((turn, shift), axis=1)
     alone = together.sum(axis=1) < 0.5
     return np.where(alone[:, None], motion, 0.5 * motion + 0.5 * mean)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _moved_kernel(begin, end, points, normals, nodes, motion, moved, turned):
+    """:func:`_moved` of some points, whose nodes are found on the way."""
+    count = min(_NODES, len(nodes))
+    near, share = np.empty(count, np.int64), np.empty(count)
+    for v in range(begin, end):
+        x, y, z = points[v, 0], points[v, 1], points[v, 2]
+        found = 0
+        for n in range(len(nodes)):
+            away = (x - nodes[n, 0]) ** 2 + (y - nodes[n, 1]) ** 2 + (z - nodes[n, 2]) ** 2
+            if found == count and away >= share[count - 1]:
+                continue
+            k = min(found, count - 1)
+            while k > 0 and share[k - 1] > away:
+                share[k], near[k] = share[k - 1], near[k - 1]
+                k -= 1
+            share[k], near[k] = away, n
+            found = min(found + 1, count)
+        least, total = share[0], 0.0
+        for k in range(count):
+            share[k] = np.exp(-0.5 * (share[k] - least) / _REACH**2)
+            total += share[k]
+        tx = ty = tz = mx = my = mz = 0.0
+        for k in range(count):
+            n, part = near[k], share[k] / total
+            a, b, c = motion[n, 0], motion[n, 1], motion[n, 2]
+            rx, ry, rz = x - nodes[n, 0], y - nodes[n, 1], z - nodes[n, 2]
+            mx += part * (b * rz - c * ry + motion[n, 3])
+            my += part * (c * rx - a * rz + motion[n, 4])
+            mz += part * (a * ry - b * rx + motion[n, 5])
+            tx, ty, tz = tx + part * a, ty + part * b, tz + part * c
+        moved[v, 0], moved[v, 1], moved[v, 2] = x + mx, y + my, z + mz
+        a, b, c = normals[v, 0], normals[v, 1], normals[v, 2]
+        nx, ny, nz = a + ty * c - tz * b, b + tz * a - tx * c, c + tx * b - ty * a
+        length = max(np.sqrt(nx * nx + ny * ny + nz * nz), 1e-12)
+        turned[v, 0], turned[v, 1], turned[v, 2] = nx / length, ny / length, nz / length

@@ -65,3 +65,18 @@ def test_what_is_somewhere_else_is_left_alone():
     away = Mesh(frames[1].vertices + 1.0, frames[1].triangles, frames[1].colors)
     np.testing.assert_array_equal(steady.next(away).vertices, away.vertices)
     assert SurfaceFilter(SurfaceFilterSettings(use=False)).next(away) is away
+
+
+def test_no_triangle_turns_over():
+    from mirror_scan.core.mesh.normals import triangle_normals
+    from mirror_scan.core.sequences.surface_filter import _unfolded
+
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.3)
+    triangles = ball.faces.astype(np.int32)
+    moved = ball.vertices + 0.006 * np.random.default_rng(0).standard_normal(ball.vertices.shape)
+    first = triangle_normals(ball.vertices, triangles)
+    assert (np.einsum("ti,ti->t", triangle_normals(moved, triangles), first) <= 0).any()
+    made, back = _unfolded(ball.vertices, moved, triangles)
+    assert (np.einsum("ti,ti->t", triangle_normals(made, triangles), first) > 0).all()
+    np.testing.assert_array_equal(made, np.where(back[:, None], ball.vertices, moved))
+    assert back.mean() < 0.9
