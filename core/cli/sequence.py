@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..sequences import Recording, SequenceFrame, SequenceRig
     from ..sequences.sequence_files import SequenceFolder
 
-_PLACING, _FRAMES, _FOLLOWED = 0.1, 0.75, 0.9  # of the progress: up to where each part goes
+_PLACING, _FRAMES, _WHOLE = 0.1, 0.75, 0.85  # of the progress: up to where each part goes
 _CACHES, _VIDEOS, _CLIPS = (".abc", ".usd", ".usdc"), (".mp4", ".webp"), (".glb",)
 _NOT_OF_THE_RESULT = (
     "outputs",
@@ -71,10 +71,13 @@ def run_sequence(options: argparse.Namespace, writers: Writers) -> None:
             _make_frames(options, recording, folder, extra, progress)
             made = folder.places()
             if not made:
-                raise CaptureError(f"{options.recording}: none of {len(recording)} frames could be made")
+                raise CaptureError(
+                    "{path}: none of {count} frames could be made: {reason}",
+                    path=options.recording, count=len(recording), reason=folder.first_reason(),
+                )  # fmt: skip
+            _write_whole(folder, recording, targets, writers, options.fps, progress)
             if targets.clips:
                 extra["skeleton"] = _follow(folder, made, targets.clips, options.fps, progress)
-            _write_whole(folder, recording, targets, writers, options.fps, progress)
         except KeyboardInterrupt:
             done = len(folder.places(bridged=True))
             raise KeyboardInterrupt(
@@ -107,10 +110,15 @@ def _make_frames(
     steady = not options.unfiltered
     wanted = SequenceSettings(FilterSettings(use=steady), SurfaceFilterSettings(use=steady))
     began, done = time.perf_counter(), 0
-    with _workers(options) as runner:
-        for frame in reconstruct_sequence(recording, rig, settings, wanted, folder.has, runner):
+    with (
+        _workers(options) as runner,
+        contextlib.closing(
+            reconstruct_sequence(recording, rig, settings, wanted, folder.has, runner, folder.mesh_if_any)
+        ) as frames,
+    ):
+        for frame in frames:
             with blaming(folder.folder):
-                folder.add(frame)
+                folder.add(frame, extra)
             done += 1
             _tell(frame)
             left = (time.perf_counter() - began) / done * (todo - done)
@@ -139,9 +147,9 @@ def _follow(folder: SequenceFolder, made: list[int], paths: list[Path], rate: fl
     from ..avatar.avatar_file import Avatar, write_avatar
     from ..sequences.skeleton_tracking import best_frame, track
 
-    advance(progress, _FRAMES, "Finding the skeleton")
+    advance(progress, _WHOLE, "Finding the skeleton")
     rigged = best_frame(made, folder.mesh)
-    clip, residual = track(rigged, made, folder.mesh, rate, stage_of(progress, _FRAMES, _FOLLOWED))
+    clip, residual = track(rigged, made, folder.mesh, rate, stage_of(progress, _WHOLE, 1.0))
     avatar = Avatar(rigged.mesh, rigged.skeleton, rigged.weights, clips=(clip,))
     write_together([(path, write_avatar) for path in paths], avatar)
     return {"avatar_of": rigged.place, "residual_mm": [round(1000.0 * float(value), 2) for value in residual]}
@@ -157,12 +165,12 @@ def _write_whole(
         from ..io.atomic_files import replacing
         from ..sequences.video import PreviewVideo
 
-        advance(progress, _FOLLOWED, "Writing the video")
+        advance(progress, _FRAMES, "Writing the video")
         with replacing(path) as temporary, PreviewVideo(temporary, rate) as video:
             for mesh_at in shown:
                 video.add(mesh_at())
     for path in targets.caches:
-        advance(progress, 0.95, f"Writing {path.name}")
+        advance(progress, 0.8, f"Writing {path.name}")
         writers["sequence"](path, len(shown), lambda place: shown[place](), rate)
 
 

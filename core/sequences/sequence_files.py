@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from ..mesh import Mesh
 from .sequence import BRIDGED, LOST, MADE, SequenceFrame
 
 FORMAT, VERSION = "mirror-scan sequence", 1
+
+_REPORT_S = 5.0  # the report is written at most so often while frames come [s]
 
 
 class SequenceFolder:
@@ -48,6 +51,7 @@ class SequenceFolder:
                 raise OutputError(f"{folder}: frames are written as {', '.join(MESH_FORMATS)}, not as {suffix}")
         self.folder, self._formats, self._facts = folder, tuple(formats), facts
         self._rows: dict[int, dict] = {}
+        self._reported = float("-inf")
         self.kept: dict = {}
         self._begin(resume)
 
@@ -61,6 +65,7 @@ class SequenceFolder:
             )
         if there:
             self._go_on()
+        self._is_new = not self.folder.exists()
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -70,7 +75,7 @@ class SequenceFolder:
         path = self.folder / REPORT
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
-            rows = {int(row["place"]): row for row in content["frames"]}
+            rows = {int(row["place"]): row for row in content["frames"] if row["state"] in (MADE, BRIDGED, LOST)}
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise OutputError(f"{path}: is no report of a sequence to go on with; choose another folder") from error
         if content.get("made_of") != json.loads(json.dumps(self._facts)):
@@ -82,7 +87,13 @@ class SequenceFolder:
 
     def _is_whole(self, row: dict) -> bool:
         names = [frame_name(int(row["place"]), suffix) for suffix in self._formats]
+        if row.get("again"):  # it may be made now
+            return False
         return row["state"] == LOST or all((self.folder / name).is_file() for name in names)
+
+    def first_reason(self) -> str:
+        """Why the first of the frames that have no mesh of their own was not made; empty where all were."""
+        return next((row["reason"] for _, row in sorted(self._rows.items()) if row.get("reason")), "")
 
     def has(self, place: int) -> bool:
         """Whether a frame is there already."""
@@ -93,24 +104,47 @@ class SequenceFolder:
         states = (MADE, BRIDGED) if bridged else (MADE,)
         return [place for place, row in sorted(self._rows.items()) if row["state"] in states]
 
+    def mesh_if_any(self, place: int) -> Mesh | None:
+        """The mesh of a frame, as it was written; None of one that was lost."""
+        return None if self._rows[place]["state"] == LOST else self.mesh(place)
+
     def mesh(self, place: int) -> Mesh:
         """The mesh of a frame, as it was written."""
         path = self.folder / frame_name(place, self._formats[0])
         return read_avatar(path).mesh if path.suffix == ".glb" else read_mesh(path)
 
-    def add(self, frame: SequenceFrame) -> None:
-        """Write a frame, and the report with it."""
-        if frame.mesh is not None:
-            for suffix in self._formats:
-                with replacing(self.folder / frame_name(frame.place, suffix)) as temporary:
-                    write_frame(temporary, frame.mesh)
+    def add(self, frame: SequenceFrame, extra: dict | None = None) -> None:
+        """Write a frame, and every few seconds the report: who is ended by force can be gone on with.
+
+        ``extra``: what the report says beside the frames, so far.
+        """
+        for suffix in self._formats:
+            path = self.folder / frame_name(frame.place, suffix)
+            if frame.mesh is None:
+                path.unlink(missing_ok=True)
+                continue
+            with replacing(path) as temporary:
+                write_frame(temporary, frame.mesh)
         self._rows[frame.place] = row_of(frame)
+        if time.monotonic() - self._reported > _REPORT_S:
+            self._report(extra or {})
 
     def finish(self, extra: dict) -> dict:
-        """Write ``sequence.json``; what was done up to here is in it. Returns its content."""
+        """Write ``sequence.json``; what was done up to here is in it. Returns its content.
+
+        Where no frame was done nothing is left behind.
+        """
+        if self._rows:
+            return self._report(extra)
+        if self._is_new and not any(self.folder.iterdir()):
+            self.folder.rmdir()
+        return report_of(self._facts, [], extra)
+
+    def _report(self, extra: dict) -> dict:
         content = report_of(self._facts, [self._rows[place] for place in sorted(self._rows)], extra)
         with replacing(self.folder / REPORT) as temporary:
             temporary.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        self._reported = time.monotonic()
         return content
 
 
@@ -127,6 +161,8 @@ def row_of(frame: SequenceFrame) -> dict:
     row: dict = {"place": frame.place, "number": frame.number, "state": frame.state}
     if frame.reason:
         row["reason"] = str(frame.reason)
+    if frame.again:
+        row["again"] = True
     row |= {"steadied_share": round(frame.steadied, 4), "seconds": round(frame.seconds, 3)}
     if frame.report is not None:
         mesh = frame.report["mesh"]

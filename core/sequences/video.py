@@ -98,9 +98,15 @@ def check_video(path: Path) -> None:
     if suffix not in VIDEO_FORMATS:
         raise OutputError(f"{path}: a video is written as {' or '.join(VIDEO_FORMATS)}, not as “{path.suffix}”")
     try:
-        import av  # noqa: F401
+        import av
     except ImportError as error:
         raise OutputError(f"{path}: a video needs the Python package av; “pip install av”") from error
+    coder = VIDEO_FORMATS[suffix][1]
+    try:
+        av.Codec(coder, "w")
+    except ValueError as error:
+        others = " or ".join(other for other in VIDEO_FORMATS if other != suffix)
+        raise OutputError(f"{path}: the Python package av here cannot write {coder}; choose {others}") from error
 
 
 def _bounds_about(mesh: Mesh) -> Mesh:

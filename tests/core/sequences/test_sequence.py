@@ -73,6 +73,7 @@ def test_a_sequence_is_gone_on_with_where_it_was_left(tmp_path):
     again = SequenceFolder(tmp_path / "out", [".ply"], {"recording": "a"}, resume=True)
     assert [again.has(place) for place in range(4)] == [True, False, True, False]
     assert again.kept == {"rig": {"sensor": "ideal"}} and again.places() == [0, 2]
+    assert again.mesh_if_any(0) is not None
     np.testing.assert_array_equal(again.mesh(0).triangles, mesh.triangles)
 
 
@@ -106,3 +107,111 @@ def test_a_volume_that_jumps_is_no_whole_body():
     states = [frame(k, v) for k, v in enumerate((70.0, 71.0, 69.0, 70.0, 30.0, 31.0, 29.0, 70.5))]
     assert [one.state for one in states] == [MADE] * 4 + [BRIDGED] * 2 + ["lost", MADE]
     assert "30 l" in states[4].reason
+
+
+REPORT = {"mesh": {"vertices": 3, "triangles": 1, "watertight": True, "manifold": True, "volume_l": 70.0,
+                   "height_m": 1.0}}  # fmt: skip
+TRIANGLE = Mesh(np.eye(3), np.array([[0, 1, 2]], np.int32))
+
+
+def test_who_is_ended_by_force_can_be_gone_on_with_and_nothing_is_left_of_nothing(tmp_path):
+    first = SequenceFolder(tmp_path / "out", [".ply"], {})
+    first.add(SequenceFrame(0, 0, "made", TRIANGLE, report=REPORT))
+    first.add(SequenceFrame(1, 1, "lost", None, "nobody"))
+    first.add(SequenceFrame(2, 2, "bridged", TRIANGLE, "a worker was lost", again=True))
+    first.finish({})
+    again = SequenceFolder(tmp_path / "out", [".ply"], {}, resume=True)
+    assert [again.has(place) for place in range(3)] == [True, True, False]
+    again.add(SequenceFrame(2, 2, "lost", None, "nobody"))
+    assert not (tmp_path / "out" / "frame_000002.ply").exists() and again.first_reason() == "nobody"
+    # no finish: what the first frame wrote is enough
+    killed = SequenceFolder(tmp_path / "killed", [".ply"], {})
+    killed.add(SequenceFrame(0, 0, "made", TRIANGLE, report=REPORT), {"rate": 15})
+    assert SequenceFolder(tmp_path / "killed", [".ply"], {}, resume=True).has(0)
+    SequenceFolder(tmp_path / "none", [".ply"], {}).finish({})
+    assert not (tmp_path / "none").exists()
+
+
+def a_sequence(count, monkeypatch, faults=(), **named):
+    """The states of a sequence whose frames are made of nothing, but for the ``faults`` by place."""
+    from mirror_scan.core.camera import Intrinsics
+    from mirror_scan.core.capture import Capture
+    from mirror_scan.core.pipeline import KnownScene
+    from mirror_scan.core.sequences import FilterSettings, Recording, SequenceSettings, sequence
+    from mirror_scan.core.sequences.rig_placement import SequenceRig
+
+    lens = Intrinsics(4, 3, 4.0, 4.0, 1.5, 1.0)
+    read, made = [], []
+
+    def capture(recording, number):
+        read.append(number)
+        return Capture(np.full((1, 3, 4), 1.0 + number, np.float32), None, lens)
+
+    def frame(taken, scene, settings):
+        number = round(float(taken.depth[0, 0, 0]) - 1.0)
+        made.append(number)
+        if number in dict(faults):
+            raise dict(faults)[number]
+        return sequence.FrameMade(TRIANGLE, REPORT, 0.1)
+
+    monkeypatch.setattr(Recording, "read", capture)
+    monkeypatch.setattr(sequence, "frame_made", frame)
+    principle = type("P", (), {"sensor": "ideal"})()
+    scene = KnownScene((), (), principle, None)  # type: ignore[arg-type]  # its sensor only
+    rig = SequenceRig(scene, np.eye(4), np.zeros((3, 4), np.float32), None, (0,), {})
+    settings = SequenceSettings(FilterSettings(use=False))
+    frames = list(sequence.reconstruct_sequence(Recording("a", tuple(range(count))), rig, sequence=settings, **named))
+    return frames, read, sorted(made)
+
+
+def test_a_fault_of_the_program_takes_one_frame_only(monkeypatch):
+    faults = {1: ZeroDivisionError("it happens"), 2: CaptureError("nobody stands there")}
+    frames, _, _ = a_sequence(4, monkeypatch, faults)
+    assert [frame.state for frame in frames] == ["made", "bridged", "bridged", "made"]
+    assert "ZeroDivisionError: it happens" in frames[1].reason and frames[1].again
+    assert frames[2].reason == "nobody stands there" and not frames[2].again
+
+
+def test_what_is_there_is_not_read_again_and_bridges_what_follows(monkeypatch):
+    there = Mesh(2.0 * np.eye(3), np.array([[0, 1, 2]], np.int32))
+    frames, read, made = a_sequence(
+        5, monkeypatch, {3: CaptureError("gone by")}, skip=lambda place: place < 3, kept=lambda place: there
+    )
+    assert [(frame.place, frame.state) for frame in frames] == [(3, "bridged"), (4, "made")]
+    assert frames[0].mesh is there and (read, made) == ([3, 4], [3, 4])
+
+
+def test_workers_give_frames_in_order(monkeypatch):
+    from mirror_scan.core.cluster import ClusterError, Outcome
+
+    class Runner:
+        """Ends tasks in pairs, the second first; one is lost."""
+
+        def run(self, function, tasks):
+            held = []
+            for number, arguments in enumerate(tasks):
+                error = ClusterError("lost") if number == 3 else None
+                held.append(Outcome(number, None if error else function(*arguments), error))
+                if len(held) == 2:
+                    yield from held[::-1]
+                    held = []
+            yield from held
+
+    frames, _, made = a_sequence(5, monkeypatch, runner=Runner())
+    assert [(frame.place, frame.state) for frame in frames] == list(
+        enumerate(("made", "made", "made", "bridged", "made"))
+    )
+    assert frames[3].again and made == [0, 1, 2, 4]
+
+
+def test_a_body_that_stays_another_is_believed_in_the_end():
+    from mirror_scan.core.sequences.rig_placement import SequenceRig
+    from mirror_scan.core.sequences.sequence import FrameMade, SequenceSettings, _Job, _Judge
+
+    rig = SequenceRig(None, np.eye(4), np.zeros((2, 2)), None, (0,), {})  # type: ignore[arg-type]  # its frame only
+    judge = _Judge(SequenceSettings(hold=6))
+    states = []
+    for place in range(16):
+        report = {"mesh": REPORT["mesh"] | {"volume_l": 30.0 if place < 4 else 70.0}}
+        states.append(judge.judged(_Job(place, place, made=FrameMade(TRIANGLE, report, 0.1)), rig).state)
+    assert states == ["made"] * 4 + ["bridged"] * 6 + ["made"] * 6
