@@ -71,7 +71,7 @@ def connectivity(mesh: Mesh) -> dict:
         "boundary_edges": boundary,
         "nonmanifold_edges": crowded,
         "nonmanifold_vertices": int(split),
-        "euler_characteristic": len(np.unique(triangles)) - len(begin) + len(triangles),
+        "euler_characteristic": int(np.count_nonzero(np.bincount(triangles.ravel()))) - len(begin) + len(triangles),
     }
 
 
@@ -81,10 +81,11 @@ def volume(mesh: Mesh) -> float:
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
-def mesh_report(mesh: Mesh) -> dict:
+def mesh_report(mesh: Mesh, crossings: bool = True) -> dict:
     """What a mesh is, as a plain dict ready for JSON.
 
-    Time O(T log T), memory about 400 bytes a triangle.
+    Time O(T log T), memory about 400 bytes a triangle. Without ``crossings``, ``self_intersections`` and
+    ``min_angle_deg`` are None, in a third of the time.
 
     Returns
     -------
@@ -106,16 +107,16 @@ def mesh_report(mesh: Mesh) -> dict:
     MirrorScanError
         When a used vertex is not finite, or a triangle names a vertex that does not exist.
     """
-    crossing = np.unique(self_intersections(mesh.vertices, mesh.triangles))  # also checks the indices
+    crossing = np.unique(self_intersections(mesh.vertices, mesh.triangles)) if crossings else None  # checks them, too
     report = connectivity(mesh)
     report["volume_m3"] = volume(mesh) if report["watertight"] else None
     twice_area = np.linalg.norm(triangle_normals(mesh.vertices, mesh.triangles), axis=1)
     report["area_m2"] = float(twice_area.sum() / 2)
-    report["self_intersections"] = len(crossing)
+    report["self_intersections"] = None if crossing is None else len(crossing)
     if mesh.kind is not None and twice_area.any():
         report["filled_share"] = float(twice_area[mesh.kind == FILL].sum() / twice_area.sum())
     report["min_angle_deg"] = None
-    if len(twice_area):
+    if len(twice_area) and crossings:
         p = mesh.vertices[mesh.triangles]
         sides = np.sort(np.linalg.norm(p - np.roll(p, -1, axis=1), axis=2), axis=1)
         # the smallest angle lies between the two longest sides

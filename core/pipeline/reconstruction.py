@@ -41,7 +41,8 @@ def reconstruct(
         Frame of the mesh.
     scene : KnownScene, optional
         Of another frame of the same recording, :attr:`.surface.Reconstruction.scene`: mirrors, floor and light are
-        taken from it, and only the subject is looked for. ``mirrors`` do not count then.
+        taken from it, and only the subject is looked for. ``mirrors`` do not count then, and the report does not count
+        self-intersections (None).
 
     Raises
     ------

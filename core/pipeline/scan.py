@@ -109,7 +109,7 @@ class Scan:
     principles : tuple of Principle
         How each camera measures.
     outline : Outline or None
-        Of the subject as it is seen directly, where light came two ways.
+        Of the subject as it is seen directly, where light came two ways and the mirrors were not known before.
     lit : LitReadings or None
         Its readings as they were read, where light came two ways.
     scene : KnownScene or None
@@ -204,7 +204,8 @@ def scan_steps(
         found = find_subject(whole, placed, settings.views, meeting, ground)
         lit = LitReadings(RgbdImage(fused, camera), found.labels, light.spoiled, light.response)
         views = without_spoiled(found, light.spoiled)
-    outline = None if light is None else outline_of(fused, views.labels == 0, 0.0, frayed=1)
+    # what the seams tell of glass is asked only where the mirrors are not known
+    outline = None if light is None or known is not None else outline_of(fused, views.labels == 0, 0.0, frayed=1)
     depth = image.depth
     clock.lap("light")
 

@@ -194,7 +194,7 @@ def closing_steps(
     yield 0.87, "Checking the result"
     to_avatar = avatar_frame(closed.vertices, scan.up, scan.axis, scan.floor)
     mesh = closed.transformed(to_avatar)
-    soundness = mesh_report(mesh)
+    soundness = mesh_report(mesh, crossings=not known)
     check_avatar(mesh, soundness["volume_m3"], _facts(scan, settings, to_avatar), settings.views.object)
     clock.lap("checking")
     return ClosedSurface(mesh, closed, to_avatar, soundness, scan, patches, seams, (*scan.warnings, *notes))

@@ -149,7 +149,7 @@ def summary(report: dict, scene: bpy.types.Scene) -> list[tuple[str, str, str]]:
         lines.append((say("Edges"), say("manifold") if clean else say("non-manifold"), "OK" if clean else "WARN"))
     if mesh.get("components", 1) > 1:
         lines.append((say("Pieces"), str(mesh["components"]), "WARN"))
-    if "self_intersections" in mesh:
+    if mesh.get("self_intersections") is not None:
         count = mesh["self_intersections"]
         text = say("none") if not count else say("{count:,} faces").format(count=count)
         # a few in tens of thousands do no harm: the build leaves them rather than cut for them
