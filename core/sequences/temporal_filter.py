@@ -179,7 +179,8 @@ def _around(mask: np.ndarray, radius: int) -> np.ndarray:
     count = np.pad(mask.astype(np.uint8), radius)
     for axis in (0, 1):
         size = count.shape[axis] - 2 * radius
-        count = sum(count.take(range(k, k + size), axis) for k in range(2 * radius + 1))
+        parts = [count.take(range(k, k + size), axis) for k in range(2 * radius + 1)]
+        count = np.sum(parts, axis=0, dtype=np.uint8)
     return count
 
 
