@@ -33,3 +33,20 @@ def frame_files(folder: Path) -> list[Path]:
         folder=folder,
         name=frame_name(0, MESH_FORMATS[0]),
     )
+
+
+def frame_place(file: Path) -> int:
+    """The number in the name of a frame's file.
+
+    Raises
+    ------
+    CaptureError
+        There is none.
+    """
+    number = file.stem.removeprefix("frame_")
+    if not (number.isascii() and number.isdigit()):
+        raise CaptureError(
+            "{file}: is not named as a frame of a sequence, such as {name}; rename it",
+            file=file, name=frame_name(0, file.suffix),
+        )  # fmt: skip
+    return int(number)

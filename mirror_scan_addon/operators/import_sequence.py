@@ -52,19 +52,19 @@ class MIRRORSCAN_OT_import_sequence(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
-            name, count = self._shown(context)
+            name, count, first = self._shown(context)
         except job_operators.REPORTED as error:
             self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}
         text = say("{name}: {count} frames from frame {start} on")
-        self.report({"INFO"}, text.format(name=name, count=count, start=self.start))
+        self.report({"INFO"}, text.format(name=name, count=count, start=first))
         return {"FINISHED"}
 
-    def _shown(self, context: bpy.types.Context) -> tuple[str, int]:
-        """Show what was chosen; the name and the number of frames."""
+    def _shown(self, context: bpy.types.Context) -> tuple[str, int, int]:
+        """Show what was chosen; the name, the number of frames, and the first on the timeline."""
         from pathlib import Path
 
-        from ...core.io.frame_files import frame_files
+        from ...core.io.frame_files import frame_files, frame_place
         from ..scene.sequence_cache import CACHES, import_cache, set_rate
 
         if not self.filepath:
@@ -85,21 +85,22 @@ class MIRRORSCAN_OT_import_sequence(bpy.types.Operator):
                 raise CaptureError(text.format(path=path, reason=error)) from error
             if not made:
                 raise CaptureError(say("{path}: holds nothing to show").format(path=path))
-            count = scene.frame_end - scene.frame_start + 1
+            began, count = scene.frame_start, scene.frame_end - scene.frame_start + 1
             if not self.set_range:
                 scene.frame_start, scene.frame_end = first, last
-            return path.stem, count
-        files = frame_files(folder)[:: self.every]
-        name, meshes = folder.name, [(file.stem, _mesh_in(file)) for file in files]
-        count = self._objects(scene, name, meshes)
+            return path.stem, count, began
+        found = sorted(frame_files(folder), key=frame_place)
+        files = _by_time(found, self.every)
+        name, count = folder.name, frame_place(found[-1]) // self.every + 1
+        self._objects(scene, name, files)
         if self.set_range:
             scene.frame_start, scene.frame_end = self.start, self.start + count - 1
             if rate:
                 set_rate(scene, rate / self.every)
             scene.frame_set(self.start)
-        return name, count
+        return name, count, self.start
 
-    def _objects(self, scene: bpy.types.Scene, name: str, meshes) -> int:
+    def _objects(self, scene: bpy.types.Scene, name: str, files) -> None:
         """An object a frame in a collection of their own."""
         from ..scene.avatar_objects import discard_on_error
         from ..scene.sequence_cache import show_frames
@@ -109,8 +110,20 @@ class MIRRORSCAN_OT_import_sequence(bpy.types.Operator):
             collection = bpy.data.collections.new(name)
             made.append(collection)
             scene.collection.children.link(collection)
-            show_frames(meshes, collection, self.start, metres_per_unit(scene))
-        return len(meshes)
+            meshes = ((file.stem, _mesh_in(file)) for file in files.values())  # one at a time in memory
+            show_frames(meshes, [self.start + place for place in files], collection, metres_per_unit(scene))
+
+
+def _by_time(found, every):
+    """The file that is seen from each of every so many frames on, by the numbers in their names.
+
+    Frames that were lost have no file: the one before is seen in their place.
+    """
+    from ...core.io.frame_files import frame_place
+
+    steps = {-(-frame_place(file) // every): file for file in found}  # of several in one step the last
+    last = frame_place(found[-1])
+    return {step: file for step, file in steps.items() if step * every <= last} or {0: found[0]}
 
 
 def _rate(folder):

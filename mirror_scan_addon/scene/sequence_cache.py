@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-# No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
 import numpy as np
 
@@ -55,14 +54,21 @@ def write_sequence(
         target.frame_start, target.frame_end = first, first + count - 1
         set_rate(target, rate)
 
+        faults: list[Exception] = []
+
         def change(scene: bpy.types.Scene, *_: object) -> None:
             place = scene.frame_current - first
-            if scene.name == target.name and 0 <= place < count:
+            if scene.name != target.name or not 0 <= place < count or faults:
+                return
+            try:
                 mesh = mesh_at(place)
-                fill_mesh(body.data, mesh)
-                if suffix == ".abc":
-                    _color_corners(body.data, mesh)
-                body.data.update_tag()
+            except Exception as error:  # Blender would print it and go on; raised below
+                faults.append(error)
+                return
+            fill_mesh(body.data, mesh)
+            if suffix == ".abc":
+                _color_corners(body.data, mesh)
+            body.data.update_tag()
 
         bpy.app.handlers.frame_change_pre.append(change)
         try:
@@ -83,6 +89,8 @@ def write_sequence(
             raise OutputError(text.format(path=path, reason=error)) from error
         finally:
             bpy.app.handlers.frame_change_pre.remove(change)
+        if faults:
+            raise faults[0]
 
 
 def _color_corners(data: bpy.types.Mesh, mesh: Mesh) -> None:
@@ -102,18 +110,20 @@ def set_rate(scene: bpy.types.Scene, rate: float) -> None:
 
 
 def show_frames(
-    meshes: Sequence[tuple[str, Mesh]], collection: bpy.types.Collection, first: int, unit: float
+    meshes: Iterable[tuple[str, Mesh]], frames: Sequence[int], collection: bpy.types.Collection, unit: float
 ) -> list[bpy.types.Object]:
-    """An object a frame, each seen in its own frame only: it is hidden in all others by keyframes.
+    """An object a frame, each seen from its own frame to the next one's: it is hidden before and after by keyframes.
+
+    The first is seen before, too, and the last after.
 
     Parameters
     ----------
-    meshes : sequence of (name, Mesh)
+    meshes : iterable of (name, Mesh)
         In the order of time.
+    frames : sequence of int
+        Of the timeline, ascending, from which each is seen.
     collection : bpy.types.Collection
         Where the objects are linked.
-    first : int
-        Frame of the timeline in which the first is seen.
     unit : float
         Metres in a Blender unit.
     """
@@ -121,11 +131,10 @@ def show_frames(
     for place, (name, mesh) in enumerate(meshes):
         body = create_avatar(mesh, name, collection, unit=unit)
         made.append(body)
-        at = first + place
-        _key_hidden(body, at - 1, place > 0)
-        _key_hidden(body, at, False)
-        if place + 1 < len(meshes):
-            _key_hidden(body, at + 1, True)
+        _key_hidden(body, frames[place] - 1, place > 0)
+        _key_hidden(body, frames[place], False)
+        if place + 1 < len(frames):
+            _key_hidden(body, frames[place + 1], True)
     return made
 
 

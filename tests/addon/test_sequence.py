@@ -90,3 +90,32 @@ def test_one_file_holds_all_frames(bpy, tmp_path, suffix):
         assert np.ptp(world[:, 2]) == pytest.approx(HEIGHTS[place] + 0.1, abs=1e-4)
         shade = np.array(seen.color_attributes[0].data[0].color_srgb)[:3]
         assert shade == pytest.approx(60 * (place + 1) / 255, abs=0.01)
+
+
+def test_a_frame_that_was_lost_shifts_no_other(bpy, folder):
+    from mirror_scan.core.io.frame_files import frame_name
+
+    (folder / frame_name(2, ".ply")).rename(folder / frame_name(5, ".ply"))  # 2 to 4 were lost
+    scene = bpy.context.scene
+    assert bpy.ops.mirror_scan.import_sequence(filepath=str(folder)) == {"FINISHED"}
+    bodies = list(bpy.data.collections[folder.name].objects)
+    assert (scene.frame_start, scene.frame_end) == (1, 6)
+    for frame, seen in ((1, 0), (2, 1), (3, 1), (5, 1), (6, 2)):
+        scene.frame_set(frame)
+        assert [not body.hide_render for body in bodies] == [place == seen for place in range(3)]
+    assert bpy.ops.mirror_scan.import_sequence(filepath=str(folder), every=2) == {"FINISHED"}
+    assert scene.frame_end == 3
+
+
+def test_a_mesh_that_cannot_be_read_ends_the_writing(bpy, tmp_path):
+    from mirror_scan.core.errors import CaptureError
+    from mirror_scan.mirror_scan_addon.command import BlenderWriters
+
+    def mesh_at(place):
+        if place == 1:
+            raise CaptureError("it is gone")
+        return tower(place)
+
+    with pytest.raises(CaptureError, match="it is gone"):
+        BlenderWriters()["sequence"](tmp_path / "body.abc", 3, mesh_at, 15.0)
+    assert not list(tmp_path.iterdir()) and not bpy.app.handlers.frame_change_pre
