@@ -152,7 +152,8 @@ def _made_here(jobs: Iterator[_Job], settings: Settings, sequence: SequenceSetti
         try:
             for job in jobs:
                 capture, job.capture = job.capture, None
-                task = None if capture is None else pool.submit(frame_made, capture, job.scene, settings)
+                known = capture is not None and job.scene is not None
+                task = pool.submit(frame_made, capture, job.scene, settings) if known else None  # type: ignore[arg-type]
                 waiting.append((job, task))
                 if len(waiting) > workers:
                     yield _ended(*waiting.popleft())
