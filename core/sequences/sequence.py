@@ -151,9 +151,8 @@ def _made_here(jobs: Iterator[_Job], settings: Settings, sequence: SequenceSetti
         waiting: deque[tuple[_Job, Future | None]] = deque()
         try:
             for job in jobs:
-                capture, job.capture = job.capture, None
-                known = capture is not None and job.scene is not None
-                task = pool.submit(frame_made, capture, job.scene, settings) if known else None  # type: ignore[arg-type]
+                given, job.given = job.given, None
+                task = None if given is None else pool.submit(frame_made, *given, settings)
                 waiting.append((job, task))
                 if len(waiting) > workers:
                     yield _ended(*waiting.popleft())
@@ -184,10 +183,10 @@ def _made_by(runner: TaskRunner, jobs: Iterator[_Job], settings: Settings) -> Ge
     def arguments() -> Iterator[tuple]:
         for job in jobs:
             waiting.append(job)
-            if job.capture is not None:
+            if job.given is not None:
                 running[next(numbers)] = job
-                capture, job.capture = job.capture, None
-                yield capture, job.scene, settings
+                given, job.given = job.given, None
+                yield *given, settings
 
     with contextlib.closing(runner.run(frame_made, arguments())) as outcomes:
         for outcome in outcomes:
@@ -200,12 +199,11 @@ def _made_by(runner: TaskRunner, jobs: Iterator[_Job], settings: Settings) -> Ge
 
 @dataclass
 class _Job:
-    """A frame on its way; ``kept``: it is there already."""
+    """A frame on its way; ``given``: what it is made of; ``kept``: it is there already."""
 
     place: int
     number: int
-    capture: Capture | None = None
-    scene: KnownScene | None = None
+    given: tuple[Capture, KnownScene] | None = None
     fault: Exception | None = None
     steadied: float = 0.0
     seconds: float = 0.0
@@ -250,7 +248,7 @@ def _jobs(
         if there[place]:
             continue
         capture = replace(match_frame(capture, rig.color, rig.background), depth=depth[None])
-        yield _Job(place, number, capture, scene, steadied=steady.share, seconds=time.perf_counter() - started)
+        yield _Job(place, number, (capture, scene), steadied=steady.share, seconds=time.perf_counter() - started)
 
 
 class FrameMade(NamedTuple):
