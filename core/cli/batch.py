@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ..errors import CaptureError, MirrorScanError, OutputError, ReconstructionError
 from .commands import avatar_to_files, check_wishes, reading_of
 from .outputs import Writers
-from .terminal import advance, complain, complaints_heard, progress_bar, say
+from .terminal import advance, complain, complaints_heard, duration, progress_bar, say
 
 if TYPE_CHECKING:
     from ..batches import BatchFolder, Finished, Found, Row
@@ -220,7 +220,7 @@ class _Batch:
                         self._take(outcome)
                         done = self._dealt_with
                         left = (time.perf_counter() - ready) / made * (len(self._jobs) - done)
-                        words = f"{done} of {len(self._jobs)}, {_spoken(left)} left"
+                        words = f"{done} of {len(self._jobs)}, {duration(left)} left"
                         advance(progress, done / len(self._jobs), words)
         if not self._options.quiet:
             self._say_times(runner, ready - began, time.perf_counter() - ready)
@@ -434,10 +434,3 @@ def _peak_memory() -> float | None:
         return None
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return round(peak / 1e6 if sys.platform == "darwin" else peak * 1024 / 1e6, 1)
-
-
-def _spoken(seconds: float) -> str:
-    """A duration in words."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 90 * 60 else f"{seconds / 3600:.1f} h"

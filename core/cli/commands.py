@@ -37,6 +37,7 @@ from .terminal import advance, complain, distance_lines, progress_bar, say, stag
 
 if TYPE_CHECKING:
     from ..avatar.avatar_file import Avatar
+    from ..camera import Intrinsics
     from ..capture import Capture, MirrorPicks, ReadOptions
     from ..capture.frames import FrameChoice
     from ..mirrors import Mirror
@@ -127,10 +128,22 @@ def _of_level(write: Write, level: Reconstruction) -> Write:
     return lambda target, _: write(target, level)
 
 
+def known_mirrors(options: argparse.Namespace, intrinsics: Intrinsics) -> tuple[MirrorPicks | Mirror, ...] | None:
+    """The mirrors of ``--mirrors``, or of ``--rig``, which counts more; None where neither is given."""
+    mirrors: tuple[MirrorPicks | Mirror, ...] | None = None
+    if options.mirrors:
+        from ..capture.folders.rgbd_folder import read_mirrors
+
+        mirrors = read_mirrors(options.mirrors, intrinsics)
+    if options.rig:
+        from ..mirrors.rig_file import mirrors_for, read_rig
+
+        mirrors = mirrors_for(read_rig(options.rig), intrinsics)
+    return mirrors
+
+
 def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
     """What the captures of a command line give, and the milliseconds that reading them took."""
-    from ..capture.folders.rgbd_folder import read_mirrors
-
     started = time.perf_counter()
     first = options.captures[0]
     if options.poses or len(options.captures) > 1 or (first / "poses.json").is_file():
@@ -152,13 +165,7 @@ def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
             )
             return result, read_ms
     capture = _open(first, options)
-    mirrors: tuple[MirrorPicks | Mirror, ...] | None = None
-    if options.mirrors:
-        mirrors = read_mirrors(options.mirrors, capture.intrinsics)
-    if options.rig:
-        from ..mirrors.rig_file import mirrors_for, read_rig
-
-        mirrors = mirrors_for(read_rig(options.rig), capture.intrinsics)
+    mirrors = known_mirrors(options, capture.intrinsics)
     read_ms = (time.perf_counter() - started) * 1e3
 
     from ..pipeline import reconstruct  # brings numba; a capture that cannot be read is reported before that

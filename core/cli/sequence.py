@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import CaptureError, MirrorScanError, OutputError
-from .commands import reading_of, settings_of
+from .commands import known_mirrors, reading_of, settings_of
 from .outputs import Writers, blaming, check_targets, write_together
-from .terminal import advance, complain, progress_bar, say, stage_of
+from .terminal import advance, complain, duration, progress_bar, say, stage_of
 
 if TYPE_CHECKING:
     from ..capture import MirrorPicks
@@ -123,7 +123,7 @@ def _make_frames(
             _tell(frame)
             left = (time.perf_counter() - began) / done * (todo - done)
             share = _PLACING + (_FRAMES - _PLACING) * done / todo
-            advance(progress, share, f"frame {frame.place + 1} of {len(recording)}, {_duration(left)} left")
+            advance(progress, share, f"frame {frame.place + 1} of {len(recording)}, {duration(left)} left")
 
 
 def _workers(options: argparse.Namespace) -> contextlib.AbstractContextManager[TaskRunner | None]:
@@ -229,17 +229,11 @@ def _facts(options: argparse.Namespace, recording: Recording) -> dict:
 
 def _mirrors(options: argparse.Namespace, recording: Recording) -> tuple[MirrorPicks | Mirror, ...] | None:
     """What is known of the mirrors; None where the recording says it, or they are found."""
-    from ..capture.folders.rgbd_folder import read_mirrors
-    from ..mirrors.rig_file import mirrors_for, read_rig
-
     if options.mirrors and options.rig:
         raise CaptureError("--mirrors and --rig both say where the mirrors are; give one of them")
     if not (options.mirrors or options.rig):
         return None
-    intrinsics = _first(recording).intrinsics
-    if options.mirrors:
-        return read_mirrors(options.mirrors, intrinsics)
-    return mirrors_for(read_rig(options.rig), intrinsics)
+    return known_mirrors(options, _first(recording).intrinsics)
 
 
 def _first(recording: Recording):
@@ -266,8 +260,3 @@ def _rig_summary(rig: SequenceRig) -> dict:
         "sensor": scene.principle.sensor,
         "warnings": [str(warning) for warning in rig.warnings],
     }
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes} min {rest} s" if minutes else f"{rest} s"

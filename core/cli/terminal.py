@@ -169,6 +169,13 @@ def kernels_reported() -> contextlib.AbstractContextManager[None]:
     return kernel_warnings(lambda record: complain("warning", record.getMessage()))
 
 
+def duration(seconds: float) -> str:
+    """How long something takes, in words."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 90 * 60 else f"{seconds / 3600:.1f} h"
+
+
 def advance(progress: Progress | None, fraction: float, message: str) -> None:
     """Report progress, where there is a progress bar."""
     if progress:
