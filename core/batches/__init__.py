@@ -1,4 +1,4 @@
-"""Many captures: found, told apart by their content, their results kept and summed up."""
+"""Many captures: found, identified by their content, their results kept and summed up."""
 
 from .batch_folder import BatchFolder, Finished, open_batch_folder
 from .batch_summary import Row, write_summary

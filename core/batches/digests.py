@@ -19,7 +19,7 @@ _BLOCK = 1 << 20
 _ALONE = tuple(suffix for suffix in RECORDINGS if suffix != ".pclzf")
 """Recordings whose readers look at nothing beside them."""
 _NAMED = ("depth.txt", "intrinsics.txt")
-"""Files of data sets that are told apart by the names of their folders."""
+"""Files of data sets whose folders are named after the camera."""
 
 
 def content_digest(path: str | os.PathLike) -> tuple[str, int]:
