@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import CaptureError, OutputError
+from ..io import read_mesh
 from ..io.gltf import INDICES, VERTICES, Gltf, read_gltf, write_gltf
 from ..io.images import image_of_bytes, png_bytes
 from ..mesh import KIND_NAMES, Mesh, Texture
@@ -119,6 +120,17 @@ def read_avatar(path: str | os.PathLike) -> Avatar:
         raise CaptureError(f"{path}: is not as glTF files are; it is damaged") from error
     except CaptureError as error:
         raise CaptureError(f"{path}: {error}") from error
+
+
+def read_body(path: str | os.PathLike) -> Mesh:
+    """The mesh of an avatar's .glb, or of a .ply, .obj or .stl, by the ending of its name.
+
+    Raises
+    ------
+    CaptureError
+        As of :func:`read_avatar` and :func:`..io.read_mesh`.
+    """
+    return read_avatar(path).mesh if Path(path).suffix.lower() == ".glb" else read_mesh(path)
 
 
 def bone_named(name: str) -> int | None:

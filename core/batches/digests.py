@@ -63,11 +63,21 @@ def settings_digest(settings: Mapping[str, object]) -> str:
     CaptureError
         When a file cannot be read.
     """
-    plain = {
+    return hashlib.sha256(json.dumps(settings_by_content(settings), sort_keys=True).encode()).hexdigest()
+
+
+def settings_by_content(settings: Mapping[str, object]) -> dict[str, object]:
+    """The settings, with ``{"content": SHA-256}`` in place of each path: that of the file, as of now.
+
+    Raises
+    ------
+    CaptureError
+        When a file cannot be read.
+    """
+    return {
         name: {"content": content_digest(value)[0]} if isinstance(value, Path) else value
         for name, value in settings.items()
     }
-    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 
 def _file_digest(path: Path) -> tuple[bytes, int]:

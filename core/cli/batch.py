@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import CaptureError, MirrorScanError, OutputError, ReconstructionError
-from .commands import avatar_to_files, check_wishes, reading_of
+from .commands import avatar_to_files, check_wishes, reading_of, worker_settings
 from .outputs import Writers
 from .terminal import advance, complain, complaints_heard, duration, progress_bar, say
 
@@ -37,7 +37,7 @@ WORKER_LOG = "workers.log"
 _SHOWN = (THUMBNAIL, PREVIEW, REPORT)
 _NOT_SETTINGS = frozenset(
     ("captures", "folder", "run", "find_bridge", "readers", "quiet", "workers", "threads", "memory", "scheduler",
-     "every_frames", "frames")
+     "wait", "every_frames", "frames")
 )  # fmt: skip
 """Options that do not belong to one avatar; its frames are chosen for each."""
 _NO_ROOM = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
@@ -82,12 +82,10 @@ class Made(NamedTuple):
 def run_batch(options: argparse.Namespace, writers: Writers) -> None:
     """``batch``: make an avatar of each of many captures."""
     from ..batches import find_captures, open_batch_folder
-    from ..cluster import WorkerSettings
 
     options.skeleton = options.skeleton or options.vrm
     options.formats = tuple(dict.fromkeys(options.formats or ["glb"]))
-    if options.scheduler and (options.workers or options.memory):
-        raise OutputError("--workers and --memory: are for this machine; a cluster has its own, leave them out")
+    settings = worker_settings(options, options.folder / WORKER_LOG)
     if options.every_frames and options.single_frame:
         raise OutputError("--every-frames: takes bursts of a recording; leave out --single-frame")
     outputs = [Path(f"{AVATAR}.{suffix}") for suffix in options.formats]
@@ -98,17 +96,13 @@ def run_batch(options: argparse.Namespace, writers: Writers) -> None:
     _check_apart(options.folder, found)
     jobs = [job for one in found for job in _jobs_of(one, options)]
     folder = open_batch_folder(options.folder)
-    settings = WorkerSettings(
-        workers=options.workers, threads=options.threads, memory_gb=options.memory, scheduler=options.scheduler,
-        log=options.folder / WORKER_LOG,
-    )  # fmt: skip
     batch = _Batch(jobs, folder, options)
     try:
         batch.run(settings)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         batch.finish()
         done = sum(job.row is not None and job.row.state in ("made", "kept") for job in jobs)
-        raise KeyboardInterrupt(
+        raise type(stop)(
             f"interrupted; {done} of {len(jobs)} captures are done, and the same command goes on from there"
         ) from None
     except BaseException:
@@ -213,7 +207,7 @@ class _Batch:
                 return
             advance(progress, self._dealt_with / len(self._jobs), "starting workers, compiling")
             began = time.perf_counter()
-            with start_workers(settings, partial(compile_kernels, self._sent)) as runner:
+            with start_workers(settings, partial(compile_kernels, self._sent), partial(complain, "warning")) as runner:
                 ready = time.perf_counter()
                 with contextlib.closing(runner.run(make_avatar, itertools.chain([first], tasks))) as outcomes:
                     for made, outcome in enumerate(outcomes, 1):

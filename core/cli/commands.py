@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from ..camera import Intrinsics
     from ..capture import Capture, MirrorPicks, ReadOptions
     from ..capture.frames import FrameChoice
+    from ..cluster import WorkerSettings
     from ..mirrors import Mirror
     from ..mirrors.picked_mirror import MirrorSettings
     from ..motion import Clip
@@ -400,6 +401,25 @@ def reading_of(options: argparse.Namespace) -> tuple[FrameChoice, ReadOptions]:
         native_color=bool(vars(options).get("texture", True)), mirrors=not vars(options).get("mirrors"), **lens,
     )  # fmt: skip
     return (1 if getattr(options, "single_frame", False) else options.frames), reading
+
+
+def worker_settings(options: argparse.Namespace, log: Path | None = None) -> WorkerSettings:
+    """Who does the work, as ``batch`` and ``sequence`` are told; ``log``: of what workers of our own print.
+
+    Raises
+    ------
+    OutputError
+        Of a cluster that is there, what only workers of our own have was asked for.
+    """
+    from ..cluster import WorkerSettings
+
+    memory = getattr(options, "memory", 0.0)
+    if options.scheduler and (options.workers or memory):
+        raise OutputError("--workers and --memory: are for this machine; a cluster has its own, leave them out")
+    return WorkerSettings(
+        workers=options.workers, threads=getattr(options, "threads", 0), memory_gb=memory, scheduler=options.scheduler,
+        patience_s=60.0 * options.wait, log=log,
+    )  # fmt: skip
 
 
 def glass_of(options: argparse.Namespace) -> MirrorSettings:

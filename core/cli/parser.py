@@ -128,11 +128,7 @@ def _add_batch(subparsers: _Commands) -> None:
         "--every-frames", metavar="N", type=_whole(1, 1000), default=0,
         help="make an avatar of every N frames of a recording, instead of one of all",
     )  # fmt: skip
-    group = command.add_argument_group("workers", "who does the work; needs Dask: pip install 'mirror_scan[cluster]'")
-    group.add_argument(
-        "--workers", metavar="N", type=_whole(1, 1024), default=0,
-        help="processes on this machine; by default as many as cores and memory allow",
-    )  # fmt: skip
+    group = _add_workers(command, "as many as cores and memory allow")
     group.add_argument(
         "--threads", metavar="N", type=_whole(1, 1024), default=0,
         help="threads of each; by default the cores are shared out to the workers",
@@ -141,13 +137,27 @@ def _add_batch(subparsers: _Commands) -> None:
         "--memory", metavar="GB", type=_gigabytes, default=0.0,
         help="memory of each; one that takes more is started again. By default an equal share of the machine's",
     )  # fmt: skip
+    _add_reconstruction(command)
+    _add_quiet(command)
+    command.set_defaults(run=batch.run_batch)
+
+
+def _add_workers(command: argparse.ArgumentParser, usual: str) -> argparse._ArgumentGroup:
+    """Options for who does the work; ``usual``: what it is when none is given."""
+    group = command.add_argument_group("workers", "who does the work; needs Dask: pip install 'mirror_scan[cluster]'")
+    group.add_argument(
+        "--workers", metavar="N", type=_whole(1, 1024), default=0,
+        help=f"processes on this machine; by default {usual}",
+    )  # fmt: skip
     group.add_argument(
         "--scheduler", metavar="ADDRESS", default="",
         help="use the workers of a Dask scheduler, as tcp://10.0.0.1:8786, instead of this machine",
     )  # fmt: skip
-    _add_reconstruction(command)
-    _add_quiet(command)
-    command.set_defaults(run=batch.run_batch)
+    group.add_argument(
+        "--wait", metavar="MINUTES", type=_whole(0, 10_000), default=30,
+        help="how long to wait for workers when all are gone, default 30 minutes",
+    )  # fmt: skip
+    return group
 
 
 def _add_avatar(command: argparse.ArgumentParser) -> None:
@@ -213,17 +223,11 @@ def _add_sequence(subparsers: _Commands) -> None:
     command.add_argument("--rig", metavar="FILE", type=Path, help="rig file written by “calibrate”")
     command.add_argument("--unfiltered", action="store_true", help="do not steady depth in time")
     command.add_argument(
-        "--workers", metavar="N", type=_whole(1, 1024), default=0,
-        help="make frames in N processes, which needs Dask; by default in this process, two at a time",
-    )  # fmt: skip
-    command.add_argument(
-        "--scheduler", metavar="ADDRESS", default="", help="make frames by the workers of a Dask scheduler"
-    )
-    command.add_argument(
         "--skeleton", action="store_true", help="follow the joints: -o NAME.glb gets one avatar and its motion"
     )
     command.add_argument("--resume", action="store_true", help="go on with a sequence that was interrupted")
     command.add_argument("--object", action="store_true", help="the subject is any object: cut off what it stands on")
+    _add_workers(command, "none: this process makes two frames at a time")
     _add_reading(command)
     _add_cleaning(command)
     _add_glass(command)

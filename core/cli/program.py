@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import sys
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from ..errors import MirrorScanError, OutputError
@@ -49,7 +51,7 @@ def main(
     -------
     int
         0 done; 1 the input or the scene is at fault, reported in one line on stderr; 2 usage; 130 interrupted; 141 its
-        reader went away.
+        reader went away; 143 told to end (SIGTERM).
     """
     try:
         return _run(argv, prog, writers or {}, find_bridge, readers or {})
@@ -73,15 +75,37 @@ def _run(
         return 1
     options.find_bridge, options.readers = find_bridge, readers
     try:
-        with kernels_reported():
+        with _termination_heard(), kernels_reported():
             options.run(options, writers)
     except MirrorScanError as error:
         complain("error", str(error))
         return 1
     except KeyboardInterrupt as stop:
         complain("error", str(stop) or "interrupted; nothing was written")
-        return 130
+        return 143 if isinstance(stop, Terminated) else 130
     return 0
+
+
+class Terminated(KeyboardInterrupt):
+    """The process was told to end (SIGTERM), which stops a command as Ctrl-C does."""
+
+
+@contextlib.contextmanager
+def _termination_heard() -> Iterator[None]:
+    """Within the block SIGTERM raises :class:`Terminated`, once: ``timeout`` and others send it twice."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(number: int, frame: object) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        raise Terminated
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL if before is None else before)
 
 
 def _leave_streams() -> None:

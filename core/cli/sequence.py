@@ -7,11 +7,12 @@ import contextlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import CaptureError, MirrorScanError, OutputError
-from .commands import known_mirrors, reading_of, settings_of
+from .commands import known_mirrors, reading_of, settings_of, worker_settings
 from .outputs import Writers, blaming, check_targets, write_together
 from .terminal import advance, complain, duration, progress_bar, say, stage_of
 
@@ -33,6 +34,7 @@ _NOT_OF_THE_RESULT = (
     "resume",
     "workers",
     "scheduler",
+    "wait",
     "find_bridge",
     "readers",
     "recording",
@@ -78,9 +80,9 @@ def run_sequence(options: argparse.Namespace, writers: Writers) -> None:
             _write_whole(folder, recording, targets, writers, options.fps, progress)
             if targets.clips:
                 extra["skeleton"] = _follow(folder, made, targets.clips, options.fps, progress)
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as stop:
             done = len(folder.places(bridged=True))
-            raise KeyboardInterrupt(
+            raise type(stop)(
                 f"interrupted; {done} of {len(recording)} frames are done, and --resume goes on from there"
             ) from None
         finally:
@@ -130,9 +132,9 @@ def _workers(options: argparse.Namespace) -> contextlib.AbstractContextManager[T
     """Workers of Dask where they are asked for; None for this process alone."""
     if not (options.workers or options.scheduler):
         return contextlib.nullcontext()
-    from ..cluster import WorkerSettings, start_workers
+    from ..cluster import start_workers
 
-    return start_workers(WorkerSettings(options.workers, scheduler=options.scheduler))
+    return start_workers(worker_settings(options), tell=partial(complain, "warning"))
 
 
 def _tell(frame: SequenceFrame) -> None:
@@ -220,11 +222,21 @@ def _targets(options: argparse.Namespace, writers: Writers) -> _Targets:
 
 
 def _facts(options: argparse.Namespace, recording: Recording) -> dict:
-    """What a sequence is made of: one that is gone on with must have the same."""
-    given = {key: str(value) for key, value in sorted(vars(options).items()) if key not in _NOT_OF_THE_RESULT}
+    """What a sequence is made of: one that is gone on with must have the same. Files count by their content."""
+    from ..batches import content_digest, settings_by_content, surroundings
+
+    given = {
+        key: value if value is None or isinstance(value, Path) else str(value)
+        for key, value in sorted(vars(options).items())
+        if key not in _NOT_OF_THE_RESULT
+    }
     path = recording.path
-    size = None if path.is_dir() else path.stat().st_size
-    return {"recording": path.name, "bytes": size, "numbers": list(recording.numbers), "options": given}
+    content, size = content_digest(path)
+    return {
+        "recording": path.name, "bytes": None if path.is_dir() else size, "content": content,
+        "beside": surroundings(path), "numbers": list(recording.numbers),
+        "options": {key: "None" if value is None else value for key, value in settings_by_content(given).items()},
+    }  # fmt: skip
 
 
 def _mirrors(options: argparse.Namespace, recording: Recording) -> tuple[MirrorPicks | Mirror, ...] | None:

@@ -37,7 +37,9 @@ from .worker_process import (
 TASK_GB = 1.5
 """Memory that one reconstruction may need [GB]; more workers than memory has room for are not started by default."""
 CONNECT_S = 30
-LOOK_S = 1.0
+LOOK_S, POLL_S = 1.0, 0.005
+TELL_S = 5.0
+"""How long no worker is there before that is told: one of our own that was lost is started again sooner."""
 LOST = "the connection to the Dask scheduler was lost; start again to go on"
 
 
@@ -61,6 +63,9 @@ class WorkerSettings:
         Address of a Dask scheduler, as ``tcp://10.0.0.1:8786``, whose workers are used instead; "" for this machine.
     retries : int
         How often a task whose worker was lost is tried again. A scheduler that runs already has its own rule.
+    patience_s : float
+        How long to wait for workers when all are gone [s]. Own ones are started again; those of a scheduler may come
+        back, or others may.
     processes : bool
         False runs the workers as threads of this process; for tests.
     log : Path or None
@@ -72,6 +77,7 @@ class WorkerSettings:
     memory_gb: float = 0.0
     scheduler: str = ""
     retries: int = 2
+    patience_s: float = 1800.0
     processes: bool = True
     log: Path | None = None
 
@@ -90,7 +96,9 @@ class Outcome(NamedTuple):
 
 @contextlib.contextmanager
 def start_workers(
-    settings: WorkerSettings = WorkerSettings(), warm_up: Callable[[], object] | None = None
+    settings: WorkerSettings = WorkerSettings(),
+    warm_up: Callable[[], object] | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> Iterator[TaskRunner]:
     """Start workers, or connect to a scheduler; they are ended, or left alone, when the block ends, however it ends.
 
@@ -102,6 +110,8 @@ def start_workers(
     warm_up : function() or None
         A module's function, or a partial of one. Each worker calls it before its first task, one a host first and
         alone, so that kernels are compiled once a host. What it returns is dropped.
+    tell : function(text) or None
+        Given a sentence when all workers are gone, and when there are some again.
 
     Raises
     ------
@@ -140,7 +150,7 @@ def start_workers(
                 raise ClusterError(
                     "the workers could not be started: {reason}", reason=str(error) or type(error).__name__
                 ) from error
-        runner = TaskRunner(client, each if settings.processes else -1, warm_up)
+        runner = TaskRunner(client, each if settings.processes else -1, warm_up, settings.patience_s, tell)
         runner.start_s = time.perf_counter() - began
         runner._prepare()
         yield runner
@@ -202,15 +212,17 @@ def _local(settings: WorkerSettings, count: int, each: int) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Ctrl-C within the block is raised at its end: Dask leaves a cluster that is half started in disorder.
+    """Ctrl-C or SIGTERM within the block is heard at its end: Dask leaves a half started cluster in disorder.
 
-    Threads and processes that the block starts never hear of it, where the system can do that.
+    Threads and processes that the block starts never hear of Ctrl-C, where the system can do that. SIGTERM they do:
+    Dask ends its workers by it.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     came: list[int] = []
-    handler = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    held: dict[int, Any] = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+    handlers = {number: signal.signal(number, lambda number, frame: came.append(number)) for number in held}
     mask = None
     if hasattr(signal, "pthread_sigmask"):
         from multiprocessing import resource_tracker
@@ -219,18 +231,13 @@ def _interrupts_held() -> Iterator[None]:
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
-    except Exception as error:
+    finally:  # also after an error: a worker heard it, too, and did not start
         if mask is not None:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        if came:  # a worker heard it, too, and did not start
-            raise KeyboardInterrupt from error
-        raise
-    finally:
-        if mask is not None:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        signal.signal(signal.SIGINT, handler if handler is not None else signal.default_int_handler)
-    if came:
-        raise KeyboardInterrupt
+        for number, handler in handlers.items():
+            signal.signal(number, held[number] if handler is None else handler)
+        for number in came[:1]:
+            signal.raise_signal(number)
 
 
 class TaskRunner:
@@ -244,7 +251,15 @@ class TaskRunner:
         Seconds until all had called ``warm_up``: of the compiling of kernels, or of loading them.
     """
 
-    def __init__(self, client: Any, each: int, warm_up: Callable[[], object] | None) -> None:
+    def __init__(
+        self,
+        client: Any,
+        each: int,
+        warm_up: Callable[[], object] | None,
+        patience_s: float = WorkerSettings.patience_s,
+        tell: Callable[[str], None] | None = None,
+    ) -> None:
+        self._patience_s, self._tell = patience_s, tell or (lambda text: None)
         self._client, self._each, self._call = client, each, unpacked_there(program_version())
         self._warm_up = None if warm_up is None else WarmUp(uuid.uuid4().hex, warm_up)
         self._known_hosts: dict[str, int] = {}
@@ -275,7 +290,7 @@ class TaskRunner:
         Raises
         ------
         ClusterError
-            When the scheduler is lost.
+            When the scheduler is lost; when no worker is there for longer than ``patience_s``.
         """
         from distributed import as_completed
 
@@ -298,6 +313,7 @@ class TaskRunner:
                     ended.add(future)
                 if not running:
                     return
+                self._wait(ended.has_ready)
                 future = next(ended)
                 del running[future.key]
                 yield Outcome(numbers.pop(future.key), *_result(future))
@@ -305,6 +321,36 @@ class TaskRunner:
         finally:
             if running and self._client.status != "closed":
                 self._client.cancel(list(running.values()), force=True)
+
+    def _wait(self, is_ready: Callable[[], bool]) -> None:
+        """Wait until ``is_ready()``, and tell when that cannot be because no worker is there.
+
+        Raises
+        ------
+        ClusterError
+            None came for so long that it is given up.
+        """
+        gone: float | None = None
+        told = False
+        while not is_ready():
+            time.sleep(POLL_S)
+            if self._hosts():
+                if told:
+                    self._tell("there are workers again")
+                gone, told = None, False
+                continue
+            gone = time.monotonic() if gone is None else gone
+            waited = time.monotonic() - gone
+            if waited > self._patience_s:
+                raise ClusterError(
+                    "all workers are gone, and none came within {minutes:g} minutes; start workers, and the same "
+                    "command goes on from here",
+                    minutes=round(self._patience_s / 60, 1),
+                )
+            if waited > TELL_S and not told:
+                minutes = self._patience_s / 60
+                self._tell(f"all workers are gone; start some: they are waited for, {minutes:g} minutes at most")
+                told = True
 
     def _hosts(self) -> dict[str, int]:
         """Host → tasks that its workers run at the same time; asked for again after a second."""
@@ -341,6 +387,7 @@ class TaskRunner:
                 for address in addresses
             ]  # fmt: skip
             for future, address in zip(futures, addresses, strict=True):
+                self._wait(future.done)
                 _check(_result(future)[1], address)
         self.compile_s = time.perf_counter() - began
 

@@ -7,9 +7,9 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..avatar.avatar_file import Avatar, read_avatar, write_avatar
+from ..avatar.avatar_file import Avatar, read_body, write_avatar
 from ..errors import OutputError
-from ..io import read_mesh, write_mesh
+from ..io import write_mesh
 from ..io.atomic_files import replacing
 from ..io.frame_files import MESH_FORMATS, REPORT, frame_name
 from ..mesh import Mesh
@@ -17,6 +17,11 @@ from .sequence import BRIDGED, LOST, MADE, SequenceFrame
 
 FORMAT, VERSION = "mirror-scan sequence", 1
 
+_NEWER = ("content", "beside")  # of what a sequence is made of: reports of before do not say it
+_IN_WORDS = {
+    "recording": "name of the recording", "bytes": "content of the recording", "content": "content of the recording",
+    "beside": "files beside the recording", "numbers": "numbers of the frames", "--formats": "--format",
+}  # fmt: skip
 _REPORT_S = 5.0  # the report is written at most so often while frames come [s]
 
 
@@ -78,10 +83,13 @@ class SequenceFolder:
             rows = {int(row["place"]): row for row in content["frames"] if row["state"] in (MADE, BRIDGED, LOST)}
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise OutputError(f"{path}: is no report of a sequence to go on with; choose another folder") from error
-        if content.get("made_of") != json.loads(json.dumps(self._facts)):
+        other = _differing(content.get("made_of"), json.loads(json.dumps(self._facts)))
+        if other:
             raise OutputError(
-                f"{path}: this sequence was made of another recording, or with other settings; choose another folder"
-            )
+                "{path}: this sequence was made of another recording, or with other settings ({names}); choose "
+                "another folder",
+                path=path, names=", ".join(other),
+            )  # fmt: skip
         self.kept = {"rig": content["rig"]} if "rig" in content else {}
         self._rows = {place: row for place, row in rows.items() if self._is_whole(row)}
 
@@ -110,8 +118,7 @@ class SequenceFolder:
 
     def mesh(self, place: int) -> Mesh:
         """The mesh of a frame, as it was written."""
-        path = self.folder / frame_name(place, self._formats[0])
-        return read_avatar(path).mesh if path.suffix == ".glb" else read_mesh(path)
+        return read_body(self.folder / frame_name(place, self._formats[0]))
 
     def add(self, frame: SequenceFrame, extra: dict | None = None) -> None:
         """Write a frame, and every few seconds the report: who is ended by force can be gone on with.
@@ -146,6 +153,22 @@ class SequenceFolder:
             temporary.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         self._reported = time.monotonic()
         return content
+
+
+def _differing(before: object, now: dict) -> list[str]:
+    """What differs between what a sequence was made of and what it would be now, in words.
+
+    Content of the recording, which reports of before do not say, is passed over there.
+    """
+    if not isinstance(before, dict):
+        return ["all of it"]
+    names = [name for name in now if before.get(name) != now[name] and not (name in _NEWER and name not in before)]
+    options, given = before.get("options"), now.get("options")
+    if "options" in names and isinstance(options, dict) and isinstance(given, dict):
+        changed = [name for name in sorted({*options, *given}) if options.get(name) != given.get(name)]
+        names += [f"--{name.replace('_', '-')}" for name in changed]
+        names.remove("options")
+    return list(dict.fromkeys(_IN_WORDS.get(name, name) for name in names))
 
 
 def write_frame(path: Path, mesh: Mesh) -> None:

@@ -102,6 +102,7 @@ class MIRRORSCAN_OT_import_sequence(bpy.types.Operator):
 
     def _objects(self, scene: bpy.types.Scene, name: str, files) -> None:
         """An object a frame in a collection of their own."""
+        from ...core.avatar.avatar_file import read_body
         from ..scene.avatar_objects import discard_on_error
         from ..scene.sequence_cache import show_frames
         from ..scene.units import metres_per_unit
@@ -110,7 +111,7 @@ class MIRRORSCAN_OT_import_sequence(bpy.types.Operator):
             collection = bpy.data.collections.new(name)
             made.append(collection)
             scene.collection.children.link(collection)
-            meshes = ((file.stem, _mesh_in(file)) for file in files.values())  # one at a time in memory
+            meshes = ((file.stem, read_body(file)) for file in files.values())  # one at a time in memory
             show_frames(meshes, [self.start + place for place in files], collection, metres_per_unit(scene))
 
 
@@ -139,14 +140,6 @@ def _rate(folder):
         return float(json.loads(report.read_text(encoding="utf-8")).get("rate") or 0.0) or None
     except (ValueError, AttributeError, TypeError) as error:
         raise CaptureError(say("{path}: is no report of a sequence").format(path=report)) from error
-
-
-def _mesh_in(file):
-    """The mesh of a frame's file."""
-    from ...core.avatar.avatar_file import read_avatar
-    from ...core.io import read_mesh
-
-    return read_avatar(file).mesh if file.suffix == ".glb" else read_mesh(file)
 
 
 CLASSES = (MIRRORSCAN_OT_import_sequence,)

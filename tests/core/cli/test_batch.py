@@ -8,6 +8,7 @@ import functools
 import json
 import re
 import shutil
+import signal
 from html.parser import HTMLParser
 
 import pytest
@@ -37,7 +38,7 @@ def made(monkeypatch, pipeline):
     monkeypatch.setattr(
         cluster,
         "start_workers",
-        lambda settings, warm_up: start(settings),  # nothing to compile
+        lambda settings, warm_up, tell: start(settings),  # nothing to compile
     )
     return names
 
@@ -121,17 +122,20 @@ def test_the_same_content_is_made_once_and_given_to_each(scans, made):
     assert (out / "moved" / "report.json").is_file()
 
 
-def test_interrupted_it_says_what_is_done_and_goes_on_from_there(scans, made, capsys, monkeypatch):
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_interrupted_it_says_what_is_done_and_goes_on_from_there(scans, made, capsys, monkeypatch, number, code):
+    before = signal.getsignal(number)
     out = scans.parent / "out"
     take = batch._Batch._take
     with monkeypatch.context() as patch:
 
         def interrupted(self, outcome):
             take(self, outcome)
-            raise KeyboardInterrupt
+            signal.raise_signal(number)
 
         patch.setattr(batch._Batch, "_take", interrupted)
-        assert run(scans / "Zoë's scan", scans / "more", "-o", out) == 130
+        assert run(scans / "Zoë's scan", scans / "more", "-o", out) == code
+    assert signal.getsignal(number) == before
     assert "interrupted; 1 of 2 captures are done" in capsys.readouterr().err
     assert sorted(row["state"] for row in table(out).values()) == ["left", "made"]
     assert run(scans / "Zoë's scan", scans / "more", "-o", out) == 0

@@ -10,10 +10,18 @@ import subprocess
 import sys
 import time
 import types
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from mirror_scan.core.cluster import ClusterError, WorkerSettings, code_version, program_version, start_workers
+from mirror_scan.core.cluster import (
+    ClusterError,
+    WorkerSettings,
+    code_version,
+    program_version,
+    start_workers,
+    task_runner,
+)
 
 pytest.importorskip("distributed", reason="Dask is not installed")
 
@@ -66,6 +74,19 @@ def test_workers_may_go_while_tasks_run(monkeypatch):
         monkeypatch.setattr(runner, "_hosts", dict)  # none is there for the moment
         found += outcomes
     assert sorted(one.value for one in found) == [-5, -4, -3, -2, -1, 0]
+
+
+def test_it_is_told_when_all_workers_are_gone_and_given_up_in_the_end(monkeypatch):
+    monkeypatch.setattr(task_runner, "TELL_S", 0.1)
+    said = []
+    with start_workers(replace(IN_PROCESS, patience_s=0.4), tell=said.append) as runner:
+        real, gone = runner._hosts, time.monotonic() + 0.3
+        monkeypatch.setattr(runner, "_hosts", lambda: real() if time.monotonic() > gone else {})
+        assert [one.number for one in runner.run(time.sleep, [(0.6,)])] == [0]
+        assert [text.partition(";")[0] for text in said] == ["all workers are gone", "there are workers again"]
+        monkeypatch.setattr(runner, "_hosts", dict)
+        with pytest.raises(ClusterError, match="all workers are gone, and none came within"):
+            list(runner.run(time.sleep, [(2.0,)]))
 
 
 def test_nobody_at_the_address_is_one_line(monkeypatch):

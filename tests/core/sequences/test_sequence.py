@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -130,6 +131,34 @@ def test_who_is_ended_by_force_can_be_gone_on_with_and_nothing_is_left_of_nothin
     assert SequenceFolder(tmp_path / "killed", [".ply"], {}, resume=True).has(0)
     SequenceFolder(tmp_path / "none", [".ply"], {}).finish({})
     assert not (tmp_path / "none").exists()
+
+
+def test_another_rig_file_or_recording_is_not_gone_on_with(recording, tmp_path):
+    from mirror_scan.core.cli import sequence as command
+    from mirror_scan.core.cli.parser import build_parser
+
+    rig, copy = tmp_path / "rig.json", tmp_path / "copy"
+    shutil.copytree(recording, copy)
+
+    def folder(*options, resume=True):
+        given = build_parser("x").parse_args(["sequence", str(copy), "-o", "out", *options])
+        facts = command._facts(given, open_recording(copy))
+        return SequenceFolder(tmp_path / "out", [".ply"], facts, resume)
+
+    rig.write_text("{}")
+    first = folder("--rig", str(rig), resume=False)
+    first.add(SequenceFrame(0, 0, "made", TRIANGLE, report=REPORT))
+    first.finish({})
+    rig.rename(tmp_path / "moved.json")
+    assert folder("--rig", str(tmp_path / "moved.json"), "--workers", "2").has(0), "a file is what is in it"
+    rig.write_text('{"mirrors": []}')
+    with pytest.raises(OutputError, match=r"other settings \(--rig\)"):
+        folder("--rig", str(rig))
+    with pytest.raises(OutputError, match=r"\(--rig, --unfiltered\)"):
+        folder("--unfiltered")
+    next(copy.glob("depth/*.png")).write_bytes(b"recorded anew")
+    with pytest.raises(OutputError, match=r"\(content of the recording\)"):
+        folder("--rig", str(tmp_path / "moved.json"))
 
 
 def a_sequence(count, monkeypatch, faults=(), **named):
