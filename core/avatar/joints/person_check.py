@@ -16,6 +16,7 @@ _MET, _STRANGE = 0.035, 0.05  # of body height: a sample belongs to the body nea
 _MOST_STRANGE = 0.1  # share of strange surface that clothes, hair and noise may make up
 _MISSING = 0.25  # share of a part's usual surface below which it is not there
 _WHOLE = 0.6  # share above which nearly all of a part is there
+_STANDS = (0.01, 0.1)  # of body height: who ends so far above the floor stands on it with feet that were not read
 _CUT = 0.035  # of body height: so far below the fitted crown the head is cut off
 _ODD = 0.75  # standard deviations, all components together: no person's shape is further from the mean
 # Bones of each part, and how many samples it gets, next to its share of the template's points, from whole people.
@@ -54,15 +55,15 @@ def check_standing(mesh: Mesh) -> None:
         )  # fmt: skip
 
 
-def check_person(template: BodyTemplate, found: Fit, top: float) -> None:
+def check_person(template: BodyTemplate, found: Fit, bottom: float, top: float) -> None:
     """Refuse a mesh that the template does not fit, or of which a part is missing.
 
     Parameters
     ----------
     template : BodyTemplate
     found : Fit
-    top : float
-        Height of the mesh's highest point [m].
+    bottom, top : float
+        Heights of the mesh's lowest and highest point above the floor [m].
 
     Raises
     ------
@@ -72,9 +73,13 @@ def check_person(template: BodyTemplate, found: Fit, top: float) -> None:
     strange = np.mean(found.to_body > _STRANGE * found.state.height)
     shares = part_shares(template, found)
     missing = [name for name, share in shares.items() if share < _MISSING]
-    gone = [side for side in ("Left", "Right") if forearm_missing(shares, side)]
-    if len(gone) == 1:  # a forearm that a camera lost is taken from the other arm, with little confidence
-        missing.remove(f"{gone[0].lower()} forearm")
+    # What a camera lost of one side is taken from the other, with little confidence; feet above a floor stand on it.
+    forearms = [side for side in ("Left", "Right") if forearm_missing(shares, side)]
+    if len(forearms) == 1:
+        missing.remove(f"{forearms[0].lower()} forearm")
+    feet = [side for side in ("Left", "Right") if foot_missing(shares, side)]
+    if len(feet) == 1 or stands_unread(bottom, found.state.height):
+        missing = [name for name in missing if name not in [f"{side.lower()} foot" for side in feet]]
     if found.body.ends[0, 2] > top + _CUT * found.state.height:
         missing = [*missing, "top of the head"]
     if odd or strange > _MOST_STRANGE or len(missing) > 4:
@@ -93,6 +98,19 @@ def check_person(template: BodyTemplate, found: Fit, top: float) -> None:
 def forearm_missing(shares: dict[str, float], side: str) -> bool:
     """Whether the surface of an arm, "Left" or "Right", ends about its elbow."""
     return shares[f"{side.lower()} forearm"] < _MISSING and shares[f"{side.lower()} upper arm"] > _WHOLE
+
+
+def foot_missing(shares: dict[str, float], side: str) -> bool:
+    """Whether the surface of a leg, "Left" or "Right", ends about its ankle."""
+    return shares[f"{side.lower()} foot"] < _MISSING and shares[f"{side.lower()} lower leg"] > _WHOLE
+
+
+def stands_unread(bottom: float, height: float) -> bool:
+    """Whether a body stands on the floor z = 0 with feet that were not read: ``bottom`` is its lowest point [m].
+
+    Without a known floor the lowest point is at 0.
+    """
+    return _STANDS[0] * height < bottom < _STANDS[1] * height
 
 
 def part_shares(template: BodyTemplate, found: Fit) -> dict[str, float]:

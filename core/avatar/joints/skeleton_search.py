@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +13,8 @@ from ...mesh.surface_distance import sample_surface
 from ...numeric.rotations import from_vectors, to_vectors, unit
 from ..skeleton import BONES, OTHER_SIDE, Skeleton
 from .body_template import BodyState, BodyTemplate, body_template, posed
-from .person_check import check_person, check_standing, forearm_missing, part_shares
-from .template_fit import Fit, Surface, fit, forearms, joint_spread, mirrored_turn
+from .person_check import check_person, check_standing, foot_missing, forearm_missing, part_shares, stands_unread
+from .template_fit import Fit, Surface, feet, fit, forearms, joint_spread, mirrored_turn
 
 _SAMPLES = 3000
 _ARMS_DOWN = (-80.0, -25.0, 0.0, 25.0)  # from the template's rest pose, which has them some 45° down [deg]
@@ -27,6 +28,7 @@ _RIGID = 2  # first steps without change of shape
 _BUMPS, _ROUNDS = 0.03, 30  # of body height; rounds of smoothing at most
 _INSIDE, _MOST_INSIDE = 0.012, 0.06  # of body height under the trunk's skin; share of a forearm that may lie so deep
 _TRUNK = [BONES.index(name) for name in ("Hips", "Spine", "Spine1", "Spine2", "LeftUpLeg", "RightUpLeg")]
+_SIDES = ("Left", "Right")
 _FAR = 0.05  # of body height: a point is not farther off than this when starts are compared
 
 
@@ -47,7 +49,8 @@ def find_skeleton(mesh: Mesh) -> Skeleton:
     """
     check_standing(mesh)
     found = fitted_body(mesh)
-    check_person(body_template(), found, float(mesh.vertices[:, 2].max()))
+    bottom, top = mesh.vertices[:, 2].min(), mesh.vertices[:, 2].max()
+    check_person(body_template(), found, float(bottom), float(top))
     return Skeleton(found.body.joints, found.body.ends, confidence(found))
 
 
@@ -57,13 +60,27 @@ def fitted_body(mesh: Mesh, template: BodyTemplate | None = None) -> Fit:
     surface, coarse = sampled(mesh)
     starts = [fit(template, coarse, _start(template, mesh, angle), _COARSE, _RIGID) for angle in _ARMS_DOWN]
     best = min(starts, key=lambda found: (len(lost_forearms(template, found)), _apart(found)))
-    lost = lost_forearms(template, best)
-    found = fit(template, surface, _arms_as_others(best.state, lost), _FINE, lost=lost, tangent=_SLIDING)
-    gone = [side for side in ("Left", "Right") if forearm_missing(part_shares(template, found), side)]
-    if more := [side for side in {*lost_forearms(template, found), *gone} if side not in lost]:
-        lost = [*lost, *more]
-        found = fit(template, surface, _arms_as_others(best.state, lost), _FINE, lost=lost, tangent=_SLIDING)
+    lost = set(forearms(lost_forearms(template, best)))
+    floor = _floor(mesh)
+
+    def finished() -> Fit:
+        start = _as_other_side(best.state, lost)
+        return fit(template, surface, start, _FINE, lost=lost, tangent=_SLIDING, floor=floor)
+
+    found = finished()
+    shares = part_shares(template, found)
+    gone = [*lost_forearms(template, found), *(side for side in _SIDES if forearm_missing(shares, side))]
+    more = {*forearms(gone), *feet([side for side in _SIDES if foot_missing(shares, side)])} - lost
+    if more:
+        lost |= more
+        found = finished()
     return found
+
+
+def _floor(mesh: Mesh) -> float:
+    """Height of what the body stands on [m]: z = 0 when its feet were not read, else its lowest point."""
+    low, high = mesh.vertices[:, 2].min(), mesh.vertices[:, 2].max()
+    return 0.0 if stands_unread(float(low), float(high)) else float(low)
 
 
 def lost_forearms(template: BodyTemplate, found: Fit) -> list[str]:
@@ -71,7 +88,7 @@ def lost_forearms(template: BodyTemplate, found: Fit) -> list[str]:
     bone = np.argmax(template.weights, axis=1)
     trunk = np.flatnonzero(np.isin(bone, _TRUNK))
     lost = []
-    for side in ("Left", "Right"):
+    for side in _SIDES:
         arm = found.body.points[np.isin(bone, forearms([side]))]
         way = arm[:, None] - found.body.points[trunk]
         nearest = np.argmin(np.einsum("ijk,ijk->ij", way, way), axis=1)
@@ -81,12 +98,12 @@ def lost_forearms(template: BodyTemplate, found: Fit) -> list[str]:
     return lost
 
 
-def _arms_as_others(state: BodyState, sides: list[str]) -> BodyState:
-    """The arms of these sides as the other side's; where both are meant, as in the rest pose."""
+def _as_other_side(state: BodyState, lost: Collection[int]) -> BodyState:
+    """Limbs with ``lost`` bones as the other side's; where both sides lack them, as in the rest pose."""
     turns = state.turns.copy()
-    for side in sides:
-        for part in ("Shoulder", "Arm", "ForeArm", "Hand"):
-            bone = BONES.index(side + part)
+    for first, parts in (("ForeArm", ("Shoulder", "Arm", "ForeArm", "Hand")), ("Foot", ("Foot", "ToeBase"))):
+        sides = [side for side in _SIDES if BONES.index(side + first) in lost]
+        for bone in (BONES.index(side + part) for side in sides for part in parts):
             other = to_vectors(state.turns[OTHER_SIDE[bone]])
             turns[bone] = from_vectors(mirrored_turn(other)) if len(sides) == 1 else np.eye(3)
     return replace(state, turns=turns)
@@ -140,8 +157,8 @@ def confidence(found: Fit) -> np.ndarray:
 
 
 def _start(template: BodyTemplate, mesh: Mesh, down: float) -> BodyState:
-    """The mean body as tall as the mesh, in its place, arms so many degrees further down."""
-    low, high = mesh.vertices[:, 2].min(), mesh.vertices[:, 2].max()
+    """The mean body as tall as the mesh above its floor, in its place, arms so many degrees further down."""
+    low, high = _floor(mesh), mesh.vertices[:, 2].max()
     turns = np.tile(np.eye(3), (len(BONES), 1, 1))
     for side, name in ((1, "LeftArm"), (-1, "RightArm")):
         turns[BONES.index(name)] = from_vectors(np.array([0.0, side * np.radians(down), 0.0]))

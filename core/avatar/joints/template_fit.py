@@ -19,6 +19,7 @@ from .body_template import BodyState, BodyTemplate, PosedBody, derivatives, move
 
 TANGENT = 0.1  # weight of the distance along the surface, of that across it
 _NOISE = 0.025  # of body height: what one pair of many, which err together, says about the body
+_SOLE = 12  # points of a lost foot's sole that stand on the floor
 # How far bones turn from the rest pose, about x, y, z [deg]; the rest has arms some 45° down and elbows a little bent.
 _SPREADS = {
     "Hips": (10, 8, 12), "Spine": (5, 4, 5), "Spine1": (5, 4, 5), "Spine2": (5, 4, 5), "Neck": (6, 5, 12),
@@ -69,8 +70,9 @@ def fit(
     state: BodyState,
     reaches: np.ndarray,
     rigid: int = 0,
-    lost: Collection[str] = (),
+    lost: Collection[int] = (),
     tangent: float = TANGENT,
+    floor: float | None = None,
 ) -> Fit:
     """As many steps as ``reaches`` has numbers.
 
@@ -84,19 +86,26 @@ def fit(
         Distances at which a pair counts a quarter, in body heights, from far to near.
     rigid : int
         In so many first steps the shape stays.
-    lost : collection of {"Left", "Right"}
-        Sides whose forearm and hand the surface lacks: nothing pairs with them, and they stand as the other side's.
+    lost : collection of int
+        Bones whose skin the surface lacks: nothing pairs with it, and they turn as those of the other side.
     tangent : float
         Weight of a pair's distance along the surface, of that across it: it brings limbs that lie apart together, and
         then hinders them from sliding to where they belong.
+    floor : float, optional
+        Height of the floor, on which lost feet stand [m].
     """
     size = len(state.shape)
-    known = ~np.isin(np.argmax(template.weights, axis=1), forearms(lost))
+    bone = np.argmax(template.weights, axis=1)
+    known = ~np.isin(bone, list(lost))
+    soles = _soles(template, bone, lost)
     for step, reach in enumerate(reaches):
         body = posed(template, state)
         to_surface, to_body, forth, back = _pairs(body, surface, 0.5 * reach * state.height)
         pull, push = _pair_terms(body, surface, to_surface, to_body, forth, back, reach * state.height, tangent)
         pull[~known], push[~known] = 1e-9 * np.eye(3), 0.0
+        if floor is not None:
+            pull[soles, 2, 2] += 1.0
+            push[soles, 2] += floor - body.points[soles, 2]
         jacobian, _ = derivatives(template, state, body)
         root = np.linalg.cholesky(pull)
         rows = np.einsum("vij,vip->vjp", root, jacobian).reshape(-1, jacobian.shape[2])
@@ -148,16 +157,30 @@ def forearms(sides: Collection[str]) -> list[int]:
     return [BONES.index(side + part) for side in sides for part in ("ForeArm", "Hand")]
 
 
+def feet(sides: Collection[str]) -> list[int]:
+    """Bones below the ankle on these sides."""
+    return [BONES.index(side + part) for side in sides for part in ("Foot", "ToeBase")]
+
+
+def _soles(template: BodyTemplate, bone: np.ndarray, lost: Collection[int]) -> np.ndarray:
+    """The lowest points of each lost foot, ``bone`` (N,) the strongest of each point."""
+    lowest = [np.zeros(0, np.int64)]
+    for side in ("Left", "Right"):
+        own = np.flatnonzero(np.isin(bone, [number for number in feet([side]) if number in lost]))
+        lowest.append(own[np.argsort(template.mean[own, 2])[:_SOLE]])
+    return np.concatenate(lowest)
+
+
 def mirrored_turn(vector: np.ndarray) -> np.ndarray:
     """Rotation vectors (..., 3) of one side as the other side has them."""
     return vector * (1.0, -1.0, -1.0)
 
 
-def _usual_turns(state: BodyState, lost: Collection[str]) -> np.ndarray:
-    """Rotation vectors (22, 3) about which bones turn: the rest pose's, below a lost elbow those of the other arm."""
+def _usual_turns(state: BodyState, lost: Collection[int]) -> np.ndarray:
+    """Rotation vectors (22, 3) about which bones turn: the rest pose's, of a lost bone the other side's."""
     usual = np.zeros((len(BONES), 3))
-    if len(lost) == 1:
-        bones = forearms(lost)
+    bones = [bone for bone in lost if OTHER_SIDE[bone] not in lost]
+    if bones:
         usual[bones] = mirrored_turn(to_vectors(state.turns[[OTHER_SIDE[bone] for bone in bones]]))
     return usual
 

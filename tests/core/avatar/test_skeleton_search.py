@@ -98,6 +98,21 @@ def test_a_lost_forearm_is_taken_from_the_other_arm(side, angle):
     assert found.confidence[hand] < 0.3 < found.confidence[OTHER_SIDE[hand]]
 
 
+@pytest.mark.parametrize("sides", [("Left",), ("Left", "Right")])
+def test_feet_that_were_not_read_are_guessed_on_the_floor(standing, sides):
+    """As where a camera loses what lies near the floor: who stands there is whole, but nobody is to trust the toes."""
+    mesh, truth = standing
+    at = mesh.vertices[mesh.triangles].mean(axis=1)
+    signs = [1.0 if side == "Left" else -1.0 for side in sides]
+    cut = keep_triangles(mesh, (at[:, 2] > 0.07) | ~np.isin(np.sign(at[:, 0]), signs))
+    found = find_skeleton(cut)
+    feet = [BONES.index(side + part) for side in sides for part in ("Foot", "ToeBase")]
+    assert errors(found, truth.joints)[feet].max() < 50
+    assert errors(found, truth.joints)[LIMBS].mean() < 15
+    toes = [BONES.index(f"{side}ToeBase") for side in sides]
+    assert found.confidence[toes].max() < 0.7 * found.confidence[BONES.index("LeftLeg")]
+
+
 @pytest.mark.parametrize(
     ("part", "word"),
     [("legs", "foot"), ("knees up", "whole"), ("head", "head"), ("left arm", "left"), ("chest", "whole")],
