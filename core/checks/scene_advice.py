@@ -1,4 +1,6 @@
-"""What is wrong with a scene, in words a user understands, and what to move: :func:`check_scene`.
+"""What is wrong with a scene, in words a user understands, and what to move.
+
+:func:`scene_findings` says it with what to move, and where to; :func:`check_scene` in words alone.
 
 All is geometry: the subject's points that the other views show are reflected in each mirror, and it is checked where
 they would be seen: on the glass or past it, in the image or out of it, behind something, farther than the camera reads.
@@ -73,10 +75,63 @@ _OUTWARDS = np.arange(0.05, 0.85, 0.05)  # by how much a mirror may be asked to 
 _SPARE_DEG = 2.5  # between the image's border and the subject: toes point forward, hair stands up
 
 
+@dataclass(frozen=True)
+class Move:
+    """What is to be moved, and where to.
+
+    Parameters
+    ----------
+    what : str
+        ``subject``, ``arms``, ``mirror`` or ``camera``.
+    start : np.ndarray [shape=(3,)]
+        A point of it, camera frame [m].
+    shift : np.ndarray [shape=(3,)]
+        By how much it is to be moved [m]; where it is to be turned, the way its ``start`` goes.
+    angle_deg : float
+        By how much it is to be turned; 0 = only moved.
+    """
+
+    what: str
+    start: np.ndarray
+    shift: np.ndarray
+    angle_deg: float = 0.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong with a scene.
+
+    Parameters
+    ----------
+    kind : str
+        ``head_cut``, ``feet_cut``, ``side_cut`` (by the image), ``aside`` (the subject is not where the mirrors look),
+        ``not_shown``, ``mirror_small``, ``glass_edge``, ``image_edge``, ``far``, ``unread``, ``body_hides``,
+        ``arms_hide``, ``blocked``, ``plane_uncertain``, ``no_floor``, ``leaning``, ``same_side``, ``side_unseen``.
+    text : str
+        What is wrong, where, and what to do.
+    mirror : str
+        Name of the mirror it is about; empty for none.
+    move : Move or None
+        What to move, where that is known.
+    """
+
+    kind: str
+    text: str
+    mirror: str = ""
+    move: Move | None = None
+
+
 def check_scene(
     image: RgbdImage, views: Views, mirrors: list[Mirror], model: NoiseModel | None = None, alone: bool = True
 ) -> list[str]:
-    """Warnings about a scene from which a result is possible, the worst for the result first.
+    """The texts of :func:`scene_findings`."""
+    return [finding.text for finding in scene_findings(image, views, mirrors, model, alone)]
+
+
+def scene_findings(
+    image: RgbdImage, views: Views, mirrors: list[Mirror], model: NoiseModel | None = None, alone: bool = True
+) -> list[Finding]:
+    """What is wrong with a scene from which a result is possible, the worst for the result first.
 
     Parameters
     ----------
@@ -92,8 +147,8 @@ def check_scene(
 
     Returns
     -------
-    list of str
-        Each says what is wrong, where, and what to do. Empty for a good scene.
+    list of Finding
+        Empty for a good scene.
     """
     intrinsics = image.intrinsics
     warned = _cut_by_image(image, views)
@@ -110,22 +165,21 @@ def check_scene(
             if_moved = partial(foresee, image, others[k - 1], views)
             case = _Case(mirror, k, reflection, if_moved)
             about = _about_mirror(case, views, model, intrinsics, step is not None)
-            warned += [Notice.of(text, [mirror.name]) for text in about]
+            warned += [replace(one, text=Notice.of(one.text, [mirror.name]), mirror=mirror.name) for one in about]
             error = mirror.displacement(subject[::16])
             # a mirror whose frame is on a wall has its own warning
             if error is not None and error > MAX_PLANE_ERROR and not on_wall(mirror):
-                warned.append(
-                    Notice(
-                        "the plane of {mirror} is so uncertain that its view of the subject may be {error:.0f} mm off; "
-                        "record a longer burst, pick points on all sides of its frame, or use a wider frame",
-                        mirror=quoted(mirror), error=1000.0 * error,
-                    )
+                text = Notice(
+                    "the plane of {mirror} is so uncertain that its view of the subject may be {error:.0f} mm off; "
+                    "record a longer burst, pick points on all sides of its frame, or use a wider frame",
+                    mirror=quoted(mirror), error=1000.0 * error,
                 )  # fmt: skip
+                warned.append(Finding("plane_uncertain", text, mirror.name))
     warned += _about_rig(views, mirrors, alone)
     return warned
 
 
-def _cut_by_image(image: RgbdImage, views: Views) -> list[str]:
+def _cut_by_image(image: RgbdImage, views: Views) -> list[Finding]:
     """The subject, seen directly, where the picture ends."""
     cut = cut_sides(image.depth, views.labels == 0)
     if not cut:
@@ -142,22 +196,35 @@ def _cut_by_image(image: RgbdImage, views: Views) -> list[str]:
         advice["top"], advice["bottom"] = (
             ("upper", "the head is", "step back"), ("lower", "the feet are", "step back")
         )  # fmt: skip
-    warned: list[str] = []
+    warned: list[Finding] = []
+    kinds = {"top": "head_cut", "bottom": "feet_cut", "left": "side_cut", "right": "side_cut"}
     for side, margin in cut.items():
         border, what, do = advice[side]
-        if margin == 0:
-            warned.append(
-                f"the image's {border} border cuts the subject off: {what} missing and filled in by guess; {do}"
-            )
-        else:
-            warned.append(
-                Notice(
-                    "the {border} end of what the camera reads, {margin} px inside of the image, cuts the subject off: "
-                    "{what} missing and filled in by guess; {do}",
-                    border=border, margin=margin, what=what, do=do,
-                )
+        text: str = f"the image's {border} border cuts the subject off: {what} missing and filled in by guess; {do}"
+        if margin > 0:
+            text = Notice(
+                "the {border} end of what the camera reads, {margin} px inside of the image, cuts the subject off: "
+                "{what} missing and filled in by guess; {do}",
+                border=border, margin=margin, what=what, do=do,
             )  # fmt: skip
+        tilts = side in ("top", "bottom") and "tilt" in do
+        tilt = (_tilt(over if side == "top" else under) or 0) if tilts else 0
+        warned.append(Finding(kinds[side], text, move=_cut_move(views, side, tilt)))
     return warned
+
+
+def _cut_move(views: Views, side: str, tilt_deg: float) -> Move:
+    """Where the camera is to be tilted, or the subject to step, when the image cuts it off."""
+    up = views.up
+    if tilt_deg:
+        distance = float(np.linalg.norm(views.axis))
+        way = up if side == "top" else -up
+        return Move("camera", views.axis, np.tan(np.radians(tilt_deg)) * distance * way, tilt_deg)
+    if side in ("top", "bottom"):
+        back = views.axis - (views.axis @ up) * up
+        return Move("subject", views.axis, 0.3 * back / np.linalg.norm(back))
+    right = np.cross(up, (0.0, 0.0, -1.0))
+    return Move("subject", views.axis, (0.3 if side == "left" else -0.3) * right / np.linalg.norm(right))
 
 
 def _beyond_image(views: Views, intrinsics: Intrinsics, upwards: bool) -> float:
@@ -176,17 +243,23 @@ def _beyond_image(views: Views, intrinsics: Intrinsics, upwards: bool) -> float:
     return float(-beyond if upwards else beyond)
 
 
-def _by_tilt(beyond: float) -> str:
-    """By how much to tilt the camera."""
+def _tilt(beyond: float) -> int | None:
+    """By how much to tilt the camera [degrees]; None where that is not known."""
     if np.isnan(beyond):
-        return ""
+        return None
     by = max(int(np.ceil(_SPARE_DEG + beyond)), 2)
-    return f" by {by}°" if by < 45 else ""
+    return by if by < 45 else None
+
+
+def _by_tilt(beyond: float) -> str:
+    """By how much to tilt the camera, in words."""
+    by = _tilt(beyond)
+    return "" if by is None else f" by {by}°"
 
 
 def _step_aside(
     subject: np.ndarray, views: Views, mirrors: list[Mirror], found: list[Reflection], intrinsics: Intrinsics
-) -> str | None:
+) -> Finding | None:
     """Where to stand instead, when the sides of more than one glass cut the subject off and none would there."""
     sides = [max(reflection.over_glass["left"], reflection.over_glass["right"]) for reflection in found]
     out = [mirror for mirror, over in zip(mirrors, sides, strict=True) if over > MAX_OVER]
@@ -213,10 +286,11 @@ def _step_aside(
     moves = [f"{100 * abs(by):.0f} cm {one if by > 0 else other}" for by, one, other in ways if abs(by) > 0.05]
     way = " and ".join(moves)
     names = " and ".join(map(quoted, out))
-    return Notice(
+    text = Notice(
         "{names} show only part of the subject, because it is not where they look; step {way} (as seen by the camera)",
         names=names, way=way, mirrors=[mirror.name for mirror in out],
     )  # fmt: skip
+    return Finding("aside", text, move=Move("subject", views.axis, step))
 
 
 def _rotated(mirror: Mirror, views: Views, intrinsics: Intrinsics, outwards: float = 0.0) -> tuple[Mirror, str]:
@@ -267,26 +341,25 @@ class _Case:
 
 def _about_mirror(
     case: _Case, views: Views, model: NoiseModel | None, intrinsics: Intrinsics, steps: bool
-) -> list[str]:
+) -> list[Finding]:
     """What is wrong with one mirror's reflection. ``steps``: the subject was already asked to stand elsewhere."""
-    name, found = quoted(case.mirror), case.found
+    found = case.found
     glass, image = _too_far(found.over_glass), _too_far(found.over_image)
     if found.seen - found.hidden < _NOT_SHOWN and found.hidden < 1.0 - found.seen:
         return _about_not_shown(case, glass, image, views, intrinsics, steps)
     warned = _about_glass(case, glass, views, intrinsics, steps)
     if found.seen < 1 - MAX_CUT:
-        warned += _about_image(name, image)
+        warned += _about_image(case.mirror, image, views)
     warned += _about_range(case, views, model, intrinsics)
     if found.hidden > MAX_HIDDEN:
         warned.append(_about_hidden(case, views, intrinsics))
     if found.blocked > MAX_HIDDEN:
-        warned.append(
-            Notice(
-                "{share:.0%} of the reflection in {name} is hidden by something in front of it; remove that",
-                share=found.blocked,
-                name=name,
-            )
+        text = Notice(
+            "{share:.0%} of the reflection in {name} is hidden by something in front of it; remove that",
+            share=found.blocked,
+            name=quoted(case.mirror),
         )
+        warned.append(Finding("blocked", text))
     return warned
 
 
@@ -297,34 +370,45 @@ def _too_far(over: dict[str, float]) -> dict[str, float]:
 
 def _about_not_shown(
     case: _Case, glass: dict[str, float], image: dict[str, float], views: Views, intrinsics: Intrinsics, steps: bool
-) -> list[str]:
+) -> list[Finding]:
     """A mirror that does not show the subject at all, because of its ``glass`` or of the ``image``."""
     name = quoted(case.mirror)
     if not glass:
-        return [
-            Notice(
-                "{name} does not show the subject: its reflection lies {side} of the image; move the camera back, or "
-                "the mirror inwards, until the camera sees the subject's back in it",
-                name=name,
-                side=_sides(image),
-            )
-        ]
+        text = Notice(
+            "{name} does not show the subject: its reflection lies {side} of the image; move the camera back, or "
+            "the mirror inwards, until the camera sees the subject's back in it",
+            name=name,
+            side=_sides(image),
+        )
+        return [Finding("not_shown", text)]
     if steps:
         return []
-    return [
-        Notice(
-            "{name} does not show the subject: its reflection lies {side} of the glass; {how}, until the camera sees "
-            "the subject's back in it",
-            name=name,
-            side=_sides(glass),
-            how=_rotated(case.mirror, views, intrinsics)[1],
-        )
-    ]
+    rotated, how = _rotated(case.mirror, views, intrinsics)
+    text = Notice(
+        "{name} does not show the subject: its reflection lies {side} of the glass; {how}, until the camera sees "
+        "the subject's back in it",
+        name=name,
+        side=_sides(glass),
+        how=how,
+    )
+    return [Finding("not_shown", text, move=_turn(case.mirror, rotated))]
 
 
-def _about_glass(case: _Case, glass: dict[str, float], views: Views, intrinsics: Intrinsics, steps: bool) -> list[str]:
+def _turn(mirror: Mirror, rotated: Mirror) -> Move:
+    """How the edge that comes forward goes when a mirror is turned about the vertical."""
+    turn = float(np.degrees(np.arccos(np.clip(mirror.normal @ rotated.normal, -1.0, 1.0))))
+    half = np.ptp(mirror.rectangle[0]) / 2 if mirror.rectangle is not None else 0.4
+    edges = [half * sign * mirror.basis[:, 0] for sign in (-1.0, 1.0)]
+    moved = [half * sign * rotated.basis[:, 0] for sign in (-1.0, 1.0)]
+    forward = int(np.argmax([(b - a) @ mirror.normal for a, b in zip(edges, moved, strict=True)]))
+    return Move("mirror", mirror.point + edges[forward], moved[forward] - edges[forward], turn)
+
+
+def _about_glass(
+    case: _Case, glass: dict[str, float], views: Views, intrinsics: Intrinsics, steps: bool
+) -> list[Finding]:
     """Edges of the glass that cut the reflection off: the mirror is too small, or in the wrong place."""
-    warned: list[str] = []
+    warned: list[Finding] = []
     name, over = quoted(case.mirror), case.found.over_glass
     if case.found.hidden > _MUCH_HIDDEN:  # where a glass ends behind the body is uncertain
         glass = {side: value for side, value in glass.items() if side in ("top", "bottom") or value > _CLEARLY_OVER}
@@ -334,15 +418,14 @@ def _about_glass(case: _Case, glass: dict[str, float], views: Views, intrinsics:
     for one, other, what in (("top", "bottom", "shorter"), ("left", "right", "narrower")):
         lacking = over[one] + over[other] + 2.0 * _ROOM
         if (one in glass or other in glass) and lacking > 0.01:
-            warned.append(
-                Notice(
-                    "{name} is too small: it is {lacking:.0f} cm {what} than the reflection of the subject; use a "
-                    "larger mirror, or move it closer to the subject",
-                    name=name,
-                    lacking=100 * lacking,
-                    what=what,
-                )
+            text = Notice(
+                "{name} is too small: it is {lacking:.0f} cm {what} than the reflection of the subject; use a "
+                "larger mirror, or move it closer to the subject",
+                name=name,
+                lacking=100 * lacking,
+                what=what,
             )
+            warned.append(Finding("mirror_small", text, move=_closer(case.mirror, views, lacking)))
             glass = {side: value for side, value in glass.items() if side not in (one, other)}
     return warned + [
         _about_edge(case, side, value, views, intrinsics)
@@ -351,7 +434,14 @@ def _about_glass(case: _Case, glass: dict[str, float], views: Views, intrinsics:
     ]
 
 
-def _about_edge(case: _Case, side: str, value: float, views: Views, intrinsics: Intrinsics) -> str:
+def _closer(mirror: Mirror, views: Views, by: float) -> Move:
+    """A mirror, or what it shows, moved level towards the subject by some metres."""
+    way = views.axis - mirror.point
+    way -= (way @ views.up) * views.up
+    return Move("mirror", mirror.point, by * way / np.linalg.norm(way))
+
+
+def _about_edge(case: _Case, side: str, value: float, views: Views, intrinsics: Intrinsics) -> Finding:
     """One edge of the glass, that the subject reaches over by ``value`` [m]: how to move or turn the mirror."""
     what, do = {
         "top": ("its upper edge", "raise it"), "bottom": ("its lower edge", "lower it"),
@@ -361,76 +451,83 @@ def _about_edge(case: _Case, side: str, value: float, views: Views, intrinsics: 
         "the subject is partly out of {mirror}: {what} cuts the reflection off", mirror=quoted(case.mirror), what=what
     )
     by = Notice("{do} by {distance:.0f} cm (as seen by the camera)", do=do, distance=100 * (value + _ROOM))
+    # seen by the camera the first axis of a mirror points left, the second one down
+    axis, sign = {"top": (1, -1.0), "bottom": (1, 1.0), "left": (0, 1.0), "right": (0, -1.0)}[side]
+    moves = Move("mirror", case.mirror.point, sign * (value + _ROOM) * case.mirror.basis[:, axis])
+    alone = Finding("glass_edge", Notice("{cut}; {by}", cut=cut, by=by), move=moves)
     if side not in ("left", "right"):
-        return Notice("{cut}; {by}", cut=cut, by=by)
+        return alone
     rotated, how = _rotated(case.mirror, views, intrinsics)
     there = case.if_moved(rotated).over_glass
     if max(there["left"], there["right"]) >= MAX_OVER:
-        return Notice("{cut}; {by}", cut=cut, by=by)
+        return alone
     if value > _LONG_MOVE:
-        return Notice("{cut}; {how}", cut=cut, how=how)
-    return Notice("{cut}; {by}, or {how}", cut=cut, by=by, how=how)
+        return Finding("glass_edge", Notice("{cut}; {how}", cut=cut, how=how), move=_turn(case.mirror, rotated))
+    return replace(alone, text=Notice("{cut}; {by}, or {how}", cut=cut, by=by, how=how))
 
 
-def _about_image(name: str, image: dict[str, float]) -> list[str]:
+def _about_image(mirror: Mirror, image: dict[str, float], views: Views) -> list[Finding]:
     """Borders of the image that cut the reflection off."""
-    warned: list[str] = []
+    warned: list[Finding] = []
+    eye = reflection_matrix(mirror)[:3, 3]
+    length = float(np.linalg.norm(views.axis - eye))  # of the way by the mirror
     for side, value in image.items():
         what, do = {
             "top": ("upper", "tilt the camera up"), "bottom": ("lower", "tilt the camera down"),
             "left": ("left", "turn the mirror or the camera to the left"),
             "right": ("right", "turn the mirror or the camera to the right"),
         }[side]  # fmt: skip
-        warned.append(
-            Notice(
-                "the reflection in {name} is cut off by the image's {what} border, {over:.0f} cm of the subject; {do}, "
-                "or move the camera back",
-                name=name,
-                what=what,
-                over=100 * value,
-                do=do,
-            )
+        text = Notice(
+            "the reflection in {name} is cut off by the image's {what} border, {over:.0f} cm of the subject; {do}, "
+            "or move the camera back",
+            name=quoted(mirror),
+            what=what,
+            over=100 * value,
+            do=do,
         )
+        right = np.cross(views.up, (0.0, 0.0, -1.0))
+        way = {"top": views.up, "bottom": -views.up, "left": -right, "right": right}[side]
+        angle = float(np.degrees(np.arctan2(value + _ROOM, length)))
+        warned.append(Finding("image_edge", text, move=Move("camera", mirror.point, (value + _ROOM) * way, angle)))
     return warned
 
 
-def _about_range(case: _Case, views: Views, model: NoiseModel | None, intrinsics: Intrinsics) -> list[str]:
+def _about_range(case: _Case, views: Views, model: NoiseModel | None, intrinsics: Intrinsics) -> list[Finding]:
     """A path via the mirror that is too long for the camera, or from which it has no readings."""
     name, found = quoted(case.mirror), case.found
     if model is not None and found.distance > model.max_range:
         unread = found.unread > (MAX_UNREAD_PATTERN if model.disparity_step else MAX_UNREAD)
         if unread or found.distance > MAX_FAR * model.max_range or not (views.labels == case.view).any():
-            return [
-                Notice(
-                    "the path via {name} is {distance:.1f} m, but {camera} measures well only up to {range:.1f} m: "
-                    "{unread:.0%} of the reflection has no reading, and the rest has {noise:.0f} mm of noise; move the "
-                    "mirror and the camera closer to the subject, by {closer:.1f} m in total",
-                    name=name,
-                    distance=found.distance,
-                    camera=model.title,
-                    range=model.max_range,
-                    unread=found.unread,
-                    noise=1000.0 * model.sigma(found.distance, intrinsics.fx),
-                    closer=found.distance - model.max_range,
-                )
-            ]
-    if found.unread > MAX_UNREAD_PATTERN:
-        return [
-            Notice(
-                "{unread:.0%} of the reflection in {name} has no reading, on a path of {distance:.1f} m; move the "
-                "mirror and the camera closer to the subject, clean the glass, and keep sunlight out",
-                unread=found.unread,
+            closer = found.distance - model.max_range
+            text = Notice(
+                "the path via {name} is {distance:.1f} m, but {camera} measures well only up to {range:.1f} m: "
+                "{unread:.0%} of the reflection has no reading, and the rest has {noise:.0f} mm of noise; move the "
+                "mirror and the camera closer to the subject, by {closer:.1f} m in total",
                 name=name,
                 distance=found.distance,
+                camera=model.title,
+                range=model.max_range,
+                unread=found.unread,
+                noise=1000.0 * model.sigma(found.distance, intrinsics.fx),
+                closer=closer,
             )
-        ]
+            return [Finding("far", text, move=_closer(case.mirror, views, closer))]
+    if found.unread > MAX_UNREAD_PATTERN:
+        text = Notice(
+            "{unread:.0%} of the reflection in {name} has no reading, on a path of {distance:.1f} m; move the "
+            "mirror and the camera closer to the subject, clean the glass, and keep sunlight out",
+            unread=found.unread,
+            name=name,
+            distance=found.distance,
+        )
+        return [Finding("unread", text)]
     return []
 
 
-def _about_hidden(case: _Case, views: Views, intrinsics: Intrinsics) -> str:
+def _about_hidden(case: _Case, views: Views, intrinsics: Intrinsics) -> Finding:
     """By how much to move a mirror until the subject does not hide its own reflection, or what else to do."""
     name, found = quoted(case.mirror), case.found
-    do = Notice("move {name} outwards and turn it so that the subject stays in its middle", name=name)
+    do, move = Notice("move {name} outwards and turn it so that the subject stays in its middle", name=name), None
     for outwards in _OUTWARDS:
         moved, how = _rotated(case.mirror, views, intrinsics, outwards)
         there = case.if_moved(moved)
@@ -438,21 +535,27 @@ def _about_hidden(case: _Case, views: Views, intrinsics: Intrinsics) -> str:
             do = Notice(
                 "move {name} outwards by {distance:.0f} cm and {how}", name=name, distance=100 * outwards, how=how
             )
+            shift = visible_middle(moved, intrinsics) if moved.outline is not None else moved.point
+            start = case.mirror.point if case.mirror.outline is None else visible_middle(case.mirror, intrinsics)
+            turn = float(np.degrees(np.arccos(np.clip(moved.normal @ case.mirror.normal, -1.0, 1.0))))
+            move = Move("mirror", start, shift - start, turn)
             break
     if found.arms > _BY_ARMS:
-        return Notice(
+        text = Notice(
             "{hidden:.0%} of the reflection in {name} is hidden by the subject's own arms; hold the arms closer to the "
             "body, or {do}",
             hidden=found.hidden,
             name=name,
             do=do,
         )
-    return Notice(
+        return Finding("arms_hide", text, move=move)
+    text = Notice(
         "{hidden:.0%} of the reflection in {name} is hidden by the subject's own body; {do}",
         hidden=found.hidden,
         name=name,
         do=do,
     )
+    return Finding("body_hides", text, move=move)
 
 
 def _sides(over: dict[str, float]) -> str:
@@ -461,64 +564,62 @@ def _sides(over: dict[str, float]) -> str:
     return "outside" if worst is None else names[worst]
 
 
-def _about_rig(views: Views, mirrors: list[Mirror], alone: bool) -> list[str]:
+def _about_rig(views: Views, mirrors: list[Mirror], alone: bool) -> list[Finding]:
     """How the mirrors stand, to the vertical and around the subject."""
     return _about_vertical(views, mirrors) + _about_directions(views, mirrors, alone)
 
 
-def _about_vertical(views: Views, mirrors: list[Mirror]) -> list[str]:
+def _about_vertical(views: Views, mirrors: list[Mirror]) -> list[Finding]:
     """Mirrors that lean, or a vertical that nothing in the scene gives."""
     if views.floor is None:
         if views.disagreement_deg is not None or len(mirrors) >= 2:
             return []
-        return [
+        text = (
             "no floor is seen, so the camera is taken to be level; let it see the floor around the feet, or level the "
             "camera"
-        ]
-    warned: list[str] = []
+        )
+        return [Finding("no_floor", text)]
+    warned: list[Finding] = []
     for mirror, lean in zip(mirrors, leans(mirrors, views.up), strict=True):
         if abs(lean) > MAX_LEAN_DEG:
             way = "towards" if lean > 0 else "away from"
-            warned.append(
-                Notice(
-                    "{mirror} is not vertical: its top leans {lean:.0f}° {way} the subject; set it upright, or the "
-                    "head or the feet may be missing from the reflection",
-                    mirror=quoted(mirror),
-                    lean=abs(lean),
-                    way=way,
-                )
+            notice = Notice(
+                "{mirror} is not vertical: its top leans {lean:.0f}° {way} the subject; set it upright, or the "
+                "head or the feet may be missing from the reflection",
+                mirror=quoted(mirror),
+                lean=abs(lean),
+                way=way,
             )
+            warned.append(Finding("leaning", notice, mirror.name))
     return warned
 
 
-def _about_directions(views: Views, mirrors: list[Mirror], alone: bool) -> list[str]:
+def _about_directions(views: Views, mirrors: list[Mirror], alone: bool) -> list[Finding]:
     """Views from nearly the same side, and sides that no view shows."""
-    warned: list[str] = []
+    warned: list[Finding] = []
     angles = directions(views, mirrors)
     order = np.argsort(angles)
     names = ["the camera", *map(quoted, mirrors)]
     for i, j in zip(order, np.roll(order, -1), strict=True):
         angle = (angles[j] - angles[i]) % 360.0
         if len(angles) > 1 and angle < MIN_ANGLE_DEG:
-            warned.append(
-                Notice(
-                    "{one} and {other} show the subject from nearly the same side, {angle:.0f}° from each other; "
-                    "turn the mirrors so that the views are about 120° from each other",
-                    one=names[i],
-                    other=names[j],
-                    angle=angle,
-                )
+            text = Notice(
+                "{one} and {other} show the subject from nearly the same side, {angle:.0f}° from each other; "
+                "turn the mirrors so that the views are about 120° from each other",
+                one=names[i],
+                other=names[j],
+                angle=angle,
             )
+            warned.append(Finding("same_side", text))
         elif angle > MAX_GAP_DEG and mirrors and alone:
-            warned.append(
-                Notice(
-                    "one side of the subject is not seen: there is no view in the {angle:.0f}° from {one} to {other}, "
-                    "and that side is guessed; add a mirror there",
-                    one=names[i],
-                    other=names[j],
-                    angle=angle,
-                )
+            text = Notice(
+                "one side of the subject is not seen: there is no view in the {angle:.0f}° from {one} to {other}, "
+                "and that side is guessed; add a mirror there",
+                one=names[i],
+                other=names[j],
+                angle=angle,
             )
+            warned.append(Finding("side_unseen", text))
     return warned
 
 
