@@ -36,6 +36,7 @@ __all__ = [
     "cluster",
     "batches",
     "sequences",
+    "guidance",
     "simulation",
     "experiments",
     "cli",

@@ -19,7 +19,7 @@ STAGES = (
         "Result",
         ("checks", "avatar", "motion", "texture", "decimation", "printing", "measurements", "clothes", "preview"),
     ),
-    ("The whole job", ("pipeline", "cluster", "batches", "sequences")),
+    ("The whole job", ("pipeline", "cluster", "batches", "sequences", "guidance")),
     ("Virtual rig and experiments", ("simulation", "experiments")),
     ("Faces to people", ("cli", "mirror_scan_addon")),
 )

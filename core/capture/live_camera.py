@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import json
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -20,7 +21,8 @@ import numpy as np
 from ..camera import Intrinsics
 from ..errors import CaptureError, MirrorScanError
 from ..io.atomic_files import fresh_folder
-from .folders.rgbd_folder import sensor_named
+from .capture import MirrorPicks
+from .folders.rgbd_folder import mirrors_to, sensor_named
 from .rgbd_writer import FolderWriter
 
 SETTLE = 15  # frames until exposure and laser have settled
@@ -61,6 +63,7 @@ def record(
     frames: int = 30,
     settle: int = SETTLE,
     progress: Callable[[float, str], None] | None = None,
+    mirrors: tuple[MirrorPicks, ...] = (),
 ) -> Path:
     """Save a burst of a running camera as an RGB-D folder, which appears only when it is whole.
 
@@ -75,6 +78,8 @@ def record(
         Frames to skip before that.
     progress : callable(fraction, message) or None
         Called at each frame; an exception it raises stops the recording, and nothing is written.
+    mirrors : tuple of MirrorPicks
+        Where they are known: written beside the frames.
 
     Raises
     ------
@@ -88,6 +93,10 @@ def record(
         raise CaptureError(f"at least one frame must be recorded, not {frames}", code="frames")
     with fresh_folder(folder) as fresh:
         _save(stream, fresh, frames, settle, progress)
+        if mirrors:
+            (fresh / "mirrors.json").write_text(
+                json.dumps({"mirrors": mirrors_to(mirrors)}, indent=1), encoding="utf-8"
+            )
     return folder
 
 

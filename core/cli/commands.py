@@ -71,17 +71,8 @@ def run_reconstruct(options: argparse.Namespace, writers: Writers) -> None:
 
 def avatar_to_files(options: argparse.Namespace, writers: Writers) -> tuple[Reconstruction, list[Path]]:
     """Make an avatar as the options of ``reconstruct`` say; it, and the files it was written to."""
-    options.skeleton = options.skeleton or options.vrm
-    files = AvatarFiles(options.vrm, print_of(options), bool(options.texture), options.measure)
-    outputs = plan_outputs(options.outputs, writers, files)
-    levels = [
-        plan_outputs(level_paths(options.outputs, number), writers, replace(files, prints=None))
-        for number in range(1, len(options.levels) + 1)
-    ]
+    files, outputs, levels = planned_files(options, writers)
     planned = [path for plan in (outputs, *levels) for path, _ in plan]
-    check_targets([*planned, *([options.report] if options.report else [])])
-
-    check_wishes(options)
     result, read_ms = _reconstructed(options)
     for warning in result.warnings:
         complain("warning", warning)
@@ -97,6 +88,29 @@ def avatar_to_files(options: argparse.Namespace, writers: Writers) -> tuple[Reco
         outputs += [(path, _of_level(write, level)) for path, write in plan]
     write_outputs(result, outputs, options.report, read_ms)
     return result, planned
+
+
+def planned_files(
+    options: argparse.Namespace, writers: Writers
+) -> tuple[AvatarFiles, list[tuple[Path, Write]], list[list[tuple[Path, Write]]]]:
+    """What the options of ``reconstruct`` have written, whole and by level of detail, each file with what writes it.
+
+    Raises
+    ------
+    OutputError
+        Something cannot be written, or nothing would come of an option.
+    """
+    options.skeleton = options.skeleton or options.vrm
+    files = AvatarFiles(options.vrm, print_of(options), bool(options.texture), options.measure)
+    outputs = plan_outputs(options.outputs, writers, files)
+    levels = [
+        plan_outputs(level_paths(options.outputs, number), writers, replace(files, prints=None))
+        for number in range(1, len(options.levels) + 1)
+    ]
+    planned = [path for plan in (outputs, *levels) for path, _ in plan]
+    check_targets([*planned, *([options.report] if options.report else [])])
+    check_wishes(options)
+    return files, outputs, levels
 
 
 def check_wishes(options: argparse.Namespace) -> None:

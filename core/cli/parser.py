@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from . import batch, commands, dressing, sequence
+from . import batch, commands, dressing, live, sequence
 from .terminal import show
 
 SENSORS = ("ideal", "kinect_v1", "kinect_v2", "azure_kinect", "femto_bolt", "realsense_d455", "phone_dtof")
@@ -56,6 +56,7 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     _add_inspect(subparsers)
     _add_convert(subparsers)
     _add_record(subparsers)
+    _add_live(subparsers)
     _add_evaluate(subparsers)
     experiments = subparsers.add_parser("experiment", help="repeat an experiment of the paper").add_subparsers(
         title="experiments", metavar="EXPERIMENT", required=True
@@ -361,20 +362,62 @@ def _add_convert(subparsers: _Commands) -> None:
 def _add_record(subparsers: _Commands) -> None:
     command = subparsers.add_parser("record", help="record a burst with a connected camera")
     command.add_argument("folder", metavar="DIR", type=Path, help="folder to make")
-    command.add_argument("--camera", choices=CAMERAS, default=CAMERAS[0], help=f"driver, default {CAMERAS[0]}")
-    command.add_argument("--serial", metavar="NUMBER", help="serial number of the camera, if several are connected")
     command.add_argument(
         "--frames", metavar="N", type=_whole(1, 300), default=30, help="frames in the burst, default 30"
     )
-    command.add_argument(
-        "--size", metavar="WxH", type=_size, default=(848, 480), help="size of the depth image, default 848x480"
-    )
-    command.add_argument("--rate", metavar="HZ", type=_whole(1, 120), default=30, help="frames a second, default 30")
+    _add_camera(command)
     command.add_argument(
         "--native-color", action="store_true", help="keep the colour camera's own, larger images, for textures"
     )
     _add_quiet(command)
     command.set_defaults(run=commands.run_record)
+
+
+def _add_camera(command: argparse.ArgumentParser) -> None:
+    """Options for a connected camera."""
+    command.add_argument("--camera", choices=CAMERAS, default=CAMERAS[0], help=f"driver, default {CAMERAS[0]}")
+    command.add_argument("--serial", metavar="NUMBER", help="serial number of the camera, if several are connected")
+    command.add_argument(
+        "--size", metavar="WxH", type=_size, default=(848, 480), help="size of the depth image, default 848x480"
+    )
+    command.add_argument("--rate", metavar="HZ", type=_whole(1, 120), default=30, help="frames a second, default 30")
+
+
+def _add_live(subparsers: _Commands) -> None:
+    command = subparsers.add_parser(
+        "live", help="say what to change before the shutter, take the burst when all is well, and make an avatar"
+    )
+    command.add_argument(
+        "-o", dest="outputs", metavar="OUT", type=Path, action="append", required=True,
+        help="file to write, as “reconstruct” has it; with --capture-only the folder for the burst",
+    )  # fmt: skip
+    _add_camera(command)
+    command.add_argument(
+        "--play", metavar="RECORDING", type=Path, help="play a recording of any format as if it were a camera"
+    )
+    command.add_argument("--fast", action="store_true", help="with --play: look at every frame, as fast as possible")
+    command.add_argument(
+        "--countdown", metavar="S", type=_seconds, default=3.0, help="seconds to count down when all is well, default 3"
+    )
+    command.add_argument(
+        "--burst", metavar="N", type=_whole(1, 300), default=30, help="frames in the burst, default 30"
+    )
+    command.add_argument(
+        "--capture", metavar="DIR", type=Path, help="folder to make for the burst, default OUT_capture beside OUT"
+    )
+    command.add_argument("--capture-only", action="store_true", help="make no avatar: -o is the folder for the burst")
+    command.add_argument(
+        "--mirror-count", metavar="N", type=_whole(1, 8), default=2,
+        help="how many mirrors to find, default 2; the burst waits for them",
+    )  # fmt: skip
+    command.add_argument(
+        "--ignore", metavar="KIND", action="append", default=[],
+        help="advice that the burst does not wait for, as mirror_small; may be given several times (docs/live.md)",
+    )  # fmt: skip
+    command.add_argument("--report", metavar="FILE", type=Path, help="write what was found and measured, as JSON")
+    _add_reconstruction(command)
+    _add_quiet(command)
+    command.set_defaults(run=live.run_live)
 
 
 def _add_evaluate(subparsers: _Commands) -> None:
@@ -532,6 +575,16 @@ def _millimetres(low: float, high: float) -> Callable[[str], float]:
         return value
 
     return millimetres
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0.0 <= value <= 60.0:
+        raise argparse.ArgumentTypeError(f"{text} is not within 0 to 60")
+    return value
+
+
+_seconds.__name__ = "number of seconds"
 
 
 def _gigabytes(text: str) -> float:

@@ -16,6 +16,7 @@ __all__ = [
     "reconstruction_steps",
     "avatar_stages",
     "inspection",
+    "mirror_placement",
     "multi_camera",
     "reconstruction",
     "report",
