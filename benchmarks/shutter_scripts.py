@@ -21,10 +21,10 @@ RATE = 10.0
 STRIDE_M = 0.22
 """How far who walks gets from frame to frame [m]."""
 
-RESOLUTION = 0.02  # of the mannequins [m]
+RESOLUTION = 0.018  # of the mannequins [m]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Moment:
     """What stands still for some frames.
 

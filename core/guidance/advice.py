@@ -26,7 +26,10 @@ KINDS = (
 )  # fmt: skip
 """All kinds of advice; ``--ignore`` of the command line takes them."""
 
-_BY_STEPPING = ("side_cut", "head_cut", "aside", "not_shown", "glass_edge", "image_edge", "body_hides", "mirror_small")
+_BY_STEPPING = (
+    "side_cut", "head_cut", "feet_cut", "aside", "not_shown", "glass_edge", "image_edge", "body_hides", "arms_hide",
+    "mirror_small", "far", "unread",
+)  # fmt: skip
 """What another place to stand may cure."""
 
 SHORTEST_STEP = 0.1
@@ -117,12 +120,17 @@ def advise(image: RgbdImage, views: Views, mirrors: Sequence[Mirror], model: Noi
     """
     findings = scene_findings(image, views, list(mirrors), model)
     advices = [*_of_posture(views, findings), *map(_of_finding, findings)]
-    if any(one.code in _BY_STEPPING for one in advices):
+    if any(one.code in _BY_STEPPING and not _by_tilting(one) for one in advices):
         most = np.inf if model is None else 1.25 * model.max_range
         step = nearest_place(views, mirrors, image.intrinsics, most)
         if step is not None and np.linalg.norm(step) >= SHORTEST_STEP:
             advices = [_stepping(views, step), *(one for one in advices if one.code not in _BY_STEPPING)]
     return advices
+
+
+def _by_tilting(advice: Advice) -> bool:
+    """Whether to tilt the camera is enough."""
+    return advice.code in ("head_cut", "feet_cut") and advice.what == "camera"
 
 
 def _of_finding(finding: Finding) -> Advice:

@@ -322,7 +322,8 @@ class LiveScene:
             return find_subject(image, mirrors, self._view_settings, ground=ground), None
         except MirrorScanError:  # nobody there, which is what is asked
             pass
-        place = self._somebody(image)
+        found = self._figure(image, *sort_rays(unproject(image.depth, self.intrinsics), mirrors))
+        place = None if found is None else np.median(found, axis=0)
         if place is None:
             return None, None
         try:
@@ -330,18 +331,17 @@ class LiveScene:
         except MirrorScanError:
             return None, place
 
-    def _somebody(self, image: RgbdImage) -> np.ndarray | None:
-        """A point (3,) of whoever came into the picture; None where nobody did."""
-        found = self._figure(image, np.ones(image.depth.shape, np.bool_), None)
-        return None if found is None else np.median(found, axis=0)
+    def _figure(
+        self, image: RgbdImage, seen: np.ndarray, points: np.ndarray, apart_from: np.ndarray | None = None
+    ) -> np.ndarray | None:
+        """Points (N, 3) of somebody who came into the picture, as tall and large as a person; None where nobody did.
 
-    def _figure(self, image: RgbdImage, among: np.ndarray, apart_from: np.ndarray | None) -> np.ndarray | None:
-        """Points (N, 3) of somebody who came into the picture, as tall and large as a person; None where nobody did."""
+        ``seen`` (H, W) and ``points`` (H, W, 3): as :func:`..views.ray_sorting.sort_rays` has them.
+        """
         ground = self._placed.ground
         if ground is None or ground.floor is None:
             return None
-        seen, points = sort_rays(unproject(image.depth, self.intrinsics), list(self._placed.thin))
-        there = among & (seen == 0) & self._nearer(image.depth)
+        there = (seen == 0) & self._nearer(image.depth)
         some = points[there]
         height = dot(some, ground.up) - ground.floor
         some = some[(height > _BODY[0]) & (height < _BODY[1])]
@@ -372,7 +372,7 @@ class LiveScene:
             return [*advices, self._nobody(elsewhere)]
         if self._is_on_the_way(views, seconds):
             advices.append(Advice("moving", Notice("hold still, where you want to be scanned"), what="subject"))
-        second = self._figure(image, views.labels < 0, views.axis)
+        second = self._figure(image, np.where(views.labels < 0, views.seen, -1), views.points, views.axis)
         if second is not None:
             text = Notice("two people are in the picture; one of you, step out of it, and out of the mirrors")
             middle = np.median(second, axis=0)

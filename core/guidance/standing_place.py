@@ -17,7 +17,7 @@ from ..subject.subject_views import Views
 from .posture import level_right
 
 _STEP, _FARTHEST = 0.1, 0.9  # between places that are tried, and the farthest of them [m]
-_POINTS = 240  # of the subject, that stand for all
+_POINTS = 160  # of the subject, that stand for all
 _SPARE = 0.015  # of the image's width and height that is left free around the subject
 _ROOM = 0.02  # m of the glass that is left free around its reflection
 _CELL = 6.0  # px: side of the squares in which what is hidden is counted
@@ -51,7 +51,7 @@ def nearest_place(
     if not len(points):
         return None
     steps, level = _steps(views)
-    fits = _in_image(points, steps, intrinsics, _SPARE)
+    fits = _in_image(points[None] + steps[:, None], intrinsics, _SPARE)
     for mirror in mirrors:
         chosen = np.flatnonzero(fits)
         if not len(chosen):
@@ -85,14 +85,13 @@ def _steps(views: Views) -> tuple[np.ndarray, np.ndarray]:
     return a[near, None] * right + b[near, None] * ahead, length[near]
 
 
-def _in_image(points: np.ndarray, steps: np.ndarray, intrinsics: Intrinsics, spare: float) -> np.ndarray:
-    """Which steps (K,) leave the subject within the image."""
-    u, v, ahead = _pixels(points[None] + steps[:, None], intrinsics)
-    low_u, high_u = np.quantile(u, (_OUTERMOST, 1.0 - _OUTERMOST), axis=1)
-    low_v, high_v = np.quantile(v, (_OUTERMOST, 1.0 - _OUTERMOST), axis=1)
-    x, y = spare * intrinsics.width, spare * intrinsics.height
-    within = (low_u > x) & (high_u < intrinsics.width - 1 - x) & (low_v > y) & (high_v < intrinsics.height - 1 - y)
-    return within & ahead.all(axis=1)
+def _in_image(placed: np.ndarray, intrinsics: Intrinsics, spare: float = 0.0) -> np.ndarray:
+    """Which sets of points (K, N, 3) lie within the image, with some of its size to spare, but for a hundredth."""
+    u, v, ahead = _pixels(placed, intrinsics)
+    wide, high = intrinsics.width - 1, intrinsics.height - 1
+    x, y = spare * wide, spare * high
+    inside = (u >= x) & (u <= wide - x) & (v >= y) & (v <= high - y) & ahead
+    return inside.mean(axis=1) >= 1.0 - _OUTERMOST
 
 
 def _shown(points: np.ndarray, steps: np.ndarray, mirror: Mirror, intrinsics: Intrinsics, most: float) -> np.ndarray:
@@ -106,19 +105,12 @@ def _shown(points: np.ndarray, steps: np.ndarray, mirror: Mirror, intrinsics: In
     corners = glass_corners(mirror)
     if corners is not None:
         past = distance_past_edges(dot(on, mirror.basis[:, 0]), dot(on, mirror.basis[:, 1]), corners)
-        for side in past.values():
-            shown &= np.quantile(side, 1.0 - _OUTERMOST, axis=1) < -_ROOM
-    shown &= _in_image_at(reflected, intrinsics)
+        inside = np.logical_and.reduce([side < -_ROOM for side in past.values()])
+        shown &= inside.mean(axis=1) >= 1.0 - _OUTERMOST
+    shown &= _in_image(reflected, intrinsics)
     chosen = np.flatnonzero(shown)
     shown[chosen] = _hidden(placed[chosen], reflected[chosen], intrinsics) < 0.5 * MAX_HIDDEN
     return shown
-
-
-def _in_image_at(reflected: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
-    """Which sets of points (K, N, 3) lie within the image, but for a hundredth of each."""
-    u, v, ahead = _pixels(reflected, intrinsics)
-    inside = (u >= 0) & (v >= 0) & (u <= intrinsics.width - 1) & (v <= intrinsics.height - 1) & ahead
-    return inside.mean(axis=1) >= 1.0 - _OUTERMOST
 
 
 def _hidden(placed: np.ndarray, reflected: np.ndarray, intrinsics: Intrinsics) -> np.ndarray:
