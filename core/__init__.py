@@ -24,6 +24,7 @@ __all__ = [
     "zippering",
     "closing",
     "checks",
+    "registration",
     "avatar",
     "motion",
     "texture",

@@ -161,6 +161,10 @@ def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
     """What the captures of a command line give, and the milliseconds that reading them took."""
     started = time.perf_counter()
     first = options.captures[0]
+    if vars(options).get("register"):
+        return _registered(options)
+    if vars(options).get("register_step") is not None:
+        raise CaptureError("--step: is for captures without poses; ask for that with --register")
     if options.poses or len(options.captures) > 1 or (first / "poses.json").is_file():
         if options.mirrors or options.rig:
             raise CaptureError("--mirrors and --rig are for one camera; keep mirrors.json with its capture")
@@ -189,6 +193,35 @@ def _reconstructed(options: argparse.Namespace) -> tuple[Reconstruction, float]:
         complain("note", note)
     with progress_bar(options.quiet) as progress:
         return reconstruct(capture, mirrors, settings_of(options), progress=progress, frame=options.frame), read_ms
+
+
+def _registered(options: argparse.Namespace) -> tuple[Reconstruction, float]:
+    """:func:`_reconstructed` of captures without poses."""
+    if options.poses or options.mirrors or options.rig or options.subject:
+        raise CaptureError("--register finds the poses itself; leave out --poses, --mirrors, --rig and --subject")
+    if len(options.captures) < 2:
+        raise CaptureError("--register: one capture has nothing to be registered with; give several")
+    started = time.perf_counter()
+    captures = [replace(_open(path, options), name=path.name) for path in options.captures]
+    read_ms = (time.perf_counter() - started) * 1e3
+    for capture in captures:
+        for note in capture.notes:
+            complain("note", f"{capture.name}: {note}")
+
+    from ..pipeline.multi_camera import reconstruct_registered
+
+    with progress_bar(options.quiet) as progress:
+        result = reconstruct_registered(
+            captures, options.register_step, settings=settings_of(options), progress=progress, frame=options.frame
+        )
+    if not options.quiet:
+        found = result.report["registration"]
+        corrected = max(pair["corrected_mm"] for pair in found["pairs"])
+        say(
+            f"{len(captures)} captures registered: residual {found['residual_mm']:.1f} mm, pairs corrected by up to "
+            f"{corrected:.1f} mm"
+        )
+    return result, read_ms
 
 
 def run_animate(options: argparse.Namespace, writers: Writers) -> None:
@@ -551,6 +584,29 @@ def run_experiment_capture(options: argparse.Namespace, writers: Writers) -> Non
     if options.quiet:
         return
     _say_results(experiment.table(outcome), paths, note)
+
+
+def run_experiment_turntable(options: argparse.Namespace, writers: Writers) -> None:
+    """``experiment turntable``: a person who sways on a turntable, beside the single snapshot."""
+    make_folder(options.folder)
+    check_targets([options.folder / name for name in ("table.csv", "result.png", "plot.png")])
+
+    from ..experiments import turntable
+    from ..simulation.mannequin import mannequin
+    from ..simulation.optics import IDEAL, real
+
+    with progress_bar(options.quiet) as progress:
+        advance(progress, 0.0, "reading the body" if options.mesh else "making a mannequin")
+        body = stand(read_surface(options.mesh), options.mesh) if options.mesh else mannequin()
+        optics = real(options.sensor, options.frequencies, options.seed) if options.optics == "real" else IDEAL
+        rows = turntable.run(
+            body, options.sensor, options.frames, options.seed, [1e-3 * sway for sway in options.sways], options.scans,
+            optics, progress=stage_of(progress, 0.05, 0.95),
+        )  # fmt: skip
+        advance(progress, 0.95, "writing")
+        paths, note = turntable.write_results(rows, body, options.folder)
+    if not options.quiet:
+        _say_results(turntable.table(rows), paths, note)
 
 
 def _say_results(lines: list[str], paths: list[Path], note: str) -> None:

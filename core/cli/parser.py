@@ -65,6 +65,7 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     words = "what a mirror costs: the same back via a mirror and directly, over the same path length"
     _add_capture_experiment(experiments, "reflection", words)
     _add_capture_experiment(experiments, "distance", "what distance costs: the same figure from 3 to 5 m")
+    _add_turntable_experiment(experiments)
     return parser
 
 
@@ -72,7 +73,8 @@ def _add_reconstruct(subparsers: _Commands) -> None:
     command = subparsers.add_parser("reconstruct", help="make an avatar from a capture")
     command.add_argument(
         "captures", metavar="CAPTURE", type=Path, nargs="+",
-        help="folder with intrinsic.json and depth/*.png; several with --poses, or one folder of them with poses.json",
+        help="folder with intrinsic.json and depth/*.png; several with --poses or --register, or one folder of them "
+        "with poses.json",
     )  # fmt: skip
     command.add_argument(
         "-o", dest="outputs", metavar="OUT", type=Path, action="append", required=True,
@@ -82,6 +84,16 @@ def _add_reconstruct(subparsers: _Commands) -> None:
     command.add_argument(
         "--poses", metavar="FILE", type=Path, help="poses.json with the pose of each camera, by capture"
     )
+    command.add_argument(
+        "--register", action="store_true",
+        help="several captures without poses, in the order in which the subject turned or the camera went round it; "
+        "the first shows the front; needs small_gicp or open3d",
+    )  # fmt: skip
+    command.add_argument(
+        "--step", metavar="DEG", type=_step, dest="register_step",
+        help="with --register: by how much the subject turned to its left from one capture to the next, or the camera "
+        "went round it with the clock; negative the other way (default: once round, either way)",
+    )  # fmt: skip
     command.add_argument("--report", metavar="FILE", type=Path, help="write what was found and measured, as JSON")
     _add_reconstruction(command)
     _add_quiet(command)
@@ -449,7 +461,21 @@ def _add_zippering_experiment(experiments: _Commands) -> None:
     command.set_defaults(run=commands.run_experiment_zippering)
 
 
-def _add_capture_experiment(experiments: _Commands, name: str, words: str) -> None:
+def _add_turntable_experiment(experiments: _Commands) -> None:
+    words = "the paper's rival: a person who sways on a turntable before one camera without mirrors"
+    command = _add_capture_experiment(experiments, "turntable", words)
+    command.add_argument(
+        "--scans", metavar="N", type=_whole(3, 36), default=8, help="scans in one turn of the plate (default 8)"
+    )
+    command.add_argument(
+        "--sway", metavar="MM", type=_sways, default=(0.0, 2.5, 5.0, 10.0, 15.0, 20.0), dest="sways",
+        help="how far the crown moves from scan to scan, in millimetres, separated by commas (default "
+        "0,2.5,5,10,15,20)",
+    )  # fmt: skip
+    command.set_defaults(run=commands.run_experiment_turntable)
+
+
+def _add_capture_experiment(experiments: _Commands, name: str, words: str) -> argparse.ArgumentParser:
     command = experiments.add_parser(name, help=words)
     command.add_argument(
         "mesh", metavar="MESH", type=Path, nargs="?", help="body, Z up, in metres; default a mannequin"
@@ -467,6 +493,7 @@ def _add_capture_experiment(experiments: _Commands, name: str, words: str) -> No
     _add_optics(command)
     _add_quiet(command)
     command.set_defaults(run=commands.run_experiment_capture, experiment=name)
+    return command
 
 
 def _add_result_folder(command: argparse.ArgumentParser, name: str) -> None:
@@ -668,5 +695,23 @@ def _percentages(text: str) -> tuple[float, ...]:
     return values
 
 
+def _sways(text: str) -> tuple[float, ...]:
+    """A type for argparse: lengths from 0 to 100 mm, separated by commas."""
+    values = tuple(float(part) for part in text.split(","))
+    if not all(0 <= value <= 100 for value in values):
+        raise argparse.ArgumentTypeError(f"must be from 0 to 100, separated by commas, not {text}")
+    return values
+
+
+def _step(text: str) -> float:
+    """A type for argparse: an angle from one capture to the next [degrees]."""
+    value = float(text)
+    if not 1.0 <= abs(value) <= 180.0:
+        raise argparse.ArgumentTypeError(f"must be from 1 to 180 degrees either way, not {text}")
+    return value
+
+
+_step.__name__ = "angle"
+_sways.__name__ = "list of lengths"
 _frequencies.__name__ = "list of frequencies"
 _percentages.__name__ = "list of percentages"  # argparse names the type when a number cannot be read

@@ -1,4 +1,7 @@
-"""Several calibrated cameras about one subject, with or without mirrors: :func:`reconstruct_views`."""
+"""Several captures of one subject, with or without mirrors: from known poses, or registered.
+
+:func:`reconstruct_views` and :func:`reconstruct_registered`.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,8 @@ from ..errors import CaptureError, Notice, ReconstructionError
 from ..mirrors.mirror import in_frame
 from ..numeric.blas_threads import one_blas_thread
 from ..numeric.point_products import transform
+from ..registration.pairwise import IcpSettings, find_backend
+from ..registration.turntable import RegisteredViews, SubjectView, register_turntable
 from ..views.view_maps import stack_maps
 from .avatar_stages import check_wishes, shares
 from .lines_of_sight import Figures, check_meeting_point, check_way_round, meeting_point_of
@@ -117,6 +122,110 @@ def reconstruction_views_steps(
     ]
     with one_blas_thread():
         return (yield from joining_steps(joined, cameras, settings, frame, clock))
+
+
+def reconstruct_registered(
+    captures: Sequence[Capture],
+    step: float | None = None,
+    mirrors: Sequence[tuple[MirrorPicks, ...] | None] | None = None,
+    settings: Settings = DEFAULTS,
+    progress: Progress | None = None,
+    frame: str = "avatar",
+    icp: IcpSettings = IcpSettings(),
+) -> Reconstruction:
+    """Several captures of one subject without poses → one closed, coloured avatar.
+
+    Parameters
+    ----------
+    captures : sequence of Capture
+        In the order in which they were taken; the first shows the subject's front.
+    step : float, optional
+        By how much the subject turned to its left from one capture to the next [degrees], or the camera went round it
+        with the clock, seen from above; negative the other way. Without, once round evenly, whichever way fits.
+    mirrors, settings, progress, frame
+        As in :func:`reconstruct_views`.
+    icp : IcpSettings
+
+    Raises
+    ------
+    MirrorScanError
+        No package is installed that registers views.
+    CaptureError, MirrorError, ReconstructionError
+        The input is at fault, or the captures contradict each other; the message says what to do.
+    """
+    return finish(registered_views_steps(captures, step, mirrors, settings, frame, icp), progress)
+
+
+def registered_views_steps(
+    captures: Sequence[Capture],
+    step: float | None = None,
+    mirrors: Sequence[tuple[MirrorPicks, ...] | None] | None = None,
+    settings: Settings = DEFAULTS,
+    frame: str = "avatar",
+    icp: IcpSettings = IcpSettings(),
+) -> Generator[tuple[float, str], None, Reconstruction]:
+    """:func:`reconstruct_registered` in pieces, as :func:`.reconstruction.reconstruction_steps`."""
+    check_frame(frame)
+    if len(captures) < 2:
+        raise CaptureError(f"{len(captures)} capture(s) cannot be registered with each other; give two or more")
+    check_wishes(captures, settings)
+    find_backend(icp.backend)  # before work that would be in vain
+    names = _distinct([capture.name for capture in captures])
+    clock = Clock()
+    scans, whole = [], SCAN_SHARE * shares(settings)["scan"][1]
+    for k, capture in enumerate(captures):
+        picks = capture.mirrors if mirrors is None or mirrors[k] is None else mirrors[k]
+        part = (0.8 * whole * k / len(captures), 0.8 * whole * (k + 1) / len(captures))
+        try:
+            with one_blas_thread():
+                scans.append(
+                    (yield from scan_steps(capture, picks or (), settings, clock, part, find=False, alone=False))
+                )
+        except ReconstructionError as error:
+            raise ReconstructionError("{camera}: {error}", camera=names[k], error=error) from None
+    yield 0.8 * whole, "Registering the captures"
+    with one_blas_thread():
+        registered = register_turntable([subject_view(scan) for scan in scans], step, icp)
+    clock.lap("registration")
+    joined = join_scans(scans, list(registered.poses), names)
+    joined = replace(joined, warnings=(*joined.warnings, *registered.notes))
+    cameras = [
+        PlacedCapture(capture, pose, len(scan.mirrors))
+        for capture, pose, scan in zip(captures, registered.poses, scans, strict=True)
+    ]
+    with one_blas_thread():
+        made = yield from joining_steps(joined, cameras, settings, frame, clock)
+    return replace(made, report={**made.report, "registration": registration_report(registered, names)})
+
+
+def subject_view(scan: Scan) -> SubjectView:
+    """What a scan shows of the subject, for registration."""
+    return SubjectView(np.concatenate([patch.vertices for patch in scan.patches]), scan.up, scan.floor)
+
+
+def registration_report(registered: RegisteredViews, names: Sequence[str]) -> dict:
+    """What was found of captures without poses: plain Python values.
+
+    ``residual_mm`` is the root mean square of all pairs; a pair's ``corrected_mm`` and ``corrected_deg`` say by how
+    much the other pairs moved it.
+    """
+    return {
+        "residual_mm": 1e3 * registered.residual,
+        "angles_deg": registered.angles.tolist(),
+        "camera_to_first": registered.poses.tolist(),
+        "pairs": [
+            {
+                "between": [names[one], names[other]],
+                "residual_mm": 1e3 * found.residual,
+                "overlap": found.overlap,
+                "corrected_mm": 1e3 * float(shift),
+                "corrected_deg": float(np.degrees(turn)),
+            }
+            for (one, other), found, shift, turn in zip(
+                registered.pairs, registered.registrations, registered.shifted, registered.turned, strict=True
+            )
+        ],
+    }
 
 
 def join_scans(scans: Sequence[Scan], poses: Sequence[np.ndarray], names: Sequence[str]) -> Scan:

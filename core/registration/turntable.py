@@ -1,0 +1,290 @@
+"""Views of a subject that turned before the camera, or that cameras stood about: from their order to their poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import MirrorScanError, Notice, ReconstructionError
+from ..numeric.rotations import about_axis, unit
+from .joint import Edge, JointPoses, joint_registration
+from .pairwise import IcpSettings, Registration, register
+
+PAIRED_DEG = 125.0
+"""Views that look at the subject from directions farther apart than this have too little in common for a pair."""
+
+_BEHIND = np.arange(-0.02, 0.30, 0.02)
+"""So far behind the mean of what a view shows the subject's axis is looked for [m]."""
+
+_SAMPLES = 500  # points of a view that are compared for that
+_FAR = 0.1  # m: a point that is farther from another view is not shown by it
+_NEIGHBOURS = 2  # in the order of the angles: to each side a view is registered with so many
+_LEAST_OVERLAP = 0.25  # of a pair that counts, but for a view's best
+_MOVED, _TURNED = 0.05, 10.0  # m, degrees: a pair that the other pairs correct by more contradicts them
+_NOTED = 0.015  # m: corrections larger than this are warned of
+
+
+@dataclass(frozen=True)
+class SubjectView:
+    """What one view shows of the subject, in its camera's frame.
+
+    Parameters
+    ----------
+    points : np.ndarray [shape=(N, 3)]
+        On its surface [m].
+    up : np.ndarray [shape=(3,)]
+        Vertical.
+    floor : float or None
+        Height of the floor along ``up`` [m].
+    """
+
+    points: np.ndarray
+    up: np.ndarray
+    floor: float | None = None
+
+
+@dataclass(frozen=True)
+class RegisteredViews:
+    """Poses found for views that had none.
+
+    Parameters
+    ----------
+    poses : np.ndarray [shape=(N, 4, 4)]
+        Rigid: each camera's frame → that of the first.
+    angles : np.ndarray [shape=(N,)]
+        From which side each view looks, as guessed [degrees], see :func:`guessed_poses`.
+    pairs : tuple of (int, int)
+        Views, from 0, that were registered with each other.
+    registrations : tuple of Registration
+        Of the pairs, as ICP left them.
+    turned, shifted : np.ndarray [shape=(E,)]
+        By how much the joint registration corrected each pair [rad], [m].
+    notes : tuple of Notice
+    """
+
+    poses: np.ndarray
+    angles: np.ndarray
+    pairs: tuple[tuple[int, int], ...]
+    registrations: tuple[Registration, ...]
+    turned: np.ndarray
+    shifted: np.ndarray
+    notes: tuple[Notice, ...] = ()
+
+    @property
+    def residual(self) -> float:
+        """Root mean square distance of all pairs' points [m], a pair as much as another."""
+        return float(np.sqrt(np.mean([one.residual**2 for one in self.registrations])))
+
+
+def even_angles(views: int, step: float | None = None) -> np.ndarray:
+    """Angles (N,) [degrees] of views that follow each other evenly: ``step`` apart, by default once round."""
+    return (360.0 / views if step is None else step) * np.arange(views)
+
+
+def subject_frame(view: SubjectView, behind: float = 0.0) -> np.ndarray:
+    """(4, 4): the camera's frame → one that stands on the floor within the subject, z up, y away from the camera.
+
+    Its origin lies in the middle of the subject's outline, ``behind`` [m] the mean of what is seen of its surface;
+    without a floor as high as the lowest of the subject.
+    """
+    up = unit(np.asarray(view.up, np.float64))
+    ahead = np.array([0.0, 0.0, 1.0])
+    ahead = unit(ahead - (ahead @ up) * up)
+    frame = np.eye(4)
+    frame[:3, :3] = np.cross(ahead, up), ahead, up
+    across, away, height = frame[:3, :3] @ np.asarray(view.points, np.float64).T
+    low = float(np.percentile(height, 0.5)) if view.floor is None else view.floor
+    frame[:3, 3] = -np.mean(np.percentile(across, (1, 99))), -away.mean() - behind, -low
+    return frame
+
+
+def guessed_poses(views: Sequence[SubjectView], angles: np.ndarray) -> np.ndarray:
+    """First poses (N, 4, 4) of views, each camera's frame → that of the first, by the order in which they were taken.
+
+    How far behind the visible surface the axis lies about which the views turn is looked for: where what neighbours
+    show is nearest to each other.
+
+    Parameters
+    ----------
+    views : sequence of SubjectView
+    angles : np.ndarray [shape=(N,)]
+        By how much the subject had turned to its left, seen from above against the clock, before each view [degrees];
+        or how far the camera had gone round it with the clock.
+    """
+    turns = np.tile(np.eye(4), (len(views), 1, 1))
+    turns[:, :3, :3] = about_axis(2, np.radians(angles[0] - np.asarray(angles, np.float64)))
+    few = [view.points[:: len(view.points) // _SAMPLES + 1] for view in views]
+    pairs = paired_views(angles)
+
+    def misfit(behind: float) -> float:
+        moved = []
+        for view, turn, points in zip(views, turns, few, strict=True):
+            pose = turn @ subject_frame(view, behind)
+            moved.append(points @ pose[:3, :3].T + pose[:3, 3])
+        total = 0.0
+        for one, other in pairs:
+            a, b = moved[one], moved[other]
+            square = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2.0 * a @ b.T
+            total += float(sum(np.minimum(square.min(axis=axis), _FAR**2).mean() for axis in (0, 1)))
+        return total
+
+    behind = min(_BEHIND, key=misfit)
+    frames = np.array([subject_frame(view, behind) for view in views])
+    return np.linalg.inv(frames[0]) @ turns @ frames
+
+
+def paired_views(angles: np.ndarray) -> list[tuple[int, int]]:
+    """Which views are registered with each other: the next and the next but one on the circle, if they are near."""
+    circle = np.mod(angles, 360.0)
+    order = np.argsort(circle, kind="stable")
+    count = len(order)
+    found = set()
+    for place, one in enumerate(order):
+        for step in range(1, min(_NEIGHBOURS, count - 1) + 1):
+            other = order[(place + step) % count]
+            apart = abs((circle[one] - circle[other] + 180.0) % 360.0 - 180.0)
+            if apart <= PAIRED_DEG:
+                found.add((min(int(one), int(other)), max(int(one), int(other))))
+    return sorted(found)
+
+
+def register_views(
+    views: Sequence[SubjectView],
+    poses: np.ndarray,
+    angles: np.ndarray,
+    settings: IcpSettings = IcpSettings(),
+) -> RegisteredViews:
+    """Views registered in pairs from first poses, then jointly.
+
+    Parameters
+    ----------
+    views : sequence of SubjectView
+    poses : np.ndarray [shape=(N, 4, 4)]
+        First poses, each camera's frame → that of the first.
+    angles : np.ndarray [shape=(N,)]
+        From which side each view looks [degrees]; it says which views have something in common.
+    settings : IcpSettings
+
+    Raises
+    ------
+    MirrorScanError
+        No package is installed that registers two views.
+    ReconstructionError
+        The views do not fit together.
+    """
+    poses, ring = np.array(poses, np.float64), _ring(angles)
+    pairs = paired_views(angles)
+    first = [pair for pair in pairs if pair in ring]
+    found: dict[tuple[int, int], Registration] = {}
+    for stage in (first, [pair for pair in pairs if pair not in ring]):
+        for one, other in stage:
+            try:
+                initial = np.linalg.inv(poses[one]) @ poses[other]
+                found[one, other] = register(views[other].points, views[one].points, initial, settings)
+            except ReconstructionError:
+                continue  # nothing in common; whether a view is left over, the joint registration says
+        joint = _jointly(views, found)
+        poses = joint.poses
+    kept = _kept(len(views), found)
+    return RegisteredViews(
+        poses, np.asarray(angles, np.float64), tuple(kept), tuple(kept.values()), joint.turned, joint.shifted,
+        _check(joint, list(kept)),
+    )  # fmt: skip
+
+
+def _ring(angles: np.ndarray) -> set[tuple[int, int]]:
+    """Pairs of views that are next to each other on the circle."""
+    order = np.argsort(np.mod(angles, 360.0), kind="stable")
+    return {(min(a, b), max(a, b)) for a, b in zip(order.tolist(), np.roll(order, -1).tolist(), strict=True)}
+
+
+def _kept(views: int, found: dict[tuple[int, int], Registration]) -> dict[tuple[int, int], Registration]:
+    """Pairs that overlap well, and the best of each view."""
+    best = np.zeros(views)
+    for pair, result in found.items():
+        best[list(pair)] = np.maximum(best[list(pair)], result.overlap)
+    return {pair: result for pair, result in found.items() if result.overlap >= min(_LEAST_OVERLAP, *best[list(pair)])}
+
+
+def _jointly(views: Sequence[SubjectView], found: dict[tuple[int, int], Registration]) -> JointPoses:
+    """Camera poses of all views by the registrations of pairs; a correction counts in the middle of the subject."""
+    middles = np.array([view.points.mean(axis=0) for view in views])
+    edges = [Edge(other, one, _centred(result.pose, middles[other], middles[one]), result.overlap)
+             for (one, other), result in _kept(len(views), found).items()]  # fmt: skip
+    try:
+        joint = joint_registration(len(views), edges)
+    except MirrorScanError as error:
+        raise ReconstructionError("{error}", error=error) from None
+    placed = [_centred(pose, -middle, -middles[0]) for pose, middle in zip(joint.poses, middles, strict=True)]
+    return JointPoses(np.array(placed), joint.turned, joint.shifted)
+
+
+def register_turntable(
+    views: Sequence[SubjectView],
+    step: float | None = None,
+    settings: IcpSettings = IcpSettings(),
+) -> RegisteredViews:
+    """:func:`register_views` of captures that follow each other evenly round a subject.
+
+    Parameters
+    ----------
+    views : sequence of SubjectView
+        In the order in which they were taken.
+    step : float, optional
+        By how much the subject turned to its left from one to the next [degrees]; negative to its right. Without,
+        once round: both ways are tried, and the one that fits better counts.
+
+    Raises
+    ------
+    MirrorScanError, ReconstructionError
+        As of :func:`register_views`; and for fewer than two views, or an angle of none.
+    """
+    if len(views) < 2:
+        raise ReconstructionError("registration: one capture has nothing to be registered with; give several")
+    if step is not None and not 1.0 <= abs(step) <= 180.0:
+        raise ReconstructionError("registration: captures that are {step:g}° apart; give 1° to 180°", step=step)
+    ways = [abs(even_angles(len(views))[1]), -even_angles(len(views))[1]] if step is None else [step]
+    tried: list[RegisteredViews] = []
+    failed: MirrorScanError | None = None
+    for way in ways:
+        angles = even_angles(len(views), way)
+        try:
+            tried.append(register_views(views, guessed_poses(views, angles), angles, settings))
+        except ReconstructionError as error:
+            failed = error
+    if not tried:
+        assert failed is not None  # each way gives one of the two
+        raise failed
+    reach = settings.reach[-1]
+    return min(tried, key=lambda one: np.mean([pair.misfit(reach) for pair in one.registrations]))
+
+
+def _centred(pose: np.ndarray, source: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """A pose between two frames as one between frames turned alike whose origins are ``source`` and ``target``."""
+    moved = pose.copy()
+    moved[:3, 3] = pose[:3, :3] @ source + pose[:3, 3] - target
+    return moved
+
+
+def _check(joint: JointPoses, pairs: Sequence[tuple[int, int]]) -> tuple[Notice, ...]:
+    """What to say of corrections: refuse pairs that contradict each other, and warn of such as hardly do."""
+    turned = np.degrees(joint.turned)
+    worst = int(np.argmax(np.maximum(turned / _TURNED, joint.shifted / _MOVED)))
+    if turned[worst] > _TURNED or joint.shifted[worst] > _MOVED:
+        raise ReconstructionError(
+            "the captures {one} and {other} fit each other elsewhere than the other captures have it ({shift:.0f} mm, "
+            "{turn:.0f}°); check the captures' order and the angle between them, and that the person kept still",
+            one=pairs[worst][0] + 1, other=pairs[worst][1] + 1, shift=1e3 * joint.shifted[worst], turn=turned[worst],
+        )  # fmt: skip
+    if joint.shifted.max() > _NOTED:
+        worst = int(np.argmax(joint.shifted))
+        return (
+            Notice(
+                "the captures {one} and {other} fit each other {shift:.0f} mm from where the other captures have it; "
+                "the person moved from one capture to the next",
+                one=pairs[worst][0] + 1, other=pairs[worst][1] + 1, shift=1e3 * joint.shifted[worst],
+            ),
+        )  # fmt: skip
+    return ()
