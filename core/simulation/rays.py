@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -105,6 +105,16 @@ def lit(sight: Sight, bvh: Bvh, rig: Rig, baseline: float) -> np.ndarray:
         light,
     )  # fmt: skip
     return light
+
+
+def lit_by(sight: Sight, bvh: Bvh, rig: Rig, other: Rig, baseline: float) -> np.ndarray:
+    """How strongly the projector of another camera lights what each pixel of ``rig``'s sees: cos / r² (H, W), float32.
+
+    Straight, and by each of the rig's mirrors once; ``baseline`` as of :func:`lit`.
+    """
+    stranger = replace(rig, intrinsics=other.intrinsics, camera=other.camera, pan_deg=other.pan_deg,
+                       tilt_deg=other.tilt_deg, roll_deg=other.roll_deg)  # fmt: skip
+    return lit(sight, bvh, stranger, baseline).sum(axis=-1)
 
 
 def _vertex_normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:

@@ -76,16 +76,23 @@ def filled(depth: np.ndarray, window: int) -> np.ndarray:
     return count / window**2
 
 
-def noise_gain(strength: np.ndarray, sight: Sight, rig: Rig, sensor: Sensor) -> np.ndarray:
+def noise_gain(
+    strength: np.ndarray, sight: Sight, rig: Rig, sensor: Sensor, foreign: np.ndarray | float = 0.0
+) -> np.ndarray:
     """By how much noise is larger than the sensor's own figure, at least 1 and at most 5 (H, W).
 
     Variance goes with (S + B) / S²: photons of the signal S and of a background B, taken to be what the faintest
     signal has (Lange and Seitz 2001). The figure is that of a plain surface at the same distance, seen squarely.
+
+    ``foreign`` is light of other cameras that comes back from the same surface (H, W): photons as those of the
+    background. Two cameras of which neither knows the other's clock mostly do no more to each other (Brogli, "Kinect
+    sensor interference measurement", ETH Zurich 2016, on Kinects v2); now and then their frequencies meet, which is
+    left out, and with their clocks wired together none sees the other's light at all.
     """
     way = np.where(sight.depth > 0, sight.depth * ray_lengths(rig.intrinsics), 1.0)
     usual, background = PLAIN / way**2, sensor.faintest
     s = np.maximum(strength, 1e-9)
-    return np.clip(np.sqrt((s + background) / s**2 * usual**2 / (usual + background)), 1.0, 5.0)
+    return np.clip(np.sqrt((s + background + foreign) / s**2 * usual**2 / (usual + background)), 1.0, 5.0)
 
 
 def skin_delay(sight: Sight, bvh: Bvh, subject: Mesh, optics: Optics) -> np.ndarray:

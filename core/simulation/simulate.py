@@ -23,7 +23,7 @@ from ..mesh import Mesh
 from ..mesh.bvh import Bvh
 from ..numeric.srgb import from_linear, to_linear
 from .multipath import by_one_way, by_phase, by_pulse
-from .rays import BODY, FRAME, Sight, lit, look
+from .rays import BODY, FRAME, Sight, lit, lit_by, look
 from .returned_light import albedo, depth_warp, noise_gain, signal, skin_delay
 from .scene import FramedMirror, Rig, apparent_plane
 from .sensors import find_sensor, measure
@@ -78,7 +78,9 @@ class Simulation:
     rig: Rig
 
 
-def simulate(subject: Mesh, rig: Rig, props: Sequence[Mesh] = (), paint: Paint | None = None) -> Simulation:
+def simulate(
+    subject: Mesh, rig: Rig, props: Sequence[Mesh] = (), paint: Paint | None = None, others: Sequence[Rig] = ()
+) -> Simulation:
     """Take a virtual snapshot of ``subject`` (avatar frame) with ``rig``; ``props`` stand in the room as well.
 
     Where the rig's colour camera is not the depth camera, ``native_color`` is its image, and ``color`` is aligned
@@ -90,6 +92,11 @@ def simulate(subject: Mesh, rig: Rig, props: Sequence[Mesh] = (), paint: Paint |
 
     The capture's ``mirrors`` are eight picks on each frame, missed by up to 0.7 px like a careful click; a mirror
     whose frame is almost outside the picture (or that has no frame) comes with its true plane instead.
+
+    ``others`` are cameras like the rig's that shine into the scene at the same time; of each only its place and lens
+    count. Where their pattern is too strong beside the rig's own, a camera with ``interference`` reads nothing, as
+    where its own comes by two ways; a camera that times light has more noise (:func:`.returned_light.noise_gain`).
+    Stereo cameras gain rather than lose by more dots: nothing changes for them.
 
     Raises
     ------
@@ -111,7 +118,10 @@ def simulate(subject: Mesh, rig: Rig, props: Sequence[Mesh] = (), paint: Paint |
         # Images of images are lit by longer ways than are traced here: they are taken as lit.
         readable &= ~once | (own > 0)
         if interference:
-            readable &= ~once | (light.sum(axis=-1) - own <= INTERFERENCE_RATIO * own)
+            spoiling = light.sum(axis=-1) - own
+            for other in others:
+                spoiling = spoiling + lit_by(sight, bvh, rig, other, sensor.baseline)
+            readable &= ~once | (spoiling <= INTERFERENCE_RATIO * own)
     apparent = _apparent_depth(sight, bvh, rig, subject)
     strength = gain = None
     if rig.optics.weakens:
@@ -119,6 +129,10 @@ def simulate(subject: Mesh, rig: Rig, props: Sequence[Mesh] = (), paint: Paint |
         strength = returned / max(sensor.faintest, 1e-12)
         if sensor.principle != "pattern":  # dots are found or not: how bright they are hardly counts
             gain = noise_gain(returned, sight, rig, sensor)
+    if others and sensor.principle in ("phase", "pulse"):
+        surface = albedo(sight, subject, props, rig.optics)
+        foreign = surface * np.sum([lit_by(sight, bvh, rig, other, 0.0) for other in others], axis=0)
+        gain = noise_gain(signal(sight, rig, sensor, surface), sight, rig, sensor, foreign)
     fixed = rig.optics.fixed_noise if rig.optics.correlated_noise and sensor.baseline > 0 else None
     depth = measure(
         sensor, np.where(readable, apparent, 0.0), sight.incidence, rig.intrinsics.fx, rig.frames, noise,
