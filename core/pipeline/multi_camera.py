@@ -14,6 +14,7 @@ from ..capture import Capture, MirrorPicks
 from ..capture.camera_poses import check_pose
 from ..checks.camera_contradictions import check_cameras
 from ..errors import CaptureError, Notice, ReconstructionError
+from ..mesh.triangle_mesh import merge
 from ..mirrors.mirror import in_frame
 from ..numeric.blas_threads import one_blas_thread
 from ..numeric.point_products import transform
@@ -200,7 +201,8 @@ def registered_views_steps(
 
 def subject_view(scan: Scan) -> SubjectView:
     """What a scan shows of the subject, for registration."""
-    return SubjectView(np.concatenate([patch.vertices for patch in scan.patches]), scan.up, scan.floor)
+    seen = merge(scan.patches)
+    return SubjectView(seen.vertices, seen.triangles, scan.up, scan.floor)
 
 
 def registration_report(registered: RegisteredViews, names: Sequence[str]) -> dict:

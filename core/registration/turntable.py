@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import MirrorScanError, Notice, ReconstructionError
+from ..mesh.bvh import Bvh, build_bvh, closest_point
+from ..mesh.half_edges import boundary_vertices
+from ..mesh.normals import triangle_normals, vertex_normals
 from ..numeric.rotations import about_axis, unit
 from .joint import Edge, JointPoses, joint_registration
 from .pairwise import IcpSettings, Registration, register
@@ -20,8 +24,11 @@ _BEHIND = np.arange(-0.02, 0.30, 0.02)
 
 _SAMPLES = 500  # points of a view that are compared for that
 _FAR = 0.1  # m: a point that is farther from another view is not shown by it
+_REFINED = 3  # times that a pair is registered again by points that have a partner
+_SAME_WAY = 0.8  # cosine between the normals of such a pair, at least
+_FEWEST = 100  # such points
 _NEIGHBOURS = 2  # in the order of the angles: to each side a view is registered with so many
-_LEAST_OVERLAP = 0.25  # of a pair that counts, but for a view's best
+_LEAST_OVERLAP = 0.15  # of a pair that counts, but for a view's best
 _MOVED, _TURNED = 0.05, 10.0  # m, degrees: a pair that the other pairs correct by more contradicts them
 _NOTED = 0.015  # m: corrections larger than this are warned of
 
@@ -32,15 +39,17 @@ class SubjectView:
 
     Parameters
     ----------
-    points : np.ndarray [shape=(N, 3)]
-        On its surface [m].
+    vertices : np.ndarray [shape=(V, 3)]
+        Of its surface as it is seen, open where nothing more is [m].
+    triangles : np.ndarray [shape=(T, 3)]
     up : np.ndarray [shape=(3,)]
         Vertical.
     floor : float or None
         Height of the floor along ``up`` [m].
     """
 
-    points: np.ndarray
+    vertices: np.ndarray
+    triangles: np.ndarray
     up: np.ndarray
     floor: float | None = None
 
@@ -83,10 +92,10 @@ def even_angles(views: int, step: float | None = None) -> np.ndarray:
     return (360.0 / views if step is None else step) * np.arange(views)
 
 
-def subject_frame(view: SubjectView, behind: float = 0.0) -> np.ndarray:
+def subject_frame(view: SubjectView) -> np.ndarray:
     """(4, 4): the camera's frame → one that stands on the floor within the subject, z up, y away from the camera.
 
-    Its origin lies in the middle of the subject's outline, ``behind`` [m] the mean of what is seen of its surface;
+    Its origin lies in the middle of the subject's outline, as far away as the mean of what is seen of its surface;
     without a floor as high as the lowest of the subject.
     """
     up = unit(np.asarray(view.up, np.float64))
@@ -94,17 +103,18 @@ def subject_frame(view: SubjectView, behind: float = 0.0) -> np.ndarray:
     ahead = unit(ahead - (ahead @ up) * up)
     frame = np.eye(4)
     frame[:3, :3] = np.cross(ahead, up), ahead, up
-    across, away, height = frame[:3, :3] @ np.asarray(view.points, np.float64).T
+    across, away, height = frame[:3, :3] @ np.asarray(view.vertices, np.float64).T
     low = float(np.percentile(height, 0.5)) if view.floor is None else view.floor
-    frame[:3, 3] = -np.mean(np.percentile(across, (1, 99))), -away.mean() - behind, -low
+    frame[:3, 3] = -np.mean(np.percentile(across, (1, 99))), -away.mean(), -low
     return frame
 
 
 def guessed_poses(views: Sequence[SubjectView], angles: np.ndarray) -> np.ndarray:
     """First poses (N, 4, 4) of views, each camera's frame → that of the first, by the order in which they were taken.
 
-    How far behind the visible surface the axis lies about which the views turn is looked for: where what neighbours
-    show is nearest to each other.
+    The axis about which the views turn is the same before each camera, as on a turntable, or goes with what is seen, as
+    where cameras stand at other distances; and lies somewhere behind that. What neighbours show is nearest to each
+    other where it is right.
 
     Parameters
     ----------
@@ -115,14 +125,21 @@ def guessed_poses(views: Sequence[SubjectView], angles: np.ndarray) -> np.ndarra
     """
     turns = np.tile(np.eye(4), (len(views), 1, 1))
     turns[:, :3, :3] = about_axis(2, np.radians(angles[0] - np.asarray(angles, np.float64)))
-    few = [view.points[:: len(view.points) // _SAMPLES + 1] for view in views]
+    few = [view.vertices[:: len(view.vertices) // _SAMPLES + 1] for view in views]
     pairs = paired_views(angles)
 
-    def misfit(behind: float) -> float:
-        moved = []
-        for view, turn, points in zip(views, turns, few, strict=True):
-            pose = turn @ subject_frame(view, behind)
-            moved.append(points @ pose[:3, :3].T + pose[:3, 3])
+    own = np.array([subject_frame(view) for view in views])
+    common = own.copy()
+    common[:, :2, 3] = own[:, :2, 3].mean(axis=0)
+
+    def frames(placed: np.ndarray, behind: float) -> np.ndarray:
+        moved = placed.copy()
+        moved[:, 1, 3] -= behind
+        return moved
+
+    def misfit(placed: np.ndarray) -> float:
+        poses = turns @ placed
+        moved = [points @ pose[:3, :3].T + pose[:3, 3] for points, pose in zip(few, poses, strict=True)]
         total = 0.0
         for one, other in pairs:
             a, b = moved[one], moved[other]
@@ -130,9 +147,8 @@ def guessed_poses(views: Sequence[SubjectView], angles: np.ndarray) -> np.ndarra
             total += float(sum(np.minimum(square.min(axis=axis), _FAR**2).mean() for axis in (0, 1)))
         return total
 
-    behind = min(_BEHIND, key=misfit)
-    frames = np.array([subject_frame(view, behind) for view in views])
-    return np.linalg.inv(frames[0]) @ turns @ frames
+    best = min((frames(placed, behind) for placed in (common, own) for behind in _BEHIND), key=misfit)
+    return np.linalg.inv(best[0]) @ turns @ best
 
 
 def paired_views(angles: np.ndarray) -> list[tuple[int, int]]:
@@ -177,14 +193,16 @@ def register_views(
     poses, ring = np.array(poses, np.float64), _ring(angles)
     pairs = paired_views(angles)
     first = [pair for pair in pairs if pair in ring]
+    surfaces = [_surface(view) for view in views]
     found: dict[tuple[int, int], Registration] = {}
-    for stage in (first, [pair for pair in pairs if pair not in ring]):
+    near = replace(settings, reach=settings.reach[1:] or settings.reach)
+    # first poses may be far off, or near enough for a far reach to lead away from them
+    for stage, ways in ((first, (settings, near)), ([pair for pair in pairs if pair not in ring], (near,))):
         for one, other in stage:
-            try:
-                initial = np.linalg.inv(poses[one]) @ poses[other]
-                found[one, other] = register(views[other].points, views[one].points, initial, settings)
-            except ReconstructionError:
-                continue  # nothing in common; whether a view is left over, the joint registration says
+            initial = np.linalg.inv(poses[one]) @ poses[other]
+            tried = [result for way in ways if (result := _pair(surfaces[other], surfaces[one], initial, way))]
+            if tried:  # else nothing in common; whether a view is left over, the joint registration says
+                found[one, other] = min(tried, key=lambda result: result.misfit(settings.reach[-1]))
         joint = _jointly(views, found)
         poses = joint.poses
     kept = _kept(len(views), found)
@@ -192,6 +210,55 @@ def register_views(
         poses, np.asarray(angles, np.float64), tuple(kept), tuple(kept.values()), joint.turned, joint.shifted,
         _check(joint, list(kept)),
     )  # fmt: skip
+
+
+class _Surface(NamedTuple):
+    """What is seen of a subject, ready to be asked for its nearest points."""
+
+    points: np.ndarray
+    normals: np.ndarray
+    tree: Bvh
+    facing: np.ndarray  # unit normals of the triangles
+    rim: np.ndarray  # triangles at the boundary
+
+
+def _surface(view: SubjectView) -> _Surface:
+    vertices = np.ascontiguousarray(view.vertices, np.float64)
+    triangles = np.ascontiguousarray(view.triangles, np.int32)
+    at_rim = boundary_vertices(triangles, len(vertices))[triangles].any(axis=1)
+    normals = vertex_normals(vertices, triangles)
+    return _Surface(
+        vertices, normals, build_bvh(vertices, triangles), unit(triangle_normals(vertices, triangles)), at_rim
+    )
+
+
+def _pair(source: _Surface, target: _Surface, initial: np.ndarray, settings: IcpSettings) -> Registration | None:
+    """Two views registered; None when they have nothing in common."""
+    try:
+        return _refined(source, target, register(source.points, target.points, initial, settings), settings)
+    except ReconstructionError:
+        return None
+
+
+def _refined(source: _Surface, target: _Surface, found: Registration, settings: IcpSettings) -> Registration:
+    """A registration again by the points whose partner lies within the other view, turned the same way.
+
+    A point whose nearest is on the boundary has no partner, and pulls the views into each other (Turk and Levoy,
+    "Zippered polygon meshes from range images", 1994, section 3). The overlap is then the share of those that have.
+    """
+    last = replace(settings, reach=settings.reach[-1:])
+    for _ in range(_REFINED):
+        pose = found.pose
+        moved = source.points @ pose[:3, :3].T + pose[:3, 3]
+        distance, nearest, _ = closest_point(target.tree, moved, 2.0 * settings.reach[-1])
+        facing = ((source.normals @ pose[:3, :3].T) * target.facing[nearest]).sum(axis=1)
+        good = np.isfinite(distance) & ~target.rim[nearest] & (facing > _SAME_WAY)
+        if np.count_nonzero(good) < _FEWEST:
+            raise ReconstructionError(
+                "registration: two views have almost no surface in common; take the captures nearer to each other"
+            )
+        found = replace(register(source.points[good], target.points, pose, last), overlap=float(good.mean()))
+    return found
 
 
 def _ring(angles: np.ndarray) -> set[tuple[int, int]]:
@@ -210,7 +277,7 @@ def _kept(views: int, found: dict[tuple[int, int], Registration]) -> dict[tuple[
 
 def _jointly(views: Sequence[SubjectView], found: dict[tuple[int, int], Registration]) -> JointPoses:
     """Camera poses of all views by the registrations of pairs; a correction counts in the middle of the subject."""
-    middles = np.array([view.points.mean(axis=0) for view in views])
+    middles = np.array([view.vertices.mean(axis=0) for view in views])
     edges = [Edge(other, one, _centred(result.pose, middles[other], middles[one]), result.overlap)
              for (one, other), result in _kept(len(views), found).items()]  # fmt: skip
     try:
