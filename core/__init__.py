@@ -39,6 +39,7 @@ __all__ = [
     "sequences",
     "guidance",
     "simulation",
+    "rig_planning",
     "experiments",
     "cli",
 ]

@@ -31,7 +31,7 @@ STAGES = (
         ),
     ),
     ("The whole job", ("pipeline", "cluster", "batches", "sequences", "guidance")),
-    ("Virtual rig and experiments", ("simulation", "experiments")),
+    ("Virtual rig and experiments", ("simulation", "rig_planning", "experiments")),
     ("Faces to people", ("cli", "mirror_scan_addon")),
 )
 """What the rows of the picture say, and the packages in them, in the order of ``core.__all__``."""

@@ -10,7 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from . import batch, commands, dressing, live, sequence
+from ..rig_planning.rooms import MIRRORS, ROOMS
+from . import batch, commands, dressing, live, planning, sequence
 from .terminal import show
 
 SENSORS = ("ideal", "kinect_v1", "kinect_v2", "azure_kinect", "femto_bolt", "realsense_d455", "phone_dtof")
@@ -53,6 +54,7 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     _add_calibrate(subparsers)
     _add_demo(subparsers)
     _add_simulate(subparsers)
+    _add_plan(subparsers)
     _add_inspect(subparsers)
     _add_convert(subparsers)
     _add_record(subparsers)
@@ -336,6 +338,33 @@ def _add_simulate(subparsers: _Commands) -> None:
     _add_optics(command, one_by_one=True)
     _add_quiet(command)
     command.set_defaults(run=commands.run_simulate)
+
+
+def _add_plan(subparsers: _Commands) -> None:
+    command = subparsers.add_parser("plan", help="find the best place for camera, person and mirrors in a room")
+    rooms = ", ".join(ROOMS)
+    command.add_argument(
+        "--room", metavar="SIZE", type=_room, required=True,
+        help=f"width x depth x height in metres, such as 3x3.5x2.4, or one of {rooms}",
+    )  # fmt: skip
+    command.add_argument("--sensor", choices=SENSORS, default="azure_kinect", help="depth camera, default azure_kinect")
+    command.add_argument(
+        "--mirrors", metavar="SIZE", nargs="+", type=_glass, default=[(0.8, 1.75), (0.8, 1.75)],
+        help=f"width x height of each glass in metres, or one of {', '.join(MIRRORS)}; default two of 0.8x1.75",
+    )  # fmt: skip
+    command.add_argument(
+        "--frame", metavar="M", type=float, default=0.035, help="width of the mirrors' frames in metres, default 0.035"
+    )
+    command.add_argument(
+        "--frames", metavar="N", type=_whole(1, 300), default=10, help="frames of the burst, default 10"
+    )
+    command.add_argument("--person", metavar="M", type=float, default=1.7, help="the person's height, default 1.7 m")
+    command.add_argument("--body", metavar="FILE", type=Path, help="mesh of the person instead, Z up, in metres")
+    command.add_argument(
+        "-o", dest="folder", metavar="DIR", type=Path, help="folder for plan.svg, rig.json and preview.png"
+    )
+    _add_quiet(command)
+    command.set_defaults(run=planning.run_plan)
 
 
 def _add_optics(command: argparse.ArgumentParser, one_by_one: bool = False) -> None:
@@ -631,6 +660,27 @@ def _size(text: str) -> tuple[int, int]:
     if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 4096 and 0 < int(height) <= 4096):
         raise argparse.ArgumentTypeError(f"must be as 848x480, not {text}")
     return int(width), int(height)
+
+
+def _metres(text: str, count: int) -> tuple[float, ...]:
+    """Lengths joined by x; ArgumentTypeError."""
+    try:
+        values = tuple(float(part) for part in re.split("[x×]", text.lower()))
+    except ValueError:
+        values = ()
+    if len(values) != count or not all(0.0 < value <= 50.0 for value in values):
+        example = "3x3.5x2.4" if count == 3 else "0.8x1.75"
+        raise argparse.ArgumentTypeError(f"'{text}' is not {count} lengths in metres such as {example}")
+    return values
+
+
+def _room(text: str) -> tuple[float, ...]:
+    room = ROOMS.get(text)
+    return _metres(text, 3) if room is None else (room.width, room.depth, room.height)
+
+
+def _glass(text: str) -> tuple[float, ...]:
+    return MIRRORS[text] if text in MIRRORS else _metres(text, 2)
 
 
 def _texture_size(text: str) -> int:
