@@ -14,12 +14,12 @@ def _modules() -> tuple[ModuleType, ...]:
     """Modules with something to register, in the order of their needs."""
     from . import command, operators
     from .background import getting_ready, job_operators, second_process
-    from .interface import menus, overlay, panels, preferences
+    from .interface import menus, overlay, panels, preferences, rig_overlay
     from .language import texts
-    from .scene import live_subject, properties
+    from .scene import live_rig, live_subject, properties
 
     base = texts, properties, preferences, second_process, getting_ready, job_operators
-    return *base, live_subject, operators, overlay, panels, menus, command
+    return *base, live_subject, live_rig, operators, overlay, rig_overlay, panels, menus, command
 
 
 def register() -> None:

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from ...core.measurements import Measurements
     from ...core.motion import Clip, Motion, Soles
     from ...core.pipeline import Settings
+    from ...core.rig_planning.placement_search import Placement
+    from ...core.simulation.scene import Rig
 
 Result = TypeVar("Result")
 Steps = Generator[tuple[float, str], None, Result]
@@ -194,6 +196,24 @@ class Simulated:
     loaded: Loaded
     coverage: np.ndarray
     shares: list[float]
+
+
+@dataclass(frozen=True)
+class RigChecked:
+    """What a rig of objects would see of a body, plainly, and a small picture of what its camera sees.
+
+    ``shares``: of the area, by view; ``parts``: of the area of head, hands and feet; ``views``: for each view its name,
+    which parts are whole in it, and what to move; ``image`` (H, W, 3) uint8.
+    """
+
+    seen: float
+    shares: dict[str, float]
+    parts: dict[str, float]
+    views: list[dict]
+    error_mm: float
+    light_mm: float
+    lit_twice: float
+    image: np.ndarray
 
 
 # --- capture ---------------------------------------------------------------------------------------------------------
@@ -769,6 +789,90 @@ def simulate_steps(body: Mesh | None, rig: dict, mirrors: list[dict] | None, fol
     loaded, _ = yield from _loaded(simulation.capture, folder)
     # The rig already has a place in the world: the points stay where it puts them.
     return Simulated(dataclasses.replace(loaded, placement=arranged.camera_to_avatar), view, share)
+
+
+def mannequin_steps() -> Steps[Mesh]:
+    """The person of a planned rig: coarse, 1.70 m, avatar frame."""
+    yield 0.0, "Preparing the body"
+    from ...core.simulation.mannequin import mannequin
+
+    return mannequin(resolution=0.015)
+
+
+def check_rig_steps(body: Mesh | None, rig: dict, mirrors: list[dict], height: int = 144) -> Steps[RigChecked]:
+    """What a rig would see of a body (the mannequin without one), quickly.
+
+    ``rig`` and ``mirrors`` as for :func:`simulate_steps`, ``height`` of the picture [px].
+    """
+    yield 0.0, "Following the light"
+    from ...core.rig_planning.area_coverage import area_coverage, body_samples
+    from ...core.rig_planning.placement_advice import placement_advice
+    from ...core.rig_planning.predicted_error import predicted_error
+    from ...core.simulation.rays import look
+
+    subject = (yield from mannequin_steps()) if body is None else body
+    arranged = _rig_of(rig, mirrors)
+    samples = body_samples(subject)
+    covered = area_coverage(samples, arranged)
+    error = predicted_error(samples, covered, arranged)
+    yield 0.5, "Trying what to move"
+    views = [
+        {"name": view.name, "advice": "" if view.advice is None else view.advice, "hidden": view.hidden,
+         **{part: view.whole(part) for part in ("head", "hands", "feet")}}
+        for view in placement_advice(samples, arranged)
+    ]  # fmt: skip
+    yield 0.8, "Drawing what the camera sees"
+    lens = arranged.intrinsics
+    small = dataclasses.replace(arranged, intrinsics=lens.scaled(round(height * lens.width / lens.height), height))
+    return RigChecked(
+        covered.share, covered.by_view, covered.by_part, views, error.mean_mm, error.light_mm, error.lit_twice,
+        look(subject, small)[0].color,
+    )  # fmt: skip
+
+
+def find_rig_steps(
+    body: Mesh | None, room: tuple[float, float, float], sensor: str, mirrors: list[tuple[float, float]],
+    frame_width: float,
+) -> Steps[tuple[Placement, Mesh]]:  # fmt: skip
+    """The best placement in a room, and the person it is for; sizes in metres."""
+    yield 0.0, "Preparing the body"
+    from ...core.rig_planning.placement_search import PlanSettings, find_placement
+    from ...core.rig_planning.rooms import Room
+
+    subject = (yield from mannequin_steps()) if body is None else body
+    yield 0.1, "Trying placements"
+    settings = PlanSettings(frame_width=frame_width)
+    return find_placement(Room(*room), sensor, mirrors, subject, settings), subject
+
+
+def plan_steps(body: Mesh | None, rig: dict, mirrors: list[dict], path: str) -> Steps[str]:
+    """Write the plan of a rig, whose ``rig`` has a room, as an SVG page; the path."""
+    yield 0.0, "Preparing the body"
+    from ...core.rig_planning.area_coverage import area_coverage, body_samples
+    from ...core.rig_planning.placement_search import Placement
+    from ...core.rig_planning.plan_drawing import write_plan_drawing
+    from ...core.rig_planning.predicted_error import predicted_error
+    from ...core.rig_planning.rooms import Room
+
+    subject = (yield from mannequin_steps()) if body is None else body
+    arranged = _rig_of(rig, mirrors)
+    assert arranged.room is not None
+    x0, x1, y0, y1, height = arranged.room
+    yield 0.5, "Following the light"
+    samples = body_samples(subject)
+    covered = area_coverage(samples, arranged)
+    error = predicted_error(samples, covered, arranged)
+    placement = Placement(arranged, Room(x1 - x0, y1 - y0, height), False, covered, error, False, 1)
+    write_plan_drawing(path, placement)
+    return path
+
+
+def _rig_of(rig: dict, mirrors: list[dict]) -> Rig:
+    from ...core.simulation.scene import FramedMirror, Rig
+    from ...core.simulation.sensors import find_sensor
+
+    intrinsics = find_sensor(rig["sensor"]).intrinsics
+    return Rig(intrinsics=intrinsics, mirrors=tuple(FramedMirror(**mirror) for mirror in mirrors), **rig)
 
 
 def sample_steps(folder: str) -> Steps[Loaded]:

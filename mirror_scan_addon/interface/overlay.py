@@ -313,11 +313,11 @@ def _draw_text() -> None:
             text = say("{name}: {word}").format(name=item.name, word=scan_records.quality_word(item))
             if item.message:
                 text = tell(item.message)
-            _label(blf, text, at, COLORS[scan_records.quality_of(item)], scale)
+            label(blf, text, at, COLORS[scan_records.quality_of(item)], scale)
     _draw_problem(context, region, space, scale)
 
 
-def _visible_range(context: bpy.types.Context) -> tuple[float, float]:
+def visible_range(context: bpy.types.Context) -> tuple[float, float]:
     """Left and right end of the part of the viewport that toolbar and sidebar do not cover [px]."""
     region, left, right = context.region, 0.0, float(context.region.width)
     for other in context.area.regions:
@@ -329,11 +329,11 @@ def _visible_range(context: bpy.types.Context) -> tuple[float, float]:
     return left, right
 
 
-def _label(blf, text: str, at, color, scale: float) -> None:
+def label(blf, text: str, at, color, scale: float) -> None:
     """Draw text above a place, moved aside if a sidebar would cover part of it; nothing if it covers the place."""
     blf.size(0, 13 * scale)
     width, height = blf.dimensions(0, text)
-    left, right = _visible_range(bpy.context)
+    left, right = visible_range(bpy.context)
     if not left <= at[0] <= right:
         return
     blf.enable(0, blf.SHADOW)
@@ -370,7 +370,7 @@ def _draw_problem(context, region, space, scale: float) -> None:
     gpu.state.line_width_set(1)
     problem = report_text.problem_text(place, context.scene)
     text = say("{number} of {count}: {problem}").format(number=number, count=len(problems), problem=problem)
-    _label(blf, text, at + Vector((0, 30 * scale)), COLORS["BAD"], scale)
+    label(blf, text, at + Vector((0, 30 * scale)), COLORS["BAD"], scale)
 
 
 def register() -> None:

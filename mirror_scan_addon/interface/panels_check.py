@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..language.texts import CONTEXT, say, tell
-from ..scene import report_text
+from ..scene import live_rig, report_text
 from ..scene.avatar_objects import shown_mode
 from ..scene.scan_records import no_mesh
 from . import panel_states
@@ -82,6 +82,12 @@ class MIRRORSCAN_PT_rig(Panel, bpy.types.Panel):
         layout.operator_context = "INVOKE_DEFAULT"
         layout.operator("mirror_scan.add_rig", icon="OUTLINER_OB_CAMERA", text_ctxt=CONTEXT)
         layout.operator("mirror_scan.simulate", icon="PLAY", text_ctxt=CONTEXT)
+        layout.operator("mirror_scan.find_rig", icon="VIEWZOOM", text_ctxt=CONTEXT)
+        row = layout.row(align=True)
+        row.operator("mirror_scan.check_rig", text_ctxt=CONTEXT)
+        row.operator("mirror_scan.save_plan", text_ctxt=CONTEXT)
+        if context.scene.mirror_scan.rig_camera is not None:
+            _draw_rig(layout, context.scene)
         active = context.object
         if active is not None and active.type == "MESH":
             column = fields(layout)
@@ -91,6 +97,40 @@ class MIRRORSCAN_PT_rig(Panel, bpy.types.Panel):
                 field(column, active.mirror_scan, "frame_depth")
         advice = say("Try a rig before you buy mirrors: select a body, add a rig, run a virtual scan")
         sentence(layout, context.scene.mirror_scan.rig_message or advice, "INFO")
+
+
+def _draw_rig(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
+    """What the planned rig sees: ticks for head, hands and feet in each view, shares, and what to move."""
+    settings = scene.mirror_scan
+    column = fields(layout)
+    column.prop(settings, "rig_sensor")
+    for name in ("rig_live", "rig_show", "rig_picture"):
+        column.prop(settings, name)
+    found = live_rig.checked(scene)
+    if found is None:
+        return
+    if "problem" in found:
+        sentence(layout, str(found["problem"]), "ERROR")
+        return
+    grid = layout.box().grid_flow(row_major=True, columns=4, even_columns=True, align=True)
+    for title in ("", say("Head"), say("Hands"), say("Feet")):
+        grid.label(text=title, translate=False)
+    advice = []
+    for view in found["views"]:
+        grid.label(text=say(view["name"]) if view["name"] == "direct" else view["name"], translate=False)
+        for part in ("head", "hands", "feet"):
+            grid.label(text="", icon="CHECKMARK" if view[part] else "CANCEL")
+        if view["advice"]:
+            advice.append(tell(view["advice"]))
+    for text in advice:
+        sentence(layout, text, "ERROR")
+    names = {"head": say("Head"), "hands": say("Hands"), "feet": say("Feet")}
+    rows = [(say("Seen"), f"{found['seen']:.0%}", "")]
+    rows += [(names[part], f"{share:.0%}", "") for part, share in found["parts"].items() if share == share]
+    rows.append((say("Predicted Error"), f"{found['error_mm']:.1f} mm", ""))
+    if found["lit_twice"] > 0:
+        rows.append((say("Light by Two Ways"), f"{found['lit_twice']:.0%}, {found['light_mm']:.1f} mm", ""))
+    table(layout, rows)
 
 
 CLASSES = (MIRRORSCAN_PT_check, MIRRORSCAN_PT_export, MIRRORSCAN_PT_rig)

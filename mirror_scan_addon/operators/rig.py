@@ -2,13 +2,13 @@
 
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
-from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ...core.errors import MirrorScanError
 from ..background import job_operators, kernel_compilation, second_process
 from ..interface.viewport import look_at, look_from_camera
 from ..language.texts import CONTEXT, say
-from ..scene import scan_records
+from ..scene import live_rig, scan_records
 from ..scene.capture_objects import show_capture
 from ..scene.preferred import preferred
 from ..scene.properties import SENSORS
@@ -20,6 +20,12 @@ DISTANCE, PATH = 2.5, 4.6
 NEAREST = 0.5  # least distance at which a depth camera measures [m]
 
 
+ROOM_SIZES = {"SMALL": "small", "BEDROOM": "bedroom", "LIVING": "living_room", "GARAGE": "garage", "STUDIO": "studio"}
+"""Choices of *Find a Rig* and the names that core has for them."""
+
+MIRROR_SIZES = {"DOOR": "door", "WARDROBE": "wardrobe", "STANDING": "standing", "GYM": "gym"}
+
+
 class _WithSensor:
     def _begin_with_preference(self) -> None:
         """Have the sensor be the preferred one unless the caller, or the last use in this session, chose one."""
@@ -27,8 +33,16 @@ class _WithSensor:
             self.sensor = preferred("sensor")
 
 
+def _room_length(name: str, description: str, metres: float) -> object:
+    """A length in metres, whatever the scene's units are: a search in a room begins with a tape measure."""
+    return FloatProperty(
+        name=name, description=description, default=metres, min=0.0, max=50.0, step=5, precision=3,
+        translation_context=CONTEXT,
+    )  # fmt: skip
+
+
 class MIRRORSCAN_OT_add_rig(_WithSensor, bpy.types.Operator):
-    """Add a camera and mirrors to plan a rig. Place them where the real ones will be"""
+    """Add a camera, mirrors and a mannequin to plan a rig. Place them where the real ones will be"""
 
     bl_idname = "mirror_scan.add_rig"
     bl_label = "Add Rig"
@@ -56,6 +70,12 @@ class MIRRORSCAN_OT_add_rig(_WithSensor, bpy.types.Operator):
         default=PATH, min=0.0, step=5, precision=2, subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
     )  # fmt: skip
 
+    person: BoolProperty(
+        name="Mannequin",
+        description="Add a mannequin for the rig to look at, unless the active object is a mesh of a person's size",
+        default=True, translation_context=CONTEXT,
+    )  # fmt: skip
+
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return scan_records.allows(cls, scan_records.editable(context))
@@ -75,19 +95,28 @@ class MIRRORSCAN_OT_add_rig(_WithSensor, bpy.types.Operator):
             arranged = default_rig(
                 self.sensor, unit * self.distance, math.degrees(self.angle), self.mirrors, path_length=unit * self.path
             )
+            person = virtual_rig.person_of(context)
             made = virtual_rig.add_objects(context.scene, arranged)
+            if person is not None:
+                context.scene.mirror_scan.rig_person = person
+            elif self.person:
+                live_rig.bring_person(context.scene)
+            live_rig.schedule(context.scene)
         except job_operators.REPORTED as error:
             self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}
         if not bpy.app.background and context.window is not None:
             second_process.compile_ahead(kernel_compilation.RIG)  # a rig that is added is soon scanned with
-        self.report({"INFO"}, say("Added a camera; mirrors added: {count}").format(count=len(made) - 1))
+        text = say("Added a camera; mirrors added: {count}").format(count=len(made) - 1)
+        if context.scene.camera != made[0]:
+            text = say("{done}. The scene's camera is still {name}").format(done=text, name=context.scene.camera.name)
+        self.report({"INFO"}, text)
         return {"FINISHED"}
 
 
 class MIRRORSCAN_OT_simulate(_WithSensor, job_operators.JobOperator, bpy.types.Operator):
-    """Scan the selected mesh with a virtual rig: the scene's camera and the objects marked as mirrors, or a default
-    rig if there are none. Shows the capture, and colours the mesh by what each view sees"""
+    """Scan the active mesh, or the mannequin, with a virtual rig: its camera and the objects marked as mirrors, or a
+    default rig if there are none. Shows the capture, and colours the mesh by what each view sees"""
 
     bl_idname = "mirror_scan.simulate"
     bl_label = "Run Virtual Scan"
@@ -111,6 +140,12 @@ class MIRRORSCAN_OT_simulate(_WithSensor, job_operators.JobOperator, bpy.types.O
         translation_context=CONTEXT,
     )  # fmt: skip
 
+    any_size: BoolProperty(
+        name="Any Size",
+        description="Scan the active mesh even if it does not have the size of a person. Otherwise the mannequin is "
+        "scanned then", translation_context=CONTEXT,
+    )  # fmt: skip
+
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         problem = scan_records.editable(context)
@@ -124,16 +159,23 @@ class MIRRORSCAN_OT_simulate(_WithSensor, job_operators.JobOperator, bpy.types.O
     def start(self, context: bpy.types.Context) -> job_operators.Task:
         from ..scene import virtual_rig
 
-        body = virtual_rig.subject_of(context)
+        chosen = virtual_rig.subject_of(context)
+        body = chosen if self.any_size and chosen is not None else virtual_rig.person_of(context)
+        if chosen is not None and body is not chosen:
+            text = say(
+                "{name} does not have the size of a person, so the mannequin is scanned; turn on Any Size for it"
+            )
+            self.report({"INFO"}, text.format(name=chosen.name))
         self._uid = 0 if body is None else body.session_uid
         self._begin_with_preference()
         surface = None if body is None else virtual_rig.world_surface(context, body)
         options = {"sensor": self.sensor, "frames": self.frames, "seed": self.seed}
         mirrors = virtual_rig.mirrors_of(context.scene) or None
-        if mirrors and context.scene.camera is None:
+        camera = virtual_rig.rig_camera(context.scene)
+        if mirrors and camera is None:
             raise MirrorScanError(say("There are mirrors but no camera; add one and make it the active camera"))
         if mirrors:
-            options |= virtual_rig.camera_of(context.scene.camera, metres_per_unit(context.scene)) | {"room": None}
+            options |= virtual_rig.camera_of(camera, metres_per_unit(context.scene)) | {"room": None}
         self._folder = scan_records.absolute(self.filepath)
         if self._folder:
             scan_records.check_folder(self._folder)
@@ -167,4 +209,191 @@ class MIRRORSCAN_OT_simulate(_WithSensor, job_operators.JobOperator, bpy.types.O
         self.report({"INFO"}, text)
 
 
-CLASSES = (MIRRORSCAN_OT_add_rig, MIRRORSCAN_OT_simulate)
+class _AboutRig(job_operators.JobOperator):
+    """What checks or writes the rig that is planned."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        problem = scan_records.editable(context)
+        if not problem and context.scene.mirror_scan.rig_camera is None:
+            problem = say("There is no planned rig; press Add Rig or Find a Rig")
+        return scan_records.allows(cls, problem)
+
+
+class MIRRORSCAN_OT_check_rig(_AboutRig, bpy.types.Operator):
+    """Measure what the planned rig sees of the person: head, hands and feet in each mirror, and what to move"""
+
+    bl_idname = "mirror_scan.check_rig"
+    bl_label = "Check Rig"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER"}
+
+    def start(self, context: bpy.types.Context) -> job_operators.Task:
+        return live_rig.task_for(context.scene, live_rig.person_of(context.scene))
+
+    def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
+        live_rig.deliver(target, result)
+        self.report({"INFO"}, say("The rig sees {seen:.0%} of the body").format(seen=result.seen))
+        job_operators.redraw(context)
+
+
+class MIRRORSCAN_OT_find_rig(_WithSensor, job_operators.JobOperator, bpy.types.Operator):
+    """Find the best place for camera, person and mirrors in a room, and put them there instead of the rig before"""
+
+    bl_idname = "mirror_scan.find_rig"
+    bl_label = "Find a Rig"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER", "UNDO", "PRESET"}
+
+    preset: EnumProperty(
+        name="Room", description="Size of the room",
+        items=(
+            ("CUSTOM", "Custom", "The sizes below"),
+            ("SMALL", "Small Room", "3.0 × 3.5 m, 2.4 m high"),
+            ("BEDROOM", "Bedroom", "3.2 × 4.0 m, 2.4 m high"),
+            ("LIVING", "Living Room", "4.0 × 5.0 m, 2.5 m high"),
+            ("GARAGE", "Garage", "3.0 × 6.0 m, 2.3 m high"),
+            ("STUDIO", "Studio", "6.0 × 7.5 m, 2.8 m high"),
+        ),
+        default="SMALL", translation_context=CONTEXT,
+    )  # fmt: skip
+    room_width: _room_length("Width", "Width of the room, wall to wall", 3.0)
+    room_depth: _room_length("Depth", "Depth of the room, wall to wall", 3.5)
+    room_height: _room_length("Height", "Height of the room, floor to ceiling", 2.4)
+    sensor: EnumProperty(
+        name="Sensor", description="Depth camera that the rig is for", items=SENSORS, translation_context=CONTEXT
+    )
+    mirrors: IntProperty(
+        name="Mirrors", description="Number of mirrors", default=2, min=1, max=6, translation_context=CONTEXT
+    )
+    glass: EnumProperty(
+        name="Mirror Size", description="Size of the mirrors' glass",
+        items=(
+            ("CUSTOM", "Custom", "The sizes below"),
+            ("DOOR", "Door Mirror", "0.4 × 1.6 m"),
+            ("WARDROBE", "Wardrobe Mirror", "0.6 × 1.7 m"),
+            ("STANDING", "Standing Mirror", "0.8 × 1.75 m"),
+            ("GYM", "Gym Mirror", "1.2 × 2.0 m"),
+        ),
+        default="STANDING", translation_context=CONTEXT,
+    )  # fmt: skip
+    mirror_width: _room_length("Mirror Width", "Width of the glass", 0.8)
+    mirror_height: _room_length("Mirror Height", "Height of the glass", 1.75)
+    frame_width: _room_length("Frame Width", "Width of the frames around the glass. 0 m = frameless", 0.035)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return scan_records.allows(cls, scan_records.editable(context))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        layout.prop(self, "preset")
+        if self.preset == "CUSTOM":
+            for name in ("room_width", "room_depth", "room_height"):
+                layout.prop(self, name)
+        layout.prop(self, "sensor")
+        layout.prop(self, "mirrors")
+        layout.prop(self, "glass")
+        if self.glass == "CUSTOM":
+            layout.prop(self, "mirror_width")
+            layout.prop(self, "mirror_height")
+        layout.prop(self, "frame_width")
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        self._begin_with_preference()
+        if bpy.app.background:
+            return self.execute(context)
+        self._asked = True
+        return context.window_manager.invoke_props_dialog(self)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        # the dialog calls this when it is confirmed; the search goes on beside the window then
+        if getattr(self, "_asked", False) and not bpy.app.background and self._worker is None:
+            return self.run(context)
+        return super().execute(context)
+
+    def start(self, context: bpy.types.Context) -> job_operators.Task:
+        from ...core.rig_planning.rooms import MIRRORS, ROOMS
+        from ..scene import virtual_rig
+
+        self._begin_with_preference()
+        if self.preset == "CUSTOM":
+            room = (self.room_width, self.room_depth, self.room_height)
+        else:
+            known = ROOMS[ROOM_SIZES[self.preset]]
+            room = (known.width, known.depth, known.height)
+        size = (self.mirror_width, self.mirror_height)
+        if self.glass != "CUSTOM":
+            size = MIRRORS[MIRROR_SIZES[self.glass]]
+        chosen = virtual_rig.subject_of(context)
+        surface = None
+        self._uid = 0
+        if chosen is not None and virtual_rig.person_sized(chosen, context.scene):
+            if chosen.get(virtual_rig.RIG_TAG) != "person":
+                surface, self._uid = virtual_rig.world_surface(context, chosen), chosen.session_uid
+        return job_operators.Task(
+            "find_rig_steps", (surface, room, self.sensor, [size] * self.mirrors, self.frame_width)
+        )
+
+    def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
+        from ..scene import avatar_objects, virtual_rig
+
+        placement, person = result
+        virtual_rig.remove_rig(target)
+        virtual_rig.add_objects(target, placement.rig)
+        chosen = avatar_objects.object_of(self._uid)
+        if chosen is None:
+            live_rig.keep_mannequin(person)
+            virtual_rig.add_person(target, person)
+        else:
+            target.mirror_scan.rig_person = chosen
+        virtual_rig.add_room(target, placement.rig.room)
+        text = say("The rig sees {seen:.0%} of the body; predicted mean error {error:.1f} mm")
+        text = text.format(seen=placement.coverage.share, error=placement.error.mean_mm)
+        target.mirror_scan.rig_message = text
+        self.report({"INFO"}, text)
+        live_rig.schedule(target)
+
+
+class MIRRORSCAN_OT_save_plan(_AboutRig, job_operators.FileJobOperator, bpy.types.Operator):
+    """Write the planned rig as a page to print: the room to scale, tape marks, distances and angles (SVG)"""
+
+    bl_idname = "mirror_scan.save_plan"
+    bl_label = "Save Plan"
+    bl_translation_context = CONTEXT
+    bl_options = {"REGISTER"}
+
+    filepath: StringProperty(
+        name="File", description="SVG file to write", subtype="FILE_PATH",
+        options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
+    )  # fmt: skip
+    filter_glob: StringProperty(default="*.svg", options={"HIDDEN"})
+
+    def proposal(self, context: bpy.types.Context) -> str:
+        return "plan.svg"
+
+    def start(self, context: bpy.types.Context) -> job_operators.Task:
+        from ..scene import virtual_rig
+
+        path = scan_records.absolute(self.filepath)
+        if not path:
+            raise MirrorScanError(say("Give the name of a file for the plan"))
+        if not path.lower().endswith(".svg"):
+            path += ".svg"
+        person = live_rig.person_of(context.scene)
+        surface = None if person is None else virtual_rig.world_surface(context, person)
+        rig, mirrors = virtual_rig.rig_in_room(context.scene)
+        return job_operators.Task("plan_steps", (surface, rig, mirrors, path))
+
+    def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:
+        self.report({"INFO"}, say("Wrote {path}").format(path=result))
+
+
+CLASSES = (
+    MIRRORSCAN_OT_add_rig,
+    MIRRORSCAN_OT_simulate,
+    MIRRORSCAN_OT_check_rig,
+    MIRRORSCAN_OT_find_rig,
+    MIRRORSCAN_OT_save_plan,
+)

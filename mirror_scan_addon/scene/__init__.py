@@ -14,6 +14,7 @@ __all__ = [
     "export_colors",
     "fbx_motion",
     "kept_errors",
+    "live_rig",
     "live_subject",
     "point_cloud",
     "preferred",

@@ -81,6 +81,22 @@ def _search_changed(self, context: bpy.types.Context) -> None:
     _redraw(self, context)
 
 
+def _rig_changed(self, context: bpy.types.Context) -> None:
+    """What the planned rig sees is measured again."""
+    from . import live_rig
+
+    live_rig.schedule(self.id_data)
+    _redraw(self, context)
+
+
+def _frame_changed(self, context: bpy.types.Context) -> None:
+    """The frame that is shown round a mirror is made anew."""
+    from . import live_rig, virtual_rig
+
+    virtual_rig.refresh_frame(self.id_data)
+    live_rig.schedule(context.scene)
+
+
 def _is_stale(self) -> bool:
     from . import scan_records
 
@@ -511,6 +527,39 @@ class MIRRORSCAN_PG_scene(bpy.types.PropertyGroup):
     rig_message: StringProperty(
         name="Coverage", description="What the last virtual scan saw of the body", translation_context=CONTEXT
     )
+    rig_camera: PointerProperty(
+        type=bpy.types.Object, name="Rig Camera", description="Camera of the rig that is planned",
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    rig_person: PointerProperty(
+        type=bpy.types.Object, name="Rig Person", description="Body that the planned rig looks at",
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    rig_sensor: EnumProperty(
+        name="Sensor", description="Depth camera of the planned rig", items=SENSORS, update=_rig_changed,
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    rig_live: BoolProperty(
+        name="Live Coverage",
+        description="Measure what the rig sees again whenever its camera, a mirror or the person is moved",
+        default=True, update=_rig_changed, translation_context=CONTEXT,
+    )  # fmt: skip
+    rig_show: BoolProperty(
+        name="Show Distances", description="Draw distances and angles of the rig over the viewport", default=True,
+        update=_redraw, translation_context=CONTEXT,
+    )  # fmt: skip
+    rig_picture: BoolProperty(
+        name="Show Camera View", description="Draw what the rig's camera sees in a corner of the viewport",
+        default=True, update=_redraw, translation_context=CONTEXT,
+    )  # fmt: skip
+    rig_checked: StringProperty(
+        name="Rig Check", description="What the planned rig sees, as it was measured last", options={"HIDDEN"},
+        translation_context=CONTEXT,
+    )  # fmt: skip
+    rig_room: FloatVectorProperty(
+        name="Room", description="Walls and ceiling of the room of the planned rig, in metres", size=5,
+        options={"HIDDEN"}, translation_context=CONTEXT,
+    )  # fmt: skip
     export_folder: StringProperty(
         name="Folder",
         description="Folder that the buttons below write to without asking; they replace files of the same name. Leave "
@@ -550,11 +599,13 @@ class MIRRORSCAN_PG_object(bpy.types.PropertyGroup):
     )  # fmt: skip
     frame_width: FloatProperty(
         name="Frame Width", description="Width of the frame around the glass. 0 m = frameless", default=FRAME_WIDTH,
-        min=0.0, step=0.5, precision=3, subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
+        min=0.0, step=0.5, precision=3, subtype="DISTANCE", unit="LENGTH", update=_frame_changed,
+        translation_context=CONTEXT,
     )  # fmt: skip
     frame_depth: FloatProperty(
         name="Frame Depth", description="How far the frame projects in front of the glass", default=0.0, min=0.0,
-        step=0.1, precision=3, subtype="DISTANCE", unit="LENGTH", translation_context=CONTEXT,
+        step=0.1, precision=3, subtype="DISTANCE", unit="LENGTH", update=_frame_changed,
+        translation_context=CONTEXT,
     )  # fmt: skip
 
 

@@ -26,12 +26,20 @@ if TYPE_CHECKING:
 
 COLLECTION = "Mirror Scan Rig"
 MATERIAL = "Mirror Scan Glass"
+FRAME_MATERIAL, FRAME_COLOR = "Mirror Scan Frame", (0.16, 0.1, 0.06, 1.0)
+RIG_TAG = "mirror_scan_rig"
+"""Custom property of an object that a rig brought: camera, frame, person or room."""
+BACKING = 0.02  # thickness of a mirror's board, as core's rig has it [m]
+LEAST_HEIGHT, MOST_HEIGHT = 0.6, 2.6  # of a person [m]
 COVERAGE = "Coverage"  # colour attribute of a body: what sees it
 _FLIP = np.diag((1.0, -1.0, -1.0, 1.0))  # Blender's camera looks along -z with y up, core's along z with y down
 
 
 def add_objects(scene: bpy.types.Scene, rig: Rig) -> list[bpy.types.Object]:
-    """Camera and mirrors of a rig, in a collection of their own; the camera becomes the scene's."""
+    """Camera and mirrors of a rig, in a collection of their own.
+
+    The camera becomes the scene's where that has none, or the camera of an earlier rig; one of the user's stays.
+    """
     intrinsics, unit = rig.intrinsics, metres_per_unit(scene)
     with discard_on_error() as made:
         collection = bpy.data.collections.new(COLLECTION)
@@ -50,7 +58,7 @@ def add_objects(scene: bpy.types.Scene, rig: Rig) -> list[bpy.types.Object]:
             material = bpy.data.materials.new(MATERIAL)
             made.append(material)
             material.metallic, material.roughness = 1.0, 0.02
-            material.diffuse_color = (0.6, 0.75, 0.85, 1.0)
+            material.diffuse_color = (0.45, 0.7, 0.9, 1.0)  # in solid shading glass is bluish
             if bpy.app.version < (5, 0, 0):
                 material.use_nodes = True
             for node in material.node_tree.nodes:
@@ -66,6 +74,7 @@ def add_objects(scene: bpy.types.Scene, rig: Rig) -> list[bpy.types.Object]:
             made.append(glass)
             axes = mirror.axes
             glass.matrix_world = _in_units(Matrix.Translation(mirror.centre) @ Matrix(axes.T.tolist()).to_4x4(), unit)
+            glass.color = material.diffuse_color
             glass.mirror_scan.is_mirror = True
             glass.mirror_scan.frame_width = mirror.frame_width / unit
             glass.mirror_scan.frame_depth = mirror.frame_depth / unit
@@ -73,8 +82,179 @@ def add_objects(scene: bpy.types.Scene, rig: Rig) -> list[bpy.types.Object]:
         for item in objects:
             collection.objects.link(item)
         root_of(scene).children.link(collection)
-        scene.camera = camera
+        settings = scene.mirror_scan
+        if scene.camera is None or scene.camera == settings.rig_camera:
+            scene.camera = camera
+        settings.rig_camera, settings.rig_sensor = camera, rig.sensor
+        camera[RIG_TAG] = "camera"
+        for glass in objects[1:]:
+            add_frame(glass, collection)
     return objects
+
+
+def add_frame(glass: bpy.types.Object, collection: bpy.types.Collection) -> bpy.types.Object:
+    """What is shown round the glass of a mirror: its moulding and its back, which move with it."""
+    mesh = bpy.data.meshes.new("Frame")
+    frame = bpy.data.objects.new("Frame", mesh)
+    frame[RIG_TAG] = "frame"
+    frame.parent = glass
+    frame.hide_select = True
+    frame.color = FRAME_COLOR
+    material = bpy.data.materials.get(FRAME_MATERIAL)
+    if material is None or material.library is not None:
+        material = bpy.data.materials.new(FRAME_MATERIAL)
+        material.diffuse_color = FRAME_COLOR
+        if bpy.app.version < (5, 0, 0):
+            material.use_nodes = True
+        for node in material.node_tree.nodes:
+            if node.type == "BSDF_PRINCIPLED":
+                node.inputs["Base Color"].default_value = FRAME_COLOR
+    mesh.materials.append(material)
+    collection.objects.link(frame)
+    refresh_frame(glass)
+    return frame
+
+
+def refresh_frame(glass: bpy.types.Object) -> None:
+    """Fit the frame that is shown to the glass and its settings; nothing where none is shown."""
+    frame = next((child for child in glass.children if child.get(RIG_TAG) == "frame"), None)
+    if frame is None or frame.data.library is not None:
+        return
+    corners = np.array(glass.bound_box)
+    (x0, y0, _), (x1, y1, z) = corners.min(axis=0), corners.max(axis=0)
+    wide, proud = glass.mirror_scan.frame_width, glass.mirror_scan.frame_depth
+    gap = BACKING / metres_per_unit_of(glass)
+    inner = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+    outer = [(x0 - wide, y0 - wide), (x1 + wide, y0 - wide), (x1 + wide, y1 + wide), (x0 - wide, y1 + wide)]
+    front = max(proud, 0.1 * gap)
+    places = [(*p, z + front) for p in inner] + [(*p, z + front) for p in outer] + [(*p, z - gap) for p in outer]
+    faces = [(11, 10, 9, 8)]
+    for k in range(4):
+        after = (k + 1) % 4
+        if wide > 0:
+            faces.append((k, 4 + k, 4 + after, after))
+        faces.append((4 + k, 8 + k, 8 + after, 4 + after))
+    frame.data.clear_geometry()
+    frame.data.from_pydata(places, [], faces)
+    frame.data.update()
+
+
+def metres_per_unit_of(item: bpy.types.Object) -> float:
+    """Metres in a Blender unit of the first scene that an object is in."""
+    scenes = item.users_scene
+    return metres_per_unit(scenes[0]) if scenes else 1.0
+
+
+def remove_orphans(scene: bpy.types.Scene) -> None:
+    """Remove frames whose mirror was deleted."""
+    gone = [item for item in scene.objects if item.get(RIG_TAG) == "frame" and item.parent is None]
+    if gone:
+        bpy.data.batch_remove([*gone, *(item.data for item in gone)])
+
+
+def remove_rig(scene: bpy.types.Scene) -> None:
+    """Remove camera, mirrors, frames, mannequin and room that earlier rigs brought, and nothing else."""
+    tagged = [item for item in scene.objects if item.get(RIG_TAG) and item.library is None]
+    collections = {c for item in tagged if item[RIG_TAG] == "camera" for c in item.users_collection}
+    ours = {item for c in collections for item in c.objects if item.mirror_scan.is_mirror} | set(tagged)
+    data = {item.data for item in ours if item.data is not None and item.data.users == 1}
+    empty = [c for c in collections if set(c.objects) <= ours and not c.children and c.name.startswith(COLLECTION)]
+    bpy.data.batch_remove([*ours, *data, *empty])
+
+
+def rig_collection(scene: bpy.types.Scene) -> bpy.types.Collection:
+    """The collection of the rig that is planned: its camera's, else the scan's."""
+    camera = scene.mirror_scan.rig_camera
+    found = [c for c in camera.users_collection if c.name.startswith(COLLECTION)] if camera is not None else []
+    return found[0] if found else root_of(scene)
+
+
+def add_person(scene: bpy.types.Scene, mesh: Mesh) -> bpy.types.Object:
+    """The mannequin of a rig, where the rig expects the person; it becomes what the rig looks at."""
+    from .avatar_objects import create_avatar
+
+    person = create_avatar(mesh, name="Mannequin", collection=rig_collection(scene))
+    person[RIG_TAG] = "person"
+    scene.mirror_scan.rig_person = person
+    return person
+
+
+def add_room(scene: bpy.types.Scene, room: tuple[float, float, float, float, float]) -> bpy.types.Object:
+    """The walls of a room as lines that cannot be selected."""
+    x0, x1, y0, y1, z1 = (value / metres_per_unit(scene) for value in room)
+    mesh = bpy.data.meshes.new("Room")
+    places = [(x, y, z) for z in (0.0, z1) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))]
+    edges = [(k, (k + 1) % 4) for k in range(4)]
+    edges += [(4 + a, 4 + b) for a, b in edges] + [(k, 4 + k) for k in range(4)]
+    mesh.from_pydata(places, edges, [])
+    item = bpy.data.objects.new("Room", mesh)
+    item[RIG_TAG] = "room"
+    item.hide_select = item.hide_render = True
+    item.display_type = "WIRE"
+    rig_collection(scene).objects.link(item)
+    scene.mirror_scan.rig_room = room
+    return item
+
+
+def rig_camera(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """The camera that a rig looks with: the planned rig's while it is in the scene, else the scene's."""
+    camera = scene.mirror_scan.rig_camera
+    return camera if camera is not None and camera.name in scene.objects else scene.camera
+
+
+def person_of(context: bpy.types.Context) -> bpy.types.Object | None:
+    """What a rig looks at: the active object if it has a person's size, else the rig's mannequin or person, or None."""
+    active = subject_of(context)
+    if active is not None and person_sized(active, context.scene):
+        return active
+    kept = context.scene.mirror_scan.rig_person
+    return kept if kept is not None and kept.name in context.scene.objects else None
+
+
+def person_sized(body: bpy.types.Object, scene: bpy.types.Scene) -> bool:
+    """Whether an object has about the size of a person: upright, and less deep than high; a factory cube has not.
+
+    An object at no finite place counts as one, so that whatever is wrong with it is reported.
+    """
+    size = metres_per_unit(scene) * np.array(body.dimensions)
+    if not np.isfinite(size).all():
+        return True
+    across, along = sorted(size[:2])
+    return bool(LEAST_HEIGHT <= size[2] <= MOST_HEIGHT and across <= 0.7 * size[2] and along <= 1.3 * size[2])
+
+
+def rig_fields(scene: bpy.types.Scene) -> tuple[dict, list[dict]]:
+    """The planned rig as fields of core's ``Rig`` and its mirrors' of ``FramedMirror``.
+
+    Raises
+    ------
+    MirrorScanError
+        When the scene has no camera, or a mirror is not flat.
+    """
+    camera = rig_camera(scene)
+    if camera is None:
+        raise MirrorScanError(say("There are mirrors but no camera; add one and make it the active camera"))
+    fields = camera_of(camera, metres_per_unit(scene))
+    return fields | {"sensor": scene.mirror_scan.rig_sensor, "room": None}, mirrors_of(scene)
+
+
+def rig_in_room(scene: bpy.types.Scene) -> tuple[dict, list[dict]]:
+    """:func:`rig_fields` with walls: those of the room that was drawn, else 0.6 m round the rig.
+
+    Raises
+    ------
+    MirrorScanError
+        As :func:`rig_fields`.
+    """
+    rig, mirrors = rig_fields(scene)
+    places = np.array([rig["camera"], (0.0, 0.0, 0.0), *(mirror["centre"] for mirror in mirrors)])
+    low, high = places.min(axis=0) - 0.6, places.max(axis=0) + 0.6
+    room = tuple(scene.mirror_scan.rig_room)
+    drawn = any(item.get(RIG_TAG) == "room" for item in scene.objects)
+    inside = drawn and room[0] < rig["camera"][0] < room[1] and room[2] < rig["camera"][1] < room[3]
+    if not inside:
+        room = (float(low[0]), float(high[0]), float(low[1]), float(high[1]), max(2.4, float(high[2])))
+    return rig | {"room": room}, mirrors
 
 
 def _in_units(matrix: Matrix, unit: float) -> Matrix:
@@ -118,6 +298,11 @@ def mirrors_of(scene: bpy.types.Scene) -> list[dict]:
             }
         )
     return mirrors
+
+
+def mirror_title(item: bpy.types.Object) -> str:
+    """What a mirror is called in texts."""
+    return _mirror_name(item.name)
 
 
 def _mirror_name(title: str) -> str:

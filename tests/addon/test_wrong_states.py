@@ -47,6 +47,9 @@ OPERATORS = {
     "mark_as_asset": {},
     "export_avatar": {"filepath": "/proc/avatar.glb"},
     "simulate": {"frames": 1, "filepath": "/proc/scan"},
+    "check_rig": {},
+    "save_plan": {"filepath": "/proc/plan.svg"},
+    "find_rig": {"preset": "CUSTOM", "room_width": 1.0, "room_depth": 1.0},
     "report_problem": {},
     "clear_compiled_code": {},
     # last, since these may well be possible

@@ -843,6 +843,7 @@ PANEL_OF = {
     "load_capture": "capture", "find_mirrors": "mirrors", "clear_mirrors": "mirrors", "pick_mirror_points": "mirrors",
     "find_subject": "subject", "pick_subject": "subject", "apply_motion": "avatar", "follow_stream": "avatar",
     "check": "check", "color_by": "check", "jump_to_problem": "check", "add_rig": "rig", "simulate": "rig",
+    "find_rig": "rig", "check_rig": "rig", "save_plan": "rig",
 }  # fmt: skip
 """In which of them an operator's button is; others are in the panel that is always open."""
 

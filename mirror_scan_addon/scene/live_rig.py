@@ -1,0 +1,205 @@
+"""What a planned rig sees, measured again beside the window while its objects are moved.
+
+One check runs at a time, in the second process; the next begins, with the places of then, when it is done. The result
+belongs to the scene like a colour: it makes no undo step of its own. The picture of what the camera sees is of the
+session only. Without a rig nothing is done: the handler looks at one pointer of the scene and returns.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import bpy
+from bpy.app.handlers import persistent
+
+from ..background import job_operators
+from . import virtual_rig
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ..background.tasks import RigChecked
+
+DELAY_S, WAIT_S = 0.05, 0.5  # from a change to the check; while a job of ours runs, or the user edits
+
+_wanted: set[int] = set()  # scenes, by session_uid; no state: a file knows nothing of them
+_without_person: set[int] = set()  # scenes whose rig waits for its mannequin
+_check: tuple[int, object, job_operators.Task] | None = None
+_pictures: dict[int, tuple[int, np.ndarray]] = {}  # scene → number of the picture and the picture (H, W, 3) uint8
+_mannequin: list = []  # the mannequin, once it was made in this session
+
+
+def task_for(context_scene: bpy.types.Scene, person: bpy.types.Object | None) -> job_operators.Task:
+    """The check of a scene's rig; raises MirrorScanError when there is no rig that could be checked."""
+    rig, mirrors = virtual_rig.rig_fields(context_scene)
+    surface = None if person is None else virtual_rig.world_surface(bpy.context, person)
+    return job_operators.Task("check_rig_steps", (surface, rig, mirrors))
+
+
+def person_of(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """What a scene's rig looks at, whatever is active."""
+    kept = scene.mirror_scan.rig_person
+    return kept if kept is not None and kept.name in scene.objects else None
+
+
+def deliver(scene: bpy.types.Scene, found: RigChecked) -> None:
+    """Have the scene tell what was found."""
+    number = _pictures.get(scene.session_uid, (0, None))[0] + 1
+    _pictures[scene.session_uid] = number, found.image
+    kept = {
+        "seen": found.seen, "shares": found.shares, "parts": found.parts, "views": found.views,
+        "error_mm": found.error_mm, "light_mm": found.light_mm, "lit_twice": found.lit_twice,
+    }  # fmt: skip
+    scene.mirror_scan.rig_checked = json.dumps(kept)
+
+
+def checked(scene: bpy.types.Scene) -> dict | None:
+    """What was found last; None before that, or when somebody's edits spoiled it."""
+    text = scene.mirror_scan.rig_checked
+    if not text:
+        return None
+    try:
+        found = json.loads(text)
+    except ValueError:
+        return None
+    return found if isinstance(found, dict) and isinstance(found.get("views"), list) else None
+
+
+def picture(scene: bpy.types.Scene) -> tuple[int, np.ndarray] | None:
+    """What the rig's camera sees (H, W, 3) uint8, and its number, which changes with it."""
+    return _pictures.get(scene.session_uid)
+
+
+def keep_mannequin(mesh) -> None:
+    """Remember the mannequin for the next rig of this session."""
+    _mannequin[:] = [mesh]
+
+
+def bring_person(scene: bpy.types.Scene) -> None:
+    """Have the mannequin stand in a rig: at once where it is known or there is no window, else when it is made."""
+    if not _mannequin and bpy.app.background:
+        keep_mannequin(job_operators.Task("mannequin_steps", ()).now())
+    if _mannequin:
+        virtual_rig.add_person(scene, _mannequin[0])
+    else:
+        _without_person.add(scene.session_uid)
+    schedule(scene)
+
+
+def schedule(scene: bpy.types.Scene) -> None:
+    """Have a scene's rig checked soon; nothing happens without a window or a rig."""
+    settings = scene.mirror_scan
+    if bpy.app.background or scene.library is not None or settings.rig_camera is None or not settings.rig_live:
+        return
+    _wanted.add(scene.session_uid)
+    if not bpy.app.timers.is_registered(_turn):
+        bpy.app.timers.register(_turn, first_interval=DELAY_S, persistent=True)
+
+
+def checking(scene: bpy.types.Scene) -> bool:
+    """Whether a check is under way for a scene, or about to begin."""
+    return scene.session_uid in _wanted or (_check is not None and _check[0] == scene.session_uid)
+
+
+def _turn() -> float | None:
+    """Blender calls this again after the seconds it returns."""
+    global _check
+    context = bpy.context
+    if _check is not None:
+        uid, worker, task = _check
+        if worker.is_alive():
+            return DELAY_S
+        if isinstance(worker.error, job_operators.UNAVAILABLE):
+            _check = uid, job_operators.begin(task, thread=True), task
+            return DELAY_S
+        _check = None
+        scene = _scene(uid)
+        if worker.error is not None and not isinstance(worker.error, job_operators.REPORTED):
+            raise worker.error
+        if scene is not None and worker.error is None:
+            _put(scene, task, worker.result)
+        elif scene is not None:
+            scene.mirror_scan.rig_checked = ""
+            _without_person.discard(uid)
+        job_operators.redraw(context)
+    if not _wanted:
+        return None
+    if job_operators.running(context) or context.mode != "OBJECT":
+        return WAIT_S
+    uid = _wanted.pop()
+    scene = _scene(uid)
+    if scene is None or scene != context.scene or scene.mirror_scan.rig_camera is None:
+        return DELAY_S
+    virtual_rig.remove_orphans(scene)
+    try:
+        if uid in _without_person:
+            task = job_operators.Task("mannequin_steps", ())
+        else:
+            task = task_for(scene, person_of(scene))
+        _check = uid, job_operators.begin(task), task
+    except job_operators.REPORTED as error:  # a mirror that is not flat, say: the panel tells it
+        scene.mirror_scan.rig_checked = json.dumps({"views": [], "problem": job_operators.in_words(error)})
+    return DELAY_S
+
+
+def _put(scene: bpy.types.Scene, task: job_operators.Task, result) -> None:
+    if task.name != "mannequin_steps":
+        deliver(scene, result)
+        return
+    keep_mannequin(result)
+    if scene.session_uid in _without_person:
+        _without_person.discard(scene.session_uid)
+        if scene.mirror_scan.rig_camera is not None and person_of(scene) is None:
+            virtual_rig.add_person(scene, result)
+    _wanted.add(scene.session_uid)
+
+
+def _scene(uid: int) -> bpy.types.Scene | None:
+    return next((scene for scene in bpy.data.scenes if scene.session_uid == uid), None)
+
+
+@persistent
+def _after_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    settings = scene.mirror_scan
+    if settings.rig_camera is None or not settings.rig_live:
+        return
+    for update in depsgraph.updates:
+        if isinstance(update.id, bpy.types.Object) and (update.is_updated_transform or update.is_updated_geometry):
+            schedule(scene)
+            return
+
+
+@persistent
+def _after_undo(*_: object) -> None:
+    for scene in bpy.data.scenes:
+        if scene.mirror_scan.rig_camera is not None:
+            schedule(scene)
+
+
+_HANDLERS = ("undo_post", "redo_post", "load_post")
+
+
+def register() -> None:
+    if bpy.app.background:
+        return
+    bpy.app.handlers.depsgraph_update_post.append(_after_change)
+    for name in _HANDLERS:
+        getattr(bpy.app.handlers, name).append(_after_undo)
+
+
+def unregister() -> None:
+    global _check
+    if _after_change in bpy.app.handlers.depsgraph_update_post:
+        bpy.app.handlers.depsgraph_update_post.remove(_after_change)
+    for name in _HANDLERS:
+        handlers = getattr(bpy.app.handlers, name)
+        if _after_undo in handlers:
+            handlers.remove(_after_undo)
+    if bpy.app.timers.is_registered(_turn):
+        bpy.app.timers.unregister(_turn)
+    if _check is not None:
+        _check[1].ask_to_stop()
+    _check = None
+    for kept in (_wanted, _without_person, _pictures, _mannequin):
+        kept.clear()
