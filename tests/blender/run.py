@@ -150,10 +150,10 @@ def prepare(place: Place) -> None:
     if not (place.share / "capture").exists():
         write_capture(place.share / "capture")
     shutil.rmtree(place.share / "wrong", ignore_errors=True)
-    made = runpy.run_path(str(ROOT / "tests" / "wrong_files.py"))["make_dropped"](
-        place.share / "wrong", place.share / "capture"
-    )
+    wrong = runpy.run_path(str(ROOT / "tests" / "wrong_inputs.py"))
+    made = wrong["make_dropped"](place.share / "wrong", place.share / "capture")
     (place.share / "wrong" / "wrong.json").write_text(json.dumps(made), encoding="utf-8")
+    wrong["half_size"](place.share / "capture", place.share / "wrong" / "half")
 
 
 def write_capture(folder: Path) -> None:

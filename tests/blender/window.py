@@ -36,6 +36,7 @@ OUT, CAPTURE, ZIP, ADDON = (
 ABOVE = int(os.environ["MIRROR_SCAN_ABOVE"])  # how much of the screen is above the window [px]
 SMALL, LARGE = (1280, 800), (1600, 1000)  # of the window [px]
 ALL_LOOKS = bool(os.environ.get("MIRROR_SCAN_LOOKS"))  # pictures in both sizes, light and dark
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # what tests share
 WRONG = Path(os.environ["MIRROR_SCAN_WRONG"])  # folder of files that are no capture
 LIMIT_S = 900.0  # for one step of the way, compiling included
 STUCK_S = 200.0  # without a turn of Blender's timers, after which it is taken for stuck
@@ -186,6 +187,9 @@ def story() -> Story:
 
     with step("drop what is none, and press what cures it"):
         yield from wrong_files()
+
+    with step("every wrong file and state"):
+        yield from wrong_inputs()
 
     with step("load by drag and drop again, kernels ready"):
         made, shown = yield from drop()
@@ -568,6 +572,81 @@ def wrong_files() -> Story:
     expect(pressed == 4, f"four cures pressed, not {pressed}")
 
 
+def wrong_inputs() -> Story:
+    """All of ``tests/wrong_inputs.py``, each in a scene of its own: said in the panel, with cures; the cure works."""
+    from wrong_inputs import CURES, FILES, INSIDE, STATES, Bench
+
+    keeper = sys.modules[f"{ADDON}.mirror_scan_addon.scene.kept_errors"]
+    drawn, first = drawn_cures(), window().scene
+    tried, shown, cured = 0, 0, 0
+    for number, wrong in enumerate(FILES + STATES):
+        if wrong.words == "save it first" and bpy.data.is_saved:
+            continue  # an earlier case was cured by saving
+        folder = OUT / "wrong_inputs" / str(number)
+        folder.mkdir(parents=True)
+        with viewport():
+            bpy.ops.scene.new(type="NEW")
+        yield 0.1
+        bench = Bench(bpy, folder, WRONG / "half", capsule(), ADDON)
+        with viewport():
+            wrong.make(bench)
+            bpy.context.window_manager.mirror_scan.error = ""
+            said = refused(wrong.press, bench)
+        expect(bool(re.search(wrong.words, said) and CURES.search(said)) and not INSIDE.search(said),
+               f"{wrong.name}: {said}")  # fmt: skip
+        tried += 1
+        drawn.clear()
+        region("UI").tag_redraw()
+        yield 0.15
+        kept = keeper.kept(bpy.context)
+        if kept is not None:  # no button was disabled instead, with the reason
+            expect(drawn == list(kept.kind.cures), f"{wrong.name}: {drawn} drawn of {kept.kind.cures}")
+            shown += 1
+        if shown in (1, 20, 40) and kept is not None:
+            yield from shot(f"8_wrong_{shown}", settle=0.0)
+        if wrong.cure is not None:
+            with viewport():
+                wrong.cure(bench)
+                expect((wrong.again or wrong.press)(bench) == {"FINISHED"}, f"{wrong.name}, cured")
+            cured += 1
+            yield 0.05
+            left = keeper.kept(bpy.context)
+            expect(left is None or left.kind.topic == "output", f"{wrong.name}: cured, and still shown: {left}")
+        with viewport():
+            if bpy.context.mode != "OBJECT":
+                bpy.ops.object.mode_set(mode="OBJECT")
+        bpy.data.scenes.remove(window().scene)
+        window().scene = first
+        shutil.rmtree(folder)
+    note("wrong_inputs", {"tried": tried, "in the panel": shown, "cured": cured})
+    expect(tried >= 70 and shown >= 40, f"{tried} wrong files and states, {shown} of them told by the panel")
+
+
+def drawn_cures() -> list[str]:
+    """The names of the cures that the panel draws, from now on."""
+    cures = sys.modules[f"{ADDON}.mirror_scan_addon.interface.panel_errors"].CURES
+    names: list[str] = []
+
+    def noting(name, draw):
+        return lambda layout, context, found: (names.append(name), draw(layout, context, found))[1]
+
+    for name, draw in list(cures.items()):
+        cures[name] = noting(name, draw)
+    return names
+
+
+def refused(press, bench) -> str:
+    """What Blender says when an operator refuses to work."""
+    try:
+        press(bench)
+    except RuntimeError as error:
+        lines = [line for line in str(error).splitlines() if line.strip() and not line.startswith("Warning")]
+        expect(len(lines) == 1, f"one line: {lines}")
+        own = re.sub(r"^(Error:|Operator bpy\.ops\.mirror_scan\.\w+\.poll\(\))", "", lines[0])
+        return own.replace(str(bench.folder), "")
+    raise Missed("a refusal")
+
+
 def press_cure(operator: str, words: str, column: float = 0.33, absent: bool = False) -> Story:
     """Click the button of an operator in the box of the error, on top of the sidebar; with these words in what it
     calls, or without them."""
@@ -656,6 +735,13 @@ def measure() -> None:
             bpy.data.meshes.remove(made.data)
         note("mesh_vertices", len(mesh.vertices))
         note("mesh_ms", float(np.median(spent)))
+
+
+def capsule():
+    """A closed mesh of a person's size that has everything an avatar has."""
+    from capsules import capsule as arrays
+
+    return sys.modules[f"{ADDON}.core.mesh"].Mesh(*arrays(48, 32))
 
 
 # --- looking ---------------------------------------------------------------------------------------------------------
