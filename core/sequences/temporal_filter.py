@@ -19,9 +19,10 @@ from ..camera.noise_models import NoiseModel
 from ..numeric.kernels import njit
 from ..numeric.threads import each_range
 
-_SPACING, _REACH, _STRIDE = 8, 12, 2  # px: between nodes; half of a node's window, and of its pixels every so many
-_ROUNDS = 6  # of the registration
+_SPACING, _REACH = 8, 12  # px: between nodes; half of a node's window
+_STRIDES = (4, 4, 4, 2, 2)  # rounds of the registration: of a window's pixels every so many, in either direction
 _PATCH = 3  # half the side of the window in which the surface's slope is fitted [px]
+_GRID = 2  # px: between planes
 _SAME = 0.06  # m: what differs by more in depth is another surface
 _TURN, _SHIFT = 0.25, 0.05  # standard deviations of a neighbourhood's motion from frame to frame [rad], [m]
 _OUTLIER = 4.0  # standard deviations from which a pixel weighs less
@@ -149,21 +150,21 @@ class DepthFilter:
         camera, mean, count = self._camera, self._mean, self._count
         assert mean is not None and count is not None
         lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy))
-        planes = np.zeros((*inverse.shape, 3), np.float32)
+        planes = np.zeros((*(-(-size // _GRID) for size in inverse.shape), 3), np.float32)
         assert self._moved is not None
-        each_range(_plane_kernel, len(inverse), mean, _around(self._moved, _SLACK), planes)
+        each_range(_plane_kernel, len(planes), mean, _around(self._moved, _SLACK), planes)
         found, middle = _nodes(inverse, moving, lens)
         shape = found.shape
         nodes = np.flatnonzero(found.ravel())
         motion = np.zeros((*shape, 6))  # turn [rad] and shift [m] about each node's middle
         centers = middle.reshape(-1, 3)
         prior = np.diag([_TURN**-2] * 3 + [_SHIFT**-2] * 3)
-        for _ in range(_ROUNDS):
+        for stride in _STRIDES:
             equations, right = np.zeros((len(nodes), 6, 6)), np.zeros((len(nodes), 6))
             flat = motion.reshape(-1, 6)
             each_range(
                 _register_kernel, len(nodes), nodes, shape[1], inverse, moving, planes, centers, flat, lens,
-                sigma, equations, right,
+                sigma, stride, equations, right,
             )  # fmt: skip
             equations += np.tril(equations, -1).transpose(0, 2, 1)  # the kernel fills the lower half
             right = right / _TOGETHER - flat[nodes] @ prior
@@ -220,13 +221,14 @@ def _with_neighbours(motion: np.ndarray, found: np.ndarray, middle: np.ndarray) 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _plane_kernel(begin, end, mean, wanted, planes):
-    """Of each pixel that is ``wanted``, the plane through its neighbourhood on the same surface.
+    """Of pixels that are ``wanted``, one in ``_GRID`` × ``_GRID``, the plane through the same surface about them.
 
     Inverse depth there, and slopes a pixel.
     """
     height, width = mean.shape
-    for v in range(begin, end):
-        for u in range(width):
+    for row in range(begin, end):
+        v = _GRID * row
+        for u in range(0, width, _GRID):
             d = mean[v, u]
             if d == 0.0 or wanted[v, u] == 0:
                 continue
@@ -260,17 +262,18 @@ def _plane_kernel(begin, end, mean, wanted, planes):
                 continue
             gu = (svv * sdu - suv * sdv) / det
             gv = (suu * sdv - suv * sdu) / det
-            planes[v, u, 0] = d + (sd - gu * su - gv * sv) / n
-            planes[v, u, 1] = gu
-            planes[v, u, 2] = gv
+            planes[row, u // _GRID, 0] = d + (sd - gu * su - gv * sv) / n
+            planes[row, u // _GRID, 1] = gu
+            planes[row, u // _GRID, 2] = gv
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _register_kernel(
-    begin, end, nodes, columns, inverse, moving, planes, centers, motion, lens, sigma, equations, right
+    begin, end, nodes, columns, inverse, moving, planes, centers, motion, lens, sigma, stride, equations, right
 ):
     """Normal equations of some nodes' motions: their windows' points onto the planes of the frame before."""
     height, width = inverse.shape
+    last_i, last_j = len(planes) - 1, planes.shape[1] - 1
     fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
     row = np.zeros(6)
     for k in range(begin, end):
@@ -279,8 +282,8 @@ def _register_kernel(
         mx, my, mz = centers[node, 0], centers[node, 1], centers[node, 2]
         wx, wy, wz = motion[node, 0], motion[node, 1], motion[node, 2]
         tx, ty, tz = motion[node, 3], motion[node, 4], motion[node, 5]
-        for v in range(max(v0 - _REACH, 0), min(v0 + _REACH + 1, height), _STRIDE):
-            for u in range(max(u0 - _REACH, 0), min(u0 + _REACH + 1, width), _STRIDE):
+        for v in range(max(v0 - _REACH, 0), min(v0 + _REACH + 1, height), stride):
+            for u in range(max(u0 - _REACH, 0), min(u0 + _REACH + 1, width), stride):
                 if not moving[v, u]:
                     continue
                 z, precision = 1.0 / inverse[v, u], 1.0 / sigma[v, u]
@@ -295,12 +298,12 @@ def _register_kernel(
                 at_u, at_v = fx * x / q + cx, fy * y / q + cy
                 if not (0.0 <= at_u <= width - 1.0 and 0.0 <= at_v <= height - 1.0):
                     continue
-                i, j = int(at_v + 0.5), int(at_u + 0.5)
+                i, j = min(int(at_v / _GRID + 0.5), last_i), min(int(at_u / _GRID + 0.5), last_j)
                 d = planes[i, j, 0]
                 if d == 0.0:
                     continue
                 gu, gv = planes[i, j, 1], planes[i, j, 2]
-                e = (d + gu * (at_u - j) + gv * (at_v - i) - 1.0 / q) * precision
+                e = (d + gu * (at_u - _GRID * j) + gv * (at_v - _GRID * i) - 1.0 / q) * precision
                 if abs(e) > _SAME * d * d * precision:
                     continue
                 gx, gy = gu * fx / q * precision, gv * fy / q * precision
