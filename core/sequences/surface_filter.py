@@ -75,13 +75,13 @@ class SurfaceFilter:
     def begin(self, mesh: Mesh) -> None:
         """Take a mesh for the surface before: it is one that was steadied already."""
         if self._settings.use:
-            self._keep(mesh, np.ones(len(mesh.vertices), np.uint8))
+            self._keep(mesh, np.ones(len(mesh.vertices), np.float32))
 
     def next(self, mesh: Mesh) -> Mesh:
         """The next frame's mesh, steadied: the same triangles, vertices moved along their normals."""
         if not self._settings.use:
             return mesh
-        count = np.ones(len(mesh.vertices), np.uint8)
+        count = np.ones(len(mesh.vertices), np.float32)
         if self._before is not None:
             mesh, count = self._steadied(mesh, self._before)
         self._keep(mesh, count)
@@ -108,11 +108,12 @@ class SurfaceFilter:
         usual = 1.4826 * float(np.median(np.abs(gap[found]))) if found.any() else 0.0
         found &= np.abs(gap) <= min(self._settings.deviations * usual, _MOST)
         corners = before.mesh.triangles[triangle[found]]
-        frames = np.minimum(before.count[corners].min(axis=1) + 1, self._settings.memory)
+        # the mean of the corners: their least would carry each new beginning on to all that lies about it
+        frames = np.minimum(before.count[corners].mean(axis=1) + 1.0, self._settings.memory)
         share = 1.0 - 1.0 / frames
         vertices = points.copy()
         vertices[found] += (share * gap[found])[:, None] * normals[found]
-        count = np.ones(len(vertices), np.uint8)
+        count = np.ones(len(vertices), np.float32)
         count[found] = frames
         vertices, back = _unfolded(points, vertices, mesh.triangles)
         count[back] = 1
