@@ -29,7 +29,7 @@ _TURN, _SHIFT = 0.3, 0.08  # standard deviations of a neighbourhood's motion [ra
 _NOISE = 0.004  # of a point of the surface [m], against these
 _OUTLIER = 0.012  # m: from where a distance weighs less
 _CLOSE = 0.42  # m: nodes that keep together
-_MOST = 0.015  # m: no vertex is moved farther
+_MOST = 0.025  # m: no vertex is moved farther
 _TINT = 40.0  # sRGB levels by which a colour may differ to be averaged
 
 
@@ -47,8 +47,8 @@ class SurfaceFilterSettings:
     """
 
     use: bool = True
-    memory: int = 6
-    deviations: float = 3.0
+    memory: int = 10
+    deviations: float = 4.0
 
 
 @dataclass(frozen=True)
