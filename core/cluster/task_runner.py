@@ -201,7 +201,7 @@ def _local(settings: WorkerSettings, count: int, each: int) -> Iterator[Any]:
                     processes=settings.processes,
                     memory_limit=memory if settings.processes else 0,
                     dashboard_address=None,
-                    scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # Dask's one port would be asked for otherwise
+                    scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # not the same for all
                     silence_logs=logging.CRITICAL,
                 )
             )
