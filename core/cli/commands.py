@@ -586,27 +586,32 @@ def run_experiment_capture(options: argparse.Namespace, writers: Writers) -> Non
     _say_results(experiment.table(outcome), paths, note)
 
 
-def run_experiment_turntable(options: argparse.Namespace, writers: Writers) -> None:
-    """``experiment turntable``: a person who sways on a turntable, beside the single snapshot."""
+def run_experiment_rival(options: argparse.Namespace, writers: Writers) -> None:
+    """``experiment turntable`` and ``experiment cameras``: the paper's rivals beside the single snapshot."""
+    import importlib
+
     make_folder(options.folder)
     check_targets([options.folder / name for name in ("table.csv", "result.png", "plot.png")])
+    experiment = importlib.import_module(f"..experiments.{options.experiment}", __package__)
 
-    from ..experiments import turntable
     from ..simulation.mannequin import mannequin
     from ..simulation.optics import IDEAL, real
 
+    own = {}
+    if options.experiment == "turntable":
+        own = {"sways": [1e-3 * sway for sway in options.sways], "scans": options.scans}
     with progress_bar(options.quiet) as progress:
         advance(progress, 0.0, "reading the body" if options.mesh else "making a mannequin")
         body = stand(read_surface(options.mesh), options.mesh) if options.mesh else mannequin()
         optics = real(options.sensor, options.frequencies, options.seed) if options.optics == "real" else IDEAL
-        rows = turntable.run(
-            body, options.sensor, options.frames, options.seed, [1e-3 * sway for sway in options.sways], options.scans,
-            optics, progress=stage_of(progress, 0.05, 0.95),
+        outcome = experiment.run(
+            body, options.sensor, options.frames, options.seed, optics=optics, progress=stage_of(progress, 0.05, 0.95),
+            **own,
         )  # fmt: skip
         advance(progress, 0.95, "writing")
-        paths, note = turntable.write_results(rows, body, options.folder)
+        paths, note = experiment.write_results(outcome, body, options.folder)
     if not options.quiet:
-        _say_results(turntable.table(rows), paths, note)
+        _say_results(experiment.table(outcome), paths, note)
 
 
 def _say_results(lines: list[str], paths: list[Path], note: str) -> None:

@@ -1,3 +1,3 @@
 """Experiments of the paper, repeated with this program's own functions."""
 
-__all__ = ["distance", "reflection", "turntable", "zippering"]
+__all__ = ["cameras", "distance", "reflection", "turntable", "zippering"]
