@@ -22,7 +22,7 @@ PAIRED_DEG = 125.0
 _BEHIND = np.arange(-0.02, 0.30, 0.02)
 """So far behind the mean of what a view shows the subject's axis is looked for [m]."""
 
-_SAMPLES = 500  # points of a view that are compared for that
+_SAMPLES = 300  # points of a view that are compared for that
 _FAR = 0.1  # m: a point that is farther from another view is not shown by it
 _REFINED = 3  # times that a pair is registered again by points that have a partner
 _SAME_WAY = 0.8  # cosine between the normals of such a pair, at least

@@ -100,7 +100,7 @@ def test_spreading_halves_the_drift_of_a_chain():
     """Round a full circle of steps with independent errors the joint poses are nearer the truth than the chain's."""
     rng = np.random.default_rng(3)
     chain, joint = [], []
-    for _ in range(20):
+    for _ in range(8):
         poses = np.linalg.inv(motions(rng, 1)[0]) @ motions(rng, 8)
         poses = np.linalg.inv(poses[0]) @ poses
         pairs = [(k + 1, k) for k in range(7)]
