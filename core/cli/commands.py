@@ -201,7 +201,10 @@ def _registered(options: argparse.Namespace) -> tuple[Reconstruction, float]:
         raise CaptureError("--register finds the poses itself; leave out --poses, --mirrors, --rig and --subject")
     if len(options.captures) < 2:
         raise CaptureError("--register: one capture has nothing to be registered with; give several")
+    from ..registration.pairwise import find_backend
+
     started = time.perf_counter()
+    find_backend()  # before anything is read
     captures = [replace(_open(path, options), name=path.name) for path in options.captures]
     read_ms = (time.perf_counter() - started) * 1e3
     for capture in captures:

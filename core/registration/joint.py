@@ -15,8 +15,8 @@ import numpy as np
 from ..errors import MirrorScanError
 from ..numeric.rotations import from_vectors, to_vectors
 
-_CLOSED = 1e-10  # rad: a cycle that turns by less is closed
-_ROUNDS = 1000
+_CLOSED = 1e-8  # rad: a cycle that turns by less is closed
+_ROUNDS = 300
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ class IcpSettings:
 
     spacing: float = 0.01
     reach: tuple[float, ...] = (0.15, 0.06, 0.025, 0.012)
-    iterations: int = 60
+    iterations: int = 30
     backend: str = "auto"
 
 
@@ -141,8 +141,8 @@ def _by_small_gicp(source: np.ndarray, target: np.ndarray, pose: np.ndarray, set
     for reach in settings.reach:
         result = package.align(
             fixed, moving, tree, init_T_target_source=pose, registration_type="PLANE_ICP",
-            max_correspondence_distance=reach, max_iterations=settings.iterations, rotation_epsilon=1e-5,
-            translation_epsilon=1e-5,
+            max_correspondence_distance=reach, max_iterations=settings.iterations, rotation_epsilon=5e-5,
+            translation_epsilon=5e-5,
         )  # fmt: skip
         pose, pairs, error = np.array(result.T_target_source), int(result.num_inliers), float(result.error)
         if pairs < _FEWEST:

@@ -24,6 +24,7 @@ _BEHIND = np.arange(-0.02, 0.30, 0.02)
 
 _SAMPLES = 300  # points of a view that are compared for that
 _FAR = 0.1  # m: a point that is farther from another view is not shown by it
+_SPACINGS = 1.5  # a pair's points may be as far apart as so many points of one view
 _REFINED = 3  # times that a pair is registered again by points that have a partner
 _SAME_WAY = 0.8  # cosine between the normals of such a pair, at least
 _FEWEST = 100  # such points
@@ -194,6 +195,7 @@ def register_views(
     pairs = paired_views(angles)
     first = [pair for pair in pairs if pair in ring]
     surfaces = [_surface(view) for view in views]
+    settings = _fitted(settings, views)
     found: dict[tuple[int, int], Registration] = {}
     near = replace(settings, reach=settings.reach[1:] or settings.reach)
     # first poses may be far off, or near enough for a far reach to lead away from them
@@ -230,6 +232,13 @@ def _surface(view: SubjectView) -> _Surface:
     return _Surface(
         vertices, normals, build_bvh(vertices, triangles), unit(triangle_normals(vertices, triangles)), at_rim
     )
+
+
+def _fitted(settings: IcpSettings, views: Sequence[SubjectView]) -> IcpSettings:
+    """The settings with no reach shorter than what separates the points of the views."""
+    sides = [np.linalg.norm(v.vertices[v.triangles[:, 0]] - v.vertices[v.triangles[:, 1]], axis=1) for v in views]
+    shortest = _SPACINGS * float(np.median(np.concatenate(sides)))
+    return replace(settings, reach=tuple(max(reach, shortest) for reach in settings.reach))
 
 
 def _pair(source: _Surface, target: _Surface, initial: np.ndarray, settings: IcpSettings) -> Registration | None:
