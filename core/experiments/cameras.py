@@ -173,7 +173,7 @@ def run(
         row = registered_row(name, sway, body, captures, icp)
         found.append(Arrangement(row, "ICP", floor, lost, *_registered_errors(row, true, middle)))
     say(0.6, "misplacing a camera and a mirror")
-    return Outcome(found, misplaced(body, rig, shot, named(together), true, shifts, turns, say))
+    return Outcome(found, misplaced(body, rig, shot, named(in_turn), true, shifts, turns, say))
 
 
 def named(made: Sequence[Simulation]) -> list[Capture]:

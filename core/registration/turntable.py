@@ -289,6 +289,13 @@ def _jointly(views: Sequence[SubjectView], found: dict[tuple[int, int], Registra
     middles = np.array([view.vertices.mean(axis=0) for view in views])
     edges = [Edge(other, one, _centred(result.pose, middles[other], middles[one]), result.overlap)
              for (one, other), result in _kept(len(views), found).items()]  # fmt: skip
+    for view in range(len(views)):
+        if not any(view in (edge.source, edge.target) for edge in edges):
+            raise ReconstructionError(
+                "capture {number} has too little in common with its neighbours; take more captures, so that each shows "
+                "much of what the next one does",
+                number=view + 1,
+            )
     try:
         joint = joint_registration(len(views), edges)
     except MirrorScanError as error:
