@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import MirrorScanError
 from ..mesh import Mesh
-from ..mesh.surface_distance import evaluate
+from ..mesh.surface_distance import evaluate, rigid_alignment
 from ..numeric.rotations import about_axis
 from ..pipeline import reconstruct
 from ..pipeline.multi_camera import reconstruct_registered
@@ -159,7 +159,8 @@ def judged(way: str, sway: float, body: Mesh, make: Callable) -> Row:
         poses = np.array(found["camera_to_first"])
         residual = 1e-3 * found["residual_mm"]
         corrected = 1e-3 * float(np.sqrt(np.mean([pair["corrected_mm"] ** 2 for pair in found["pairs"]])))
-    return Row(way, sway, made.mesh, distances, residual, corrected, bool(made.warnings), poses=poses)
+    laid = made.mesh.transformed(rigid_alignment(made.mesh, body))
+    return Row(way, sway, laid, distances, residual, corrected, bool(made.warnings), poses=poses)
 
 
 # --- telling ---------------------------------------------------------------------------------------------------------
