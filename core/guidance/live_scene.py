@@ -22,6 +22,7 @@ from ..depth.sensor_recognition import measuring_principle
 from ..errors import MirrorScanError, Notice
 from ..mirrors import Mirror
 from ..mirrors.glass_extent import with_outline
+from ..mirrors.mirror import expected_error
 from ..numeric.point_products import dot
 from ..pipeline import Settings
 from ..pipeline.mirror_placement import align_mirrors, first_mirrors
@@ -57,6 +58,9 @@ class LiveSettings:
         How many mirrors there are; until so many are found, they are looked for.
     place_every_s, check_every_s : float
         How often mirrors are looked for, and how often it is asked whether one has moved [s].
+    improvements : int
+        How many times at most mirrors that were found are looked for again, while something is wrong: who stands in the
+        wrong place may hide half of a frame.
     beside : bool
         Mirrors are looked for beside the frames, in a thread; else a frame waits for it, and every run is alike.
     pipeline : Settings
@@ -68,6 +72,7 @@ class LiveSettings:
     mirrors: int = 2
     place_every_s: float = 0.7
     check_every_s: float = 0.2
+    improvements: int = 4
     beside: bool = True
     pipeline: Settings = Settings()
 
@@ -118,6 +123,7 @@ class _Placed:
     thin: tuple[Mirror, ...] = ()  # with outlines in pixels of the thinned image
     ground: Ground | None = None
     model: NoiseModel | None = None
+    improved: bool = False  # a mirror that was found before is better known
 
 
 class LiveScene:
@@ -151,6 +157,7 @@ class LiveScene:
         self._farthest: np.ndarray | None = None
         self._last: np.ndarray | None = None
         self._suspected: dict[str, int] = {}
+        self._improved, self._wrong = 0, False
         self._moved: tuple[str, ...] = ()
         self._path: deque[tuple[float, np.ndarray]] = deque()
         reach = max(int(round(settings.pipeline.views.min_pixels / self.step**2)), 12)
@@ -203,12 +210,12 @@ class LiveScene:
         self._recent.append(thinned_image(depth, self._coarse))
         self._receive()
         self._ask_whether_moved(seconds)
-        if not self.placed:
-            self._place(seconds)
+        self._place(seconds)
         self._learn(thin)
         image = RgbdImage(thin, self.intrinsics)
         views, elsewhere = self._subject(image)
         advices = self._advices(image, views, elsewhere, seconds)
+        self._wrong = any(one.severity == "warning" and one.code not in ("nobody", "moving") for one in advices)
         if views is not None:
             seen, points, labels = views.seen, views.points, views.labels
         else:
@@ -227,8 +234,12 @@ class LiveScene:
         """Look for the mirrors, if it is time to."""
         if self._work is not None or len(self._recent) < _FRAMES:
             return
-        if seconds - self._tried < self.settings.place_every_s:
+        again = self.placed
+        if again and (self._known or self._improved >= self.settings.improvements or not self._wrong):
             return
+        if seconds - self._tried < self.settings.place_every_s * (2.0 if again else 1.0):
+            return
+        self._improved += again
         self._tried = seconds
         frames = np.stack(self._recent)
         if not frames.any():
@@ -247,8 +258,9 @@ class LiveScene:
     def _take(self, found: _Placed) -> None:
         if len(found.mirrors) > len(self._placed.mirrors):
             self._placed, self._moved, self._suspected = found, (), {}
-        elif not self._placed.mirrors:
-            self._placed = found  # its floor, and how the camera measures
+            self._path.clear()  # the subject is found in another way from now on
+        elif not self._placed.mirrors or (len(found.mirrors) == len(self._placed.mirrors) and found.improved):
+            self._placed = found
 
     def _found(self, frames: np.ndarray) -> _Placed:
         """The mirrors that some frames (F, H, W) show, with those found before."""
@@ -265,12 +277,13 @@ class LiveScene:
         except MirrorScanError:  # none is seen yet, which the advice says
             if self._known:
                 raise
-        mirrors = _joined(list(before.mirrors), mirrors)
+        mirrors, improved = _joined(list(before.mirrors), mirrors)
+        first = [m for m in first if m.name in {one.name for one in mirrors}]
         seen, points = sort_rays(unproject(depth, camera), mirrors)
         return _Placed(
             tuple(mirrors), before.framed | {m.name: m for m in first},
             tuple(m if m.rectangle is None else with_outline(m, self.intrinsics) for m in mirrors),
-            find_ground(points, seen, mirrors), SENSORS.get(principle.sensor),
+            find_ground(points, seen, mirrors), SENSORS.get(principle.sensor), improved,
         )  # fmt: skip
 
     def _ask_whether_moved(self, seconds: float) -> None:
@@ -290,7 +303,7 @@ class LiveScene:
         certain = tuple(name for name, count in self._suspected.items() if count >= times)
         if not certain:
             return
-        self._moved, self._suspected, self._work = certain, {}, None
+        self._moved, self._suspected, self._work, self._improved = certain, {}, None, 0
         self._known = ()  # where they were is of no use any more
         self._coarse = stride(self._camera, self.settings.placing_pixels)
         self._placed = _without(placed, certain)
@@ -465,21 +478,37 @@ def _without(placed: _Placed, names: Sequence[str]) -> _Placed:
     return replace(placed, mirrors=mirrors, thin=thin)
 
 
-def _joined(before: list[Mirror], found: list[Mirror]) -> list[Mirror]:
-    """Mirrors found now, and those found before that are not among them, each with a name of its own."""
+def _joined(before: list[Mirror], found: list[Mirror]) -> tuple[list[Mirror], bool]:
+    """Mirrors found before and now, each with a name of its own; whether one of the first is better known now."""
     sine, apart = _SAME_MIRROR
-    mirrors = list(found)
-    for one in before:
-        if all(
-            np.linalg.norm(np.cross(one.normal, m.normal)) > sine or np.linalg.norm(one.point - m.point) > apart
-            for m in found
-        ):
-            taken = {m.name for m in mirrors}
-            name = one.name
-            while name in taken:
-                name += " 2"
-            mirrors.append(replace(one, name=name))
-    return mirrors
+    mirrors, improved = list(before), False
+    for one in found:
+        same = [
+            k
+            for k, m in enumerate(before)
+            if np.linalg.norm(np.cross(one.normal, m.normal)) < sine and np.linalg.norm(one.point - m.point) < apart
+        ]
+        if same:
+            if _is_better(one, mirrors[same[0]]):
+                mirrors[same[0]], improved = replace(one, name=mirrors[same[0]].name), True
+            continue
+        name, taken = one.name, {m.name for m in mirrors}
+        while name in taken:
+            name += " 2"
+        mirrors.append(replace(one, name=name))
+    return mirrors, improved
+
+
+def _is_better(one: Mirror, before: Mirror) -> bool:
+    """Whether a mirror that was found again shows more of its glass, or is more certain."""
+    error, known = expected_error(one), expected_error(before)
+    larger = _area(one) > 1.02 * _area(before)
+    return (larger and error <= 1.5 * known) or (error < 0.6 * known and _area(one) > 0.98 * _area(before))
+
+
+def _area(mirror: Mirror) -> float:
+    """Of its rectangle [m²]; of one of unknown extent, 0."""
+    return 0.0 if mirror.rectangle is None else float(np.prod(np.diff(mirror.rectangle, axis=1)))
 
 
 def _colors(thin: np.ndarray, color: np.ndarray | None, shape: tuple[int, ...], step: int) -> np.ndarray:

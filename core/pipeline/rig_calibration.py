@@ -163,7 +163,7 @@ def _change(image: RgbdImage, mirror: Mirror) -> _Change:
     along = seen.normal @ normal
     step = np.array((-(seen.normal @ a), -(seen.normal @ b), seen.normal @ (seen.point - mirror.point))) / along
     allowed = _random(seen) + (_random(mirror) if mirror.covariance is not None else 0.0)
-    deviations = float(np.sqrt(step @ np.linalg.solve(allowed, step)))
+    deviations = float(np.sqrt(max(step @ np.linalg.solve(allowed, step), 0.0)))
     return _Change(mirror, seen, reflection_shift(person_before(mirror), seen, mirror), deviations)
 
 

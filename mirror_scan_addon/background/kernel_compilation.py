@@ -41,6 +41,7 @@ SIDE_WAYS = {RIG: (STAGES[0],), AVATAR: ()}
 STAGE_OF = {
     "load_steps": "load", "record_steps": "load", "find_mirrors_steps": "mirrors", "fit_steps": "mirrors",
     "find_subject_steps": "subject", "build_steps": "build", "scan_steps": "build", "check_steps": "build",
+    "live_steps": "build",
     "simulate_steps": RIG, "sample_steps": RIG, "check_rig_steps": RIG, "find_rig_steps": RIG, "plan_steps": RIG,
     "mannequin_steps": RIG, "skeleton_steps": AVATAR, "texture_steps": AVATAR,
 }  # fmt: skip

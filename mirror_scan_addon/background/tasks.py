@@ -239,6 +239,53 @@ def record_steps(camera: str, folder: str, frames: int) -> Steps[Loaded]:
     return (yield from load_steps(folder, 0))
 
 
+def live_steps(source: dict, capture: str, frames_folder: str, shutter: dict) -> Steps[str]:
+    """Look at a live camera, or a recording played as one, until the burst is taken; the folder of the burst.
+
+    Parameters
+    ----------
+    source : dict
+        ``camera``: a name of ``core.guidance.playback.CAMERAS``; ``serial`` of it, or the path of the recording;
+        ``paced`` for a recording, and ``rate`` [1/s].
+    capture : str
+        Folder to make for the burst.
+    frames_folder : str
+        Where :mod:`.live_frames` puts each frame that is looked at.
+    shutter : dict
+        Arguments of ``core.guidance.ShutterSettings``.
+    """
+    yield 0.0, "Starting the camera"
+    from ...core.capture import MirrorPicks
+    from ...core.guidance import LiveScene, LiveSettings, Shutter, ShutterSettings, guide
+    from ...core.guidance.playback import CAMERAS
+    from ...core.guidance.shutter import write_burst
+    from .live_frames import picture_of, write_picture
+
+    recording = source["camera"] == "playback"
+    more = {"paced": source["paced"], "rate": source["rate"]} if recording else {}
+    rate = float(source["rate"])
+    clock = (lambda number: number / rate) if recording and not source["paced"] else None
+    with CAMERAS[source["camera"]](serial=source["serial"] or None, **more) as stream:
+        live = LiveSettings(beside=clock is None, mirrors=source["mirrors"])
+        scene = LiveScene(stream.intrinsics, stream.sensor, (), live)
+        taker = Shutter(stream.intrinsics, ShutterSettings(**shutter))
+        picture = None
+        for update in guide(stream, scene, taker, clock=clock):
+            picture = picture_of(update, picture)
+            write_picture(frames_folder, picture)
+            yield 0.9 * update.share, LIVE_WORDS[update.state]
+        picks = [one for one in scene.known if isinstance(one, MirrorPicks)]
+        write_burst(capture, stream, taker.burst, taker.color, picks)
+    return capture
+
+
+LIVE_WORDS = {
+    "advising": "Looking: follow the advice in the viewport", "well": "All is well: hold still",
+    "counting down": "All is well: hold still", "burst": "Taking the burst: hold still", "done": "The burst is taken",
+}  # fmt: skip
+"""What the status bar says of each state of the shutter."""
+
+
 def _open(path: str, frames: int, mirrors_path: str, reading: dict | None, native_color: bool = False) -> Capture:
     from ...core.capture import ReadOptions, open_capture
     from ...core.capture.folders.lens_file import lens_options

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import bpy
 
+from . import live_picture
+
 COLORS = {"GOOD": (0.25, 0.8, 0.35), "USABLE": (0.95, 0.7, 0.15), "BAD": (0.92, 0.22, 0.2), "NONE": (0.6, 0.6, 0.62)}
 """sRGB of a mirror by :func:`.scan_records.quality_of`: green, amber, red, grey."""
 
@@ -149,6 +151,8 @@ def _draw_view() -> None:
     import gpu
 
     context = bpy.context
+    if live_picture.draw_view(context):  # in place of what is in the file
+        return
     cloud = _visible_cloud(context)
     if cloud is None:
         _batches.clear()
@@ -192,11 +196,11 @@ def _draw_points(name: str, cloud, settings, only_reflected: bool) -> None:
             batch = gpu.types.GPUBatch(type="POINTS", buf=buffer)
         kept = _batches[name] = (key, batch)
     if kept[1] is not None:
-        shader = _point_shader("FLAT", settings.point_size * bpy.context.preferences.system.ui_scale)
+        shader = point_shader("FLAT", settings.point_size * bpy.context.preferences.system.ui_scale)
         kept[1].draw(shader)
 
 
-def _point_shader(kind: str, size: float):
+def point_shader(kind: str, size: float):
     """The built-in shader for points of that size; in Blender 4.5 the size is set separately."""
     import gpu
 
@@ -253,11 +257,11 @@ def _draw_mirrors(cloud, settings, region) -> None:
             continue
         active = number == settings.mirror_index
         for size, color in ((11, (0, 0, 0, 1)), (7, (*COLORS[scan_records.quality_of(settings.mirrors[number])], 1))):
-            shader = _point_shader("UNIFORM", (size if active else size - 3) * scale)
+            shader = point_shader("UNIFORM", (size if active else size - 3) * scale)
             shader.uniform_float("color", color)
             batch_for_shader(shader, "POINTS", {"pos": places}).draw(shader)
     if _hover:
-        shader = _point_shader("UNIFORM", 8 * scale)
+        shader = point_shader("UNIFORM", 8 * scale)
         shader.uniform_float("color", (1, 1, 1, 1))
         batch_for_shader(shader, "POINTS", {"pos": _hover}).draw(shader)
 
@@ -296,6 +300,8 @@ def _draw_text() -> None:
     context = bpy.context
     region, space, scale = context.region, context.region_data, context.preferences.system.ui_scale
     if space is None:
+        return
+    if live_picture.draw_text(context, *_visible_range(context)):
         return
     cloud = _visible_cloud(context)
     shown = context.space_data.overlay.show_overlays or context.window_manager.mirror_scan.picking
@@ -386,3 +392,4 @@ def unregister() -> None:
         bpy.types.SpaceView3D.draw_handler_remove(_handlers.pop(), "WINDOW")
     _batches.clear()
     _hover.clear()
+    live_picture.show(None)

@@ -26,6 +26,10 @@ class MIRRORSCAN_PT_capture(Panel, Step, bpy.types.Panel):
             again = row.operator("mirror_scan.load_capture", text="", icon="FILE_REFRESH")
             again.filepath = settings.capture_path
         row.operator("mirror_scan.record", text="", icon="RADIOBUT_ON")
+        row = layout.row(align=True)
+        row.operator_context = "INVOKE_DEFAULT"
+        row.operator("mirror_scan.live_view", icon=icon_if_wide("CAMERA_DATA"), text_ctxt=CONTEXT)
+        row.operator("mirror_scan.live_view", text="", icon="PLAY").source = "playback"
         column = fields(layout)
         column.prop(settings, "capture_path", text="Path", text_ctxt=CONTEXT, placeholder=say("Folder or file"))
         field(column, settings, "frames", "Frames (0 = all)")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import bpy
-from mathutils import Matrix, Quaternion, Vector
+from mathutils import Euler, Matrix, Quaternion, Vector
 
 
 def viewport(context: bpy.types.Context) -> bpy.types.Area | None:
@@ -28,6 +28,19 @@ def look_from_camera(context: bpy.types.Context, cloud: bpy.types.Object) -> Non
     view.view_distance = 4.8 * cloud.matrix_world.median_scale
     show_within(area, 0.1 * cloud.matrix_world.median_scale, 50.0 * cloud.matrix_world.median_scale)
     _fit(area, cloud)
+
+
+def look_from_front(context: bpy.types.Context) -> None:
+    """Have the 3D viewport look at where a person is scanned, from the camera's side and a little above it."""
+    area = viewport(context)
+    if area is None:
+        return
+    view = area.spaces.active.region_3d
+    view.view_perspective = "PERSP"
+    view.view_rotation = Euler((math.radians(78.0), 0.0, 0.0)).to_quaternion()
+    view.view_location = (0.0, 0.0, 0.9)
+    view.view_distance = 5.0
+    show_within(area, 0.1, 50.0)
 
 
 def look_at_whole_capture(context: bpy.types.Context, cloud: bpy.types.Object) -> None:

@@ -92,14 +92,15 @@ _MIRROR = {"mirrors", "output", "program"}, Kind("mirrors", "mirrors", ("pick", 
 _MOTION = {"motion", "avatar", "program"}, Kind("file", "motion", ("other file",))
 _MAY_FAIL_BY: dict[str, tuple[set[str] | None, Kind]] = {
     "load_capture": _SCAN, "scan_to_avatar": _SCAN, "build_avatar": _SCAN, "find_subject": _SCAN, "texture": _SCAN,
-    "record": (_SCAN[0] | {"output"}, _SCAN[1]), "simulate": (_SCAN[0] | {"output"}, OTHER),
+    "record": (_SCAN[0] | {"output"}, _SCAN[1]), "live_view": (_SCAN[0] | {"output"}, _SCAN[1]),
+    "simulate": (_SCAN[0] | {"output"}, OTHER),
     "find_mirrors": _MIRROR, "set_mirror": _MIRROR, "save_mirrors": _MIRROR, "use_rig": _MIRROR,
     "calibrate_rig": _MIRROR,
     "apply_motion": _MOTION, "follow_stream": _MOTION,
 }  # fmt: skip
 """By operator: the topics of what it may fail by, and the kind of what is not recognised. Others work on an avatar."""
 
-_CAPTURE = {"load_capture", "scan_to_avatar", "record", "simulate"}
+_CAPTURE = {"load_capture", "scan_to_avatar", "record", "live_view", "simulate"}
 _MIRRORS = {
     "find_mirrors",
     "set_mirror",
