@@ -110,22 +110,22 @@ def play(approach: Approach, known: bool) -> Played:
 
 def approaches() -> Iterator[tuple[Approach, bool]]:
     """The scripted approaches, and whether the mirrors are known when they begin."""
-    azure, kinect, low = small_rig(), small_rig("kinect_v2"), small_rig(camera_height=1.1, tilt_deg=6.0)
+    azure, femto, low = small_rig(), small_rig("femto_bolt"), small_rig(camera_height=1.1, tilt_deg=6.0)
     tall, small = person(1.85, 50.0), person(1.58, 40.0, girth=1.15)
     usual = person()
     asides = (("left", -0.75, 0.0), ("right", 0.75, 0.0), ("near", 0.0, -0.75), ("far", 0.0, 0.75),
               ("left and far", -0.5, 0.5), ("right and near", 0.5, -0.5))  # fmt: skip
     for k, (name, x, y) in enumerate(asides):
-        for j, (rig, body) in enumerate(((azure, usual), (kinect, tall))):
+        for j, (rig, body) in enumerate(((azure, usual), (femto, tall))):
             yield _stands_wrong(f"too {name}, {rig.sensor}", rig, body, x, y, 2 * k + j), j == 0
-    for k, (rig, height) in enumerate(((azure, 1.7), (kinect, 1.8), (low, 1.6))):
+    for k, (rig, height) in enumerate(((azure, 1.7), (femto, 1.8), (low, 1.6))):
         yield _arms(f"arms at the body, {height:g} m", rig, height, 20 + k), True
-    for k, (rig, body) in enumerate(((azure, usual), (kinect, small))):
+    for k, (rig, body) in enumerate(((azure, usual), (femto, small))):
         yield _box(f"a box before the feet, {rig.sensor}", rig, body, 30 + k), True
         yield _second(f"a second person, {rig.sensor}", rig, body, 40 + k), True
         yield _returns(f"goes away and returns, {rig.sensor}", rig, body, 50 + k), k == 0
     yield _sways("moves during the burst", azure, usual, 60), False
-    yield _straight("stands well at once", kinect, tall, 61), False
+    yield _straight("stands well at once", femto, tall, 61), False
     yield _mirror_turned("a mirror is turned", azure, usual, 62), True
 
 
@@ -328,7 +328,7 @@ def settings_by_kind(quick: bool) -> dict[str, list[Setting]]:
     count = 3 if quick else 10
 
     def rig(**changes) -> Rig:
-        sensor = ("azure_kinect", "kinect_v2")[int(rng.integers(2))]
+        sensor = ("azure_kinect", "femto_bolt")[int(rng.integers(2))]
         return small_rig(sensor, **changes)
 
     def high(by: float) -> Rig:

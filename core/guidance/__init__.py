@@ -22,5 +22,7 @@ __all__ = [
     "Shutter",
     "ShutterSettings",
     "guide",
+    "advice",
     "playback",
+    "shutter",
 ]

@@ -68,7 +68,7 @@ class LiveSettings:
     """
 
     pixels: int = 19_200
-    placing_pixels: int = 92_160
+    placing_pixels: int = 120_000
     mirrors: int = 2
     place_every_s: float = 0.7
     check_every_s: float = 0.2
@@ -349,10 +349,12 @@ class LiveScene:
     ) -> np.ndarray | None:
         """Points (N, 3) of somebody who came into the picture, as tall and large as a person; None where nobody did.
 
+        Nor before all mirrors are known: who is seen in one looks like somebody else.
+
         ``seen`` (H, W) and ``points`` (H, W, 3): as :func:`..views.ray_sorting.sort_rays` has them.
         """
         ground = self._placed.ground
-        if ground is None or ground.floor is None:
+        if ground is None or ground.floor is None or not self.placed:
             return None
         there = (seen == 0) & self._nearer(image.depth)
         some = points[there]
@@ -503,7 +505,7 @@ def _is_better(one: Mirror, before: Mirror) -> bool:
     """Whether a mirror that was found again shows more of its glass, or is more certain."""
     error, known = expected_error(one), expected_error(before)
     larger = _area(one) > 1.02 * _area(before)
-    return (larger and error <= 1.5 * known) or (error < 0.6 * known and _area(one) > 0.98 * _area(before))
+    return (larger and error <= 3.0 * known) or (error < 0.6 * known and _area(one) > 0.98 * _area(before))
 
 
 def _area(mirror: Mirror) -> float:
