@@ -151,7 +151,7 @@ def _arms(name: str, rig: Rig, height: float, seed: int) -> Approach:
 
 
 def _box(name: str, rig: Rig, body: Mesh, seed: int) -> Approach:
-    crate = placed(box((-0.4, -0.15, 0.0), (0.4, 0.15, 0.4)), 0.0, -0.4)
+    crate = placed(box((-0.4, -0.15, 0.0), (0.4, 0.15, 0.45)), 0.0, -0.8)
     walking = [replace(moment, props=(crate,)) for moment in _in(body, rig)]
     wrong = Moment((body,), 16, rig, ("feet_hidden",), props=(crate,))
     return Approach(name, [*walking, wrong, Moment((body,), _LAST, rig)], seed)
@@ -339,7 +339,7 @@ def settings_by_kind(quick: bool) -> dict[str, list[Setting]]:
         angle, far = rng.uniform(0.0, 2 * np.pi), rng.uniform(0.75, 0.95)
         return far * np.cos(angle), far * np.sin(angle)
 
-    crate = placed(box((-0.4, -0.15, 0.0), (0.4, 0.15, 0.4)), 0.0, -0.4)
+    crate = placed(box((-0.4, -0.15, 0.0), (0.4, 0.15, 0.45)), 0.0, -0.8)
     made: dict[str, Callable[[], Setting]] = {
         "step": lambda: Setting(rig(), rng.uniform(1.55, 1.85), place=aside()),
         "arms_close": lambda: Setting(rig(), rng.uniform(1.55, 1.85), arms=rng.uniform(75.0, 78.0)),

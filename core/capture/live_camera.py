@@ -12,7 +12,6 @@ import itertools
 import json
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,39 +21,15 @@ from ..camera import Intrinsics
 from ..errors import CaptureError, MirrorScanError
 from ..io.atomic_files import fresh_folder
 from .capture import MirrorPicks
+from .drivers.azure_kinect import open_azure_kinect
+from .drivers.orbbec import open_orbbec
+from .drivers.stream import Stream as Stream
 from .folders.rgbd_folder import mirrors_to, sensor_named
 from .rgbd_writer import FolderWriter
 
 SETTLE = 15  # frames until exposure and laser have settled
 TIMEOUT_MS = 5000
 COLOR_SIZES = ((1920, 1080), (1280, 800), (1280, 720), (640, 480))  # of RealSense's colour cameras, the best first
-
-
-@dataclass(frozen=True)
-class Stream:
-    """A camera that is running.
-
-    Parameters
-    ----------
-    intrinsics : Intrinsics
-        Pinhole of the depth frames.
-    sensor : str
-        As in :class:`.capture.Capture`: ``realsense_d435``, …, or ``unknown``.
-    frames : iterator of (depth, color)
-        ``depth`` (H, W) float32 z [m], 0 = no reading; ``color`` (H, W, 3) uint8 sRGB aligned to depth, or None.
-        Endless; ends when the camera is gone.
-    color_intrinsics : Intrinsics or None
-        Given where ``color`` is not aligned to depth but the colour camera's own image, (Hc, Wc, 3): its intrinsics,
-        distorted or not.
-    depth_to_color : np.ndarray [shape=(4, 4)] or None
-        Then: takes points [m] of the depth camera's frame into the colour camera's.
-    """
-
-    intrinsics: Intrinsics
-    sensor: str
-    frames: Iterator[tuple[np.ndarray, np.ndarray | None]]
-    color_intrinsics: Intrinsics | None = None
-    depth_to_color: np.ndarray | None = None
 
 
 def record(
@@ -287,4 +262,6 @@ def realsense():
     return pyrealsense2
 
 
-DRIVERS: dict[str, Callable[..., contextlib.AbstractContextManager[Stream]]] = {"realsense": open_realsense}
+DRIVERS: dict[str, Callable[..., contextlib.AbstractContextManager[Stream]]] = {
+    "realsense": open_realsense, "azure_kinect": open_azure_kinect, "femto": open_orbbec,
+}  # fmt: skip

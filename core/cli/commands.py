@@ -421,10 +421,13 @@ def run_record(options: argparse.Namespace, writers: Writers) -> None:
     """``record``: record a burst of a connected camera."""
     from ..capture.live_camera import DRIVERS, record
 
-    wanted = {"native_color": True} if options.native_color else {}  # a driver need not have it
+    if options.native_color and options.camera != "realsense":
+        raise CaptureError("--native-color: is for RealSense cameras; leave it out", code="camera")
+    wanted: dict[str, Any] = {"native_color": True} if options.native_color else {}  # a driver need not have it
+    wanted |= {"size": options.size} if options.size else {}
     with (
         progress_bar(options.quiet) as progress,
-        DRIVERS[options.camera](options.size, options.rate, options.serial, **wanted) as stream,
+        DRIVERS[options.camera](rate=options.rate, serial=options.serial, **wanted) as stream,
     ):
         record(stream, options.folder, options.frames, progress=progress)
     if not options.quiet:

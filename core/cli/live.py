@@ -102,7 +102,8 @@ def _camera(
     if options.play is None:
         if options.fast:
             raise CaptureError("--fast: is for a recording; give one with --play")
-        with CAMERAS[options.camera](options.size, options.rate, options.serial) as stream:
+        wanted = {"size": options.size} if options.size else {}
+        with CAMERAS[options.camera](rate=options.rate, serial=options.serial, **wanted) as stream:
             yield stream, known_mirrors(options, stream.intrinsics) or (), None
         return
     from ..sequences import open_recording

@@ -17,7 +17,7 @@ from .terminal import show
 SENSORS = ("ideal", "kinect_v1", "kinect_v2", "azure_kinect", "femto_bolt", "realsense_d455", "phone_dtof")
 OPTICS = ("ideal", "real")
 EFFECTS = ("multipath", "glass", "bow", "attenuation", "dark", "skin", "noise", "warp", "color", "uneven")
-CAMERAS = ("realsense",)
+CAMERAS = ("realsense", "azure_kinect", "femto")
 BATCH_FORMATS = ("glb", "ply", "obj", "stl", "3mf")
 GARMENTS = ("tshirt", "trousers", "skirt")
 TEXTURE_SIZE = 2048
@@ -421,7 +421,10 @@ def _add_camera(command: argparse.ArgumentParser) -> None:
     command.add_argument("--camera", choices=CAMERAS, default=CAMERAS[0], help=f"driver, default {CAMERAS[0]}")
     command.add_argument("--serial", metavar="NUMBER", help="serial number of the camera, if several are connected")
     command.add_argument(
-        "--size", metavar="WxH", type=_size, default=(848, 480), help="size of the depth image, default 848x480"
+        "--size",
+        metavar="WxH",
+        type=_size,
+        help="size of the depth image; default the camera's own, RealSense's 848x480",
     )
     command.add_argument("--rate", metavar="HZ", type=_whole(1, 120), default=30, help="frames a second, default 30")
 
