@@ -17,7 +17,7 @@ MODULES = {"quality": "quality", "speed": "speed", "cleaning": "cleaning", "mirr
            "dtw": "dtw", "import": "imports", "blender": "blender", "corpus": "corpus", "seams": "seams",
            "growth": "growth", "rigs": "rigs", "experiment": "experiment", "real": "real",
            "optics": "optics", "honesty": "honesty", "rig": "rig", "look": "look",
-           "many": "many", "guard": "guard"}  # fmt: skip
+           "many": "many", "shutter": "shutter", "guard": "guard"}  # fmt: skip
 
 
 def main() -> int:
@@ -26,7 +26,7 @@ def main() -> int:
     parser.add_argument(
         "--quick",
         action="store_true",
-        help="a few scenes of the corpus, rigs of `optics`, bodies of `rig` and `look` only",
+        help="a few scenes of the corpus, rigs of `optics`, bodies of `rig` and `look`, cases of `shutter` only",
     )
     parser.add_argument(
         "--captures", type=Path, metavar="DIR", help="clones of public repositories for the table `real`"
@@ -56,7 +56,7 @@ def main() -> int:
         module = importlib.import_module(f".{MODULES[name]}", __package__)
         if name in ("corpus", "rig"):
             result = module.run(quick=options.quick, pictures=options.pictures)
-        elif name in ("look", "many"):
+        elif name in ("look", "many", "shutter"):
             result = module.run(quick=options.quick)
         elif name == "optics":
             result = module.run(range(8) if options.quick else None, pictures=options.pictures)
