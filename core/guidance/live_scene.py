@@ -268,10 +268,9 @@ class LiveScene:
         settings, before = self.settings.pipeline, self._placed
         capture = Capture(frames, None, camera, name="live", sensor=self._sensor)
         principle = measuring_principle(capture, settings.depth, settings.light.phase_said)
-        depth = one_depth_map(capture, settings.depth)[0]
-        first: list[Mirror] = []
-        mirrors: list[Mirror] = []
+        depth, first, mirrors = frames[-1], [], []
         try:
+            depth = one_depth_map(capture, settings.depth)[0]
             first = first_mirrors(self._known, depth, capture, settings)
             mirrors = align_mirrors(first, RgbdImage(depth, camera), capture, settings, principle)[0]
         except MirrorScanError:  # none is seen yet, which the advice says
