@@ -42,6 +42,10 @@ from mirror_scan.core.preview.mesh_views import (
     render_preview,
     render_views,
 )
+from mirror_scan.core.rig_planning.placement_search import find_placement
+from mirror_scan.core.rig_planning.plan_drawing import write_plan_drawing
+from mirror_scan.core.rig_planning.plan_files import plan_picture
+from mirror_scan.core.rig_planning.rooms import ROOMS
 from mirror_scan.core.simulation.mannequin import mannequin
 from mirror_scan.core.simulation.scene import Rig, default_rig, with_real_optics
 from mirror_scan.core.simulation.simulate import simulate
@@ -112,6 +116,7 @@ def main() -> None:
         fine, weights = skinned_mesh(avatar, skeleton)
         render_preview(fine, Path(folder) / "preview.png", skeleton, weights)
         write("preview", resized(read_image(Path(folder) / "preview.png"), 0.7))
+    _room_plan()
 
 
 # --- pictures of arrays ----------------------------------------------------------------------------------------------
@@ -277,6 +282,13 @@ def _walking(avatar: Mesh) -> list[Mesh]:
 
 
 # --- the plan of the rig ---------------------------------------------------------------------------------------------
+
+
+def _room_plan() -> None:
+    """The plan of the smallest room of docs/plan.md, and its preview."""
+    placement = find_placement(ROOMS["small"], "azure_kinect")
+    write_plan_drawing(IMAGES / "room_plan.svg", placement)
+    write("room_preview", plan_picture(placement.rig, mannequin()))
 
 
 def plan(rig: Rig) -> str:
