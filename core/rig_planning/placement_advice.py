@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,13 +12,16 @@ from ..checks.scene_advice import MAX_HIDDEN
 from ..errors import Notice
 from ..simulation.rays import lit
 from ..simulation.scene import FramedMirror, Rig
-from .area_coverage import PARTS, BodySamples, as_sight, mirrored
+from .area_coverage import PARTS, BodySamples, as_sight
 
 WHOLE = 0.97
 """Share of a part that must be within the glass and the image to call it whole; samples are few."""
 _MOVES = np.arange(0.05, 0.81, 0.05)  # tried for a mirror or the camera [m]
 _TURNS = np.arange(2.0, 31.0, 2.0)  # tried about the vertical, and of the camera's tilt [degrees]
 _TILTS = np.arange(1.0, 16.0, 1.0)
+_WAYS = ("to the right", "to the left", "back", "towards the camera", "up", "down")
+_BOTH = 10.0  # a mirror may be asked to be turned by at the same time as it is moved [degrees]
+_LOOKED_AT = 24  # of the moves that show everything, for which it is checked whether the person hides it
 _DEGREE = 0.015  # of a turn is as much trouble as moving so far [m]
 _BARELY = 0.02  # added to what a mirror is too small by [m]
 _TRIED = 400  # samples that moves are tried with
@@ -67,32 +70,42 @@ def placement_advice(body: BodySamples, rig: Rig) -> list[ViewCheck]:
 
 def _shown(points: np.ndarray, rig: Rig, view: int) -> np.ndarray:
     """Which points (N,) lie within the image, and on their way within the glass, of a view."""
-    pose, lens = rig.camera_to_avatar, rig.intrinsics
-    eye = pose[:3, 3]
-    images, on_glass = points, np.ones(len(points), np.bool_)
     if view:
         mirror = rig.mirrors[view - 1]
-        images = mirrored(points, mirror)
-        x, y, before = _places(points, eye, mirror)
-        on_glass = before & (np.abs(x) <= 0.5 * mirror.width) & (np.abs(y) <= 0.5 * mirror.height)
-    u, v = project((images - eye) @ pose[:3, :3], lens).T
-    return on_glass & (u >= 0) & (v >= 0) & (u <= lens.width - 1) & (v <= lens.height - 1)
+        return _shown_from(points, rig, mirror, np.array([mirror.centre]))[0]
+    return _in_image(points, rig)
 
 
-def _places(points: np.ndarray, eye: np.ndarray, mirror: FramedMirror) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where the lines of sight to the reflections meet the glass, right and up of its centre [m].
+def _in_image(points: np.ndarray, rig: Rig) -> np.ndarray:
+    """Which points (..., 3) the camera has in its image."""
+    pose, lens = rig.camera_to_avatar, rig.intrinsics
+    u, v = np.moveaxis(project((points - pose[:3, 3]) @ pose[:3, :3], lens), -1, 0)
+    return (u >= 0) & (v >= 0) & (u <= lens.width - 1) & (v <= lens.height - 1)  # NaN behind the camera
 
-    And whether both the eye and the point are in front of it.
+
+def _shown_from(points: np.ndarray, rig: Rig, mirror: FramedMirror, centres: np.ndarray) -> np.ndarray:
+    """Which points (N,) a mirror would show in the image if its centre were at each of some places (T, 3): (T, N)."""
+    normal = mirror.axes[2]
+    x, y, before, far = _places(points, rig.camera_to_avatar[:3, 3], mirror, centres)
+    on_glass = before & (np.abs(x) <= 0.5 * mirror.width) & (np.abs(y) <= 0.5 * mirror.height)
+    return on_glass & _in_image(points - 2.0 * far[..., None] * normal, rig)
+
+
+def _places(
+    points: np.ndarray, eye: np.ndarray, mirror: FramedMirror, centres: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Where the lines of sight to the reflections meet the glass, right and up of each centre [m]; all (T, N).
+
+    Whether both the eye and the point are in front of it, and how far the point is [m].
     """
     right, up, normal = mirror.axes
-    centre = np.array(mirror.centre)
-    high, far = (eye - centre) @ normal, (points - centre) @ normal
-    before = (far > 0) & (high > 0)
-    share = far / np.where(before, far + high, 1.0)
-    there = points - far[:, None] * normal - centre  # foot of the perpendicular
-    foot = eye - high * normal - centre
-    place = there + share[:, None] * (foot - there)
-    return place @ right, place @ up, before
+    high, far = (eye - centres) @ normal, points @ normal - (centres @ normal)[:, None]
+    before = (far > 0) & (high > 0)[:, None]
+    share = far / np.where(before, far + high[:, None], 1.0)
+    x, y = (
+        points @ axis - (centres @ axis)[:, None] + share * (eye @ axis - points @ axis) for axis in (right, up)
+    )  # fmt: skip
+    return x, y, before, far
 
 
 def _shares(shown: np.ndarray, part: np.ndarray) -> dict[str, float]:
@@ -107,7 +120,7 @@ def _hidden(body: BodySamples, rig: Rig, view: int) -> float:
     if not len(at):
         return 0.0
     right, up, normal = mirror.axes
-    x, y, _ = _places(body.points[at], pose[:3, 3], mirror)
+    x, y = (found[0] for found in _places(body.points[at], pose[:3, 3], mirror, np.array([mirror.centre]))[:2])
     places = np.array(mirror.centre) + x[:, None] * right + y[:, None] * up + 1e-3 * normal
     on_glass = replace(body, points=places, normals=np.tile(normal, (len(at), 1)), part=body.part[at])
     free = lit(as_sight(on_glass, (1, len(at))), body.bvh, replace(rig, mirrors=()), 0.0)[..., 0] > 0
@@ -134,10 +147,11 @@ def _of_camera(points: np.ndarray, part: np.ndarray, rig: Rig) -> ViewCheck:
     shown = _shares(_shown(points, rig, 0), part)
     if _all_whole(shown):
         return ViewCheck("direct", shown, 0.0, None)
-    moved = _first(
-        _camera_moves(rig), lambda tried: _all_whole(_shares(_shown(points, tried, 0), part)),
-        Notice("step back until all of the person is in the picture"),
-    )  # fmt: skip
+    moved = Notice("step back until all of the person is in the picture")
+    for _, words, tried in sorted(_camera_moves(rig), key=lambda move: move[0]):
+        if _all_whole(_shares(_shown(points, tried, 0), part)):
+            moved = words
+            break
     advice = Notice("camera: {parts} cut off; {move}", parts=_cut_parts(shown), move=moved)
     return ViewCheck("direct", shown, 0.0, advice)
 
@@ -151,10 +165,7 @@ def _about_mirror(
     if not cut and not hidden:
         return None
 
-    def right(tried: Rig) -> bool:
-        return _all_whole(_shares(_shown(points, tried, view), part)) and _hidden(body, tried, view) <= MAX_HIDDEN
-
-    move = _first(_mirror_moves(rig, view), right, None)
+    move = _mirror_move(body, points, part, rig, view)
     if not cut:
         move = move or Notice("move it outwards and turn it so that the person stays in its middle")
         return Notice(
@@ -166,16 +177,6 @@ def _about_mirror(
         "{name} mirror: {parts} cut off; {move}", mirrors=[mirror.name], name=mirror.name,
         parts=_cut_parts(check.shown), move=move,
     )  # fmt: skip
-
-
-def _first(
-    moves: Iterator[tuple[float, Notice, Rig]], right: Callable[[Rig], bool], otherwise: Notice | None
-) -> Notice | None:
-    """The words of the least move that makes it right."""
-    for _, words, tried in sorted(moves, key=lambda move: move[0]):
-        if right(tried):
-            return words
-    return otherwise
 
 
 def _camera_moves(rig: Rig) -> Iterator[tuple[float, Notice, Rig]]:
@@ -199,39 +200,53 @@ def _camera_moves(rig: Rig) -> Iterator[tuple[float, Notice, Rig]]:
             yield metres + _DEGREE * abs(degrees), words, moved
 
 
-def _mirror_moves(rig: Rig, view: int) -> Iterator[tuple[float, Notice, Rig]]:
-    """How one mirror might be moved or turned; directions are as the camera sees them."""
+def _mirror_move(body: BodySamples, points: np.ndarray, part: np.ndarray, rig: Rig, view: int) -> Notice | None:
+    """The least move or turn of one mirror that makes its view right, in words; None where none does.
+
+    Directions are as the camera sees them.
+    """
     mirror = rig.mirrors[view - 1]
     pose = rig.camera_to_avatar
     side = np.array((pose[0, 0], pose[1, 0], 0.0))
     side /= max(float(np.linalg.norm(side)), 1e-9)
     ahead = np.array((-side[1], side[0], 0.0))
     up = np.array((0.0, 0.0, 1.0))
-    ways = (
-        (side, "to the right"), (-side, "to the left"), (ahead, "back"), (-ahead, "towards the camera"),
-        (up, "up"), (-up, "down"),
-    )  # fmt: skip
+    ways = np.array((side, -side, ahead, -ahead, up, -up))
+    steps = np.concatenate((np.zeros((1, 3)), (_MOVES[:, None, None] * ways).reshape(-1, 3)))
+    centres = np.array(mirror.centre) + steps
+    stands = centres[:, 2] - 0.5 * mirror.height - mirror.frame_width >= min(
+        0.0, mirror.centre[2] - 0.5 * mirror.height
+    )
+    stands[0] = True
+    good: list[tuple[float, float, int]] = []
     for degrees in (0.0, *(-_TURNS), *_TURNS):
-        turned = _turned(mirror, float(degrees))
-        edge = "left" if degrees > 0 else "right"
-        turn = Notice("turn it by {angle:.0f}°, its {edge} edge forward", angle=abs(degrees), edge=edge)
-        if degrees:
-            yield _DEGREE * abs(degrees), turn, _with(rig, view, turned)
-        if abs(degrees) > 10.0:
-            continue
-        for way, word in ways:
-            for metres in _MOVES:
-                centre = np.array(mirror.centre) + metres * way
-                if centre[2] - 0.5 * mirror.height - mirror.frame_width < 0.0:
-                    continue
-                x, y, z = (float(value) for value in centre)
-                words = Notice("move it {way} by {distance:.0f} cm", way=word, distance=100.0 * metres)
-                if degrees:
-                    words = Notice("{move} and {turn}", move=words, turn=turn)
-                yield (
-                    metres + _DEGREE * abs(degrees) + (0.05 if degrees else 0.0), words,
-                    _with(rig, view, replace(turned, centre=(x, y, z))),
-                )  # fmt: skip
+        count = 1 if abs(degrees) > _BOTH else len(steps)  # a large turn and a move at once are too much to ask
+        shown = _shown_from(points, rig, _turned(mirror, float(degrees)), centres[:count])
+        whole = np.ones(count, np.bool_)
+        for k in range(len(PARTS)):
+            if (part == k).any():
+                whole &= shown[:, part == k].mean(axis=1) >= WHOLE
+        for at in np.flatnonzero(whole & stands[:count]):
+            moved = float(np.linalg.norm(steps[at]))
+            both = 0.05 if at and degrees else 0.0
+            good.append((moved + _DEGREE * abs(float(degrees)) + both, float(degrees), int(at)))
+    for _, degrees, at in sorted(good)[:_LOOKED_AT]:
+        x, y, z = (float(value) for value in centres[at])
+        if _hidden(body, _with(rig, view, replace(_turned(mirror, degrees), centre=(x, y, z))), view) <= MAX_HIDDEN:
+            return _move_in_words(at, degrees)
+    return None
+
+
+def _move_in_words(at: int, degrees: float) -> Notice:
+    """The ``at``-th of the moves, 0 = none, and a turn by so much."""
+    turn = Notice(
+        "turn it by {angle:.0f}°, its {edge} edge forward", angle=abs(degrees), edge="left" if degrees > 0 else "right"
+    )
+    if not at:
+        return turn
+    step, way = divmod(at - 1, len(_WAYS))
+    move = Notice("move it {way} by {distance:.0f} cm", way=_WAYS[way], distance=100.0 * _MOVES[step])
+    return Notice("{move} and {turn}", move=move, turn=turn) if degrees else move
 
 
 def _turned(mirror: FramedMirror, degrees: float) -> FramedMirror:
@@ -249,7 +264,7 @@ def _with(rig: Rig, view: int, mirror: FramedMirror) -> Rig:
 def _too_small(points: np.ndarray, rig: Rig, view: int) -> Notice:
     """By how much the glass is too small, or that the image ends, where no single move helps."""
     mirror = rig.mirrors[view - 1]
-    x, y, before = _places(points, rig.camera_to_avatar[:3, 3], mirror)
+    x, y, before, _ = _places(points, rig.camera_to_avatar[:3, 3], mirror, np.array([mirror.centre]))
     if before.all():
         wide = float(np.ptp(x)) + _BARELY - mirror.width
         high = float(np.ptp(y)) + _BARELY - mirror.height

@@ -152,6 +152,8 @@ def _put(scene: bpy.types.Scene, task: job_operators.Task, result) -> None:
         _without_person.discard(scene.session_uid)
         if scene.mirror_scan.rig_camera is not None and person_of(scene) is None:
             virtual_rig.add_person(scene, result)
+            if bpy.ops.ed.undo_push.poll():  # the step of Add Rig was made before the mannequin was ready
+                bpy.ops.ed.undo_push(message="Mannequin")
     _wanted.add(scene.session_uid)
 
 

@@ -64,6 +64,7 @@ def add_objects(scene: bpy.types.Scene, rig: Rig) -> list[bpy.types.Object]:
             for node in material.node_tree.nodes:
                 if node.type == "BSDF_PRINCIPLED":
                     node.inputs["Metallic"].default_value, node.inputs["Roughness"].default_value = 1.0, 0.0
+                    node.inputs["Base Color"].default_value = (0.84, 0.92, 0.96, 1.0)
         for mirror in rig.mirrors:
             w, h = mirror.width / 2 / unit, mirror.height / 2 / unit
             mesh = bpy.data.meshes.new(mirror_label(mirror.name))
