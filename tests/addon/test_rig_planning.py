@@ -150,3 +150,15 @@ def test_checks_survive_saving(bpy, tmp_path):
     settings = settings_of(bpy)
     assert json.loads(settings.rig_checked) == kept and settings.rig_camera.type == "CAMERA"
     assert np.isclose(settings.rig_person.dimensions.z, 1.7, atol=0.05)
+
+
+def test_a_rig_is_undone_as_a_whole(bpy):
+    bpy.context.preferences.edit.use_global_undo = True
+    bpy.ops.ed.undo_push(message="before")
+    bpy.ops.mirror_scan.add_rig()
+    bpy.ops.ed.undo_push(message="rig")
+    assert len(bpy.context.scene.objects) == 6
+    bpy.ops.ed.undo()
+    assert not bpy.context.scene.objects and settings_of(bpy).rig_camera is None
+    bpy.ops.ed.redo()
+    assert len(bpy.context.scene.objects) == 6 and settings_of(bpy).rig_camera.type == "CAMERA"
