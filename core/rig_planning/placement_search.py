@@ -223,13 +223,17 @@ def _coarse(task: _Task) -> tuple[list[_Numbers], np.ndarray | None]:
         mirrors = tuple((angle, distance + longer, 0.0) for angle in _angles_of(first, count))
         numbers = _Numbers(float(distance), _camera_height(task), mirrors)
         rig = _rig_of(task, numbers)
-        if rig is None or not _is_free(task, rig) or not _in_picture(task, rig):
+        if rig is None:
             continue
         lacking = _lacking(task, rig)
-        if lacking.max() <= 0.0:
-            found.append(numbers)
-        elif least is None or lacking.clip(0).sum() < least.clip(0).sum():
-            least = lacking
+        fits = lacking.max() <= 0.0
+        if not fits and least is not None and lacking.clip(0).sum() >= least.clip(0).sum():
+            continue
+        if _is_free(task, rig) and _in_picture(task, rig):
+            if fits:
+                found.append(numbers)
+            else:
+                least = lacking
     return found, least
 
 
