@@ -86,7 +86,7 @@ class MIRRORSCAN_PT_rig(Panel, bpy.types.Panel):
         row = layout.row(align=True)
         row.operator("mirror_scan.check_rig", text_ctxt=CONTEXT)
         row.operator("mirror_scan.save_plan", text_ctxt=CONTEXT)
-        if context.scene.mirror_scan.rig_camera is not None:
+        if live_rig.planned_camera(context.scene) is not None:
             _draw_rig(layout, context.scene)
         active = context.object
         if active is not None and active.type == "MESH":

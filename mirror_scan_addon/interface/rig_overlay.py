@@ -30,8 +30,8 @@ def rig_lines(scene: bpy.types.Scene) -> tuple[list[tuple[Vector, Vector]], list
     from ..scene import live_rig, virtual_rig
     from ..scene.units import length_text, metres_per_unit
 
-    camera = scene.mirror_scan.rig_camera
-    if camera is None or camera.name not in scene.objects:
+    camera = live_rig.planned_camera(scene)
+    if camera is None:
         return [], []
     unit = metres_per_unit(scene)
     person = live_rig.person_of(scene)
@@ -77,7 +77,9 @@ def _shown(context: bpy.types.Context) -> bpy.types.Scene | None:
     settings = getattr(context.scene, "mirror_scan", None)
     if settings is None or settings.rig_camera is None or not context.space_data.overlay.show_overlays:
         return None
-    return context.scene
+    from ..scene import live_rig
+
+    return None if live_rig.planned_camera(context.scene) is None else context.scene
 
 
 def _draw_view() -> None:

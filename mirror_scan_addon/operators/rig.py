@@ -215,7 +215,7 @@ class _AboutRig(job_operators.JobOperator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         problem = scan_records.editable(context)
-        if not problem and context.scene.mirror_scan.rig_camera is None:
+        if not problem and live_rig.planned_camera(context.scene) is None:
             problem = say("There is no planned rig; press Add Rig or Find a Rig")
         return scan_records.allows(cls, problem)
 

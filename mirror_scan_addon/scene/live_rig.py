@@ -14,7 +14,6 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..background import job_operators
-from . import virtual_rig
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,15 +31,23 @@ _mannequin: list = []  # the mannequin, once it was made in this session
 
 def task_for(context_scene: bpy.types.Scene, person: bpy.types.Object | None) -> job_operators.Task:
     """The check of a scene's rig; raises MirrorScanError when there is no rig that could be checked."""
+    from . import virtual_rig  # numpy, which Blender's start must not wait for
+
     rig, mirrors = virtual_rig.rig_fields(context_scene)
     surface = None if person is None else virtual_rig.world_surface(bpy.context, person)
     return job_operators.Task("check_rig_steps", (surface, rig, mirrors))
 
 
+def planned_camera(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """The camera of the rig that is planned, while it is in the scene; None without a rig."""
+    camera = scene.mirror_scan.rig_camera
+    return camera if camera is not None and scene.objects.get(camera.name) == camera else None
+
+
 def person_of(scene: bpy.types.Scene) -> bpy.types.Object | None:
     """What a scene's rig looks at, whatever is active."""
     kept = scene.mirror_scan.rig_person
-    return kept if kept is not None and kept.name in scene.objects else None
+    return kept if kept is not None and scene.objects.get(kept.name) == kept else None
 
 
 def deliver(scene: bpy.types.Scene, found: RigChecked) -> None:
@@ -81,6 +88,8 @@ def bring_person(scene: bpy.types.Scene) -> None:
     if not _mannequin and bpy.app.background:
         keep_mannequin(job_operators.Task("mannequin_steps", ()).now())
     if _mannequin:
+        from . import virtual_rig
+
         virtual_rig.add_person(scene, _mannequin[0])
     else:
         _without_person.add(scene.session_uid)
@@ -90,7 +99,9 @@ def bring_person(scene: bpy.types.Scene) -> None:
 def schedule(scene: bpy.types.Scene) -> None:
     """Have a scene's rig checked soon; nothing happens without a window or a rig."""
     settings = scene.mirror_scan
-    if bpy.app.background or scene.library is not None or settings.rig_camera is None or not settings.rig_live:
+    if bpy.app.background or scene.library is not None or not settings.rig_live:
+        return
+    if planned_camera(scene) is None:
         return
     _wanted.add(scene.session_uid)
     if not bpy.app.timers.is_registered(_turn):
@@ -129,8 +140,10 @@ def _turn() -> float | None:
         return WAIT_S
     uid = _wanted.pop()
     scene = _scene(uid)
-    if scene is None or scene != context.scene or scene.mirror_scan.rig_camera is None:
+    if scene is None or scene != context.scene or planned_camera(scene) is None:
         return DELAY_S
+    from . import virtual_rig
+
     virtual_rig.remove_orphans(scene)
     try:
         if uid in _without_person:
@@ -147,10 +160,12 @@ def _put(scene: bpy.types.Scene, task: job_operators.Task, result) -> None:
     if task.name != "mannequin_steps":
         deliver(scene, result)
         return
+    from . import virtual_rig
+
     keep_mannequin(result)
     if scene.session_uid in _without_person:
         _without_person.discard(scene.session_uid)
-        if scene.mirror_scan.rig_camera is not None and person_of(scene) is None:
+        if planned_camera(scene) is not None and person_of(scene) is None:
             virtual_rig.add_person(scene, result)
             if bpy.ops.ed.undo_push.poll():  # the step of Add Rig was made before the mannequin was ready
                 bpy.ops.ed.undo_push(message="Mannequin")

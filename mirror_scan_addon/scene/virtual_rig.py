@@ -16,6 +16,8 @@ from ...core.errors import MirrorScanError
 from ...core.mesh import Mesh
 from ..language.texts import say
 from .avatar_objects import discard_on_error
+from .live_rig import person_of as rig_person
+from .live_rig import planned_camera
 from .report_text import mirror_label
 from .scan_collections import root_of
 from .units import metres_per_unit
@@ -198,9 +200,8 @@ def add_room(scene: bpy.types.Scene, room: tuple[float, float, float, float, flo
 
 
 def rig_camera(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """The camera that a rig looks with: the planned rig's while it is in the scene, else the scene's."""
-    camera = scene.mirror_scan.rig_camera
-    return camera if camera is not None and camera.name in scene.objects else scene.camera
+    """The camera that a rig looks with: the planned rig's, else the scene's."""
+    return planned_camera(scene) or scene.camera
 
 
 def person_of(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -208,8 +209,7 @@ def person_of(context: bpy.types.Context) -> bpy.types.Object | None:
     active = subject_of(context)
     if active is not None and person_sized(active, context.scene):
         return active
-    kept = context.scene.mirror_scan.rig_person
-    return kept if kept is not None and kept.name in context.scene.objects else None
+    return rig_person(context.scene)
 
 
 def person_sized(body: bpy.types.Object, scene: bpy.types.Scene) -> bool:

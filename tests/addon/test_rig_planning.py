@@ -162,3 +162,12 @@ def test_a_rig_is_undone_as_a_whole(bpy):
     assert not bpy.context.scene.objects and settings_of(bpy).rig_camera is None
     bpy.ops.ed.redo()
     assert len(bpy.context.scene.objects) == 6 and settings_of(bpy).rig_camera.type == "CAMERA"
+
+
+def test_a_rig_whose_camera_was_deleted_is_none(bpy):
+    from mirror_scan.mirror_scan_addon.interface.rig_overlay import rig_lines
+
+    bpy.ops.mirror_scan.add_rig()
+    for collection in settings_of(bpy).rig_camera.users_collection:  # as Delete does: the scene's memory keeps it
+        collection.objects.unlink(settings_of(bpy).rig_camera)
+    assert rig_lines(bpy.context.scene) == ([], []) and not bpy.ops.mirror_scan.check_rig.poll()
