@@ -28,8 +28,7 @@ from ..simulation.sensors import Sensor, find_sensor
 from .area_coverage import AreaCoverage, BodySamples
 
 _MEAN_OF_NORMAL = np.sqrt(2.0 / np.pi)  # mean absolute value of a normal distribution of deviation 1
-_ROUND = 0.07  # radius of what is rounded off where nothing is read: limbs [m]
-_CURVED = 0.35  # of the sagitta of a hole, what is left when its filling carries the curvature on
+_BRIDGED = 0.5  # of the distance to the nearest reading, that a filled surface is off by
 _BESIDE = 0.29  # a reading's place within its pixel, evenly spread: 1 / √12
 _NEIGHBOURS = 9.0  # readings that agree on a surface, whose mean it becomes
 _FIXED = {"stereo": 0.5, "pattern": 0.05}  # share of the noise's variance that no burst averages out; optics.real
@@ -116,9 +115,9 @@ def predicted_error(body: BodySamples, covered: AreaCoverage, rig: Rig, real_lig
 def guessed(unseen: np.ndarray, seen: np.ndarray, error: np.ndarray, height: float) -> np.ndarray:
     """Error of a filled surface at points (U, 3) by their distance to the readings (S, 3) round it [m].
 
-    Nearer than a limb's radius R the filling misses the share of a sagitta d² / 2 R that curvature carried on leaves;
-    farther away it misses a share of the distance. The ``error`` (S,) of the nearest reading is added as it is. Where
-    nothing is read, everything is a fifth of the body's height off.
+    A filling is off by about half the distance to the nearest reading: it bridges what it cannot know of, mostly
+    between limbs and under arms. The ``error`` (S,) of that reading is added as it is. Where nothing is read, all is a
+    fifth of the body's height off.
     """
     if not len(seen):
         return np.full(len(unseen), 0.2 * height)
@@ -128,8 +127,7 @@ def guessed(unseen: np.ndarray, seen: np.ndarray, error: np.ndarray, height: flo
         squared = (unseen[part] ** 2).sum(axis=1)[:, None] + (seen**2).sum(axis=1) - 2.0 * _products(unseen[part], seen)
         nearest = squared.argmin(axis=1)
         distance = np.sqrt(np.maximum(np.take_along_axis(squared, nearest[:, None], axis=1)[:, 0], 0.0))
-        sagitta = np.where(distance < _ROUND, distance**2 / (2.0 * _ROUND), distance - 0.5 * _ROUND)
-        found[part] = error[nearest] + _CURVED * sagitta
+        found[part] = error[nearest] + _BRIDGED * distance
     return found
 
 
