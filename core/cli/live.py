@@ -120,12 +120,11 @@ def _camera(
 
 def _settings(options: argparse.Namespace, known: int) -> tuple[LiveSettings, ShutterSettings]:
     """How frames are looked at, and when the burst is taken."""
-    from ..guidance import LiveSettings, ShutterSettings
-    from ..guidance.advice import KINDS
+    from ..guidance import LiveSettings, ShutterSettings, advice
 
-    unknown = [kind for kind in options.ignore if kind not in KINDS]
+    unknown = [kind for kind in options.ignore if kind not in advice.KINDS]
     if unknown:
-        raise CaptureError(f"--ignore: there is no advice “{unknown[0]}”; give one of {', '.join(KINDS)}")
+        raise CaptureError(f"--ignore: there is no advice “{unknown[0]}”; give one of {', '.join(advice.KINDS)}")
     pipeline = settings_of(options)
     return (
         LiveSettings(mirrors=known or options.mirror_count, beside=not options.fast, pipeline=pipeline),

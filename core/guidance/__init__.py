@@ -21,8 +21,8 @@ __all__ = [
     "LiveUpdate",
     "Shutter",
     "ShutterSettings",
-    "guide",
     "advice",
+    "guide",
     "playback",
     "shutter",
 ]

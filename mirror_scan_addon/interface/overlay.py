@@ -301,7 +301,7 @@ def _draw_text() -> None:
     region, space, scale = context.region, context.region_data, context.preferences.system.ui_scale
     if space is None:
         return
-    if live_picture.draw_text(context, *_visible_range(context)):
+    if live_picture.draw_text(context, *visible_range(context)):
         return
     cloud = _visible_cloud(context)
     shown = context.space_data.overlay.show_overlays or context.window_manager.mirror_scan.picking
