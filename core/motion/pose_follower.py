@@ -20,15 +20,20 @@ def _both(part: str) -> list[int]:
 
 
 _UPPER, _LOWER, _END = (np.array([BONES.index(hinge[k]) for hinge in HINGES]) for k in range(3))
+_ABOVE, _BELOW = np.concatenate([_UPPER, _LOWER]), np.concatenate([_LOWER, _END])  # of the upper bones, then the lower
 _ARMS = np.array([hinge[0].endswith("Arm") for hinge in HINGES])
+_HANGS_ON = np.where(_ARMS, 0, 1)  # chest or hips
 _KNEES = np.flatnonzero(~_ARMS)
 _HANDS, _FEET, _TOES, _SHINS = _both("Hand"), _both("Foot"), _both("ToeBase"), _both("Leg")
+_FEET_AND_TOES = np.array([_FEET, _TOES]).T
 _THIGHS, _UPPER_ARMS, _COLLARS = _both("UpLeg"), _both("Arm"), _both("Shoulder")
+_LEG_STARTS, _LEG_ENDS = np.array(_THIGHS + _SHINS), np.array(_SHINS + _FEET)
 _SPINE1, _CHEST, _NECK, _HEAD = (BONES.index(name) for name in ("Spine1", "Spine2", "Neck", "Head"))
 _SWUNG, _SWUNG_TO = [_NECK, *_COLLARS], [_HEAD, *_UPPER_ARMS]  # bones that hang on the chest, and where they end
 # Joints and those that cannot lie in the same place: the ends of bones, and left and right.
 _JOINTS = np.concatenate([_LOWER, _END, _TOES, [_HEAD], _THIGHS, _UPPER_ARMS])
 _OTHERS = np.concatenate([_UPPER, _LOWER, _FEET, [_NECK], _THIGHS[::-1], _UPPER_ARMS[::-1]])
+_SHORTEST = 1e-300  # a length that counts as 0
 _SAME_PLACE = 1e-12  # square of a length, in any unit
 _SPINE_SHARES = np.array([1 / 3, 2 / 3])[:, None, None]
 _STRAIGHT, _BENT = np.sin(np.radians([10, 30]))  # below, a limb's bend says nothing of its axis; above, all
@@ -90,6 +95,7 @@ class PoseFollower:
         self._places, self._fingers = _places(self._names)
         self._rest = rest_frames(skeleton, palms)
         self._along = self._rest.frames[:, :, 0]
+        self._rest_feet = self._rest.frames[_FEET]
         self._unturned = np.swapaxes(self._rest.frames, -1, -2).copy()
         joints = skeleton.joints
         self._swung = unit(joints[_SWUNG_TO] - joints[_SWUNG])
@@ -198,12 +204,12 @@ class PoseFollower:
     def _trunk(self, seen: np.ndarray, out: np.ndarray) -> None:
         """Hips, spine, neck, head and collar bones, by the same landmarks in the rest pose and now."""
         last = self.pose.rotations
-        points = np.stack([self.skeleton.joints, seen])
+        points = np.array([self.skeleton.joints, seen])
         hips, arms = points[:, _THIGHS], points[:, _UPPER_ARMS]
-        low, high = hips.mean(axis=1), arms.mean(axis=1)
+        low, high = (hips[:, 0] + hips[:, 1]) / 2, (arms[:, 0] + arms[:, 1]) / 2
         middle = points[:, _SPINE1] if np.isfinite(seen[_SPINE1]).all() else (low + high) / 2
-        across = np.stack([hips[:, 0] - hips[:, 1], arms[:, 0] - arms[:, 1]])
-        lower, upper = frames(np.stack([middle - low, high - middle]), across)
+        across = np.array([hips[:, 0] - hips[:, 1], arms[:, 0] - arms[:, 1]])
+        lower, upper = frames(np.array([middle - low, high - middle]), across)
         for bone, stands in ((0, lower), (_CHEST, upper)):
             turn = stands[1] @ stands[0].T
             if np.isfinite(turn).all():
@@ -216,15 +222,17 @@ class PoseFollower:
         ways, held = seen[_SWUNG_TO] - seen[_SWUNG], self._swung @ out[_CHEST].T
         known = np.isfinite(ways).all(axis=1)
         known[1:] &= self._own  # others' collar bones begin elsewhere
-        out[_SWUNG] = shortest_turn(held, np.where(known[:, None], ways, held)) @ out[_CHEST]
-        if not known.all():
+        whole = known.all()
+        out[_SWUNG] = shortest_turn(held, ways if whole else np.where(known[:, None], ways, held)) @ out[_CHEST]
+        if not whole:
             stay = np.array(_SWUNG)[~known]
             out[stay] = out[_CHEST] @ last[_CHEST].T @ last[stay]
         out[_HEAD] = out[_NECK]
 
     def _limbs(self, seen: np.ndarray, out: np.ndarray) -> None:
         """Arms and legs: along what is seen, about the axis they bend about or last bent about."""
-        upper, lower = unit(seen[_LOWER] - seen[_UPPER]), unit(seen[_END] - seen[_LOWER])
+        ways = unit(seen[_BELOW] - seen[_ABOVE])
+        upper, lower = ways[:4], ways[4:]
         last, parents = self.pose.rotations, np.where(_ARMS, _CHEST, 0)
         before = np.einsum("kij,kj->ki", last[_UPPER], self._along[_UPPER])
         known = np.isfinite(upper).all(axis=1)
@@ -232,15 +240,17 @@ class PoseFollower:
             moved = out[parents] @ np.swapaxes(last[parents], -1, -2)
             upper = np.where(known[:, None], upper, np.einsum("kij,kj->ki", moved, before))
         below = np.isfinite(lower).all(axis=1)[:, None]
+        if not below.all():
+            lower = np.where(below, lower, upper)
         carried = np.einsum("kij,kj->ki", shortest_turn(before, upper), self._axes)
-        ahead = np.where(_ARMS[:, None], out[_CHEST] @ FRONT, -(out[0] @ FRONT))
+        ahead = np.array([out[_CHEST], -out[0]]) @ FRONT
+        crossed = cross(np.array([upper, upper]), np.array([ahead[_HANGS_ON], lower]))  # with what is ahead; bent
+        lengths = np.sqrt(np.einsum("ski,ski->sk", crossed, crossed))[..., None]
+        usual, bent = crossed / np.maximum(lengths, _SHORTEST)
+        share = np.minimum(np.maximum((lengths[1] - _STRAIGHT) / (_BENT - _STRAIGHT), 0.0), 1.0)
         relax = _RELAX * known[:, None]
-        axes = (1 - relax) * carried + relax * unit(cross(upper, ahead))
-        bent = cross(upper, np.where(below, lower, upper))
-        sine = np.sqrt(np.einsum("ki,ki->k", bent, bent))[:, None]
-        share = np.clip((sine - _STRAIGHT) / (_BENT - _STRAIGHT), 0, 1)
-        axes = share * unit(bent) + (1 - share) * axes
-        turned = frames(np.concatenate([upper, np.where(below, lower, upper)]), np.concatenate([axes, axes]))
+        axes = share * bent + (1 - share) * ((1 - relax) * carried + relax * usual)
+        turned = frames(np.concatenate([upper, lower]), np.concatenate([axes, axes]))
         self._axes = turned[:4, :, 1]
         out[_UPPER] = turned[:4] @ self._unturned[_UPPER]
         out[_LOWER] = turned[4:] @ self._unturned[_LOWER]
@@ -283,13 +293,13 @@ class PoseFollower:
                 else:
                     out[foot] = out[shin] @ last[shin].T @ last[foot]
         # Toes stay level while the foot tips over them.
-        stands = out[_FEET] @ self._rest.frames[_FEET]
-        tips = np.clip(-np.arcsin(np.clip(stands[:, 2, 0], -1, 1)), 0, _TOES_BEND)
-        out[_TOES] = from_vectors(stands[:, :, 2] * tips[:, None]) @ out[_FEET]
+        stands = out[_FEET] @ self._rest_feet
+        tips = np.minimum(np.arcsin(np.minimum(np.maximum(-stands[:, 2, 0], 0.0), 1.0)), _TOES_BEND)
+        out[_TOES] = stands @ about_axis(2, tips) @ np.swapaxes(self._rest_feet, -1, -2) if tips.any() else out[_FEET]
 
     def _translation(self, seen: np.ndarray, out: np.ndarray) -> np.ndarray:
         """Of the hips: the person's way, scaled by the legs."""
-        bones = seen[_SHINS + _FEET] - seen[_THIGHS + _SHINS]
+        bones = seen[_LEG_ENDS] - seen[_LEG_STARTS]
         lengths = np.sqrt(np.einsum("ki,ki->k", bones, bones))
         length = float(lengths.sum()) / 2
         if len(self._legs) < _SETTLED and np.isfinite(length):
@@ -311,8 +321,8 @@ class PoseFollower:
         """Height of the lowest point of both soles, the hips moved by ``place`` from where they rest [m]."""
         height = place[2] + self.skeleton.joints[0, 2]
         heights = [height := height + np.einsum("ki,ki->k", turns[high, 2], way) for high, way in self._down]
-        rows = np.stack([turns[_FEET, 2], turns[_TOES, 2]], axis=1)
-        points = np.einsum("skbi,sbi->skb", self._sole_offsets, rows) + np.stack(heights[2:], axis=1)[:, None]
+        rows = turns[_FEET_AND_TOES, 2]
+        points = np.einsum("skbi,sbi->skb", self._sole_offsets, rows) + np.array(heights[2:]).T[:, None]
         return float((self._sole_weights * points).sum(axis=-1).min())
 
 

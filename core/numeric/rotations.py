@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+_LEAST = 1e-300  # of a length: shorter ones count as 0
+
 
 def unit(vectors: np.ndarray) -> np.ndarray:
     """Vectors (..., 3) of length 1; a vector of length 0 stays."""
     lengths = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))[..., None]
-    return vectors / np.where(lengths > 0, lengths, 1)
+    return vectors / np.maximum(lengths, _LEAST)
 
 
 def cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -109,12 +111,16 @@ def between(first: np.ndarray, second: np.ndarray, share: np.ndarray | float) ->
 def shortest_turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """The smallest rotations (..., 3, 3) that take directions ``start`` (..., 3) to ``end``."""
     start, end = unit(start), unit(end)
-    axis, cosine = cross(start, end), np.einsum("...i,...i->...", start, end)
-    turns = _from_skew(axis, np.ones_like(cosine), 1 / np.maximum(1 + cosine, 1e-12))
-    opposite = cosine < 1e-9 - 1
-    if opposite.any():
+    # Two reflections: across the plane square to the middle between both, then across the one square to the end.
+    middle = start + end
+    square = np.einsum("...i,...i->...", middle, middle)[..., None, None]  # 2 + 2 cos
+    turns = end[..., :, None] * start[..., None, :]
+    turns -= middle[..., :, None] * middle[..., None, :] / np.maximum(square, _LEAST)
+    turns += turns
+    turns += np.eye(3)
+    if (square < 2e-9).any():
         half = unit(cross(start, _aside(start))) * np.pi
-        turns = np.where(opposite[..., None, None], from_vectors(half), turns)
+        turns = np.where(square < 2e-9, from_vectors(half), turns)
     return turns
 
 
