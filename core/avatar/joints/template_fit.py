@@ -19,6 +19,8 @@ from .body_template import BodyState, BodyTemplate, PosedBody, derivatives, move
 
 TANGENT = 0.1  # weight of the distance along the surface, of that across it
 _NOISE = 0.025  # of body height: what one pair of many, which err together, says about the body
+# Feet of people who stand point 7° outwards (McIlroy and Maki 1997), those of the template's rest pose 2° inwards.
+_OUTWARD = np.radians(9.0)
 _SOLE = 12  # points of a lost foot's sole that stand on the floor
 # How far bones turn from the rest pose, about x, y, z [deg]; the rest has arms some 45° down and elbows a little bent.
 _SPREADS = {
@@ -177,8 +179,14 @@ def mirrored_turn(vector: np.ndarray) -> np.ndarray:
 
 
 def _usual_turns(state: BodyState, lost: Collection[int]) -> np.ndarray:
-    """Rotation vectors (22, 3) about which bones turn: the rest pose's, of a lost bone the other side's."""
+    """Rotation vectors (22, 3) about which bones turn: the rest pose's, of a lost bone the other side's.
+
+    Where both feet are lost they point outwards, as people's do.
+    """
     usual = np.zeros((len(BONES), 3))
+    left, right = BONES.index("LeftFoot"), BONES.index("RightFoot")
+    if left in lost and right in lost:
+        usual[[left, right], 2] = _OUTWARD, -_OUTWARD
     bones = [bone for bone in lost if OTHER_SIDE[bone] not in lost]
     if bones:
         usual[bones] = mirrored_turn(to_vectors(state.turns[[OTHER_SIDE[bone] for bone in bones]]))
