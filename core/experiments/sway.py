@@ -15,6 +15,7 @@ ANKLES, HIPS, NECK = 0.047, 0.53, 0.86
 
 _BLEND = 0.05  # of the height: the skin about a joint bends over this much
 _PARTS = {ANKLES: 0.78, HIPS: 0.58, NECK: 0.23}  # of the sway, what bending there moves the crown by; squares add to 1
+_ARMS, _KNEES = (0.15, 0.18), 0.29  # of the height: what is so far aside and above the knees is an arm
 _TWIST = 0.25  # m: a hand or shoulder this far from the vertical is moved by the sway when the trunk twists
 
 
@@ -41,6 +42,8 @@ def swayed(body: Mesh, sway: float, rng: np.random.Generator) -> Mesh:
     """
     if not 0.0 <= sway <= 0.1:
         raise MirrorScanError(f"sway: a crown moves by 0 to 0.1 m while a person stands, not by {sway} m")
+    if sway == 0.0:
+        return body
     height = float(body.vertices[:, 2].max())
     points = np.array(body.vertices, np.float64)
     start = points[:, 2].copy()
@@ -51,6 +54,9 @@ def swayed(body: Mesh, sway: float, rng: np.random.Generator) -> Mesh:
         if joint == HIPS:
             axis[2] = sway / _TWIST * rng.standard_normal() / 2.0
         share = np.clip((start - low) / (_BLEND * height) + 0.5, 0.0, 1.0)
+        if joint == HIPS:  # hanging arms follow the trunk, however low they reach
+            beside = np.clip((np.abs(body.vertices[:, 0]) / height - _ARMS[0]) / (_ARMS[1] - _ARMS[0]), 0.0, 1.0)
+            share = np.maximum(share, np.where(start > _KNEES * height, beside, 0.0))
         share = share**2 * (3.0 - 2.0 * share)
         at = np.array([0.0, 0.0, low])
         points = at + np.einsum("nij,nj->ni", from_vectors(share[:, None] * axis), points - at)
