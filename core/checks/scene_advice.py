@@ -129,7 +129,12 @@ def check_scene(
 
 
 def scene_findings(
-    image: RgbdImage, views: Views, mirrors: list[Mirror], model: NoiseModel | None = None, alone: bool = True
+    image: RgbdImage,
+    views: Views,
+    mirrors: list[Mirror],
+    model: NoiseModel | None = None,
+    alone: bool = True,
+    search: bool = True,
 ) -> list[Finding]:
     """What is wrong with a scene from which a result is possible, the worst for the result first.
 
@@ -144,6 +149,9 @@ def scene_findings(
         Of the camera, where it is known: how far it reads.
     alone : bool
         No other camera looks at the subject: what this one does not see nobody sees.
+    search : bool
+        Where a mirror ought to stand for the subject not to hide its reflection is searched for, which takes most of
+        the time; else it is only said that it is to be moved.
 
     Returns
     -------
@@ -163,7 +171,7 @@ def scene_findings(
             warned.append(step)
         for k, (mirror, reflection) in enumerate(zip(mirrors, found, strict=True), start=1):
             if_moved = partial(foresee, image, others[k - 1], views)
-            case = _Case(mirror, k, reflection, if_moved)
+            case = _Case(mirror, k, reflection, if_moved, search)
             about = _about_mirror(case, views, model, intrinsics, step is not None)
             warned += [replace(one, text=Notice.of(one.text, [mirror.name]), mirror=mirror.name) for one in about]
             error = mirror.displacement(subject[::16])
@@ -330,13 +338,15 @@ def _rotated(mirror: Mirror, views: Views, intrinsics: Intrinsics, outwards: flo
 class _Case:
     """One mirror's reflection to be checked.
 
-    ``view``: the mirror's, 1..N; ``if_moved``: what the mirror would show if it were moved or rotated.
+    ``view``: the mirror's, 1..N; ``if_moved``: what the mirror would show if it were moved or rotated; ``search``:
+    where it ought to stand is searched for.
     """
 
     mirror: Mirror
     view: int
     found: Reflection
     if_moved: Callable[[Mirror], Reflection]
+    search: bool = True
 
 
 def _about_mirror(
@@ -528,7 +538,7 @@ def _about_hidden(case: _Case, views: Views, intrinsics: Intrinsics) -> Finding:
     """By how much to move a mirror until the subject does not hide its own reflection, or what else to do."""
     name, found = quoted(case.mirror), case.found
     do, move = Notice("move {name} outwards and turn it so that the subject stays in its middle", name=name), None
-    for outwards in _OUTWARDS:
+    for outwards in _OUTWARDS if case.search else ():
         moved, how = _rotated(case.mirror, views, intrinsics, outwards)
         there = case.if_moved(moved)
         if there.hidden < _CURED * MAX_HIDDEN and max(there.over_image.values()) < MAX_OVER:

@@ -118,14 +118,21 @@ def advise(image: RgbdImage, views: Views, mirrors: Sequence[Mirror], model: Noi
     model : NoiseModel or None
         Of the camera, where it is known.
     """
-    findings = scene_findings(image, views, list(mirrors), model)
-    advices = [*_of_posture(views, findings), *map(_of_finding, findings)]
+    findings = scene_findings(image, views, list(mirrors), model, search=False)
+    advices = _all_of(views, findings)
     if any(one.code in _BY_STEPPING and not _by_tilting(one) for one in advices):
         most = np.inf if model is None else 1.25 * model.max_range
         step = nearest_place(views, mirrors, image.intrinsics, most)
         if step is not None and np.linalg.norm(step) >= SHORTEST_STEP:
-            advices = [_stepping(views, step), *(one for one in advices if one.code not in _BY_STEPPING)]
+            return [_stepping(views, step), *(one for one in advices if one.code not in _BY_STEPPING)]
+    if any(one.kind in ("body_hides", "arms_hide") for one in findings):  # then it is the mirror that is to be moved
+        return _all_of(views, scene_findings(image, views, list(mirrors), model))
     return advices
+
+
+def _all_of(views: Views, findings: Sequence[Finding]) -> list[Advice]:
+    """Advice on how the subject stands, and of each finding."""
+    return [*_of_posture(views, findings), *map(_of_finding, findings)]
 
 
 def _by_tilting(advice: Advice) -> bool:
