@@ -3,25 +3,38 @@
 from __future__ import annotations
 
 import argparse
-import math
-import re
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from ..rig_planning.rooms import MIRRORS, ROOMS
 from . import batch, commands, dressing, live, planning, sequence
+from .argument_types import (
+    EFFECTS,
+    OPTICS,
+    TEXTURE_SIZE,
+    counts,
+    frequencies,
+    gigabytes,
+    glass_size,
+    image_size,
+    millimetres,
+    optics,
+    percentages,
+    pixel,
+    room_size,
+    seconds,
+    sways,
+    texture_size,
+    turn,
+    whole_number,
+)
 from .terminal import show
 
 SENSORS = ("ideal", "kinect_v1", "kinect_v2", "azure_kinect", "femto_bolt", "realsense_d455", "phone_dtof")
-OPTICS = ("ideal", "real")
-EFFECTS = ("multipath", "glass", "bow", "attenuation", "dark", "skin", "noise", "warp", "color", "uneven")
 CAMERAS = ("realsense", "azure_kinect", "femto")
 BATCH_FORMATS = ("glb", "ply", "obj", "stl", "3mf")
 GARMENTS = ("tshirt", "trousers", "skirt")
-TEXTURE_SIZE = 2048
-"""Width and height of a texture unless another is asked for [px]."""
 DEMO_FOLDER = "mirror_scan_demo"
 EXPERIMENT_FOLDER = "{}_experiment"
 
@@ -94,7 +107,7 @@ def _add_reconstruct(subparsers: _Commands) -> None:
         "the first shows the front; needs small_gicp or open3d",
     )  # fmt: skip
     command.add_argument(
-        "--step", metavar="DEG", type=_step, dest="register_step",
+        "--step", metavar="DEG", type=turn, dest="register_step",
         help="with --register: by how much the subject turned to its left from one capture to the next, or the camera "
         "went round it with the clock; negative the other way (default: once round, either way)",
     )  # fmt: skip
@@ -111,7 +124,7 @@ def _add_reconstruction(command: argparse.ArgumentParser) -> None:
         "--rig", metavar="FILE", type=Path, help="rig file written by “calibrate”, with the mirrors to use"
     )
     command.add_argument(
-        "--subject", metavar="U,V", type=_pixel, help="pixel of the depth image on the subject, if another is found"
+        "--subject", metavar="U,V", type=pixel, help="pixel of the depth image on the subject, if another is found"
     )
     command.add_argument("--object", action="store_true", help="the subject is any object: cut off what it stands on")
     command.add_argument("--keep-islands", action="store_true", help="keep pieces that are not connected to the body")
@@ -142,16 +155,16 @@ def _add_batch(subparsers: _Commands) -> None:
         help=f"format of the avatars: {', '.join(BATCH_FORMATS)}; default glb; may be given several times",
     )  # fmt: skip
     command.add_argument(
-        "--every-frames", metavar="N", type=_whole(1, 1000), default=0,
+        "--every-frames", metavar="N", type=whole_number(1, 1000), default=0,
         help="make an avatar of every N frames of a recording, instead of one of all",
     )  # fmt: skip
     group = _add_workers(command, "as many as cores and memory allow")
     group.add_argument(
-        "--threads", metavar="N", type=_whole(1, 1024), default=0,
+        "--threads", metavar="N", type=whole_number(1, 1024), default=0,
         help="threads of each; by default the cores are shared out to the workers",
     )  # fmt: skip
     group.add_argument(
-        "--memory", metavar="GB", type=_gigabytes, default=0.0,
+        "--memory", metavar="GB", type=gigabytes, default=0.0,
         help="memory of each; one that takes more is started again. By default an equal share of the machine's",
     )  # fmt: skip
     _add_reconstruction(command)
@@ -163,7 +176,7 @@ def _add_workers(command: argparse.ArgumentParser, usual: str) -> argparse._Argu
     """Options for who does the work; ``usual``: what it is when none is given."""
     group = command.add_argument_group("workers", "who does the work; needs Dask: pip install 'mirror_scan[cluster]'")
     group.add_argument(
-        "--workers", metavar="N", type=_whole(1, 1024), default=0,
+        "--workers", metavar="N", type=whole_number(1, 1024), default=0,
         help=f"processes on this machine; by default {usual}",
     )  # fmt: skip
     group.add_argument(
@@ -171,7 +184,7 @@ def _add_workers(command: argparse.ArgumentParser, usual: str) -> argparse._Argu
         help="use the workers of a Dask scheduler, as tcp://10.0.0.1:8786, instead of this machine",
     )  # fmt: skip
     group.add_argument(
-        "--wait", metavar="MINUTES", type=_whole(0, 10_000), default=30,
+        "--wait", metavar="MINUTES", type=whole_number(0, 10_000), default=30,
         help="how long to wait for workers when all are gone, default 30 minutes",
     )  # fmt: skip
     return group
@@ -185,7 +198,7 @@ def _add_avatar(command: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--vrm", action="store_true", help="name the bones of VRM's humanoid in .glb, too")
     group.add_argument(
-        "--texture", metavar="SIZE", type=_texture_size, nargs="?", const=TEXTURE_SIZE,
+        "--texture", metavar="SIZE", type=texture_size, nargs="?", const=TEXTURE_SIZE,
         help="lay an image of the colour camera's own pixels on the avatar, SIZE pixels wide and high "
         f"(256 to 8192, or 1K to 8K; default {TEXTURE_SIZE})",
     )  # fmt: skip
@@ -197,10 +210,10 @@ def _add_avatar(command: argparse.ArgumentParser) -> None:
         help="measure the body as a tape would; written to the report, and to OUT.csv if that is given with -o",
     )  # fmt: skip
     group.add_argument(
-        "--triangles", metavar="N", type=_whole(100, 10_000_000), help="reduce the avatar to N triangles"
+        "--triangles", metavar="N", type=whole_number(100, 10_000_000), help="reduce the avatar to N triangles"
     )
     group.add_argument(
-        "--levels", metavar="N,N", type=_counts, default=(),
+        "--levels", metavar="N,N", type=counts, default=(),
         help="write levels of detail, too, of so many triangles: OUT.lod1, OUT.lod2 and so on",
     )  # fmt: skip
 
@@ -209,10 +222,10 @@ def _add_print(command: argparse.ArgumentParser) -> None:
     """Options for .stl and .3mf, which are printed."""
     group = command.add_argument_group("print", "for .stl and .3mf, which are written in millimetres")
     group.add_argument(
-        "--print-height", metavar="MM", type=_millimetres(10, 3000), help="height of the print; default life size"
+        "--print-height", metavar="MM", type=millimetres(10, 3000), help="height of the print; default life size"
     )
-    group.add_argument("--hollow", metavar="MM", type=_millimetres(0.4, 100), help="make it hollow, with walls of MM")
-    group.add_argument("--base", metavar="MM", type=_millimetres(0.4, 100), help="stand it on a base plate, MM thick")
+    group.add_argument("--hollow", metavar="MM", type=millimetres(0.4, 100), help="make it hollow, with walls of MM")
+    group.add_argument("--base", metavar="MM", type=millimetres(0.4, 100), help="stand it on a base plate, MM thick")
 
 
 def _add_sequence(subparsers: _Commands) -> None:
@@ -232,9 +245,13 @@ def _add_sequence(subparsers: _Commands) -> None:
         "--format", dest="formats", metavar="FORMAT", action="append", choices=("ply", "glb"),
         help="of the frames: ply (default) or glb; may be given twice",
     )  # fmt: skip
-    command.add_argument("--every", metavar="N", type=_whole(1, 1000), default=1, help="take every N-th frame")
+    command.add_argument("--every", metavar="N", type=whole_number(1, 1000), default=1, help="take every N-th frame")
     command.add_argument(
-        "--fps", metavar="N", type=_whole(1, 240), default=30, help="frames a second of what is written, default 30"
+        "--fps",
+        metavar="N",
+        type=whole_number(1, 240),
+        default=30,
+        help="frames a second of what is written, default 30",
     )
     command.add_argument("--mirrors", metavar="FILE", type=Path, help="mirrors.json to use instead of the recording's")
     command.add_argument("--rig", metavar="FILE", type=Path, help="rig file written by “calibrate”")
@@ -286,7 +303,7 @@ def _add_dress(subparsers: _Commands) -> None:
         help="file to write, by suffix: .glb, with Blender also .blend (as cloth) .fbx .usd; may be repeated",
     )  # fmt: skip
     command.add_argument(
-        "--ease", metavar="MM", type=_millimetres(2, 80), default=15.0,
+        "--ease", metavar="MM", type=millimetres(2, 80), default=15.0,
         help="distance from skin to cloth, 2 to 80 mm (default 15)",
     )  # fmt: skip
     command.add_argument(
@@ -326,15 +343,17 @@ def _add_simulate(subparsers: _Commands) -> None:
     command.add_argument("folder", metavar="DIR", type=Path, help="folder to write; an earlier simulation is replaced")
     command.add_argument("--sensor", choices=SENSORS, default="azure_kinect", help="depth camera, default azure_kinect")
     command.add_argument(
-        "--frames", metavar="N", type=_whole(1, 300), default=10, help="frames in the burst, default 10"
+        "--frames", metavar="N", type=whole_number(1, 300), default=10, help="frames in the burst, default 10"
     )
     command.add_argument(
-        "--seed", metavar="N", type=_whole(0, 2**32 - 1), default=0, help="seed of the noise, default 0"
+        "--seed", metavar="N", type=whole_number(0, 2**32 - 1), default=0, help="seed of the noise, default 0"
     )
-    command.add_argument("--mirrors", metavar="N", type=_whole(1, 8), default=2, help="number of mirrors, default 2")
+    command.add_argument(
+        "--mirrors", metavar="N", type=whole_number(1, 8), default=2, help="number of mirrors, default 2"
+    )
     command.add_argument("--body", metavar="FILE", type=Path, help="mesh to scan, Z up, in metres; default a mannequin")
     command.add_argument(
-        "--color-scale", metavar="N", type=_whole(1, 8), default=1,
+        "--color-scale", metavar="N", type=whole_number(1, 8), default=1,
         help="colour image N times as wide and high as depth, default 1",
     )  # fmt: skip
     _add_optics(command, one_by_one=True)
@@ -346,19 +365,19 @@ def _add_plan(subparsers: _Commands) -> None:
     command = subparsers.add_parser("plan", help="find the best place for camera, person and mirrors in a room")
     rooms = ", ".join(ROOMS)
     command.add_argument(
-        "--room", metavar="SIZE", type=_room, required=True,
+        "--room", metavar="SIZE", type=room_size, required=True,
         help=f"width x depth x height in metres, such as 3x3.5x2.4, or one of {rooms}",
     )  # fmt: skip
     command.add_argument("--sensor", choices=SENSORS, default="azure_kinect", help="depth camera, default azure_kinect")
     command.add_argument(
-        "--mirrors", metavar="SIZE", nargs="+", type=_glass, default=[(0.8, 1.75), (0.8, 1.75)],
+        "--mirrors", metavar="SIZE", nargs="+", type=glass_size, default=[(0.8, 1.75), (0.8, 1.75)],
         help=f"width x height of each glass in metres, or one of {', '.join(MIRRORS)}; default two of 0.8x1.75",
     )  # fmt: skip
     command.add_argument(
         "--frame", metavar="M", type=float, default=0.035, help="width of the mirrors' frames in metres, default 0.035"
     )
     command.add_argument(
-        "--frames", metavar="N", type=_whole(1, 300), default=10, help="frames of the burst, default 10"
+        "--frames", metavar="N", type=whole_number(1, 300), default=10, help="frames of the burst, default 10"
     )
     command.add_argument("--person", metavar="M", type=float, default=1.7, help="the person's height, default 1.7 m")
     command.add_argument("--body", metavar="FILE", type=Path, help="mesh of the person instead, Z up, in metres")
@@ -373,11 +392,11 @@ def _add_optics(command: argparse.ArgumentParser, one_by_one: bool = False) -> N
     words = "real: light by two ways, and whatever else real glass and cameras do; default ideal: noise only"
     if one_by_one:
         words += f"; or effects separated by commas, of {', '.join(EFFECTS)}"
-        command.add_argument("--optics", metavar="WHICH", type=_optics, default="ideal", help=words)
+        command.add_argument("--optics", metavar="WHICH", type=optics, default="ideal", help=words)
     else:
         command.add_argument("--optics", choices=OPTICS, default="ideal", help=words)
     command.add_argument(
-        "--frequencies", metavar="F,F,F", type=_frequencies,
+        "--frequencies", metavar="F,F,F", type=frequencies,
         help="modulation [MHz] of a camera that measures phase, with real optics; default 200,180,90",
     )  # fmt: skip
 
@@ -406,7 +425,7 @@ def _add_record(subparsers: _Commands) -> None:
     command = subparsers.add_parser("record", help="record a burst with a connected camera")
     command.add_argument("folder", metavar="DIR", type=Path, help="folder to make")
     command.add_argument(
-        "--frames", metavar="N", type=_whole(1, 300), default=30, help="frames in the burst, default 30"
+        "--frames", metavar="N", type=whole_number(1, 300), default=30, help="frames in the burst, default 30"
     )
     _add_camera(command)
     command.add_argument(
@@ -423,10 +442,12 @@ def _add_camera(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--size",
         metavar="WxH",
-        type=_size,
+        type=image_size,
         help="size of the depth image; default the camera's own, RealSense's 848x480",
     )
-    command.add_argument("--rate", metavar="HZ", type=_whole(1, 120), default=30, help="frames a second, default 30")
+    command.add_argument(
+        "--rate", metavar="HZ", type=whole_number(1, 120), default=30, help="frames a second, default 30"
+    )
 
 
 def _add_live(subparsers: _Commands) -> None:
@@ -443,17 +464,17 @@ def _add_live(subparsers: _Commands) -> None:
     )
     command.add_argument("--fast", action="store_true", help="with --play: look at every frame, as fast as possible")
     command.add_argument(
-        "--countdown", metavar="S", type=_seconds, default=3.0, help="seconds to count down when all is well, default 3"
+        "--countdown", metavar="S", type=seconds, default=3.0, help="seconds to count down when all is well, default 3"
     )
     command.add_argument(
-        "--burst", metavar="N", type=_whole(1, 300), default=30, help="frames in the burst, default 30"
+        "--burst", metavar="N", type=whole_number(1, 300), default=30, help="frames in the burst, default 30"
     )
     command.add_argument(
         "--capture", metavar="DIR", type=Path, help="folder to make for the burst, default OUT_capture beside OUT"
     )
     command.add_argument("--capture-only", action="store_true", help="make no avatar: -o is the folder for the burst")
     command.add_argument(
-        "--mirror-count", metavar="N", type=_whole(1, 8), default=2,
+        "--mirror-count", metavar="N", type=whole_number(1, 8), default=2,
         help="how many mirrors to find, default 2; the burst waits for them",
     )  # fmt: skip
     command.add_argument(
@@ -484,7 +505,7 @@ def _add_zippering_experiment(experiments: _Commands) -> None:
     )  # fmt: skip
     _add_result_folder(command, "zippering")
     command.add_argument(
-        "--steps", metavar="PERCENT", type=_percentages, default=(0, 10, 20, 30, 40, 50),
+        "--steps", metavar="PERCENT", type=percentages, default=(0, 10, 20, 30, 40, 50),
         help="vertices to remove from the back, separated by commas (default 0,10,20,30,40,50)",
     )  # fmt: skip
     command.add_argument(
@@ -499,10 +520,10 @@ def _add_turntable_experiment(experiments: _Commands) -> None:
     words = "the paper's rival: a person who sways on a turntable before one camera without mirrors"
     command = _add_capture_experiment(experiments, "turntable", words)
     command.add_argument(
-        "--scans", metavar="N", type=_whole(3, 36), default=8, help="scans in one turn of the plate (default 8)"
+        "--scans", metavar="N", type=whole_number(3, 36), default=8, help="scans in one turn of the plate (default 8)"
     )
     command.add_argument(
-        "--sway", metavar="MM", type=_sways, default=(0.0, 2.5, 5.0, 10.0, 15.0, 20.0), dest="sways",
+        "--sway", metavar="MM", type=sways, default=(0.0, 2.5, 5.0, 10.0, 15.0, 20.0), dest="sways",
         help="how far the crown moves from scan to scan, in millimetres, separated by commas (default "
         "0,2.5,5,10,15,20)",
     )  # fmt: skip
@@ -519,10 +540,14 @@ def _add_capture_experiment(experiments: _Commands, name: str, words: str) -> ar
         "--sensor", choices=SENSORS, default="kinect_v1", help="depth camera, default the paper's kinect_v1"
     )
     command.add_argument(
-        "--frames", metavar="N", type=_whole(1, 100), default=10, help="frames in each burst, default the paper's 10"
+        "--frames",
+        metavar="N",
+        type=whole_number(1, 100),
+        default=10,
+        help="frames in each burst, default the paper's 10",
     )
     command.add_argument(
-        "--seed", metavar="N", type=_whole(0, 2**32 - 1), default=0, help="seed of the noise, default 0"
+        "--seed", metavar="N", type=whole_number(0, 2**32 - 1), default=0, help="seed of the noise, default 0"
     )
     _add_optics(command)
     _add_quiet(command)
@@ -587,11 +612,11 @@ def _add_glass(command: argparse.ArgumentParser) -> None:
     """Options for what the picture may not show of the mirrors."""
     group = command.add_argument_group("mirrors", "what was measured on them")
     group.add_argument(
-        "--glass-offset", metavar="MM", type=_millimetres(-100, 100), default=0.0,
+        "--glass-offset", metavar="MM", type=millimetres(-100, 100), default=0.0,
         help="how far the front of the glass lies behind the front of the frames, default 0",
     )  # fmt: skip
     group.add_argument(
-        "--glass-thickness", metavar="MM", type=_millimetres(0, 25), default=0.0,
+        "--glass-thickness", metavar="MM", type=millimetres(0, 25), default=0.0,
         help="thickness of the glass; by default it is found where readings show it",
     )  # fmt: skip
 
@@ -609,164 +634,6 @@ def _add_light(command: argparse.ArgumentParser) -> None:
         "auto: where camera and readings show it (default); on: the camera measures phase; off: never",
     )  # fmt: skip
     group.add_argument(
-        "--frequencies", metavar="F,F,F", type=_frequencies, default=(),
+        "--frequencies", metavar="F,F,F", type=frequencies, default=(),
         help="modulation [MHz] of the camera, which then measures phase; by default the floor shows what matters of it",
     )  # fmt: skip
-
-
-def _whole(low: int, high: int) -> Callable[[str], int]:
-    """A type for argparse: a whole number within bounds."""
-
-    def whole_number(text: str) -> int:
-        value = int(text)
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"must be from {low} to {high}, not {value}")
-        return value
-
-    return whole_number
-
-
-def _millimetres(low: float, high: float) -> Callable[[str], float]:
-    """A type for argparse: a length within bounds [mm]."""
-
-    def millimetres(text: str) -> float:
-        value = float(text)
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"must be from {low} to {high} mm, not {text}")
-        return value
-
-    return millimetres
-
-
-def _seconds(text: str) -> float:
-    value = float(text)
-    if not 0.0 <= value <= 60.0:
-        raise argparse.ArgumentTypeError(f"{text} is not within 0 to 60")
-    return value
-
-
-_seconds.__name__ = "number of seconds"
-
-
-def _gigabytes(text: str) -> float:
-    """A type for argparse: memory, from 0.5 GB on."""
-    value = float(text)
-    if not 0.5 <= value <= 1e6:
-        raise argparse.ArgumentTypeError(f"must be from 0.5 GB on, not {text}")
-    return value
-
-
-_gigabytes.__name__ = "number of gigabytes"
-
-
-def _size(text: str) -> tuple[int, int]:
-    """A type for argparse: width and height, as 848x480."""
-    width, _, height = text.lower().partition("x")
-    if not (width.isdecimal() and height.isdecimal() and 0 < int(width) <= 4096 and 0 < int(height) <= 4096):
-        raise argparse.ArgumentTypeError(f"must be as 848x480, not {text}")
-    return int(width), int(height)
-
-
-def _metres(text: str, count: int) -> tuple[float, ...]:
-    """Lengths joined by x; ArgumentTypeError."""
-    try:
-        values = tuple(float(part) for part in re.split("[x×]", text.lower()))
-    except ValueError:
-        values = ()
-    if len(values) != count or not all(0.0 < value <= 50.0 for value in values):
-        example = "3x3.5x2.4" if count == 3 else "0.8x1.75"
-        raise argparse.ArgumentTypeError(f"'{text}' is not {count} lengths in metres such as {example}")
-    return values
-
-
-def _room(text: str) -> tuple[float, ...]:
-    room = ROOMS.get(text)
-    return _metres(text, 3) if room is None else (room.width, room.depth, room.height)
-
-
-def _glass(text: str) -> tuple[float, ...]:
-    return MIRRORS[text] if text in MIRRORS else _metres(text, 2)
-
-
-def _texture_size(text: str) -> int:
-    """A type for argparse: width of a texture, as 2048 or 2K."""
-    size = 1024 * int(text[:-1]) if text[-1:] in "kK" else int(text)
-    if not 256 <= size <= 8192:
-        raise argparse.ArgumentTypeError(f"must be from 256 to 8192 pixels, or 1K to 8K, not {text}")
-    return size
-
-
-_texture_size.__name__ = "size in pixels"
-
-
-def with_explicit_sizes(arguments: list[str]) -> list[str]:
-    """Arguments in which ``--texture`` without a size has one: argparse would take the next argument for it."""
-    explicit = []
-    for here, after in zip(arguments, [*arguments, ""][1:], strict=True):
-        bare = here == "--texture" and not re.fullmatch(r"\d+[kK]?", after)
-        explicit.append(f"--texture={TEXTURE_SIZE}" if bare else here)
-    return explicit
-
-
-def _pixel(text: str) -> tuple[float, float]:
-    """A type for argparse: a pixel as column,row."""
-    u, v = (float(part) for part in text.split(","))
-    if not math.isfinite(u) or not math.isfinite(v):
-        raise argparse.ArgumentTypeError(f"must be two numbers, column,row, not {text}")
-    return u, v
-
-
-_pixel.__name__ = "pixel as column,row"  # argparse names the type when it cannot be read
-
-
-def _optics(text: str) -> str:
-    """A type for argparse: ideal, real, or effects separated by commas."""
-    if text not in OPTICS and not set(text.split(",")) <= set(EFFECTS):
-        raise argparse.ArgumentTypeError(f"must be ideal, real, or some of {','.join(EFFECTS)}; not {text}")
-    return text
-
-
-def _counts(text: str) -> tuple[int, ...]:
-    """A type for argparse: numbers of triangles, separated by commas."""
-    return tuple(_whole(100, 10_000_000)(part) for part in text.split(","))
-
-
-_counts.__name__ = "list of whole numbers"
-
-
-def _frequencies(text: str) -> tuple[float, ...]:
-    """A type for argparse: frequencies from 1 to 1000 MHz, separated by commas."""
-    values = tuple(float(part) for part in text.split(","))
-    if not all(1 <= value <= 1000 for value in values):
-        raise argparse.ArgumentTypeError(f"must be from 1 to 1000 MHz, separated by commas, not {text}")
-    return values
-
-
-def _percentages(text: str) -> tuple[float, ...]:
-    """A type for argparse: percentages from 0 to below 100, separated by commas."""
-    values = tuple(float(part) for part in text.split(","))
-    if not all(0 <= value < 100 for value in values):
-        raise argparse.ArgumentTypeError(f"must be from 0 to below 100, separated by commas, not {text}")
-    return values
-
-
-def _sways(text: str) -> tuple[float, ...]:
-    """A type for argparse: lengths from 0 to 100 mm, separated by commas."""
-    values = tuple(float(part) for part in text.split(","))
-    if not all(0 <= value <= 100 for value in values):
-        raise argparse.ArgumentTypeError(f"must be from 0 to 100, separated by commas, not {text}")
-    return values
-
-
-def _step(text: str) -> float:
-    """A type for argparse: an angle from one capture to the next [degrees]."""
-    value = float(text)
-    if not 1.0 <= abs(value) <= 180.0:
-        raise argparse.ArgumentTypeError(f"must be from 1 to 180 degrees either way, not {text}")
-    return value
-
-
-_step.__name__ = "angle"
-_sways.__name__ = "list of lengths"
-_frequencies.__name__ = "list of frequencies"
-_percentages.__name__ = "list of percentages"  # argparse names the type when a number cannot be read

@@ -14,8 +14,9 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from ..errors import MirrorScanError, OutputError
+from .argument_types import with_explicit_sizes
 from .outputs import Readers, Writers
-from .parser import build_parser, with_explicit_sizes
+from .parser import build_parser
 from .terminal import complain, kernels_reported
 
 if TYPE_CHECKING:

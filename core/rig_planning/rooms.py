@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-
-import numpy as np
 
 from ..errors import MirrorScanError
 
@@ -25,7 +24,7 @@ class Room:
 
     def __post_init__(self) -> None:
         sizes = (self.width, self.depth, self.height)
-        if not np.isfinite(sizes).all() or min(sizes) <= 0 or max(sizes) > 50:
+        if not all(map(math.isfinite, sizes)) or min(sizes) <= 0 or max(sizes) > 50:
             raise MirrorScanError(
                 f"room: {self.width:g} × {self.depth:g} × {self.height:g} m; give sizes from 0 to 50 m"
             )

@@ -45,7 +45,7 @@ def test_every_sensor_can_be_asked_for():
 
 
 def test_every_effect_can_be_asked_for():
-    from mirror_scan.core.cli.parser import EFFECTS
+    from mirror_scan.core.cli.argument_types import EFFECTS
     from mirror_scan.core.simulation import optics
 
     assert tuple(optics.EFFECTS) == EFFECTS
