@@ -87,57 +87,73 @@ def _middle(depth, labels, trusted, v, u, reach):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _weighed_terms(radius):
-    """Of each pixel of the window: the quadratic's six terms times its weight, and these times the terms, a >= b."""
+    """Of each pixel of the window that has a weight, row by row.
+
+    Its place (K, 2) beside the middle, the quadratic's six terms times the weight (K, 6), and these times the terms
+    (K, 21), a >= b.
+    """
     size = 2 * radius + 1
-    weighed, products, terms = np.empty((size, size, 6)), np.empty((size, size, 21)), np.empty(6)
+    most = size * size
+    places, weighed, products = np.empty((most, 2), np.int64), np.empty((most, 6)), np.empty((most, 21))
+    terms, count = np.empty(6), 0
     for row in range(size):
         for column in range(size):
             dx, dy = (column - radius) / radius, (row - radius) / radius
+            weight = 1.2 - dx * dx - dy * dy
+            if weight <= 0.0:
+                continue
             terms[0], terms[1], terms[2], terms[3], terms[4], terms[5] = 1.0, dx, dy, dx * dx, dx * dy, dy * dy
+            places[count, 0], places[count, 1] = row - radius, column - radius
             k = 0
             for a in range(6):
-                weighed[row, column, a] = (1.2 - dx * dx - dy * dy) * terms[a]
+                weighed[count, a] = weight * terms[a]
                 for b in range(a + 1):
-                    products[row, column, k] = weighed[row, column, a] * terms[b]
+                    products[count, k] = weighed[count, a] * terms[b]
                     k += 1
-    return weighed, products
+            count += 1
+    return places[:count], weighed[:count], products[:count]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fit_kernel(depth, labels, trusted, rows, columns, packed, radius, reach, out):
     height, width = depth.shape
     fx, fy, cx, cy = packed
-    sums, right = np.empty((6, 6)), np.empty(6)
-    weighed, products = _weighed_terms(radius)
+    sums, right, every = np.empty((6, 6)), np.empty(6), np.empty(21)
+    places, weighed, products = _weighed_terms(radius)
     for i in range(len(rows)):
         v, u = rows[i], columns[i]
         out[i, :] = 0.0
         view, middle = labels[v, u], _middle(depth, labels, trusted, v, u, reach)
         if middle <= 0.0:
             continue
-        sums[:] = 0.0
+        every[:] = 0.0
         right[:] = 0.0
         count = 0
-        for y in range(max(v - radius, 0), min(v + radius + 1, height)):
-            for x in range(max(u - radius, 0), min(u + radius + 1, width)):
-                if not trusted[y, x] or labels[y, x] != view:
-                    continue
-                z = np.float64(depth[y, x])
-                away = max(abs(x - u), abs(y - v))
-                if z <= 0.0 or abs(z - middle) > _STEP * middle * (1.0 + 0.5 * away):
-                    continue
-                row, column = y - v + radius, x - u + radius
-                if weighed[row, column, 0] <= 0.0:
-                    continue
-                count += 1
-                nearer, k = 1.0 / z - 1.0 / middle, 0
-                for a in range(6):
-                    right[a] += weighed[row, column, a] * nearer
-                    for b in range(a + 1):
-                        sums[a, b] += products[row, column, k]
-                        k += 1
+        inner = radius <= v < height - radius and radius <= u < width - radius
+        for p in range(len(places)):
+            dy, dx = places[p, 0], places[p, 1]
+            y, x = v + dy, u + dx
+            if not inner and (y < 0 or y >= height or x < 0 or x >= width):
+                continue
+            if not trusted[y, x] or labels[y, x] != view:
+                continue
+            z = np.float64(depth[y, x])
+            away = max(abs(dx), abs(dy))
+            if z <= 0.0 or abs(z - middle) > _STEP * middle * (1.0 + 0.5 * away):
+                continue
+            count += 1
+            nearer = 1.0 / z - 1.0 / middle
+            for a in range(6):
+                right[a] += weighed[p, a] * nearer
+            for k in range(21):  # in one row, so that the processor adds several at a time
+                every[k] += products[p, k]
         if count < _FEWEST:
             continue
+        k = 0
+        for a in range(6):
+            for b in range(a + 1):
+                sums[a, b] = every[k]
+                k += 1
         ridge = _RIDGE * sums[0, 0]
         for a in range(1, 6):
             sums[a, a] += ridge if a < 3 else 3.0 * ridge

@@ -75,40 +75,66 @@ def predicted_bias(
     if response is None:
         uncertain[lit] = np.where(ratio[lit].sum(axis=1) > UNLEARNT, np.inf, 0.0)
         return predicted, uncertain
-    parts = np.array_split(lit, _PIECES)
-    found = each(
-        lambda part: _predicted_kernel(ratio[part], longer[part], response.frequencies, response.weights), parts
-    )
-    for part, (bias, error) in zip(parts, found, strict=True):
-        predicted[part], uncertain[part] = bias, error
+    predicted[lit], by_ratio, by_length = _predicted(response, ratio, longer, lit, _RATIO_ERROR, _LENGTH_ERROR)
+    uncertain[lit] = np.hypot(by_ratio, by_length)
     return predicted, uncertain
 
 
+def bias_and_change(
+    response: PhaseResponse | None, ratio: np.ndarray, longer: np.ndarray, known: np.ndarray, error: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Bias of the ``known`` readings (N,) along the ray [m], and by how much that changes with so much more light.
+
+    ``error``: the share of the ratio by which it grows. Both are 0 without a response.
+    """
+    predicted, change = np.zeros(len(ratio)), np.zeros(len(ratio))
+    if response is None:
+        return predicted, change
+    lit = np.flatnonzero(known & (ratio.sum(axis=1) > 0))
+    predicted[lit], change[lit], _ = _predicted(response, ratio, longer, lit, error, 0.0)
+    return predicted, np.abs(change)
+
+
+def _predicted(
+    response: PhaseResponse, ratio: np.ndarray, longer: np.ndarray, some: np.ndarray, error: float, way: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Bias of ``some`` readings, and its changes by more light and by ways longer by ``way`` [m]."""
+    turns = 2.0 * np.pi * response.frequencies / LIGHT_SPEED
+    shares, sines, cosines = response.weights / (2.0 * turns), np.sin(turns * way), np.cos(turns * way)
+    found = each(
+        lambda part: _predicted_kernel(ratio[part], longer[part], turns, shares, sines, cosines, 1.0 + error),
+        np.array_split(some, _PIECES),
+    )
+    here, by_ratio, by_length = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return here, by_ratio, by_length
+
+
 @njit(cache=True, nogil=True)
-def _predicted_kernel(ratio, longer, frequencies, weights):
-    """:meth:`PhaseResponse.bias` (N,), and by how much errors of what it is predicted from may change it (N,)."""
+def _predicted_kernel(ratio, longer, turns, shares, sines, cosines, more):
+    """:meth:`PhaseResponse.bias` (N,), and how ``more`` times the light, and longer ways, change it (N,).
+
+    ``sines``, ``cosines``: of the phase by which the ways are longer; 0 and 1 where that is not asked.
+    """
     count, sources = ratio.shape
-    bias, uncertain = np.empty(count), np.empty(count)
+    bias, by_ratio, by_length = np.empty(count), np.empty(count), np.empty(count)
     for i in range(count):
-        here, by_ratio, by_length = 0.0, 0.0, 0.0
-        for k in range(len(frequencies)):
-            turn = 2.0 * np.pi * frequencies[k] / LIGHT_SPEED
-            across, along, across_longer, along_longer = 0.0, 0.0, 0.0, 0.0
+        here, brighter, farther = 0.0, 0.0, 0.0
+        for k in range(len(turns)):
+            across, along = 0.0, 0.0
             for s in range(sources):
                 if ratio[i, s] == 0.0:
                     continue
-                phase = turn * longer[i, s]
+                phase = turns[k] * longer[i, s]
                 across += ratio[i, s] * np.sin(phase)
                 along += ratio[i, s] * np.cos(phase)
-                phase = turn * (longer[i, s] + _LENGTH_ERROR)
-                across_longer += ratio[i, s] * np.sin(phase)
-                along_longer += ratio[i, s] * np.cos(phase)
-            more, share = 1.0 + _RATIO_ERROR, weights[k] / (2.0 * turn)
-            here += share * np.arctan2(across, 1.0 + along)
-            by_ratio += share * np.arctan2(more * across, 1.0 + more * along)
-            by_length += share * np.arctan2(across_longer, 1.0 + along_longer)
-        bias[i], uncertain[i] = here, np.hypot(by_ratio - here, by_length - here)
-    return bias, uncertain
+            angle = np.arctan2(across, 1.0 + along)
+            here += shares[k] * angle
+            brighter += shares[k] * np.arctan2(more * across, 1.0 + more * along)
+            if sines[k] != 0.0:  # all ways are longer: their sum is turned
+                angle = np.arctan2(across * cosines[k] + along * sines[k], 1.0 + along * cosines[k] - across * sines[k])
+            farther += shares[k] * angle
+        bias[i], by_ratio[i], by_length[i] = here, brighter - here, farther - here
+    return bias, by_ratio, by_length
 
 
 def _biases(frequency: float, ratio: np.ndarray, longer: np.ndarray) -> np.ndarray:

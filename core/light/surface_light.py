@@ -21,7 +21,7 @@ from ..numeric.kernels import njit
 from ..numeric.threads import each
 from .irradiance import light_sources, ratio_to_own, seen_at, through_glass
 from .lit_scene import REFLECTIVITY
-from .phase_response import PhaseResponse, predicted_bias
+from .phase_response import PhaseResponse, bias_and_change
 
 _NEAREST_Z = 0.05  # triangles with a corner nearer than this are not seen [m]
 _OCCLUDED = 0.03  # surface so much nearer than a point, in its line of sight, hides it [m]
@@ -211,13 +211,10 @@ def light_on_surface(
         light[:, source] = np.where(reached | own, cosine / length**2, 0.0) * (REFLECTIVITY if source else 1.0)
     ratio = ratio_to_own(light, view)
     longer -= longer[np.arange(count), view][:, None]
-    bias = predicted_bias(readings.response, ratio, longer, known)[0]
-    more = predicted_bias(readings.response, (1.0 + _RATIO_ERROR) * ratio, longer, known)[0]
+    bias, uncertain = bias_and_change(readings.response, ratio, longer, known, _RATIO_ERROR)
     behind = np.einsum("nc,nc->n", readings.points - at, readings.rays)
     incidence = -np.einsum("nc,nc->n", readings.rays, facing)
-    return LightOnSurface(
-        known, triangle, shares, facing, incidence, behind, ratio.sum(axis=1), bias, np.abs(more - bias)
-    )
+    return LightOnSurface(known, triangle, shares, facing, incidence, behind, ratio.sum(axis=1), bias, uncertain)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
