@@ -16,7 +16,9 @@ from ..light.surface_light import LightOnSurface, PlacedReadings, light_on_surfa
 from ..mesh import Mesh
 from ..mesh.normals import vertex_normals
 from ..mesh.self_intersections import self_intersections
+from ..mesh.submesh import triangles_touching
 from ..numeric.kernels import njit
+from .self_intersection_repair import COLLISION_REACH, vertices_within
 
 _FEWEST = 50  # readings that tell the noise of a view
 _LEAST_NOISE, _USUAL_NOISE = 0.001, 0.01  # of a reading, and where too few tell it [m]
@@ -173,12 +175,18 @@ def _spread_least(share: np.ndarray, start: np.ndarray, heads: np.ndarray) -> np
 def _uncrossed(mesh: Mesh, vertices: np.ndarray, start: np.ndarray, heads: np.ndarray) -> Mesh:
     """The mesh with ``vertices``, those moved back whose triangles run through others; ``mesh`` if that is in vain."""
     before, share = np.ascontiguousarray(mesh.vertices, np.float64), np.ones(len(vertices))
+    part, pairs, last = np.arange(len(mesh.triangles)), np.empty((0, 2), np.int32), share
     for repair in range(_REPAIRS):
         placed = before + share[:, None] * (vertices - before)
-        pairs = self_intersections(placed, mesh.triangles)
+        if repair:  # elsewhere nothing crossed, and nothing was moved back
+            changed = np.flatnonzero(share < last)
+            changed = np.concatenate((changed, mesh.triangles[np.unique(pairs)].ravel()))
+            near = vertices_within(placed, placed[changed], COLLISION_REACH)
+            part = np.flatnonzero(triangles_touching(mesh.triangles, near))
+        pairs = part[self_intersections(placed, mesh.triangles[part])]
         if not len(pairs):
             return replace(mesh, vertices=placed)
-        back = np.zeros(len(share), np.bool_)
+        last, back = share.copy(), np.zeros(len(share), np.bool_)
         back[mesh.triangles[np.unique(pairs)]] = True
         for _ in range(3 * repair + 3):
             back |= _around(back.astype(float), start, heads) > 0
@@ -212,6 +220,7 @@ def _smooth_kernel(start, heads, stiff, diagonal, rhs, error, rounds):
     """Solve (stiff LᵀL + D) x = b by conjugate gradients (Hestenes and Stiefel 1952), scaled by the diagonal."""
     count = len(rhs)
     x, rest, bent, product = np.zeros(count), rhs.copy(), np.empty(count), np.empty(count)
+    shared = np.empty(count)  # what of each vertex its neighbours have
     scale = np.empty(count)
     for v in range(count):
         scale[v] = 1.0 + diagonal[v] / stiff
@@ -225,11 +234,12 @@ def _smooth_kernel(start, heads, stiff, diagonal, rhs, error, rounds):
         if size <= least:
             break
         _bend(start, heads, along, bent)
+        for v in range(count):
+            shared[v] = bent[v] / (start[v + 1] - start[v])
         for v in range(count):  # Lᵀ
             total = 0.0
             for e in range(start[v], start[v + 1]):
-                w = heads[e]
-                total += bent[w] / (start[w + 1] - start[w])
+                total += shared[heads[e]]
             product[v] = stiff * (total - bent[v]) + diagonal[v] * along[v]
         step = size / _product(along, product)
         for v in range(count):

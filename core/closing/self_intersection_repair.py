@@ -19,8 +19,10 @@ from ..mesh.submesh import components_of, keep_triangles, made_vertices, remove_
 from ..numeric.kernels import njit
 from ..views.view_maps import NOTHING_SEEN, ViewMaps
 
+COLLISION_REACH = 0.03
+"""What a new triangle may run into has a vertex nearer than this [m]."""
+
 _TOLERATED = 0.0003  # of all triangles: what smoothing leaves of these is left
-_COLLISION_REACH = 0.03  # what a new triangle may run into has a vertex nearer than this [m]
 _MOST_CELLS = 2e7  # one byte each
 _HOPELESS = 0.75  # of the first crossings: where so many are left after _PATIENCE rounds, smoothing does not help
 _PATIENCE = 4  # rounds
@@ -79,7 +81,7 @@ def _crossing(mesh: Mesh, changed: np.ndarray | None = None) -> np.ndarray:
     """
     near = made_vertices(mesh)
     if changed is not None:
-        near &= _within(mesh.vertices, changed, _COLLISION_REACH)
+        near &= vertices_within(mesh.vertices, changed, COLLISION_REACH)
     searched = np.flatnonzero(triangles_touching(mesh.triangles, near))
     if not len(searched):
         return searched
@@ -87,7 +89,7 @@ def _crossing(mesh: Mesh, changed: np.ndarray | None = None) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True)
-def _within(vertices, points, reach):
+def vertices_within(vertices, points, reach):
     """Which vertices (V,) are in the cells of ``points`` (K, 3), ``reach`` wide, or beside one. O(V + K).
 
     Cells are wider where the points are spread so widely that there would be too many.
@@ -130,7 +132,7 @@ def _smooth_crossings(mesh: Mesh, crossing: np.ndarray, rounds: int) -> tuple[Me
     if not len(crossing):
         return mesh, crossing
     # only what is near matters; vertices whose whole one-ring is in it may move
-    near = _within(mesh.vertices, mesh.vertices[mesh.triangles[crossing].ravel()], _COLLISION_REACH)
+    near = vertices_within(mesh.vertices, mesh.vertices[mesh.triangles[crossing].ravel()], COLLISION_REACH)
     part = np.flatnonzero(triangles_touching(mesh.triangles, near))
     inner, triangles = renumbered(mesh.triangles[part], len(mesh.vertices))
     vertices, movable = mesh.vertices[inner], near[inner]
