@@ -18,6 +18,7 @@ from ..mesh.normals import vertex_normals
 from ..mesh.self_intersections import self_intersections
 from ..mesh.submesh import triangles_touching
 from ..numeric.kernels import njit
+from ..views.free_space import FreeSpace, reach_before_empty
 from .self_intersection_repair import COLLISION_REACH, vertices_within
 
 _FEWEST = 50  # readings that tell the noise of a view
@@ -28,6 +29,8 @@ _GRAZING = 0.15  # cosine below which their error across the surface does not ge
 _FADE = 10  # rings about surface that light of two ways reaches, over which what borders on it gets more certain
 _SOLE = 0.012  # surface so low over the floor is flat, and stays [m]
 _CG_ERROR, _CG_ROUNDS = 0.03, 40  # of conjugate gradients
+_MATTERS = 0.002  # so far outwards empty space is asked about [m]
+_HELD_BACK = 3  # rings about what stops before empty space, that go less far
 _REPAIRS = 4  # times that what runs through itself is moved back, three rings more each time
 
 
@@ -46,19 +49,23 @@ class ReadingFitSettings:
     clean : float
         Ratio of the other ways' light to the own below which readings are as certain as their noise.
     outlier : float
-        Deviations from which a reading counts less.
+        Deviations from which a reading counts less in the last round.
+    wider : float
+        Times that as many in each round before: a surface that was made where nothing was read may lie far from what
+        is right, and what seems an outlier to it may not be one to the surface of the last round.
     farthest : float
         That surface moves in a round [m].
     even_normals : int
         Times that normals are averaged with those around: the noise of a surface is not its shape.
     """
 
-    rounds: int = 3
+    rounds: int = 4
     stiffness: float = 0.00055
     certain: float = 0.001
-    free: float = 0.03
+    free: float = 0.01
     clean: float = 0.02
     outlier: float = 4.0
+    wider: float = 1.6
     farthest: float = 0.03
     even_normals: int = 4
 
@@ -72,12 +79,14 @@ def fit_to_readings(
     up: np.ndarray,
     floor: float | None,
     settings: ReadingFitSettings = DEFAULTS,
+    free_space: FreeSpace | None = None,
 ) -> Mesh:
     """The mesh drawn along its normals to readings that are corrected by the light which reaches it.
 
     Minimises Σ w (δ - h)² + |L δ|² / s² + Σ δ² / σ² over the displacement δ of each vertex: h from it to the readings
     about it, w their certainty (Cauchy's weight, squared, of what lies far off), L the mean of the neighbours less the
-    vertex, and σ by how certain the vertex was.
+    vertex, and σ by how certain the vertex was. The weight forgives more in the first rounds (graduated non-convexity,
+    Blake and Zisserman 1987).
 
     Parameters
     ----------
@@ -88,6 +97,8 @@ def fit_to_readings(
     floor : float or None
         Height of the floor along ``up`` [m].
     settings : ReadingFitSettings
+    free_space : FreeSpace, optional
+        What the views have seen to be empty: nothing is drawn outwards into it.
 
     Returns
     -------
@@ -106,17 +117,20 @@ def fit_to_readings(
     start, heads = neighbours(triangles, len(first))
     stiff = 1.0 / settings.stiffness**2
     held, moved, vertices = np.zeros(0), np.zeros(len(first)), first
-    for _ in range(settings.rounds):
+    for ahead in reversed(range(settings.rounds)):
         normals = even_normals(vertices, triangles, start, heads, settings.even_normals)
         shown = shown_surfaces(vertices, triangles, readings)
         light = light_on_surface(readings, vertices, triangles, normals, shown)
-        pull, weight, clean = _pulls(readings, light, triangles, len(first), settings)
+        outlier = settings.outlier * settings.wider**ahead
+        pull, weight, clean = _pulls(readings, light, triangles, len(first), settings.clean, outlier)
         if not len(held):
-            held = 1.0 / settings.free**2 + _spread_least(clean, start, heads) ** 2 / settings.certain**2
+            held = 1.0 / settings.free**2 + _spread_least(clean, start, heads, _FADE) ** 2 / settings.certain**2
             if floor is not None:
                 held[first @ up - floor < _SOLE] = 1.0 / settings.certain**2
         step = _smooth_kernel(start, heads, stiff, weight + held, weight * pull - held * moved, _CG_ERROR, _CG_ROUNDS)
         step = np.clip(step, -settings.farthest, settings.farthest)
+        if free_space is not None:
+            step *= _free_share(vertices, step[:, None] * normals, step > _MATTERS, free_space, start, heads)
         moved = moved + step
         vertices = vertices + step[:, None] * normals
     return _uncrossed(mesh, vertices, start, heads)
@@ -141,11 +155,16 @@ def _around(values: np.ndarray, start: np.ndarray, heads: np.ndarray) -> np.ndar
 
 
 def _pulls(
-    readings: PlacedReadings, light: LightOnSurface, triangles: np.ndarray, count: int, settings: ReadingFitSettings
+    readings: PlacedReadings,
+    light: LightOnSurface,
+    triangles: np.ndarray,
+    count: int,
+    least: float,
+    outlier: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of each vertex: where readings about it lie along its normal [m], their weight [1/m²], which share is clean."""
     off = light.behind - light.bias
-    alone = light.known & (light.total < settings.clean) & ~readings.spoiled
+    alone = light.known & (light.total < least) & ~readings.spoiled
     noise = np.full(len(off), _USUAL_NOISE)
     for view in range(len(readings.sources)):
         mine = readings.view == view
@@ -154,7 +173,7 @@ def _pulls(
     noise = np.hypot(noise, light.uncertain)
     across = np.maximum(light.facing, _GRAZING)
     weight = np.where(light.known, 1.0 / (noise * across) ** 2, 0.0)
-    weight *= np.clip(light.facing / _STEEP, 0.0, 1.0) / (1.0 + (off / (settings.outlier * noise)) ** 2) ** 2
+    weight *= np.clip(light.facing / _STEEP, 0.0, 1.0) / (1.0 + (off / (outlier * noise)) ** 2) ** 2
     corners = triangles[np.where(light.known, light.triangle, 0)].ravel()
 
     def total(values: np.ndarray) -> np.ndarray:
@@ -165,9 +184,23 @@ def _pulls(
     return pulled / np.maximum(weights, 1e-9), weights, clean / np.maximum(every, 1e-9)
 
 
-def _spread_least(share: np.ndarray, start: np.ndarray, heads: np.ndarray) -> np.ndarray:
+def _free_share(
+    vertices: np.ndarray,
+    way: np.ndarray,
+    asked: np.ndarray,
+    free_space: FreeSpace,
+    start: np.ndarray,
+    heads: np.ndarray,
+) -> np.ndarray:
+    """Which share (V,) of their way (V, 3) vertices go: those ``asked`` about (V,) stop before empty space."""
+    share = np.ones(len(vertices))
+    share[asked] = reach_before_empty(vertices[asked], vertices[asked] + way[asked], free_space)
+    return share if share.min() == 1.0 else _spread_least(share, start, heads, _HELD_BACK)
+
+
+def _spread_least(share: np.ndarray, start: np.ndarray, heads: np.ndarray, rings: int) -> np.ndarray:
     """The share (V,) where it is not larger than around: what borders on the uncertain is less certain."""
-    for _ in range(_FADE):
+    for _ in range(rings):
         share = np.minimum(share, 0.5 * (share + _around(share, start, heads)))
     return share
 

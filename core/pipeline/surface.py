@@ -188,7 +188,8 @@ def closing_steps(
     closing = settings.closing if scan.lit_twice is None else replace(settings.closing, curved=_CURVED)
     closed, notes = close_mesh(open_mesh, scan.maps, scan.up, scan.floor, closing, twin)
     if scan.lit is not None:
-        closed = fit_to_readings(closed, placed_readings(scan.lit, scan.mirrors), scan.up, scan.floor)
+        readings = placed_readings(scan.lit, scan.mirrors)
+        closed = fit_to_readings(closed, readings, scan.up, scan.floor, free_space=scan.maps.free_space)
     clock.lap("closing")
 
     yield 0.87, "Checking the result"
