@@ -32,7 +32,7 @@ def tables(quick: bool = False) -> Result:
 
 
 def _turntable(result: Result, sensor: str, sways: tuple[float, ...]) -> None:
-    limit = f"turntable, {sensor}: the snapshot is better at a sway of {1e3 * sways[-1]:g} mm"
+    limit = f"turntable, {sensor}: {1e3 * sways[-1]:g} mm of sway show in the error"
     if not any(installed(name) for name in BACKENDS):
         result.findings.append(Finding(limit, f"neither {' nor '.join(BACKENDS)} is installed", None))
         return
@@ -50,9 +50,11 @@ def _turntable(result: Result, sensor: str, sways: tuple[float, ...]) -> None:
         table.rows.append((row.way, sway, *_figures(row), number(volume), *registered, "yes" if row.warned else "no"))
     table.notes = [*turntable.verdict(rows), *(f"{1e3 * row.sway:g} mm: {row.fault}" for row in rows if row.fault)]
     result.tables.append(table)
-    ours, worst = rows[0], rows[-1]
+    still, worst = rows[1], rows[-1]
     shown = "no avatar" if worst.mesh is None else f"{worst.error:.2f} mm"
-    result.findings.append(Finding(limit, f"{ours.error:.2f} mm against {shown}", not worst.error <= ours.error))
+    result.findings.append(
+        Finding(limit, f"{still.error:.2f} mm without, {shown} with", not worst.error <= still.error)
+    )
 
 
 def _cameras(result: Result, sensor: str, levels: dict) -> None:
