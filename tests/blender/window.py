@@ -301,7 +301,6 @@ def install() -> Story:
 
 def first_avatar() -> Story:
     """What a person does who has just installed the add-on: drop a capture, choose *Make Avatar*; then undo it."""
-    cube = bpy.data.objects["Cube"]
     action("drop the capture")
     started = time.perf_counter()
     yield from drop_capture()
@@ -313,13 +312,16 @@ def first_avatar() -> Story:
     yield from settled()
     note("first_build_s", time.perf_counter() - started)
     expect(avatar() is not None and watertight(avatar()), "a closed avatar")
-    expect(not cube.visible_get() and avatar().visible_get(), "the avatar to be seen, and no cube in the way")
+    expect(
+        not bpy.data.objects["Cube"].visible_get() and avatar().visible_get(),
+        "the avatar to be seen, and no cube in the way",
+    )
     note("actions", result["actions"])
     expect(len(result["actions"]) <= 9, f"at most nine actions, not {result['actions']}")
     yield from looks("1_first_avatar")
     yield from keys("Z", ctrl=True)
     yield 0.7
-    expect(avatar() is None and cube.visible_get(), "the file as it was, after undo")
+    expect(avatar() is None and bpy.data.objects["Cube"].visible_get(), "the file as it was, after undo")
 
 
 def action(what: str) -> None:
