@@ -16,7 +16,7 @@ from ..errors import MirrorScanError
 from ..numeric.rotations import from_vectors, to_vectors
 
 _CLOSED = 1e-8  # rad: a cycle that turns by less is closed
-_ROUNDS = 300
+_ROUNDS = 1000  # some five times as many as views are needed
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def closed_cycle(motions: np.ndarray, weights: np.ndarray | None = None) -> np.n
     motions = np.array(motions, dtype=np.float64)
     share = np.ones(len(motions)) if weights is None else 1.0 / np.asarray(weights, dtype=np.float64)
     share = share / share.sum()
-    motions[:, :3, :3] = _closed_rotations(motions[:, :3, :3], share)
+    motions[:, :3, :3], _ = _closed_rotations(motions[:, :3, :3], share)
     before, gap = np.eye(3), np.zeros(3)
     to_start = []
     for motion in motions:
@@ -92,15 +92,18 @@ def closed_cycle(motions: np.ndarray, weights: np.ndarray | None = None) -> np.n
     return motions
 
 
-def _closed_rotations(rotations: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Rotations (n, 3, 3) round a cycle, each corrected by its share (n,) of what the cycle turns."""
+def _closed_rotations(rotations: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, float]:
+    """Rotations (n, 3, 3) round a cycle, each corrected by its share (n,) of what the cycle turned; and that [rad]."""
     through = np.empty_like(rotations)
     product = np.eye(3)
     for k, rotation in enumerate(rotations):
         product = product @ rotation
         through[k] = product
-    back = from_vectors(-share[:, None] * to_vectors(product))
-    return rotations @ np.swapaxes(through, -1, -2) @ back @ through
+    gap = to_vectors(product)
+    closed = rotations @ np.swapaxes(through, -1, -2) @ from_vectors(-share[:, None] * gap) @ through
+    # What rounding leaves of no rotation grows from cycle to cycle: a step to the nearest one (Higham 1986).
+    closed = 1.5 * closed - 0.5 * closed @ np.swapaxes(closed, -1, -2) @ closed
+    return closed, float(np.linalg.norm(gap))
 
 
 def joint_registration(views: int, edges: Sequence[Edge]) -> JointPoses:
@@ -124,7 +127,7 @@ def joint_registration(views: int, edges: Sequence[Edge]) -> JointPoses:
 
     Notes
     -----
-    O(rounds · cycles · length); few rounds, unless edges contradict each other by tens of degrees.
+    O(rounds · cycles · length); on a ring of N views some 5 N rounds: .2 s for 8, 3 s for 36.
     """
     for edge in edges:
         there = (0 <= edge.source < views) and (0 <= edge.target < views) and edge.source != edge.target
@@ -141,12 +144,10 @@ def joint_registration(views: int, edges: Sequence[Edge]) -> JointPoses:
     for _ in range(_ROUNDS):
         worst = 0.0
         for at, forward in cycles:
-            along = _oriented(rotations[at], forward)
-            worst = max(worst, float(np.linalg.norm(to_vectors(np.linalg.multi_dot(along)))))
             share = (1.0 / cost[at]) / (1.0 / cost[at]).sum()
-            rotations[at] = _oriented(_closed_rotations(along, share), forward)
-        left, _, right = np.linalg.svd(rotations)  # else what rounding leaves of no rotation grows from round to round
-        rotations = left @ right
+            closed, gap = _closed_rotations(_oriented(rotations[at], forward), share)
+            rotations[at] = _oriented(closed, forward)
+            worst = max(worst, gap)
         if worst < _CLOSED:
             break
     else:

@@ -64,6 +64,15 @@ def test_consistent_views_are_found_exactly():
     np.testing.assert_allclose(tree.poses, poses, atol=1e-12)
 
 
+def test_rounding_does_not_grow_round_a_long_ring():
+    rng = np.random.default_rng(4)
+    poses = motions(rng, 36)
+    poses = np.linalg.inv(poses[0]) @ poses
+    pairs = [(k, (k + step) % 36) for k in range(36) for step in (1, 2)]
+    found = joint_registration(36, edges_of(poses, pairs))
+    np.testing.assert_allclose(found.poses, poses, atol=1e-9)
+
+
 def test_as_good_as_least_squares_over_all_poses():
     """scipy's least squares over all poses at once has the same sum of squares, but for what is of second order."""
     rng = np.random.default_rng(2)
