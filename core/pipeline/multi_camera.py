@@ -85,13 +85,7 @@ def reconstruction_views_steps(
     names = _distinct([capture.name for capture in captures])
     to_world = [check_pose(pose, name) for pose, name in zip(poses, names, strict=True)]
     to_first = [np.linalg.inv(to_world[0]) @ pose for pose in to_world]
-    known = [
-        tuple(capture.mirrors if mirrors is None or (picks := mirrors[k]) is None else picks)
-        for k, capture in enumerate(captures)
-    ]
-    views = len(captures) + sum(map(len, known))
-    if views > MAX_VIEWS:
-        raise CaptureError(f"{views} views are more than the {MAX_VIEWS} that can be joined; leave some captures out")
+    known = _known_mirrors(captures, mirrors)
     clock = Clock()
     figures = Figures(captures, known, settings)
     meeting_point = meeting_point_of(to_first, figures, settings)
@@ -170,18 +164,16 @@ def registered_views_steps(
     if len(captures) < 2:
         raise CaptureError(f"{len(captures)} capture(s) cannot be registered with each other; give two or more")
     check_wishes(captures, settings)
-    find_backend(icp.backend)  # before work that would be in vain
     names = _distinct([capture.name for capture in captures])
+    known = _known_mirrors(captures, mirrors)
+    find_backend(icp.backend)  # before work that would be in vain
     clock = Clock()
     scans, whole = [], SCAN_SHARE * shares(settings)["scan"][1]
-    for k, capture in enumerate(captures):
-        picks = capture.mirrors if mirrors is None or mirrors[k] is None else mirrors[k]
+    for k, (capture, picks) in enumerate(zip(captures, known, strict=True)):
         part = (0.8 * whole * k / len(captures), 0.8 * whole * (k + 1) / len(captures))
         try:
             with one_blas_thread():
-                scans.append(
-                    (yield from scan_steps(capture, picks or (), settings, clock, part, find=False, alone=False))
-                )
+                scans.append((yield from scan_steps(capture, picks, settings, clock, part, find=False, alone=False)))
         except ReconstructionError as error:
             raise ReconstructionError("{camera}: {error}", camera=names[k], error=error) from None
     yield 0.8 * whole, "Registering the captures"
@@ -197,6 +189,20 @@ def registered_views_steps(
     with one_blas_thread():
         made = yield from joining_steps(joined, cameras, settings, frame, clock)
     return replace(made, report={**made.report, "registration": registration_report(registered, names)})
+
+
+def _known_mirrors(
+    captures: Sequence[Capture], mirrors: Sequence[tuple[MirrorPicks, ...] | None] | None
+) -> list[tuple[MirrorPicks, ...]]:
+    """Of each capture the mirrors that are given for it, else its own; refuses more views than can be numbered."""
+    known = [
+        tuple(capture.mirrors if mirrors is None or (picks := mirrors[k]) is None else picks)
+        for k, capture in enumerate(captures)
+    ]
+    views = len(captures) + sum(map(len, known))
+    if views > MAX_VIEWS:
+        raise CaptureError(f"{views} views are more than the {MAX_VIEWS} that can be joined; leave some captures out")
+    return known
 
 
 def subject_view(scan: Scan) -> SubjectView:

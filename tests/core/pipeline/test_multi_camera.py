@@ -18,7 +18,7 @@ from mirror_scan.core.mesh.surface_distance import evaluate, surface_distance
 from mirror_scan.core.numeric.point_products import transform
 from mirror_scan.core.pipeline import reconstruct
 from mirror_scan.core.pipeline.lines_of_sight import lines_of_sight_crossing
-from mirror_scan.core.pipeline.multi_camera import reconstruct_views
+from mirror_scan.core.pipeline.multi_camera import MAX_VIEWS, reconstruct_registered, reconstruct_views
 from mirror_scan.core.simulation.scene import default_rig
 from mirror_scan.core.simulation.simulate import simulate, write_simulation
 
@@ -229,6 +229,14 @@ def test_where_lines_of_sight_cross():
     beside = poses[0].copy()
     beside[0, 3] += 1
     assert lines_of_sight_crossing([poses[0], beside]) is None
+
+
+def test_more_views_than_can_be_numbered():
+    lens = Intrinsics(4, 3, 4.0, 4.0, 1.5, 1.0)
+    captures = [Capture(np.ones((1, 3, 4), np.float32), None, lens, (), "one", "npz")] * (MAX_VIEWS + 1)
+    for make in (reconstruct_registered, lambda many: reconstruct_views(many, [np.eye(4)] * len(many))):
+        with pytest.raises(CaptureError, match="128 views are more than the 127"):
+            make(captures)
 
 
 def test_a_folder_of_captures_on_the_command_line(around, tmp_path, capsys):
