@@ -6,27 +6,12 @@
 
 from __future__ import annotations
 
-import time
-import traceback
-
 from . import many_batch, many_sequence
-from .machine import say
-from .results import Finding, Result
+from .results import Result, run_parts
 
 PARTS = {"sequences": many_sequence.tables, "batches": many_batch.tables}
 
 
 def run(quick: bool = False) -> Result:
-    """All parts; quick: fewer frames and smaller captures. A part that breaks down is a limit that does not hold."""
-    whole = Result()
-    for name, tables in PARTS.items():
-        began = time.perf_counter()
-        try:
-            part = tables(quick)
-        except Exception as error:  # the other part's figures, which took minutes, are worth having
-            traceback.print_exc()
-            part = Result([], [Finding(f"{name}: measured to the end", f"{type(error).__name__}: {error}", False)])
-        say(f"{name}: {time.perf_counter() - began:.0f} s")
-        whole.tables += part.tables
-        whole.findings += part.findings
-    return whole
+    """All parts; quick: fewer frames and smaller captures."""
+    return run_parts(PARTS, quick)

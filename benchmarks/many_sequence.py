@@ -7,7 +7,7 @@ Bodies of ``../shared/data/rigged`` are moved by ``../shared/data/motion`` at 15
 from __future__ import annotations
 
 import argparse
-import resource
+import mmap
 import tempfile
 import time
 from collections.abc import Sequence
@@ -226,7 +226,7 @@ def growth(moving: Moving, rig: SequenceRig, frames: int, folder: Path) -> float
         background=np.ascontiguousarray(rig.background[: 2 * small.height : 2, : 2 * small.width : 2]),
         color=None,
     )
-    memory, page = [], resource.getpagesize() / 2**20
+    memory, page = [], mmap.PAGESIZE / 2**20
     for frame in reconstruct_sequence(open_recording(folder), still, sequence=settings_of(True)):
         memory.append(int(statm.read_text().split()[1]) * page)
         if frame.place % 50 == 49:

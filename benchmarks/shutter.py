@@ -1,22 +1,13 @@
-"""Before the shutter: live guidance, the best place for a rig, and the paper's rivals; what there is of them."""
+"""Before the shutter: live guidance, the best place for a rig, the paper's rivals; each part a module of its own."""
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
+from . import shutter_live, shutter_placement, shutter_rivals
+from .results import Result, run_parts
 
-from .results import Result
-
-PARTS = ("shutter_live", "shutter_placement", "shutter_rivals")
+PARTS = {"live": shutter_live.run, "placement": shutter_placement.tables, "rivals": shutter_rivals.tables}
 
 
 def run(quick: bool = False) -> Result:
     """The tables of all parts; ``quick``: a few cases of each."""
-    result = Result()
-    for name in PARTS:
-        if importlib.util.find_spec(f".{name}", __package__) is None:
-            continue
-        part = importlib.import_module(f".{name}", __package__).run(quick=quick)
-        result.tables += part.tables
-        result.findings += part.findings
-    return result
+    return run_parts(PARTS, quick)
