@@ -77,12 +77,13 @@ def filled(depth: np.ndarray, window: int) -> np.ndarray:
 
 
 def noise_gain(
-    strength: np.ndarray, sight: Sight, rig: Rig, sensor: Sensor, foreign: np.ndarray | float = 0.0
+    strength: np.ndarray | None, sight: Sight, rig: Rig, sensor: Sensor, foreign: np.ndarray | float = 0.0
 ) -> np.ndarray:
     """By how much noise is larger than the sensor's own figure, at least 1 and at most 5 (H, W).
 
     Variance goes with (S + B) / S²: photons of the signal S and of a background B, taken to be what the faintest
-    signal has (Lange and Seitz 2001). The figure is that of a plain surface at the same distance, seen squarely.
+    signal has (Lange and Seitz 2001). The figure is that of a plain surface at the same distance, seen squarely; so
+    strong is a signal whose ``strength`` is None, as of optics that do not weaken it.
 
     ``foreign`` is light of other cameras that comes back from the same surface (H, W): photons as those of the
     background. Two cameras of which neither knows the other's clock mostly do no more to each other (Brogli, "Kinect
@@ -91,7 +92,7 @@ def noise_gain(
     """
     way = np.where(sight.depth > 0, sight.depth * ray_lengths(rig.intrinsics), 1.0)
     usual, background = PLAIN / way**2, sensor.faintest
-    s = np.maximum(strength, 1e-9)
+    s = usual if strength is None else np.maximum(strength, 1e-9)
     return np.clip(np.sqrt((s + background + foreign) / s**2 * usual**2 / (usual + background)), 1.0, 5.0)
 
 

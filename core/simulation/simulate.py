@@ -123,16 +123,15 @@ def simulate(
                 spoiling = spoiling + lit_by(sight, bvh, rig, other, sensor.baseline)
             readable &= ~once | (spoiling <= INTERFERENCE_RATIO * own)
     apparent = _apparent_depth(sight, bvh, rig, subject)
-    strength = gain = None
+    strength = gain = returned = None
+    surface = albedo(sight, subject, props, rig.optics)
+    disturbed = bool(others) and sensor.principle in ("phase", "pulse")
     if rig.optics.weakens:
-        returned = signal(sight, rig, sensor, albedo(sight, subject, props, rig.optics))
+        returned = signal(sight, rig, sensor, surface)
         strength = returned / max(sensor.faintest, 1e-12)
-        if sensor.principle != "pattern":  # dots are found or not: how bright they are hardly counts
-            gain = noise_gain(returned, sight, rig, sensor)
-    if others and sensor.principle in ("phase", "pulse"):
-        surface = albedo(sight, subject, props, rig.optics)
-        foreign = surface * np.sum([lit_by(sight, bvh, rig, other, 0.0) for other in others], axis=0)
-        gain = noise_gain(signal(sight, rig, sensor, surface), sight, rig, sensor, foreign)
+    if disturbed or (returned is not None and sensor.principle != "pattern"):  # whether dots are bright hardly counts
+        strangers = [lit_by(sight, bvh, rig, other, 0.0) for other in others] if disturbed else []
+        gain = noise_gain(returned, sight, rig, sensor, surface * sum(strangers))
     fixed = rig.optics.fixed_noise if rig.optics.correlated_noise and sensor.baseline > 0 else None
     depth = measure(
         sensor, np.where(readable, apparent, 0.0), sight.incidence, rig.intrinsics.fx, rig.frames, noise,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -70,6 +71,9 @@ def test_other_cameras_disturb_as_their_principle_has_it(person, sensor):
         assert 0.05 < lost < 0.6
     else:
         assert lost < 0.02 and np.median(error[1]) > 1.02 * np.median(error[0])
+        # who shines elsewhere disturbs nobody
+        away = simulate(person, first, others=[replace(first, pan_deg=180.0)])
+        np.testing.assert_allclose(away.capture.depth[:, body], alone.capture.depth[:, body], atol=1e-6)
 
 
 def test_the_floor_that_is_needed():
