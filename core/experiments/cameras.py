@@ -206,7 +206,7 @@ def misplaced(
     body: Mesh, rig: Rig, shot: Simulation, captures: list[Capture], true: Sequence[np.ndarray],
     shifts: Sequence[float], turns: Sequence[float], say: Callable[[float, str], None] = lambda share, text: None,
 ) -> list[Misplaced]:  # fmt: skip
-    """The second camera, or the first mirror of ``rig``, moved after it was calibrated.
+    """The second of the cameras, which took their turns, or the first mirror of ``rig``, moved after it was calibrated.
 
     Sideways, or along the glass's normal, as that counts; and turned about the vertical. A camera's pose is taken from
     before, as no camera sees that another one moved. So is the mirror's plane; or its frame is found again in the
