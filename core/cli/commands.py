@@ -58,6 +58,8 @@ CLEANING: dict[str, dict[str, float]] = {
     "smoothing": {"smoothing": 0.0},
 }
 """Steps of cleaning that can be left out, and the :class:`.settings.DepthSettings` that do so."""
+RIVALS = ("turntable", "cameras")
+"""Experiments whose picture shows each mesh's distance to the body."""
 
 
 def run_reconstruct(options: argparse.Namespace, writers: Writers) -> None:
@@ -568,32 +570,7 @@ def run_experiment_zippering(options: argparse.Namespace, writers: Writers) -> N
 
 
 def run_experiment_capture(options: argparse.Namespace, writers: Writers) -> None:
-    """``experiment reflection`` and ``experiment distance``."""
-    import importlib
-
-    make_folder(options.folder)
-    check_targets([options.folder / name for name in ("table.csv", "result.png", "plot.png")])
-    experiment = importlib.import_module(f"..experiments.{options.experiment}", __package__)
-
-    from ..simulation.mannequin import mannequin
-    from ..simulation.optics import IDEAL, real
-
-    with progress_bar(options.quiet) as progress:
-        advance(progress, 0.0, "reading the body" if options.mesh else "making a mannequin")
-        body = stand(read_surface(options.mesh), options.mesh) if options.mesh else mannequin()
-        optics = real(options.sensor, options.frequencies, options.seed) if options.optics == "real" else IDEAL
-        outcome = experiment.run(
-            body, options.sensor, options.frames, options.seed, optics=optics, progress=stage_of(progress, 0.05, 0.95)
-        )
-        advance(progress, 0.95, "writing")
-        paths, note = experiment.write_results(outcome, options.folder)
-    if options.quiet:
-        return
-    _say_results(experiment.table(outcome), paths, note)
-
-
-def run_experiment_rival(options: argparse.Namespace, writers: Writers) -> None:
-    """``experiment turntable`` and ``experiment cameras``: the paper's rivals beside the single snapshot."""
+    """``experiment reflection``, ``distance``, ``turntable`` and ``cameras``: with virtual captures of a body."""
     import importlib
 
     make_folder(options.folder)
@@ -615,7 +592,8 @@ def run_experiment_rival(options: argparse.Namespace, writers: Writers) -> None:
             **own,
         )  # fmt: skip
         advance(progress, 0.95, "writing")
-        paths, note = experiment.write_results(outcome, body, options.folder)
+        drawn_on = (body,) if options.experiment in RIVALS else ()
+        paths, note = experiment.write_results(outcome, *drawn_on, options.folder)
     if not options.quiet:
         _say_results(experiment.table(outcome), paths, note)
 

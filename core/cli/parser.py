@@ -82,7 +82,7 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     _add_capture_experiment(experiments, "distance", "what distance costs: the same figure from 3 to 5 m")
     _add_turntable_experiment(experiments)
     words = "the paper's other rival: three cameras round the person, and what it costs when one, or a mirror, moved"
-    _add_capture_experiment(experiments, "cameras", words).set_defaults(run=commands.run_experiment_rival)
+    _add_capture_experiment(experiments, "cameras", words)
     return parser
 
 
@@ -527,7 +527,6 @@ def _add_turntable_experiment(experiments: _Commands) -> None:
         help="how far the crown moves from scan to scan, in millimetres, separated by commas (default "
         "0,2.5,5,10,15,20)",
     )  # fmt: skip
-    command.set_defaults(run=commands.run_experiment_rival)
 
 
 def _add_capture_experiment(experiments: _Commands, name: str, words: str) -> argparse.ArgumentParser:

@@ -51,6 +51,14 @@ def test_every_effect_can_be_asked_for():
     assert tuple(optics.EFFECTS) == EFFECTS
 
 
+def test_the_turntable_turns_as_the_experiment_has_it():
+    from mirror_scan.core.cli.parser import build_parser
+    from mirror_scan.core.experiments import turntable
+
+    asked = build_parser("mirror-scan").parse_args(["experiment", "turntable"])
+    assert asked.sways == tuple(1e3 * sway for sway in turntable.SWAYS) and asked.scans == turntable.SCANS
+
+
 def test_glass_and_light_reach_the_settings():
     from mirror_scan.core.cli.commands import glass_of, settings_of
     from mirror_scan.core.cli.parser import build_parser

@@ -1,4 +1,4 @@
-"""``reconstruct --register`` from the command line: poses are found and reported, and what cannot be is one line."""
+"""The paper's rivals and ``reconstruct --register`` from the command line: what is asked, found and refused."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from command_line import refused
+from command_line import TETRAHEDRON, refused
 from mirror_scan.core import cli
+from mirror_scan.core.experiments import cameras, turntable
+from mirror_scan.core.io import write_mesh
 from mirror_scan.core.numeric.rotations import about_axis
 from mirror_scan.core.registration import pairwise
 from mirror_scan.core.simulation.scene import default_rig
@@ -24,6 +26,29 @@ def test_what_does_not_go_together(capsys, tmp_path, monkeypatch):
     refused(capsys, ["reconstruct", *captures, "--step", "45", *out], "--register")
     monkeypatch.setattr(pairwise.importlib.util, "find_spec", lambda name: None)
     refused(capsys, ["reconstruct", *captures, "--register", *out], "pip install small_gicp")
+
+
+def test_what_a_rival_is_asked_and_where_it_writes(capsys, tmp_path, monkeypatch):
+    """The experiments run for minutes; here their results are at hand, of which none is an avatar."""
+    asked = {}
+
+    def turned(body, sensor, frames, seed, **wanted):
+        asked.update(wanted, frames=frames)
+        return [turntable.Row(way, 0.0, None, {}, fault="nobody") for way in (turntable.SNAPSHOT, turntable.TURNTABLE)]
+
+    def joined(body, sensor, frames, seed, optics, progress):
+        row = turntable.Row(cameras.MIRRORS, 0.0, None, {}, fault="nobody")
+        return cameras.Outcome([cameras.Arrangement(row, "–", (2.0, 3.0), 0.1)], [])
+
+    monkeypatch.setattr(turntable, "run", turned)
+    monkeypatch.setattr(cameras, "run", joined)
+    write_mesh(tmp_path / "body.ply", TETRAHEDRON)
+    for name, own in (("turntable", ["--sway", "2.5,10", "--scans", "6"]), ("cameras", [])):
+        folder = tmp_path / name
+        assert cli.main(["experiment", name, str(tmp_path / "body.ply"), *own, "--frames", "3", "-o", str(folder)]) == 0
+        assert "no avatar: nobody" in capsys.readouterr().out
+        assert "nobody" in (folder / "table.csv").read_text() and (folder / "result.png").is_file()
+    assert (asked["sways"], asked["scans"], asked["frames"]) == ([0.0025, 0.01], 6, 3)
 
 
 @pytest.mark.slow
