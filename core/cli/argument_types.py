@@ -49,7 +49,7 @@ def seconds(text: str) -> float:
     return value
 
 
-seconds.__name__ = "number of seconds"
+seconds.__name__ = "number of seconds"  # argparse names the type when it cannot be read
 
 
 def gigabytes(text: str) -> float:
@@ -122,7 +122,7 @@ def pixel(text: str) -> tuple[float, float]:
     return u, v
 
 
-pixel.__name__ = "pixel as column,row"  # argparse names the type when it cannot be read
+pixel.__name__ = "pixel as column,row"
 
 
 def optics(text: str) -> str:
@@ -148,6 +148,9 @@ def frequencies(text: str) -> tuple[float, ...]:
     return values
 
 
+frequencies.__name__ = "list of frequencies"
+
+
 def percentages(text: str) -> tuple[float, ...]:
     """Percentages from 0 to below 100, separated by commas."""
     values = tuple(float(part) for part in text.split(","))
@@ -156,12 +159,18 @@ def percentages(text: str) -> tuple[float, ...]:
     return values
 
 
+percentages.__name__ = "list of percentages"
+
+
 def sways(text: str) -> tuple[float, ...]:
     """Lengths from 0 to 100 mm, separated by commas."""
     values = tuple(float(part) for part in text.split(","))
     if not all(0 <= value <= 100 for value in values):
         raise argparse.ArgumentTypeError(f"must be from 0 to 100, separated by commas, not {text}")
     return values
+
+
+sways.__name__ = "list of lengths"
 
 
 def turn(text: str) -> float:
@@ -173,6 +182,3 @@ def turn(text: str) -> float:
 
 
 turn.__name__ = "angle"
-sways.__name__ = "list of lengths"
-frequencies.__name__ = "list of frequencies"
-percentages.__name__ = "list of percentages"  # argparse names the type when a number cannot be read
