@@ -68,20 +68,33 @@ class Registration:
 
 
 def find_backend(wanted: str = "auto") -> str:
-    """The package that registers: ``wanted``, or the first of :data:`BACKENDS` that is installed.
+    """The package that registers: ``wanted``, or the first of :data:`BACKENDS` that is installed and starts.
 
     Raises
     ------
     MirrorScanError
-        When it is not installed, or not known.
+        When it is not installed, does not start, or is not known.
     """
     if wanted != "auto" and wanted not in BACKENDS:
         raise MirrorScanError(
             f"registration: there is no package “{wanted}” for it; choose one of {', '.join(BACKENDS)}"
         )
+    broken = None
     for name in BACKENDS if wanted == "auto" else (wanted,):
-        if importlib.util.find_spec(name) is not None:
+        if importlib.util.find_spec(name) is None:
+            continue
+        try:
+            importlib.import_module(name)
+        except (ImportError, OSError) as error:  # open3d needs libraries for windows that servers often lack
+            broken = MirrorScanError(
+                "registration: {name} is installed, but it does not start ({error}); install it again, or {other} "
+                "instead",
+                name=name, error=error, other=next(one for one in BACKENDS if one != name),
+            )  # fmt: skip
+        else:
             return name
+    if broken is not None:
+        raise broken
     if wanted != "auto":
         raise MirrorScanError(
             "registration: {name} is not installed; install it with “pip install {name}”", name=wanted
