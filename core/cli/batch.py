@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import CaptureError, MirrorScanError, OutputError, ReconstructionError
 from .commands import avatar_to_files, check_wishes, reading_of, worker_settings
-from .outputs import Writers
+from .outputs import Writers, check_apart
 from .terminal import advance, complain, complaints_heard, duration, progress_bar, say
 
 if TYPE_CHECKING:
@@ -93,7 +93,9 @@ def run_batch(options: argparse.Namespace, writers: Writers) -> None:
     found = find_captures(options.captures)
     if not found:
         raise CaptureError("no capture was found")
-    _check_apart(options.folder, found)
+    for one in found:
+        if one.error is None:
+            check_apart(options.folder, one.path)
     jobs = [job for one in found for job in _jobs_of(one, options)]
     folder = open_batch_folder(options.folder)
     batch = _Batch(jobs, folder, options)
@@ -140,15 +142,6 @@ def _read_into(path: Path, answer: Future[_Read]) -> None:
         answer.set_result(_read(path))
     except Exception as error:  # raised where the answer is asked for
         answer.set_exception(error)
-
-
-def _check_apart(folder: Path, found: list[Found]) -> None:
-    """Refuse to write into what is read."""
-    for one in found:
-        if one.error is None and Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(one.path)):
-            raise OutputError(
-                "{folder}: lies within the capture {path}; choose another folder", folder=folder, path=one.path
-            )
 
 
 def _jobs_of(one: Found, options: argparse.Namespace) -> list[_Job]:

@@ -253,6 +253,14 @@ def check_targets(paths: Sequence[Path]) -> None:
         seen[real] = path
 
 
+def check_apart(target: Path, capture: Path) -> None:
+    """Refuse to write into what is read: its content would be another one the next time."""
+    if Path(os.path.realpath(target)).is_relative_to(os.path.realpath(capture)):
+        raise OutputError(
+            "{folder}: lies within the capture {path}; choose another folder", folder=target, path=capture
+        )
+
+
 def write_outputs(
     result: Reconstruction, outputs: list[tuple[Path, Callable]], report: Path | None, read_ms: float
 ) -> None:

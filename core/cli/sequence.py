@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import CaptureError, MirrorScanError, OutputError
 from .commands import known_mirrors, reading_of, settings_of, worker_settings
-from .outputs import Writers, blaming, check_targets, write_together
+from .outputs import Writers, blaming, check_apart, check_targets, write_together
 from .terminal import advance, complain, duration, progress_bar, say, stage_of
 
 if TYPE_CHECKING:
@@ -193,7 +193,8 @@ def _targets(options: argparse.Namespace, writers: Writers) -> _Targets:
     Raises
     ------
     OutputError
-        No folder, or two; a file that cannot be written; a clip without ``--skeleton``, or the other way round.
+        No folder, or two; a file that cannot be written, or within the recording; a clip without ``--skeleton``, or the
+        other way round.
     """
     ends = {path: path.suffix.lower() for path in options.outputs}
     caches, videos, clips = ([p for p, end in ends.items() if end in ends_of] for ends_of in (_CACHES, _VIDEOS, _CLIPS))
@@ -209,6 +210,8 @@ def _targets(options: argparse.Namespace, writers: Writers) -> _Targets:
         raise OutputError("--skeleton: give the file for the avatar and its motion, too: -o NAME.glb")
     targets = _Targets(folders[0], caches, videos, clips)
     check_targets(targets.files)
+    for path in options.outputs:
+        check_apart(path, options.recording)
     if caches:
         try:
             writers["sequence"]

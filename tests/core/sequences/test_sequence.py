@@ -84,10 +84,12 @@ def test_a_sequence_is_gone_on_with_where_it_was_left(tmp_path):
         (["a.mp4"], "0 folders are given"),
         (["a", "b"], "2 folders are given"),
         (["a", "b.glb"], "ask for them with --skeleton"),
+        ([None], "lies within the capture"),
     ],
 )
 def test_what_cannot_be_written_is_said_at_once(recording, tmp_path, capsys, outputs, said):
-    given = [part for name in outputs for part in ("-o", str(tmp_path / name))]
+    paths = [recording / "frames" if name is None else tmp_path / name for name in outputs]
+    given = [part for path in paths for part in ("-o", str(path))]
     assert main(["sequence", str(recording), *given]) == 1
     assert said in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
