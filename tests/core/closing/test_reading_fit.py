@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mirror_scan.core.camera import RgbdImage
-from mirror_scan.core.closing.reading_fit import even_normals, fit_to_readings
+from mirror_scan.core.closing.reading_fit import _free_share, even_normals, fit_to_readings
 from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.hole_filling.thin_plate_fairing import neighbours
 from mirror_scan.core.light.phase_response import weighted_by_frequency
@@ -18,6 +18,7 @@ from mirror_scan.core.mesh.self_intersections import self_intersections
 from mirror_scan.core.mirrors.mirror import plane_mirror
 from mirror_scan.core.simulation.scene import default_rig, with_real_optics
 from mirror_scan.core.simulation.simulate import simulate
+from mirror_scan.core.views.free_space import SLACK, FreeSpace
 
 FREQUENCIES = (165.0, 140.0, 60.0)
 UP = np.array((0.0, -1.0, 0.0))
@@ -74,6 +75,22 @@ def test_what_is_certain_stays(falsified):
     assert len(self_intersections(fitted.vertices, fitted.triangles)) <= len(
         self_intersections(body.vertices, body.triangles)
     )
+
+
+def test_the_way_ends_before_space_that_was_seen_empty():
+    """A wall 2 m away, seen empty up to 1.97 m; its middle would come 6 cm nearer."""
+    lens = (60.0, 60.0, 31.5, 23.5)
+    seen = np.full((48, 64), 1.97 + SLACK, np.float32)
+    empty = FreeSpace(np.eye(4)[None], np.array([lens]), np.zeros(1), seen, np.zeros(seen.shape, np.int8))
+    x, y = np.meshgrid(np.linspace(-0.2, 0.2, 9), np.linspace(-0.2, 0.2, 9))
+    vertices = np.column_stack((x.ravel(), y.ravel(), np.full(81, 2.0)))
+    corner = np.arange(81).reshape(9, 9)[:-1, :-1].ravel()
+    triangles = np.concatenate([corner[:, None] + (0, 1, 9), corner[:, None] + (1, 10, 9)]).astype(np.int32)
+    way = np.zeros((81, 3))
+    way[40, 2] = -0.06
+    share = _free_share(vertices, way, way[:, 2] < 0, empty, *neighbours(triangles, 81))
+    assert share[40] == pytest.approx(0.5, abs=0.05)
+    assert share[39] < 0.97 and share[0] == 1.0  # what is beside it goes less far, what is far from it goes all the way
 
 
 def test_nothing_moves_without_a_response(falsified):
