@@ -207,7 +207,7 @@ def _registered(options: argparse.Namespace) -> tuple[Reconstruction, float]:
 
     started = time.perf_counter()
     find_backend()  # before anything is read
-    captures = [replace(_open(path, options), name=path.name) for path in options.captures]
+    captures = [replace(_open(path, options), name=path.absolute().name) for path in options.captures]
     read_ms = (time.perf_counter() - started) * 1e3
     for capture in captures:
         for note in capture.notes:
