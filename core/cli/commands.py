@@ -17,33 +17,27 @@ from .outputs import (
     PRINT_SUFFIXES,
     AvatarFiles,
     Print,
-    Readers,
     Writers,
     check_targets,
     level_paths,
     make_folder,
-    motion_writer_of,
     plain,
     plan_outputs,
     read_surface,
-    reader_of,
     stand,
     write_outputs,
     write_simulation,
-    write_together,
     writers_of,
 )
 from .terminal import advance, complain, distance_lines, progress_bar, say, stage_of, summary_line
 
 if TYPE_CHECKING:
-    from ..avatar.avatar_file import Avatar
     from ..camera import Intrinsics
     from ..capture import Capture, MirrorPicks, ReadOptions
     from ..capture.frames import FrameChoice
     from ..cluster import WorkerSettings
     from ..mirrors import Mirror
     from ..mirrors.picked_mirror import MirrorSettings
-    from ..motion import Clip
     from ..pipeline import Reconstruction, Settings
     from .outputs import Write
 
@@ -227,57 +221,6 @@ def _registered(options: argparse.Namespace) -> tuple[Reconstruction, float]:
             f"{corrected:.1f} mm"
         )
     return result, read_ms
-
-
-def run_animate(options: argparse.Namespace, writers: Writers) -> None:
-    """``animate``: give an avatar with a skeleton a motion."""
-    outputs = [(path, motion_writer_of(path, writers, options.vrm)) for path in options.outputs]
-    check_targets(options.outputs)
-    for path in options.outputs:
-        if path.resolve() == Path(options.motion).resolve():
-            raise OutputError(f"{path}: is the motion that is read; choose another name for what is written")
-
-    with progress_bar(options.quiet) as progress:
-        advance(progress, 0.0, "reading the avatar")
-        avatar = rigged_avatar(options.avatar, options.readers)
-        advance(progress, 0.3, "moving it")
-        clip = _clip_for(avatar, options)
-        advance(progress, 0.6, "writing")
-        write_together(outputs, avatar, clip)
-    if not options.quiet:
-        frames = len(clip.rotations)
-        say(f"{clip.name}: {frames} frame{'s' if frames > 1 else ''}, {clip.rate:g} a second")
-        for path, _ in outputs:
-            say(f"  {path}")
-
-
-def rigged_avatar(path: Path, readers: Readers) -> Avatar:
-    """The avatar in a file, which must have a skeleton."""
-    from ..avatar.avatar_file import read_avatar
-
-    suffix = path.suffix.lower()
-    if suffix not in (".glb", ".vrm", ".blend"):
-        raise CaptureError(f"{path}: is no avatar; give a .glb or .blend that “reconstruct --skeleton” wrote")
-    avatar = reader_of(path, readers)(path) if suffix == ".blend" else read_avatar(path)
-    if avatar.skeleton is None or avatar.weights is None:
-        raise CaptureError(f"{path}: the avatar has no skeleton; make it with “reconstruct --skeleton”")
-    return avatar
-
-
-def _clip_for(avatar: Avatar, options: argparse.Namespace) -> Clip:
-    """The motion that a command line names, for the avatar's skeleton."""
-    from ..motion import CLIPS, MotionOptions, choose_clip, palm_directions, sole_points
-
-    assert avatar.skeleton is not None and avatar.weights is not None  # seen to when it was read
-    source: Any = options.motion
-    suffix = Path(source).suffix.lower()
-    if source not in CLIPS:
-        if suffix not in (".bvh", ".fbx"):
-            raise CaptureError(f"{source}: is no motion; give a .bvh or .fbx file, or one of {', '.join(CLIPS)}")
-        source = Path(source) if suffix == ".bvh" else reader_of(Path(source), options.readers)(Path(source))
-    skin = avatar.mesh.vertices, avatar.weights, avatar.skeleton
-    wanted = MotionOptions(options.in_place, loop=options.loop)
-    return choose_clip(source, avatar.skeleton, sole_points(*skin), palm_directions(*skin), wanted)
 
 
 def run_calibrate(options: argparse.Namespace, writers: Writers) -> None:

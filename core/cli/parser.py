@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from ..rig_planning.rooms import MIRRORS, ROOMS
-from . import batch, commands, dressing, live, planning, sequence
+from . import batch, commands, live, planning, rigged_avatars, sequence
 from .argument_types import (
     EFFECTS,
     OPTICS,
@@ -287,7 +287,7 @@ def _add_animate(subparsers: _Commands) -> None:
     command.add_argument("--loop", action="store_true", help="make it repeat without a jump")
     command.add_argument("--vrm", action="store_true", help="name the bones of VRM's humanoid in .glb, too")
     _add_quiet(command)
-    command.set_defaults(run=commands.run_animate)
+    command.set_defaults(run=rigged_avatars.run_animate)
 
 
 def _add_dress(subparsers: _Commands) -> None:
@@ -310,7 +310,7 @@ def _add_dress(subparsers: _Commands) -> None:
         "--tight", action="store_true", help="nowhere wider than the ease; the skeleton alone moves it"
     )
     _add_quiet(command)
-    command.set_defaults(run=dressing.run_dress)
+    command.set_defaults(run=rigged_avatars.run_dress)
 
 
 def _add_calibrate(subparsers: _Commands) -> None:
