@@ -158,17 +158,22 @@ class SequenceFolder:
 def _differing(before: object, now: dict) -> list[str]:
     """What differs between what a sequence was made of and what it would be now, in words.
 
-    Content of the recording, which reports of before do not say, is passed over there.
+    Content of the recording and of files, which reports of before do not say, is passed over there.
     """
     if not isinstance(before, dict):
         return ["all of it"]
     names = [name for name in now if before.get(name) != now[name] and not (name in _NEWER and name not in before)]
     options, given = before.get("options"), now.get("options")
     if "options" in names and isinstance(options, dict) and isinstance(given, dict):
-        changed = [name for name in sorted({*options, *given}) if options.get(name) != given.get(name)]
+        changed = [name for name in sorted({*options, *given}) if not _is_same(options.get(name), given.get(name))]
         names += [f"--{name.replace('_', '-')}" for name in changed]
         names.remove("options")
     return list(dict.fromkeys(_IN_WORDS.get(name, name) for name in names))
+
+
+def _is_same(before: object, now: object) -> bool:
+    """Whether an option is what it was; reports of before have a file's path where now its content is."""
+    return before == now or (isinstance(now, dict) and isinstance(before, str) and before != "None")
 
 
 def write_frame(path: Path, mesh: Mesh) -> None:

@@ -158,6 +158,15 @@ def test_another_rig_file_or_recording_is_not_gone_on_with(recording, tmp_path):
         folder("--rig", str(rig))
     with pytest.raises(OutputError, match=r"\(--rig, --unfiltered\)"):
         folder("--unfiltered")
+    report = tmp_path / "out" / "sequence.json"
+    content = json.loads(report.read_text(encoding="utf-8"))
+    named = content["made_of"] | {"options": content["made_of"]["options"] | {"rig": str(rig)}}
+    of_before = content | {"made_of": {key: value for key, value in named.items() if key not in ("content", "beside")}}
+    report.write_text(json.dumps(of_before), encoding="utf-8")  # as version 0.7 wrote it: files by their paths
+    assert folder("--rig", str(rig)).has(0)
+    with pytest.raises(OutputError, match=r"other settings \(--rig\)"):
+        folder()
+    report.write_text(json.dumps(content), encoding="utf-8")
     next(copy.glob("depth/*.png")).write_bytes(b"recorded anew")
     with pytest.raises(OutputError, match=r"\(content of the recording\)"):
         folder("--rig", str(tmp_path / "moved.json"))
