@@ -52,9 +52,8 @@ def _turntable(result: Result, sensor: str, sways: tuple[float, ...]) -> None:
     result.tables.append(table)
     still, worst = rows[1], rows[-1]
     shown = "no avatar" if worst.mesh is None else f"{worst.error:.2f} mm"
-    result.findings.append(
-        Finding(limit, f"{still.error:.2f} mm without, {shown} with", not worst.error <= still.error)
-    )
+    worse = still.mesh is not None and not worst.error <= still.error  # no avatar at all is worse, too
+    result.findings.append(Finding(limit, f"{still.error:.2f} mm without, {shown} with", worse))
 
 
 def _cameras(result: Result, sensor: str, levels: dict) -> None:
