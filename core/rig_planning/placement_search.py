@@ -8,7 +8,7 @@ are bettered by a pattern search over all of their numbers (Hooke and Jeeves 196
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -145,14 +145,32 @@ def find_placement(
     MirrorScanError
         When the room is too small, by how much; when a mirror is higher than the room; when sizes are no sizes.
     """
+    steps = placement_steps(room, sensor, mirrors, body, settings)
+    while True:
+        try:
+            fraction, message = next(steps)
+        except StopIteration as end:
+            return end.value
+        if progress is not None:
+            progress(fraction, message)
+
+
+def placement_steps(
+    room: Room,
+    sensor: str,
+    mirrors: Sequence[tuple[float, float]] = ((0.8, 1.75), (0.8, 1.75)),
+    body: Mesh | None = None,
+    settings: PlanSettings | None = None,
+) -> Generator[tuple[float, str], None, Placement]:
+    """:func:`find_placement` in pieces of well below a second, so that it can be cancelled between them."""
     settings = settings or PlanSettings()
     sizes = _checked_sizes(room, sensor, mirrors, settings)
-    tell = progress or (lambda fraction, message: None)
-    tell(0.0, "preparing the person")
+    yield 0.0, "Preparing the body"
     body = mannequin(resolution=0.015) if body is None else body
     task = _Task(
         room, sensor, sizes, settings, body_samples(body, _COARSE), body.vertices.min(axis=0), body.vertices.max(axis=0)
     )
+    yield 0.02, "Trying placements"
     candidates, shortage = _coarse(task)
     readme = _readme(task)
     possible = _possible(task, _rig_of(task, readme))
@@ -161,8 +179,8 @@ def find_placement(
     goal = _Goal(_judged(task, readme).coverage.share, possible)
     scored: list[tuple[float, _Numbers]] = []
     for k, numbers in enumerate(candidates):
-        if k % 16 == 0:
-            tell(0.05 + 0.5 * k / len(candidates), "trying placements")
+        if k % 8 == 0:
+            yield 0.05 + 0.5 * k / len(candidates), "Trying placements"
         scored.append((goal.cost(_judged(task, numbers)), numbers))
     scored.sort(key=lambda pair: pair[0])
     tried = len(scored)
@@ -174,8 +192,8 @@ def find_placement(
     if possible:
         starts.insert(0, readme)
     for k, numbers in enumerate(starts):
-        tell(0.55 + 0.4 * k / len(starts), "bettering the best placements")
-        found, count = _bettered(whole, numbers, goal)
+        share = 0.45 / len(starts)
+        found, count = yield from _bettered(whole, numbers, goal, 0.55 + share * k, share)
         tried += count
         if best is None or goal.cost(found) < cost:
             best, cost = found, goal.cost(found)
@@ -414,15 +432,22 @@ class _Goal:
         return judged.error.mean_mm + _UNSEEN * lacking
 
 
-def _bettered(task: _Task, start: _Numbers, goal: _Goal) -> tuple[_Judged, int]:
-    """A pattern search from ``start``: what it found, and how many rigs were judged."""
+def _bettered(
+    task: _Task, start: _Numbers, goal: _Goal, done: float, share: float
+) -> Generator[tuple[float, str], None, tuple[_Judged, int]]:
+    """A pattern search from ``start``: what it found, and how many rigs were judged.
+
+    It is ``share`` of the whole work, of which ``done`` was done before.
+    """
     now, best = _flat(start), _judged(task, start)
     cost, tried = goal.cost(best), 1
-    for place, angle in _STEPS:
+    for size, (place, angle) in enumerate(_STEPS):
         steps = np.array([place, place] + [angle, 1.5 * place, 0.5 * angle] * len(start.mirrors))
-        for _ in range(_SWEEPS):
+        for sweep in range(_SWEEPS):
             before = cost
             for k, way in itertools.product(range(len(now)), (1.0, -1.0)):
+                here = (size + (sweep + k / len(now)) / _SWEEPS) / len(_STEPS)
+                yield done + share * here, "Improving the best placements"
                 there = now.copy()
                 there[k] += way * steps[k]
                 numbers = _unflat(there)

@@ -883,13 +883,12 @@ def find_rig_steps(
 ) -> Steps[tuple[Placement, Mesh]]:  # fmt: skip
     """The best placement in a room, and the person it is for; sizes in metres."""
     yield 0.0, "Preparing the body"
-    from ...core.rig_planning.placement_search import PlanSettings, find_placement
+    from ...core.rig_planning.placement_search import PlanSettings, placement_steps
     from ...core.rig_planning.rooms import Room
 
     subject = (yield from mannequin_steps()) if body is None else body
-    yield 0.1, "Trying placements"
     settings = PlanSettings(frame_width=frame_width)
-    return find_placement(Room(*room), sensor, mirrors, subject, settings), subject
+    return (yield from placement_steps(Room(*room), sensor, mirrors, subject, settings)), subject
 
 
 def plan_steps(body: Mesh | None, rig: dict, mirrors: list[dict], path: str) -> Steps[str]:

@@ -106,12 +106,13 @@ def test_a_rig_is_put_where_the_search_says_and_its_plan_is_written(bpy, tmp_pat
     asked = []
 
     def found(room, sensor, mirrors, body, settings):  # the search itself has its own tests
+        yield 0.5, "Trying placements"
         asked.append((room, sensor, mirrors))
         rig = replace(default_rig(sensor, subject_distance=2.3), room=(-1.5, 1.5, -2.6, 1.4, 2.4))
         covered = area_coverage(body_samples(body, 256), rig)
         return Placement(rig, room, False, covered, predicted_error(body_samples(body, 256), covered, rig), False, 1)
 
-    monkeypatch.setattr(placement_search, "find_placement", found)
+    monkeypatch.setattr(placement_search, "placement_steps", found)
     bpy.ops.mirror_scan.add_rig()
     before = {item.name for item in bpy.context.scene.objects}
     bpy.ops.mesh.primitive_cube_add()
