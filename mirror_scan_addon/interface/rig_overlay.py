@@ -37,8 +37,7 @@ def rig_lines(scene: bpy.types.Scene) -> tuple[list[tuple[Vector, Vector]], list
     person = live_rig.person_of(scene)
     middle = Vector((0.0, 0.0))
     if person is not None:
-        brought = person.get(virtual_rig.RIG_TAG) == "person"  # its origin is between its feet
-        middle = person.matrix_world.translation.to_2d() if brought else _middle(person)
+        middle = Vector(virtual_rig.standing_place(person))
     eye = camera.matrix_world.translation.to_2d()
     ahead = (camera.matrix_world.to_3x3() @ Vector((0.0, 0.0, -1.0))).to_2d()
     lines, labels = [], []
@@ -62,12 +61,6 @@ def rig_lines(scene: bpy.types.Scene) -> tuple[list[tuple[Vector, Vector]], list
             top = max(Vector(corner).y for corner in item.bound_box)
             labels.append((item.matrix_world @ Vector((0.0, top, 0.0)), text))
     return lines, labels
-
-
-def _middle(item: bpy.types.Object) -> Vector:
-    """Where an object stands, seen from above."""
-    corners = [item.matrix_world @ Vector(corner) for corner in item.bound_box]
-    return (sum(corners, Vector()) / len(corners)).to_2d()
 
 
 # --- drawing ---------------------------------------------------------------------------------------------------------

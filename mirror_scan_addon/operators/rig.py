@@ -96,7 +96,8 @@ class MIRRORSCAN_OT_add_rig(_WithSensor, bpy.types.Operator):
                 self.sensor, unit * self.distance, math.degrees(self.angle), self.mirrors, path_length=unit * self.path
             )
             person = virtual_rig.person_of(context)
-            made = virtual_rig.add_objects(context.scene, arranged)
+            place = (0.0, 0.0) if person is None else virtual_rig.standing_place(person)
+            made = virtual_rig.add_objects(context.scene, arranged, place)
             if person is not None:
                 context.scene.mirror_scan.rig_person = person
             elif self.person:
@@ -167,6 +168,9 @@ class MIRRORSCAN_OT_simulate(_WithSensor, job_operators.JobOperator, bpy.types.O
             )
             self.report({"INFO"}, text.format(name=chosen.name))
         self._uid = 0 if body is None else body.session_uid
+        planned = live_rig.planned_camera(context.scene) is not None
+        if planned and not self.properties.is_property_set("sensor"):
+            self.sensor = context.scene.mirror_scan.rig_sensor
         self._begin_with_preference()
         surface = None if body is None else virtual_rig.world_surface(context, body)
         options = {"sensor": self.sensor, "frames": self.frames, "seed": self.seed}
@@ -174,7 +178,7 @@ class MIRRORSCAN_OT_simulate(_WithSensor, job_operators.JobOperator, bpy.types.O
         camera = virtual_rig.rig_camera(context.scene)
         if mirrors and camera is None:
             raise MirrorScanError(say("There are mirrors but no camera; add one and make it the active camera"))
-        if mirrors:
+        if mirrors or planned:
             options |= virtual_rig.camera_of(camera, metres_per_unit(context.scene)) | {"room": None}
         self._folder = scan_records.absolute(self.filepath)
         if self._folder:
@@ -326,12 +330,11 @@ class MIRRORSCAN_OT_find_rig(_WithSensor, job_operators.JobOperator, bpy.types.O
         size = (self.mirror_width, self.mirror_height)
         if self.glass != "CUSTOM":
             size = MIRRORS[MIRROR_SIZES[self.glass]]
-        chosen = virtual_rig.subject_of(context)
+        person = virtual_rig.person_of(context)
         surface = None
         self._uid = 0
-        if chosen is not None and virtual_rig.person_sized(chosen, context.scene):
-            if chosen.get(virtual_rig.RIG_TAG) != "person":
-                surface, self._uid = virtual_rig.world_surface(context, chosen), chosen.session_uid
+        if person is not None and person.get(virtual_rig.RIG_TAG) != "person":
+            surface, self._uid = virtual_rig.surface_at_origin(context, person), person.session_uid
         return job_operators.Task(
             "find_rig_steps", (surface, room, self.sensor, [size] * self.mirrors, self.frame_width)
         )
@@ -340,15 +343,18 @@ class MIRRORSCAN_OT_find_rig(_WithSensor, job_operators.JobOperator, bpy.types.O
         from ..scene import avatar_objects, virtual_rig
 
         placement, person = result
-        virtual_rig.remove_rig(target)
-        virtual_rig.add_objects(target, placement.rig)
         chosen = avatar_objects.object_of(self._uid)
-        if chosen is None:
+        place = (0.0, 0.0) if chosen is None else virtual_rig.standing_place(chosen)
+        virtual_rig.remove_rig(target)
+        virtual_rig.add_objects(target, placement.rig, place)
+        if chosen is not None:
+            target.mirror_scan.rig_person = chosen
+        elif self._uid:  # it was deleted meanwhile
+            live_rig.bring_person(target)
+        else:
             live_rig.keep_mannequin(person)
             virtual_rig.add_person(target, person)
-        else:
-            target.mirror_scan.rig_person = chosen
-        virtual_rig.add_room(target, placement.rig.room)
+        virtual_rig.add_room(target, placement.rig.room, place)
         text = say("The rig sees {seen:.0%} of the body; predicted mean error {error:.1f} mm")
         text = text.format(seen=placement.coverage.share, error=placement.error.mean_mm)
         target.mirror_scan.rig_message = text
@@ -382,8 +388,9 @@ class MIRRORSCAN_OT_save_plan(_AboutRig, job_operators.FileJobOperator, bpy.type
         if not path.lower().endswith(".svg"):
             path += ".svg"
         person = live_rig.person_of(context.scene)
-        surface = None if person is None else virtual_rig.world_surface(context, person)
-        rig, mirrors = virtual_rig.rig_in_room(context.scene)
+        place = (0.0, 0.0) if person is None else virtual_rig.standing_place(person)
+        surface = None if person is None else virtual_rig.surface_at_origin(context, person)
+        rig, mirrors = virtual_rig.rig_in_room(context.scene, place)
         return job_operators.Task("plan_steps", (surface, rig, mirrors, path))
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result) -> None:

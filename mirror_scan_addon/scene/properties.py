@@ -89,6 +89,17 @@ def _rig_changed(self, context: bpy.types.Context) -> None:
     _redraw(self, context)
 
 
+def _rig_sensor_changed(self, context: bpy.types.Context) -> None:
+    """The rig's camera has the field of view of its sensor."""
+    from ...core.simulation.sensors import find_sensor
+    from . import live_rig, virtual_rig
+
+    camera = live_rig.planned_camera(self.id_data)
+    if camera is not None and camera.type == "CAMERA" and camera.data.is_editable:
+        virtual_rig.fit_lens(camera, find_sensor(self.rig_sensor).intrinsics)
+    _rig_changed(self, context)
+
+
 def _frame_changed(self, context: bpy.types.Context) -> None:
     """The frame that is shown round a mirror is made anew."""
     from . import live_rig, virtual_rig
@@ -536,7 +547,7 @@ class MIRRORSCAN_PG_scene(bpy.types.PropertyGroup):
         translation_context=CONTEXT,
     )  # fmt: skip
     rig_sensor: EnumProperty(
-        name="Sensor", description="Depth camera of the planned rig", items=SENSORS, update=_rig_changed,
+        name="Sensor", description="Depth camera of the planned rig", items=SENSORS, update=_rig_sensor_changed,
         translation_context=CONTEXT,
     )  # fmt: skip
     rig_live: BoolProperty(
@@ -582,10 +593,13 @@ FRAME_WIDTH = 0.035  # of a mirror, as many have it [m]
 
 
 def _became_mirror(self, context: bpy.types.Context) -> None:
-    """The frame's usual width, in a scene whose unit is not the metre."""
+    """The frame's usual width, in a scene whose unit is not the metre; what the rig sees is measured again."""
+    from . import live_rig
+
     unit = metres_per_unit(context.scene)
     if self.is_mirror and unit != 1.0 and not self.is_property_set("frame_width"):
         self.frame_width = FRAME_WIDTH / unit
+    live_rig.schedule(context.scene)
 
 
 class MIRRORSCAN_PG_object(bpy.types.PropertyGroup):

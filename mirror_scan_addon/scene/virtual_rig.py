@@ -5,6 +5,7 @@ Objects are in Blender units of ``unit`` metres (:func:`.units.metres_per_unit`)
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,7 @@ from .scan_collections import root_of
 from .units import metres_per_unit
 
 if TYPE_CHECKING:
+    from ...core.camera import Intrinsics
     from ...core.simulation.scene import Rig
 
 
@@ -30,15 +32,15 @@ COLLECTION = "Mirror Scan Rig"
 MATERIAL = "Mirror Scan Glass"
 FRAME_MATERIAL, FRAME_COLOR = "Mirror Scan Frame", (0.16, 0.1, 0.06, 1.0)
 RIG_TAG = "mirror_scan_rig"
-"""Custom property of an object that a rig brought: camera, frame, person or room."""
+"""Custom property of an object that a rig brought: camera, mirror, frame, person or room."""
 BACKING = 0.02  # thickness of a mirror's board, as core's rig has it [m]
 LEAST_HEIGHT, MOST_HEIGHT = 0.6, 2.6  # of a person [m]
 COVERAGE = "Coverage"  # colour attribute of a body: what sees it
 _FLIP = np.diag((1.0, -1.0, -1.0, 1.0))  # Blender's camera looks along -z with y up, core's along z with y down
 
 
-def add_objects(scene: bpy.types.Scene, rig: Rig) -> list[bpy.types.Object]:
-    """Camera and mirrors of a rig, in a collection of their own.
+def add_objects(scene: bpy.types.Scene, rig: Rig, place: tuple[float, float] = (0.0, 0.0)) -> list[bpy.types.Object]:
+    """Camera and mirrors of a rig, in a collection of their own, around ``place`` (x, y) in Blender units.
 
     The camera becomes the scene's where that has none, or the camera of an earlier rig; one of the user's stays.
     """
@@ -48,12 +50,11 @@ def add_objects(scene: bpy.types.Scene, rig: Rig) -> list[bpy.types.Object]:
         made.append(collection)
         camera = bpy.data.objects.new("Depth Camera", bpy.data.cameras.new("Depth Camera"))
         made += [camera.data, camera]
-        camera.data.sensor_width = 36.0
-        camera.data.sensor_fit = "HORIZONTAL"
-        camera.data.lens = 36.0 * intrinsics.fx / intrinsics.width
+        fit_lens(camera, intrinsics)
         camera.data.display_size = 0.3 / unit
         camera.data.clip_start, camera.data.clip_end = 0.1 / unit, 100.0 / unit
-        camera.matrix_world = _in_units(Matrix((rig.camera_to_avatar @ _FLIP).tolist()), unit)
+        around = Matrix.Translation((*place, 0.0))
+        camera.matrix_world = around @ _in_units(Matrix((rig.camera_to_avatar @ _FLIP).tolist()), unit)
         objects = [camera]
         material = bpy.data.materials.get(MATERIAL)
         if rig.mirrors and (material is None or material.library is not None):
@@ -76,11 +77,13 @@ def add_objects(scene: bpy.types.Scene, rig: Rig) -> list[bpy.types.Object]:
             glass = bpy.data.objects.new(mirror_label(mirror.name), mesh)
             made.append(glass)
             axes = mirror.axes
-            glass.matrix_world = _in_units(Matrix.Translation(mirror.centre) @ Matrix(axes.T.tolist()).to_4x4(), unit)
+            pose = Matrix.Translation(mirror.centre) @ Matrix(axes.T.tolist()).to_4x4()
+            glass.matrix_world = around @ _in_units(pose, unit)
             glass.color = material.diffuse_color
             glass.mirror_scan.is_mirror = True
             glass.mirror_scan.frame_width = mirror.frame_width / unit
             glass.mirror_scan.frame_depth = mirror.frame_depth / unit
+            glass[RIG_TAG] = "mirror"
             objects.append(glass)
         for item in objects:
             collection.objects.link(item)
@@ -93,6 +96,13 @@ def add_objects(scene: bpy.types.Scene, rig: Rig) -> list[bpy.types.Object]:
         for glass in objects[1:]:
             add_frame(glass, collection)
     return objects
+
+
+def fit_lens(camera: bpy.types.Object, intrinsics: Intrinsics) -> None:
+    """Give a camera the field of view of a sensor."""
+    camera.data.sensor_width = 36.0
+    camera.data.sensor_fit = "HORIZONTAL"
+    camera.data.lens = 36.0 * intrinsics.fx / intrinsics.width
 
 
 def add_frame(glass: bpy.types.Object, collection: bpy.types.Collection) -> bpy.types.Object:
@@ -157,9 +167,13 @@ def remove_orphans(scene: bpy.types.Scene) -> None:
 
 def remove_rig(scene: bpy.types.Scene) -> None:
     """Remove camera, mirrors, frames, mannequin and room that earlier rigs brought, and nothing else."""
-    tagged = [item for item in scene.objects if item.get(RIG_TAG) and item.library is None]
-    collections = {c for item in tagged if item[RIG_TAG] == "camera" for c in item.users_collection}
-    ours = {item for c in collections for item in c.objects if item.mirror_scan.is_mirror} | set(tagged)
+    ours = {item for item in scene.objects if item.get(RIG_TAG) and item.library is None}
+    collections = {
+        c for c in scene.collection.children_recursive if c.name.startswith(COLLECTION) and c.library is None
+    }
+    for item in (item for c in collections for item in c.objects):  # of 0.7.0, which marked only its mirrors
+        if item.mirror_scan.is_mirror or (item.type == "CAMERA" and item.name.startswith("Depth Camera")):
+            ours.add(item)
     data = {item.data for item in ours if item.data is not None and item.data.users == 1}
     empty = [c for c in collections if set(c.objects) <= ours and not c.children and c.name.startswith(COLLECTION)]
     bpy.data.batch_remove([*ours, *data, *empty])
@@ -176,15 +190,22 @@ def add_person(scene: bpy.types.Scene, mesh: Mesh) -> bpy.types.Object:
     """The mannequin of a rig, where the rig expects the person; it becomes what the rig looks at."""
     from .avatar_objects import create_avatar
 
-    person = create_avatar(mesh, name="Mannequin", collection=rig_collection(scene))
+    person = create_avatar(
+        mesh, name="Mannequin", collection=rig_collection(scene), unit=metres_per_unit(scene)
+    )  # fmt: skip
     person[RIG_TAG] = "person"
     scene.mirror_scan.rig_person = person
     return person
 
 
-def add_room(scene: bpy.types.Scene, room: tuple[float, float, float, float, float]) -> bpy.types.Object:
-    """The walls of a room as lines that cannot be selected."""
-    x0, x1, y0, y1, z1 = (value / metres_per_unit(scene) for value in room)
+def add_room(
+    scene: bpy.types.Scene, room: tuple[float, float, float, float, float], place: tuple[float, float] = (0.0, 0.0)
+) -> bpy.types.Object:
+    """The walls of a room [m] as lines that cannot be selected, around ``place`` as in :func:`add_objects`."""
+    unit = metres_per_unit(scene)
+    aside = (unit * place[0], unit * place[0], unit * place[1], unit * place[1], 0.0)
+    room = tuple(value + by for value, by in zip(room, aside, strict=True))
+    x0, x1, y0, y1, z1 = (value / unit for value in room)
     mesh = bpy.data.meshes.new("Room")
     places = [(x, y, z) for z in (0.0, z1) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))]
     edges = [(k, (k + 1) % 4) for k in range(4)]
@@ -215,13 +236,31 @@ def person_of(context: bpy.types.Context) -> bpy.types.Object | None:
 def person_sized(body: bpy.types.Object, scene: bpy.types.Scene) -> bool:
     """Whether an object has about the size of a person: upright, and less deep than high; a factory cube has not.
 
-    An object at no finite place counts as one, so that whatever is wrong with it is reported.
+    Its height is along whichever of its own axes is the most upright: what was imported often lies in them. An object
+    at no finite place counts as one, so that whatever is wrong with it is reported.
     """
-    size = metres_per_unit(scene) * np.array(body.dimensions)
-    if not np.isfinite(size).all():
+    size, axes = metres_per_unit(scene) * np.array(body.dimensions), np.array(body.matrix_world)[:3, :3]
+    if not (np.isfinite(size).all() and np.isfinite(axes).all()):
         return True
-    across, along = sorted(size[:2])
-    return bool(LEAST_HEIGHT <= size[2] <= MOST_HEIGHT and across <= 0.7 * size[2] and along <= 1.3 * size[2])
+    upright = int(np.argmax(np.abs(axes[2]) / np.maximum(np.linalg.norm(axes, axis=0), 1e-9)))
+    height = size[upright]
+    across, along = sorted(np.delete(size, upright))
+    return bool(LEAST_HEIGHT <= height <= MOST_HEIGHT and across <= 0.7 * height and along <= 1.3 * height)
+
+
+def standing_place(body: bpy.types.Object) -> tuple[float, float]:
+    """Where a body stands, seen from above (x, y) in Blender units: at its origin, as avatars do, else at its middle.
+
+    (0, 0) for an object at no finite place.
+    """
+    matrix = np.array(body.matrix_world)
+    box = np.array(body.bound_box) @ matrix[:2, :3].T + matrix[:2, 3]
+    origin = matrix[:2, 3]
+    if not np.isfinite(box).all():
+        return 0.0, 0.0
+    within = (box.min(axis=0) < origin).all() and (origin < box.max(axis=0)).all()
+    x, y = origin if within else 0.5 * (box.min(axis=0) + box.max(axis=0))
+    return float(x), float(y)
 
 
 def rig_fields(scene: bpy.types.Scene) -> tuple[dict, list[dict]]:
@@ -239,8 +278,10 @@ def rig_fields(scene: bpy.types.Scene) -> tuple[dict, list[dict]]:
     return fields | {"sensor": scene.mirror_scan.rig_sensor, "room": None}, mirrors_of(scene)
 
 
-def rig_in_room(scene: bpy.types.Scene) -> tuple[dict, list[dict]]:
-    """:func:`rig_fields` with walls: those of the room that was drawn, else 0.6 m round the rig.
+def rig_in_room(scene: bpy.types.Scene, place: tuple[float, float]) -> tuple[dict, list[dict]]:
+    """:func:`rig_fields` with walls: those of the room that was drawn if the rig is within, else 0.6 m round the rig.
+
+    Unlike there the person, who stands at ``place`` (x, y) in Blender units, is at the origin.
 
     Raises
     ------
@@ -248,14 +289,20 @@ def rig_in_room(scene: bpy.types.Scene) -> tuple[dict, list[dict]]:
         As :func:`rig_fields`.
     """
     rig, mirrors = rig_fields(scene)
+    person = metres_per_unit(scene) * np.array((*place, 0.0))
+    rig["camera"] = tuple((rig["camera"] - person).tolist())
+    for mirror in mirrors:
+        mirror["centre"] = tuple((mirror["centre"] - person).tolist())
     places = np.array([rig["camera"], (0.0, 0.0, 0.0), *(mirror["centre"] for mirror in mirrors)])
-    low, high = places.min(axis=0) - 0.6, places.max(axis=0) + 0.6
-    room = tuple(scene.mirror_scan.rig_room)
-    drawn = any(item.get(RIG_TAG) == "room" for item in scene.objects)
-    inside = drawn and room[0] < rig["camera"][0] < room[1] and room[2] < rig["camera"][1] < room[3]
-    if not inside:
-        room = (float(low[0]), float(high[0]), float(low[1]), float(high[1]), max(2.4, float(high[2])))
-    return rig | {"room": room}, mirrors
+    (x0, y0), (x1, y1) = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
+    drawn = np.array(scene.mirror_scan.rig_room) - np.repeat(person, 2)[:5]
+    shown = any(item.get(RIG_TAG) == "room" for item in scene.objects)
+    if shown and drawn[0] < x0 and x1 < drawn[1] and drawn[2] < y0 and y1 < drawn[3]:
+        room = drawn.tolist()
+    else:
+        top = float(places[:, 2].max()) + 0.6
+        room = [float(x0) - 0.6, float(x1) + 0.6, float(y0) - 0.6, float(y1) + 0.6, max(2.4, top)]
+    return rig | {"room": tuple(room)}, mirrors
 
 
 def _in_units(matrix: Matrix, unit: float) -> Matrix:
@@ -378,3 +425,18 @@ def world_surface(context: bpy.types.Context, body: bpy.types.Object) -> Mesh:
         triangles = np.ascontiguousarray(triangles[:, ::-1])
     vertices = metres_per_unit(context.scene) * (vertices @ matrix[:3, :3].T + matrix[:3, 3])
     return Mesh(vertices, triangles, colors)
+
+
+def surface_at_origin(context: bpy.types.Context, body: bpy.types.Object) -> Mesh:
+    """:func:`world_surface` of a body that is moved along the floor so that it stands at the world's origin.
+
+    Raises
+    ------
+    MirrorScanError
+        As :func:`world_surface`.
+    """
+    surface = world_surface(context, body)
+    x, y = standing_place(body)
+    return dataclasses.replace(
+        surface, vertices=surface.vertices - metres_per_unit(context.scene) * np.array((x, y, 0))
+    )

@@ -50,6 +50,63 @@ def test_a_person_who_is_there_is_what_the_rig_looks_at(bpy):
     assert settings_of(bpy).rig_person == person and not tagged(bpy, "person")
 
 
+def test_a_rig_stands_round_a_person_wherever_they_stand_and_however_they_were_imported(bpy, tmp_path):
+    from mirror_scan.mirror_scan_addon.interface.rig_overlay import rig_lines
+    from mirror_scan.mirror_scan_addon.scene import live_rig
+
+    bpy.context.scene.unit_settings.scale_length = 0.01
+    bpy.ops.mesh.primitive_cylinder_add(radius=25, depth=180, location=(300, 200, 90), rotation=(np.pi / 2, 0, 0))
+    person = bpy.context.object
+    bpy.ops.object.transform_apply(location=False, rotation=True, scale=False)
+    person.rotation_euler.x = np.pi / 2  # upright again, in axes of its own
+    assert bpy.ops.mirror_scan.add_rig() == {"FINISHED"}
+    settings, scene = settings_of(bpy), bpy.context.scene
+    assert settings.rig_person == person and not tagged(bpy, "person")
+    assert tuple(settings.rig_camera.location.xy) == pytest.approx((300, -50), abs=1e-3)
+    bpy.ops.mirror_scan.check_rig()
+    assert live_rig.checked(scene)["seen"] > 0.8
+    bpy.ops.mirror_scan.save_plan(filepath=str(tmp_path / "plan.svg"))
+    assert rig_lines(scene)[1][0][1] == "2.50 m" and ">2.50 m<" in (tmp_path / "plan.svg").read_text(encoding="utf-8")
+    bpy.data.objects.remove(person)
+    bpy.ops.mirror_scan.add_rig()
+    assert 160 < settings.rig_person.dimensions.z < 180  # the mannequin has the size of a person in any unit
+
+
+def test_an_earlier_rig_makes_way_for_the_next_but_nothing_of_the_users(bpy):
+    from mirror_scan.mirror_scan_addon.scene import virtual_rig
+
+    bpy.ops.mirror_scan.add_rig()
+    scene, camera = bpy.context.scene, settings_of(bpy).rig_camera
+    (home,) = camera.users_collection
+    bpy.ops.mesh.primitive_plane_add()
+    mine = bpy.context.object
+    mine.mirror_scan.is_mirror = True
+    left = next(item for item in scene.objects if item.name == "Mirror left")
+    for item in (camera, left):  # where the user has them
+        home.objects.unlink(item)
+        mine.users_collection[0].objects.link(item)
+    for item in (camera, *home.objects):
+        if item.name in ("Depth Camera", "Mirror right"):
+            del item["mirror_scan_rig"]  # as a rig of 0.7.0
+    home.objects.link(camera)
+    virtual_rig.remove_rig(scene)
+    assert list(scene.objects) == [mine] and home not in list(bpy.data.collections)
+
+
+def test_a_virtual_scan_is_made_with_the_sensor_and_the_mirrors_of_the_rig(bpy):
+    from mirror_scan.core.simulation.sensors import find_sensor
+    from mirror_scan.mirror_scan_addon.scene.point_cloud import read_cloud
+
+    bpy.ops.mirror_scan.add_rig(sensor="realsense_d455", mirrors=0)
+    settings = settings_of(bpy)
+    assert bpy.ops.mirror_scan.simulate(frames=1) == {"FINISHED"}
+    assert len(settings.mirrors) == 0
+    assert read_cloud(settings.cloud).intrinsics.width == find_sensor("realsense_d455").intrinsics.width
+    wide = settings.rig_camera.data.angle
+    settings.rig_sensor = "kinect_v1"
+    assert settings.rig_camera.data.angle < wide - 0.05
+
+
 def test_head_hands_and_feet_are_ticked_and_what_to_move_is_told(bpy):
     from mirror_scan.mirror_scan_addon.interface.rig_overlay import rig_lines
     from mirror_scan.mirror_scan_addon.scene import live_rig
