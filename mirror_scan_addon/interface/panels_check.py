@@ -108,6 +108,8 @@ def _draw_rig(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
         column.prop(settings, name)
     found = live_rig.checked(scene)
     if found is None:
+        if live_rig.stage(scene):
+            sentence(layout, say(live_rig.stage(scene)), "INFO")
         return
     if "problem" in found:
         sentence(layout, str(found["problem"]), "ERROR")

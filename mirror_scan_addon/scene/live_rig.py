@@ -97,20 +97,19 @@ def bring_person(scene: bpy.types.Scene) -> None:
 
 
 def schedule(scene: bpy.types.Scene) -> None:
-    """Have a scene's rig checked soon; nothing happens without a window or a rig."""
-    settings = scene.mirror_scan
-    if bpy.app.background or scene.library is not None or not settings.rig_live:
+    """Have a scene's rig checked soon, or its mannequin brought; nothing happens without a window or a rig."""
+    if bpy.app.background or scene.library is not None or planned_camera(scene) is None:
         return
-    if planned_camera(scene) is None:
+    if not scene.mirror_scan.rig_live and scene.session_uid not in _without_person:
         return
     _wanted.add(scene.session_uid)
     if not bpy.app.timers.is_registered(_turn):
         bpy.app.timers.register(_turn, first_interval=DELAY_S, persistent=True)
 
 
-def checking(scene: bpy.types.Scene) -> bool:
-    """Whether a check is under way for a scene, or about to begin."""
-    return scene.session_uid in _wanted or (_check is not None and _check[0] == scene.session_uid)
+def stage(scene: bpy.types.Scene) -> str:
+    """What is being done for a scene's rig now, such as compiling before the first check; "" when nothing is."""
+    return _check[1].progress[1] if _check is not None and _check[0] == scene.session_uid else ""
 
 
 def _turn() -> float | None:
@@ -118,21 +117,21 @@ def _turn() -> float | None:
     global _check
     context = bpy.context
     if _check is not None:
-        uid, worker, task = _check
+        (uid, worker, task), scene = _check, _scene(_check[0])
         if worker.is_alive():
             return DELAY_S
-        if isinstance(worker.error, job_operators.UNAVAILABLE):
-            _check = uid, job_operators.begin(task, thread=True), task
-            return DELAY_S
         _check = None
-        scene = _scene(uid)
+        if isinstance(worker.error, job_operators.UNAVAILABLE):
+            if scene is not None:
+                _begin(scene, task, thread=True)
+            return DELAY_S
         if worker.error is not None and not isinstance(worker.error, job_operators.REPORTED):
             raise worker.error
         if scene is not None and worker.error is None:
             _put(scene, task, worker.result)
         elif scene is not None:
-            scene.mirror_scan.rig_checked = ""
             _without_person.discard(uid)
+            _tell(scene, worker.error)
         job_operators.redraw(context)
     if not _wanted:
         return None
@@ -150,10 +149,26 @@ def _turn() -> float | None:
             task = job_operators.Task("mannequin_steps", ())
         else:
             task = task_for(scene, person_of(scene))
-        _check = uid, job_operators.begin(task), task
-    except job_operators.REPORTED as error:  # a mirror that is not flat, say: the panel tells it
-        scene.mirror_scan.rig_checked = json.dumps({"views": [], "problem": job_operators.in_words(error)})
+    except job_operators.REPORTED as error:  # a mirror that is not flat, say
+        _tell(scene, error)
+        return DELAY_S
+    _begin(scene, task)
     return DELAY_S
+
+
+def _begin(scene: bpy.types.Scene, task: job_operators.Task, thread: bool = False) -> None:
+    global _check
+    try:
+        _check = scene.session_uid, job_operators.begin(task, thread=thread), task
+    except job_operators.REPORTED as error:  # no numba, or a full disk
+        _without_person.discard(scene.session_uid)
+        _tell(scene, error)
+
+
+def _tell(scene: bpy.types.Scene, error: Exception) -> None:
+    """Have the panel say why nothing could be measured."""
+    scene.mirror_scan.rig_checked = json.dumps({"views": [], "problem": job_operators.in_words(error)})
+    job_operators.redraw(bpy.context)
 
 
 def _put(scene: bpy.types.Scene, task: job_operators.Task, result) -> None:
@@ -169,7 +184,7 @@ def _put(scene: bpy.types.Scene, task: job_operators.Task, result) -> None:
             virtual_rig.add_person(scene, result)
             if bpy.ops.ed.undo_push.poll():  # the step of Add Rig was made before the mannequin was ready
                 bpy.ops.ed.undo_push(message="Mannequin")
-    _wanted.add(scene.session_uid)
+    schedule(scene)
 
 
 def _scene(uid: int) -> bpy.types.Scene | None:
@@ -182,13 +197,27 @@ def _after_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Non
     if settings.rig_camera is None or not settings.rig_live:
         return
     for update in depsgraph.updates:
-        if isinstance(update.id, bpy.types.Object) and (update.is_updated_transform or update.is_updated_geometry):
+        if _concerns(update, settings):
             schedule(scene)
             return
 
 
+def _concerns(update: bpy.types.DepsgraphUpdate, settings: bpy.types.PropertyGroup) -> bool:
+    """Whether what the rig sees may have changed: its camera, a mirror or the person was moved, or objects came, went
+    or were hidden."""
+    if isinstance(update.id, bpy.types.Collection):
+        return update.is_updated_geometry
+    if not isinstance(update.id, bpy.types.Object) or not (update.is_updated_transform or update.is_updated_geometry):
+        return False
+    item = update.id.original
+    return item.mirror_scan.is_mirror or item in (settings.rig_camera, settings.rig_person)
+
+
 @persistent
 def _after_undo(*_: object) -> None:
+    known = {scene.session_uid for scene in bpy.data.scenes}
+    for uid in _pictures.keys() - known:  # of the file before
+        del _pictures[uid]
     for scene in bpy.data.scenes:
         if scene.mirror_scan.rig_camera is not None:
             schedule(scene)

@@ -137,6 +137,60 @@ def test_head_hands_and_feet_are_ticked_and_what_to_move_is_told(bpy):
     assert live_rig.checked(scene) is None
 
 
+def test_only_what_concerns_the_rig_has_it_checked_again(bpy):
+    from mirror_scan.mirror_scan_addon.scene import live_rig
+
+    bpy.ops.mesh.primitive_cube_add()
+    cube = bpy.context.object
+    bpy.ops.mirror_scan.add_rig()
+    settings, found = settings_of(bpy), []
+
+    def heard(scene, depsgraph):
+        found.extend(live_rig._concerns(update, settings) for update in depsgraph.updates)
+
+    def checked_after(change) -> bool:
+        bpy.context.view_layer.update()
+        found.clear()
+        change()
+        bpy.context.view_layer.update()
+        return any(found)
+
+    left, right = (item for item in bpy.context.scene.objects if item.mirror_scan.is_mirror)
+    bpy.app.handlers.depsgraph_update_post.append(heard)
+    try:
+        assert not checked_after(lambda: setattr(cube, "location", (1, 1, 1)))
+        assert not checked_after(lambda: cube.select_set(False))
+        for item in (settings.rig_camera, settings.rig_person, left):
+            assert checked_after(lambda item=item: setattr(item, "location", item.location * 1.1 + item.location))
+        assert checked_after(lambda: setattr(right, "hide_render", True))
+        assert checked_after(lambda: bpy.data.objects.remove(left))
+    finally:
+        bpy.app.handlers.depsgraph_update_post.remove(heard)
+
+
+def test_what_a_live_check_fails_by_is_told(bpy, monkeypatch):
+    from types import SimpleNamespace
+
+    from mirror_scan.core.errors import MirrorScanError
+    from mirror_scan.mirror_scan_addon.background import job_operators
+    from mirror_scan.mirror_scan_addon.scene import live_rig
+
+    bpy.ops.mirror_scan.add_rig()
+    scene, begun = bpy.context.scene, []
+
+    def begin(task, thread=False):
+        begun.append((task.name, thread))
+        error = MirrorScanError("the disk is full") if thread else job_operators.UNAVAILABLE("no Python")
+        return SimpleNamespace(is_alive=lambda: False, error=error, result=None, progress=(0.0, "Starting"))
+
+    monkeypatch.setattr(job_operators, "begin", begin)
+    live_rig._wanted.add(scene.session_uid)
+    while live_rig._turn() is not None:
+        assert len(begun) < 3
+    assert begun == [("check_rig_steps", False), ("check_rig_steps", True)] and live_rig.stage(scene) == ""
+    assert "the disk is full" in live_rig.checked(scene)["problem"]
+
+
 def test_mirrors_have_a_frame_that_follows_their_settings(bpy):
     bpy.ops.mirror_scan.add_rig(person=False)
     glass = next(item for item in bpy.context.scene.objects if item.mirror_scan.is_mirror)
