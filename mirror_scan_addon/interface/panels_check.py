@@ -114,6 +114,8 @@ def _draw_rig(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     if "problem" in found:
         sentence(layout, str(found["problem"]), "ERROR")
         return
+    if not settings.rig_live:
+        sentence(layout, say("As measured last; press Check Rig after a change"), "INFO")
     grid = layout.box().grid_flow(row_major=True, columns=4, even_columns=True, align=True)
     for title in ("", say("Head"), say("Hands"), say("Feet")):
         grid.label(text=title, translate=False)

@@ -10,7 +10,7 @@ import math
 import bpy
 from mathutils import Vector
 
-from . import overlay
+from . import live_picture, overlay
 
 LINE = (0.95, 0.75, 0.25)  # of distances
 PICTURE = 0.26  # height of the picture, of the viewport's
@@ -70,6 +70,8 @@ def _shown(context: bpy.types.Context) -> bpy.types.Scene | None:
     settings = getattr(context.scene, "mirror_scan", None)
     if settings is None or settings.rig_camera is None or not context.space_data.overlay.show_overlays:
         return None
+    if live_picture.shown() is not None:  # a real camera is looked at live
+        return None
     from ..scene import live_rig
 
     return None if live_rig.planned_camera(context.scene) is None else context.scene
@@ -117,7 +119,7 @@ def _draw_text() -> None:
 
 
 def _draw_picture(context: bpy.types.Context, scene: bpy.types.Scene, scale: float) -> None:
-    """What the rig's camera sees, in the lower left corner."""
+    """What the rig's camera sees, in the lower right corner; the last operation's settings stand in the left."""
     from ..scene import live_rig
 
     found = live_rig.picture(scene)
@@ -136,7 +138,7 @@ def _draw_picture(context: bpy.types.Context, scene: bpy.types.Scene, scale: flo
     if wide > 0.5 * (right - left):
         return  # no room beside the sidebar
     gpu.state.blend_set("NONE")
-    draw_texture_2d(_texture["texture"], (left + _MARGIN * scale, _MARGIN * scale), wide, high)
+    draw_texture_2d(_texture["texture"], (right - wide - _MARGIN * scale, _MARGIN * scale), wide, high)
 
 
 def _texture_of(image):

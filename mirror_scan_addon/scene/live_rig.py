@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 DELAY_S, WAIT_S = 0.05, 0.5  # from a change to the check; while a job of ours runs, or the user edits
 
+_TOLD = {"seen", "shares", "parts", "views", "error_mm", "light_mm", "lit_twice"}  # of a check
+
 _wanted: set[int] = set()  # scenes, by session_uid; no state: a file knows nothing of them
 _without_person: set[int] = set()  # scenes whose rig waits for its mannequin
 _check: tuple[int, object, job_operators.Task] | None = None
@@ -54,11 +56,7 @@ def deliver(scene: bpy.types.Scene, found: RigChecked) -> None:
     """Have the scene tell what was found."""
     number = _pictures.get(scene.session_uid, (0, None))[0] + 1
     _pictures[scene.session_uid] = number, found.image
-    kept = {
-        "seen": found.seen, "shares": found.shares, "parts": found.parts, "views": found.views,
-        "error_mm": found.error_mm, "light_mm": found.light_mm, "lit_twice": found.lit_twice,
-    }  # fmt: skip
-    scene.mirror_scan.rig_checked = json.dumps(kept)
+    scene.mirror_scan.rig_checked = json.dumps({name: getattr(found, name) for name in sorted(_TOLD)})
 
 
 def checked(scene: bpy.types.Scene) -> dict | None:
@@ -70,7 +68,9 @@ def checked(scene: bpy.types.Scene) -> dict | None:
         found = json.loads(text)
     except ValueError:
         return None
-    return found if isinstance(found, dict) and isinstance(found.get("views"), list) else None
+    if not isinstance(found, dict) or not isinstance(found.get("views"), list):
+        return None
+    return found if "problem" in found or found.keys() >= _TOLD else None
 
 
 def picture(scene: bpy.types.Scene) -> tuple[int, np.ndarray] | None:
