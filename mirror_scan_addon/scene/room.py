@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import bpy
 
-from .scan_records import armature_of
+from .scan_records import RIG_TAG, armature_of
 
 HIDDEN = "mirror_scan_hidden"
 """Custom property of an object that :func:`hide` has hidden."""
@@ -65,11 +65,13 @@ def show(items: Iterable[bpy.types.Object], layer: bpy.types.ViewLayer) -> None:
 
 
 def show_setup(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, shown: bool) -> None:
-    """Show or hide what belongs to the scan: the capture's points, its mirrors, and those of a virtual rig."""
+    """Show or hide what belongs to the scan: the capture's points, its mirrors, and those of a virtual rig with their
+    frames and room."""
     settings = scene.mirror_scan
     settings.show_cloud = settings.show_mirrors = shown
     for item in scene.objects:
-        if item.mirror_scan.is_mirror and item.name in layer.objects:
+        of_rig = item.mirror_scan.is_mirror or item.get(RIG_TAG) in ("frame", "room")
+        if of_rig and item.name in layer.objects:
             item.hide_set(not shown, view_layer=layer)
 
 

@@ -118,6 +118,8 @@ TEXTURED = "mirror_scan_texture"
 """Custom property of an avatar's mesh: the material with its texture; of such a material: that it is one."""
 TAPES = "mirror_scan_tapes"
 """Custom property of a collection of measurements: the avatar that they are of."""
+RIG_TAG = "mirror_scan_rig"
+"""Custom property of an object that a rig brought: camera, mirror, frame, person or room."""
 STUDIO = "mirror_scan_studio"
 """Custom property of the studio's collection: the scene's settings that it changed, as JSON."""
 CONTROL = "Control "  # what names of control bones begin with

@@ -21,6 +21,7 @@ from .live_rig import person_of as rig_person
 from .live_rig import planned_camera
 from .report_text import mirror_label
 from .scan_collections import root_of
+from .scan_records import RIG_TAG
 from .units import metres_per_unit
 
 if TYPE_CHECKING:
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
 COLLECTION = "Mirror Scan Rig"
 MATERIAL = "Mirror Scan Glass"
 FRAME_MATERIAL, FRAME_COLOR = "Mirror Scan Frame", (0.16, 0.1, 0.06, 1.0)
-RIG_TAG = "mirror_scan_rig"
-"""Custom property of an object that a rig brought: camera, mirror, frame, person or room."""
 BACKING = 0.02  # thickness of a mirror's board, as core's rig has it [m]
 LEAST_HEIGHT, MOST_HEIGHT = 0.6, 2.6  # of a person [m]
 COVERAGE = "Coverage"  # colour attribute of a body: what sees it
