@@ -204,10 +204,15 @@ def _draw_view(page: _Page, rig: Rig, at: _Scale) -> None:
     for u in (0.0, lens.width - 1.0):
         angle = math.atan2(u - lens.cx, lens.fx) + math.radians(rig.pan_deg)
         ends.append(eye + _to_wall(eye, np.array((math.sin(angle), math.cos(angle))), rig.room))
-    corners = [at(eye), at(ends[0])]
-    x0, x1, _, y1, _ = rig.room
-    corners += [at((x, y1)) for x, end in ((x0, ends[0]), (x1, ends[1])) if end[1] < y1 - 1e-6]
-    page.polygon([*corners, at(ends[1])], "#f2c94c", opacity=0.14)
+    x0, x1, y0, y1, _ = rig.room
+    between = []  # corners of the room within the field of view, from left to right
+    for x, y in ((x0, y0), (x0, y1), (x1, y1), (x1, y0)):
+        side = math.atan2(x - eye[0], y - eye[1]) - math.radians(rig.pan_deg)
+        side = (side + math.pi) % (2.0 * math.pi) - math.pi
+        if math.atan2(-lens.cx, lens.fx) < side < math.atan2(lens.width - 1.0 - lens.cx, lens.fx):
+            between.append((side, at((x, y))))
+    corners = [corner for _, corner in sorted(between, key=lambda pair: pair[0])]
+    page.polygon([at(eye), at(ends[0]), *corners, at(ends[1])], "#f2c94c", opacity=0.14)
 
 
 def _to_wall(eye: np.ndarray, way: np.ndarray, room: tuple[float, float, float, float, float]) -> np.ndarray:
@@ -260,9 +265,11 @@ def _draw_person(page: _Page, at: _Scale) -> None:
 
 
 def _draw_camera(page: _Page, rig: Rig, at: _Scale) -> None:
-    x, y = rig.camera[:2]
-    page.polygon([at(p) for p in ((x - 0.07, y - 0.1), (x + 0.07, y - 0.1), (x + 0.07, y), (x - 0.07, y))], _INK)
-    page.polygon([at((x, y - 0.02)), at((x - 0.06, y + 0.07)), at((x + 0.06, y + 0.07))], _INK)
+    pan = math.radians(rig.pan_deg)
+    right, ahead = np.array((math.cos(pan), -math.sin(pan))), np.array((math.sin(pan), math.cos(pan)))
+    case = ((-0.07, -0.1), (0.07, -0.1), (0.07, 0.0), (-0.07, 0.0))
+    for shape in (case, ((0.0, -0.02), (-0.06, 0.07), (0.06, 0.07))):
+        page.polygon([at(np.array(rig.camera[:2]) + x * right + y * ahead) for x, y in shape], _INK)
 
 
 def _draw_marks(page: _Page, marks: list[TapeMark], at: _Scale) -> None:
@@ -287,9 +294,8 @@ def _draw_scale_bar(page: _Page, at: _Scale) -> None:
 def _draw_table(page: _Page, placement: Placement, marks: list[TapeMark], title: str, at: _Scale) -> None:
     rig, room = placement.rig, placement.room
     page.text((_AREA[0], 12.0), title, 6.0, bold=True)
-    page.text(
-        (_TABLE, 12.0), f"room {room.width:g} × {room.depth:g} × {room.height:g} m, {rig.sensor}", 3.2, color=_SOFT
-    )
+    size = " × ".join(f"{round(value, 2):g}" for value in (room.width, room.depth, room.height))
+    page.text((_TABLE, 12.0), f"room {size} m, {rig.sensor}", 3.2, color=_SOFT)
     y = 22.0
     page.text((_TABLE, y), "Tape marks", 4.0, bold=True)
     y += 5.4
@@ -318,11 +324,21 @@ def heights_in_words(rig: Rig) -> list[str]:
     way = "down" if rig.tilt_deg >= 0 else "up"
     tilt = "level" if abs(rig.tilt_deg) < 0.25 else f"tilted {way} by {abs(rig.tilt_deg):.1f}°"
     lines = [f"camera: lens {rig.camera[2]:.2f} m above the floor, {tilt}"]
+    if abs(rig.pan_deg) >= 0.25:
+        side = "right" if rig.pan_deg > 0 else "left"
+        lines.append(f"    turned {abs(rig.pan_deg):.1f}° to the {side} from straight ahead")
+    if abs(rig.roll_deg) >= 0.25:
+        way = "clockwise" if rig.roll_deg > 0 else "anticlockwise"
+        lines.append(f"    rolled {abs(rig.roll_deg):.1f}° {way}, seen from behind it")
     for mirror in rig.mirrors:
-        lower = mirror.centre[2] - 0.5 * mirror.height
-        lines.append(
-            f"{mirror.name} mirror: {mirror.width:g} × {mirror.height:g} m, upright, glass from {lower:.2f} m up"
-        )
+        _, up, normal = mirror.axes
+        lower = mirror.centre[2] - 0.5 * mirror.height * up[2]
+        lean = math.degrees(math.atan2(normal[2], math.hypot(*normal[:2])))
+        stands = "upright" if abs(lean) < 0.25 else "leaning"
+        size = f"{round(mirror.width, 3):g} × {round(mirror.height, 3):g} m"
+        lines.append(f"{mirror.name} mirror: {size}, {stands}, glass from {lower:.2f} m up")
+        if stands == "leaning":
+            lines.append(f"    its top {'back' if lean > 0 else 'forward'} by {abs(lean):.1f}°")
         lines.append(f"    {angle_in_words(mirror)}")
     return lines
 

@@ -8,7 +8,7 @@ import pytest
 from mirror_scan.core.mirrors.rig_file import mirrors_for, read_rig
 from mirror_scan.core.rig_planning.area_coverage import area_coverage, body_samples
 from mirror_scan.core.rig_planning.placement_search import Placement
-from mirror_scan.core.rig_planning.plan_drawing import plan_drawing, tape_marks, write_plan_drawing
+from mirror_scan.core.rig_planning.plan_drawing import heights_in_words, plan_drawing, tape_marks, write_plan_drawing
 from mirror_scan.core.rig_planning.plan_files import write_plan
 from mirror_scan.core.rig_planning.predicted_error import predicted_error
 from mirror_scan.core.rig_planning.rooms import Room
@@ -56,6 +56,27 @@ def test_the_plan_is_valid_and_to_scale(placement) -> None:
     assert marks[0].from_left == pytest.approx(1.6) and marks[0].from_near == pytest.approx(0.5)
     for element in root.iter(f"{SVG}text"):
         assert 0 <= float(element.get("x")) <= 297 and 0 <= float(element.get("y")) <= 210
+
+
+def test_a_camera_that_is_turned_is_drawn_and_described_so(placement) -> None:
+    def field_of_view(made: Placement) -> list[tuple[float, float]]:
+        shapes = ET.fromstring(plan_drawing(made).encode()).iter(f"{SVG}polygon")
+        points = next(shape for shape in shapes if shape.get("fill") == "#f2c94c").get("points")
+        return [tuple(map(float, point.split(","))) for point in points.split()]
+
+    straight = field_of_view(placement)
+    turned = replace(placement, rig=replace(placement.rig, pan_deg=100.0, roll_deg=-3.0))
+    seen = field_of_view(turned)
+    assert "turned 100.0° to the right" in plan_drawing(turned) and "rolled 3.0° anticlockwise" in plan_drawing(turned)
+    leaning = default_rig(lean_deg=(4.0, 0.0)).mirrors
+    said = heights_in_words(replace(placement.rig, mirrors=leaning))
+    assert "leaning" in said[1] and said[2].strip() == "its top forward by 4.0°" and "upright" in said[4]
+    assert seen[0] == straight[0]  # the camera
+    angles = np.unwrap([np.arctan2(y - seen[0][1], x - seen[0][0]) for x, y in seen[1:]])
+    lens = placement.rig.intrinsics
+    wide = np.arctan(lens.cx / lens.fx) + np.arctan((lens.width - 1 - lens.cx) / lens.fx)
+    assert (np.diff(angles) > 0).all() and np.ptp(angles) == pytest.approx(wide, abs=1e-3)
+    assert angles.mean() == pytest.approx(np.radians(10.0), abs=0.3)  # to the right and 10° towards the reader
 
 
 def test_files_of_a_plan_are_read_back(placement, body, tmp_path) -> None:
