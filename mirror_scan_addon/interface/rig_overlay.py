@@ -6,11 +6,12 @@ Everything is drawn from the scene's objects and from the last check. In a Blend
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import bpy
 from mathutils import Vector
 
-from . import live_picture, overlay
+from . import live_picture, overlay, panel_states
 
 LINE = (0.95, 0.75, 0.25)  # of distances
 PICTURE = 0.26  # height of the picture, of the viewport's
@@ -20,11 +21,14 @@ _handlers: list[object] = []  # Blender removes a draw handler only by the handl
 _texture: dict[str, object] = {}  # the picture on the graphics card, and its number
 
 
-def rig_lines(scene: bpy.types.Scene) -> tuple[list[tuple[Vector, Vector]], list[tuple[Vector, str]]]:
+def rig_lines(
+    scene: bpy.types.Scene, mirrors: Iterable[str] | None = None
+) -> tuple[list[tuple[Vector, Vector]], list[tuple[Vector, str]]]:
     """Lines of a scene's rig in the world, and labels with their places: distances on the floor, and angles.
 
     From the camera to the person, from it to the middle of each mirror, and on to the person; and by how much each
-    mirror is turned from facing the camera's way. Empty without a rig.
+    mirror is turned from facing the camera's way. Empty without a rig. ``mirrors``: names of objects that were mirrors
+    when they were last looked for; all of the scene's are looked through otherwise.
     """
     from ..language.texts import say
     from ..scene import live_rig, virtual_rig
@@ -48,7 +52,8 @@ def rig_lines(scene: bpy.types.Scene) -> tuple[list[tuple[Vector, Vector]], list
         labels.append((start.lerp(end, share), length_text((end - start).length * unit, scene)))
 
     measured(eye, middle)
-    for item in scene.objects:
+    items = scene.objects if mirrors is None else filter(None, map(scene.objects.get, mirrors))
+    for item in items:
         if not item.mirror_scan.is_mirror or item.hide_render or not item.visible_get():
             continue
         centre = item.matrix_world.translation
@@ -77,6 +82,13 @@ def _shown(context: bpy.types.Context) -> bpy.types.Scene | None:
     return None if live_rig.planned_camera(context.scene) is None else context.scene
 
 
+def _mirrors(context: bpy.types.Context) -> tuple[str, ...]:
+    """Names of the objects that are marked as mirrors; a large scene is not looked through at every redraw."""
+    return panel_states.looked_up(
+        "mirrors", context, lambda: tuple(item.name for item in context.scene.objects if item.mirror_scan.is_mirror)
+    )
+
+
 def _draw_view() -> None:
     """Draw the lines in 3D, after the scene."""
     context = bpy.context
@@ -86,7 +98,7 @@ def _draw_view() -> None:
     import gpu
     from gpu_extras.batch import batch_for_shader
 
-    lines, _ = rig_lines(scene)
+    lines, _ = rig_lines(scene, _mirrors(context))
     if not lines:
         return
     shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
@@ -110,7 +122,7 @@ def _draw_text() -> None:
 
     scale = context.preferences.system.ui_scale
     if scene.mirror_scan.rig_show:
-        for place, text in rig_lines(scene)[1]:
+        for place, text in rig_lines(scene, _mirrors(context))[1]:
             at = location_3d_to_region_2d(context.region, context.region_data, place)
             if at is not None:
                 overlay.label(blf, text, at, LINE, scale)

@@ -375,6 +375,7 @@ class MIRRORSCAN_OT_save_plan(_AboutRig, job_operators.FileJobOperator, bpy.type
         options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     filter_glob: StringProperty(default="*.svg", options={"HIDDEN"})
+    check_existing: BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
 
     def proposal(self, context: bpy.types.Context) -> str:
         return "plan.svg"

@@ -108,7 +108,7 @@ def test_a_virtual_scan_is_made_with_the_sensor_and_the_mirrors_of_the_rig(bpy):
 
 
 def test_head_hands_and_feet_are_ticked_and_what_to_move_is_told(bpy):
-    from mirror_scan.mirror_scan_addon.interface.rig_overlay import rig_lines
+    from mirror_scan.mirror_scan_addon.interface.rig_overlay import _mirrors, rig_lines
     from mirror_scan.mirror_scan_addon.scene import live_rig
 
     with pytest.raises(RuntimeError, match="no planned rig"):
@@ -133,6 +133,7 @@ def test_head_hands_and_feet_are_ticked_and_what_to_move_is_told(bpy):
     lines, labels = rig_lines(scene)
     assert len(lines) == 5 and len(labels) == 7
     assert labels[0][1] == "2.50 m" and lines[0][0].z == 0
+    assert rig_lines(scene, _mirrors(bpy.context))[1] == labels and rig_lines(scene, ("gone",))[1] == labels[:1]
     settings_of(bpy).rig_checked = "spoiled"
     assert live_rig.checked(scene) is None
 

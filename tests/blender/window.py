@@ -233,6 +233,8 @@ def story() -> Story:
         yield from press("simulate")
         yield from settled()
         expect(cloud() is not None and "%" in settings().rig_message, "a virtual capture, and what it covers")
+        yield from until(lambda: settings().rig_person is not None, "the rig's mannequin", LIMIT_S)
+        yield from until(lambda: '"seen"' in settings().rig_checked, "what the rig sees", LIMIT_S)
         yield from scroll(40)
     yield from looks("9_rig")
 

@@ -39,8 +39,14 @@ def test_a_mirror_too_high_or_too_low_is_moved_back(body, rise, part, way) -> No
 
 def test_what_no_move_cures_says_what_size_would(body) -> None:
     rig = default_rig(mirror_size=(0.25, 1.75))
-    said = [str(check.advice) for check in placement_advice(body, rig)[1:]]
-    assert all("use a mirror that is" in text and "wider" in text for text in said)
+    larger = []
+    for mirror, check in zip(rig.mirrors, placement_advice(body, rig)[1:], strict=True):
+        said = str(check.advice)
+        assert "use a mirror that is" in said and "wider" in said
+        by = float(said.split("that is ")[1].split(" cm wider")[0]) / 100.0
+        larger.append(replace(mirror, width=mirror.width + by))
+    for check in placement_advice(body, replace(rig, mirrors=tuple(larger)))[1:]:
+        assert check.advice is None or "move it" in str(check.advice) or "turn it" in str(check.advice)
 
 
 def test_a_camera_that_cuts_the_feet_off_is_tilted_or_moved(body) -> None:
