@@ -120,6 +120,8 @@ def _turn() -> float | None:
         (uid, worker, task), scene = _check, _scene(_check[0])
         if worker.is_alive():
             return DELAY_S
+        if task.name == "mannequin_steps" and _dragging(context):  # a new object has an undo step of its own
+            return WAIT_S
         _check = None
         if isinstance(worker.error, job_operators.UNAVAILABLE):
             if scene is not None:
@@ -154,6 +156,12 @@ def _turn() -> float | None:
         return DELAY_S
     _begin(scene, task)
     return DELAY_S
+
+
+def _dragging(context: bpy.types.Context) -> bool:
+    """Whether objects are being moved, turned or scaled with the mouse."""
+    operators = (operator for window in context.window_manager.windows for operator in window.modal_operators)
+    return any(operator is not None and operator.bl_idname.startswith("TRANSFORM_OT_") for operator in operators)
 
 
 def _begin(scene: bpy.types.Scene, task: job_operators.Task, thread: bool = False) -> None:
