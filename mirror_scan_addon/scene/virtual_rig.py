@@ -161,7 +161,7 @@ def remove_orphans(scene: bpy.types.Scene) -> None:
     """Remove frames whose mirror was deleted."""
     gone = [item for item in scene.objects if item.get(RIG_TAG) == "frame" and item.parent is None]
     if gone:
-        bpy.data.batch_remove([*gone, *(item.data for item in gone)])
+        bpy.data.batch_remove([*gone, *(item.data for item in gone if item.data.users == 1)])
 
 
 def remove_rig(scene: bpy.types.Scene) -> None:
@@ -171,7 +171,8 @@ def remove_rig(scene: bpy.types.Scene) -> None:
         c for c in scene.collection.children_recursive if c.name.startswith(COLLECTION) and c.library is None
     }
     for item in (item for c in collections for item in c.objects):  # of 0.7.0, which marked only its mirrors
-        if item.mirror_scan.is_mirror or (item.type == "CAMERA" and item.name.startswith("Depth Camera")):
+        camera = item.type == "CAMERA" and item.name.startswith("Depth Camera")
+        if item.library is None and (camera or item.mirror_scan.is_mirror):
             ours.add(item)
     data = {item.data for item in ours if item.data is not None and item.data.users == 1}
     empty = [c for c in collections if set(c.objects) <= ours and not c.children and c.name.startswith(COLLECTION)]

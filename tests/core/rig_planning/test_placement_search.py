@@ -33,7 +33,11 @@ def check_in_room(placement) -> None:
 
 @pytest.mark.slow
 def test_a_room_that_holds_the_readmes_placement_gets_one_as_good(body) -> None:
-    found = find_placement(Room(3.2, 4.0, 2.4), "azure_kinect", body=body)
+    told: list[float] = []
+    found = find_placement(
+        Room(3.2, 4.0, 2.4), "azure_kinect", body=body, progress=lambda fraction, message: told.append(fraction)
+    )
+    assert told == sorted(told) and 0.9 < told[-1] <= 1.0
     check_in_room(found)
     assert found.readme
     samples, rig = body_samples(body), default_rig(tilt_deg=1.0)
