@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +104,7 @@ def small_rig(sensor: str = "azure_kinect", **changes) -> Rig:
     return replace(rig, intrinsics=lens.scaled(int(round(lens.width * share)), int(round(lens.height * share))))
 
 
+@cache  # made many times, and never changed
 def person(height: float = 1.7, arm_angle_deg: float = 45.0, **figure) -> Mesh:
     """A mannequin in the middle of the avatar frame."""
     return mannequin(height, Figure(arm_angle_deg=arm_angle_deg, **figure), resolution=RESOLUTION)
