@@ -36,6 +36,7 @@ from ..views.rig_axis import rig_axis
 from .advice import Advice, advise, arrow_of, step_text
 
 _FRAMES = 5  # that the mirrors are placed with
+_TRIES = 4  # to place mirrors where they are said to be, before they are looked for elsewhere
 _NEARER = (0.15, 0.03)  # m, and of z: so much before what is behind it somebody is
 _MOVED = (0.03, 2)  # m that a moved mirror moves a person's reflection by; and how often in a row that must be seen
 _SAME_MIRROR = (0.1, 0.3)  # of the normals' sine, and m between middles: found again, not another one
@@ -136,7 +137,7 @@ class LiveScene:
     sensor : str
         As of :class:`..capture.live_camera.Stream`.
     known : sequence of MirrorPicks or Mirror
-        The mirrors, where they are known; else they are found.
+        The mirrors, where they are known; else they are found, and so they are when they cannot be placed there.
     settings : LiveSettings
     """
 
@@ -153,6 +154,7 @@ class LiveScene:
         self._placed = _Placed()
         self._work: Future[_Placed] | None = None
         self._tried = self._checked = -np.inf
+        self._failed = 0  # times that known mirrors could not be placed
         self._wanted = len(self._known) or settings.mirrors
         self._farthest: np.ndarray | None = None
         self._last: np.ndarray | None = None
@@ -170,7 +172,7 @@ class LiveScene:
 
     @property
     def known(self) -> tuple[MirrorPicks | Mirror, ...]:
-        """The mirrors that were known beforehand; none once one has moved."""
+        """The mirrors that were known beforehand; none once one has moved, or none was where it was said to be."""
         return self._known
 
     @property
@@ -200,11 +202,6 @@ class LiveScene:
             Aligned to depth; of another size it is not used.
         seconds : float
             When it was taken, by any clock that only goes forward.
-
-        Raises
-        ------
-        MirrorScanError
-            Mirrors that are known cannot be placed.
         """
         thin = thinned_image(depth, self.step)
         self._recent.append(thinned_image(depth, self._coarse))
@@ -246,8 +243,19 @@ class LiveScene:
             return
         if self.settings.beside and not self._known:
             self._work = _beside(lambda: self._found(frames))
-        else:
-            self._take(self._found(frames))
+            return
+        found = self._found(frames)
+        self._take(found)
+        if self._known and not found.mirrors:
+            self._failed += 1
+            if self._failed >= _TRIES:
+                self._search_anew()
+
+    def _search_anew(self) -> None:
+        """Look for the mirrors from now on: where they were said to be, or were found, is of no use any more."""
+        self._known, self._work, self._improved = (), None, 0
+        self._coarse = stride(self._camera, self.settings.placing_pixels)
+        self._recent.clear()
 
     def _receive(self) -> None:
         """Take what the search beside the frames has found."""
@@ -274,8 +282,7 @@ class LiveScene:
             first = first_mirrors(self._known, depth, capture, settings)
             mirrors = align_mirrors(first, RgbdImage(depth, camera), capture, settings, principle)[0]
         except MirrorScanError:  # none is seen yet, which the advice says
-            if self._known:
-                raise
+            pass
         mirrors, improved = _joined(list(before.mirrors), mirrors)
         first = [m for m in first if m.name in {one.name for one in mirrors}]
         seen, points = sort_rays(unproject(depth, camera), mirrors)
@@ -302,12 +309,11 @@ class LiveScene:
         certain = tuple(name for name, count in self._suspected.items() if count >= times)
         if not certain:
             return
-        self._moved, self._suspected, self._work, self._improved = certain, {}, None, 0
-        self._known = ()  # where they were is of no use any more
-        self._coarse = stride(self._camera, self.settings.placing_pixels)
+        self._moved, self._suspected = tuple(dict.fromkeys((*self._moved, *certain))), {}
         self._placed = _without(placed, certain)
-        self._recent.clear()
-        if len(certain) == len(placed.mirrors) > 1:  # then it was the camera, and the room is elsewhere, too
+        self._search_anew()
+        if not self._placed.mirrors:  # then it may have been the camera, and the room is elsewhere, too
+            self._placed = replace(self._placed, ground=None)
             self._farthest = self._last = None
 
     # --- the subject --------------------------------------------------------------------------------------------------

@@ -39,6 +39,15 @@ def scene(well):
     return scene
 
 
+def test_picks_where_no_mirror_is_end_nothing_but_have_the_mirrors_searched(well):
+    chest = tuple(replace(one, frame_pixels=np.array(((160.0, 140.0),))) for one in well.mirrors)
+    scene = LiveScene(RIG.intrinsics, RIG.sensor, chest, replace(SYNCHRONOUS, place_every_s=0.1))
+    frames = [scene.look(well.depth[k % 12], None, 0.1 * k) for k in range(16)]
+    assert [one.code for one in frames[5].advices] == ["mirrors_missing"] and frames[5].mirrors == ()
+    assert {m.name for m in frames[-1].mirrors} == {"left", "right"} and scene.known == ()
+    assert not [one for one in frames[-1].advices if one.severity == "warning"]
+
+
 def looked_at(scene, body, seconds, count=6, props=()):
     """The last of some frames of a body, a while after those before."""
     for k, depth in enumerate(simulate(body, replace(RIG, frames=count), props).capture.depth):
