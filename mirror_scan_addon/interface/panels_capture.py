@@ -28,7 +28,8 @@ class MIRRORSCAN_PT_capture(Panel, Step, bpy.types.Panel):
         row.operator("mirror_scan.record", text="", icon="RADIOBUT_ON")
         row = layout.row(align=True)
         row.operator_context = "INVOKE_DEFAULT"
-        row.operator("mirror_scan.live_view", icon=icon_if_wide("CAMERA_DATA"), text_ctxt=CONTEXT)
+        icon = icon_if_wide("CAMERA_DATA")
+        row.operator_menu_enum("mirror_scan.live_view", "source", text="Live View", text_ctxt=CONTEXT, icon=icon)
         row.operator("mirror_scan.live_view", text="", icon="PLAY").source = "playback"
         column = fields(layout)
         column.prop(settings, "capture_path", text="Path", text_ctxt=CONTEXT, placeholder=say("Folder or file"))

@@ -12,8 +12,7 @@ from ..interface import live_picture
 from ..interface.viewport import look_from_front
 from ..language.texts import CONTEXT, say
 from ..scene import scan_records
-
-TICK_S = 1 / 20
+from ..scene.blender_files import reason_of
 
 
 class MIRRORSCAN_OT_live_view(job_operators.FileJobOperator, bpy.types.Operator):
@@ -77,16 +76,27 @@ class MIRRORSCAN_OT_live_view(job_operators.FileJobOperator, bpy.types.Operator)
     def proposal(self, context: bpy.types.Context) -> str:
         return context.scene.mirror_scan.capture_path
 
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        recording = ("rate", "fast") if self.source == "playback" else ()
+        for name in ("mirrors", "countdown", "frames", "make_avatar", "folder", *recording):
+            layout.prop(self, name)
+
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if self.source == "playback":
             return super().invoke(context, event)  # which asks for the recording
         self._asked = True
-        return self.run(context)
+        if bpy.app.background:
+            return self.run(context)
+        return context.window_manager.invoke_props_dialog(self)  # how many mirrors there are cannot be guessed
 
     def run(self, context: bpy.types.Context) -> set[str]:
         result = super().run(context)
         if result == {"RUNNING_MODAL"}:
             look_from_front(context)
+        else:
+            self._forget_pictures()
         return result
 
     def start(self, context: bpy.types.Context) -> job_operators.Task:
@@ -124,8 +134,11 @@ class MIRRORSCAN_OT_live_view(job_operators.FileJobOperator, bpy.types.Operator)
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result: str) -> None:
         self.report({"INFO"}, say("The burst is in {path}").format(path=result))
         operator = bpy.ops.mirror_scan.scan_to_avatar if self.make_avatar else bpy.ops.mirror_scan.load_capture
-        how = "EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT"
-        operator(how, filepath=result)
+        how = "INVOKE_DEFAULT" if self._asked and not bpy.app.background else "EXEC_DEFAULT"
+        try:
+            operator(how, filepath=result)
+        except RuntimeError as error:  # what an operator reports as an error reaches callers so
+            self.report({"ERROR"}, reason_of(str(error)))
 
     def _draw_newest(self, context: bpy.types.Context) -> None:
         from ..background.live_frames import newest_picture

@@ -77,6 +77,19 @@ def test_what_stands_in_the_way_is_said(bpy, tmp_path):
     bpy.ops.object.mode_set(mode="OBJECT")
 
 
+def test_a_burst_that_cannot_be_made_an_avatar_is_an_error_that_says_where_the_burst_is(bpy, tmp_path):
+    from types import SimpleNamespace
+
+    from mirror_scan.mirror_scan_addon.operators.live_view import MIRRORSCAN_OT_live_view
+
+    said = []
+    operator = SimpleNamespace(make_avatar=False, _asked=False, report=lambda kind, text: said.append((kind, text)))
+    MIRRORSCAN_OT_live_view.finish(operator, bpy.context, bpy.context.scene, str(tmp_path / "gone"))
+    (first, second) = said
+    assert first[0] == {"INFO"} and str(tmp_path / "gone") in first[1]
+    assert second[0] == {"ERROR"} and "gone" in second[1] and "Traceback" not in second[1]
+
+
 @pytest.mark.slow
 def test_a_recording_becomes_an_avatar(bpy, tmp_path):
     """Nothing is left over but the burst, the points and the avatar."""
