@@ -125,7 +125,7 @@ def newest_picture(folder: str, after: int = -1) -> LivePicture | None:
             picture = LivePicture(
                 points=content["points"], colors=content["colors"], placement=content["placement"], **said
             )
-    except FileNotFoundError:  # the process was faster and has removed it: the next one is there soon
+    except (FileNotFoundError, PermissionError):  # the other process removes it just now: the next one is there soon
         return None
     _remove(names)
     return picture
