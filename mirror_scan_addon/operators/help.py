@@ -11,6 +11,7 @@ from ..language.texts import CONTEXT, say
 
 PAGES = (
     ("blender", "In Blender", "Every step, from installing to export"),
+    ("live", "Live View", "What to change before the shutter, and a burst that is taken by itself"),
     ("formats", "Capture Formats", "Which cameras' files can be opened, and what they need"),
     ("motion", "Skeleton and Motion", "Skeletons, motion files, clips and trackers"),
     ("look", "Look", "Texture, fewer triangles, printing, measurements, clothes"),
