@@ -100,7 +100,11 @@ def _opened(k4a: Any, mode: str, rate: int, serial: str | None) -> Any:
             camera = k4a.PyK4A(config, device_id=number)
             camera.open()
             if serial in (None, "", camera.serial):
-                camera.start()
+                try:
+                    camera.start()
+                except k4a.K4AException:
+                    camera.close()
+                    raise
                 return camera
             camera.close()
     except k4a.K4AException as error:
