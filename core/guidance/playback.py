@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from ..capture import MirrorPicks
 from ..capture.live_camera import DRIVERS, Stream
 from ..errors import CaptureError
 from ..sequences import Recording, open_recording
@@ -60,6 +61,18 @@ def played(recording: Recording, rate: float = RATE, paced: bool = True) -> Stre
     """
     first = recording.read(recording.numbers[0])
     return Stream(first.intrinsics, first.sensor, _frames(recording, rate, paced))
+
+
+def mirrors_of(path: str | os.PathLike) -> tuple[MirrorPicks, ...]:
+    """Where a recording says its mirrors are; empty where it does not say.
+
+    Raises
+    ------
+    CaptureError
+        There is no such recording.
+    """
+    recording = open_recording(path)
+    return recording.read(recording.numbers[0]).mirrors
 
 
 def _frames(recording: Recording, rate: float, paced: bool) -> Iterator[tuple[np.ndarray, np.ndarray | None]]:

@@ -246,7 +246,7 @@ def live_steps(source: dict, capture: str, frames_folder: str, shutter: dict) ->
     ----------
     source : dict
         ``camera``: a name of ``core.guidance.playback.CAMERAS``; ``serial`` of it, or the path of the recording;
-        ``paced`` for a recording, and ``rate`` [1/s].
+        ``paced`` for a recording, and ``rate`` [1/s]; ``mirrors``: how many there are, where it does not say.
     capture : str
         Folder to make for the burst.
     frames_folder : str
@@ -257,7 +257,7 @@ def live_steps(source: dict, capture: str, frames_folder: str, shutter: dict) ->
     yield 0.0, "Starting the camera"
     from ...core.capture import MirrorPicks
     from ...core.guidance import LiveScene, LiveSettings, Shutter, ShutterSettings, guide
-    from ...core.guidance.playback import CAMERAS
+    from ...core.guidance.playback import CAMERAS, mirrors_of
     from ...core.guidance.shutter import write_burst
     from .live_frames import picture_of, write_picture
 
@@ -267,7 +267,8 @@ def live_steps(source: dict, capture: str, frames_folder: str, shutter: dict) ->
     clock = (lambda number: number / rate) if recording and not source["paced"] else None
     with CAMERAS[source["camera"]](serial=source["serial"] or None, **more) as stream:
         live = LiveSettings(beside=clock is None, mirrors=source["mirrors"])
-        scene = LiveScene(stream.intrinsics, stream.sensor, (), live)
+        known = mirrors_of(source["serial"]) if recording else ()
+        scene = LiveScene(stream.intrinsics, stream.sensor, known, live)
         taker = Shutter(stream.intrinsics, ShutterSettings(**shutter))
         picture = None
         for update in guide(stream, scene, taker, clock=clock):
