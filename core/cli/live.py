@@ -46,6 +46,8 @@ def run_live(options: argparse.Namespace, writers: Writers) -> None:
             for update in updates:
                 told.tell(update)
                 _show(progress, update)
+        if not scene.known:  # a rig that moved is not the burst's
+            options.rig = None
         picks = [one for one in scene.known if isinstance(one, MirrorPicks)]
         write_burst(capture, stream, shutter.burst, shutter.color, picks)
     if shutter.warning is not None:
