@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -180,6 +181,11 @@ def test_the_command_plays_a_recording_and_takes_the_burst_by_itself(tmp_path, c
     assert cli.main(["live", *options, "--ignore", "hunger", "-o", str(tmp_path / "a.ply")]) == 1
     assert "no advice “hunger”" in capsys.readouterr().err
     assert not (tmp_path / "a_capture").exists()
+
+
+def test_every_kind_of_advice_stands_in_the_documentation():
+    page = (Path(__file__).parents[3] / "docs" / "live.md").read_text(encoding="utf-8")
+    assert [kind for kind in KINDS if f"`{kind}`" not in page] == []
 
 
 def test_a_recording_is_a_camera_like_any_other(tmp_path, well):
