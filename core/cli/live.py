@@ -142,7 +142,7 @@ class _Told:
     def __init__(self, quiet: bool) -> None:
         self._quiet = quiet
         self._advices: frozenset[Any] = frozenset()
-        self._state, self._second, self._retaken = "", -1, 0
+        self._state, self._second, self._retaken, self._warned = "", -1, 0, False
         self._mirrors: tuple[str, ...] = ()
 
     def tell(self, update: LiveUpdate) -> None:
@@ -161,9 +161,10 @@ class _Told:
         for one in update.advices:
             if one.key not in self._advices:
                 say(f"{_LEADS[one.severity]}{one.text}")
-        if self._advices and not keys and update.state != "burst":
+        warned = any(one.severity == "warning" for one in update.advices)
+        if self._warned and not warned and update.state != "burst":
             say("all is well")
-        self._advices = keys
+        self._advices, self._warned = keys, warned
         second = int(update.left_s + 0.999)
         if update.state == "counting down" and (self._state != update.state or second != self._second):
             say(f"hold still: {second}")
