@@ -283,7 +283,7 @@ class LiveScene:
             mirrors = align_mirrors(first, RgbdImage(depth, camera), capture, settings, principle)[0]
         except MirrorScanError:  # none is seen yet, which the advice says
             pass
-        mirrors, improved = _joined(list(before.mirrors), mirrors)
+        mirrors, improved = joined(list(before.mirrors), mirrors, self._wanted)
         first = [m for m in first if m.name in {one.name for one in mirrors}]
         seen, points = sort_rays(unproject(depth, camera), mirrors)
         return _Placed(
@@ -485,8 +485,12 @@ def _without(placed: _Placed, names: Sequence[str]) -> _Placed:
     return replace(placed, mirrors=mirrors, thin=thin)
 
 
-def _joined(before: list[Mirror], found: list[Mirror]) -> tuple[list[Mirror], bool]:
-    """Mirrors found before and now, each with a name of its own; whether one of the first is better known now."""
+def joined(before: list[Mirror], found: list[Mirror], wanted: int) -> tuple[list[Mirror], bool]:
+    """Mirrors found before and now, each with a name of its own; whether one of the first is better known now.
+
+    Where that would be more than are ``wanted``, one is none: those of one search alone are kept, of the first that
+    found as many as are wanted.
+    """
     sine, apart = _SAME_MIRROR
     mirrors, improved = list(before), False
     for one in found:
@@ -503,6 +507,8 @@ def _joined(before: list[Mirror], found: list[Mirror]) -> tuple[list[Mirror], bo
         while name in taken:
             name += " 2"
         mirrors.append(replace(one, name=name))
+    if len(mirrors) > max(wanted, len(before)):
+        return (found, True) if len(before) < wanted <= len(found) else (mirrors[: len(before)], improved)
     return mirrors, improved
 
 

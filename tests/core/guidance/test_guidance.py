@@ -17,7 +17,7 @@ from mirror_scan.core.capture import open_capture
 from mirror_scan.core.errors import CaptureError
 from mirror_scan.core.guidance import Advice, LiveScene, LiveSettings, Shutter, ShutterSettings, guide
 from mirror_scan.core.guidance.advice import KINDS, NOTES, SteadyAdvice
-from mirror_scan.core.guidance.live_scene import LiveFrame, thinned_image, thinned_intrinsics
+from mirror_scan.core.guidance.live_scene import LiveFrame, joined, thinned_image, thinned_intrinsics
 from mirror_scan.core.guidance.playback import CAMERAS
 from mirror_scan.core.simulation.simulate import simulate
 
@@ -38,6 +38,15 @@ def scene(well):
         frame = scene.look(depth, well.color, 0.1 * k)
     assert {m.name for m in frame.mirrors} == {"left", "right"} and frame.advices == ()
     return scene
+
+
+def test_a_search_adds_no_mirror_to_as_many_as_there_are(scene):
+    left, right = sorted(scene.mirrors, key=lambda mirror: mirror.name)
+    picture = replace(left, name="right", point=left.point + (0.0, 0.0, 0.5))
+    assert joined([left], [left, right], 2) == ([left, right], False)
+    assert joined([left, right], [left, picture], 2) == ([left, right], False)
+    assert joined([picture], [left, right], 2) == ([left, right], True)  # it was none
+    assert [one.name for one in joined([right], [picture], 2)[0]] == ["right", "right 2"]
 
 
 def test_picks_where_no_mirror_is_end_nothing_but_have_the_mirrors_searched(well):
