@@ -73,6 +73,7 @@ _CLEARLY_OVER = 0.1  # m: so far over, even an uncertain edge certainly cuts the
 _LONG_MOVE, _SHORT_STEP = 0.15, 0.1  # m: a mirror is rotated rather than moved so far; nobody is asked to step less
 _OUTWARDS = np.arange(0.05, 0.85, 0.05)  # by how much a mirror may be asked to be moved [m]
 _SPARE_DEG = 2.5  # between the image's border and the subject: toes point forward, hair stands up
+_TOES_DEG, _HAIR_DEG = 2.0, 0.2  # the least of that at the lower and at the upper border
 
 
 @dataclass(frozen=True)
@@ -194,13 +195,14 @@ def _cut_by_image(image: RgbdImage, views: Views) -> list[Finding]:
         return []
     aside = "step to the middle of the image or farther back"
     over, under = _beyond_image(views, image.intrinsics, True), _beyond_image(views, image.intrinsics, False)
+    up, down = tilt_by(over, _HAIR_DEG, under, _TOES_DEG), tilt_by(under, _TOES_DEG, over, _HAIR_DEG)
     advice = {
-        "top": ("upper", "the head is", f"tilt the camera up{_by_tilt(over)} or step back"),
-        "bottom": ("lower", "the feet are", f"tilt the camera down{_by_tilt(under)} or step back"),
+        "top": ("upper", "the head is", f"tilt the camera up{_in_degrees(up)} or step back"),
+        "bottom": ("lower", "the feet are", f"tilt the camera down{_in_degrees(down)} or step back"),
         "left": ("left", "a side is", aside),
         "right": ("right", "a side is", aside),
     }  # fmt: skip
-    if {"top", "bottom"} <= cut.keys() or over + under > -_SPARE_DEG:  # it is too high for the image
+    if {"top", "bottom"} <= cut.keys() or (up if "top" in cut else down) == 0:  # it is too high for the image
         advice["top"], advice["bottom"] = (
             ("upper", "the head is", "step back"), ("lower", "the feet are", "step back")
         )  # fmt: skip
@@ -216,12 +218,12 @@ def _cut_by_image(image: RgbdImage, views: Views) -> list[Finding]:
                 border=border, margin=margin, what=what, do=do,
             )  # fmt: skip
         tilts = side in ("top", "bottom") and "tilt" in do
-        tilt = (_tilt(over if side == "top" else under) or 0) if tilts else 0
+        tilt = (up if side == "top" else down) if tilts else None
         warned.append(Finding(kinds[side], text, move=_cut_move(views, side, tilt)))
     return warned
 
 
-def _cut_move(views: Views, side: str, tilt_deg: float) -> Move:
+def _cut_move(views: Views, side: str, tilt_deg: int | None) -> Move:
     """Where the camera is to be tilted, or the subject to step, when the image cuts it off."""
     up = views.up
     if tilt_deg:
@@ -251,17 +253,34 @@ def _beyond_image(views: Views, intrinsics: Intrinsics, upwards: bool) -> float:
     return float(-beyond if upwards else beyond)
 
 
-def _tilt(beyond: float) -> int | None:
-    """By how much to tilt the camera [degrees]; None where that is not known."""
+def tilt_by(beyond: float, room: float, other: float, other_room: float) -> int | None:
+    """By how much to tilt the camera [degrees], so that neither end of the subject is cut off.
+
+    Parameters
+    ----------
+    beyond, other : float
+        By what angle the end that is cut off, and the other one, are beyond the image [degrees]; negative within it,
+        NaN where that is not known.
+    room, other_room : float
+        How far within the image they have to be at least [degrees].
+
+    Returns
+    -------
+    int or None
+        0 where no tilt shows both ends; None where it is not known.
+    """
     if np.isnan(beyond):
         return None
     by = max(int(np.ceil(_SPARE_DEG + beyond)), 2)
-    return by if by < 45 else None
+    if by >= 45:
+        return None
+    if not np.isnan(other):
+        by = min(by, int(np.floor(-other - other_room)))
+    return by if by > max(beyond + room, 0.0) else 0
 
 
-def _by_tilt(beyond: float) -> str:
+def _in_degrees(by: int | None) -> str:
     """By how much to tilt the camera, in words."""
-    by = _tilt(beyond)
     return "" if by is None else f" by {by}°"
 
 

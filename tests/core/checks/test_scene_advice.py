@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from mirror_scan.core.camera import RgbdImage
 from mirror_scan.core.camera.noise_models import SENSORS
 from mirror_scan.core.capture import open_capture
-from mirror_scan.core.checks.scene_advice import check_scene, directions
+from mirror_scan.core.checks.scene_advice import check_scene, directions, tilt_by
 from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.depth.sensor_recognition import recognise
 from mirror_scan.core.depth.settings import DepthSettings
@@ -138,6 +140,16 @@ def test_a_mirror_that_leans(person):
     told = checked(scene(person, lean_deg=(6.0, 0.0)))
     assert any("“right” is not vertical" in text and "leans 6° towards" in text for text in told)
     assert not any("“left” is not vertical" in text for text in told)
+
+
+@given(st.floats(-1.0, 8.0), st.floats(0.1, 2.2), st.floats(-20.0, 3.0))
+@settings(deadline=None)
+def test_a_tilt_leaves_both_ends_within_the_image(beyond, room, other):
+    """Where there is one in whole degrees: what is seen afterwards asks for no tilt back."""
+    good = [by for by in range(1, 45) if beyond + room < by <= -other - 2.0]
+    told = tilt_by(beyond, room, other, 2.0)
+    assert (told in good) if good else told == 0
+    assert tilt_by(float("nan"), room, other, 2.0) is None and tilt_by(beyond, room, float("nan"), 2.0) >= 2
 
 
 @pytest.mark.parametrize(
