@@ -14,6 +14,13 @@ from ..language.texts import CONTEXT, say
 from ..scene import scan_records
 from ..scene.blender_files import reason_of
 
+IGNORED = {
+    "ARMS": ("arms_close", "arms_hide"), "FEET": ("feet_hidden", "feet_cut"), "PEOPLE": ("two_people",),
+    "MIRRORS": ("step", "aside", "not_shown", "mirror_small", "glass_edge", "image_edge", "far", "body_hides",
+                "blocked"),
+}  # fmt: skip
+"""What the burst can be told not to wait for: kinds of core's advice."""
+
 
 class MIRRORSCAN_OT_live_view(job_operators.FileJobOperator, bpy.types.Operator):
     """Look at a depth camera live: advice in the viewport says what to change; when all is well, the burst is taken by itself and an avatar is made of it"""  # noqa: E501 - Blender shows it as the tooltip
@@ -61,6 +68,16 @@ class MIRRORSCAN_OT_live_view(job_operators.FileJobOperator, bpy.types.Operator)
         name="Every Frame", description="Look at every frame of a recording, however long that takes", default=False,
         translation_context=CONTEXT,
     )  # fmt: skip
+    ignore: EnumProperty(
+        name="Ignore", description="Advice that the burst does not wait for", options={"ENUM_FLAG"},
+        items=(
+            ("ARMS", "Arms", "That arms hang at the body, or hide it"),
+            ("FEET", "Feet", "That feet are hidden or cut off"),
+            ("PEOPLE", "Second Person", "That somebody else is in the picture; a door that opens may look like it"),
+            ("MIRRORS", "Mirrors", "That mirrors do not show the person whole"),
+        ),
+        translation_context=CONTEXT,
+    )  # fmt: skip
     make_avatar: BoolProperty(
         name="Make Avatar", description="Make an avatar of the burst; else it is only loaded", default=True,
         translation_context=CONTEXT,
@@ -80,7 +97,7 @@ class MIRRORSCAN_OT_live_view(job_operators.FileJobOperator, bpy.types.Operator)
         layout = self.layout
         layout.use_property_split = True
         recording = ("rate", "fast") if self.source == "playback" else ()
-        for name in ("mirrors", "countdown", "frames", "make_avatar", "folder", *recording):
+        for name in ("mirrors", "countdown", "frames", "ignore", "make_avatar", "folder", *recording):
             layout.prop(self, name)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -112,7 +129,8 @@ class MIRRORSCAN_OT_live_view(job_operators.FileJobOperator, bpy.types.Operator)
         self._seen = -1
         source = {"camera": self.source, "serial": serial, "paced": not self.fast, "rate": self.rate,
                   "mirrors": self.mirrors}  # fmt: skip
-        shutter = {"countdown_s": self.countdown, "frames": self.frames}
+        ignored = tuple(kind for group in sorted(self.ignore) for kind in IGNORED[group])
+        shutter = {"countdown_s": self.countdown, "frames": self.frames, "ignore": ignored}
         return job_operators.Task("live_steps", (source, self._capture, self._pictures, shutter))
 
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -90,6 +90,15 @@ def test_a_burst_that_cannot_be_made_an_avatar_is_an_error_that_says_where_the_b
     assert second[0] == {"ERROR"} and "gone" in second[1] and "Traceback" not in second[1]
 
 
+def test_what_is_to_be_ignored_are_kinds_of_advice(bpy):
+    from mirror_scan.core.guidance.advice import KINDS
+    from mirror_scan.mirror_scan_addon.operators.live_view import IGNORED
+
+    asked = bpy.ops.mirror_scan.live_view.get_rna_type().properties["ignore"]
+    assert {item.identifier for item in asked.enum_items} == set(IGNORED)
+    assert {kind for kinds in IGNORED.values() for kind in kinds} <= set(KINDS)
+
+
 @pytest.mark.slow
 def test_a_recording_becomes_an_avatar(bpy, tmp_path):
     """Nothing is left over but the burst, the points and the avatar."""
