@@ -189,6 +189,9 @@ def said_by(call: ast.Call) -> Iterator[tuple[str, str]]:
     elif name == "_length":
         yield from ((CONTEXT, text) for text in literals(call.args[1]))
         yield from (("*", text) for text in literals(call.args[2]))
+    elif name == "_room_length":
+        yield from ((CONTEXT, text) for text in literals(call.args[0]))
+        yield from (("*", text) for text in literals(call.args[1]))
     elif name == "_field" and len(call.args) == 4:
         yield from ((CONTEXT, text) for text in literals(call.args[3]))
     elif "text_ctxt" in given:
