@@ -40,7 +40,7 @@ class LivePicture:
     advices : list of dict
         ``code``, ``text`` (parts of a :class:`.notices.Notice`), ``severity``, ``where``, and ``arrow``: start and end,
         camera frame [m], or None.
-    state, left_s, share, moved_m
+    state, left_s, share, moved_m, retaken
         As of :class:`.guidance.LiveUpdate`.
     """
 
@@ -54,6 +54,7 @@ class LivePicture:
     left_s: float = 0.0
     share: float = 0.0
     moved_m: float = 0.0
+    retaken: int = 0
 
     @property
     def well(self) -> bool:
@@ -84,7 +85,7 @@ def picture_of(update: LiveUpdate, before: LivePicture | None) -> LivePicture:
     ]  # fmt: skip
     return LivePicture(
         update.number, points, colors, placement, mirrors, advices, update.state, update.left_s, update.share,
-        update.moved_m,
+        update.moved_m, update.retaken,
     )  # fmt: skip
 
 

@@ -44,8 +44,11 @@ def lines_of(picture: LivePicture) -> list[tuple[str, tuple[float, float, float]
     if picture.state == "burst":
         text = say("Hold still: {done:.0%} taken, moved by {moved:.0f} mm")
         return [(text.format(done=picture.share, moved=1000.0 * picture.moved_m), GOOD)]
+    if picture.retaken:
+        lines.append((say("You moved during the burst; it is taken again"), NOTE))
     if picture.state == "counting down":
-        return [(say("All is well, hold still: {seconds:.0f}").format(seconds=picture.left_s + 0.49), GOOD)]
+        lines = lines[-1:] if picture.retaken else []
+        return [(say("All is well, hold still: {seconds:.0f}").format(seconds=picture.left_s + 0.49), GOOD), *lines]
     if picture.well:
         lines.insert(0, (say("All is well"), GOOD))
     return lines

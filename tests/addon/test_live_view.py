@@ -52,6 +52,8 @@ def test_what_is_written_and_drawn_follows_the_shutter(addon, picture):
     assert counting == [("All is well, hold still: 2", live_picture.GOOD)]
     (line,) = live_picture.lines_of(replace(well, state="burst", share=0.5, moved_m=0.004))
     assert "50%" in line[0] and "4 mm" in line[0]
+    again = [text for text, _ in live_picture.lines_of(replace(well, state="counting down", left_s=2.0, retaken=1))]
+    assert len(again) == 2 and "taken again" in again[1]
     ends = np.array(live_picture.arrow_segments(*picture.advices[0]["arrow"]))
     assert ends.shape == (6, 3) and np.allclose(ends[:3], [[0, 0, 2], [0.2, 0, 2], [0.2, 0, 2]])
     assert np.allclose(np.linalg.norm(ends[3] - ends[2]), np.linalg.norm(ends[5] - ends[4]))
