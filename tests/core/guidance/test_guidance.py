@@ -49,6 +49,17 @@ def test_a_search_adds_no_mirror_to_as_many_as_there_are(scene):
     assert [one.name for one in joined([right], [picture], 2)[0]] == ["right", "right 2"]
 
 
+def test_a_moved_camera_is_noticed_and_what_was_known_of_the_room_is_forgotten(well):
+    scene = LiveScene(RIG.intrinsics, RIG.sensor, well.mirrors, replace(SYNCHRONOUS, place_every_s=0.2))
+    for k in range(5):
+        scene.look(well.depth[k], None, 0.1 * k)
+    panned = simulate(person(), replace(RIG, pan_deg=RIG.pan_deg + 5.0, frames=12)).capture
+    frames = [scene.look(depth, None, 0.5 + 0.1 * k) for k, depth in enumerate(panned.depth)]
+    told = [{one.code for one in frame.advices if one.severity == "warning"} for frame in frames]
+    assert any("camera_moved" in codes for codes in told) and scene.known == ()
+    assert {m.name for m in frames[-1].mirrors} == {"left", "right"} and told[-1] == set()
+
+
 def test_picks_where_no_mirror_is_end_nothing_but_have_the_mirrors_searched(well):
     chest = tuple(replace(one, frame_pixels=np.array(((160.0, 140.0),))) for one in well.mirrors)
     scene = LiveScene(RIG.intrinsics, RIG.sensor, chest, replace(SYNCHRONOUS, place_every_s=0.1))
