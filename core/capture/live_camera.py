@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import json
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -67,15 +66,13 @@ def record(
     if frames < 1:
         raise CaptureError(f"at least one frame must be recorded, not {frames}", code="frames")
     with fresh_folder(folder) as fresh:
-        _save(stream, fresh, frames, settle, progress)
+        writer = _save(stream, fresh, frames, settle, progress)
         if mirrors:
-            (fresh / "mirrors.json").write_text(
-                json.dumps({"mirrors": mirrors_to(mirrors)}, indent=1), encoding="utf-8"
-            )
+            writer.write_json("mirrors.json", {"mirrors": mirrors_to(mirrors)})
     return folder
 
 
-def _save(stream: Stream, folder: Path, frames: int, settle: int, progress) -> None:
+def _save(stream: Stream, folder: Path, frames: int, settle: int, progress) -> FolderWriter:
     # kept in memory first: writing PNGs takes longer than a frame lasts
     kept = np.zeros((frames, stream.intrinsics.height, stream.intrinsics.width), np.float32)
     color = None
@@ -104,6 +101,7 @@ def _save(stream: Stream, folder: Path, frames: int, settle: int, progress) -> N
         writer.add(depth)
     if color is not None:
         writer.set_color(color, stream.color_intrinsics, stream.depth_to_color)
+    return writer
 
 
 # --- RealSense -------------------------------------------------------------------------------------------------------

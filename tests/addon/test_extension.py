@@ -183,12 +183,13 @@ class TestReviewRules:
             assert top not in never or (name, top) in asked or spelling, f"{name} imports {imported}"
             if top in {"threading", "_thread", "concurrent", "multiprocessing"}:
                 # where they end before the call returns, or no second process can be had; a lock starts none, and a
-                # batch reads ahead
+                # batch reads ahead; mirrors are looked for beside a running camera, in the second process; and a signal
+                # is for the main thread only
                 assert name in {
                     "core/numeric/threads.py", "mirror_scan_addon/background/job_operators.py",
                     "core/numeric/kernels.py", "core/numeric/blas_threads.py", "core/sequences/sequence.py",
                     "core/cluster/task_runner.py", "core/cli/batch.py",
-                    "core/capture/decoding/file_indices.py",
+                    "core/capture/decoding/file_indices.py", "core/guidance/live_scene.py", "core/cli/program.py",
                 }, f"{name} imports {imported}"  # fmt: skip
 
     def test_nothing_reaches_into_python_or_the_extension_folder(self, sources):

@@ -47,6 +47,7 @@ OPERATORS = {
     "mark_as_asset": {},
     "export_avatar": {"filepath": "/proc/avatar.glb"},
     "simulate": {"frames": 1, "filepath": "/proc/scan"},
+    "live_view": {"source": "playback", "filepath": "/nowhere/recording"},
     "check_rig": {},
     "save_plan": {"filepath": "/proc/plan.svg"},
     "find_rig": {"preset": "CUSTOM", "room_width": 1.0, "room_depth": 1.0},
