@@ -10,8 +10,8 @@ from ...core.errors import MirrorScanError, Notice
 _last: list[str] = []  # its lines; of the session, not of a file
 
 PLACES = 4  # how many lines of our own code are told
-_NUMBER = re.compile(r"[-+−]?\d[\d.,×]*( ?(%|mm|cm|m|px|s|MB|GB|°))?")
-_TRACE = re.compile(r'File ".*?((?:core|mirror_scan_addon)[\\/][\w\\/]+\.py)", line (\d+), in (\w+)')
+_NUMBER = r"[-+−]?\d[\d.,×]*( ?(%|mm|cm|m|px|s|MB|GB|°))?"
+_TRACE = r'File ".*?((?:core|mirror_scan_addon)[\\/][\w\\/]+\.py)", line (\d+), in (\w+)'
 
 
 def remember(error: BaseException) -> None:
@@ -49,7 +49,7 @@ def _filled(template: str, values) -> str:
     """The values that are numbers, and those of our own words, at their places; "…" for the others."""
     kept = {}
     for name, value in values.items():
-        if _NUMBER.fullmatch(value):
+        if re.fullmatch(_NUMBER, value):
             kept[name] = value
         else:
             kept[name] = (without_names(value) if " " in value else "") or "…"
@@ -61,5 +61,5 @@ def _places(error: BaseException) -> list[str]:
     import traceback
 
     told = "".join(traceback.format_tb(error.__traceback__)) + str(error)
-    places = [(path.replace("\\", "/"), line, name) for path, line, name in _TRACE.findall(told)]
+    places = [(path.replace("\\", "/"), line, name) for path, line, name in re.findall(_TRACE, told)]
     return [f"  {path}:{line} {name}" for path, line, name in places[-PLACES:]]

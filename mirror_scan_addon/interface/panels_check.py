@@ -6,7 +6,6 @@ import bpy
 
 from ..language.texts import CONTEXT, say, tell
 from ..scene import live_rig, report_text
-from ..scene.avatar_objects import shown_mode
 from ..scene.scan_records import no_mesh
 from . import panel_states
 from .panel_parts import Panel, field, fields, sentence, table
@@ -18,6 +17,8 @@ class MIRRORSCAN_PT_check(Panel, Step, bpy.types.Panel):
     state = staticmethod(panel_states.check)
 
     def draw(self, context: bpy.types.Context) -> None:
+        from ..scene.avatar_objects import shown_mode  # with what a mesh is: Blender's start does not wait for it
+
         layout = self.layout
         avatar = context.object
         report = panel_states.report_of(avatar)

@@ -7,7 +7,6 @@ from bpy.props import EnumProperty
 from ..background import job_operators
 from ..language.texts import CONTEXT, say
 from ..scene import kept_errors, scan_records
-from ..scene.avatar_objects import DERIVED
 from ..scene.scan_records import no_mesh, not_ours
 
 
@@ -64,7 +63,7 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
             "VIEW": (avatar_objects.VIEW, "POINT", palette.view_colors),
             "KIND": (avatar_objects.KIND, "FACE", palette.kind_colors),
         }[self.mode]
-        name = DERIVED.get(self.mode, avatar_objects.COLOR)
+        name = avatar_objects.DERIVED.get(self.mode, avatar_objects.COLOR)
         if colors_of is None:
             if data.color_attributes.get(avatar_objects.COLOR) is None:
                 raise OutputError(say("{name} has no colours from a capture").format(name=avatar.name), code="no_data")
@@ -83,7 +82,7 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
                 colors = np.repeat(colors, totals, axis=0)
             avatar_objects.set_colors(data, name, colors, "POINT" if domain == "POINT" else "CORNER")
         avatar_objects.show_colors(avatar, name)
-        for other in DERIVED.values():
+        for other in avatar_objects.DERIVED.values():
             if other != name and (attribute := data.attributes.get(other)) is not None:
                 data.attributes.remove(attribute)
         avatar_objects.show_colors(avatar, name)  # their indices have changed

@@ -50,7 +50,7 @@ def add_objects(scene: bpy.types.Scene, rig: Rig, place: tuple[float, float] = (
         camera = bpy.data.objects.new("Depth Camera", bpy.data.cameras.new("Depth Camera"))
         made += [camera.data, camera]
         fit_lens(camera, intrinsics)
-        camera.data.display_size = 0.3 / unit
+        camera.data.display_size = 0.12 / unit  # its filled triangle must not hide the person from behind it
         camera.data.clip_start, camera.data.clip_end = 0.1 / unit, 100.0 / unit
         around = Matrix.Translation((*place, 0.0))
         camera.matrix_world = around @ _in_units(Matrix((rig.camera_to_avatar @ _FLIP).tolist()), unit)
