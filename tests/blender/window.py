@@ -69,11 +69,12 @@ def story() -> Story:
         yield from choose(CAPTURE, picture="2_browser")
         yield from settled()
         expect(cloud() is not None, "points of the capture")
-    yield from looks("2_capture")
+    yield from shot("2_in_the_way")
     with step("hide what is in the way"):
         expect(bpy.data.objects["Cube"].visible_get(), "the cube of a new file")
         yield from press("make_room")
         expect(not bpy.data.objects["Cube"].visible_get(), "no cube in the way")
+    yield from looks("2_capture")
 
     with step("load by drag and drop, only to look"):
         _, shown = yield from drop()
