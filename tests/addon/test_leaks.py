@@ -77,8 +77,9 @@ def test_real_builds_with_undo(bpy, compiled, loaded):
             break
     bpy.data.orphans_purge(do_recursive=True)
     assert blocks(bpy) == bare and len(memory) == 11
-    # an avatar of 33 000 vertices and its undo step take 5 MB: 30 MB would show if they were kept
-    assert memory[-1] - memory[4] < 25, memory
+    # an avatar of 33 000 vertices and its undo step take 5 MB: over six turns 30 MB would show if they were kept. Least
+    # values, since now and then the system has not yet had back what one turn used.
+    assert min(memory[6:]) - min(memory[:5]) < 25, memory
 
 
 def test_fifty_registrations_keep_no_memory(bpy, addon):
