@@ -16,14 +16,18 @@ def viewport(context: bpy.types.Context) -> bpy.types.Area | None:
     return next((area for area in areas if area.type == "VIEW_3D"), None)
 
 
-def look_from_camera(context: bpy.types.Context, cloud: bpy.types.Object) -> None:
-    """Have the 3D viewport look as the depth camera did, from a little farther back: no point hides another then."""
+def look_from_camera(context: bpy.types.Context, cloud: bpy.types.Object, above_deg: float = 0.0) -> None:
+    """Have the 3D viewport look as the depth camera did, from a little farther back: no point hides another then.
+
+    ``above_deg``: from so much above it, where an object that stands for the camera would be before the eye.
+    """
     area = viewport(context)
     if area is None:
         return
     view = area.spaces.active.region_3d
     view.view_perspective = "PERSP"
-    view.view_rotation = (cloud.matrix_world.to_3x3() @ Matrix.Rotation(3.14159265, 3, "X")).to_quaternion()
+    turn = Matrix.Rotation(math.pi - math.radians(above_deg), 3, "X")
+    view.view_rotation = (cloud.matrix_world.to_3x3() @ turn).to_quaternion()
     view.view_location = cloud.matrix_world @ Vector((0, 0, 2.5))
     view.view_distance = 4.8 * cloud.matrix_world.median_scale
     show_within(area, 0.1 * cloud.matrix_world.median_scale, 50.0 * cloud.matrix_world.median_scale)

@@ -204,7 +204,7 @@ class MIRRORSCAN_OT_simulate(_WithSensor, job_operators.JobOperator, bpy.types.O
                 if body is not None:
                     look_at(context, body)
                 else:
-                    look_from_camera(context, points)
+                    look_from_camera(context, points, above_deg=12.0)
         names = [say("direct"), *(mirror.name for mirror in target.mirror_scan.mirrors)]
         parts = [f"{name} {share:.0%}" for name, share in zip(names, result.shares, strict=False)]
         text = say("The rig sees {seen:.0%} of the surface: {parts}; not seen: {rest:.0%}")
