@@ -7,6 +7,9 @@ import math
 import bpy
 from mathutils import Euler, Matrix, Quaternion, Vector
 
+FRONT = Euler((math.radians(78.0), 0.0, 0.0))
+"""A view at the person from the camera's side, a little above: a camera that stands there is not before the eye."""
+
 
 def viewport(context: bpy.types.Context) -> bpy.types.Area | None:
     """The 3D viewport that was clicked in, else any 3D viewport of this window."""
@@ -16,18 +19,14 @@ def viewport(context: bpy.types.Context) -> bpy.types.Area | None:
     return next((area for area in areas if area.type == "VIEW_3D"), None)
 
 
-def look_from_camera(context: bpy.types.Context, cloud: bpy.types.Object, above_deg: float = 0.0) -> None:
-    """Have the 3D viewport look as the depth camera did, from a little farther back: no point hides another then.
-
-    ``above_deg``: from so much above it, where an object that stands for the camera would be before the eye.
-    """
+def look_from_camera(context: bpy.types.Context, cloud: bpy.types.Object) -> None:
+    """Have the 3D viewport look as the depth camera did, from a little farther back: no point hides another then."""
     area = viewport(context)
     if area is None:
         return
     view = area.spaces.active.region_3d
     view.view_perspective = "PERSP"
-    turn = Matrix.Rotation(math.pi - math.radians(above_deg), 3, "X")
-    view.view_rotation = (cloud.matrix_world.to_3x3() @ turn).to_quaternion()
+    view.view_rotation = (cloud.matrix_world.to_3x3() @ Matrix.Rotation(3.14159265, 3, "X")).to_quaternion()
     view.view_location = cloud.matrix_world @ Vector((0, 0, 2.5))
     view.view_distance = 4.8 * cloud.matrix_world.median_scale
     show_within(area, 0.1 * cloud.matrix_world.median_scale, 50.0 * cloud.matrix_world.median_scale)
@@ -41,7 +40,7 @@ def look_from_front(context: bpy.types.Context) -> None:
         return
     view = area.spaces.active.region_3d
     view.view_perspective = "PERSP"
-    view.view_rotation = Euler((math.radians(78.0), 0.0, 0.0)).to_quaternion()
+    view.view_rotation = FRONT.to_quaternion()
     view.view_location = (0.0, 0.0, 0.9)
     view.view_distance = 5.0
     show_within(area, 0.1, 50.0)
@@ -165,14 +164,16 @@ def upright_look(outward: Vector, front: Vector) -> Quaternion:
     return Matrix((right, back.cross(right), back)).transposed().to_quaternion()
 
 
-def look_at(context: bpy.types.Context, target: bpy.types.Object) -> None:
-    """Have the 3D viewport frame the selected object; nothing happens without a viewport."""
+def look_at(context: bpy.types.Context, target: bpy.types.Object, turn: Euler | None = None) -> None:
+    """Have the 3D viewport frame the selected object, turned so or as it is; nothing happens without a viewport."""
     area = viewport(context)
     region = None if area is None else next((region for region in area.regions if region.type == "WINDOW"), None)
     if region is None or bpy.app.background:
         return
     extent = max(target.dimensions, default=0.0)
     show_within(area, max(0.01 * extent, 1e-6), 20.0 * extent)
+    if turn is not None:
+        area.spaces.active.region_3d.view_rotation = turn.to_quaternion()
     with context.temp_override(area=area, region=region):
         if bpy.ops.view3d.view_selected.poll():
             bpy.ops.view3d.view_selected()

@@ -6,7 +6,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, St
 
 from ...core.errors import MirrorScanError
 from ..background import job_operators, kernel_compilation, second_process
-from ..interface.viewport import look_at, look_from_camera
+from ..interface.viewport import FRONT, look_at, look_from_camera
 from ..language.texts import CONTEXT, say
 from ..scene import live_rig, scan_records
 from ..scene.capture_objects import show_capture
@@ -202,9 +202,9 @@ class MIRRORSCAN_OT_simulate(_WithSensor, job_operators.JobOperator, bpy.types.O
                 avatar_objects.select_only(context, body)
             if not bpy.app.background and self._worker is None and context.area is not None:
                 if body is not None:
-                    look_at(context, body)
+                    look_at(context, body, FRONT)  # not from where the rig's camera stands
                 else:
-                    look_from_camera(context, points, above_deg=12.0)
+                    look_from_camera(context, points)
         names = [say("direct"), *(mirror.name for mirror in target.mirror_scan.mirrors)]
         parts = [f"{name} {share:.0%}" for name, share in zip(names, result.shares, strict=False)]
         text = say("The rig sees {seen:.0%} of the surface: {parts}; not seen: {rest:.0%}")
