@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import CaptureError, OutputError
+from ..io.atomic_files import free_folder
 from .commands import avatar_to_files, known_mirrors, planned_files, reading_of, settings_of
 from .outputs import Writers
 from .terminal import advance, complain, progress_bar, say, summary_line
@@ -87,10 +88,7 @@ def _capture_folder(options: argparse.Namespace, writers: Writers) -> Path:
         planned_files(options, writers)
         if folder is None:
             folder = options.outputs[0].with_name(options.outputs[0].stem + "_capture")
-    if not folder.absolute().parent.is_dir():
-        raise OutputError(f"{folder}: the folder {folder.absolute().parent} does not exist; create it first")
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise OutputError(f"{folder}: exists already; choose another name, or remove it")
+    free_folder(folder)
     return folder
 
 

@@ -77,6 +77,22 @@ def replacing_with_companions(path: str | os.PathLike) -> Iterator[Path]:
             os.replace(inner, main)
 
 
+def free_folder(folder: str | os.PathLike, replace: bool = False) -> Path:
+    """Where :func:`fresh_folder` would make a folder; so that what cannot be is told before long work.
+
+    Raises
+    ------
+    OutputError
+        When ``folder`` exists already and holds something that may not be replaced, or its parent is missing.
+    """
+    target = Path(os.path.realpath(folder))
+    if target.exists() and (not target.is_dir() or (not replace and any(target.iterdir()))):
+        raise OutputError(f"{folder}: exists already; choose another name")
+    if not target.parent.is_dir():
+        raise OutputError(f"{folder}: the folder {target.parent} does not exist; create it first")
+    return target
+
+
 @contextlib.contextmanager
 def fresh_folder(folder: str | os.PathLike, replace: bool = False) -> Iterator[Path]:
     """Name of a folder to make and fill that takes the name ``folder`` when the block ends well.
@@ -95,12 +111,7 @@ def fresh_folder(folder: str | os.PathLike, replace: bool = False) -> Iterator[P
     OutputError
         When ``folder`` exists already, its parent is missing, or it cannot be written.
     """
-    folder = Path(folder)
-    target = Path(os.path.realpath(folder))
-    if target.exists() and (not target.is_dir() or (not replace and any(target.iterdir()))):
-        raise OutputError(f"{folder}: exists already; choose another name")
-    if not target.parent.is_dir():
-        raise OutputError(f"{folder}: the folder {target.parent} does not exist; create it first")
+    target = free_folder(folder, replace)
     try:
         with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as temporary:
             fresh, stale = Path(temporary) / "new", Path(temporary) / "old"
