@@ -9,6 +9,7 @@ from __future__ import annotations
 import bpy
 
 from . import live_picture
+from .viewport import add_drawing, remove_drawing
 
 COLORS = {"GOOD": (0.25, 0.8, 0.35), "USABLE": (0.95, 0.7, 0.15), "BAD": (0.92, 0.22, 0.2), "NONE": (0.6, 0.6, 0.62)}
 """sRGB of a mirror by :func:`.scan_records.quality_of`: green, amber, red, grey."""
@@ -17,7 +18,7 @@ UNLIMITED = ((-0.5, 0.5), (-1.0, 1.0))  # rectangle drawn for a plane of unknown
 LIFT = 0.01  # the glass is drawn so far in front of its plane, where an object of a virtual rig may lie [m]
 ARROW = 0.3  # drawn length of a mirror's normal [m]
 
-_handlers: list[object] = []  # Blender removes a draw handler only by the handle it returned
+_handlers: list[object] = []
 _batches: dict[object, tuple[object, object]] = {}  # what is on the graphics card: name → (key, batch)
 _hover: list[tuple[float, float, float]] = []  # the point under the mouse while picking
 
@@ -380,16 +381,11 @@ def _draw_problem(context, region, space, scale: float) -> None:
 
 
 def register() -> None:
-    if bpy.app.background:
-        return
-    space = bpy.types.SpaceView3D
-    _handlers.append(space.draw_handler_add(_draw_view, (), "WINDOW", "POST_VIEW"))
-    _handlers.append(space.draw_handler_add(_draw_text, (), "WINDOW", "POST_PIXEL"))
+    add_drawing(_handlers, _draw_view, _draw_text)
 
 
 def unregister() -> None:
-    while _handlers:
-        bpy.types.SpaceView3D.draw_handler_remove(_handlers.pop(), "WINDOW")
+    remove_drawing(_handlers)
     _batches.clear()
     _hover.clear()
     live_picture.show(None)

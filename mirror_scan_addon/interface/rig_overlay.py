@@ -12,12 +12,13 @@ import bpy
 from mathutils import Vector
 
 from . import live_picture, overlay, panel_states
+from .viewport import add_drawing, remove_drawing
 
 LINE = (0.95, 0.75, 0.25)  # of distances
 PICTURE = 0.26  # height of the picture, of the viewport's
 _MARGIN = 14  # round it [px at 100 % scale]
 
-_handlers: list[object] = []  # Blender removes a draw handler only by the handle it returned
+_handlers: list[object] = []
 _texture: dict[str, object] = {}  # the picture on the graphics card, and its number
 
 
@@ -166,14 +167,9 @@ def _texture_of(image):
 
 
 def register() -> None:
-    if bpy.app.background:
-        return
-    space = bpy.types.SpaceView3D
-    _handlers.append(space.draw_handler_add(_draw_view, (), "WINDOW", "POST_VIEW"))
-    _handlers.append(space.draw_handler_add(_draw_text, (), "WINDOW", "POST_PIXEL"))
+    add_drawing(_handlers, _draw_view, _draw_text)
 
 
 def unregister() -> None:
-    while _handlers:
-        bpy.types.SpaceView3D.draw_handler_remove(_handlers.pop(), "WINDOW")
+    remove_drawing(_handlers)
     _texture.clear()

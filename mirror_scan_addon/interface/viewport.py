@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import bpy
 from mathutils import Euler, Matrix, Quaternion, Vector
@@ -184,3 +185,18 @@ def show_texture(context: bpy.types.Context) -> None:
     area = viewport(context)
     if area is not None and area.spaces.active.shading.type == "SOLID":
         area.spaces.active.shading.color_type, area.spaces.active.shading.light = "TEXTURE", "FLAT"
+
+
+def add_drawing(handlers: list[object], view: Callable[[], None], text: Callable[[], None]) -> None:
+    """Draw in all 3D viewports, in the scene and over it; by what is listed Blender takes it away again."""
+    if bpy.app.background:
+        return
+    space = bpy.types.SpaceView3D
+    handlers.append(space.draw_handler_add(view, (), "WINDOW", "POST_VIEW"))
+    handlers.append(space.draw_handler_add(text, (), "WINDOW", "POST_PIXEL"))
+
+
+def remove_drawing(handlers: list[object]) -> None:
+    """End what :func:`add_drawing` began."""
+    while handlers:
+        bpy.types.SpaceView3D.draw_handler_remove(handlers.pop(), "WINDOW")
