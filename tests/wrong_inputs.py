@@ -373,6 +373,13 @@ CURES = re.compile(
 INSIDE = re.compile(r"--[a-z]|Traceback|\bNone\b|\bTypeError|\bdtype|\barray\b|kernel|operator|poll\(\)|<[a-z]")
 
 
+def refusal(error: RuntimeError, folder: Path) -> tuple[str, int]:
+    """What an operator said as it refused to work, without Blender's own words and ``folder``; in how many lines."""
+    lines = [line for line in str(error).splitlines() if line.strip() and not line.startswith("Warning")]
+    own = re.sub(r"^(Error:|Operator bpy\.ops\.mirror_scan\.\w+\.poll\(\))", "", lines[0])
+    return own.replace(str(folder), ""), len(lines)
+
+
 def half_size(capture: Path, folder: Path) -> Path:
     """A capture at half its size, two frames, in a new folder: what is wrong with files is wrong at any size."""
     from mirror_scan.core.io.images import read_image, write_png

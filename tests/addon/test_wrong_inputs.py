@@ -10,7 +10,7 @@ import re
 from pathlib import Path
 
 import pytest
-from wrong_inputs import CURES, FILES, INSIDE, STATES, Bench, half_size
+from wrong_inputs import CURES, FILES, INSIDE, STATES, Bench, half_size, refusal
 
 pytest.importorskip("bpy")
 
@@ -37,9 +37,8 @@ def test_it_is_said_in_a_line_and_cured(bpy, half, capsule, tmp_path, capfd, wro
     capfd.readouterr()
     with pytest.raises(RuntimeError) as caught:
         wrong.press(bench)
-    lines = [line for line in str(caught.value).splitlines() if line.strip() and not line.startswith("Warning")]
-    assert len(lines) == 1
-    text = re.sub(r"^(Error:|Operator bpy\.ops\.mirror_scan\.\w+\.poll\(\))", "", lines[0]).replace(str(tmp_path), "")
+    text, lines = refusal(caught.value, tmp_path)
+    assert lines == 1
     assert re.search(wrong.words, text) and CURES.search(text) and not INSIDE.search(text), text
     said = capfd.readouterr()
     assert "Traceback" not in said.out + said.err

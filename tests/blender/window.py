@@ -678,13 +678,14 @@ def drawn_cures() -> list[str]:
 
 def refused(press, bench) -> str:
     """What Blender says when an operator refuses to work."""
+    from wrong_inputs import refusal
+
     try:
         press(bench)
     except RuntimeError as error:
-        lines = [line for line in str(error).splitlines() if line.strip() and not line.startswith("Warning")]
-        expect(len(lines) == 1, f"one line: {lines}")
-        own = re.sub(r"^(Error:|Operator bpy\.ops\.mirror_scan\.\w+\.poll\(\))", "", lines[0])
-        return own.replace(str(bench.folder), "")
+        said, lines = refusal(error, bench.folder)
+        expect(lines == 1, f"one line: {error}")
+        return said
     raise Missed("a refusal")
 
 
