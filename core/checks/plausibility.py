@@ -23,6 +23,9 @@ VOLUMES = (0.006, 0.04)
 USUAL_HEIGHTS, USUAL_DISTANCES = (0.8, 2.2), (1.0, 8.0)
 """Of persons, and from the camera to them, among which a mistaken unit is looked for [m]."""
 
+THINNEST = 0.012
+"""A person's mean thickness, the volume over half its surface, over its height is more: .039 in the slimmest."""
+
 _REACH = 0.01  # m: a figure that reaches to within this of where it was cut off is cut off
 _DEEPER = 1.25  # a body that crouches has so much more volume for its height, at most
 _NEAR_TOP, _USUAL_NEAR_TOP = (
@@ -90,7 +93,7 @@ def check_avatar(mesh: Mesh, volume: float | None, facts: ScanFacts, any_object:
     Raises
     ------
     ReconstructionError
-        It is inside out, too small or too tall for a person, or too thin or too fat for its height.
+        It is inside out, too small or too tall for a person, or too flat, too thin or too fat for its height.
     """
     height = float(np.ptp(mesh.vertices[:, 2])) if len(mesh.vertices) else 0.0
     if height <= 0.0 or (volume is not None and volume <= 0.0):
@@ -127,6 +130,19 @@ def check_avatar(mesh: Mesh, volume: float | None, facts: ScanFacts, any_object:
             "l: {cause}; if it is an object, say so (--object; in Blender “Any Object”)",
             volume=1e3 * volume, height=height, most=1e3 * most, cause=_likely_cause(mesh, facts, False), code="size",
         )  # fmt: skip
+    thickness = _mean_thickness(mesh, volume)
+    if thickness < THINNEST * height:
+        raise ReconstructionError(
+            "the avatar would be {thickness:.0f} mm thick at a height of {height:.2f} m, as flat as a board: {cause}; "
+            "if it is an object, say so (--object; in Blender “Any Object”)",
+            thickness=1e3 * thickness, height=height, cause=_likely_cause(mesh, facts, False), code="size",
+        )  # fmt: skip
+
+
+def _mean_thickness(mesh: Mesh, volume: float) -> float:
+    """The volume [m³] over half the surface [m], as of a board."""
+    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
+    return 4.0 * volume / float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
 def _usual_volumes(mesh: Mesh, height: float, facts: ScanFacts) -> tuple[float, float]:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import CaptureError, OutputError
-from ..io.atomic_files import free_folder
 from .commands import avatar_to_files, known_mirrors, planned_files, reading_of, settings_of
 from .outputs import Writers
 from .terminal import advance, complain, progress_bar, say, summary_line
@@ -88,6 +87,8 @@ def _capture_folder(options: argparse.Namespace, writers: Writers) -> Path:
         planned_files(options, writers)
         if folder is None:
             folder = options.outputs[0].with_name(options.outputs[0].stem + "_capture")
+    from ..io.atomic_files import free_folder  # here: io brings numpy, and --help must not wait for it
+
     free_folder(folder)
     return folder
 

@@ -38,7 +38,7 @@ from ..mirrors.mirror import reflection_matrix
 from ..numeric.threads import each
 from ..patches.grid_triangulation import largest_jump, triangulate_view
 from ..patches.outline_colors import colors_from_inside
-from ..subject.image_border import cut_sides
+from ..subject.image_border import SIDES, cut_sides
 from ..subject.subject_search import find_subject
 from ..subject.subject_views import Views
 from ..views.floor_and_vertical import Ground
@@ -219,6 +219,13 @@ def scan_steps(
     burst = burst_noise(len(capture.depth), spread, depth, views.labels, len(placed) + 1)
     moved = still_warning(capture.depth, views.labels, camera.fx, settings.depth)
     cut = tuple(cut_sides(depth, views.labels == 0))
+    if placed and len(cut) == len(SIDES) and not (views.labels > 0).any():
+        raise ReconstructionError(
+            "nobody stands between the camera and the mirrors: what the camera sees fills the picture to all four "
+            "sides, and no mirror shows it; clear away what is right before the camera, or step back until it "
+            "sees all of you",
+            code="nobody",
+        )
     depth, views, noise = clean_views(
         image, views, len(placed), settings.depth, model, spread if len(capture.depth) > 1 else None
     )

@@ -70,6 +70,15 @@ def test_what_no_person_can_be_is_refused(person, x, y, z, words):
         judge(stretched(person, x, y, z), any_object=True)
 
 
+def test_a_board_is_no_person(person):
+    corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * (1.5, 0.01, 1.2)
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    board = Mesh(corners, np.array([t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))]))
+    with pytest.raises(ReconstructionError, match="10 mm thick at a height of 1.20 m, as flat as a board"):
+        judge(board)
+    judge(board, any_object=True)
+
+
 def test_a_person_who_reaches_to_where_the_search_ends(person):
     with pytest.raises(ReconstructionError, match="1.70 m tall or more"):
         judge(person, highest=1.705)
