@@ -7,6 +7,7 @@ import bpy
 from ..background import getting_ready, job_operators
 from ..language.texts import CONTEXT, say
 from ..scene import room, scan_records
+from ..scene.blender_files import missing_library
 from . import panel_states
 from .menus import draw_header_buttons
 from .panel_errors import error_box
@@ -114,7 +115,9 @@ def _export(layout: bpy.types.UILayout) -> None:
     column.label(text="Export", text_ctxt=CONTEXT)
     flow = column.grid_flow(row_major=True, columns=4, even_columns=True, align=True)
     for kind in ("GLB", "GLTF", "FBX", "USDC", "OBJ", "PLY", "ABC", "BLEND", "STL", "3MF", "VRM"):
-        flow.operator("mirror_scan.export_avatar", text=kind, translate=False).format = kind
+        cell = flow.row(align=True)
+        cell.enabled = not missing_library(f".{kind}")
+        cell.operator("mirror_scan.export_avatar", text=kind, translate=False).format = kind
 
 
 def _picking(layout: bpy.types.UILayout) -> None:

@@ -8,6 +8,7 @@ from ...core.errors import OutputError
 from ..background import job_operators
 from ..language.texts import CONTEXT, say
 from ..scene import kept_errors, scan_records
+from ..scene.blender_files import missing_library
 from ..scene.preferred import preferred
 from ..scene.scan_records import no_mesh
 
@@ -57,6 +58,9 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
         """Tooltip of the button under the mouse."""
         if not properties.is_property_set("format"):
             return ""
+        library = missing_library(f".{properties.format}")
+        if library:
+            return say("This Blender was built without {library}").format(library=library)
         item = properties.bl_rna.properties["format"].enum_items[properties.format]
         text = say("Write the selected avatar as {format}. {what}")
         return text.format(format=say(item.name), what=say(item.description))

@@ -7,12 +7,37 @@ import io
 import os
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import addon_utils
 import bpy
 
 from ...core.errors import OutputError
 from ..language.texts import say
+
+_LIBRARIES = {".usdc": ("usd", "USD"), ".usd": ("usd", "USD"), ".abc": ("alembic", "Alembic")}
+
+
+def missing_library(ending: str) -> str:
+    """What this Blender was built without and would need for a format, as “USD”; empty where it has all."""
+    option, name = _LIBRARIES.get(ending.lower(), ("", ""))
+    return name if option and not getattr(bpy.app.build_options, option) else ""
+
+
+def check_built_with(path: str | os.PathLike) -> None:
+    """Some systems build their Blender without the libraries of a format, and so without its exporter.
+
+    Raises
+    ------
+    OutputError
+        This one has no exporter for the format that ``path`` ends with.
+    """
+    name = missing_library(Path(path).suffix)
+    if name:
+        text = say(
+            "{path}: this Blender was built without {library}; choose another format, or use the Blender of blender.org"
+        )
+        raise OutputError(text.format(path=path, library=name))
 
 
 def reason_of(text: str) -> str:

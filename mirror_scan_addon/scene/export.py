@@ -29,7 +29,7 @@ from . import avatar_objects as avatar_scene
 from . import cloth as scene_cloth
 from .armature import action_of, add_armature, add_clip, read_avatar
 from .avatar_texture import name_image, read_texture, set_texture, texture_image
-from .blender_files import enabled, quiet, reason_of, removed_again, shown, silent, temporary_scene
+from .blender_files import check_built_with, enabled, quiet, reason_of, removed_again, shown, silent, temporary_scene
 from .export_colors import bake_colors, colors_above_bytes, colors_to_corners, keep_colors, shows_otherwise
 from .scan_records import armature_of
 from .studio import VIEW_ANGLE, add_studio
@@ -152,6 +152,7 @@ def write_usd(path: str | os.PathLike, reconstruction: Rigged, *, clip: Clip | N
     OutputError
         When the file cannot be written, or Blender's exporter fails.
     """
+    check_built_with(path)
     with replacing_with_companions(path) as temporary, temporary_scene() as target:
         avatar = _add_avatar(target, reconstruction, clip)
         image = f"{bpy.path.clean_name(final_stem(path))}_texture"
@@ -202,6 +203,7 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str, a
     OutputError
         When there is nothing to write, the file cannot be written, or the exporter is missing or fails.
     """
+    check_built_with(path)
     avatar_scene.check_finite(avatar, np.array(avatar.matrix_world))
     size = 1.0 if kind in ("FBX", "BLEND") else metres_per_unit(bpy.context.scene)
     stiff = False

@@ -14,7 +14,7 @@ from ...core.io.atomic_files import replacing
 from ...core.mesh import Mesh
 from ..language.texts import say
 from .avatar_objects import COLOR, create_avatar, fill_mesh
-from .blender_files import shown, silent, temporary_scene
+from .blender_files import check_built_with, shown, silent, temporary_scene
 
 CACHES = (".abc", ".usd", ".usdc")
 """Formats of one file for a whole sequence."""
@@ -41,11 +41,12 @@ def write_sequence(
     Raises
     ------
     OutputError
-        Blender's exporter fails, or the file cannot be written.
+        Blender's exporter is missing or fails, or the file cannot be written.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in CACHES:
         raise OutputError(say("{path}: a sequence is written as .abc or .usd").format(path=path))
+    check_built_with(path)
     with replacing(path) as temporary, temporary_scene() as target:
         body = create_avatar(mesh_at(0), "Body", target.collection)
         # exporters take a mesh without a modifier that changes with time for a still one

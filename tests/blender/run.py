@@ -149,6 +149,8 @@ def prepare(place: Place) -> None:
     runpy.run_path(str(ROOT / "tests" / "conftest.py"))  # makes the checkout the package
     if not (place.share / "capture").exists():
         write_capture(place.share / "capture")
+    if not (place.share / "Zoë 2").exists():
+        write_capture(place.share / "Zoë 2", height=1.5, seed=2)
     shutil.rmtree(place.share / "wrong", ignore_errors=True)
     wrong = runpy.run_path(str(ROOT / "tests" / "wrong_inputs.py"))
     made = wrong["make_dropped"](place.share / "wrong", place.share / "capture")
@@ -156,14 +158,14 @@ def prepare(place: Place) -> None:
     wrong["half_size"](place.share / "capture", place.share / "wrong" / "half")
 
 
-def write_capture(folder: Path) -> None:
-    """A virtual capture of the mannequin, nearly 300 000 points in a frame."""
+def write_capture(folder: Path, height: float = 1.7, seed: int | None = None) -> None:
+    """A virtual capture of a mannequin, nearly 300 000 points in a frame."""
     from mirror_scan.core.simulation.mannequin import mannequin
     from mirror_scan.core.simulation.scene import default_rig
     from mirror_scan.core.simulation.simulate import simulate, write_simulation
 
     rig = default_rig(sensor="azure_kinect", mirrors=2, frames=6, seed=3)
-    write_simulation(simulate(mannequin(), rig), folder)
+    write_simulation(simulate(mannequin(height, seed=seed), rig), folder)
 
 
 def start_figures(place: Place, runs: int = 3) -> list[float]:
@@ -196,6 +198,7 @@ def go(place: Place, out: Path, timeout: float = 2400, looks: bool = False) -> d
     settings = {
         "MIRROR_SCAN_OUT": place.seen(inner),
         "MIRROR_SCAN_CAPTURE": place.seen(place.share / "capture"),
+        "MIRROR_SCAN_SECOND": place.seen(place.share / "Zoë 2"),
         "MIRROR_SCAN_ZIP": place.seen(package),
         "MIRROR_SCAN_ID": ADDON,
         "MIRROR_SCAN_WRONG": place.seen(place.share / "wrong"),

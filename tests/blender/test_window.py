@@ -26,7 +26,8 @@ SHOTS = (
     "0_menu", "0_extensions", "0_install_menu", "0_zip", "0_installed", "1_panel", "2_browser", "2_capture",
     "3_mirrors", "4_picking", "5_subject", "6_building", "7_avatar", "7_walk", "7_follow", "7_look",
     "8_check", "8_problem",
-    "8_light_1", "8_light_2", *(f"8_narrow_{number}" for number in (1, 2, 3)), "8_error", "9_reloaded", "9_rig",
+    "8_light_1", "8_light_2", *(f"8_narrow_{number}" for number in (1, 2, 3)), "8_error",
+    "9_reloaded", "9_two_people", "9_rig",
 )  # fmt: skip
 
 

@@ -34,6 +34,7 @@ OUT, CAPTURE, ZIP, ADDON = (
     os.environ["MIRROR_SCAN_ZIP"],
     os.environ["MIRROR_SCAN_ID"],
 )
+SECOND = os.environ["MIRROR_SCAN_SECOND"]  # a capture of somebody else
 ABOVE = int(os.environ["MIRROR_SCAN_ABOVE"])  # how much of the screen is above the window [px]
 SMALL, LARGE = (1280, 800), (1600, 1000)  # of the window [px]
 ALL_LOOKS = bool(os.environ.get("MIRROR_SCAN_LOOKS"))  # pictures in both sizes, light and dark
@@ -226,6 +227,11 @@ def story() -> Story:
         yield from open_sidebar()
     yield from shot("9_reloaded")
 
+    with step("every format, with Colour By on each"):
+        yield from every_format()
+    with step("two people in one file, each built again twice"):
+        yield from two_people()
+
     with step("plan a rig"):
         yield from keys("A")
         yield from keys("DEL")
@@ -240,6 +246,7 @@ def story() -> Story:
     yield from looks("9_rig")
 
     with step("disable and enable"):
+        note("redraw_with_ms", redraw_ms())
         # in the midst of picking: that ends, and the mirrors are as before
         mirrors = [(mirror.name, len(mirror.picks)) for mirror in settings().mirrors]
         with viewport():
@@ -661,6 +668,105 @@ def wrong_inputs() -> Story:
     overlay.show_overlays = True
     note("wrong_inputs", {"tried": tried, "in the panel": shown, "cured": cured})
     expect(tried >= 70 and shown >= 40, f"{tried} wrong files and states, {shown} of them told by the panel")
+
+
+def every_format() -> Story:
+    """An avatar of many colours written in every format, with *Colour By* on each mode, and brought back: each file
+    shows the capture's colours, bit for bit."""
+    from exported_colors import IMPORTERS, MODES, check_colors
+
+    first, folder = window().scene, Path(tempfile.mkdtemp())
+    mesh = sys.modules[f"{ADDON}.core.mesh"].Mesh(*many_colors())
+    objects = sys.modules[f"{ADDON}.mirror_scan_addon.scene.avatar_objects"]
+    absent = {
+        name for name, built in (("usdc", "usd"), ("abc", "alembic")) if not getattr(bpy.app.build_options, built)
+    }
+    tried = []
+    for mode in MODES:
+        for ending in (*(name for name in IMPORTERS if name not in absent), "blend", "3mf"):
+            with viewport():
+                bpy.ops.scene.new(type="NEW")
+            yield 0.05
+            with viewport():
+                made = objects.create_avatar(mesh, collection=bpy.context.scene.collection)
+                objects.select_only(bpy.context, made)
+                expect(bpy.ops.mirror_scan.color_by(mode=mode) == {"FINISHED"}, f"colours by {mode}")
+                path = folder / f"{mode.lower()}.{ending}"
+                expect(bpy.ops.mirror_scan.export_avatar(filepath=str(path)) == {"FINISHED"}, f"{path.name} written")
+                bpy.data.meshes.remove(made.data)
+                check_colors(bpy, path, mesh)
+            tried.append(path.name)
+            for item in list(bpy.context.scene.objects):
+                bpy.data.objects.remove(item)
+            bpy.data.scenes.remove(window().scene)
+            window().scene = first
+    shutil.rmtree(folder)
+    note("formats_with_colors", tried)
+    note("formats_this_blender_lacks", sorted(absent))
+
+
+def many_colors() -> tuple:
+    """A small capsule whose colours are drawn at random."""
+    from capsules import capsule as arrays
+
+    vertices, triangles, colors, view, kind = arrays(16, 12)
+    return vertices, triangles, np.random.default_rng(8).integers(0, 256, colors.shape).astype(np.uint8), view, kind
+
+
+def two_people() -> Story:
+    """Two captures dropped into a new file in turn, three times: two avatars with names of their own, apart, each
+    replaced; undone, and there again after reloading."""
+    with viewport():
+        bpy.ops.wm.read_homefile()
+    yield 1.0
+    yield from open_sidebar()
+    names = [os.path.basename(path) for path in (CAPTURE, SECOND)]
+    built = []
+    for number in range(6):
+        yield from drop_capture((CAPTURE, SECOND)[number % 2])
+        yield from type_key("M", *middle())
+        yield from settled()
+        made, name = bpy.context.object, names[number % 2]
+        expect(made is not None and made.name == name and watertight(made), f"a closed {name}")
+        built.append(made.data.session_uid)
+        expect_people(names[: number + 1])
+    expect(len(set(built)) == 6, "each of six meshes new")
+    yield from shot("9_two_people")
+    yield from keys("Z", ctrl=True)
+    yield 0.7
+    expect_people(names)
+    yield from keys("Z", ctrl=True, shift=True)
+    yield 0.7
+    places = [tuple(bpy.data.objects[name].location) for name in names]
+    path = str(OUT / "two_people.blend")
+    with viewport():
+        bpy.ops.wm.save_as_mainfile(filepath=path)
+        bpy.ops.wm.open_mainfile(filepath=path)
+    yield 1.0
+    expect_people(names)
+    expect(places == [tuple(bpy.data.objects[name].location) for name in names], "where they stood")
+    note("people_apart_m", round(gap_between(*(bpy.data.objects[name] for name in names)), 3))
+    yield from open_sidebar()
+
+
+def expect_people(names: list[str]) -> None:
+    """These avatars and no others, each in a collection of its capture, closed, and apart from each other."""
+    people = [item for item in bpy.context.scene.objects if "mirror_scan_report" in item]
+    expect(sorted(item.name for item in people) == sorted(set(names)), f"avatars: {[item.name for item in people]}")
+    for item in people:
+        expect(item.data.name == item.active_material.name == item.name, f"mesh and material named {item.name}")
+        within = item.users_collection[0]
+        parent = next(other for other in bpy.data.collections if within.name in other.children)
+        expect(parent.name == item.name and item.name in bpy.data.collections["Mirror Scan"].children, within.name)
+        expect(watertight(item) and item.visible_get(), f"{item.name}, closed, to be seen")
+    if len(people) == 2:
+        expect(gap_between(*people) > 0.2, f"{gap_between(*people):.2f} m between two people")
+
+
+def gap_between(first, second) -> float:
+    """Metres between two objects along X; negative where they overlap."""
+    ends = [[(item.matrix_world @ Vector(corner)).x for corner in item.bound_box] for item in (first, second)]
+    return max(min(ends[0]) - max(ends[1]), min(ends[1]) - max(ends[0]))
 
 
 def drawn_cures() -> list[str]:

@@ -416,6 +416,20 @@ def test_an_exporter_that_writes_nothing_is_noticed(bpy, wedge, tmp_path, monkey
     assert path.read_bytes() == b"a good file" and [entry.name for entry in tmp_path.iterdir()] == [path.name]
 
 
+def test_a_blender_built_without_a_format_says_so(bpy, tmp_path, monkeypatch):
+    """As Debian's is without USD."""
+    from types import SimpleNamespace
+
+    from mirror_scan.mirror_scan_addon.scene import blender_files
+
+    without = SimpleNamespace(app=SimpleNamespace(build_options=SimpleNamespace(usd=False, alembic=True)))
+    monkeypatch.setattr(blender_files, "bpy", without)
+    with pytest.raises(blender_files.OutputError, match="built without USD; choose another format"):
+        blender_files.check_built_with(tmp_path / "a.usdc")
+    blender_files.check_built_with(tmp_path / "a.abc")
+    blender_files.check_built_with(tmp_path / "a.glb")
+
+
 @pytest.mark.parametrize("ending", ["blend", "glb", "ply"])
 def test_a_linked_avatar_is_written_not_linked_again(bpy, wedge, tmp_path, ending):
     avatar, _ = stand(bpy, wedge)
