@@ -13,7 +13,7 @@ from typing import NamedTuple
 import bpy
 
 from ...core.errors import MirrorScanError
-from ..language.texts import say, tell, without_options
+from ..language.texts import say, tell
 from ..scene import kept_errors
 from . import last_problem, numba_setup, remaining_time, second_process
 
@@ -258,7 +258,7 @@ def in_words(error: Exception) -> str:
         return say("Not enough memory; close other programs or use fewer frames")
     if isinstance(error, OSError) and error.filename and error.strerror:
         return say("{path}: {reason}").format(path=error.filename, reason=error.strerror)
-    return without_options(tell(error))
+    return tell(error)
 
 
 class FileJobOperator(JobOperator):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..background import job_operators
-from ..language.texts import CONTEXT, say, tell, without_options
+from ..language.texts import CONTEXT, as_sentence, say, tell
 from ..scene import live_subject, scan_records
 from . import panel_states
 from .panel_parts import ICON, ICONS, MARGIN, NARROW, Panel, field, fields, icon_if_wide, sentence, table, width
@@ -163,7 +163,7 @@ def _draw_mirror(layout: bpy.types.UILayout, item: bpy.types.PropertyGroup) -> N
     quality = scan_records.quality_of(item)
     plane = scan_records.plane_of(item)
     if item.message:
-        sentence(layout, without_options(tell(item.message)), "CANCEL")
+        sentence(layout, tell(item.message), "CANCEL")
     elif plane is None:
         sentence(
             layout,
@@ -171,7 +171,7 @@ def _draw_mirror(layout: bpy.types.UILayout, item: bpy.types.PropertyGroup) -> N
             "INFO",
         )
     else:
-        said = tell(item.reason) if item.reason else scan_records.quality_word(item).capitalize()
+        said = as_sentence(tell(item.reason)) if item.reason else scan_records.quality_word(item).capitalize()
         sentence(layout, said, ICONS[quality])
         if not plane.get("refined", True):
             sentence(layout, say("The frame was not found around the points; pick more points"), "ERROR")
@@ -199,7 +199,7 @@ class MIRRORSCAN_PT_subject(Panel, Step, bpy.types.Panel):
         elif subject.stale:
             sentence(layout, say("The settings have changed; press Find Subject again"), "FILE_REFRESH")
         elif subject.problem:
-            sentence(layout, without_options(tell(subject.problem)), "ERROR")
+            sentence(layout, as_sentence(tell(subject.problem)), "ERROR")
         elif subject.message:
             sentence(layout, subject.message, "CHECKMARK")
             sentence(layout, say("Person orange, floor green, too far red, room grey"))

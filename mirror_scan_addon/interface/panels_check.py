@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..language.texts import CONTEXT, say, tell
+from ..language.texts import CONTEXT, as_sentence, say, tell
 from ..scene import live_rig, report_text
 from ..scene.scan_records import no_mesh
 from . import panel_states
@@ -33,7 +33,7 @@ class MIRRORSCAN_PT_check(Panel, Step, bpy.types.Panel):
             layout.separator(factor=0.5)
             table(layout, lines)
         for warning in report.get("warnings", ()):
-            sentence(layout, tell(warning), "ERROR")
+            sentence(layout, as_sentence(tell(warning)), "ERROR")
         column = layout.column(align=True)
         column.label(text="Colour By", text_ctxt=CONTEXT)
         row = column.row(align=True)
@@ -113,7 +113,7 @@ def _draw_rig(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
             sentence(layout, say(live_rig.stage(scene)), "INFO")
         return
     if "problem" in found:
-        sentence(layout, str(found["problem"]), "ERROR")
+        sentence(layout, as_sentence(str(found["problem"])), "ERROR")
         return
     if not settings.rig_live:
         sentence(layout, say("As measured last; press Check Rig after a change"), "INFO")
@@ -126,7 +126,7 @@ def _draw_rig(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
         for part in ("head", "hands", "feet"):
             grid.label(text="", icon="CHECKMARK" if view[part] else "CANCEL")
         if view["advice"]:
-            advice.append(tell(view["advice"]))
+            advice.append(as_sentence(tell(view["advice"])))
     for text in advice:
         sentence(layout, text, "ERROR")
     names = {"head": say("Head"), "hands": say("Hands"), "feet": say("Feet")}

@@ -12,7 +12,7 @@ import json
 import re
 import string
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, lru_cache
 
 from ...core.errors import Notice
 from ..extension_root import ADDON_FOLDER
@@ -35,6 +35,7 @@ def templates() -> tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...]:
     return tuple(sorted(listed, key=lambda entry: -sum(map(len, entry[1]))))
 
 
+@lru_cache(maxsize=256)  # a panel asks again with every redraw
 def recognise(text: str) -> tuple[str, dict[str, str]] | None:
     """The template that a message was made of, and what was filled in; None for a text that is not core's."""
     for template, words, names in templates():

@@ -22,16 +22,27 @@ def language() -> str:
 
 
 def tell(text: object) -> str:
-    """An error or a warning of core in the user's language; other texts come back as they are."""
-    if language() in ("", "en_US"):
-        return str(text)
+    """An error or a warning of core in Blender's words and the user's language; other texts come back as they are."""
     if isinstance(text, MirrorScanError):
         text = text.notice
     elif not isinstance(text, str):
         text = str(text)
     from .messages import translate  # reads a list, which Blender's start must not wait for
 
-    return translate(text, say)
+    return without_options(translate(text, in_blender))
+
+
+def in_blender(template: str) -> str:
+    """One of core's templates, or a whole text, in Blender's words and the user's language."""
+    from .blender_words import IN_BLENDER
+
+    words = IN_BLENDER.get(template)
+    return say(template) if words is None else words()
+
+
+def as_sentence(text: str) -> str:
+    """With a capital letter, if it begins with an ordinary word: names of files and mirrors stay as they are."""
+    return text[:1].upper() + text[1:] if text.partition(" ")[0].isalpha() else text
 
 
 def without_options(text: str) -> str:

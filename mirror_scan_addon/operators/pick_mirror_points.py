@@ -365,7 +365,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             kept_errors.forget(context, self)
         for record in kept:
             if record["message"]:
-                self.report({"WARNING"}, record["message"])
+                self.report({"WARNING"}, tell(record["message"]))
         names = ", ".join(record["name"] for record in kept)
         self.report({"INFO"}, say("Mirrors: {names}").format(names=names))
         return {"FINISHED"}

@@ -15,7 +15,7 @@ import bpy
 
 from ...core import errors
 from ...core.errors import MirrorScanError, Notice
-from ..language.texts import say, tell, without_options
+from ..language.texts import as_sentence, say, tell
 
 
 class Kind(NamedTuple):
@@ -129,8 +129,7 @@ class Kept(NamedTuple):
         words = WORDS.get(self.kind.name)
         if words is not None:
             return words()
-        text = without_options(tell(self.notice))
-        return text[:1].upper() + text[1:] if text.partition(" ")[0].isalpha() else text  # not a file's name
+        return as_sentence(tell(self.notice))
 
     @property
     def mirror(self) -> str:

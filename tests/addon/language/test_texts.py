@@ -179,6 +179,28 @@ def test_a_message_that_knows_its_parts_needs_no_recognising(german, monkeypatch
     assert german(Notice.of("the index points at no message")) == "das Verzeichnis zeigt auf nichts"
 
 
+def test_in_blender_nothing_is_said_of_options_and_packages(bpy):
+    """Whatever the message: no option of the command line, no inner name, and nothing that pip installs."""
+    import re
+    import string
+
+    from mirror_scan.mirror_scan_addon.language.blender_words import IN_BLENDER
+    from mirror_scan.mirror_scan_addon.language.texts import tell
+
+    def fields(template):
+        return {name for _, name, *_ in string.Formatter().parse(template) if name is not None}
+
+    known = set(listed())
+    for template, words in IN_BLENDER.items():
+        assert template in known and fields(words()) <= fields(template)
+        filled = template.format(**{name: f"<{name}>" for name in fields(template)})
+        assert tell(filled) == words().format(**{name: f"<{name}>" for name in fields(template)})
+    elsewhere = ("registration: ", "{paths} captures", "many captures", "{path}: a video", "{folder}: ", "no recording")
+    for template in known:
+        if not template.startswith(elsewhere):  # several cameras, batches, sequences: only in a terminal
+            assert not re.search(r"(^|[ (])--[a-z]|option “|pip install|docs/|(?<!{)\bglass_", tell(template)), template
+
+
 def test_reports_and_panels_tell_core_s_errors_in_the_user_s_language(german, bpy, tmp_path):
     with pytest.raises(RuntimeError, match="Datei oder Ordner nicht gefunden"):
         bpy.ops.mirror_scan.load_capture(filepath=str(tmp_path / "none"))
