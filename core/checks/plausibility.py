@@ -200,7 +200,7 @@ def _likely_cause(mesh: Mesh, facts: ScanFacts, by_height: bool = True) -> Notic
             "nothing of it was read in {names}, and so its other side is not known ({why})",
             names=" and ".join(f"“{name}”" for name in facts.blind),
             why=next(
-                (text for text in facts.warnings if any(_is_about(text, n) for n in facts.blind)), "see to the mirrors"
+                (text for text in facts.warnings if any(_is_about(text, n) for n in facts.blind)), "check the mirrors"
             ),
         )
     person = transform(mesh.vertices[::97], np.linalg.inv(facts.to_avatar))

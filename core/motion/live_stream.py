@@ -153,7 +153,7 @@ class LiveStream:
                 frame = self._json(datagram) if datagram.lstrip()[:1] == b"{" else self._osc(datagram)
             except _MalformedError as error:
                 self.malformed += 1
-                self.problem = Notice("a datagram of the stream cannot be read: {what}", what=str(error))
+                self.problem = Notice("a message of the tracker cannot be read: {what}", what=str(error))
                 continue
             if frame is not None:
                 self.frames += 1

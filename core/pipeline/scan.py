@@ -166,7 +166,7 @@ def scan_steps(
         return part[0] + (part[1] - part[0]) * share
 
     camera = capture.intrinsics
-    yield at(0.0), "Fusing the burst"
+    yield at(0.0), "Averaging the frames"
     depth, spread = one_depth_map(capture, settings.depth) if averaged is None else averaged
     clock.lap("depth")
 
@@ -190,7 +190,7 @@ def scan_steps(
     clock.lap("views")
     light, unlearnt, lit = None, None, None
     if views is None or (known is None and _shows_light(image, views, placed, principle, settings)):
-        yield at(0.45), "Undoing light that comes two ways"
+        yield at(0.45), "Correcting two-way light"
         light = _light_undone(read, first, principle, settings, meeting, known)
     if light is None:
         views = views or find_subject(image, placed, settings.views, meeting, ground)
@@ -222,7 +222,7 @@ def scan_steps(
     if placed and len(cut) == len(SIDES) and not (views.labels > 0).any():
         raise ReconstructionError(
             "nobody stands between the camera and the mirrors: what the camera sees fills the picture to all four "
-            "sides, and no mirror shows it; clear away what is right before the camera, or step back until it "
+            "sides, and no mirror shows it; clear away what is right in front of the camera, or step back until it "
             "sees all of you",
             code="nobody",
         )

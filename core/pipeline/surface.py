@@ -166,7 +166,7 @@ def closing_steps(
     patches = part_overlaps(scan.patches, scan.maps, settings.overlap)
     clock.lap("overlap")
 
-    yield 0.25, "Zippering the seams"
+    yield 0.25, "Joining the views"
     open_mesh, seams, twin = _zippered(patches, scan, settings)
     clock.lap("zippering")
 

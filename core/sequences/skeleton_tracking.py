@@ -89,7 +89,7 @@ def best_frame(places: Sequence[int], mesh_at: Callable[[int], Mesh]) -> RiggedF
         found.append((float(skeleton.confidence.mean()), place, mesh, skeleton, shift))
     if not found:
         raise ReconstructionError(
-            "no skeleton was found in any of {count} frames; let the person stand before the camera, arms off the "
+            "no skeleton was found in any of {count} frames; let the person stand in front of the camera, arms off the "
             "body, for a moment of the recording: {reason}",
             count=count, reason=fault,
         )  # fmt: skip

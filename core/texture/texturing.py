@@ -140,7 +140,7 @@ def texture_steps(
     twin = twins(mesh.triangles, len(mesh.vertices))
     check_sheet(mesh.triangles, twin, "texture")
 
-    yield 0.0, "Laying the skin flat"
+    yield 0.0, "Unwrapping the mesh"
     uv, island = unwrap(mesh, weights, 0.5 * settings.padding)
 
     yield 0.45, "Finding what each view sees"

@@ -282,7 +282,8 @@ def live_steps(source: dict, capture: str, frames_folder: str, shutter: dict) ->
 
 LIVE_WORDS = {
     "advising": "Looking: follow the advice in the viewport", "well": "All is well: hold still",
-    "counting down": "All is well: hold still", "burst": "Taking the burst: hold still", "done": "The burst is taken",
+    "counting down": "All is well: hold still", "burst": "Taking the burst: hold still",
+    "done": "The burst has been taken",
 }  # fmt: skip
 """What the status bar says of each state of the shutter."""
 
@@ -695,7 +696,7 @@ def skeleton_steps(mesh: Mesh, texture: Texture | None = None) -> Steps[Rigged]:
     back = np.linalg.inv(stand)
     standing = mesh.transformed(stand)
     skeleton = find_skeleton(standing)
-    yield 0.6, "Weighting the skin"
+    yield 0.6, "Computing skin weights"
     refined, weights = skinned_mesh(standing, skeleton)
     if texture is not None and len(refined.triangles) != len(mesh.triangles):
         from ...core.texture import refined_texture
@@ -785,7 +786,7 @@ def garment_weight_steps(garments: Sequence[Mesh], avatar: Avatar) -> Steps[list
     """Skin weights of garments that lie around an avatar, in its frame and rest pose [m]."""
     found = []
     for number, garment in enumerate(garments):
-        yield number / len(garments), "Weighting the garment"
+        yield number / len(garments), "Computing the garment's weights"
         from ...core.clothes.weight_transfer import garment_weights
 
         found.append(garment_weights(garment, avatar.mesh, avatar.weights))
@@ -824,7 +825,7 @@ def simulate_steps(body: Mesh | None, rig: dict, mirrors: list[dict] | None, fol
         arranged = default_rig(**rig)
         if mirrors is not None:
             arranged = dataclasses.replace(arranged, mirrors=tuple(FramedMirror(**mirror) for mirror in mirrors))
-    yield 0.2, "Following the light"
+    yield 0.2, "Simulating the camera"
     simulation = simulate(subject, arranged)
     if not simulation.capture.depth.any():
         raise MirrorScanError("the virtual camera sees nothing; turn it towards the body, or bring it within range")
@@ -852,7 +853,7 @@ def check_rig_steps(body: Mesh | None, rig: dict, mirrors: list[dict], height: i
 
     ``rig`` and ``mirrors`` as for :func:`simulate_steps`, ``height`` of the picture [px].
     """
-    yield 0.0, "Following the light"
+    yield 0.0, "Simulating the camera"
     from ...core.rig_planning.area_coverage import area_coverage, body_samples
     from ...core.rig_planning.placement_advice import placement_advice
     from ...core.rig_planning.predicted_error import predicted_error
@@ -905,7 +906,7 @@ def plan_steps(body: Mesh | None, rig: dict, mirrors: list[dict], path: str) -> 
     arranged = _rig_of(rig, mirrors)
     assert arranged.room is not None
     x0, x1, y0, y1, height = arranged.room
-    yield 0.5, "Following the light"
+    yield 0.5, "Simulating the camera"
     samples = body_samples(subject)
     covered = area_coverage(samples, arranged)
     error = predicted_error(samples, covered, arranged)
@@ -933,7 +934,7 @@ def sample_steps(folder: str) -> Steps[Loaded]:
     from ...core.simulation.simulate import simulate, write_simulation
 
     rig = default_rig(frames=6, optics=real("azure_kinect"))
-    yield 0.05, "Following the light"
+    yield 0.05, "Simulating the camera"
     simulation = simulate(mannequin(), rig)
     yield 0.3, "Writing the capture"
     with fresh_folder(folder) as new:
