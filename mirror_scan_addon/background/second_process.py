@@ -220,8 +220,8 @@ class Errand:
             numba_setup.warnings.append(Notice.of_parts(message["warning"]))
         elif "compiling" in message:
             if not self._compiles:  # what the list of kernels lacks
-                text = say("{compiling} ({kernel})")
-                text = text.format(compiling=numba_setup.compiling_text(), kernel=message["compiling"])
+                text = say("{compiling}: part {number}")
+                text = text.format(compiling=numba_setup.compiling_text(), number=message["compiling"])
                 self.progress = self.progress[0], text
         elif "done" in message and self._compiles:
             self._compiles = False

@@ -88,7 +88,7 @@ class MIRRORSCAN_PT_reading(Panel, bpy.types.Panel):
         column = fields(self.layout)
         for name in scan_records.READING:
             field(column, reading, name)
-        text = say("For what the capture's files lack, or have wrong. Load the capture again after a change")
+        text = say("For what the capture's files do not say, or say wrongly. After a change, load the capture again")
         sentence(self.layout, text, "INFO")
 
 
@@ -167,7 +167,7 @@ def _draw_mirror(layout: bpy.types.UILayout, item: bpy.types.PropertyGroup) -> N
     elif plane is None:
         sentence(
             layout,
-            say("Click its frame, not the glass; if it is not found from one click, 8 on all four sides are best"),
+            say("Click its frame, not the glass; if one click is not enough, 8 on all four sides are best"),
             "INFO",
         )
     else:

@@ -134,7 +134,7 @@ def _draw_rig(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     rows += [(names[part], f"{share:.0%}", "") for part, share in found["parts"].items() if share == share]
     rows.append((say("Predicted Error"), f"{found['error_mm']:.1f} mm", ""))
     if found["lit_twice"] > 0:
-        rows.append((say("Light by Two Ways"), f"{found['lit_twice']:.0%}, {found['light_mm']:.1f} mm", ""))
+        rows.append((say("Two-Way Light"), f"{found['lit_twice']:.0%}, {found['light_mm']:.1f} mm", ""))
     table(layout, rows)
 
 

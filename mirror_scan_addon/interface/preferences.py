@@ -15,7 +15,7 @@ class MIRRORSCAN_AP_preferences(bpy.types.AddonPreferences):
     bl_idname = ROOT_PACKAGE
 
     sensor: EnumProperty(
-        name="Sensor", description="The depth camera you have. New virtual rigs and scans begin with it",
+        name="Depth Camera", description="The depth camera you have. New virtual rigs and scans begin with it",
         items=SENSORS, default=DEFAULTS["sensor"], translation_context=CONTEXT,
     )  # fmt: skip
     on_drop: EnumProperty(
@@ -59,7 +59,7 @@ class MIRRORSCAN_AP_preferences(bpy.types.AddonPreferences):
 
 def _size_in_words() -> str:
     if compiled_code.elsewhere():
-        return say("kept in a folder that this computer's settings name")
+        return say("in a folder of your own (NUMBA_CACHE_DIR)")
     size, count = compiled_code.size()
     if not count:
         return say("none yet")

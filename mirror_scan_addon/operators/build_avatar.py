@@ -15,7 +15,7 @@ from ..scene.units import metres_per_unit
 
 
 class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
-    """Reconstruct the captured person as a closed, coloured mesh"""
+    """Build the avatar of the loaded capture: a closed, coloured mesh of the person"""
 
     bl_idname = "mirror_scan.build_avatar"
     bl_label = "Build Avatar"

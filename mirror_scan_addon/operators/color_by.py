@@ -22,7 +22,7 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
         name="Colour By", description="What the colours show",
         items=(
             ("CAPTURE", "Capture", "The colours of the capture"),
-            ("VIEW", "View", "Which view saw the surface: direct yellow, each mirror a colour of its own, none grey"),
+            ("VIEW", "View", "Which view saw the surface: direct yellow, each mirror its own colour, no view grey"),
             ("KIND", "Kind", "How the surface was made: measured grey, seam between two views red, filled blue"),
         ),
         translation_context=CONTEXT,
@@ -70,10 +70,10 @@ class MIRRORSCAN_OT_color_by(bpy.types.Operator):
         else:
             values = avatar_objects.integers(data, label, domain)
             if values is None:
-                text = say("{name} has no such data; select an avatar that Mirror Scan built")
+                text = say("{name} does not have this data; select an avatar that Mirror Scan built")
                 raise OutputError(text.format(name=avatar.name), code="no_data")
             if self.mode == "KIND" and (values.min() < 0 or values.max() > 2):
-                text = say("{name}: what it remembers of how its surface was made is damaged; build it again")
+                text = say("{name}: the data of how its surface was made is damaged; build the avatar again")
                 raise OutputError(text.format(name=avatar.name), code="no_data")
             colors = colors_of(values)
             if domain == "FACE":  # Blender keeps the colours of a face at its corners

@@ -22,7 +22,9 @@ class MIRRORSCAN_OT_clear_compiled_code(bpy.types.Operator):
         if job_operators.running(context):
             problem = say("Mirror Scan is busy; wait or press Esc")
         elif compiled_code.elsewhere():
-            problem = say("It is kept in a folder that you chose by NUMBA_CACHE_DIR; clear that yourself")
+            problem = say(
+                "It is in the folder that the environment variable NUMBA_CACHE_DIR names; clear that folder yourself"
+            )
         elif not compiled_code.size()[1]:
             problem = say("Nothing is kept yet")
         return scan_records.allows(cls, problem)

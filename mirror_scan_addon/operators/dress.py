@@ -89,11 +89,14 @@ class MIRRORSCAN_OT_dress(_ClothOperator, bpy.types.Operator):
         translation_context=CONTEXT,
     )  # fmt: skip
     ease: FloatProperty(
-        name="Ease (mm)", description="Distance from skin to cloth in millimetres; wider towards the hem of cloth",
+        name="Ease (mm)",
+        description="Distance from the skin to the garment in millimetres. A garment that falls is wider at its hem",
         default=15.0, min=2.0, max=80.0, soft_max=40.0, precision=0, translation_context=CONTEXT,
     )  # fmt: skip
     tight: BoolProperty(
-        name="Tight", description="The skeleton alone moves it; nowhere wider than the ease", default=False,
+        name="Tight",
+        description="The garment lies close to the body and moves with the skeleton, without a cloth simulation",
+        default=False,
         translation_context=CONTEXT,
     )  # fmt: skip
     bake: BoolProperty(
@@ -143,7 +146,7 @@ class MIRRORSCAN_OT_dress(_ClothOperator, bpy.types.Operator):
 
 
 class MIRRORSCAN_OT_prepare_for_cloth(_ClothOperator, bpy.types.Operator):
-    """Make the active avatar something that cloth falls on, and other selected meshes around it garments that fall"""
+    """Prepare a cloth simulation: the other selected meshes become garments that fall on the active avatar"""
 
     bl_idname = "mirror_scan.prepare_for_cloth"
     bl_label = "Prepare for Cloth"
@@ -155,8 +158,9 @@ class MIRRORSCAN_OT_prepare_for_cloth(_ClothOperator, bpy.types.Operator):
         default="", translation_context=CONTEXT,
     )  # fmt: skip
     tight: BoolProperty(
-        name="Tight", description="The skeleton alone moves the garments", default=False, translation_context=CONTEXT
-    )
+        name="Tight", description="The garments move with the skeleton, without a cloth simulation", default=False,
+        translation_context=CONTEXT,
+    )  # fmt: skip
     bake: BoolProperty(
         name="Bake", description="Let the cloth fall through all frames of the scene now and keep that",
         default=False, options={"SKIP_SAVE"}, translation_context=CONTEXT,

@@ -10,7 +10,7 @@ from ..scene import kept_errors
 
 
 class MIRRORSCAN_OT_dismiss_error(bpy.types.Operator):
-    """Take this message away"""
+    """Remove this message from the panel"""
 
     bl_idname = "mirror_scan.dismiss_error"
     bl_label = "Dismiss"

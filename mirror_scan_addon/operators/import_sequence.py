@@ -19,7 +19,7 @@ class MIRRORSCAN_OT_import_sequence(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     filepath: StringProperty(
-        name="Sequence", description="Folder that “mirror-scan sequence” made, a file in it, or an .abc or .usd file",
+        name="Sequence", description="Folder with a mesh file for each frame, a file in it, or an .abc or .usd file",
         subtype="FILE_PATH", options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     start: IntProperty(
@@ -27,11 +27,12 @@ class MIRRORSCAN_OT_import_sequence(bpy.types.Operator):
         translation_context=CONTEXT,
     )  # fmt: skip
     every: IntProperty(
-        name="Every", description="Show every so many-th frame only", default=1, min=1, soft_max=10,
+        name="Every", description="Show only every second, third … frame. 1 = all", default=1, min=1, soft_max=10,
         translation_context=CONTEXT,
     )  # fmt: skip
     set_range: BoolProperty(
-        name="Set Timeline", description="Give the scene the sequence's length and frames a second", default=True,
+        name="Set Timeline",
+        description="Set the frame range and the frame rate of the scene to those of the sequence", default=True,
         translation_context=CONTEXT,
     )  # fmt: skip
 
@@ -139,7 +140,9 @@ def _rate(folder):
     try:
         return float(json.loads(report.read_text(encoding="utf-8")).get("rate") or 0.0) or None
     except (ValueError, AttributeError, TypeError) as error:
-        raise CaptureError(say("{path}: is no report of a sequence").format(path=report)) from error
+        raise CaptureError(
+            say("{path}: is damaged; copy the sequence again, or remove this file").format(path=report)
+        ) from error
 
 
 CLASSES = (MIRRORSCAN_OT_import_sequence,)

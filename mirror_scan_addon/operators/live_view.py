@@ -45,7 +45,8 @@ class MIRRORSCAN_OT_live_view(job_operators.FileJobOperator, bpy.types.Operator)
         options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     folder: StringProperty(
-        name="Folder", description="New folder for the burst. Empty: beside the file, or a temporary one",
+        name="Folder",
+        description="New folder for the burst. Leave empty for one beside the .blend file, or a temporary one",
         subtype="DIR_PATH", options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     countdown: FloatProperty(
@@ -61,7 +62,7 @@ class MIRRORSCAN_OT_live_view(job_operators.FileJobOperator, bpy.types.Operator)
         min=1, max=8, translation_context=CONTEXT,
     )  # fmt: skip
     rate: FloatProperty(
-        name="Rate", description="Frames a second that a recording is played with", default=30.0, min=1.0, max=240.0,
+        name="Rate", description="Frames per second at which a recording is played", default=30.0, min=1.0, max=240.0,
         translation_context=CONTEXT,
     )  # fmt: skip
     fast: BoolProperty(
@@ -74,7 +75,7 @@ class MIRRORSCAN_OT_live_view(job_operators.FileJobOperator, bpy.types.Operator)
             ("ARMS", "Arms", "That arms hang at the body, or hide it"),
             ("FEET", "Feet", "That feet are hidden or cut off"),
             ("PEOPLE", "Second Person", "That somebody else is in the picture; a door that opens may look like it"),
-            ("MIRRORS", "Mirrors", "That mirrors do not show the person whole"),
+            ("MIRRORS", "Mirrors", "That mirrors do not show the whole person"),
         ),
         translation_context=CONTEXT,
     )  # fmt: skip
@@ -85,6 +86,13 @@ class MIRRORSCAN_OT_live_view(job_operators.FileJobOperator, bpy.types.Operator)
 
     _seen = -1
     _pictures = ""
+
+    @classmethod
+    def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
+        """Tooltip of the button under the mouse."""
+        if properties.is_property_set("source") and properties.source == "playback":
+            return say("Play a recording as if it were a live camera, with the same advice")
+        return ""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -39,14 +39,15 @@ class MIRRORSCAN_OT_apply_motion(job_operators.FileJobOperator, bpy.types.Operat
         translation_context=CONTEXT,
     )  # fmt: skip
     in_place: BoolProperty(
-        name="In Place", description="Leave out the way over the floor", default=False, translation_context=CONTEXT
-    )
+        name="In Place", description="Stay in one place: leave out the movement across the floor", default=False,
+        translation_context=CONTEXT,
+    )  # fmt: skip
     lock_feet: BoolProperty(
-        name="Lock Feet", description="Feet that stand neither slide nor sink into the floor", default=True,
+        name="Lock Feet", description="Keep standing feet from sliding and from sinking into the floor", default=True,
         translation_context=CONTEXT,
     )  # fmt: skip
     loop: BoolProperty(
-        name="Loop", description="Lead the end over into the start and repeat the motion for ever", default=False,
+        name="Loop", description="Blend the end into the start and repeat the motion endlessly", default=False,
         translation_context=CONTEXT,
     )  # fmt: skip
     fit_range: BoolProperty(
@@ -116,7 +117,7 @@ class MIRRORSCAN_OT_apply_motion(job_operators.FileJobOperator, bpy.types.Operat
             raise OutputError(say("The skeleton no longer exists"), code="no_skeleton")
         armature.add_clip(bones, result, self._unit, start=target.frame_start)
         if rig_controls.switch_controls(bones, False):
-            self.report({"INFO"}, say("The control bones rest while the motion moves the limbs"))
+            self.report({"INFO"}, say("The IK controls are off while the motion moves the limbs"))
         if self.fit_range:
             target.frame_end = target.frame_start + len(result) - 1
             target.frame_set(target.frame_start)

@@ -21,7 +21,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
     8 points on all four sides are best, 3 on two sides the minimum"""
 
     bl_idname = "mirror_scan.pick_mirror_points"
-    bl_label = "Pick Mirror Points"
+    bl_label = "Click the Frames"
     bl_translation_context = CONTEXT
     bl_options = {"REGISTER", "UNDO"}
 
@@ -43,11 +43,11 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         problem = scan_records.editable(context) or scan_records.no_cloud(context)
         if not problem and (context.area is None or context.area.type != "VIEW_3D"):
-            problem = say("Points are picked in a 3D viewport; scripts use mirror_scan.set_mirror")
+            problem = say("Frames are clicked in a 3D viewport; scripts use Set Mirror")
         return scan_records.allows(cls, problem)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        self.report({"ERROR"}, say("Points are picked with the mouse; scripts use mirror_scan.set_mirror"))
+        self.report({"ERROR"}, say("Frames are clicked with the mouse; scripts use Set Mirror"))
         return {"CANCELLED"}
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -434,7 +434,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         elif not count:
             how = say("click its frame once")
         elif count < ENOUGH and self._errand is None and self._asked is not None:
-            how = say("not found from here; {more} more needed").format(more=ENOUGH - count)
+            how = say("not found from here; click {more} more points on it").format(more=ENOUGH - count)
         else:
             how = say("looking for its frame")
         text = say(
@@ -474,7 +474,7 @@ class MIRRORSCAN_OT_finish_picking(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        problem = "" if context.window_manager.mirror_scan.picking else say("No points are being picked")
+        problem = "" if context.window_manager.mirror_scan.picking else say("No frames are being clicked")
         return scan_records.allows(cls, problem)
 
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -55,7 +55,7 @@ class MIRRORSCAN_OT_reduce(job_operators.JobOperator, bpy.types.Operator):
             guide = max(_LEAST_GUIDE, _GUIDE * (self.triangles // 2))
             return job_operators.Task("reduce_steps", (surface, guide, None))
         if self.triangles >= len(surface.triangles):
-            text = say("{name} has only {count} triangles")
+            text = say("{name} has only {count} triangles; ask for fewer")
             raise OutputError(text.format(name=avatar.name, count=len(surface.triangles)), code="no_data")
         return job_operators.Task("reduce_steps", (surface, self.triangles, texture))
 

@@ -42,7 +42,7 @@ def _room_length(name: str, description: str, metres: float) -> object:
 
 
 class MIRRORSCAN_OT_add_rig(_WithSensor, bpy.types.Operator):
-    """Add a camera, mirrors and a mannequin to plan a rig. Place them where the real ones will be"""
+    """Add a depth camera, mirrors and a mannequin, to plan a rig. Move them to where the real ones will be"""
 
     bl_idname = "mirror_scan.add_rig"
     bl_label = "Add Rig"
@@ -50,7 +50,7 @@ class MIRRORSCAN_OT_add_rig(_WithSensor, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     sensor: EnumProperty(
-        name="Sensor", description="Depth camera whose field of view is used", items=SENSORS,
+        name="Depth Camera", description="Depth camera whose field of view is used", items=SENSORS,
         translation_context=CONTEXT,
     )  # fmt: skip
     mirrors: IntProperty(
@@ -129,7 +129,7 @@ class MIRRORSCAN_OT_simulate(_WithSensor, job_operators.JobOperator, bpy.types.O
         subtype="DIR_PATH", options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     sensor: EnumProperty(
-        name="Sensor", description="Depth camera that is simulated, with its field of view and noise",
+        name="Depth Camera", description="Depth camera that is simulated, with its field of view and noise",
         items=SENSORS, translation_context=CONTEXT,
     )  # fmt: skip
     frames: IntProperty(
@@ -242,7 +242,7 @@ class MIRRORSCAN_OT_check_rig(_AboutRig, bpy.types.Operator):
 
 
 class MIRRORSCAN_OT_find_rig(_WithSensor, job_operators.JobOperator, bpy.types.Operator):
-    """Find the best place for camera, person and mirrors in a room, and put them there instead of the rig before"""
+    """Find the best place for camera, person and mirrors in a room, and put them there in place of the present rig"""
 
     bl_idname = "mirror_scan.find_rig"
     bl_label = "Find a Rig"
@@ -261,12 +261,13 @@ class MIRRORSCAN_OT_find_rig(_WithSensor, job_operators.JobOperator, bpy.types.O
         ),
         default="SMALL", translation_context=CONTEXT,
     )  # fmt: skip
-    room_width: _room_length("Width", "Width of the room, wall to wall", 3.0)
-    room_depth: _room_length("Depth", "Depth of the room, wall to wall", 3.5)
-    room_height: _room_length("Height", "Height of the room, floor to ceiling", 2.4)
+    room_width: _room_length("Width (m)", "Width of the room, wall to wall, in metres", 3.0)
+    room_depth: _room_length("Depth (m)", "Depth of the room, wall to wall, in metres", 3.5)
+    room_height: _room_length("Height (m)", "Height of the room, floor to ceiling, in metres", 2.4)
     sensor: EnumProperty(
-        name="Sensor", description="Depth camera that the rig is for", items=SENSORS, translation_context=CONTEXT
-    )
+        name="Depth Camera", description="Depth camera that the rig is for", items=SENSORS,
+        translation_context=CONTEXT,
+    )  # fmt: skip
     mirrors: IntProperty(
         name="Mirrors", description="Number of mirrors", default=2, min=1, max=6, translation_context=CONTEXT
     )
@@ -281,9 +282,9 @@ class MIRRORSCAN_OT_find_rig(_WithSensor, job_operators.JobOperator, bpy.types.O
         ),
         default="STANDING", translation_context=CONTEXT,
     )  # fmt: skip
-    mirror_width: _room_length("Mirror Width", "Width of the glass", 0.8)
-    mirror_height: _room_length("Mirror Height", "Height of the glass", 1.75)
-    frame_width: _room_length("Frame Width", "Width of the frames around the glass. 0 m = frameless", 0.035)
+    mirror_width: _room_length("Mirror Width (m)", "Width of the glass in metres", 0.8)
+    mirror_height: _room_length("Mirror Height (m)", "Height of the glass in metres", 1.75)
+    frame_width: _room_length("Frame Width (m)", "Width of the frames around the glass in metres. 0 = frameless", 0.035)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -385,7 +386,7 @@ class MIRRORSCAN_OT_save_plan(_AboutRig, job_operators.FileJobOperator, bpy.type
 
         path = scan_records.absolute(self.filepath)
         if not path:
-            raise MirrorScanError(say("Give the name of a file for the plan"))
+            raise MirrorScanError(say("Enter the name of the file to write"))
         if not path.lower().endswith(".svg"):
             path += ".svg"
         person = live_rig.person_of(context.scene)

@@ -28,7 +28,7 @@ class MIRRORSCAN_OT_add_skeleton(job_operators.JobOperator, bpy.types.Operator):
     )  # fmt: skip
     metarig: BoolProperty(
         name="Rigify Metarig",
-        description="Also place the bones of Rigify's human metarig on the joints, to make a Rigify rig from",
+        description="Also add Rigify's human metarig, fitted to the joints, from which Rigify makes its own rig",
         default=False, options={"SKIP_SAVE"}, translation_context=CONTEXT,
     )  # fmt: skip
 
@@ -122,7 +122,7 @@ class MIRRORSCAN_OT_rest_in_t_pose(bpy.types.Operator):
 
 
 class MIRRORSCAN_OT_use_controls(bpy.types.Operator):
-    """Have hands and feet follow their control bones, or the motion again"""
+    """Have hands and feet follow their IK control bones, or follow the motion again"""
 
     bl_idname = "mirror_scan.use_controls"
     bl_label = "Use IK Controls"
@@ -138,7 +138,7 @@ class MIRRORSCAN_OT_use_controls(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         problem = scan_records.editable(context) or no_skeleton(context)
         if not problem and not has_controls(armature_of(context.object)):
-            problem = say("The skeleton has no control bones; add it with “IK Controls”")
+            problem = say("The skeleton has no IK controls; delete it, and turn on “IK Controls” in Add Skeleton")
         return scan_records.allows(cls, problem)
 
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -14,7 +14,7 @@ FROM = (0.42, -0.9, 0.12)
 
 
 class MIRRORSCAN_OT_add_studio(bpy.types.Operator):
-    """Set up lights, a camera and a backdrop about the selected avatar, in a collection of their own. F12 renders it"""
+    """Set up lights, a camera and a backdrop around the selected avatar, in their own collection. F12 renders it"""
 
     bl_idname = "mirror_scan.add_studio"
     bl_label = "Add Studio"

@@ -13,7 +13,7 @@ from ..scene.scan_records import armature_of, no_mesh, no_source, not_ours
 
 
 class MIRRORSCAN_OT_texture(job_operators.JobOperator, bpy.types.Operator):
-    """Lay a texture on the selected avatar: the colour camera's own pixels, directly and by way of the mirrors"""
+    """Lay a texture on the selected avatar: the colour camera's own pixels, seen directly and in the mirrors"""
 
     bl_idname = "mirror_scan.texture"
     bl_label = "Texture"
@@ -26,7 +26,7 @@ class MIRRORSCAN_OT_texture(job_operators.JobOperator, bpy.types.Operator):
     )  # fmt: skip
     remove_light: BoolProperty(
         name="Remove Light",
-        description="Take the light of the capture out of the colours, as far as the views show it",
+        description="Remove the light and shadows of the room from the colours, as far as the views show them",
         default=False, options={"SKIP_SAVE"}, translation_context=CONTEXT,
     )  # fmt: skip
 

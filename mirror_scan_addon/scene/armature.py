@@ -236,7 +236,9 @@ def body_of(item: bpy.types.Object) -> bpy.types.Object:
     for child in item.children_recursive:
         if child.type == "MESH" and armature_of(child) == item and not set(_NOT_BODY).intersection(child.keys()):
             return child
-    raise CaptureError(say("{name}: moves no mesh").format(name=item.name), code="no_skeleton")
+    raise CaptureError(
+        say("{name} moves no mesh; select an avatar with a skeleton").format(name=item.name), code="no_skeleton"
+    )
 
 
 def read_skeleton(armature: bpy.types.Object, unit: float = 1.0) -> Skeleton:
@@ -259,7 +261,7 @@ def read_avatar(avatar: bpy.types.Object, unit: float = 1.0) -> Avatar:
     """
     armature = armature_of(avatar)
     if armature is None:
-        raise CaptureError(say("{name}: has no skeleton").format(name=avatar.name), code="no_skeleton")
+        raise CaptureError(say("{name} has no skeleton; add one first").format(name=avatar.name), code="no_skeleton")
     mesh = read_surface(avatar, np.full(3, unit))
     return Avatar(mesh, read_skeleton(armature, unit), read_weights(avatar), ())
 

@@ -220,7 +220,7 @@ def check_finite(item: bpy.types.Object, vertices: np.ndarray) -> None:
     OutputError
     """
     if not (np.abs(vertices) < 1e30).all():  # false for NaN too; Blender turns infinity into its largest number
-        text = say("{name}: the position of a vertex or of the object is not finite; remove or move it first")
+        text = say("{name}: the position of a vertex or of the object is not a valid number; remove or move it first")
         raise OutputError(text.format(name=item.name), code="avatar")
 
 

@@ -335,7 +335,11 @@ def _moves(copy: bpy.types.Object) -> bool:
 def _check_holds_faces(path: str | os.PathLike, file: Path, kind: str) -> None:
     """Refuse what an exporter wrote to ``file`` without the avatar; that it wrote none is told by others."""
     if file.is_file() and not _holds_faces(file, kind):
-        raise OutputError(say("{path}: Blender's file has no mesh in it; it was thrown away").format(path=path))
+        raise OutputError(
+            say("{path}: Blender wrote no mesh into it, so the file was deleted; check the avatar's modifiers").format(
+                path=path
+            )
+        )
 
 
 def _holds_faces(file: Path, kind: str) -> bool:
@@ -443,7 +447,10 @@ def _copy_alone(
             copy.matrix_world = Matrix()
         layer.update()
         if not copy.evaluated_get(layer.depsgraph).data.polygons:
-            raise OutputError(say("{name}: its modifiers leave no face of it").format(name=name), code="avatar")
+            raise OutputError(
+                say("{name}: its modifiers leave no faces; turn them off, or change them").format(name=name),
+                code="avatar",
+            )
         copy.select_set(True, view_layer=layer)
         layer.objects.active = copy
         yield target, copy

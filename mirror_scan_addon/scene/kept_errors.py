@@ -73,7 +73,9 @@ KINDS: dict[str, Kind] = {kind.name: kind for kind in (
 """By code; a message whose code is "other" is shown with what its operator offers, or *Try Again*."""
 
 WORDS: dict[str, Callable[[], str]] = {
-    "lens_missing": lambda: say("The camera's lens is missing: no file of this capture gives it"),
+    "lens_missing": lambda: say(
+        "No file of this capture describes the camera's lens; choose your camera, or a file with its lens"
+    ),
     "not_a_capture": lambda: say(
         "This is no capture of a depth camera. Choose its recording, or the folder with its depth images"
     ),

@@ -59,7 +59,9 @@ def create_cloud(
     """
     pixel = np.flatnonzero(depth.ravel() > 0).astype(np.int32)
     if not len(pixel):
-        raise CaptureError(say("{name}: no pixel has a depth reading").format(name=name), code="not_loaded")
+        raise CaptureError(
+            say("{name}: no pixel has a depth reading; load another capture").format(name=name), code="not_loaded"
+        )
     points = unproject(depth, intrinsics).reshape(-1, 3)[pixel].astype(np.float32)
     points[:, 2] = depth.ravel()[pixel]
     with discard_on_error() as made:

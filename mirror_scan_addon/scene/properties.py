@@ -162,8 +162,8 @@ class MIRRORSCAN_PG_reading(bpy.types.PropertyGroup):
     )  # fmt: skip
     lens: EnumProperty(
         name="Lens",
-        description="Camera whose published lens is taken in place of the capture's. A file of your own camera's is "
-        "better for a true scale",
+        description="Use the published lens of this camera instead of the capture's. A lens file of your own camera is "
+        "more exact",
         items=(
             ("FILE", "As Recorded", "As the capture says"),
             ("azure_kinect", "Azure Kinect", "Microsoft Azure Kinect, Orbbec Femto Bolt"),
@@ -324,7 +324,8 @@ class MIRRORSCAN_PG_subject(bpy.types.PropertyGroup):
     )  # fmt: skip
     clicked: BoolProperty(
         name="By Click",
-        description="The subject is the person that was clicked, not the one at the place that the mirrors face",
+        description="Make the avatar of the person that was clicked. Off: of the person at the place that the mirrors "
+        "face",
         update=_search_changed, translation_context=CONTEXT,
     )  # fmt: skip
     click: FloatVectorProperty(
@@ -352,7 +353,7 @@ class MIRRORSCAN_PG_quality(bpy.types.PropertyGroup):
 
     preset: EnumProperty(
         name="Preset",
-        description="Values that go together",
+        description="A set of values for the settings below",
         items=(
             ("FINE", "Fine", "Less smoothing, finer seams: for a camera with little noise or a long burst"),
             ("BALANCED", "Balanced", "For most captures"),
@@ -403,28 +404,30 @@ class MIRRORSCAN_PG_quality(bpy.types.PropertyGroup):
     glass_thickness_m: _metres(0.0, 0.0, 0.025)
     glass_thickness: _length(
         "glass_thickness_m", "Glass Thickness",
-        "How thick the mirrors' glass is. 0 = it is found where the capture shows it",
+        "Thickness of the mirrors' glass. 0 = found automatically, where the capture shows it",
         step=0.1, precision=4, default=0.0,
     )  # fmt: skip
     bowed: BoolProperty(
         name="Bowed Mirrors",
-        description="Undo the bow of mirrors where the capture confirms it. Off takes all for flat",
+        description="Correct for mirrors whose glass is bowed, where the capture confirms it. Off: all are taken to "
+        "be flat",
         default=True, translation_context=CONTEXT,
     )  # fmt: skip
     two_ways: EnumProperty(
         name="Two-Way Light",
-        description="Undo what light that comes two ways, directly and by a mirror, does to cameras that measure phase",
+        description="Correct distances that are falsified by light that reaches the person both directly and by a "
+        "mirror. It matters for cameras that measure with modulated light, such as the Azure Kinect",
         items=(
-            ("AUTO", "Automatic", "Where the camera measures phase, or may, and the capture shows such light"),
-            ("ON", "On", "The camera measures phase, whatever its file says"),
+            ("AUTO", "Automatic", "Where the camera is, or may be, such a camera, and the capture shows such light"),
+            ("ON", "On", "The camera measures with modulated light, whatever its file says"),
             ("OFF", "Off", "Never"),
         ),
         translation_context=CONTEXT,
     )  # fmt: skip
     frequencies: FloatVectorProperty(
         name="Modulation (MHz)",
-        description="Frequencies in MHz with which the camera modulates its light, if they are known. 0 = none. By "
-        "default the floor shows what matters of them",
+        description="Frequencies in MHz with which the camera modulates its light. 0 = not known: the floor in the "
+        "capture shows how the camera measures",
         size=3, default=(0.0, 0.0, 0.0), min=0.0, max=1000.0, precision=1, step=100, translation_context=CONTEXT,
     )  # fmt: skip
 
@@ -438,7 +441,7 @@ class MIRRORSCAN_PG_look(bpy.types.PropertyGroup):
     )  # fmt: skip
     remove_light: BoolProperty(
         name="Remove Light",
-        description="Take the light of the capture out of the colours, as far as the views show it",
+        description="Remove the light and shadows of the room from the colours, as far as the views show them",
         translation_context=CONTEXT,
     )  # fmt: skip
     triangles: IntProperty(
@@ -446,11 +449,13 @@ class MIRRORSCAN_PG_look(bpy.types.PropertyGroup):
         soft_max=100_000, step=1000, translation_context=CONTEXT,
     )  # fmt: skip
     ease: FloatProperty(
-        name="Ease (mm)", description="Distance from skin to cloth in millimetres; wider towards the hem of cloth",
+        name="Ease (mm)",
+        description="Distance from the skin to the garment in millimetres. A garment that falls is wider at its hem",
         default=15.0, min=2.0, max=80.0, soft_max=40.0, precision=0, translation_context=CONTEXT,
     )  # fmt: skip
     tight: BoolProperty(
-        name="Tight", description="The skeleton alone moves the garment; nowhere wider than the ease",
+        name="Tight",
+        description="The garment lies close to the body and moves with the skeleton, without a cloth simulation",
         translation_context=CONTEXT,
     )  # fmt: skip
 
@@ -475,11 +480,11 @@ class MIRRORSCAN_PG_scene(bpy.types.PropertyGroup):
         default=0, min=0, soft_max=60, translation_context=CONTEXT,
     )  # fmt: skip
     reading: PointerProperty(
-        type=MIRRORSCAN_PG_reading, name="Load Options", description="What the capture's files lack, or have wrong",
-        translation_context=CONTEXT,
+        type=MIRRORSCAN_PG_reading, name="Load Options",
+        description="What the capture's files do not say, or say wrongly", translation_context=CONTEXT,
     )  # fmt: skip
     cloud: PointerProperty(
-        type=bpy.types.Object, name="Cloud", description="Object with the points of the capture", poll=_is_cloud,
+        type=bpy.types.Object, name="Points", description="Object with the points of the capture", poll=_is_cloud,
         translation_context=CONTEXT,
     )  # fmt: skip
     color_image: PointerProperty(
@@ -547,7 +552,7 @@ class MIRRORSCAN_PG_scene(bpy.types.PropertyGroup):
         translation_context=CONTEXT,
     )  # fmt: skip
     rig_sensor: EnumProperty(
-        name="Sensor", description="Depth camera of the planned rig", items=SENSORS, update=_rig_sensor_changed,
+        name="Depth Camera", description="Depth camera of the planned rig", items=SENSORS, update=_rig_sensor_changed,
         translation_context=CONTEXT,
     )  # fmt: skip
     rig_live: BoolProperty(

@@ -177,13 +177,13 @@ def distances(report: dict) -> list[tuple[str, str, str]]:
     if share is None and mesh.get("triangles") and "fill_triangles" in mesh:  # of an older version
         share = mesh["fill_triangles"] / mesh["triangles"]
     if share is not None:
-        lines.append((say("Made up"), say("{share} of the surface, seen by no view").format(share=_percent(share)), ""))
+        lines.append((say("Filled"), say("{share} of the surface, seen by no view").format(share=_percent(share)), ""))
     light = report.get("optics", {})
     if "lit_twice_share" in light:
         text = say("{lit:.0%}, corrected: {corrected:.0%}").format(
             lit=light["lit_twice_share"], corrected=light.get("corrected_share", 0.0)
         )
-        lines.append((say("Lit two ways"), text, ""))
+        lines.append((say("Two-way light"), text, ""))
     timings = report.get("timings_ms", {})
     if timings:
         seconds = timings.get("total", sum(timings.values())) / 1000
@@ -197,7 +197,7 @@ def texture_lines(texture: dict) -> list[tuple[str, str, str]]:
     if _is_number(texture.get("size")):
         lines.append((say("Texture"), say("{size} × {size} px").format(size=texture["size"]), ""))
     if _is_number(texture.get("texel_mm")):
-        lines.append((say("Texel"), say("{size:.1f} mm").format(size=texture["texel_mm"]), ""))
+        lines.append((say("Texture pixel"), say("{size:.1f} mm").format(size=texture["texel_mm"]), ""))
     if _is_number(texture.get("seen_share")):
         lines.append((say("Seen"), f"{texture['seen_share']:.0%}", ""))
     return lines
@@ -247,7 +247,7 @@ def mirror_label(name: str) -> str:
 
 def _gap_label(one: str, other: str) -> str:
     """The gap between two views, which may be twice the same; ``direct`` and ``made`` are names of the report."""
-    known = {"direct": say("the direct view"), "made": say("made-up surface")}
+    known = {"direct": say("the direct view"), "made": say("filled surface")}
     if one == other:
         return say("Gaps within {view}").format(view=known.get(one, mirror_label(one)))
     return say("Gap between {one} and {other}").format(

@@ -94,7 +94,7 @@ def rests_otherwise(context: bpy.types.Context) -> str:
     active = context.object
     if active is None or not active.get(RESTS_OTHERWISE):
         return ""
-    text = say("{name} no longer rests in the pose of its capture; do this before “T-Pose as Rest”")
+    text = say("{name} no longer rests in the pose of its capture; undo “T-Pose as Rest”, or build the avatar again")
     return text.format(name=active.name)
 
 
@@ -391,7 +391,7 @@ def no_two_ways(settings: bpy.types.PropertyGroup) -> str:
     if settings.quality.two_ways == "OFF":
         return say("Two-way light is off")
     if settings.quality.two_ways == "AUTO" and measures(settings) in ("angles", "pulses"):
-        return say("Does not apply: this camera does not measure phase")
+        return say("Does not apply: only cameras with modulated light, such as the Azure Kinect, need it")
     return ""
 
 

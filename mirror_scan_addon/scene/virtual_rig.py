@@ -329,7 +329,10 @@ def mirrors_of(scene: bpy.types.Scene) -> list[dict]:
         scale = np.linalg.norm(matrix[:3, :3], axis=0)
         width, height, thick = (high - low) * scale * unit
         if min(width, height) <= 1e-4 or thick > 0.2 * min(width, height):
-            text = say("{name}: is marked as a mirror, but is not flat; its glass lies in its local XY plane")
+            text = say(
+                "{name}: is marked as a mirror, but is not flat along its local Z axis; flatten it, or turn off Is a "
+                "Mirror"
+            )
             raise MirrorScanError(text.format(name=item.name))
         top = (*(low[:2] + high[:2]) / 2, high[2])
         settings = item.mirror_scan

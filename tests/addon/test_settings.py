@@ -50,7 +50,7 @@ def test_frequencies_are_left_out_where_they_do_not_apply(bpy, measures):
     settings.cloud[scan_records.CLOUD] = json.dumps({} if measures is None else {"measures": measures})
     applies = measures not in ("angles", "pulses")
     assert bool(build_settings(settings)["light"]["frequencies"]) == applies
-    assert ("does not measure phase" in scan_records.no_two_ways(settings)) != applies
+    assert ("Does not apply" in scan_records.no_two_ways(settings)) != applies
     settings.quality.two_ways = "ON"  # whatever the file says
     assert build_settings(settings)["light"]["frequencies"] and not scan_records.no_two_ways(settings)
     settings.quality.two_ways = "OFF"

@@ -86,7 +86,7 @@ GERMAN = f"""
 import importlib, bpy
 texts = importlib.import_module({run.ADDON!r} + ".mirror_scan_addon.language.texts")
 texts.unregister()
-flat = "{{name}}: is marked as a mirror, but is not flat; its glass lies in its local XY plane"
+flat = "{{name}}: is marked as a mirror, but is not flat along its local Z axis; flatten it, or turn off Is a Mirror"
 core = "{{path}}: there is no such file or folder"
 german = {{("MirrorScan", "Load a capture first"): "Zuerst eine Aufnahme laden",
           ("MirrorScan", "Find Mirrors"): "Spiegel finden", ("MirrorScan", flat): "{{name}} ist krumm",

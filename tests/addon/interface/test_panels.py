@@ -174,8 +174,8 @@ def test_an_avatar_shows_how_it_came_out(bpy, capsule):
     for part in ("1.70 m", "200.0 l", "21%, corrected: 17%", "has holes", "Mirror left flat to 0.8 mm",
                  "at most 31 mm", "3 faces", "nobody is seen in", "Problems: 1",
                  "Gap between the direct view and Mirror left ", "Gaps within the direct view ",
-                 "Gaps within Mirror left ", "Gap between Mirror left and made-up surface ",
-                 "Gaps within made-up surface "):  # fmt: skip
+                 "Gaps within Mirror left ", "Gap between Mirror left and filled surface ",
+                 "Gaps within filled surface "):  # fmt: skip
         assert part in shown, part
     assert folded(bpy, "build") == ("has holes", "ERROR") and folded(bpy, "check") == ("problems: 1", "ERROR")
     buttons = [entry[1] for entry in draw(bpy, "main") if entry[0] == "button"]

@@ -64,13 +64,14 @@ BUTTONS = (
     ("pick_mirror_points", {"add": True}, "Add a mirror"), ("color_by", {"mode": "KIND"}, "seam between two views red"),
     ("export_avatar", {}, ""), ("export_avatar", {"format": "STL"}, "For 3D printing"),
     ("jump_to_problem", {"direction": "PREVIOUS"}, "previous problem"), ("jump_to_problem", {}, "next problem"),
+    ("live_view", {}, ""), ("live_view", {"source": "playback"}, "as if it were a live camera"),
 )  # fmt: skip
 
 
 @pytest.mark.parametrize("name, values, words", BUTTONS)
 def test_a_button_tells_what_it_does(bpy, name, values, words):
     given = bpy.context.window_manager.operator_properties_last(f"mirror_scan.{name}")
-    for key in ("filepath", "add", "mode", "format", "direction"):
+    for key in ("filepath", "add", "mode", "format", "direction", "source"):
         if key in given.bl_rna.properties:
             given.property_unset(key)
     for key, value in values.items():
