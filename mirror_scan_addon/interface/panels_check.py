@@ -129,8 +129,8 @@ def _draw_rig(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
             advice.append(as_sentence(tell(view["advice"])))
     for text in advice:
         sentence(layout, text, "ERROR")
-    names = {"head": say("Head"), "hands": say("Hands"), "feet": say("Feet")}
-    rows = [(say("Seen"), f"{found['seen']:.0%}", "")]
+    names = {"head": say("Head Seen"), "hands": say("Hands Seen"), "feet": say("Feet Seen")}
+    rows = [(say("Body Seen"), f"{found['seen']:.0%}", "")]
     rows += [(names[part], f"{share:.0%}", "") for part, share in found["parts"].items() if share == share]
     rows.append((say("Predicted Error"), f"{found['error_mm']:.1f} mm", ""))
     if found["lit_twice"] > 0:

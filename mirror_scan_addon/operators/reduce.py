@@ -30,7 +30,7 @@ class MIRRORSCAN_OT_reduce(job_operators.JobOperator, bpy.types.Operator):
     )  # fmt: skip
     quads: BoolProperty(
         name="Quads",
-        description="Lay quads along the shape, for sculpting and subdivision. The texture does not fit them and goes",
+        description="Lay quads along the shape, for sculpting and subdivision. The texture, which does not fit, is removed",
         default=False, translation_context=CONTEXT,
     )  # fmt: skip
 
