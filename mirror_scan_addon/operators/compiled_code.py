@@ -9,8 +9,7 @@ from ..scene import scan_records
 
 
 class MIRRORSCAN_OT_clear_compiled_code(bpy.types.Operator):
-    """Delete the compiled code that Mirror Scan keeps on disk. It is compiled again when it is needed next, which takes
-    about a minute, once"""
+    """Delete the compiled code that Mirror Scan keeps on disk. It is compiled again when it is needed next, which takes about a minute, once"""  # noqa: E501 - Blender shows it as the tooltip
 
     bl_idname = "mirror_scan.clear_compiled_code"
     bl_label = "Clear Compiled Code"

@@ -58,8 +58,7 @@ def page_of(name: str):
 
 
 class MIRRORSCAN_OT_report_problem(bpy.types.Operator):
-    """Copy what helps to find the cause of a problem: versions, the last error, and the numbers of the last avatar's
-    report. It shows all that it copies; there are no pictures, paths or names in it"""
+    """Copy what helps to find the cause of a problem: versions, the last error, and the numbers of the last avatar's report. It shows all that it copies; there are no pictures, paths or names in it"""  # noqa: E501 - Blender shows it as the tooltip
 
     bl_idname = "mirror_scan.report_problem"
     bl_label = "Report a Problem"

@@ -15,8 +15,7 @@ from ..scene.units import metres_per_unit
 
 
 class MIRRORSCAN_OT_measure(job_operators.JobOperator, bpy.types.Operator):
-    """Measure the selected avatar as a tape would: girths, lengths and height, with their expected errors, drawn on the
-    body"""
+    """Measure the selected avatar as a tape would: girths, lengths and height, drawn on the body"""
 
     bl_idname = "mirror_scan.measure"
     bl_label = "Measure"

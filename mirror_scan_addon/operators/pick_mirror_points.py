@@ -17,8 +17,7 @@ ENOUGH = 3  # picks that define a plane; with fewer the mirror is searched for a
 
 
 class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
-    """Click the frame of each mirror, once, not the glass. Where a frame is not found from one click, more are needed:
-    8 points on all four sides are best, 3 on two sides the minimum"""
+    """Click the frame of each mirror, once, not the glass. If it is not found from one click, click more: 8 points on all four sides are best, 3 on two sides are the least"""  # noqa: E501 - Blender shows it as the tooltip
 
     bl_idname = "mirror_scan.pick_mirror_points"
     bl_label = "Click the Frames"

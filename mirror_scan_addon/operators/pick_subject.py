@@ -12,8 +12,7 @@ from ..scene import scan_records
 
 
 class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
-    """Click the person or object to make the avatar of, where the camera sees it directly. Only needed if Find Subject
-    chooses another person or object"""
+    """Click the person or object to make the avatar of, where the camera sees it directly. Only needed if Find Subject chooses another person or object"""  # noqa: E501 - Blender shows it as the tooltip
 
     bl_idname = "mirror_scan.pick_subject"
     bl_label = "Click the Person"

@@ -30,7 +30,7 @@ class MIRRORSCAN_OT_reduce(job_operators.JobOperator, bpy.types.Operator):
     )  # fmt: skip
     quads: BoolProperty(
         name="Quads",
-        description="Lay quads along the shape, for sculpting and subdivision. The texture, which does not fit, is removed",
+        description="Lay quads along the shape, for sculpting and subdivision. The texture is removed: it does not fit",
         default=False, translation_context=CONTEXT,
     )  # fmt: skip
 

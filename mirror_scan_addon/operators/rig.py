@@ -116,8 +116,7 @@ class MIRRORSCAN_OT_add_rig(_WithSensor, bpy.types.Operator):
 
 
 class MIRRORSCAN_OT_simulate(_WithSensor, job_operators.JobOperator, bpy.types.Operator):
-    """Scan the active mesh, or the mannequin, with a virtual rig: its camera and the objects marked as mirrors, or a
-    default rig if there are none. Shows the capture, and colours the mesh by what each view sees"""
+    """Scan the active mesh, or the mannequin, with a virtual rig: its camera and the objects marked as mirrors, or a default rig if there are none. Shows the capture, and colours the mesh by what each view sees"""  # noqa: E501 - Blender shows it as the tooltip
 
     bl_idname = "mirror_scan.simulate"
     bl_label = "Run Virtual Scan"

@@ -33,8 +33,7 @@ class _RigFileOperator(job_operators.FileJobOperator):
 
 
 class MIRRORSCAN_OT_calibrate_rig(_RigFileOperator, bpy.types.Operator):
-    """Place the mirrors once for all later captures of this rig and write them to a rig file. Best done without a
-    person, with a long burst and a flat board where people will stand, visible directly and in the mirrors"""
+    """Place the mirrors once for all later captures of this rig and write them to a rig file. Best done without a person, with a long burst and a flat board where people will stand, visible directly and in the mirrors"""  # noqa: E501 - Blender shows it as the tooltip
 
     bl_idname = "mirror_scan.calibrate_rig"
     bl_label = "Calibrate Rig"

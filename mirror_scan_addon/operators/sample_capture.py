@@ -18,8 +18,7 @@ FOLDER = "Sample Capture"
 
 
 class MIRRORSCAN_OT_sample_capture(job_operators.JobOperator, bpy.types.Operator):
-    """Load a capture of a mannequin between two mirrors, to try everything without a camera. The first time it is
-    computed, later it is there at once"""
+    """Load a capture of a mannequin between two mirrors, to try everything without a camera. It is computed once and then kept"""  # noqa: E501 - Blender shows it as the tooltip
 
     bl_idname = "mirror_scan.sample_capture"
     bl_label = "Sample Capture"

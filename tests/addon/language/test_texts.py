@@ -241,8 +241,9 @@ def test_everything_blender_shows_of_ours_can_be_translated(bpy):
     shown += [kind.bl_rna for name, kind in vars(properties).items() if name.startswith("MIRRORSCAN_PG_")]
     lacking = []
     for rna in shown:
-        if "_OT_" in rna.identifier and ("MirrorScan", rna.name) not in known:
-            lacking.append((rna.identifier, rna.name))
+        if "_OT_" in rna.identifier:  # a tooltip is one line, as it was read: Blender would show a line's indentation
+            told = ("MirrorScan", rna.name), ("*", rna.description)
+            lacking += [(rna.identifier, text) for text in told if text not in known]
         for prop in rna.properties:
             if not prop.is_runtime or prop.is_hidden or "_PG_progress" in rna.identifier or "preset" in rna.identifier:
                 continue
