@@ -212,5 +212,159 @@ IN_BLENDER: dict[str, Callable[[], str]] = {
     "{path}: holds no camera or no mirrors; calibrate again": lambda: say(
         "{path}: holds no camera or no mirrors; make it again with Calibrate Rig"
     ),
+    # a lens that does not fit the picture
+    "{described}: is for {width}×{height} pixels, {name} has {width2}×{height2}; give the intrinsics of this "
+    "resolution": lambda: say(
+        "{described}: is for {width}×{height} pixels, but {name} has {width2}×{height2}; choose the Lens File of "
+        "this camera and resolution under Load Options"
+    ),
+    "{file}: is {shape}×{shape2} pixels, but intrinsic.json says {width}×{height}: width and height are exchanged, "
+    "or the picture was rotated; give the intrinsics of the picture as it is": lambda: say(
+        "{file}: is {shape}×{shape2} pixels, but intrinsic.json says {width}×{height}: width and height are "
+        "exchanged, or the picture was rotated. Choose the Lens File of the picture as it is under Load Options"
+    ),
+    "the depth map is {width}×{height}, its intrinsics are for {width2}×{height2}; use the intrinsics of this "
+    "resolution": lambda: say(
+        "the depth image is {width}×{height} pixels, but its lens is described for {width2}×{height2}; choose the "
+        "Lens File of this resolution under Load Options"
+    ),
+    "the {what} is {shape}×{shape2}, its intrinsics are for {width}×{height}; use the intrinsics of this "
+    "resolution": lambda: say(
+        "the {what} is {shape}×{shape2} pixels, but its lens is described for {width}×{height}; choose the Lens File "
+        "of this resolution under Load Options"
+    ),
+    "{name}: the principal point lies at {share} of the width and of the height, as if the intrinsics were those of "
+    "{width}×{height} pixels; give those of this resolution, unless the picture is part of a larger": lambda: say(
+        "{name}: the centre of the lens lies at {share} of the width and of the height, as if it were described for "
+        "{width}×{height} pixels; choose the Lens File of this resolution, unless the picture is part of a larger one"
+    ),
+    "{said}, where it lies near half the size: these intrinsics look like those of a picture of double size; give "
+    "the intrinsics of this resolution (halve fx, fy, cx and cy)": lambda: say(
+        "{said}, where it lies near half the size: the lens seems to be described for a picture of double size. "
+        "Choose the Lens File of this resolution under Load Options, or halve fx, fy, cx and cy in the file"
+    ),
+    "{said}, where it lies near half the size: these intrinsics look like those of a picture of half the size; give "
+    "the intrinsics of this resolution (double fx, fy, cx and cy)": lambda: say(
+        "{said}, where it lies near half the size: the lens seems to be described for a picture of half the size. "
+        "Choose the Lens File of this resolution under Load Options, or double fx, fy, cx and cy in the file"
+    ),
+    "{said}: cx and cy look exchanged, as after a rotation of the picture; write cx {cy} and cy {cx}, or give the "
+    "intrinsics of this picture": lambda: say(
+        "{said}: cx and cy look exchanged, as after a rotation of the picture; write cx {cy} and cy {cx} in the "
+        "file, or choose another Lens File under Load Options"
+    ),
+    "{said}: it lies at the edge or outside, and must be in pixels, near half the size{larger}; give the intrinsics "
+    "of this resolution": lambda: say(
+        "{said}: it lies at the edge or outside, and must be in pixels, near half the size{larger}; choose the Lens "
+        "File of this resolution under Load Options"
+    ),
+    "intrinsics: a fisheye lens ({model}) is not supported; rectify the images": lambda: say(
+        "the camera has a fisheye lens ({model}), which is not supported; record with another camera or mode"
+    ),
+    "{path}: its images are of a fisheye lens ({model}), which is not supported; rectify them, and give the "
+    "intrinsics of the rectified ones": lambda: say(
+        "{path}: its images are of a fisheye lens ({model}), which is not supported; record with another camera or mode"
+    ),
+    "intrinsics: focal lengths must be positive numbers, got fx={fx}, fy={fy}, cx={cx}, cy={cy}": lambda: say(
+        "the focal lengths of a lens must be positive numbers, not fx={fx}, fy={fy}, with cx={cx}, cy={cy}; choose "
+        "another Lens File under Load Options"
+    ),
+    "intrinsics: the distortion coefficients do not describe this image (they fold inside it); check their order, k1 "
+    "k2 p1 p2 k3 k4 k5 k6, and that they belong to this resolution": lambda: say(
+        "the distortion coefficients of the lens do not fit this image; check their order, k1 k2 p1 p2 k3 k4 k5 k6, "
+        "and that they belong to this resolution"
+    ),
+    "intrinsics fitted from the points, within {error} px": lambda: say(
+        "the camera's lens was found from the points, within {error} px"
+    ),
+    "{first}: {base}.xml with its intrinsics is missing; put it beside the file": lambda: say(
+        "{first}: {base}.xml, which describes the camera's lens, is missing; put it beside the file, or choose Lens "
+        "or Lens File under Load Options"
+    ),
+    "{path}: has no section <depth> with the camera's parameters": lambda: say(
+        "{path}: does not describe the depth camera's lens; choose Lens or Lens File under Load Options"
+    ),
+    # the same in shorter sentences
+    "nobody stands between the camera and the mirrors: what the camera sees fills the picture to all four sides, and "
+    "no mirror shows it; clear away what is right before the camera, or step back until it sees all of "
+    "you": lambda: say(
+        "nobody stands between the camera and the mirrors: what the camera sees fills the picture to all four sides, "
+        "and no mirror shows it. Clear away what is right in front of the camera, or step back until it sees all of "
+        "you"
+    ),
+    "the path via {name} is {distance} m, but {camera} measures well only up to {range} m: {unread} of the "
+    "reflection has no reading, and the rest has {noise} mm of noise; move the mirror and the camera closer to the "
+    "subject, by {closer} m in total": lambda: say(
+        "the path via {name} is {distance} m, but {camera} measures well only up to {range} m: {unread} of the "
+        "reflection has no reading, and the rest has {noise} mm of noise. Move the mirror and the camera closer to "
+        "the subject, by {closer} m in total"
+    ),
+    "the seams between {names} and the other views do not meet: the plane of one of these mirrors misplaces the "
+    "subject by about {distance} cm; pick points on all sides of their frames again (on nothing else), or check that "
+    "the mirrors are flat and have not moved": lambda: say(
+        "the seams between {names} and the other views do not meet: one of these mirrors shows the subject in a "
+        "wrong place, by about {distance} cm. Pick points on all sides of their frames again, on nothing else, or "
+        "check that the mirrors are flat and have not moved"
+    ),
+    "the seams between {name} and the other views do not meet: its plane misplaces the subject by about {distance} "
+    "cm; pick points on all sides of its frame again (on nothing else), or check that the mirror is flat and has not "
+    "moved": lambda: say(
+        "the seams between {name} and the other views do not meet: the mirror shows the subject in a wrong place, by "
+        "about {distance} cm. Pick points on all sides of its frame again, on nothing else, or check that the mirror "
+        "is flat and has not moved"
+    ),
+    "the subject moved during the burst: between its first and last frames {share} of what is seen of it moved by "
+    "{median} mm (up to {largest} mm); hold still while recording, record fewer frames, or use a single "
+    "frame": lambda: say(
+        "the subject moved during the burst: {share} of what is seen of it moved by {median} mm (up to {largest} mm) "
+        "from the first frames to the last. Hold still while recording, record fewer frames, or set Frames to 1"
+    ),
+    "{name} shows the floor about the subject {distance} cm {side} where the camera sees it: its plane leans "
+    "otherwise than the mirror does; pick points on all sides of its frame again, or check that the mirror has not "
+    "moved": lambda: say(
+        "{name} shows the floor around the subject {distance} cm {side} where the camera sees it, so the mirror "
+        "leans differently. Pick points on all sides of its frame again, or check that the mirror has not moved"
+    ),
+    "{name}: hangs on a wall, and no frame projects in front of the wall: the wall's plane was taken for the "
+    "mirror's, and its reflection is misplaced by twice the distance from the wall to the glass; strips of paper or "
+    "tape, 3 cm wide, on the edges of the glass would show where the glass is": lambda: say(
+        "{name}: hangs on a wall, and no frame projects in front of the wall. The wall's plane was taken for the "
+        "mirror's, so its reflection is misplaced by twice the distance from the wall to the glass. Put strips of "
+        "paper or tape, 3 cm wide, on the edges of the glass: they show where it is"
+    ),
+    "{name}: only {near} of {count} picked points lie in one plane, the others up to {max} m off it; pick on the "
+    "frame itself, not on the glass. If the mirror has no frame and does not hang on a wall, put strips of paper or "
+    "tape, 3 cm wide, along its edges": lambda: say(
+        "{name}: only {near} of {count} picked points lie in one plane, the others up to {max} m off it. Pick on the "
+        "frame itself, not on the glass. If the mirror has no frame and does not hang on a wall, put strips of paper "
+        "or tape, 3 cm wide, along its edges"
+    ),
+    "{name}: {what} by {uneven} mm, far more than the camera's noise, so that its reflection may be off by {error} "
+    "mm; see that nothing covers or bends the frame and that every pick is on it, or, for a mirror on a wall, give "
+    "it a frame that stands 2 cm off the wall": lambda: say(
+        "{name}: {what} by {uneven} mm, far more than the camera's noise, so its reflection may be off by {error} "
+        "mm. See that nothing covers or bends the frame, and that every pick is on it. For a mirror on a wall, use a "
+        "frame that stands 2 cm off the wall"
+    ),
+    "{name}: the plane through the picks is seen edge-on, so that nothing could be seen in it; pick on the frame "
+    "itself, on at least two of its sides, not on the glass or on something in front of it": lambda: say(
+        "{name}: the plane through the picked points is seen edge-on, so nothing could be seen in the mirror. Pick "
+        "points on the frame itself, on at least two of its sides, not on the glass or on something in front of it"
+    ),
+    "{name}: the plane through its picks does not look like a mirror's: almost no frame lies in it, or what is seen "
+    "in it would be where the camera sees empty space; pick again, on its frame only": lambda: say(
+        "{name}: the picked points do not seem to lie on a mirror's frame: almost no frame lies in their plane, or "
+        "what is seen in it would be where the camera sees empty space. Pick again, on its frame only"
+    ),
+    "{name}: no frame is visible; its plane was computed from the person it shows, and its reflection may be "
+    "misplaced by {error} mm; strips of paper or tape, 3 cm wide, along its edges would reduce that": lambda: say(
+        "{name}: no frame is visible. Its plane was computed from the person it shows, and its reflection may be "
+        "misplaced by {error} mm. Strips of paper or tape, 3 cm wide, along its edges would reduce that"
+    ),
+    "{what} between the camera and the mirrors: no connected figure is seen directly within {reach} m of where the "
+    "mirrors look; stand where both mirrors show you, 2 to 3 m from the camera": lambda: say(
+        "{what} between the camera and the mirrors: no connected figure is seen directly within {reach} m of where "
+        "the mirrors look. Stand where both mirrors show you, 2 to 3 m from the camera"
+    ),
 }
 """By core's template, what is said in Blender."""
