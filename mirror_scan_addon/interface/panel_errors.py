@@ -55,8 +55,7 @@ def _unit(layout, context, found) -> None:
     field(fields(layout), context.scene.mirror_scan.reading, "depth_unit_mm", "Depth Unit (mm)")
     row = layout.row(align=True)
     for value, text in UNITS_MM:
-        button = row.operator("wm.context_set_float", text=text, translate=False)
-        button.data_path, button.value = "scene.mirror_scan.reading.depth_unit_mm", value
+        row.operator("mirror_scan.set_depth_unit", text=text, translate=False).millimetres = value
 
 
 def _turn(layout, context, found) -> None:

@@ -132,7 +132,7 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
             self.report({"WARNING"}, text.format(name=avatar.name, count=dropped))
         for warning in result.warnings:
             self.report({"WARNING"}, tell(warning))
-        text = say("{name}: {count:,} vertices").format(name=avatar.name, count=len(avatar.data.vertices))
+        text = say("Avatar built: {name}, {count:,} vertices").format(name=avatar.name, count=len(avatar.data.vertices))
         self.report({"INFO"}, text)
 
 

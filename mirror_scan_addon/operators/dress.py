@@ -141,7 +141,7 @@ class MIRRORSCAN_OT_dress(_ClothOperator, bpy.types.Operator):
                 cloth.keep_off_skin(made, avatar, 1.0 / cloth.metres_per_unit(target))
         if target == context.scene:
             avatar_objects.select_only(context, avatar)
-        text = say("{name}: {count} vertices").format(name=made.name, count=len(made.data.vertices))
+        text = say("{name}: {count:,} vertices").format(name=made.name, count=len(made.data.vertices))
         self.report({"INFO"}, text)
 
 

@@ -60,7 +60,8 @@ class MIRRORSCAN_OT_apply_motion(job_operators.FileJobOperator, bpy.types.Operat
         """Tooltip of the button under the mouse."""
         if properties.clip == "FILE":
             return ""
-        return say(properties.bl_rna.properties["clip"].enum_items[properties.clip].description)
+        clip = properties.bl_rna.properties["clip"].enum_items[properties.clip]
+        return say("Move the selected avatar. {what}").format(what=say(clip.description))
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

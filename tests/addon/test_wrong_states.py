@@ -19,6 +19,7 @@ OPERATORS = {
     "finish_picking": {},
     "stop_getting_ready": {},
     "dismiss_error": {},
+    "set_depth_unit": {},
     "record": {"filepath": "/proc/recording"},
     "find_mirrors": {},
     "select_mirror": {},
