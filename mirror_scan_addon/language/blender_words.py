@@ -286,7 +286,7 @@ IN_BLENDER: dict[str, Callable[[], str]] = {
     ),
     # the same in shorter sentences
     "nobody stands between the camera and the mirrors: what the camera sees fills the picture to all four sides, and "
-    "no mirror shows it; clear away what is right before the camera, or step back until it sees all of "
+    "no mirror shows it; clear away what is right in front of the camera, or step back until it sees all of "
     "you": lambda: say(
         "nobody stands between the camera and the mirrors: what the camera sees fills the picture to all four sides, "
         "and no mirror shows it. Clear away what is right in front of the camera, or step back until it sees all of "

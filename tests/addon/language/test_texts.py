@@ -185,17 +185,18 @@ def test_in_blender_nothing_is_said_of_options_and_packages(bpy):
     import re
     import string
 
+    from mirror_scan.core.errors import Notice
     from mirror_scan.mirror_scan_addon.language.blender_words import IN_BLENDER
     from mirror_scan.mirror_scan_addon.language.texts import tell
 
     def fields(template):
         return {name for _, name, *_ in string.Formatter().parse(template) if name is not None}
 
-    known = set(listed())
+    known = set(runpy.run_path(str(ROOT.parent / "tools" / "messages.py"))["messages"]())
     for template, words in IN_BLENDER.items():
-        assert template in known and fields(words()) <= fields(template)
-        filled = template.format(**{name: f"<{name}>" for name in fields(template)})
-        assert tell(filled) == words().format(**{name: f"<{name}>" for name in fields(template)})
+        assert template in known and fields(words()) <= fields(template), template
+        values = {name: f"<{name}>" for name in fields(template)}
+        assert tell(Notice(template, **values)) == words().format(**values)
     elsewhere = ("registration: ", "{paths} captures", "many captures", "{path}: a video", "{folder}: ", "no recording")
     for template in known:
         if not template.startswith(elsewhere):  # several cameras, batches, sequences: only in a terminal
