@@ -300,7 +300,7 @@ def avatar(b: Bench) -> None:
 
 
 FULL = "belongs to another capture; choose an empty folder"
-SHAPE = "not the shape of a whole person"
+SHAPE = "shape of a whole person"
 
 STATES = (
     Wrong("no capture", nothing, find_mirrors, "Load a capture first", use),
@@ -319,7 +319,7 @@ STATES = (
     state(loaded, "pick_subject", "give a column", title="a click beside the picture", pixel=(-3, 7)),
     state(loaded, "set_mirror", "give a list", title="points that are none", points="left, top"),
     state(loaded, "set_mirror", "on one line; pick", title="points on one line", points="[[0, 0], [1, 0], [2, 0]]"),
-    Wrong("a rig file that is none", lambda b: (b.loaded(), b.file("rig.json", "{}")), use_rig, "calibrate the rig",
+    Wrong("a rig file that is none", lambda b: (b.loaded(), b.file("rig.json", "{}")), use_rig, "not a rig file",
           lambda b: b.ops.calibrate_rig(filepath=str(b.folder / "rig.json"))),
     Wrong("a rig file that is gone", loaded, use_rig, "choose another file",
           lambda b: b.ops.calibrate_rig(filepath=str(b.folder / "rig.json"))),

@@ -178,7 +178,7 @@ IN_BLENDER: dict[str, Callable[[], str]] = {
     "skeleton: the mesh has not the shape of a whole person who stands upright and faces -Y; check that nothing else "
     "was reconstructed with the person, and take the whole body from head to feet": lambda: say(
         "skeleton: the mesh does not have the shape of a whole person who stands upright and faces the front (−Y); "
-        "see that nothing else became part of the avatar, and that no part of the body is missing"
+        "check that nothing else became part of the avatar, and that no part of the body is missing"
     ),
     "measurements: the trunk has no surface where the {what} is measured": lambda: say(
         "measurements: the trunk has no surface where the {what} is measured; check that the whole body was scanned"
