@@ -117,7 +117,7 @@ def story() -> Story:
     with step("build, with the window alive"):
         yield from press("build_avatar")
         blocks.start()
-        yield 1.2
+        yield 0.4  # a build of a second: later there is no bar to be seen
         yield from looks("6_building", settle=0.0)
         yield from settled()
         yield 0.5
