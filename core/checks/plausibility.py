@@ -11,8 +11,9 @@ from ..camera import Intrinsics
 from ..capture.depth_units import UNIT_MISTAKES
 from ..errors import Notice, ReconstructionError
 from ..mesh import Mesh
+from ..mesh.normals import triangle_normals
 from ..mirrors import Mirror
-from ..numeric.point_products import transform
+from ..numeric.point_products import lengths, transform
 
 HEIGHTS = (0.5, 2.4)
 """A person is between so tall [m]; taller ones hold up their arms."""
@@ -141,8 +142,7 @@ def check_avatar(mesh: Mesh, volume: float | None, facts: ScanFacts, any_object:
 
 def _mean_thickness(mesh: Mesh, volume: float) -> float:
     """The volume [m³] over half the surface [m], as of a board."""
-    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
-    return 4.0 * volume / float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+    return 4.0 * volume / float(lengths(triangle_normals(mesh.vertices, mesh.triangles)).sum())
 
 
 def _usual_volumes(mesh: Mesh, height: float, facts: ScanFacts) -> tuple[float, float]:

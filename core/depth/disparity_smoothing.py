@@ -8,6 +8,7 @@ one.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -369,10 +370,12 @@ def _row_weights(sigma: float, radius: int) -> np.ndarray:
     return weights
 
 
+@lru_cache(maxsize=8)
 def _taps(sigma: float, radius: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Window of the robust fit, a column a tap.
 
-    Offset (v, u), Gaussian weight, the quadratic's six terms and their 21 products.
+    Offset (v, u), Gaussian weight, the quadratic's six terms and their 21 products. Kept, as windows of quantised
+    readings are the same in every view and frame: not to be written to.
     """
     side = range(-radius, radius + 1)
     every = [(dv, du, math.exp(-0.5 * (dv * dv + du * du) / (sigma * sigma))) for dv in side for du in side]

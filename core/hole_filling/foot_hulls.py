@@ -10,7 +10,7 @@ import numpy as np
 from ..mesh import FILL, Mesh
 from ..mesh.normals import triangle_normals, vertex_normals
 from ..mesh.triangle_mesh import merge
-from ..numeric.point_products import dot
+from ..numeric.point_products import distances, dot
 from ..patches.grid_triangulation import clean_patch
 from ..views.free_space import FreeSpace, reach_before_empty
 
@@ -80,7 +80,7 @@ def foot_hulls(patches: list[Mesh], free_space: FreeSpace, up: np.ndarray, floor
     ankles = _ankles(plan[height > _ANKLE[0]])
     if not len(ankles):
         return None
-    nearest = np.linalg.norm(plan[:, None] - ankles[None], axis=2)
+    nearest = distances(plan, ankles)
     leg, away = nearest.argmin(axis=1), nearest.min(axis=1)
     hulls = []
     for k, ankle in enumerate(ankles):
@@ -105,7 +105,7 @@ def foot_hulls(patches: list[Mesh], free_space: FreeSpace, up: np.ndarray, floor
     if area < _LEAST:
         return None
     if color is not None:
-        away = np.linalg.norm(missing.vertices[:, None] - points[None], axis=2)
+        away = distances(missing.vertices, points)
         missing = replace(missing, colors=color[away.argmin(axis=1)])
     return missing
 
@@ -190,7 +190,7 @@ def _rings(plan: np.ndarray, height: np.ndarray, slant: np.ndarray) -> np.ndarra
 def _not_read(hull: Mesh, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Which vertices (V,) of a hull have no reading (N, 3) beside them or, facing the same way, below."""
     outwards = vertex_normals(hull.vertices, hull.triangles)
-    away = np.linalg.norm(hull.vertices[:, None] - points[None], axis=2)
+    away = distances(hull.vertices, points)
     below = (away < _MEASURED) & (outwards @ normals.T > _SAME_WAY)
     return ~((away < _BESIDE) | below).any(axis=1)
 

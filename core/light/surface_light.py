@@ -18,6 +18,7 @@ from ..mirrors import Mirror
 from ..mirrors.curved_glass import REFRACTION, flattened, without_delay
 from ..mirrors.mirror import reflect
 from ..numeric.kernels import njit
+from ..numeric.point_products import lengths
 from ..numeric.threads import each
 from .irradiance import light_sources, ratio_to_own, seen_at, through_glass
 from .lit_scene import REFLECTIVITY
@@ -192,12 +193,12 @@ def light_on_surface(
     shares[:, 0] = 1.0 - shares[:, 1] - shares[:, 2]
     corners = triangles[np.where(known, triangle, 0)]
     facing = np.einsum("nk,nkc->nc", shares, normals[corners])
-    facing /= np.maximum(np.linalg.norm(facing, axis=1), 1e-9)[:, None]
+    facing /= np.maximum(lengths(facing), 1e-9)[:, None]
     at = np.einsum("nk,nkc->nc", shares, vertices[corners])
     light, longer = np.zeros((count, len(readings.sources))), np.zeros((count, len(readings.sources)))
     for source, place in enumerate(readings.sources):
         away = at - place
-        longer[:, source] = length = np.linalg.norm(away, axis=1)
+        longer[:, source] = length = lengths(away)
         cosine = -np.einsum("nc,nc->n", away, facing) / np.maximum(length, 1e-9)
         y, x, z, inside = seen_at(at, source, list(readings.mirrors), readings.intrinsics)
         before = shown[source].z[y, x]

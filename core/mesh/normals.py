@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ..numeric.kernels import njit
+from ..numeric.point_products import cross
 
 
 def triangle_normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Cross products (T, 3): normal times twice the area."""
-    a, b, c = vertices[triangles[:, 0]], vertices[triangles[:, 1]], vertices[triangles[:, 2]]
-    return np.cross(b - a, c - a)
+    first = vertices.take(triangles[:, 0], axis=0)
+    b, c = (vertices.take(triangles[:, k], axis=0) - first for k in (1, 2))
+    return cross(b, c)
 
 
 def vertex_normals(vertices: np.ndarray, triangles: np.ndarray, wanted: np.ndarray | None = None) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..numeric.kernels import njit
+from ..numeric.point_products import cross, lengths
 from ..numeric.union_find import root_of
 from .boundary_loops import loops_of
 from .half_edges import edge_keys, open_edges
@@ -78,7 +79,7 @@ def connectivity(mesh: Mesh) -> dict:
 def volume(mesh: Mesh) -> float:
     """Signed volume of a closed mesh [m³], positive when its triangles face outwards; of no meaning for an open one."""
     a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+    return float(np.einsum("ij,ij->", a, cross(b, c)) / 6)
 
 
 def mesh_report(mesh: Mesh, crossings: bool = True) -> dict:
@@ -110,7 +111,7 @@ def mesh_report(mesh: Mesh, crossings: bool = True) -> dict:
     crossing = np.unique(self_intersections(mesh.vertices, mesh.triangles)) if crossings else None  # checks them, too
     report = connectivity(mesh)
     report["volume_m3"] = volume(mesh) if report["watertight"] else None
-    twice_area = np.linalg.norm(triangle_normals(mesh.vertices, mesh.triangles), axis=1)
+    twice_area = lengths(triangle_normals(mesh.vertices, mesh.triangles))
     report["area_m2"] = float(twice_area.sum() / 2)
     report["self_intersections"] = None if crossing is None else len(crossing)
     if mesh.kind is not None and twice_area.any():

@@ -18,6 +18,7 @@ from ..mesh import Mesh
 from ..mesh.bvh import Bvh, build_bvh, closest_point
 from ..mesh.normals import triangle_normals, vertex_normals
 from ..numeric.kernels import njit
+from ..numeric.point_products import cross, lengths
 from ..numeric.threads import each_range
 
 _VOXEL, _REACH = 0.2, 0.3  # m: between nodes, and how far their motion reaches, one standard deviation
@@ -89,7 +90,7 @@ class SurfaceFilter:
 
     def _keep(self, mesh: Mesh, count: np.ndarray) -> None:
         normals = triangle_normals(mesh.vertices, mesh.triangles)
-        normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        normals = normals / np.maximum(lengths(normals), 1e-12)[:, None]
         self._before = _Surface(mesh, build_bvh(mesh.vertices, mesh.triangles), normals, count)
 
     def _steadied(self, mesh: Mesh, before: _Surface) -> tuple[Mesh, np.ndarray]:
@@ -162,9 +163,9 @@ def _moved(
     index, share = shares
     turn, shift = motion[index, :3], motion[index, 3:]
     arm = points[:, None] - nodes[index]
-    moved = points + np.einsum("vk,vki->vi", share, np.cross(turn, arm) + shift)
-    turned = normals + np.cross(np.einsum("vk,vki->vi", share, turn), normals)
-    return moved, turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-12)
+    moved = points + np.einsum("vk,vki->vi", share, cross(turn, arm) + shift)
+    turned = normals + cross(np.einsum("vk,vki->vi", share, turn), normals)
+    return moved, turned / np.maximum(lengths(turned), 1e-12)[:, None]
 
 
 def _registered(vertices: np.ndarray, normals: np.ndarray, nodes: np.ndarray, before: _Surface) -> np.ndarray:
@@ -187,7 +188,7 @@ def _registered(vertices: np.ndarray, normals: np.ndarray, nodes: np.ndarray, be
         weight = 1.0 / (1.0 + (off / _OUTLIER) ** 2)
         # a row for each point and node: the node alone moves the point
         arm = points[near][:, None] - nodes[index[near]]
-        rows = np.concatenate((np.cross(arm, toward[:, None]), np.broadcast_to(toward[:, None], arm.shape)), axis=-1)
+        rows = np.concatenate((cross(arm, toward[:, None]), np.broadcast_to(toward[:, None], arm.shape)), axis=-1)
         rows, node = rows.reshape(-1, 6), index[near].ravel()
         weight = (share[near] * weight[:, None]).ravel()
         off = np.repeat(off, index.shape[1])
@@ -230,8 +231,8 @@ def _with_neighbours(motion: np.ndarray, nodes: np.ndarray, together: np.ndarray
     """Motions averaged half and half with those of the neighbours, as these would move this node."""
     turn = together @ motion[:, :3]
     # a neighbour's shift, seen from here: t + ω × (here - there)
-    there = together @ (motion[:, 3:] - np.cross(motion[:, :3], nodes))
-    shift = there + np.cross(turn, nodes)
+    there = together @ (motion[:, 3:] - cross(motion[:, :3], nodes))
+    shift = there + cross(turn, nodes)
     mean = np.concatenate((turn, shift), axis=1)
     alone = together.sum(axis=1) < 0.5
     return np.where(alone[:, None], motion, 0.5 * motion + 0.5 * mean)

@@ -17,6 +17,7 @@ import numpy as np
 from ..camera import Intrinsics
 from ..camera.noise_models import NoiseModel
 from ..numeric.kernels import njit
+from ..numeric.point_products import cross
 from ..numeric.threads import each_range
 
 _SPACING, _REACH = 8, 12  # px: between nodes; half of a node's window
@@ -212,7 +213,7 @@ def _with_neighbours(motion: np.ndarray, found: np.ndarray, middle: np.ndarray) 
         same = there & found & (np.abs(other[..., 2] - middle[..., 2]) < _SAME)
         moved = np.roll(motion, way, axis)
         # the neighbour's motion, seen from this node's middle
-        shift = moved[..., 3:] + np.cross(moved[..., :3], middle - other)
+        shift = moved[..., 3:] + cross(moved[..., :3], middle - other)
         total += same[..., None] * np.concatenate((moved[..., :3], shift), axis=-1)
         weight += same
     mean = total / np.maximum(weight, 1.0)[..., None]
