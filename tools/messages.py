@@ -26,7 +26,7 @@ LIST = ROOT / "mirror_scan_addon" / "messages.json"
 ELSEWHERE = ("core/cli/", "core/pipeline/inspection.py", "core/experiments")
 """What only the command line says."""
 
-BESIDE = ("background/tasks.py", "background/worker.py", "background/kernel_compilation.py")
+BESIDE = ("tasks/", "background/worker.py", "background/kernel_compilation.py")
 """Of the add-on, what runs in the second Python."""
 
 CONTEXT = "MirrorScan"
@@ -48,8 +48,16 @@ LANGUAGE = re.compile(r"%s|\s*(<|\w+=\")|(SELECT|comment|element|property|format
 
 
 def sources() -> list[Path]:
-    paths = [*sorted((ROOT / "core").rglob("*.py")), *(ROOT / "mirror_scan_addon" / name for name in BESIDE)]
-    return [path for path in paths if not path.relative_to(ROOT).as_posix().startswith(ELSEWHERE)]
+    core = [path for path in sorted((ROOT / "core").rglob("*.py")) if not place(path).startswith(ELSEWHERE)]
+    return core + [path for path in sorted((ROOT / "mirror_scan_addon").rglob("*.py")) if runs_beside(path)]
+
+
+def place(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def runs_beside(path: Path) -> bool:
+    return place(path).removeprefix("mirror_scan_addon/").startswith(BESIDE)
 
 
 def messages() -> list[str]:
@@ -160,8 +168,8 @@ def own_texts() -> Iterator[tuple[str, str, str]]:
     Blender looks up tooltips in no context, for which it writes "*"; an operator's name on its button in ours.
     """
     for path in sorted((ROOT / "mirror_scan_addon").rglob("*.py")):
-        where = path.relative_to(ROOT).as_posix()
-        if where.removeprefix("mirror_scan_addon/") in BESIDE:
+        where = place(path)
+        if runs_beside(path):
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ClassDef) and node.name.startswith("MIRRORSCAN_OT_") and ast.get_docstring(node):

@@ -70,7 +70,7 @@ def called(which: str) -> list:
 def walk(compiling) -> list:
     """An entry for each kernel that is called on the way, under the stage that calls it first."""
     from mirror_scan.core.pipeline import finish
-    from mirror_scan.mirror_scan_addon.background import tasks
+    from mirror_scan.mirror_scan_addon import tasks
 
     found: dict[tuple, compiling.Entry] = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -107,7 +107,7 @@ def walk_rig(compiling) -> list:
     from mirror_scan.core.simulation.mannequin import mannequin
     from mirror_scan.core.simulation.scene import default_rig
     from mirror_scan.core.simulation.sensors import SENSORS
-    from mirror_scan.mirror_scan_addon.background import tasks
+    from mirror_scan.mirror_scan_addon import tasks
 
     usual = {"sensor": "azure_kinect", "frames": 2, "seed": 0}
     finish(tasks.simulate_steps(None, usual, None))
@@ -124,7 +124,7 @@ def walk_rig(compiling) -> list:
 def walk_avatar(compiling) -> list:
     """Entries for what skeleton and texture call, on an avatar that another process has built."""
     from mirror_scan.core.pipeline import finish
-    from mirror_scan.mirror_scan_addon.background import tasks
+    from mirror_scan.mirror_scan_addon import tasks
 
     found: dict[tuple, compiling.Entry] = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -164,7 +164,7 @@ def simulate(folder: Path, sensor: str) -> int:
 def build(capture: str) -> int:
     """The avatar of a capture and what it came from, pickled to standard output."""
     from mirror_scan.core.pipeline import finish
-    from mirror_scan.mirror_scan_addon.background import tasks
+    from mirror_scan.mirror_scan_addon import tasks
 
     with contextlib.redirect_stdout(sys.stderr):
         built = finish(tasks.build_steps(capture, 0))

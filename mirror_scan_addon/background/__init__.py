@@ -6,8 +6,6 @@ __all__ = [
     "job_operators",
     "kernel_compilation",
     "last_problem",
-    "live_frames",
     "numba_setup",
     "second_process",
-    "tasks",
 ]

@@ -27,14 +27,14 @@ _kernels = threading.Lock()
 
 
 class Task(NamedTuple):
-    """A generator function of :mod:`.tasks` by its name, and plain arguments for it."""
+    """A generator function of :mod:`..tasks` by its name, and plain arguments for it."""
 
     name: str
     arguments: tuple
 
     @property
     def function(self) -> Callable:
-        from . import tasks  # numpy, which Blender's start must not wait for
+        from .. import tasks  # numpy, which Blender's start must not wait for
 
         return getattr(tasks, self.name)
 

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from ..extension_root import ADDON_FOLDER, ROOT_FOLDER, ROOT_PACKAGE
 
 if TYPE_CHECKING:
-    from .tasks import Steps
+    from ..tasks import Steps
 
 
 SIGNATURES = ADDON_FOLDER / "signatures.json"
@@ -45,7 +45,7 @@ STAGE_OF = {
     "simulate_steps": RIG, "sample_steps": RIG, "check_rig_steps": RIG, "find_rig_steps": RIG, "plan_steps": RIG,
     "mannequin_steps": RIG, "skeleton_steps": AVATAR, "texture_steps": AVATAR,
 }  # fmt: skip
-"""What a task of :mod:`.tasks` waits for; one that is not listed compiles what it needs when it calls it."""
+"""What a task of :mod:`..tasks` waits for; one that is not listed compiles what it needs when it calls it."""
 
 MESSAGE = "Compiling"
 LOST_S = 90.0  # after which the claim of another process is taken as abandoned

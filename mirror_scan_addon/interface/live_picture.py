@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 if TYPE_CHECKING:
-    from ..background.live_frames import LivePicture
+    from ..tasks.live_frames import LivePicture
 
 WARNING, GOOD, NOTE = (0.98, 0.72, 0.16), (0.3, 0.88, 0.4), (0.75, 0.75, 0.78)
 """sRGB of advice that the burst waits for, of all that is well, and of what is only said."""

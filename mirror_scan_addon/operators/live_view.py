@@ -167,7 +167,7 @@ class MIRRORSCAN_OT_live_view(job_operators.FileJobOperator, bpy.types.Operator)
             self.report({"ERROR"}, reason_of(str(error)))
 
     def _draw_newest(self, context: bpy.types.Context) -> None:
-        from ..background.live_frames import newest_picture
+        from ..tasks.live_frames import newest_picture
 
         picture = newest_picture(self._pictures, self._seen)
         if picture is not None:

@@ -157,7 +157,7 @@ def _given_plane(name: str, point, normal) -> str:
 
     numba_setup.prepare_kernels()
     from ...core.mirrors.mirror import plane_mirror
-    from ..background.tasks import record_of
+    from ..tasks import record_of
 
     return record_of(plane_mirror(name, list(point), list(normal)))["plane"]
 

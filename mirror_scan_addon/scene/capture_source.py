@@ -10,8 +10,8 @@ import bpy
 import numpy as np
 
 from ...core.errors import CaptureError
-from ..background.tasks import Source
 from ..language.texts import say
+from ..tasks import Source
 from . import point_cloud, report_text, scan_records
 from .scan_records import SOURCE
 from .units import metres_per_unit

@@ -18,7 +18,7 @@ from ..background import job_operators
 if TYPE_CHECKING:
     import numpy as np
 
-    from ..background.tasks import RigChecked
+    from ..tasks import RigChecked
 
 DELAY_S, WAIT_S = 0.05, 0.5  # from a change to the check; while a job of ours runs, or the user edits
 

@@ -17,8 +17,8 @@ from mathutils import Matrix
 
 from ...core.camera import Intrinsics, unproject
 from ...core.errors import CaptureError
-from ..background.tasks import Cloud
 from ..language.texts import say
+from ..tasks import Cloud
 from .avatar_objects import COLOR, discard_on_error
 
 INFO = "mirror_scan_capture"  # custom property of the object: what is known of the capture, as JSON text

@@ -144,7 +144,7 @@ READING = (
 
 RECORD = ("name", "source", "plane", "residual_mm", "message")
 JUDGEMENT = ("quality", "reason", "error_mm")
-"""What a record has of a mirror that was judged, see :mod:`..background.mirror_judgement`."""
+"""What a record has of a mirror that was judged, see :mod:`..tasks.mirror_judgement`."""
 
 
 def absolute(path: str) -> str:

@@ -24,7 +24,7 @@ def person():
 @pytest.fixture(scope="module")
 def found(person):
     """The steps' own result, made once: an Add Skeleton of these tests takes no time."""
-    from mirror_scan.mirror_scan_addon.background import tasks
+    from mirror_scan.mirror_scan_addon import tasks
 
     job = tasks.skeleton_steps(person[0])
     while True:
@@ -37,7 +37,7 @@ def found(person):
 @pytest.fixture
 def avatar(bpy, person, found, monkeypatch):
     """The mannequin in the scene, selected."""
-    from mirror_scan.mirror_scan_addon.background import tasks
+    from mirror_scan.mirror_scan_addon import tasks
     from mirror_scan.mirror_scan_addon.scene import avatar_objects
 
     def skeleton_steps(mesh):

@@ -10,7 +10,7 @@ pytest.importorskip("bpy")
 @pytest.fixture
 def steps(addon, monkeypatch, reconstruction):
     """A stand-in for the work, so that these tests are about Blender: what it was asked and what it shall answer."""
-    from mirror_scan.mirror_scan_addon.background import tasks
+    from mirror_scan.mirror_scan_addon import tasks
 
     calls = []
 

@@ -33,7 +33,7 @@ def kernels() -> int:
 
 
 def test_fifty_builds_with_undo(bpy, capsule_10k, monkeypatch, tmp_path):
-    from mirror_scan.mirror_scan_addon.background import tasks
+    from mirror_scan.mirror_scan_addon import tasks
 
     def build_steps(*arguments):
         yield 0.5, "Zippering"

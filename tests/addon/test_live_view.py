@@ -14,7 +14,7 @@ pytest.importorskip("bpy")
 @pytest.fixture
 def picture():
     from mirror_scan.core.errors import Notice
-    from mirror_scan.mirror_scan_addon.background.live_frames import LivePicture
+    from mirror_scan.mirror_scan_addon.tasks.live_frames import LivePicture
 
     step = {"code": "step", "text": Notice("step {way}", way="20 cm to your left").parts(), "severity": "warning",
             "where": "left", "arrow": [[0.0, 0.0, 2.0], [0.2, 0.0, 2.0]]}  # fmt: skip
@@ -28,7 +28,7 @@ def picture():
 def test_frames_go_from_the_second_process_to_the_window_and_only_the_newest_counts(picture, tmp_path):
     from dataclasses import replace
 
-    from mirror_scan.mirror_scan_addon.background.live_frames import newest_picture, write_picture
+    from mirror_scan.mirror_scan_addon.tasks.live_frames import newest_picture, write_picture
 
     assert newest_picture(str(tmp_path)) is None and newest_picture(str(tmp_path / "none")) is None
     for number in range(3, 9):

@@ -25,7 +25,7 @@ def home(tmp_path_factory, addon):
 
 
 def test_the_sample_is_taken_once_and_kept(bpy, home, monkeypatch):
-    from mirror_scan.mirror_scan_addon.background import tasks
+    from mirror_scan.mirror_scan_addon import tasks
 
     assert bpy.ops.mirror_scan.sample_capture() == {"FINISHED"}
     settings = bpy.context.scene.mirror_scan

@@ -180,7 +180,8 @@ def test_a_renamed_scene_gets_its_result_a_removed_one_is_told(job, bpy):
 
 def test_a_thread_does_one_task_after_the_other_and_stops_when_asked(addon, monkeypatch):
     from mirror_scan.core.errors import CaptureError
-    from mirror_scan.mirror_scan_addon.background import job_operators, tasks
+    from mirror_scan.mirror_scan_addon import tasks
+    from mirror_scan.mirror_scan_addon.background import job_operators
 
     entered, go = threading.Event(), threading.Event()
 

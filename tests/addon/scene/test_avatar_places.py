@@ -15,7 +15,7 @@ pytest.importorskip("bpy")
 @pytest.fixture
 def build(bpy, monkeypatch, reconstruction, tmp_path):
     """Builds the avatar of a capture of that name, as tall as is said, without the work of a reconstruction."""
-    from mirror_scan.mirror_scan_addon.background import tasks
+    from mirror_scan.mirror_scan_addon import tasks
 
     mesh = reconstruction.mesh
     tall = {}
