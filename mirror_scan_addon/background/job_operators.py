@@ -126,6 +126,7 @@ class JobOperator:
     error propagates.
     """
 
+    over = False  # its work is done: what it starts with its result need not wait for it
     _worker: second_process.Errand | Thread | None = None
     _task: Task | None = None
     _timer: bpy.types.Timer | None = None
@@ -210,7 +211,7 @@ class JobOperator:
             context.window_manager.event_timer_remove(self._timer)
         self._worker = self._timer = self._task = None
         context.window_manager.mirror_scan.operator = ""  # a bar that is over is not drawn again
-        context.workspace.status_text_set(None)
+        show_status(context, None)
         redraw(context)
 
     def fail(self, error: Exception, context: bpy.types.Context) -> set[str]:
@@ -224,6 +225,9 @@ class JobOperator:
             self.report({"ERROR"}, say("The scene this was started in is gone; nothing was changed"))
             return {"CANCELLED"}
         kept_errors.forget(context, self)  # before, so that what ``finish`` keeps stays
+        if scene == context.scene and context.mode != "OBJECT":
+            bpy.ops.object.mode_set(mode="OBJECT")  # Blender gives nothing that is edited another mesh
+        self.over = True
         try:
             self.finish(context, scene, result)
         except REPORTED as error:
@@ -246,7 +250,7 @@ class JobOperator:
         progress.fraction, progress.message = fraction, message
         progress.left = self._clock.left(fraction)
         label, stage = say(self.bl_label), say(message)
-        context.workspace.status_text_set(say("{label}: {stage}  {done:.0%}  {left}    [Esc] Cancel").format(
+        show_status(context, say("{label}: {stage}  {done:.0%}  {left}    [Esc] Cancel").format(
             label=label, stage=stage, done=fraction, left=progress.left))  # fmt: skip
         redraw(context, panels_only=True)
 
@@ -298,7 +302,9 @@ def _ours(window: bpy.types.Window) -> list[bpy.types.Operator]:
         operator
         for operator in window.modal_operators
         # None is left of one that was disabled meanwhile; ids have Blender's form, not that of our class names
-        if operator is not None and operator.bl_idname.startswith("MIRROR_SCAN_OT_")
+        if operator is not None
+        and operator.bl_idname.startswith("MIRROR_SCAN_OT_")
+        and not getattr(operator, "over", False)
     ]
 
 
@@ -316,6 +322,15 @@ def cancel_all(context: bpy.types.Context) -> None:
         for operator in _ours(window):
             with context.temp_override(window=window):
                 getattr(operator, "leave", operator.cancel)(context)
+
+
+def show_status(context: bpy.types.Context, text: str | None) -> None:
+    """Write into the status bar; None clears it, in workspaces too that were left meanwhile."""
+    if text is not None:
+        context.workspace.status_text_set(text)
+        return
+    for workspace in bpy.data.workspaces:
+        workspace.status_text_set(None)
 
 
 def redraw(context: bpy.types.Context, panels_only: bool = False) -> None:

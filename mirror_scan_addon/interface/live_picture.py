@@ -5,6 +5,7 @@ The picture is of this session and in no file. In a Blender without a window not
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -16,6 +17,7 @@ WARNING, GOOD, NOTE = (0.98, 0.72, 0.16), (0.3, 0.88, 0.4), (0.75, 0.75, 0.78)
 """sRGB of advice that the burst waits for, of all that is well, and of what is only said."""
 
 POINT_SIZE = 5.0  # px
+_BELOW = 130  # px at 100 % scale: advice begins so far below the viewport's top, under what Blender writes there
 _HEAD = 0.12, 0.05  # m: length and half width of an arrow's head
 
 _shown: list[LivePicture] = []  # the picture, while there is one
@@ -54,6 +56,18 @@ def lines_of(picture: LivePicture) -> list[tuple[str, tuple[float, float, float]
     return lines
 
 
+def wrapped(text: str, room: float, width_of: Callable[[str], float]) -> list[str]:
+    """A text as lines that are at most ``room`` wide, if their words allow it."""
+    lines = [""]
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".lstrip()
+        if lines[-1] and width_of(longer) > room:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return lines
+
+
 def arrow_segments(start, end) -> list[tuple[float, float, float]]:
     """Ends of the lines of an arrow from ``start`` to ``end`` (3,) each, in pairs."""
     import numpy as np
@@ -87,6 +101,7 @@ def draw_view(context: bpy.types.Context) -> bool:
         gpu.matrix.multiply_matrix(Matrix(picture.placement.tolist()))
         gpu.state.depth_test_set("LESS_EQUAL")
         gpu.state.depth_mask_set(True)
+        gpu.state.active_framebuffer_get().clear(depth=1.0)  # nothing of the scene hides what the camera sees
         _draw_points(context, picture)
         gpu.state.depth_mask_set(False)
         _draw_lines(context, picture)
@@ -158,22 +173,20 @@ def draw_text(context: bpy.types.Context, left: float, right: float) -> bool:
     import blf
 
     scale = context.preferences.system.ui_scale
-    y = context.region.height - 90 * scale
+    y = context.region.height - _BELOW * scale
+    room = max(right - left - 24 * scale, 1.0)
     for number, (text, color) in enumerate(lines_of(picture)):
         size = (22 if number == 0 else 15) * scale
         blf.size(0, size)
-        wide = blf.dimensions(0, text)[0]
-        room = max(right - left - 24 * scale, 1.0)
-        if wide > room:  # smaller rather than cut off
-            blf.size(0, max(size * room / wide, 9 * scale))
-            wide = blf.dimensions(0, text)[0]
-        blf.enable(0, blf.SHADOW)
-        blf.shadow(0, 5, 0, 0, 0, 0.95)
-        blf.position(0, left + max((right - left - wide) / 2, 12 * scale), y, 0)
-        blf.color(0, *color, 1)
-        blf.draw(0, text)
-        blf.disable(0, blf.SHADOW)
-        y -= 1.5 * size
+        for line in wrapped(text, room, lambda part: blf.dimensions(0, part)[0]):
+            blf.enable(0, blf.SHADOW)
+            blf.shadow(0, 5, 0, 0, 0, 0.95)
+            blf.position(0, left + (right - left - blf.dimensions(0, line)[0]) / 2, y, 0)
+            blf.color(0, *color, 1)
+            blf.draw(0, line)
+            blf.disable(0, blf.SHADOW)
+            y -= 1.25 * size
+        y -= 0.25 * size
     if picture.state == "burst":
         _bar(left + 0.3 * (right - left), y, 0.4 * (right - left), 10 * scale, picture.share)
     return True

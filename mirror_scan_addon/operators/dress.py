@@ -71,7 +71,7 @@ class _ClothOperator(job_operators.JobOperator):
         done = super()._deliver(context, result)
         if done != {"FINISHED"} or not (self.bake and self._worn) or context.scene.session_uid != self._scene_uid:
             return done
-        self._worker = _Bake(context.scene, self._worn)
+        self._worker, self.over = _Bake(context.scene, self._worn), False
         self._timer = context.window_manager.event_timer_add(job_operators.TICK_S, window=context.window)
         return {"RUNNING_MODAL"}
 

@@ -114,8 +114,7 @@ class MIRRORSCAN_OT_follow_stream(bpy.types.Operator):
             self._timer = None
         self._close()
         MIRRORSCAN_OT_follow_stream._following = None
-        if context.workspace is not None:
-            context.workspace.status_text_set(None)
+        job_operators.show_status(context, None)
         job_operators.redraw(context)
 
     _timer: bpy.types.Timer | None = None
@@ -184,7 +183,7 @@ class MIRRORSCAN_OT_follow_stream(bpy.types.Operator):
                 text = tell(self._stream.problem)
         else:
             text = say("Following: {frames} frames    [Esc] Cancel").format(frames=self._stream.frames)
-        context.workspace.status_text_set(text)
+        job_operators.show_status(context, text)
 
     def _keep(self, context: bpy.types.Context) -> None:
         """The end: what was recorded becomes a motion."""

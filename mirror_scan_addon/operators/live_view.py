@@ -106,7 +106,8 @@ class MIRRORSCAN_OT_live_view(job_operators.FileJobOperator, bpy.types.Operator)
         layout.use_property_split = True
         recording = ("rate", "fast") if self.source == "playback" else ()
         for name in ("mirrors", "countdown", "frames", "ignore", "make_avatar", "folder", *recording):
-            layout.prop(self, name)
+            # one below the other, since their words are too long for buttons side by side
+            (layout.column() if name == "ignore" else layout).prop(self, name)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if self.source == "playback":

@@ -93,15 +93,18 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
 
         target = point_cloud.cloud_of(context.scene)
         # a panel's button, undo or a script may have changed anything meanwhile
-        if (
-            context.scene.session_uid != self._scene_uid
-            or target is None
-            or len(target.data.vertices) != self._count
-            or context.mode != "OBJECT"
-        ):
+        if context.scene.session_uid != self._scene_uid:
+            self._end(context)
+            self.report({"WARNING"}, say("Another scene is shown; picking has ended, what was picked is kept"))
+            return {"FINISHED"}
+        if target is None or len(target.data.vertices) != self._count:
             self._end(context)
             self.report({"WARNING"}, say("The points of the capture are gone; picking has ended"))
             return {"CANCELLED"}
+        if context.mode != "OBJECT":  # other workspaces bring other modes
+            self._keep(context)
+            self.report({"WARNING"}, say("Object Mode was left; picking has ended, what was picked is kept"))
+            return {"FINISHED"}
         if not context.scene.mirror_scan.mirrors:
             self._add_mirror(context.scene.mirror_scan)
         if event.type == "TIMER":
@@ -340,26 +343,15 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def _finish(self, context) -> set[str]:
-        from ..scene import point_cloud
-
         settings = context.scene.mirror_scan
-        records = scan_records.records_of(settings)
-        kept = [record for record in records if record["picks"] or record["plane"]]
+        kept = _picked(scan_records.records_of(settings))
         short = [record for record in kept if 0 < len(record["picks"]) < ENOUGH and not record["plane"]]
         if short:
             self._accepting = False
             text = say("{name}: points picked: {count}, needed: 3; pick more, or remove them with Backspace")
             self.report({"WARNING"}, text.format(name=short[0]["name"], count=len(short[0]["picks"])))
             return {"PASS_THROUGH"}
-        if len(kept) < len(records):  # a mirror that Tab added and that has no picks
-            numbers = [number for number, record in enumerate(records) if record in kept]
-            scan_records.set_records(settings, kept)
-            mesh = point_cloud.cloud_of(context.scene).data
-            if numbers != list(range(len(kept))):
-                point_cloud.forget_values(mesh, point_cloud.SEEN)
-        point_cloud.forget_values(point_cloud.cloud_of(context.scene).data, point_cloud.VIEW, point_cloud.HEIGHT)
-        scan_records.forget_subject(settings)
-        self._end(context)
+        self._keep(context)
         if not any(record["message"] for record in kept):
             kept_errors.forget(context, self)
         for record in kept:
@@ -368,6 +360,23 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         names = ", ".join(record["name"] for record in kept)
         self.report({"INFO"}, say("Mirrors: {names}").format(names=names))
         return {"FINISHED"}
+
+    def _keep(self, context) -> None:
+        """End, with the mirrors that something is picked on; what was found of the person with others is forgotten."""
+        from ..scene import point_cloud
+
+        settings = context.scene.mirror_scan
+        records = scan_records.records_of(settings)
+        kept = _picked(records)
+        mesh = point_cloud.cloud_of(context.scene).data
+        if len(kept) < len(records):  # a mirror that Tab added and that has no picks
+            numbers = [number for number, record in enumerate(records) if record in kept]
+            scan_records.set_records(settings, kept)
+            if numbers != list(range(len(kept))):
+                point_cloud.forget_values(mesh, point_cloud.SEEN)
+        point_cloud.forget_values(mesh, point_cloud.VIEW, point_cloud.HEIGHT)
+        scan_records.forget_subject(settings)
+        self._end(context)
 
     def _undo_all(self, context) -> None:
         from ..scene import point_cloud
@@ -410,7 +419,7 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         overlay.set_hover(None)
         if context.window is not None:
             context.window.cursor_modal_restore()
-        context.workspace.status_text_set(None)
+        job_operators.show_status(context, None)
         job_operators.redraw(context)
 
     # --- helpers ------------------------------------------------------------------------------------------------------
@@ -440,8 +449,13 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
             "{name}: {count} picked, {how}    [Click] Pick or drag   [Right Click] Remove   [Backspace] Remove last   "
             "[Tab] Next mirror   [Enter] Accept   [Esc] Cancel"
         )
-        context.workspace.status_text_set(text.format(name=item.name, count=count, how=how))
+        job_operators.show_status(context, text.format(name=item.name, count=count, how=how))
         job_operators.redraw(context)
+
+
+def _picked(records: list[dict]) -> list[dict]:
+    """Those of mirrors that are placed, or that something is picked on."""
+    return [record for record in records if record["picks"] or record["plane"]]
 
 
 def on_frame(item: bpy.types.PropertyGroup, point) -> bool:

@@ -68,7 +68,7 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
         settings = context.scene.mirror_scan
         settings.show_cloud, settings.fold = True, False  # points are clicked where they are drawn
         context.window_manager.modal_handler_add(self)
-        context.workspace.status_text_set(say("[Click] The person    [Esc] Cancel"))
+        job_operators.show_status(context, say("[Click] The person    [Esc] Cancel"))
         self._picking = True
         return {"RUNNING_MODAL"}
 
@@ -76,10 +76,16 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
         from ..scene import point_cloud
 
         target = point_cloud.cloud_of(context.scene)
-        lost = target is None or len(target.data.vertices) != len(self._points) or context.mode != "OBJECT"
-        if context.scene.session_uid != self._scene_uid or lost:
+        ended = ""
+        if context.scene.session_uid != self._scene_uid:
+            ended = say("Another scene is shown; picking has ended")
+        elif target is None or len(target.data.vertices) != len(self._points):
+            ended = say("The points of the capture are gone; picking has ended")
+        elif context.mode != "OBJECT":  # other workspaces bring other modes
+            ended = say("Object Mode was left; picking has ended")
+        if ended:
             self.cancel(context)
-            self.report({"WARNING"}, say("The points of the capture are gone; picking has ended"))
+            self.report({"WARNING"}, ended)
             return {"CANCELLED"}
         if event.type in ("ESC", "RIGHTMOUSE") and event.value == "PRESS":
             self.cancel(context)
@@ -111,7 +117,7 @@ class MIRRORSCAN_OT_pick_subject(bpy.types.Operator):
         overlay.set_hover(None)
         if context.window is not None:
             context.window.cursor_modal_restore()
-        context.workspace.status_text_set(None)
+        job_operators.show_status(context, None)
         job_operators.redraw(context)
 
 

@@ -64,6 +64,13 @@ def test_what_is_written_and_drawn_follows_the_shutter(addon, picture):
     assert live_picture.shown() is None
 
 
+def test_advice_is_written_on_as_many_lines_as_it_needs(addon):
+    from mirror_scan.mirror_scan_addon.interface.live_picture import wrapped
+
+    assert wrapped("step back and turn round", 10, len) == ["step back", "and turn", "round"]
+    assert wrapped("unbreakably long", 5, len) == ["unbreakably", "long"] and wrapped("", 5, len) == [""]
+
+
 def test_what_stands_in_the_way_is_said(bpy, tmp_path):
     with pytest.raises(RuntimeError, match="No recording is chosen"):
         bpy.ops.mirror_scan.live_view(source="playback")

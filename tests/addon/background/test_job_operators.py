@@ -16,7 +16,7 @@ class Window:
     def __init__(self, bpy):
         self.status, self.timers, self.handlers = [], 0, 0
         self.scene = bpy.context.scene
-        self.window = None
+        self.window, self.mode = None, "OBJECT"
         self.workspace = SimpleNamespace(status_text_set=self.status.append)
         self.window_manager = SimpleNamespace(
             windows=[], mirror_scan=SimpleNamespace(fraction=0.0, message="", operator=""),
@@ -80,9 +80,12 @@ def job(bpy, monkeypatch):
 
     monkeypatch.setattr(job_operators, "begin", begin)
     monkeypatch.setattr(job_operators, "SHOW_S", 0.0)
-    fake = SimpleNamespace(app=SimpleNamespace(background=False, translations=bpy.app.translations), data=bpy.data)
-    monkeypatch.setattr(job_operators, "bpy", fake)
     operator, window = Operator(), Window(bpy)
+    fake = SimpleNamespace(
+        app=SimpleNamespace(background=False, translations=bpy.app.translations), ops=bpy.ops,
+        data=SimpleNamespace(scenes=bpy.data.scenes, workspaces=[window.workspace]),
+    )  # fmt: skip
+    monkeypatch.setattr(job_operators, "bpy", fake)
     assert operator.invoke(window, None) == {"RUNNING_MODAL"} and window.timers == window.handlers == 1
     return SimpleNamespace(operator=operator, window=window, begun=begun, worker=begun[0][0])
 
@@ -176,6 +179,43 @@ def test_a_renamed_scene_gets_its_result_a_removed_one_is_told(job, bpy):
     job.begun[-1][0].end("done")
     assert job.operator.modal(job.window, TIMER) == {"CANCELLED"}
     assert "gone" in job.operator.reports[-1][1] and len(job.operator.results) == 1
+
+
+def test_the_status_bar_is_cleared_in_the_workspace_that_was_left(job):
+    other = SimpleNamespace(status_text_set=[].append)
+    job.worker.progress = 0.5, "Stage"
+    job.operator.modal(job.window, TIMER)
+    assert "Stage" in job.window.status[-1]
+    job.window.workspace = other
+    job.worker.end("done")
+    assert job.operator.modal(job.window, TIMER) == {"FINISHED"} and clean(job)
+
+
+def test_a_result_finds_object_mode(job, bpy):
+    """Else Blender would keep the old mesh of what is edited, without a word."""
+    mesh = bpy.data.objects.new("m", bpy.data.meshes.new("m"))
+    bpy.context.collection.objects.link(mesh)
+    bpy.context.view_layer.objects.active = mesh
+    bpy.ops.object.mode_set(mode="EDIT")
+    job.window.mode = bpy.context.mode
+    job.worker.end("done")
+    assert job.operator.modal(job.window, TIMER) == {"FINISHED"}
+    assert bpy.context.mode == "OBJECT" and job.operator.results
+
+
+def test_what_a_result_starts_is_not_told_that_we_are_busy(job):
+    """A burst that was taken becomes an avatar while the operator that took it is still in the window's list."""
+    from mirror_scan.mirror_scan_addon.background import job_operators
+
+    job.operator.bl_idname = "MIRROR_SCAN_OT_live_view"
+    job.window.window_manager.windows = [
+        SimpleNamespace(modal_operators=[job.operator], screen=SimpleNamespace(areas=[]))
+    ]
+    assert job_operators.running(job.window)
+    busy = []
+    job.operator.finish = lambda *given: busy.append(job_operators.running(job.window))
+    job.worker.end("done")
+    assert job.operator.modal(job.window, TIMER) == {"FINISHED"} and busy == [False]
 
 
 def test_a_thread_does_one_task_after_the_other_and_stops_when_asked(addon, monkeypatch):
