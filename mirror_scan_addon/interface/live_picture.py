@@ -17,6 +17,7 @@ WARNING, GOOD, NOTE = (0.98, 0.72, 0.16), (0.3, 0.88, 0.4), (0.75, 0.75, 0.78)
 """sRGB of advice that the burst waits for, of all that is well, and of what is only said."""
 
 POINT_SIZE = 5.0  # px
+_BEHIND = (0.0, 0.0, 0.0, 0.65)  # what is written is read on white walls too
 _BELOW = 130  # px at 100 % scale: advice begins so far below the viewport's top, under what Blender writes there
 _HEAD = 0.12, 0.05  # m: length and half width of an arrow's head
 
@@ -39,10 +40,10 @@ def shown() -> LivePicture | None:
 def lines_of(picture: LivePicture) -> list[tuple[str, tuple[float, float, float]]]:
     """What is written in the viewport, and in which colour; the most urgent first."""
     from ...core.errors import Notice
-    from ..language.texts import say, tell
+    from ..language.texts import as_sentence, say, tell
 
     colors = {"warning": WARNING, "note": NOTE}
-    lines = [(tell(Notice.of_parts(one["text"])), colors[one["severity"]]) for one in picture.advices]
+    lines = [(as_sentence(tell(Notice.of_parts(one["text"]))), colors[one["severity"]]) for one in picture.advices]
     if picture.state == "burst":
         text = say("Hold still: {done:.0%} taken, moved by {moved:.0f} mm")
         return [(text.format(done=picture.share, moved=1000.0 * picture.moved_m), GOOD)]
@@ -179,13 +180,13 @@ def draw_text(context: bpy.types.Context, left: float, right: float) -> bool:
         size = (22 if number == 0 else 15) * scale
         blf.size(0, size)
         for line in wrapped(text, room, lambda part: blf.dimensions(0, part)[0]):
-            blf.enable(0, blf.SHADOW)
-            blf.shadow(0, 5, 0, 0, 0, 0.95)
-            blf.position(0, left + (right - left - blf.dimensions(0, line)[0]) / 2, y, 0)
+            wide = blf.dimensions(0, line)[0]
+            x = left + (right - left - wide) / 2
+            _fill((x - 0.4 * size, y - 0.32 * size), (x + wide + 0.4 * size, y + 0.95 * size), _BEHIND)
+            blf.position(0, x, y, 0)
             blf.color(0, *color, 1)
             blf.draw(0, line)
-            blf.disable(0, blf.SHADOW)
-            y -= 1.25 * size
+            y -= 1.27 * size
         y -= 0.25 * size
     if picture.state == "burst":
         _bar(left + 0.3 * (right - left), y, 0.4 * (right - left), 10 * scale, picture.share)
@@ -194,15 +195,19 @@ def draw_text(context: bpy.types.Context, left: float, right: float) -> bool:
 
 def _bar(x: float, y: float, width: float, height: float, share: float) -> None:
     """A bar of which a share is filled."""
+    for part, color in ((1.0, _BEHIND), (share, (*GOOD, 1.0))):
+        _fill((x, y), (x + part * width, y + height), color)
+
+
+def _fill(low: tuple[float, float], high: tuple[float, float], color: tuple[float, float, float, float]) -> None:
+    """A rectangle over the viewport."""
     import gpu
     from gpu_extras.batch import batch_for_shader
 
     plain = gpu.shader.from_builtin("UNIFORM_COLOR")
     gpu.state.blend_set("ALPHA")
-    for part, color in ((1.0, (0.0, 0.0, 0.0, 0.6)), (share, (*GOOD, 1.0))):
-        a, b = (x, y), (x + part * width, y + height)
-        corners = [a, (b[0], a[1]), b, a, b, (a[0], b[1])]
-        plain.bind()
-        plain.uniform_float("color", color)
-        batch_for_shader(plain, "TRIS", {"pos": corners}).draw(plain)
+    plain.bind()
+    plain.uniform_float("color", color)
+    corners = [low, (high[0], low[1]), high, low, high, (low[0], high[1])]
+    batch_for_shader(plain, "TRIS", {"pos": corners}).draw(plain)
     gpu.state.blend_set("NONE")

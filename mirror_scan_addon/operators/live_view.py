@@ -159,7 +159,11 @@ class MIRRORSCAN_OT_live_view(job_operators.FileJobOperator, bpy.types.Operator)
         self._forget_pictures()
 
     def finish(self, context: bpy.types.Context, target: bpy.types.Scene, result: str) -> None:
-        self.report({"INFO"}, say("The burst is in {path}").format(path=result))
+        text, kind = say("The burst is in {path}"), "INFO"
+        if bpy.app.tempdir and os.path.realpath(result).startswith(os.path.realpath(bpy.app.tempdir)):
+            text = say("The burst is in {path}, which is deleted when Blender ends; copy it if you want to keep it")
+            kind = "WARNING"
+        self.report({kind}, text.format(path=result))
         operator = bpy.ops.mirror_scan.scan_to_avatar if self.make_avatar else bpy.ops.mirror_scan.load_capture
         how = "INVOKE_DEFAULT" if self._asked and not bpy.app.background else "EXEC_DEFAULT"
         try:

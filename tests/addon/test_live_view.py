@@ -45,7 +45,7 @@ def test_what_is_written_and_drawn_follows_the_shutter(addon, picture):
     from mirror_scan.mirror_scan_addon.interface import live_picture
 
     texts = [text for text, _ in live_picture.lines_of(picture)]
-    assert texts[0] == "step 20 cm to your left" and not picture.well
+    assert texts[0] == "Step 20 cm to your left" and not picture.well
     well = replace(picture, advices=picture.advices[1:])
     assert live_picture.lines_of(well)[0] == ("All is well", live_picture.GOOD)
     counting = live_picture.lines_of(replace(well, state="counting down", left_s=1.2))
