@@ -126,6 +126,7 @@ class JobOperator:
     error propagates.
     """
 
+    stop_asked = False  # by a button, see :func:`ask_to_stop`
     over = False  # its work is done: what it starts with its result need not wait for it
     _worker: second_process.Errand | Thread | None = None
     _task: Task | None = None
@@ -169,6 +170,7 @@ class JobOperator:
         except REPORTED as error:
             return self.fail(error, context)
         self._scene_uid = context.scene.session_uid
+        self.over = self.stop_asked = False
         self._timer = context.window_manager.event_timer_add(TICK_S, window=context.window)
         context.window_manager.modal_handler_add(self)
         progress = context.window_manager.mirror_scan
@@ -178,7 +180,7 @@ class JobOperator:
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if event.type == "ESC" and event.value == "PRESS":
+        if self.is_cancelled_by(event):
             self.cancel(context)
             self.report({"INFO"}, say("{label}: cancelled, nothing was changed").format(label=say(self.bl_label)))
             return {"CANCELLED"}
@@ -202,6 +204,10 @@ class JobOperator:
             last_problem.remember(worker.error)
             raise worker.error
         return self._deliver(context, worker.result)
+
+    def is_cancelled_by(self, event: bpy.types.Event) -> bool:
+        """Whether the user wants it to end, by Esc or by the button beside the bar."""
+        return self.stop_asked or (event.type == "ESC" and event.value == "PRESS")
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Stop the job and clear its traces from the window; Blender calls this too, when it loads another file."""
@@ -313,6 +319,14 @@ def running(context: bpy.types.Context, name: str = "") -> bool:
     wanted = name.replace("mirror_scan.", "MIRROR_SCAN_OT_")
     found = (operator for window in context.window_manager.windows for operator in _ours(window))
     return any(not name or operator.bl_idname == wanted for operator in found)
+
+
+def ask_to_stop(context: bpy.types.Context) -> None:
+    """Have the jobs in all windows end at their next tick, as by Esc."""
+    for window in context.window_manager.windows:
+        for operator in _ours(window):
+            if isinstance(operator, JobOperator):
+                operator.stop_asked = True
 
 
 def cancel_all(context: bpy.types.Context) -> None:

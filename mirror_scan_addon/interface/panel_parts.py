@@ -104,7 +104,9 @@ def progress(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     if not shown.operator or shown.picking or not job_operators.running(context):
         return
     column = layout.column(align=True)
-    column.progress(factor=shown.fraction, text=f"{shown.fraction:.0%}", translate=False)
+    row = column.row(align=True)
+    row.progress(factor=shown.fraction, text=f"{shown.fraction:.0%}", translate=False)
+    row.operator("mirror_scan.cancel_job", text="", icon="X")
     sentence(column, say(shown.message) or say("Starting"), "SORTTIME")
     left = say("{left}; press Esc to cancel").format(left=shown.left) if shown.left else say("Press Esc to cancel")
     sentence(column, left, "BLANK1")

@@ -6,6 +6,7 @@ import bpy
 
 from . import (
     build_avatar,
+    cancel_job,
     check,
     color_by,
     compiled_code,
@@ -37,7 +38,7 @@ from . import (
 _modules = (
     scan_to_avatar, load_capture, errors, room, mirrors, pick_mirror_points, rig_file, find_subject, pick_subject,
     build_avatar, check, color_by, skeleton, motion, texture, reduce, measure, dress, follow_stream, export_avatar,
-    import_sequence, live_view, studio, rig, sample_capture, help, compiled_code,
+    import_sequence, live_view, studio, rig, sample_capture, help, compiled_code, cancel_job,
 )  # fmt: skip
 
 register, unregister = bpy.utils.register_classes_factory(tuple(kind for module in _modules for kind in module.CLASSES))

@@ -59,7 +59,7 @@ class _ClothOperator(job_operators.JobOperator):
         return done
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if isinstance(self._worker, _Bake) and event.type == "ESC" and event.value == "PRESS":
+        if isinstance(self._worker, _Bake) and self.is_cancelled_by(event):
             self.cancel(context)
             self.report({"INFO"}, say("Baking was stopped; the cloth falls when the scene is played"))
             return {"FINISHED"}

@@ -395,7 +395,13 @@ class MIRRORSCAN_OT_pick_mirror_points(bpy.types.Operator):
         self.report({"INFO"}, say("Picking was cancelled; the mirrors are as before"))
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """Blender calls this when it loads another file."""
+        """Blender calls this when it loads another file, or when the window is closed."""
+        from ..scene import point_cloud
+
+        scene = context.scene
+        if self._running and scene is not None and scene.session_uid == self._scene_uid:
+            if point_cloud.cloud_of(scene) is not None:
+                self._keep(context)
         self._end(context)
 
     def leave(self, context: bpy.types.Context) -> None:

@@ -18,6 +18,7 @@ OPERATORS = {
     "show_setup": {},
     "finish_picking": {},
     "stop_getting_ready": {},
+    "cancel_job": {},
     "dismiss_error": {},
     "set_depth_unit": {},
     "record": {"filepath": "/proc/recording"},

@@ -140,6 +140,16 @@ def test_escape_stops_it_and_changes_nothing(job):
     assert job.operator.reports[-1][0] == "INFO"
 
 
+def test_the_button_beside_the_bar_does_as_escape(job):
+    from mirror_scan.mirror_scan_addon.background import job_operators
+
+    job.operator.bl_idname = "MIRROR_SCAN_OT_build_avatar"
+    windows = [SimpleNamespace(modal_operators=[]), SimpleNamespace(modal_operators=[None, job.operator])]
+    job_operators.ask_to_stop(SimpleNamespace(window_manager=SimpleNamespace(windows=windows)))
+    assert job.operator.modal(job.window, TIMER) == {"CANCELLED"}
+    assert job.worker.stopped and job.operator.results == [] and clean(job)
+
+
 @pytest.mark.parametrize("error", [MemoryError(), OSError("disk gone"), None])
 def test_what_fails_is_a_line(job, error):
     from mirror_scan.core.errors import ReconstructionError
