@@ -203,7 +203,7 @@ def test_stopping_ends_the_work_at_once(errands, tmp_path):
 def test_compiling_is_told(errands):
     _, said = run(errands.compile_something)
     words = [text for fraction, text in said if fraction == 0.25]
-    assert any(text.startswith("Compiling for this computer, once (") for text in words), said
+    assert any(text.startswith("Compiling for this computer, once: part") for text in words), said
 
 
 def test_without_a_python_it_says_so(errands, monkeypatch):
