@@ -8,7 +8,7 @@ from ...core.errors import OutputError
 from ..background import job_operators
 from ..language.texts import CONTEXT, say
 from ..scene import kept_errors, scan_records
-from ..scene.blender_files import missing_library
+from ..scene.blender_files import file_name, missing_library
 from ..scene.preferred import preferred
 from ..scene.scan_records import no_mesh
 
@@ -80,7 +80,7 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
         if not self.filepath:
             chosen = context.scene.mirror_scan.export_folder
             folder = chosen or preferred("export_folder") or os.path.dirname(bpy.data.filepath)
-            self.filepath = os.path.join(folder, bpy.path.clean_name(context.object.name) + self._ending())
+            self.filepath = os.path.join(folder, file_name(context.object.name) + self._ending())
             if chosen:
                 return self.execute(context)
         context.window_manager.fileselect_add(self)
@@ -106,7 +106,7 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
                 raise OutputError(say("Enter the name of the file to write"))
             path = scan_records.absolute(self.filepath)
             if os.path.isdir(path):
-                path = os.path.join(path, bpy.path.clean_name(context.object.name))
+                path = os.path.join(path, file_name(context.object.name))
             ending = os.path.splitext(path)[1].lower()
             kind = self.format
             if not self.properties.is_property_set("format") and ending:

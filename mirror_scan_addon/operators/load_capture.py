@@ -2,7 +2,7 @@
 
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
-from bpy.props import EnumProperty, IntProperty, StringProperty
+from bpy.props import CollectionProperty, EnumProperty, IntProperty, StringProperty
 
 from ...core.errors import CaptureError
 from ..background import job_operators
@@ -157,6 +157,8 @@ class Dropped:
         name="Capture", description="A file of the capture", subtype="FILE_PATH", options={"SKIP_SAVE"},
         translation_context=CONTEXT,
     )  # fmt: skip
+    directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
+    files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
     _makes = ""  # the operator that it is handed on to
 
     @classmethod
@@ -170,8 +172,14 @@ class Dropped:
         return self._hand_on("EXEC_DEFAULT")
 
     def _hand_on(self, how: str) -> set[str]:
+        import os
+
         from ..scene.blender_files import reason_of
 
+        captures = {scan_records.capture_root(os.path.join(self.directory, file.name)) for file in self.files}
+        if len(captures) > 1:
+            text = say("Only {path} is taken; drop one capture at a time")
+            self.report({"WARNING"}, text.format(path=scan_records.capture_root(self.filepath)))
         operator = getattr(bpy.ops.mirror_scan, self._makes)
         try:
             return operator(how, True, filepath=self.filepath) - {"RUNNING_MODAL"} or {"FINISHED"}

@@ -10,6 +10,7 @@ from ...core.errors import OutputError
 from ..background import job_operators
 from ..language.texts import CONTEXT, say
 from ..scene import kept_errors, scan_records
+from ..scene.blender_files import file_name
 from ..scene.scan_records import armature_of, no_mesh, not_ours
 from ..scene.units import metres_per_unit
 
@@ -82,7 +83,7 @@ class MIRRORSCAN_OT_save_measurements(bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if not self.filepath:
             folder = context.scene.mirror_scan.export_folder or os.path.dirname(bpy.data.filepath)
-            self.filepath = os.path.join(folder, bpy.path.clean_name(context.object.name) + ".csv")
+            self.filepath = os.path.join(folder, file_name(context.object.name) + ".csv")
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 

@@ -55,7 +55,7 @@ class MIRRORSCAN_OT_reduce(job_operators.JobOperator, bpy.types.Operator):
             guide = max(_LEAST_GUIDE, _GUIDE * (self.triangles // 2))
             return job_operators.Task("reduce_steps", (surface, guide, None))
         if self.triangles >= len(surface.triangles):
-            text = say("{name} has only {count} triangles; ask for fewer")
+            text = say("{name} has only {count:,} triangles; ask for fewer")
             raise OutputError(text.format(name=avatar.name, count=len(surface.triangles)), code="no_data")
         return job_operators.Task("reduce_steps", (surface, self.triangles, texture))
 
@@ -86,8 +86,8 @@ class MIRRORSCAN_OT_reduce(job_operators.JobOperator, bpy.types.Operator):
             report_text.set_report(avatar, report)
         if target == context.scene:
             avatar_objects.select_only(context, avatar)
-        text = say("{name}: {before} triangles became {after} quads") if self.quads else say(
-            "{name}: {before} triangles became {after}"
+        text = say("{name}: {before:,} triangles became {after:,} quads") if self.quads else say(
+            "{name}: {before:,} triangles became {after:,}"
         )  # fmt: skip
         count = len(avatar.data.polygons)
         self.report({"INFO"}, text.format(name=avatar.name, before=self._before[1], after=count))

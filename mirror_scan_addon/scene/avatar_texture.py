@@ -14,6 +14,7 @@ from ...core.io.images import write_png
 from ...core.mesh import Texture
 from ..language.texts import say
 from .avatar_objects import COLOR, MATERIAL_TAG, discard_on_error, new_material, show_colors
+from .blender_files import image_name
 from .scan_records import TEXTURED
 
 UV_MAP, ISLAND = "UVMap", "island"
@@ -175,7 +176,7 @@ def _image(name: str, pixels: np.ndarray, made: list[bpy.types.ID]) -> bpy.types
     """An image (H, W, 3) uint8 sRGB, packed into the file."""
     with tempfile.TemporaryDirectory(prefix="mirror_scan_") as folder:
         # the packed file keeps this name, under which USD writes it again
-        path = Path(folder) / f"{bpy.path.clean_name(f'{name} Texture')}.png"
+        path = Path(folder) / f"{image_name(f'{name} Texture')}.png"
         write_png(path, pixels)
         image = bpy.data.images.load(str(path))
         made.append(image)

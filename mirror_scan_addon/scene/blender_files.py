@@ -18,6 +18,27 @@ from ..language.texts import say
 _LIBRARIES = {".usdc": ("usd", "USD"), ".usd": ("usd", "USD"), ".abc": ("alembic", "Alembic")}
 
 
+_FORBIDDEN = frozenset('<>:"/\\|?*.')
+_LONGEST = 180  # bytes of a file's name, so that an ending and “_texture” fit as well
+_RESERVED = frozenset(
+    {"CON", "PRN", "AUX", "NUL", *(f"{port}{number}" for port in ("COM", "LPT") for number in range(1, 10))}
+)
+"""Names that Windows gives to devices."""
+
+
+def file_name(name: str) -> str:
+    """A data-block's name as that of a file without its ending, on every system; letters of all scripts stay."""
+    kept = "".join("_" if letter in _FORBIDDEN or not letter.isprintable() else letter for letter in name).strip()
+    while len(kept.encode()) > _LONGEST:
+        kept = kept[:-1]
+    return f"{kept}_" if not kept or kept.upper() in _RESERVED else kept
+
+
+def image_name(name: str) -> str:
+    """The same for a picture that a mesh file names: some readers end such a name at a space."""
+    return file_name(name).replace(" ", "_")
+
+
 def missing_library(ending: str) -> str:
     """What this Blender was built without and would need for a format, as “USD”; empty where it has all."""
     option, name = _LIBRARIES.get(ending.lower(), ("", ""))

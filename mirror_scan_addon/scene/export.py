@@ -29,7 +29,17 @@ from . import avatar_objects as avatar_scene
 from . import cloth as scene_cloth
 from .armature import action_of, add_armature, add_clip, read_avatar
 from .avatar_texture import name_image, read_texture, set_texture, texture_image
-from .blender_files import check_built_with, enabled, quiet, reason_of, removed_again, shown, silent, temporary_scene
+from .blender_files import (
+    check_built_with,
+    enabled,
+    image_name,
+    quiet,
+    reason_of,
+    removed_again,
+    shown,
+    silent,
+    temporary_scene,
+)
 from .export_colors import bake_colors, colors_above_bytes, colors_to_corners, keep_colors, shows_otherwise
 from .scan_records import armature_of
 from .studio import VIEW_ANGLE, add_studio
@@ -155,7 +165,7 @@ def write_usd(path: str | os.PathLike, reconstruction: Rigged, *, clip: Clip | N
     check_built_with(path)
     with replacing_with_companions(path) as temporary, temporary_scene() as target:
         avatar = _add_avatar(target, reconstruction, clip)
-        image = f"{bpy.path.clean_name(final_stem(path))}_texture"
+        image = f"{image_name(final_stem(path))}_texture"
         if not _bake_all(avatar, image):
             name_image(avatar, image)
         with shown(target), silent():
@@ -217,7 +227,7 @@ def write_object(path: str | os.PathLike, avatar: bpy.types.Object, kind: str, a
                 bones = armature_of(avatar) if kind in _WITH_SKELETON else None
                 with _copy_alone(avatar, size, bones, as_shown) as (target, copy), shown(target), quiet():
                     stiff = bones is not None and armature_of(copy) is None
-                    image = f"{bpy.path.clean_name(Path(path).stem)}_texture"
+                    image = f"{image_name(Path(path).stem)}_texture"
                     baked = kind in _WITHOUT_VERTEX_COLORS and _bake_all(copy, image)
                     if kind in _PREPARED:
                         _PREPARED[kind](copy)
@@ -530,7 +540,7 @@ def _bake_all(avatar: bpy.types.Object, image: str = "") -> bool:
     """:func:`.export_colors.bake_colors` of an avatar and of the garments that hang on its armature as it does."""
     for item in avatar.parent.children if avatar.parent is not None else ():
         if item != avatar and item.type == "MESH":
-            bake_colors(item, f"{image}_{bpy.path.clean_name(item.name)}" if image else "")
+            bake_colors(item, f"{image}_{image_name(item.name)}" if image else "")
     return bake_colors(avatar, image)
 
 
