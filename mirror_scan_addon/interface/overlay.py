@@ -9,7 +9,7 @@ from __future__ import annotations
 import bpy
 
 from . import live_picture
-from .viewport import add_drawing, remove_drawing
+from .viewport import add_drawing, remove_drawing, show_colors_again
 
 COLORS = {"GOOD": (0.25, 0.8, 0.35), "USABLE": (0.95, 0.7, 0.15), "BAD": (0.92, 0.22, 0.2), "NONE": (0.6, 0.6, 0.62)}
 """sRGB of a mirror by :func:`.scan_records.quality_of`: green, amber, red, grey."""
@@ -382,10 +382,13 @@ def _draw_problem(context, region, space, scale: float) -> None:
 
 def register() -> None:
     add_drawing(_handlers, _draw_view, _draw_text)
+    bpy.app.handlers.undo_post.append(show_colors_again)
 
 
 def unregister() -> None:
     remove_drawing(_handlers)
+    if show_colors_again in bpy.app.handlers.undo_post:
+        bpy.app.handlers.undo_post.remove(show_colors_again)
     _batches.clear()
     _hover.clear()
     live_picture.show(None)

@@ -6,7 +6,10 @@ import math
 from collections.abc import Callable
 
 import bpy
+from bpy.app.handlers import persistent
 from mathutils import Euler, Matrix, Quaternion, Vector
+
+from ..scene.scan_records import REPORT, TEXTURED
 
 FRONT = Euler((math.radians(78.0), 0.0, 0.0))
 """A view at the person from the camera's side, a little above: a camera that stands there is not before the eye."""
@@ -185,6 +188,22 @@ def show_texture(context: bpy.types.Context) -> None:
     area = viewport(context)
     if area is not None and area.spaces.active.shading.type == "SOLID":
         area.spaces.active.shading.color_type, area.spaces.active.shading.light = "TEXTURE", "FLAT"
+
+
+@persistent
+def show_colors_again(*_: object) -> None:
+    """Undo takes an avatar's texture, but leaves viewports as they are: without one they would show it white."""
+    for window in bpy.context.window_manager.windows:
+        items = window.scene.objects
+        if not any(REPORT in item for item in items):
+            continue
+        if any(item.type == "MESH" and TEXTURED in item.data for item in items):
+            continue
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                shading = area.spaces.active.shading
+                if shading.type == "SOLID" and shading.color_type == "TEXTURE":
+                    shading.color_type = "VERTEX"
 
 
 def add_drawing(handlers: list[object], view: Callable[[], None], text: Callable[[], None]) -> None:

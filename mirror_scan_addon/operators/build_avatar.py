@@ -8,7 +8,7 @@ from bpy.props import BoolProperty, IntProperty, StringProperty
 
 from ...core.errors import CaptureError
 from ..background import job_operators
-from ..interface.viewport import look_at
+from ..interface.viewport import look_at, show_colors_again
 from ..language.texts import CONTEXT, say, tell
 from ..scene import room, scan_collections, scan_records
 from ..scene.units import metres_per_unit
@@ -125,6 +125,7 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
             if self._frame_view:
                 _make_room(self, context, avatar)
                 _show_colors(context)
+                show_colors_again()  # a rebuilt avatar has lost its texture
                 look_at(context, avatar)
         dropped = len(result.mesh.triangles) - len(avatar.data.polygons)
         if dropped:

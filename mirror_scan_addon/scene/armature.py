@@ -235,7 +235,8 @@ def body_of(item: bpy.types.Object) -> bpy.types.Object:
         return item
     for child in item.children_recursive:
         if child.type == "MESH" and armature_of(child) == item and not set(_NOT_BODY).intersection(child.keys()):
-            return child
+            if child.users_scene:  # one that was deleted may still be of use to others, such as its garments
+                return child
     raise CaptureError(
         say("{name} moves no mesh; select an avatar with a skeleton").format(name=item.name), code="no_skeleton"
     )
