@@ -4,6 +4,7 @@ The generator yields ``(fraction, message)`` between pieces of work and returns 
 data: the user may undo, delete or switch scenes between two pieces, and other threads must not touch bpy.
 """
 
+import functools
 import threading
 import time
 from collections.abc import Callable
@@ -339,12 +340,23 @@ def cancel_all(context: bpy.types.Context) -> None:
 
 
 def show_status(context: bpy.types.Context, text: str | None) -> None:
-    """Write into the status bar; None clears it, in workspaces too that were left meanwhile."""
-    if text is not None:
-        context.workspace.status_text_set(text)
-        return
-    for workspace in bpy.data.workspaces:
-        workspace.status_text_set(None)
+    """Write into the status bar of every workspace; None clears it.
+
+    A text would belong to one workspace, and stay there when another is shown by the time the work is over.
+    """
+    if context.workspace is not None:
+        context.workspace.status_text_set(None if text is None else functools.partial(_draw_status, text))
+
+
+def _draw_status(text: str, header: bpy.types.Header, context: bpy.types.Context) -> None:
+    """The status bar as Blender draws it, with our text in place of what keys do."""
+    layout = header.layout
+    layout.label(text=text, translate=False)
+    layout.separator_spacer()
+    layout.template_reports_banner()
+    layout.template_running_jobs()
+    layout.separator_spacer()
+    layout.template_status_info()
 
 
 def redraw(context: bpy.types.Context, panels_only: bool = False) -> None:

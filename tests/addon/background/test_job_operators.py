@@ -17,11 +17,15 @@ class Window:
         self.status, self.timers, self.handlers = [], 0, 0
         self.scene = bpy.context.scene
         self.window, self.mode = None, "OBJECT"
-        self.workspace = SimpleNamespace(status_text_set=self.status.append)
+        self.workspace = SimpleNamespace(status_text_set=self.tell)
         self.window_manager = SimpleNamespace(
             windows=[], mirror_scan=SimpleNamespace(fraction=0.0, message="", operator=""),
             event_timer_add=self.add, event_timer_remove=self.remove, modal_handler_add=self.handle,
         )  # fmt: skip
+
+    def tell(self, draws):
+        """What draws the status bar of all workspaces; a text would be that of one."""
+        self.status.append(draws if draws is None else draws.args[0])
 
     def add(self, step, window):
         self.timers += 1
@@ -83,7 +87,7 @@ def job(bpy, monkeypatch):
     operator, window = Operator(), Window(bpy)
     fake = SimpleNamespace(
         app=SimpleNamespace(background=False, translations=bpy.app.translations), ops=bpy.ops,
-        data=SimpleNamespace(scenes=bpy.data.scenes, workspaces=[window.workspace]),
+        data=bpy.data,
     )  # fmt: skip
     monkeypatch.setattr(job_operators, "bpy", fake)
     assert operator.invoke(window, None) == {"RUNNING_MODAL"} and window.timers == window.handlers == 1
@@ -189,16 +193,6 @@ def test_a_renamed_scene_gets_its_result_a_removed_one_is_told(job, bpy):
     job.begun[-1][0].end("done")
     assert job.operator.modal(job.window, TIMER) == {"CANCELLED"}
     assert "gone" in job.operator.reports[-1][1] and len(job.operator.results) == 1
-
-
-def test_the_status_bar_is_cleared_in_the_workspace_that_was_left(job):
-    other = SimpleNamespace(status_text_set=[].append)
-    job.worker.progress = 0.5, "Stage"
-    job.operator.modal(job.window, TIMER)
-    assert "Stage" in job.window.status[-1]
-    job.window.workspace = other
-    job.worker.end("done")
-    assert job.operator.modal(job.window, TIMER) == {"FINISHED"} and clean(job)
 
 
 def test_a_result_finds_object_mode(job, bpy):
