@@ -4,7 +4,6 @@ The generator yields ``(fraction, message)`` between pieces of work and returns 
 data: the user may undo, delete or switch scenes between two pieces, and other threads must not touch bpy.
 """
 
-import functools
 import threading
 import time
 from collections.abc import Callable
@@ -345,18 +344,22 @@ def show_status(context: bpy.types.Context, text: str | None) -> None:
     A text would belong to one workspace, and stay there when another is shown by the time the work is over.
     """
     if context.workspace is not None:
-        context.workspace.status_text_set(None if text is None else functools.partial(_draw_status, text))
+        context.workspace.status_text_set(None if text is None else _status_drawn(text))
 
 
-def _draw_status(text: str, header: bpy.types.Header, context: bpy.types.Context) -> None:
-    """The status bar as Blender draws it, with our text in place of what keys do."""
-    layout = header.layout
-    layout.label(text=text, translate=False)
-    layout.separator_spacer()
-    layout.template_reports_banner()
-    layout.template_running_jobs()
-    layout.separator_spacer()
-    layout.template_status_info()
+def _status_drawn(text: str) -> Callable[[bpy.types.Header, bpy.types.Context], None]:
+    """What draws the status bar as Blender does, with a text in place of what keys do."""
+
+    def draw(header: bpy.types.Header, context: bpy.types.Context) -> None:  # Blender takes nothing but a function
+        layout = header.layout
+        layout.label(text=text, translate=False)
+        layout.separator_spacer()
+        layout.template_reports_banner()
+        layout.template_running_jobs()
+        layout.separator_spacer()
+        layout.template_status_info()
+
+    return draw
 
 
 def redraw(context: bpy.types.Context, panels_only: bool = False) -> None:

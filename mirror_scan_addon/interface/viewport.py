@@ -16,11 +16,12 @@ FRONT = Euler((math.radians(78.0), 0.0, 0.0))
 
 
 def viewport(context: bpy.types.Context) -> bpy.types.Area | None:
-    """The 3D viewport that was clicked in, else any 3D viewport of this window."""
+    """The 3D viewport that was clicked in, else the largest of this window."""
     if context.area is not None and context.area.type == "VIEW_3D":
         return context.area
     areas = () if context.screen is None else context.screen.areas
-    return next((area for area in areas if area.type == "VIEW_3D"), None)
+    found = (area for area in areas if area.type == "VIEW_3D")
+    return max(found, key=lambda area: area.width * area.height, default=None)
 
 
 def look_from_camera(context: bpy.types.Context, cloud: bpy.types.Object) -> None:

@@ -66,7 +66,6 @@ class MIRRORSCAN_OT_follow_stream(bpy.types.Operator):
             return {"CANCELLED"}
         self._timer = context.window_manager.event_timer_add(TICK_S, window=context.window)
         context.window_manager.modal_handler_add(self)
-        context.window_manager.mirror_scan.operator = self.bl_idname  # no job's progress is shown meanwhile
         MIRRORSCAN_OT_follow_stream._following = self
         return {"RUNNING_MODAL"}
 

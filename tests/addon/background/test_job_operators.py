@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
@@ -25,7 +26,11 @@ class Window:
 
     def tell(self, draws):
         """What draws the status bar of all workspaces; a text would be that of one."""
-        self.status.append(draws if draws is None else draws.args[0])
+        if draws is not None:
+            layout = Mock()
+            draws(SimpleNamespace(layout=layout), None)
+            draws = layout.label.call_args.kwargs["text"]
+        self.status.append(draws)
 
     def add(self, step, window):
         self.timers += 1
@@ -85,10 +90,8 @@ def job(bpy, monkeypatch):
     monkeypatch.setattr(job_operators, "begin", begin)
     monkeypatch.setattr(job_operators, "SHOW_S", 0.0)
     operator, window = Operator(), Window(bpy)
-    fake = SimpleNamespace(
-        app=SimpleNamespace(background=False, translations=bpy.app.translations), ops=bpy.ops,
-        data=bpy.data,
-    )  # fmt: skip
+    app = SimpleNamespace(background=False, translations=bpy.app.translations)
+    fake = SimpleNamespace(app=app, ops=bpy.ops, data=bpy.data, types=bpy.types)
     monkeypatch.setattr(job_operators, "bpy", fake)
     assert operator.invoke(window, None) == {"RUNNING_MODAL"} and window.timers == window.handlers == 1
     return SimpleNamespace(operator=operator, window=window, begun=begun, worker=begun[0][0])
