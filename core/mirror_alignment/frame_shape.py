@@ -10,7 +10,7 @@ from ..camera import RgbdImage, project
 from ..errors import Notice
 from ..mirrors.curved_glass import bow_profile, long_axis
 from ..mirrors.disparity_plane import BLOCK, erosion
-from ..mirrors.mirror import Mirror, expected_error
+from ..mirrors.mirror import Mirror, expected_error, seen_extent
 from ..mirrors.wall_behind_frame import on_wall
 from .pose_solver import MAD
 
@@ -118,8 +118,8 @@ def frame_shape(image: RgbdImage, mirror: Mirror) -> FrameShape | None:
 
 def _parts(place: np.ndarray, mirror: Mirror) -> np.ndarray:
     """Which part of the frame each place (N, 2) on the plane is of."""
-    assert mirror.rectangle is not None  # it was asked for
-    middle, size = mirror.rectangle.mean(axis=1), np.diff(mirror.rectangle, axis=1)[:, 0]
+    seen = seen_extent(mirror)
+    middle, size = seen.mean(axis=1), np.diff(seen, axis=1)[:, 0]
     x, y = ((place - middle) / size).T
     return ((np.arctan2(y, x) / (2.0 * np.pi) + 0.5) * _PARTS).astype(int) % _PARTS
 
@@ -130,7 +130,7 @@ def _frame_blocks(
     """Blocks of the frame's readings: places (N, 2), how far before the plane (N,), how many (N,), and their noise."""
     depth, intrinsics = image.depth, image.intrinsics
     assert mirror.rectangle is not None  # it was asked for
-    outer = mirror.rectangle + np.array((-outside, outside))
+    outer = seen_extent(mirror) + np.array((-outside, outside))
     corners = np.array([(x, y) for x in outer[0] for y in outer[1]])
     box = project(mirror.point + corners @ mirror.basis[:, :2].T, intrinsics)
     size = np.array((intrinsics.width, intrinsics.height))

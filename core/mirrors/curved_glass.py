@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..camera import RgbdImage
-from .mirror import Mirror, reflect
+from .mirror import Mirror, reflect, seen_extent
 
 REFRACTION = 1.52
 """Refractive index of float glass, soda lime; 1.51 in the near infrared (Rubin 1985)."""
@@ -23,11 +23,11 @@ _MEAN = 2.0 / 3.0  # of 1 - (2 y / L)² over the length L
 
 
 def long_axis(mirror: Mirror) -> tuple[int, float, float]:
-    """Along which of its axes a mirror is longer, 0 = a and 1 = b, its middle there and its length [m]."""
-    assert mirror.rectangle is not None  # glass without an end has no sag
-    sizes = np.diff(mirror.rectangle, axis=1)[:, 0]
+    """Along which axis the mirror, as it is seen, is longer, 0 = a and 1 = b; its middle there and its length [m]."""
+    seen = seen_extent(mirror)
+    sizes = np.diff(seen, axis=1)[:, 0]
     axis = int(np.argmax(sizes))
-    return axis, float(mirror.rectangle[axis].mean()), float(sizes[axis])
+    return axis, float(seen[axis].mean()), float(sizes[axis])
 
 
 def bow_profile(mirror: Mirror, along: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from ..camera import Intrinsics, RgbdImage, project
 from .disparity_plane import DisparityPlane
 from .frame_sides import frame_sides
-from .mirror import Mirror, oriented
+from .mirror import PAST_BORDER, Mirror, oriented
 
 
 def with_measured_sides(
@@ -154,7 +154,7 @@ def at_border(
             size = (intrinsics.width, intrinsics.height)[axis]
             known = cut is not None and cut[axis, end]
             if known or not margin[axis] < pixel < size - 1 - margin[axis]:
-                rectangle[axis, end] += (-_PAST_BORDER, _PAST_BORDER)[end]
+                rectangle[axis, end] += (-PAST_BORDER, PAST_BORDER)[end]
     return with_outline(replace(mirror, rectangle=rectangle), intrinsics)
 
 
@@ -180,4 +180,3 @@ _FRAME_WIDTH = 0.15  # more than a frame is wide [m]
 _PAST_PICKS = 0.01  # about as far outside of picks on a wall a mirror ends [m]
 _SURFACE_CELL = 0.03  # side of the cells by which frames and surfaces are distinguished [m]
 _SHORT_OF_PICKS = 0.04  # a side that ends so far inside of picks on the plane is not the frame's [m]
-_PAST_BORDER = 2.0  # how far glass is taken to go on past the image's border [m]

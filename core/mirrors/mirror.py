@@ -9,6 +9,9 @@ import numpy as np
 
 from ..errors import MirrorError
 
+PAST_BORDER = 2.0
+"""How far glass is taken to go on past the image's border [m]: what is farther off the frame's middle is not seen."""
+
 
 def expected_error(mirror: Mirror) -> float:
     """Expected error of the reflection of a person 1.5 m in front of the mirror [m]; inf when it is unknown."""
@@ -111,8 +114,9 @@ class Mirror:
         """What the sag's error adds at real ``points`` (N, 3): to first order 2 s q and 2 D times the slope s q'."""
         if self.sag_error == 0.0 or self.rectangle is None:
             return 0.0
-        axis = int(np.argmax(np.diff(self.rectangle, axis=1)[:, 0]))
-        low, high = self.rectangle[axis]
+        seen = seen_extent(self)
+        axis = int(np.argmax(np.diff(seen, axis=1)[:, 0]))
+        low, high = seen[axis]
         offset = points - self.point
         ahead, eye = offset @ self.normal, -(self.point @ self.normal)
         # where on the glass the camera sees them: the line from the camera to their image
@@ -121,6 +125,16 @@ class Mirror:
         share = np.clip(2.0 * (place - 0.5 * (low + high)) / (high - low), -1.0, 1.0)
         lift, slope = 1.0 / 3.0 - share**2, 4.0 * share / (high - low)
         return float(self.sag_error**2 * (4.0 * lift**2 + (2.0 * ahead * slope) ** 2).mean())
+
+
+def seen_extent(mirror: Mirror) -> np.ndarray:
+    """The mirror's rectangle (2, 2) [m], but as far as the image shows it: not :data:`PAST_BORDER` beyond its border.
+
+    What is not seen of a mirror says nothing of how long its sides are, nor of how its glass is bent.
+    """
+    assert mirror.rectangle is not None  # an unlimited glass has no extent
+    past = np.abs(mirror.rectangle) > PAST_BORDER
+    return mirror.rectangle - np.where(past, PAST_BORDER * np.sign(mirror.rectangle), 0.0)
 
 
 def reflection_moves(mirror: Mirror, points: np.ndarray) -> np.ndarray:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mirror_scan.core.camera import Intrinsics, RgbdImage, project
 from mirror_scan.core.capture import MirrorPicks
 from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.mirror_alignment.frame_shape import frame_shape, honest_error
-from mirror_scan.core.mirrors.mirror import expected_error
+from mirror_scan.core.mirrors.curved_glass import flattened, long_axis
+from mirror_scan.core.mirrors.mirror import Mirror, expected_error, oriented
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.mirrors.wall_behind_frame import on_wall
 from mirror_scan.core.views.view_correspondences import likeness
@@ -60,6 +63,33 @@ def test_two_mirrors_on_walls_that_meet_keep_their_own_planes():
     image = wall(creased, (LEFT, RIGHT))
     left, right = (place_mirror(image, around(box, creased)) for box in (LEFT, RIGHT))
     assert abs(turned(left) + 4.1) < 0.6 and abs(turned(right) - 4.1) < 0.6
+
+
+@pytest.mark.parametrize("sag", [0.0, 0.003, -0.003])
+def test_a_frame_that_the_image_cuts_off_shows_its_bow_along_the_side_that_is_seen_whole(sag):
+    left, top, bottom, bar, middle = 0.3, -0.55, 0.55, 0.04, 0.55  # and on the right beyond the border [m]
+
+    def lift(x, y):  # of the bars: a parabola along the height about its own best plane, as a bowed strip has it
+        return sag * (1.0 / 3.0 - (y / 0.55) ** 2)
+
+    image = wall(lift, ((-9.0, left, -9.0, 9.0), (-9.0, 9.0, -9.0, top), (-9.0, 9.0, bottom, 9.0),
+                        (left + bar, 9.0, top + bar, bottom - bar)))  # fmt: skip
+    point = np.array((middle, 0.0, 1.4))
+    normal, basis = oriented(np.array((0.0, 0.0, -1.0)), point)
+    visible = np.sort(np.array((left, 1.4 * (639.0 - CAMERA.cx) / CAMERA.fx)) - middle) @ np.array(((0, -1), (-1, 0)))
+    rectangle = np.array((visible, (top, bottom)))
+    rectangle[0, 0] -= 2.0  # a points left: so far glass is taken to go on past the border
+    mirror = Mirror(
+        "door", point, normal, basis, rectangle, residual=NOISE, refined=True, covariance=1e-6 * np.eye(3)
+    )  # fmt: skip
+    shape = frame_shape(image, mirror)
+    assert shape is not None and shape.sag_error < 0.0005
+    assert abs(shape.sag - sag) < 3.0 * shape.sag_error + 1e-4
+    assert long_axis(mirror)[0] == 1 and long_axis(mirror)[2] == pytest.approx(bottom - top)
+    # readings in bowed glass are undone along the height alone: level with its middle only the shift remains
+    shown = np.array((middle, 0.0, 3.4))[None]
+    there = flattened(shown, replace(mirror, sag=sag))
+    assert abs(there[0, 0] - shown[0, 0]) < 1e-3 * abs(sag) / 0.003 + 1e-9
 
 
 def test_an_uneven_wall_makes_the_error_larger_and_is_warned_of():
