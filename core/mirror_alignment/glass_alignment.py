@@ -153,9 +153,13 @@ def align_bows(
     settings = settings or BowSettings()
     if not settings.use:
         return list(mirrors), ()
-    shapes = {k: shape for k, m in enumerate(mirrors) if (shape := _bent(image, m, settings)) is not None}
+    seen = {k: shape for k, m in enumerate(mirrors) if (shape := _shape(image, m)) is not None}
+    mirrors = [
+        replace(m, bow_by_frame=(seen[k].step, seen[k].covariance)) if k in seen else m for k, m in enumerate(mirrors)
+    ]  # fmt: skip
+    shapes = {k: shape for k, shape in seen.items() if _bent(shape, settings)}
     if not shapes:
-        return list(mirrors), ()
+        return mirrors, ()
     seen_twice = _observations(image, mirrors, list(shapes), False)
     out, notes = list(mirrors), []
     gain = settings.even_gain if _depth_is_even(image, mirrors, settings) else settings.gain
@@ -167,7 +171,7 @@ def align_bows(
             out[k] = replace(mirrors[k], sag_error=error, frame_bow=slopes_and_sag)
             continue
         bowed = moved(mirrors[k], shape.step[:3])
-        out[k] = with_reason(replace(bowed, sag=sag, sag_error=error), mirrors[k], "bow")
+        out[k] = with_reason(replace(bowed, sag=sag, sag_error=error, bow_by_frame=None), mirrors[k], "bow")
         notes.append(_note(mirrors[k], sag))
     return out, tuple(notes)
 
@@ -186,14 +190,16 @@ def _note(mirror: Mirror, sag: float) -> Notice:
     )  # fmt: skip
 
 
-def _bent(image: RgbdImage, mirror: Mirror, settings: BowSettings) -> FrameShape | None:
-    """The shape of the frame, where that is bowed by more than noise."""
+def _shape(image: RgbdImage, mirror: Mirror) -> FrameShape | None:
+    """The shape of the frame, where the glass may be bowed as that is."""
     if mirror.covariance is None or mirror.source == "rig file" or mirror.sag != 0.0 or on_wall(mirror):
         return None
-    shape = frame_shape(image, mirror)
-    if shape is None or not max(settings.least, settings.deviations * shape.sag_error) < abs(shape.sag):
-        return None
-    return shape if abs(shape.sag) < settings.most else None
+    return frame_shape(image, mirror)
+
+
+def _bent(shape: FrameShape, settings: BowSettings) -> bool:
+    """Whether the frame is bowed by more than noise."""
+    return max(settings.least, settings.deviations * shape.sag_error) < abs(shape.sag) < settings.most
 
 
 def _observations(

@@ -69,6 +69,9 @@ class Mirror:
     frame_bow : tuple of float or None
         A bow that the frame shows and nothing has confirmed: what it would change of the two slopes [rad], the shift
         [m] and the sag [m].
+    bow_by_frame : tuple of np.ndarray or None
+        What the readings of the frame, which may be bowed, say of the two slopes [rad], the shift [m] and the sag [m],
+        against the flat plane: the best (4,) and their covariance (4, 4). None once the glass is taken to be bowed.
     frame_ahead : float
         Of a rig file's mirror: how far the front of its frame lies in front of the plane [m].
     turn_by_frame : float
@@ -94,6 +97,7 @@ class Mirror:
     sag_error: float = 0.0
     glass_thickness: float = 0.0
     frame_bow: tuple[float, float, float, float] | None = None
+    bow_by_frame: tuple[np.ndarray, np.ndarray] | None = None
     frame_ahead: float = 0.0
     turn_by_frame: float = 0.0
 

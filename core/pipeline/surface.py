@@ -253,6 +253,7 @@ def glass_shown(scan: Scan, mesh: Mesh, settings: Settings) -> tuple[Scan, bool]
         scan.lit_twice is not None,
         scan.outline,
         scan.lenses[0] if scan.outline is not None else None,
+        scan.patches,
     )
     if not notes:
         return replace(scan, mirrors=mirrors), False
