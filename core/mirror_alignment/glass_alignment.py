@@ -17,7 +17,7 @@ from ..camera import RgbdImage, unproject
 from ..errors import Notice
 from ..mirrors import Mirror
 from ..mirrors.curved_glass import behind_front, bow_moves, thickness_moves, without_delay
-from ..mirrors.mirror import expected_error, moved, reflect, reflection_moves, with_reason
+from ..mirrors.mirror import expected_error, moved, reflection_moves, with_reason
 from ..mirrors.wall_behind_frame import on_wall
 from ..numeric.point_products import dot
 from ..views.floor_and_vertical import find_ground
@@ -247,7 +247,7 @@ def _observations(
 
 def _along(mirror: Mirror, points: np.ndarray, normals: np.ndarray, time_of_flight: bool) -> np.ndarray:
     """How readings ``points`` (N, 3) move along ``normals`` (N, 3) with slopes, shift, sag and thickness: (N, 5)."""
-    moves = np.einsum("nci,nc->ni", reflection_moves(mirror, reflect(points, mirror)), normals)
+    moves = np.einsum("nci,nc->ni", reflection_moves(mirror, points), normals)
     others = bow_moves(mirror, points), thickness_moves(mirror, points, time_of_flight)
     return np.column_stack((moves, *(np.einsum("nc,nc->n", change, normals) for change in others)))
 

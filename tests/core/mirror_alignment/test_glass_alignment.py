@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from mirror_scan.core.depth.sensor_recognition import measures_time, measuring_principle
 from mirror_scan.core.depth.settings import DepthSettings
-from mirror_scan.core.mirror_alignment.glass_alignment import BowSettings, align_bows, thick_glass
+from mirror_scan.core.mirror_alignment.glass_alignment import BowSettings, _along, align_bows, thick_glass
+from mirror_scan.core.mirrors.curved_glass import behind_front, flattened
+from mirror_scan.core.mirrors.mirror import moved, plane_mirror, reflect
 from mirror_scan.core.mirrors.picked_mirror import MirrorSettings, place_mirror
 from mirror_scan.core.pipeline import Settings
 from mirror_scan.core.pipeline.mirror_placement import align_mirrors, first_mirrors
@@ -34,6 +36,28 @@ def smooth_warp(intrinsics, size: float, seed: int) -> np.ndarray:
         across, upright = (np.pi / 2 * (x + rng.uniform(-1, 1)) for x in (u, v))
         warp += rng.normal() * np.cos(i * across) * np.cos(j * upright)
     return size * (warp - warp.mean()) / warp.std()
+
+
+@pytest.mark.parametrize("unknown", range(5))
+def test_readings_move_as_their_derivatives_say(unknown):
+    """With slopes, shift, sag and thickness, in any direction; against small steps of each."""
+    glass = plane_mirror("right", np.array((0.9, 0.1, 3.0)), np.array((-0.64, 0.1, -0.77)))
+    glass = replace(glass, rectangle=np.array(((-0.4, 0.4), (-0.9, 0.9))))
+    rng = np.random.default_rng(unknown)
+    shown = np.array((1.5, 0.0, 4.5)) + rng.uniform(-0.4, 0.4, (50, 3))
+    along = rng.normal(size=(50, 3))
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    size, steps = 1e-5, np.eye(5)[unknown, :3]
+    ends = []
+    for sign in (-0.5, 0.5) if unknown < 4 else (0.0, 1.0):  # no glass is thinner than thin
+        other = moved(glass, sign * size * steps)
+        if unknown == 3:
+            other = replace(other, sag=sign * size)
+        if unknown == 4:
+            other = behind_front(other, sign * size)
+        ends.append(reflect(flattened(shown, other, True), other))
+    expected = np.einsum("nc,nc->n", (ends[1] - ends[0]) / size, along)
+    np.testing.assert_allclose(_along(glass, shown, along, True)[:, unknown], expected, rtol=0.01, atol=0.01)
 
 
 @pytest.mark.parametrize("sags", [(0.002, -0.002), (-0.003, 0.0015)])
