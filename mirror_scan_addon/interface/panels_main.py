@@ -6,7 +6,7 @@ import bpy
 
 from ..background import getting_ready, job_operators
 from ..language.texts import CONTEXT, say
-from ..scene import room, scan_records
+from ..scene import live_rig, room, scan_records
 from ..scene.blender_files import missing_library
 from . import panel_states
 from .menus import draw_header_buttons
@@ -92,7 +92,7 @@ def _room(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 def _count_in_the_way(context: bpy.types.Context) -> int:
     """How many objects hide the person."""
-    person = panel_states.shown_avatar(context) or panel_states.cloud_of(context)
+    person = panel_states.shown_avatar(context) or panel_states.cloud_of(context) or live_rig.person_of(context.scene)
     return 0 if person is None else len(room.in_the_way(context.scene, context.view_layer, person))
 
 

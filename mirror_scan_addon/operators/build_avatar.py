@@ -8,7 +8,7 @@ from bpy.props import BoolProperty, IntProperty, StringProperty
 
 from ...core.errors import CaptureError
 from ..background import job_operators
-from ..interface.viewport import look_at, show_colors_again
+from ..interface.viewport import look_at, show_colors_again, viewport
 from ..language.texts import CONTEXT, say, tell
 from ..scene import room, scan_collections, scan_records
 from ..scene.units import metres_per_unit
@@ -157,8 +157,9 @@ def _name_of(cloud: bpy.types.Object) -> str:
 def _show_colors(context: bpy.types.Context) -> None:
     """Have a viewport in Solid mode show the colours of the mesh instead of those of its materials, without light of
     its own: the colours hold the light of the capture."""
-    space = context.space_data
-    if space is not None and space.type == "VIEW_3D" and space.shading.type == "SOLID":
+    area = viewport(context)
+    space = None if area is None else area.spaces.active
+    if space is not None and space.shading.type == "SOLID":
         if space.shading.color_type == "MATERIAL":
             space.shading.color_type, space.shading.light = "VERTEX", "FLAT"
 

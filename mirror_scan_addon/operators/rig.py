@@ -26,6 +26,23 @@ ROOM_SIZES = {"SMALL": "small", "BEDROOM": "bedroom", "LIVING": "living_room", "
 MIRROR_SIZES = {"DOOR": "door", "WARDROBE": "wardrobe", "STANDING": "standing", "GYM": "gym"}
 
 
+def _look_at_rig(
+    context: bpy.types.Context, rig: list[bpy.types.Object], person: bpy.types.Object | None
+) -> None:  # fmt: skip
+    """Have the viewport that was clicked in show camera, mirrors and person; then the person is selected, if there is
+    one."""
+    from ..scene import avatar_objects
+
+    if bpy.app.background or context.area is None or context.area.type != "VIEW_3D":
+        return
+    avatar_objects.select_only(context, rig[0])
+    for item in (*rig, *([] if person is None else [person])):
+        if item.name in context.view_layer.objects:
+            item.select_set(True)
+    look_at(context, max(rig, key=lambda item: max(item.dimensions)), FRONT)
+    avatar_objects.select_only(context, rig[0] if person is None else person)
+
+
 class _WithSensor:
     def _begin_with_preference(self) -> None:
         """Have the sensor be the preferred one unless the caller, or the last use in this session, chose one."""
@@ -106,6 +123,7 @@ class MIRRORSCAN_OT_add_rig(_WithSensor, bpy.types.Operator):
         except job_operators.REPORTED as error:
             self.report({"ERROR"}, job_operators.in_words(error))
             return {"CANCELLED"}
+        _look_at_rig(context, made, person)
         if not bpy.app.background and context.window is not None:
             second_process.compile_ahead(kernel_compilation.RIG)  # a rig that is added is soon scanned with
         text = say("Added a camera; mirrors added: {count}").format(count=len(made) - 1)
@@ -346,7 +364,7 @@ class MIRRORSCAN_OT_find_rig(_WithSensor, job_operators.JobOperator, bpy.types.O
         chosen = avatar_objects.object_of(self._uid)
         place = (0.0, 0.0) if chosen is None else virtual_rig.standing_place(chosen)
         virtual_rig.remove_rig(target)
-        virtual_rig.add_objects(target, placement.rig, place)
+        made = virtual_rig.add_objects(target, placement.rig, place)
         if chosen is not None:
             target.mirror_scan.rig_person = chosen
         elif self._uid:  # it was deleted meanwhile
@@ -355,6 +373,8 @@ class MIRRORSCAN_OT_find_rig(_WithSensor, job_operators.JobOperator, bpy.types.O
             live_rig.keep_mannequin(person)
             virtual_rig.add_person(target, person)
         virtual_rig.add_room(target, placement.rig.room, place)
+        if target == context.scene:
+            _look_at_rig(context, made, target.mirror_scan.rig_person)
         text = say("The rig sees {seen:.0%} of the body; predicted mean error {error:.1f} mm")
         text = text.format(seen=placement.coverage.share, error=placement.error.mean_mm)
         target.mirror_scan.rig_message = text

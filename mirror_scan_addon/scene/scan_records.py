@@ -73,15 +73,17 @@ def no_skeleton(context: bpy.types.Context) -> str:
 
 
 def person_of(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The object that shows the person: the active avatar, else the newest one, else the capture's points."""
+    """The object that shows the person: the active avatar, else the newest one, else the capture's points, else the
+    person of a planned rig."""
     active = context.object
     if active is not None and REPORT in active:
         return active
     avatars = [item for item in context.scene.objects if REPORT in item]
     if avatars:
         return max(avatars, key=lambda item: item.session_uid)
-    cloud = context.scene.mirror_scan.cloud
-    return cloud if cloud is not None and cloud.name in context.scene.objects else None
+    settings = context.scene.mirror_scan
+    others = (item for item in (settings.cloud, settings.rig_person) if item is not None)
+    return next((item for item in others if item.name in context.scene.objects), None)
 
 
 def studio_of(scene: bpy.types.Scene) -> bpy.types.Collection | None:
