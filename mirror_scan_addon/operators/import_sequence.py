@@ -71,9 +71,9 @@ class MIRRORSCAN_OT_import_sequence(bpy.types.Operator):
         if not self.filepath:
             raise CaptureError(say("No sequence is chosen; choose its folder or a file in it"))
         path, scene = Path(scan_records.absolute(self.filepath)), context.scene
+        if not path.exists():
+            raise CaptureError(say("{path}: there is no such file or folder; choose another").format(path=path))
         folder = path if path.is_dir() else path.parent
-        if not folder.is_dir():
-            raise CaptureError(say("{path}: there is no such folder").format(path=folder))
         rate = _rate(folder)
         if path.suffix.lower() in CACHES and path.is_file():
             first, last = scene.frame_start, scene.frame_end

@@ -58,7 +58,7 @@ def test_what_is_no_sequence_is_said(bpy, tmp_path):
     before = len(bpy.data.objects)
     with pytest.raises(RuntimeError, match="holds no frames of a sequence"):
         bpy.ops.mirror_scan.import_sequence(filepath=str(tmp_path))
-    with pytest.raises(RuntimeError, match="there is no such folder"):
+    with pytest.raises(RuntimeError, match="there is no such file or folder"):
         bpy.ops.mirror_scan.import_sequence(filepath=str(tmp_path / "none" / "none.ply"))
     assert len(bpy.data.objects) == before
 
