@@ -35,11 +35,14 @@ def look_from_camera(context: bpy.types.Context, cloud: bpy.types.Object) -> Non
     view.view_location = cloud.matrix_world @ Vector((0, 0, 2.5))
     view.view_distance = 4.8 * cloud.matrix_world.median_scale
     show_within(area, 0.1 * cloud.matrix_world.median_scale, 50.0 * cloud.matrix_world.median_scale)
-    _fit(area, cloud)
+    _fit(area, _sample(cloud))
 
 
 def look_from_front(context: bpy.types.Context) -> None:
-    """Have the 3D viewport look at where a person is scanned, from the camera's side and a little above it."""
+    """Have the 3D viewport look at where a person is scanned, and mirrors stand, from the camera's side and a little
+    above it."""
+    import numpy as np
+
     area = viewport(context)
     if area is None:
         return
@@ -49,6 +52,7 @@ def look_from_front(context: bpy.types.Context) -> None:
     view.view_location = (0.0, 0.0, 0.9)
     view.view_distance = 5.0
     show_within(area, 0.1, 50.0)
+    _fit(area, np.array([(x, y, z) for x in (-1.6, 1.6) for y in (-1.0, 1.0) for z in (0.0, 2.0)], np.float32))
 
 
 def look_at_whole_capture(context: bpy.types.Context, cloud: bpy.types.Object) -> None:
@@ -111,17 +115,17 @@ def _places(area: bpy.types.Area, points):
     return np.column_stack(((scale + 1) / 2 * (window.width, window.height), depth))
 
 
-def _fit(area: bpy.types.Area, cloud: bpy.types.Object) -> None:
-    """Step back and aside until all points lie in the visible part of the viewport."""
+def _fit(area: bpy.types.Area, points) -> None:
+    """Step back and aside until all points (N, 3) float32 in the world lie in the visible part of the viewport."""
     import numpy as np
 
     view = area.spaces.active.region_3d
-    if bpy.app.background or not len(cloud.data.vertices):
+    if bpy.app.background or not len(points):
         return
     view.update()
     window = next(region for region in area.regions if region.type == "WINDOW")
     left, right, bottom, top = visible_part(area)
-    points, lens = _sample(cloud), view.window_matrix
+    lens = view.window_matrix
     for _ in range(8):
         places = _places(area, points)
         if not (places[:, 2] > 0).any():
@@ -175,6 +179,8 @@ def look_at(context: bpy.types.Context, target: bpy.types.Object, turn: Euler | 
     region = None if area is None else next((region for region in area.regions if region.type == "WINDOW"), None)
     if region is None or bpy.app.background:
         return
+    import numpy as np
+
     extent = max(target.dimensions, default=0.0)
     show_within(area, max(0.01 * extent, 1e-6), 20.0 * extent)
     if turn is not None:
@@ -182,6 +188,9 @@ def look_at(context: bpy.types.Context, target: bpy.types.Object, turn: Euler | 
     with context.temp_override(area=area, region=region):
         if bpy.ops.view3d.view_selected.poll():
             bpy.ops.view3d.view_selected()
+    # beside the sidebar, of which Blender knows nothing there
+    chosen = [item for item in context.selected_objects if item.visible_get()]
+    _fit(area, np.array([item.matrix_world @ Vector(at) for item in chosen for at in item.bound_box], np.float32))
 
 
 def show_texture(context: bpy.types.Context) -> None:
