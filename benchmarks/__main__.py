@@ -16,7 +16,7 @@ from .results import Finding, limits_table
 MODULES = {"quality": "quality", "speed": "speed", "cleaning": "cleaning", "mirrors": "mirrors", "subject": "subject",
            "dtw": "dtw", "import": "imports", "blender": "blender", "corpus": "corpus", "seams": "seams",
            "growth": "growth", "rigs": "rigs", "experiment": "experiment", "real": "real",
-           "optics": "optics", "honesty": "honesty", "rig": "rig", "look": "look",
+           "optics": "optics", "honesty": "honesty", "rig": "rig", "look": "look", "waits": "waits",
            "many": "many", "shutter": "shutter", "guard": "guard"}  # fmt: skip
 
 
