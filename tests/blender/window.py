@@ -165,6 +165,20 @@ def story() -> Story:
         yield 0.5
         expect(not busy() and len(bpy.data.objects) == count, "nothing new after Esc")
 
+    with step("cancel by the button beside the bar"):
+        yield from press("build_avatar")
+        yield from press("cancel_job", 0.97)
+        yield 0.5
+        expect(not busy() and len(bpy.data.objects) == count, "nothing new after the button")
+
+    with step("build while the avatar is edited"):
+        yield from press("build_avatar")
+        with viewport():
+            bpy.ops.object.mode_set(mode="EDIT")
+        mesh = avatar().data.session_uid
+        yield from settled()
+        expect(bpy.context.mode == "OBJECT" and avatar().data.session_uid != mesh, "the new mesh, in Object Mode")
+
     with step("skeleton, walk, and a tracker that is followed"):
         yield from motion()
 
@@ -231,6 +245,9 @@ def story() -> Story:
         yield from every_format()
     with step("two people in one file, each built again twice"):
         yield from two_people()
+
+    with step("a recording played to the live view, until its avatar is there"):
+        yield from live_view()
 
     with step("plan a rig"):
         yield from keys("A")
@@ -747,6 +764,23 @@ def two_people() -> Story:
     expect(places == [tuple(bpy.data.objects[name].location) for name in names], "where they stood")
     note("people_apart_m", round(gap_between(*(bpy.data.objects[name] for name in names)), 3))
     yield from open_sidebar()
+
+
+def live_view() -> Story:
+    """A recording in which all is well, one frame a second: the burst is taken by itself, and an avatar made of it."""
+    with viewport():
+        bpy.ops.wm.read_homefile()
+    yield 1.0
+    yield from open_sidebar()
+    with viewport():
+        bpy.ops.mirror_scan.live_view(
+            "INVOKE_DEFAULT", source="playback", filepath=CAPTURE, rate=1.0, fast=True, frames=2, countdown=1.0,
+            ignore={"ARMS"},
+        )  # fmt: skip
+    expect(busy(), "a recording that plays")
+    yield from settled()
+    expect(avatar() is not None and watertight(avatar()), "the avatar of the burst")
+    expect(settings().capture_path.startswith(bpy.app.tempdir), f"a burst, not {settings().capture_path}")
 
 
 def expect_people(names: list[str]) -> None:
