@@ -46,11 +46,15 @@ class Aim:
 
 def region_under(context, event, area_pointer: int):
     """The window region of the viewport in which picking began, if the mouse is over it and not over anything in front
-    of it: sidebars, headers, the navigation gizmo. Else None."""
-    area = next((area for area in context.window.screen.areas if area.as_pointer() == area_pointer), None)
+    of it: sidebars, headers, the navigation gizmo. Else None.
+
+    Where that viewport is gone, since another workspace is shown or a viewport fills the window, any other will do."""
+    areas, x, y = context.window.screen.areas, event.mouse_x, event.mouse_y
+    area = next((area for area in areas if area.as_pointer() == area_pointer), None)
+    if area is None:
+        area = next((area for area in areas if area.type == "VIEW_3D" and _inside(area, x, y)), None)
     if area is None or area.type != "VIEW_3D":
         return None
-    x, y = event.mouse_x, event.mouse_y
     window = None
     right = 0
     for region in area.regions:

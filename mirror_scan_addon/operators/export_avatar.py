@@ -2,7 +2,7 @@
 
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
-from bpy.props import EnumProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, StringProperty
 
 from ...core.errors import OutputError
 from ..background import job_operators
@@ -39,6 +39,7 @@ class MIRRORSCAN_OT_export_avatar(bpy.types.Operator):
         name="File", description="File to write", subtype="FILE_PATH",
         options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
+    check_existing: BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
     format: EnumProperty(
         name="Format", description="Format of the file. Taken from the file extension unless given", items=FORMATS,
         translation_context=CONTEXT,

@@ -2,7 +2,7 @@
 
 # No “from __future__ import annotations”: Blender would have to compile each property's annotation when it starts.
 import bpy
-from bpy.props import FloatVectorProperty, IntProperty, StringProperty
+from bpy.props import BoolProperty, FloatVectorProperty, IntProperty, StringProperty
 
 from ...core.errors import MirrorError, OutputError
 from ..background import job_operators
@@ -266,6 +266,7 @@ class MIRRORSCAN_OT_save_mirrors(bpy.types.Operator):
         options={"SKIP_SAVE", "PATH_SUPPORTS_BLEND_RELATIVE"}, translation_context=CONTEXT,
     )  # fmt: skip
     filter_glob: StringProperty(default="*.json", options={"HIDDEN", "SKIP_SAVE"})
+    check_existing: BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
