@@ -84,7 +84,9 @@ def capture(context: bpy.types.Context) -> State:
     if cloud is None:
         return say("none yet"), OPEN
     name = cloud.name.removesuffix(" Points")  # as it is named when it is loaded
-    return say("{name}, {points:,} points").format(name=name, points=len(cloud.data.vertices)), DONE
+    count = len(cloud.data.vertices)
+    editing = cloud.mode == "EDIT"  # a mesh tells of its edits only afterwards
+    return say("{name}, {points:,} points").format(name=name, points=count), DONE if count or editing else WRONG
 
 
 def mirrors(context: bpy.types.Context) -> State:
