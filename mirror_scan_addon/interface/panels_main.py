@@ -103,12 +103,14 @@ def _next_steps(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     button = flow.operator("mirror_scan.texture", text="Texture", text_ctxt=CONTEXT)
     button.size, button.remove_light = look.texture_size, look.remove_light
     flow.operator("mirror_scan.add_skeleton", text="Skeleton", text_ctxt=CONTEXT)
-    motion, dress = (flow.row(align=True) for _ in range(2))
-    # Blender greys out what a menu holds, but not the menu
-    motion.enabled = dress.enabled = not (scan_records.editable(context) or scan_records.no_skeleton(context))
-    motion.operator_menu_enum("mirror_scan.apply_motion", "clip", text="Motion", text_ctxt=CONTEXT)
-    dress = dress.operator_menu_enum("mirror_scan.dress", "kind", text="Dress", text_ctxt=CONTEXT)
-    dress.ease, dress.tight = look.ease, look.tight
+    if scan_records.editable(context) or scan_records.no_skeleton(context):
+        # Blender greys out what a menu holds, but not the menu; a plain button says why it is disabled
+        flow.operator("mirror_scan.apply_motion", text="Motion", text_ctxt=CONTEXT)
+        flow.operator("mirror_scan.dress", text="Dress", text_ctxt=CONTEXT)
+    else:
+        flow.operator_menu_enum("mirror_scan.apply_motion", "clip", text="Motion", text_ctxt=CONTEXT)
+        dress = flow.operator_menu_enum("mirror_scan.dress", "kind", text="Dress", text_ctxt=CONTEXT)
+        dress.ease, dress.tight = look.ease, look.tight
     flow.operator("mirror_scan.measure", text="Measure", text_ctxt=CONTEXT)
     flow.operator("mirror_scan.reduce", text="Reduce", text_ctxt=CONTEXT).triangles = look.triangles
 

@@ -36,6 +36,7 @@ class Layout:
                 properties = getattr(self._bpy.ops.mirror_scan, operator).get_rna_type().properties
                 assert properties[given["property"]].type == "ENUM"
                 self._said.append(("button", operator, True))
+                self._said.append(("menu", operator))
                 return Properties(properties)
             if name == "prop":
                 assert given["property"] in given["data"].bl_rna.properties
@@ -186,6 +187,21 @@ def test_an_avatar_shows_how_it_came_out(bpy, capsule):
     assert "Select an avatar" in words(draw(bpy, "check"))
     avatar[report_text.REPORT] = '{"problems": [1, {"kind": "hole"}], "mesh": {}}'
     assert "No problems found" in words(draw(bpy, "check"))
+
+
+def test_motion_and_dress_are_menus_only_where_they_can_be_opened(bpy, capsule, monkeypatch):
+    """Blender shows a menu as enabled, and a disabled layout without a reason; a disabled button says its reason."""
+    from mirror_scan.mirror_scan_addon.scene import scan_records
+    from mirror_scan.mirror_scan_addon.scene.avatar_objects import create_avatar, select_only
+
+    select_only(bpy.context, create_avatar(capsule, collection=bpy.context.collection, report={}))
+    said = draw(bpy, "main")
+    assert not any(entry[0] == "menu" for entry in said)
+    assert {("button", "apply_motion", True), ("button", "dress", True)} <= set(said)
+    with pytest.raises(RuntimeError, match="Add a skeleton first"):
+        bpy.ops.mirror_scan.apply_motion()
+    monkeypatch.setattr(scan_records, "no_skeleton", lambda context: "")
+    assert {("menu", "apply_motion"), ("menu", "dress")} <= set(draw(bpy, "main"))
 
 
 def test_only_avatars_are_checked(bpy, capsule):
