@@ -15,11 +15,7 @@ from .mirror_judgement import ENOUGH, picks_of
 
 def record_of(mirror: Mirror, picks: Sequence = ()) -> dict:
     """A fitted mirror as a record; ``plane`` holds every field of it as JSON."""
-
-    def plain(value):
-        return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
-
-    content = {field.name: plain(getattr(mirror, field.name)) for field in dataclasses.fields(mirror)}
+    content = {field.name: _plain(getattr(mirror, field.name)) for field in dataclasses.fields(mirror)}
     return {
         "name": mirror.name,
         "picks": [list(map(float, pick)) for pick in picks],
@@ -41,11 +37,7 @@ def mirror_of(record: dict) -> Mirror:
     try:
         content = json.loads(record["plane"])
         known = {field.name for field in dataclasses.fields(Mirror)}
-        values = {
-            name: np.array(value, dtype=np.float64) if isinstance(value, list) else value
-            for name, value in content.items()
-            if name in known
-        }
+        values = {name: _restored(name, value) for name, value in content.items() if name in known}
         mirror = Mirror(**(values | {"name": record["name"]}))
         shapes = [np.shape(value) for value in (mirror.point, mirror.normal, mirror.basis)]
         if shapes != [(3,), (3,), (3, 3)]:
@@ -55,6 +47,26 @@ def mirror_of(record: dict) -> Mirror:
         )
     except (ValueError, TypeError, AttributeError) as error:
         raise MirrorError(f"{record['name']}: is not placed; find the mirrors or pick points on its frame") from error
+
+
+def _plain(value):
+    """A field of a mirror as JSON has it."""
+    if isinstance(value, tuple):
+        return [_plain(one) for one in value]
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def _restored(name: str, value):
+    """The inverse of :func:`_plain`: a list is an array, but for fields that are tuples."""
+    if not isinstance(value, list):
+        return value
+    if name == "moved_by":
+        return tuple(map(str, value))
+    if name == "frame_bow":
+        return tuple(map(float, value))
+    if name == "bow_by_frame":
+        return tuple(np.array(one, dtype=np.float64) for one in value)
+    return np.array(value, dtype=np.float64)
 
 
 def record_of_picks(known) -> dict:
