@@ -741,10 +741,7 @@ def many_colors() -> tuple:
 def two_people() -> Story:
     """Two captures dropped into a new file in turn, three times: two avatars with names of their own, apart, each
     replaced; undone, and there again after reloading."""
-    with viewport():
-        bpy.ops.wm.read_homefile()
-    yield 1.0
-    yield from open_sidebar()
+    yield from new_file()
     names = [os.path.basename(path) for path in (CAPTURE, SECOND)]
     built = []
     for number in range(6):
@@ -784,10 +781,7 @@ def live_view() -> Story:
         for number in range(60):  # the frames of a short burst, again and again
             frame = frames[number % len(frames)]
             shutil.copy(frame, folder / kind / f"{number:06d}{frame.suffix}")
-    with viewport():
-        bpy.ops.wm.read_homefile()
-    yield 1.0
-    yield from open_sidebar()
+    yield from new_file()
     with viewport():
         bpy.ops.mirror_scan.live_view(
             "INVOKE_DEFAULT", source="playback", filepath=str(folder), rate=10.0, fast=True, frames=6, countdown=1.0,
@@ -798,6 +792,17 @@ def live_view() -> Story:
     shutil.rmtree(folder)
     expect(avatar() is not None and watertight(avatar()), "the avatar of the burst")
     expect(settings().capture_path.startswith(bpy.app.tempdir), f"a burst, not {settings().capture_path}")
+
+
+def new_file() -> Story:
+    """File › New; all panels are folded in it."""
+    global unfolded
+    with viewport():
+        bpy.ops.wm.read_homefile()
+    yield 1.0
+    unfolded = ""
+    places.clear()
+    yield from open_sidebar()
 
 
 def expect_people(names: list[str]) -> None:
