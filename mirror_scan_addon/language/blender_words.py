@@ -177,8 +177,18 @@ IN_BLENDER: dict[str, Callable[[], str]] = {
     ),
     "skeleton: the mesh has not the shape of a whole person who stands upright and faces -Y; check that nothing else "
     "was reconstructed with the person, and take the whole body from head to feet": lambda: say(
-        "skeleton: the mesh does not have the shape of a whole person who stands upright and faces the front (−Y); "
+        "this mesh does not have the shape of a whole person who stands upright and faces the front (−Y); "
         "check that nothing else became part of the avatar, and that no part of the body is missing"
+    ),
+    "skeleton: the mesh is {height} m high, no person's height; give one whole person who stands upright, in metres, Z "
+    "up": lambda: say(
+        "this mesh is {height} m high, which is no person's height; select the avatar of one whole person who stands "
+        "upright (+Z)"
+    ),
+    "skeleton: the mesh is {breadth} m broad and only {height} m high, so nobody stands in it; give one whole "
+    "person who stands upright, Z up": lambda: say(
+        "this mesh is {breadth} m broad and only {height} m high, so it is no standing person; select the avatar of "
+        "one whole person who stands upright (+Z)"
     ),
     "measurements: the trunk has no surface where the {what} is measured": lambda: say(
         "measurements: the trunk has no surface where the {what} is measured; check that the whole body was scanned"

@@ -33,13 +33,13 @@ PLATFORM = {"linux": "linux-x64", "win32": "windows-x64", "darwin": "macos-arm64
 
 PICTURES = (
     "0_install_menu", "1_panel", "2_capture", "3_mirrors", "4_picking", "5_subject", "6_building", "7_avatar",
-    "7_walk", "8_problem", "9_rig",
+    "7_walk", "8_error", "8_problem", "9_rig",
 )  # fmt: skip
 """Screenshots that the documentation shows."""
 
 STEPS = (
-    "1_panel", "2_capture", "3_mirrors", "4_picking", "5_subject", "6_building", "7_avatar", "7_walk", "7_look",
-    "8_check", "8_problem", "9_rig",
+    "1_panel", "1_first_avatar", "2_capture", "3_mirrors", "4_picking", "5_subject", "6_building", "7_avatar", "7_walk",
+    "7_look", "8_check", "8_error", "8_problem", "9_rig", "9_two_people",
 )  # fmt: skip
 """Those that it shows in both sizes of the window, dark and light."""
 

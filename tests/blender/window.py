@@ -622,7 +622,7 @@ def wrong_files() -> Story:
             shutil.copy(Path(CAPTURE) / "depth" / name, Path(folder) / "depth" / name)
             repaired = True
         elif kept.kind.name == "lens_wrong":
-            yield from shot("8_error")
+            yield from looks("8_error")
             settings().reading.lens = "azure_kinect"
             repaired = True
         elif kept.kind.name == "mirror_file":
@@ -753,7 +753,7 @@ def two_people() -> Story:
         built.append(made.data.session_uid)
         expect_people(names[: number + 1])
     expect(len(set(built)) == 6, "each of six meshes new")
-    yield from shot("9_two_people")
+    yield from looks("9_two_people")
     yield from keys("Z", ctrl=True)
     yield 0.7
     expect_people(names)
