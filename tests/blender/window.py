@@ -672,7 +672,8 @@ def wrong_inputs() -> Story:
         region("UI").tag_redraw()
         yield 0.15
         if kept is not None:  # no button was disabled instead, with the reason
-            expect(drawn == list(kept.kind.cures), f"{wrong.name}: {drawn} drawn of {kept.kind.cures}")
+            times = max(len(drawn) // max(len(kept.kind.cures), 1), 1)  # Blender may draw a panel more than once
+            expect(drawn == times * list(kept.kind.cures), f"{wrong.name}: {drawn} drawn of {kept.kind.cures}")
             shown += 1
         if shown in (1, 20, 40) and kept is not None:
             yield from shot(f"8_wrong_{shown}", settle=0.0)
