@@ -199,6 +199,7 @@ IN_BLENDER: dict[str, Callable[[], str]] = {
     "nothing of it was read in {names}, and so its other side is not known ({why})": lambda: say(
         "nothing of it was seen in {names}, so its other side is not known ({why})"
     ),
+    "give the intrinsics of this resolution": lambda: say("choose the Lens of this size, or a Lens File"),
     # a capture's values
     "{share} of the pixels hold a distance of {far} m and nothing lies near it: background, no reading": lambda: say(
         "{share} of the pixels hold a distance of {far} m, and nothing lies near it: they are taken for background"

@@ -45,6 +45,7 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
     )  # fmt: skip
 
     _frame_view = False
+    _turn = None  # the view is turned so when it frames the avatar; None leaves it as it is
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -126,7 +127,7 @@ class MIRRORSCAN_OT_build_avatar(job_operators.JobOperator, bpy.types.Operator):
                 _make_room(self, context, avatar)
                 _show_colors(context)
                 show_colors_again()  # a rebuilt avatar has lost its texture
-                look_at(context, avatar)
+                look_at(context, avatar, self._turn)
         dropped = len(result.mesh.triangles) - len(avatar.data.polygons)
         if dropped:
             text = say("{name}: Blender removed {count} degenerate or duplicate faces")

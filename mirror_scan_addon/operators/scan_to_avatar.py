@@ -6,7 +6,7 @@ from bpy.props import IntProperty, StringProperty
 
 from ...core.errors import CaptureError
 from ..background import job_operators
-from ..interface.viewport import look_from_camera
+from ..interface.viewport import FRONT, look_from_camera
 from ..language.texts import CONTEXT, say, tell
 from ..scene import kept_errors, scan_collections, scan_records
 from ..scene.capture_objects import show_capture
@@ -38,6 +38,7 @@ class MIRRORSCAN_OT_scan_to_avatar(job_operators.FileJobOperator, bpy.types.Oper
     )  # fmt: skip
 
     _aligns = True
+    _turn = FRONT  # as after Load Capture, which turns the view to the person's front
     _put_avatar = MIRRORSCAN_OT_build_avatar.finish
 
     @property
