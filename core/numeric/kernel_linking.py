@@ -12,7 +12,10 @@ numba does it, which gives the same results later.
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import gc
+from collections.abc import Iterator
 from typing import Any
 
 import llvmlite.binding
@@ -41,6 +44,11 @@ class Kernel(CPUDispatcher):
         plain.__class__ = cls
         plain._compiler = plain._compiler_with(_EntryCompiler)
         return plain
+
+    def compile(self, sig: Any) -> Any:
+        """Called by numba for arguments of new types."""
+        with compiler_lock.global_compiler_lock, _rare_collections():
+            return super().compile(sig)
 
     def add_overload(self, cres: Any) -> None:
         """Called by numba with a new entry."""
@@ -99,6 +107,24 @@ class Kernel(CPUDispatcher):
                 self.targetctx.insert_user_function(found.entry_point, found.fndesc, [found.library])
                 self._parts[args] = found
             return found
+
+
+@contextlib.contextmanager
+def _rare_collections() -> Iterator[None]:
+    """Python looks for garbage less often meanwhile, which took an eighth of the time: numba makes many small objects.
+
+    To be entered with the compiler's lock, since what is changed is changed for all threads.
+    """
+    before = gc.get_threshold()
+    gc.set_threshold(*_COLLECTED)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
+
+
+_COLLECTED = (50_000, 20, 50)
+"""New objects before a collection, and collections of one generation before the next is looked through, too."""
 
 
 def _general(kind: Any) -> Any:
