@@ -13,6 +13,7 @@ from ..hole_filling.delaunay_refinement import edge_length_at_vertices, refine
 from ..hole_filling.loop_triangulation import fill_loops
 from ..hole_filling.thin_plate_fairing import fair, neighbours
 from ..mesh import FILL, SURFACE, Mesh
+from ..mesh.boundary_loops import boundary_loops
 from ..mesh.half_edges import keep_twins, open_edges, twins
 from ..mesh.self_intersections import self_intersections
 from ..mesh.submesh import components_of, keep_triangles, made_vertices, remove_bowties, renumbered, triangles_touching
@@ -27,6 +28,7 @@ _MOST_CELLS = 2e7  # one byte each
 _HOPELESS = 0.75  # of the first crossings: where so many are left after _PATIENCE rounds, smoothing does not help
 _PATIENCE = 4  # rounds
 _LOST_PIECE, _LOST_IN_ALL = 0.02, 0.06  # of all triangles: more than crumbs must not go with a cut
+_LIMB = 2e-6  # a piece that holds more, right side out, is a part of the body, such as a hand, and no crumb [m³]
 _MOST_CUT = 0.3  # of all triangles: where more run through each other, nothing sound is near to be filled to
 
 
@@ -37,7 +39,8 @@ def untangle(
 
     Each round relaxes the vertices of the triangles that still intersect, and their neighbours, from the third round on
     two rings of them; all other vertices stay where they are. Where more than a few are left then, they are taken out,
-    a ring more each time, with what is connected by them alone, and the holes are filled (as Attene 2010 does).
+    a ring more each time, with the crumbs that are connected by them alone, and the holes are filled (as Attene 2010
+    does). Where a hand or another part of the body hangs by them alone, they stay.
 
     Parameters
     ----------
@@ -167,7 +170,8 @@ def _fill_anew(
 ) -> tuple[Mesh, np.ndarray] | None:
     """The mesh with its ``crossing`` triangles and so many rings around them taken out, and the holes filled.
 
-    Also the points (K, 3) around which the mesh was changed.
+    Also the points (K, 3) around which the mesh was changed. Nothing is cut where that would cut off a part of the
+    body: there the triangles stay, and cross.
 
     None where that would cut out a whole piece or much of the mesh, take away a piece of more than 2 % of it, or 6 % in
     all, or cannot be closed.
@@ -176,13 +180,22 @@ def _fill_anew(
     keep[crossing] = False
     if rings:
         keep[_rings_around(mesh.triangles, mesh.triangles[crossing].ravel(), rings - 1, len(mesh.vertices))[1]] = False
-    twin = twins(mesh.triangles, len(mesh.vertices))
-    pieces = components_of(twin, len(mesh.triangles))[1]
-    twin = keep_twins(twin, keep)
+    whole = twins(mesh.triangles, len(mesh.vertices))
+    pieces = components_of(whole, len(mesh.triangles))[1]
+    twin = keep_twins(whole, keep)
     label, count = components_of(twin, int(keep.sum()))
     if count < pieces or keep.sum() < (1.0 - _MOST_CUT) * len(keep):
         return None
-    if count > pieces:  # pieces that were connected only by what is cut out go with it
+    while count > pieces:  # crumbs that were connected only by what is cut out go with it
+        limbs = _limbs(mesh.vertices, mesh.triangles[keep], label, pieces)
+        if not len(limbs):
+            break
+        keep |= _hanging(whole, keep, label, pieces, limbs)
+        if keep.all():
+            return None
+        twin = keep_twins(whole, keep)
+        label, count = components_of(twin, int(keep.sum()))
+    if count > pieces:
         size = np.bincount(label)
         main = np.argsort(-size, kind="stable")[:pieces]
         lost = np.delete(size, main)
@@ -207,6 +220,42 @@ def _fill_anew(
     kind = np.concatenate((kind[:known], np.full(len(filled.triangles) - known, FILL, np.int8)))
     changed = (vertices[filled.triangles[known:].ravel()], mesh.vertices[mesh.triangles[crossing].ravel()])
     return replace(filled, vertices=vertices, kind=kind), np.concatenate(changed)
+
+
+def _limbs(vertices: np.ndarray, triangles: np.ndarray, label: np.ndarray, pieces: int) -> np.ndarray:
+    """Which of the connected pieces, beside the ``pieces`` largest, are parts of the body.
+
+    They hold more than :data:`_LIMB` when their loops are closed by fans. A fold that was turned inside out holds less
+    than nothing. ``label`` (T,) is the piece of each triangle.
+    """
+    size = np.bincount(label)
+    found = []
+    for piece in np.argsort(-size, kind="stable")[pieces:]:
+        used, mine = renumbered(np.ascontiguousarray(triangles[label == piece]), len(vertices))
+        points = vertices[used] - vertices[used].mean(axis=0)
+        corners = [points[mine]]
+        for loop in boundary_loops(mine, len(used)):
+            rim = points[loop]
+            middle = np.broadcast_to(rim.mean(axis=0), rim.shape)
+            corners.append(np.stack((np.roll(rim, -1, axis=0), rim, middle), axis=1))
+        if np.linalg.det(np.concatenate(corners)).sum() / 6.0 > _LIMB:
+            found.append(piece)
+    return np.array(found, np.int64)
+
+
+def _hanging(twin: np.ndarray, keep: np.ndarray, label: np.ndarray, pieces: int, limbs: np.ndarray) -> np.ndarray:
+    """The ``limbs``, and all that was cut out, or went with it, between them and the ``pieces`` largest: bool (T,).
+
+    ``label`` is the piece of each triangle that is kept.
+    """
+    main = np.argsort(-np.bincount(label), kind="stable")[:pieces]
+    goes, limb = ~keep, np.zeros(len(keep), np.bool_)
+    goes[keep] = ~np.isin(label, main)
+    limb[keep] = np.isin(label, limbs)
+    part = components_of(keep_twins(twin, goes), int(goes.sum()))[0]
+    hanging = np.zeros(len(keep), np.bool_)
+    hanging[goes] = np.isin(part, part[limb[goes]])
+    return hanging
 
 
 @njit(cache=True, nogil=True)

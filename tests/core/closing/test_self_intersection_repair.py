@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import trimesh
 from mirror_scan.core.closing.self_intersection_repair import untangle
 from mirror_scan.core.mesh import FILL, SURFACE, Mesh
@@ -87,6 +88,31 @@ def test_what_is_more_than_a_crumb_is_not_cut_off():
     out, left = untangle(mesh)
     assert np.ptp(out.vertices[:, 2]) > 0.75, "neither half was dropped"
     assert (twins(out.triangles, len(out.vertices)) >= 0).all() and left >= 0
+
+
+@pytest.mark.parametrize("size", [0.02, 0.05])
+def test_a_hand_is_not_cut_off_at_a_pinched_wrist(size):
+    """It has fewer triangles than a crumb may have, but holds more: what crosses between it and the rest stays."""
+    whole = trimesh.creation.icosphere(subdivisions=6, radius=0.4)
+    turned = np.arccos(np.clip(whole.vertices[:, 2] / 0.4, -1, 1))
+    arm, end = 0.44, 0.18  # angles from the pole: where the arm ends, and the wrist
+    around = whole.vertices[:, :2] / np.maximum(np.linalg.norm(whole.vertices[:, :2], axis=1), 1e-9)[:, None]
+    vertices = np.array(whole.vertices)
+    wrist, hand = (turned < arm) & (turned >= end), turned < end
+    along = (arm - turned[wrist]) / (arm - end)
+    vertices[wrist, :2] = 0.03 * np.cos(2 * np.pi * along)[:, None] * around[wrist]
+    vertices[wrist, 2] = 0.35 + 0.1 * along
+    polar = np.pi * turned[hand] / end
+    vertices[hand, :2] = size * np.sin(polar)[:, None] * around[hand]
+    vertices[hand, 2] = 0.45 + size * (1 + np.cos(polar))
+    mesh = body(vertices, whole.faces, wrist)
+    assert hand[mesh.triangles].all(axis=1).sum() < 0.02 * len(mesh.triangles), "no larger than a crumb"
+    out, left = untangle(mesh)
+    assert abs(out.vertices[:, 2].max() - (0.45 + 2 * size)) < 0.005 and left > 0
+    volume = trimesh.Trimesh(out.vertices, out.triangles, process=False).volume
+    assert abs(volume - whole.volume - 4 / 3 * np.pi * size**3) < 0.001
+    assert (twins(out.triangles, len(out.vertices)) >= 0).all()
+    assert triangle_components(out.triangles, len(out.vertices))[1] == 1
 
 
 def test_what_is_all_double_is_not_cut_away():
