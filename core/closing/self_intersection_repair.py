@@ -176,26 +176,28 @@ def _fill_anew(
     None where that would cut out a whole piece or much of the mesh, take away a piece of more than 2 % of it, or 6 % in
     all, or cannot be closed.
     """
-    keep = np.ones(len(mesh.triangles), np.bool_)
-    keep[crossing] = False
-    if rings:
-        keep[_rings_around(mesh.triangles, mesh.triangles[crossing].ravel(), rings - 1, len(mesh.vertices))[1]] = False
-    whole = twins(mesh.triangles, len(mesh.vertices))
+    twin = whole = twins(mesh.triangles, len(mesh.vertices))
     pieces = components_of(whole, len(mesh.triangles))[1]
-    twin = keep_twins(whole, keep)
-    label, count = components_of(twin, int(keep.sum()))
-    if count < pieces or keep.sum() < (1.0 - _MOST_CUT) * len(keep):
-        return None
-    while count > pieces:  # crumbs that were connected only by what is cut out go with it
-        limbs = _limbs(mesh.vertices, mesh.triangles[keep], label, pieces)
-        if not len(limbs):
-            break
-        keep |= _hanging(whole, keep, label, pieces, limbs)
-        if keep.all():
-            return None
+    keep, cut = np.ones(len(mesh.triangles), np.bool_), crossing
+    for wide in (0, rings) if rings else (0,):  # what no ring may be cut around is known before
+        keep[cut] = False
+        if wide:
+            keep[_rings_around(mesh.triangles, mesh.triangles[cut].ravel(), wide - 1, len(mesh.vertices))[1]] = False
         twin = keep_twins(whole, keep)
         label, count = components_of(twin, int(keep.sum()))
-    if count > pieces:
+        if count < pieces or keep.sum() < (1.0 - _MOST_CUT) * len(keep):
+            return None
+        while count > pieces:
+            limbs = _limbs(mesh.vertices, mesh.triangles[keep], label, pieces)
+            if not len(limbs):
+                break
+            keep |= _hanging(whole, keep, label, pieces, limbs)
+            twin = keep_twins(whole, keep)
+            label, count = components_of(twin, int(keep.sum()))
+        cut = cut[~keep[cut]]
+        if not len(cut):
+            return None
+    if count > pieces:  # crumbs that were connected only by what is cut out go with it
         size = np.bincount(label)
         main = np.argsort(-size, kind="stable")[:pieces]
         lost = np.delete(size, main)

@@ -108,9 +108,10 @@ def test_a_hand_is_not_cut_off_at_a_pinched_wrist(size):
     mesh = body(vertices, whole.faces, wrist)
     assert hand[mesh.triangles].all(axis=1).sum() < 0.02 * len(mesh.triangles), "no larger than a crumb"
     out, left = untangle(mesh)
-    assert abs(out.vertices[:, 2].max() - (0.45 + 2 * size)) < 0.005 and left > 0
-    volume = trimesh.Trimesh(out.vertices, out.triangles, process=False).volume
-    assert abs(volume - whole.volume - 4 / 3 * np.pi * size**3) < 0.001
+    assert left > 0, "what crosses stays"
+    shown = vertices[hand & (vertices[:, 2] > 0.45 + 0.5 * size)][::9]
+    away = trimesh.Trimesh(out.vertices, out.triangles, process=False).nearest.on_surface(shown)[1]
+    assert away.max() < 1e-9, "the hand is where it was"
     assert (twins(out.triangles, len(out.vertices)) >= 0).all()
     assert triangle_components(out.triangles, len(out.vertices))[1] == 1
 
