@@ -130,11 +130,15 @@ def _prepared(path: Path, capture: Capture, options: ReadOptions) -> Capture:
     camera = options.intrinsics or capture.intrinsics
     height, width = capture.depth.shape[1:]
     if (camera.width, camera.height) != (width, height):
-        exchanged = (camera.height, camera.width) == (width, height)
+        if (camera.height, camera.width) == (width, height):
+            raise CaptureError(
+                f"{path}: depth is {width}×{height} pixels, the intrinsics are for {camera.width}×{camera.height}; "
+                "width and height are exchanged, or the picture was rotated; give the intrinsics of this resolution",
+                code="rotation",
+            )
         raise CaptureError(
-            f"{path}: depth is {width}×{height} pixels, the intrinsics are for {camera.width}×{camera.height}; "
-            + ("width and height are exchanged, or the picture was rotated; " if exchanged else "")
-            + "give the intrinsics of this resolution",
+            f"{path}: depth is {width}×{height} pixels, the intrinsics are for {camera.width}×{camera.height}; give "
+            "the intrinsics of this resolution",
             code="rotation",
         )
     if options.intrinsics or not capture.format.startswith("organized"):  # fitted to the points, it is where it is

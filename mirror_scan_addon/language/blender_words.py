@@ -199,7 +199,21 @@ IN_BLENDER: dict[str, Callable[[], str]] = {
     "nothing of it was read in {names}, and so its other side is not known ({why})": lambda: say(
         "nothing of it was seen in {names}, so its other side is not known ({why})"
     ),
-    "give the intrinsics of this resolution": lambda: say("choose the Lens of this size, or a Lens File"),
+    "{file}: is {shape}×{shape2} pixels, but intrinsic.json says {width}×{height}; give the intrinsics of this "
+    "resolution": lambda: say(
+        "{file}: is {shape}×{shape2} pixels, but intrinsic.json describes a lens for {width}×{height}; choose the "
+        "Lens, or the Lens File, of this size"
+    ),
+    "{path}: depth is {width}×{height} pixels, the intrinsics are for {width2}×{height2}; give the intrinsics of this "
+    "resolution": lambda: say(
+        "{path}: depth is {width}×{height} pixels, but the lens is for {width2}×{height2}; choose the Lens, or the "
+        "Lens File, of this size"
+    ),
+    "{path}: depth is {width}×{height} pixels, the intrinsics are for {width2}×{height2}; width and height are "
+    "exchanged, or the picture was rotated; give the intrinsics of this resolution": lambda: say(
+        "{path}: depth is {width}×{height} pixels, but the lens is for {width2}×{height2}: the picture was rotated; "
+        "set Rotation under Load Options, or choose the Lens File of this size"
+    ),
     # a capture's values
     "{share} of the pixels hold a distance of {far} m and nothing lies near it: background, no reading": lambda: say(
         "{share} of the pixels hold a distance of {far} m, and nothing lies near it: they are taken for background"

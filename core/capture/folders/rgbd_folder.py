@@ -333,10 +333,15 @@ def _depth_frame(file: Path, intrinsics: Intrinsics, files: list[Path]) -> np.nd
                 "and height are exchanged, or the picture was rotated; give the intrinsics of the picture as it is",
                 code="rotation",
             )
-        other = "intrinsic.json says" if first else f"{files[0].name} and intrinsic.json have"
+        if first:
+            raise CaptureError(
+                f"{file}: is {frame.shape[1]}×{frame.shape[0]} pixels, but intrinsic.json says {width}×{height}; give "
+                "the intrinsics of this resolution",
+                code="lens_wrong",
+            )
         raise CaptureError(
-            f"{file}: is {frame.shape[1]}×{frame.shape[0]} pixels, but {other} {width}×{height}; "
-            + ("give the intrinsics of this resolution" if first else "keep frames of one size only"),
+            f"{file}: is {frame.shape[1]}×{frame.shape[0]} pixels, but {files[0].name} and intrinsic.json have "
+            f"{width}×{height}; keep frames of one size only",
             code="lens_wrong",
         )
     return frame
