@@ -176,7 +176,7 @@ def _fill_anew(
     None where that would cut out a whole piece or much of the mesh, take away a piece of more than 2 % of it, or 6 % in
     all, or cannot be closed.
     """
-    twin = whole = twins(mesh.triangles, len(mesh.vertices))
+    whole = twins(mesh.triangles, len(mesh.vertices))
     pieces = components_of(whole, len(mesh.triangles))[1]
     keep, cut = np.ones(len(mesh.triangles), np.bool_), crossing
     for wide in (0, rings) if rings else (0,):  # what no ring may be cut around is known before

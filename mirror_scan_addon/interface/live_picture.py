@@ -5,7 +5,6 @@ The picture is of this session and in no file. In a Blender without a window not
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -54,18 +53,6 @@ def lines_of(picture: LivePicture) -> list[tuple[str, tuple[float, float, float]
         return [(say("All is well, hold still: {seconds:.0f}").format(seconds=picture.left_s + 0.49), GOOD), *lines]
     if picture.well:
         lines.insert(0, (say("All is well"), GOOD))
-    return lines
-
-
-def wrapped(text: str, room: float, width_of: Callable[[str], float]) -> list[str]:
-    """A text as lines that are at most ``room`` wide, if their words allow it."""
-    lines = [""]
-    for word in text.split():
-        longer = f"{lines[-1]} {word}".lstrip()
-        if lines[-1] and width_of(longer) > room:
-            lines.append(word)
-        else:
-            lines[-1] = longer
     return lines
 
 
@@ -172,6 +159,8 @@ def draw_text(context: bpy.types.Context, left: float, right: float) -> bool:
     if picture is None:
         return False
     import blf
+
+    from ..language.texts import wrapped
 
     scale = context.preferences.system.ui_scale
     y = context.region.height - _BELOW * scale

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..background import job_operators
-from ..language.texts import CONTEXT, say
+from ..language.texts import CONTEXT, say, wrapped
 
 NARROW = 250  # width of the sidebar below which labels are above their fields, not beside them [px at 100 % scale]
 MARGIN, ICON = 64, 20  # width of tabs and panel borders, and of an icon [px at 100 % scale]
@@ -47,16 +47,8 @@ def sentence(layout: bpy.types.UILayout, text: str, icon: str = "NONE", beside: 
     room = width() - MARGIN - ICON * ((icon != "NONE") + beside)
     column = layout.column(align=True)
     column.scale_y = 0.8
-    line, lines = "", []
-    for word in text.split():
-        longer = f"{line} {word}".strip()
-        if line and blf.dimensions(0, longer)[0] > room:
-            lines.append(line)
-            line = word
-        else:
-            line = longer
     below = "BLANK1" if icon != "NONE" else "NONE"
-    for number, part in enumerate([*lines, line]):
+    for number, part in enumerate(wrapped(text, room, lambda part: blf.dimensions(0, part)[0])):
         column.label(text=part, icon=below if number else icon, translate=False)
 
 

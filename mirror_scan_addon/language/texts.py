@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import bpy
 
 from ...core.errors import MirrorScanError
@@ -43,6 +45,18 @@ def in_blender(template: str) -> str:
 def as_sentence(text: str) -> str:
     """With a capital letter, if it begins with an ordinary word: names of files and mirrors stay as they are."""
     return text[:1].upper() + text[1:] if text.partition(" ")[0].isalpha() else text
+
+
+def wrapped(text: str, room: float, width_of: Callable[[str], float]) -> list[str]:
+    """A text as lines that are at most ``room`` wide, if their words allow it."""
+    lines = [""]
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".lstrip()
+        if lines[-1] and width_of(longer) > room:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return lines
 
 
 def without_options(text: str) -> str:

@@ -65,7 +65,7 @@ def test_what_is_written_and_drawn_follows_the_shutter(addon, picture):
 
 
 def test_advice_is_written_on_as_many_lines_as_it_needs(addon):
-    from mirror_scan.mirror_scan_addon.interface.live_picture import wrapped
+    from mirror_scan.mirror_scan_addon.language.texts import wrapped
 
     assert wrapped("step back and turn round", 10, len) == ["step back", "and turn", "round"]
     assert wrapped("unbreakably long", 5, len) == ["unbreakably", "long"] and wrapped("", 5, len) == [""]
