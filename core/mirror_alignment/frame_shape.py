@@ -8,9 +8,9 @@ import numpy as np
 
 from ..camera import RgbdImage, project
 from ..errors import Notice
-from ..mirrors.curved_glass import bow_profile, long_axis
+from ..mirrors.curved_glass import bow_profile
 from ..mirrors.disparity_plane import BLOCK, erosion
-from ..mirrors.mirror import Mirror, expected_error, seen_extent
+from ..mirrors.mirror import Mirror, expected_error, long_axis, seen_extent
 from ..mirrors.wall_behind_frame import on_wall
 from .pose_solver import MAD
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..camera import RgbdImage
-from .mirror import Mirror, reflect, seen_extent
+from .mirror import Mirror, long_axis, reflect
 
 REFRACTION = 1.52
 """Refractive index of float glass, soda lime; 1.51 in the near infrared (Rubin 1985)."""
@@ -20,14 +20,6 @@ REFRACTION = 1.52
 _BEHIND = 0.02  # readings nearer behind the plane are not of the reflection [m]
 _STEP = 1e-4  # of the sag or thickness by which derivatives are taken [m]
 _MEAN = 2.0 / 3.0  # of 1 - (2 y / L)² over the length L
-
-
-def long_axis(mirror: Mirror) -> tuple[int, float, float]:
-    """Along which axis the mirror, as it is seen, is longer, 0 = a and 1 = b; its middle there and its length [m]."""
-    seen = seen_extent(mirror)
-    sizes = np.diff(seen, axis=1)[:, 0]
-    axis = int(np.argmax(sizes))
-    return axis, float(seen[axis].mean()), float(sizes[axis])
 
 
 def bow_profile(mirror: Mirror, along: np.ndarray) -> np.ndarray:

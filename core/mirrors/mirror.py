@@ -118,16 +118,14 @@ class Mirror:
         """What the sag's error adds at real ``points`` (N, 3): to first order 2 s q and 2 D times the slope s q'."""
         if self.sag_error == 0.0 or self.rectangle is None:
             return 0.0
-        seen = seen_extent(self)
-        axis = int(np.argmax(np.diff(seen, axis=1)[:, 0]))
-        low, high = seen[axis]
+        axis, middle, length = long_axis(self)
         offset = points - self.point
         ahead, eye = offset @ self.normal, -(self.point @ self.normal)
         # where on the glass the camera sees them: the line from the camera to their image
         along = self.basis[:, axis]
         place = offset @ along + ahead / (ahead + eye) * (-(self.point @ along) - offset @ along)
-        share = np.clip(2.0 * (place - 0.5 * (low + high)) / (high - low), -1.0, 1.0)
-        lift, slope = 1.0 / 3.0 - share**2, 4.0 * share / (high - low)
+        share = np.clip(2.0 * (place - middle) / length, -1.0, 1.0)
+        lift, slope = 1.0 / 3.0 - share**2, 4.0 * share / length
         return float(self.sag_error**2 * (4.0 * lift**2 + (2.0 * ahead * slope) ** 2).mean())
 
 
@@ -139,6 +137,14 @@ def seen_extent(mirror: Mirror) -> np.ndarray:
     assert mirror.rectangle is not None  # an unlimited glass has no extent
     past = np.abs(mirror.rectangle) > PAST_BORDER
     return mirror.rectangle - np.where(past, PAST_BORDER * np.sign(mirror.rectangle), 0.0)
+
+
+def long_axis(mirror: Mirror) -> tuple[int, float, float]:
+    """Along which axis the mirror, as it is seen, is longer, 0 = a and 1 = b; its middle there and its length [m]."""
+    seen = seen_extent(mirror)
+    sizes = np.diff(seen, axis=1)[:, 0]
+    axis = int(np.argmax(sizes))
+    return axis, float(seen[axis].mean()), float(sizes[axis])
 
 
 def reflection_moves(mirror: Mirror, points: np.ndarray) -> np.ndarray:

@@ -10,8 +10,8 @@ from mirror_scan.core.camera import Intrinsics, RgbdImage, project
 from mirror_scan.core.capture import MirrorPicks
 from mirror_scan.core.depth.depth_map import one_depth_map
 from mirror_scan.core.mirror_alignment.frame_shape import frame_shape, honest_error
-from mirror_scan.core.mirrors.curved_glass import flattened, long_axis
-from mirror_scan.core.mirrors.mirror import Mirror, expected_error, oriented
+from mirror_scan.core.mirrors.curved_glass import flattened
+from mirror_scan.core.mirrors.mirror import Mirror, expected_error, long_axis, oriented
 from mirror_scan.core.mirrors.picked_mirror import place_mirror
 from mirror_scan.core.mirrors.wall_behind_frame import on_wall
 from mirror_scan.core.views.view_correspondences import likeness
